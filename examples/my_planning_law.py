@@ -4,6 +4,7 @@ The law gains a part of the speed that it will lose where the force ahead is too
 
     train-ato check-law my_planning_law:MyPlanningLaw
     train-ato run crh380a_gpc:short --law my_planning_law:MyPlanningLaw --compensation preview
+    train-ato run demo --law my_planning_law:MyPlanningLaw
 """
 
 from __future__ import annotations
@@ -23,9 +24,10 @@ STEP = 0.5
 
 @dataclass
 class MyPlanningLaw(GuardedLaw):
-    """Feed-forward, a gain, and speed gained before a shortage of force (template)."""
+    """Feed-forward, two gains, and speed gained before a shortage of force (template)."""
 
-    gain: float = parameter(0.2, "1/s", 0.0, 10.0, "gain on the speed error, times the inertia of the train")
+    gain: float = parameter(0.05, "1/s", 0.0, 10.0, "gain on the speed error, times the inertia of the train")
+    stiffness: float = parameter(0.0006, "1/s²", 0.0, 10.0, "gain on the position error, times the inertia")
     gained: float = parameter(0.5, "1", 0.0, 1.0, "part of the lost speed that is gained before the loss")
     coupler_limit: float = parameter(500e3, "N", 1e3, 1e8, "largest coupler force of a train without waves")
 
@@ -55,7 +57,8 @@ class MyPlanningLaw(GuardedLaw):
             self.lookahead_times, ahead.position, ahead.velocity + faster - lost, force, np.zeros(lost.size), "solved"
         )
         speed_error = inputs.velocity - inputs.reference_velocity - max(faster, 0.0)
-        wanted = inputs.feedforward - inputs.disturbance - self.gain * inertia * self.model.share * speed_error
+        pull = self.gain * speed_error + self.stiffness * (inputs.position - inputs.reference_position)
+        wanted = inputs.feedforward - inputs.disturbance - inertia * self.model.share * pull
         low, high = self.couplers.force_range(ahead.position[:1], ahead.velocity[:1])[:, 0]
         total = float(wanted.sum())
         demanded: list[float] = (wanted + (min(max(total, low), high) - total) * self.model.share).tolist()

@@ -180,7 +180,32 @@ def test_the_template_takes_its_parameters_as_keywords(monkeypatch):
     run = ta.run("demo", law=my_law.MyLaw(gain=0.2), set=SHORT)
     assert run.setup.controller_parameters["my_law:MyLaw"]["gain"] == 0.2
     assert ta.compare("demo", [my_law.MyLaw], set=SHORT).table["status"].tolist() == ["done"]
-    whole = ta.run("demo", law=my_law.MyLaw)  # a template that oscillates teaches the wrong gains
+
+
+@pytest.mark.parametrize(
+    ("scenario", "components"),
+    [
+        ("demo", {"law": "my_law:MyLaw"}),
+        pytest.param("demo", {"law": "my_law:MyLaw", "laws.my_law:MyLaw.gain": 0.04}, marks=pytest.mark.slow),
+        pytest.param("demo", {"law": "my_planning_law:MyPlanningLaw"}, marks=pytest.mark.slow),
+        pytest.param(
+            "crh380a_gpc:short",
+            {"law": "my_planning_law:MyPlanningLaw", "compensation": "preview"},
+            marks=pytest.mark.slow,
+        ),
+        pytest.param("demo", {"compensation": "my_compensation:MyCompensation"}, marks=pytest.mark.slow),
+        pytest.param("demo", {"observer": "my_observer:MyObserver"}, marks=pytest.mark.slow),
+        pytest.param(
+            "demo",
+            {"observer": "my_observer:MyObserver", "compensation": "my_compensation:MyCompensation"},
+            marks=pytest.mark.slow,
+        ),
+    ],
+)
+def test_every_template_passes_where_its_docstring_runs_it(monkeypatch, scenario, components):
+    """Breaks if a template oscillates, misses a criterion or the stop: it would teach the wrong gains."""
+    monkeypatch.syspath_prepend(str(ROOT / "examples"))
+    whole = ta.run(scenario, set=components)
     assert (whole.metrics["tracking"], whole.metrics["verdict"]) == ("tracked", "passed")
 
 
