@@ -302,6 +302,19 @@ def test_the_energy_in_tunnels_is_that_of_an_independent_optimum(factor: float, 
         assert 0.98 * found.energy < net_energy_bound(found) <= 1.0005 * least * 3.6e6
 
 
+@pytest.mark.parametrize(("factor", "least"), [pytest.param(1.1, 17.625, marks=pytest.mark.slow), (1.3, 11.291)])
+def test_the_energy_on_falls_to_a_limit_is_near_an_independent_optimum(factor: float, least: float) -> None:
+    """Breaks if the curves of one price are used at other speeds: the train brakes on three falls, 2.9 and 1.7 % more.
+
+    The optima in kWh are those of linear programs in sequence with 500 cells, ``bench/plan_optimum.py``.
+    """
+    line, consist = load_line("xuzhou_metro_test"), load_consist("xuzhou_metro_3")
+    settings = PlanSettings(jerk=None)
+    fastest = plan(line, consist, settings).running_time
+    found = plan(line, consist, settings.model_copy(update={"time": factor * fastest}))
+    assert least * 0.995 <= found.energy / 3.6e6 <= 1.012 * least
+
+
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 10))])
 def test_more_time_is_never_dearer(seed: int) -> None:
     """Breaks if a timetable with a larger reserve needs more energy."""

@@ -37,8 +37,6 @@ class DrivingStrategy:
         v²/2 above which the electric brake is used, at the places of the curve.
     floor : pair of arrays, optional
         Places and v²/2 below which there is traction in any case.
-    scale : float
-        Factor on the speeds of the curves.
     """
 
     cut_off: float = np.inf
@@ -47,13 +45,12 @@ class DrivingStrategy:
     curve: tuple[Array, Array] | None = None
     electric: Array | None = None
     floor: tuple[Array, Array] | None = None
-    scale: float = 1.0
 
     def cut_off_energy(self, places: Array) -> Array:
         """Return v²/2 above which there is no traction [m²/s²], at places of the front [m]."""
         energy = np.full(places.size, self.cut_off**2 / 2)
         if self.curve is not None:
-            curve = self.scale**2 * np.interp(places, *self.curve)
+            curve = np.interp(places, *self.curve)
             energy = np.minimum(energy, np.maximum(curve, MIN_CRUISE**2 / 2))
         return energy if self.floor is None else np.maximum(energy, np.interp(places, *self.floor))
 
@@ -61,7 +58,7 @@ class DrivingStrategy:
         """Return v²/2 above which the electric brake is used [m²/s²], at places of the front [m]."""
         if self.curve is None or self.electric is None:
             return np.full(places.size, np.inf)
-        onset = self.scale**2 * np.interp(places, self.curve[0], self.electric)
+        onset = np.interp(places, self.curve[0], self.electric)
         return np.asarray(np.maximum(onset, self.cut_off_energy(places)))
 
 

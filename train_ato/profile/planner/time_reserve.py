@@ -2,11 +2,13 @@
 
 Traction and electric brake are used below and above the switching curves of
 :mod:`train_ato.profile.planner.dynamic_programming`.  One price of time gives the curves of all sections; a lower price
-uses more of the reserve.  The price is searched on a coarse grid, the curves are computed on a finer one, both without
-a jerk limit.  The classical rule is therefore evaluated too: traction ends at one speed V, and coasting changes to
-braking at U = psi(V)/phi'(V) with phi = v r(v), psi = v² r'(v), r the running resistance (Howlett and Pudney,
-"Energy-Efficient Train Control", 1995), with less coasting, or as a reduced cruise alone.  The strategies with the
-least net energy are used.
+uses more of the reserve.  The price is searched on a coarse grid and then on a fine one, both without a jerk limit,
+until two near prices have the time between them; a mean of their curves keeps it.  The curves of one price at other
+speeds would not: where the optimal run just reaches a limit downhill, a little more speed is braked away.
+
+The classical rule is evaluated too: traction ends at one speed V, and coasting changes to braking at U = psi(V)/phi'(V)
+with phi = v r(v), psi = v² r'(v), r the running resistance (Howlett and Pudney, "Energy-Efficient Train Control",
+1995), with less coasting, or as a reduced cruise alone.  The strategies with the least net energy are used.
 """
 
 from __future__ import annotations
@@ -29,15 +31,20 @@ COASTING_FACTORS = (0.0, 1.0)
 TIME_TOLERANCE = 0.02
 """Permitted deviation from a timetable [s]."""
 PRICE_TOLERANCE = 0.002
-"""Relative accuracy of the search for the price of time; the speeds of its curve are scaled for the rest."""
+"""Relative accuracy of the running time in the search for the price of time on the first grid."""
 FIRST_GRID, LAST_GRID = Resolution(400, 250), Resolution(2000, 700)
 """Grids of the search for the price of time, and of the curves at this price."""
-MAX_CORRECTIONS = 4
-"""Corrections of the price on the last grid; the running time changes with about its power of -1/3."""
+MAX_CORRECTIONS = 14
+"""Largest number of prices on the last grid."""
+PRICE_POWER, PAIR_STEP = 3.0, 1.001
+"""First power of the running time with which the price grows, doubled until the time lies between two prices, and
+factor on the time beyond it."""
+PAIR_DISTANCE = 5e-4
+"""Relative distance of two prices that are near enough."""
+SHARE_RANGE = (1e-6, 1.0)
+"""Range of the share of the faster one of two prices."""
 PRICE_RANGE = (1e-5, 1e4)
 """Search range of the price of time [W/kg]."""
-SCALE_RANGE = (0.5, 2.0)
-"""Search range of the scale on the speeds of a switching curve."""
 MAX_ITERATIONS = 60
 MAX_UNUSED_TIME = 1.0
 """Time reserve that may remain unused if no strategy uses all of it [s]."""
@@ -76,15 +83,59 @@ def _by_price_of_time(sections: list[PlanSection], time: float) -> Strategies:
         return [curve_strategy(grid, price, weights) for grid in grids]
 
     price = _price_of_time(sections, time, lambda price: strategies(coarse, price))
-    best = strategies(fine, price)
-    for _ in range(MAX_CORRECTIONS):
-        needed = predicted_time(sections, best)
-        if not np.isfinite(needed) or abs(needed - time) < PRICE_TOLERANCE * time:
+    pair = near_prices(lambda price: predicted_time(sections, strategies(fine, price)), time, price)
+    fast, slow = (strategies(fine, price) for price in pair)
+
+    def mixed(share: float) -> Strategies:
+        return [mean_curves(one, other, share) for one, other in zip(fast, slow, strict=True)]
+
+    return _with_cap(sections, time, mixed(_bisect(sections, time, mixed, *SHARE_RANGE)))
+
+
+def near_prices(needed: Callable[[float], float], time: float, price: float) -> tuple[float, float]:
+    """Return two near prices of time [W/kg], the first with a running time within the given one, the second beyond it.
+
+    Where no price on one side is found, both are the last one of the search.
+
+    Parameters
+    ----------
+    needed
+        Running time of a price [s], decreasing; infinite without a solution.
+    time
+        Given running time [s].
+    price
+        Begin of the search [W/kg].
+    """
+    low, high = (0.0, np.inf), (np.inf, 0.0)  # price and running time
+    power = PRICE_POWER
+    for step in range(MAX_CORRECTIONS):
+        found = needed(price)
+        last = price
+        if found <= time:
+            high = (price, found)
+        else:
+            low = (price, found)
+        if 0.0 <= time - found < TIME_TOLERANCE or high[0] < low[0] * (1.0 + PAIR_DISTANCE):
             break
-        price *= (needed / time) ** 3
-        best = strategies(fine, price)
-    scaled = _bisect(sections, time, lambda scale: [replace(strategy, scale=scale) for strategy in best], *SCALE_RANGE)
-    return _with_cap(sections, time, [replace(strategy, scale=scaled) for strategy in best])
+        if low[0] > 0.0 and np.isfinite(high[0]):
+            part = (low[1] - time) / (low[1] - high[1]) if step % 2 and np.isfinite(low[1]) else 0.5
+            price = low[0] * (high[0] / low[0]) ** min(max(part, 0.1), 0.9)
+            continue
+        beyond = PAIR_STEP if found > time else 1.0 / PAIR_STEP
+        factor = 2.0 if np.isinf(found) else (found / time * beyond) ** power
+        price = min(max(price * factor, PRICE_RANGE[0]), PRICE_RANGE[1])
+        power *= 2.0
+    return high[0] if np.isfinite(high[0]) else last, low[0] if low[0] > 0.0 else last
+
+
+def mean_curves(one: DrivingStrategy, other: DrivingStrategy, share: float | Array) -> DrivingStrategy:
+    """Return a strategy with the mean E of the curves of two; ``share`` is the weight of the first, or one by place."""
+    if one.curve is None or other.curve is None:
+        return one
+    curve = one.curve[0], share * one.curve[1] + (1.0 - share) * other.curve[1]
+    if one.electric is None or other.electric is None:
+        return replace(one, curve=curve)
+    return replace(one, curve=curve, electric=share * one.electric + (1.0 - share) * other.electric)
 
 
 def _price_of_time(sections: list[PlanSection], time: float, strategies: Callable[[float], Strategies]) -> float:

@@ -23,15 +23,16 @@ from train_ato.profile.planner.time_reserve import (
     FIRST_GRID,
     LAST_GRID,
     PRICE_RANGE,
-    SCALE_RANGE,
     TIME_TOLERANCE,
     curve_strategy,
+    mean_curves,
+    near_prices,
 )
 
-FIRST_STEPS, LAST_STEPS, SCALE_STEPS = 16, 4, 30
-"""Largest numbers of prices on the first and on the last grid, and of scales, that are tried for one fixed time."""
+FIRST_STEPS, SHARE_STEPS = 16, 30
+"""Largest numbers of prices on the first grid, and of shares of two prices, that are tried for one fixed time."""
 PRICE_ACCURACY = 2e-3
-"""Relative accuracy of the time of a price; the speeds of its curves are scaled for the rest."""
+"""Relative accuracy of the time of a price on the first grid."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +101,7 @@ class WindowSearch:
         self._grids: dict[tuple[int, Resolution], CoarseGrid] = {}
         self._found: dict[tuple[int, Resolution, tuple[float, ...]], tuple[DrivingStrategy, Array]] = {}
         self._prices: Array = np.full(len(places) - 1, PRICE_RANGE[1])
+        self._late_prices = self._prices.copy()
 
     def solve(self) -> tuple[list[DrivingStrategy], Array]:
         """Return the strategies of all legs and the times of all places [s], shape (places,)."""
@@ -112,7 +114,7 @@ class WindowSearch:
             for _sweep in range(1 if len(ends) == 1 else 2):
                 for begin, end in zip([0, *ends[:-1]], ends, strict=True):
                     self._set_price(begin, end, fixed[end], fixed[end] == self._places[end].latest)
-            strategies, (times, ready) = self._scaled(ends, fixed)
+            strategies, (times, ready) = self._mixed(ends, fixed)
             early = np.array([place.earliest for place in self._places]) - ready
             late = times - np.array([place.latest for place in self._places])
             excess = np.maximum(early, late)
@@ -165,65 +167,62 @@ class WindowSearch:
     def _set_price(self, begin: int, end: int, time: float, is_latest: bool) -> None:
         """Set the price between two places so that the second has its time [s] as closely as the last grid permits."""
         low, high = self._least_price if is_latest else PRICE_RANGE[0], PRICE_RANGE[1]
-        price, best = min(max(float(self._prices[begin]), 2.0 * low), 1.0), (np.inf, high)
-        for step in range(FIRST_STEPS + LAST_STEPS):
-            first = step < FIRST_STEPS and high / low > 1.0 + PRICE_ACCURACY
-            self._prices[begin:end] = price
-            times, ready = self._times(FIRST_GRID if first else LAST_GRID)
-            needed, wanted = float(ready[end] - times[begin]), float(time - times[begin])
-            if not first:
-                best = min(best, (abs(needed - wanted), price))
-            accurate = abs(needed - wanted) <= PRICE_ACCURACY * wanted
-            if accurate and not first:
-                break
-            if accurate:
-                low, high = price, price  # the last grid begins with this price
-                continue
-            low, high = (low, price) if needed < wanted else (price, high)
-            guess = price * (needed / wanted) ** 3 if wanted > 0 and np.isfinite(needed) else np.inf
-            if not first:
-                price = min(max(guess, self._least_price if is_latest else PRICE_RANGE[0]), PRICE_RANGE[1])
-            else:
-                price = guess if step % 2 == 0 and low < guess < high else float(np.sqrt(low * high))
-        self._prices[begin:end] = best[1]
+        least, price = low, min(max(float(self._prices[begin]), 2.0 * low), 1.0)
 
-    def _scaled(self, ends: list[int], fixed: dict[int, float]) -> tuple[list[DrivingStrategy], tuple[Array, Array]]:
-        """Return the strategies on the last grid, their speeds scaled until every fixed place has its time."""
-        strategies = [self._leg_at(number, LAST_GRID)[0] for number in range(len(self._legs))]
-        spans = [leg.times(self._places, strategy) for leg, strategy in zip(self._legs, strategies, strict=True)]
+        def needed(price: float, size: Resolution) -> tuple[float, float]:
+            self._prices[begin:end] = price
+            times, ready = self._times(size)
+            return float(ready[end] - times[begin]), float(time - times[begin])
+
+        for step in range(FIRST_STEPS):
+            found, wanted = needed(price, FIRST_GRID)
+            if abs(found - wanted) <= PRICE_ACCURACY * wanted or high / low <= 1.0 + PRICE_ACCURACY:
+                break
+            low, high = (low, price) if found < wanted else (price, high)
+            guess = price * (found / wanted) ** 3 if wanted > 0 and np.isfinite(found) else np.inf
+            price = guess if step % 2 == 0 and low < guess < high else float(np.sqrt(low * high))
+        pair = near_prices(lambda price: needed(max(price, least), LAST_GRID)[0], wanted, price)
+        self._prices[begin:end], self._late_prices[begin:end] = (max(price, least) for price in pair)
+
+    def _mixed(self, ends: list[int], fixed: dict[int, float]) -> tuple[list[DrivingStrategy], tuple[Array, Array]]:
+        """Return strategies with means of the curves of two prices, so that every fixed place has its time."""
+        numbers, prices = range(len(self._legs)), self._prices
+        fast, self._prices = [self._leg_at(number, LAST_GRID) for number in numbers], self._late_prices
+        slow, self._prices = [self._leg_at(number, LAST_GRID)[0] for number in numbers], prices
+        strategies, spans = [leg[0] for leg in fast], [leg[1] for leg in fast]
         for begin, end in zip([0, *ends[:-1]], ends, strict=True):
             waits_for_floor = self._prices[begin] <= self._least_price * 1.001
             if waits_for_floor and self.chained(spans)[1][end] <= fixed[end]:
                 continue
-            slow, fast, best = SCALE_RANGE[0], SCALE_RANGE[1], (strategies, spans)
-            scale = 1.0
-            for _ in range(SCALE_STEPS):
-                trial = self._with_scale(strategies, spans, begin, end, scale)
+            low, high, best = 0.0, 1.0, (strategies, spans)
+            for _ in range(SHARE_STEPS):
+                share = 0.5 * (low + high)
+                trial = self._with_share(strategies, slow, spans, (begin, end), share)
                 gap = fixed[end] - float(self.chained(trial[1])[1][end])
-                if gap >= 0.0:
-                    fast, best = scale, trial
-                else:
-                    slow = scale
-                if 0.0 <= gap < TIME_TOLERANCE or fast - slow < 1e-9:
+                low, high, best = (low, share, trial) if gap >= 0.0 else (share, high, best)
+                if 0.0 <= gap < TIME_TOLERANCE:
                     break
-                scale = float(np.sqrt(slow * fast))
             strategies, spans = best
         return strategies, self.chained(spans)
 
-    def _with_scale(
-        self, strategies: list[DrivingStrategy], spans: list[Array], begin: int, end: int, scale: float
+    def _with_share(
+        self,
+        strategies: list[DrivingStrategy],
+        slow: list[DrivingStrategy],
+        spans: list[Array],
+        between: tuple[int, int],
+        share: float,
     ) -> tuple[list[DrivingStrategy], list[Array]]:
-        """Return strategies and times with the speeds of the curves between two places multiplied by a factor."""
+        """Return strategies and times with a share of the slower curves between two places."""
         found, times = list(strategies), list(spans)
+        begin, end = between
         for number, leg in enumerate(self._legs):
-            strategy = strategies[number]
-            if leg.last <= begin or leg.first >= end or strategy.curve is None:
+            curve = strategies[number].curve
+            if leg.last <= begin or leg.first >= end or curve is None:
                 continue
-            places, curve = strategy.curve
             first, last = self._places[max(begin, leg.first)].place, self._places[min(end, leg.last)].place
-            factor = np.where((places >= first) & (places <= last), scale**2, 1.0)
-            electric = None if strategy.electric is None else strategy.electric * factor
-            found[number] = replace(strategy, curve=(places, curve * factor), electric=electric)
+            inside = (curve[0] >= first) & (curve[0] <= last)
+            found[number] = mean_curves(strategies[number], slow[number], np.where(inside, share, 1.0))
             try:
                 times[number] = leg.times(self._places, found[number])
             except ValueError:
