@@ -226,6 +226,30 @@ def test_moments_traction_and_brake_apart_empty_cells(tmp_path, capsys):
     assert re.search(r"position_m: 480 empty cells bridged, the first in line 3, at most 1 s", told["measured_notes"])
 
 
+def test_a_gauge_pressure_is_refused(tmp_path, capsys):
+    """Breaks if a charged pipe of 5 bar, or 72.5 psi, beside the atmosphere becomes a brake application of 1 bar."""
+    time = np.arange(0.0, 60.1, 0.5)
+    v, x, f = metro(time)
+    columns = {"time_s": time, "speed_m_s": v / 4, "position_km": 10 + (x - 500) / 4000, "force_n": 4 * f}
+    file = tmp_path / "gauge.csv"
+    for unit, charged in (("bar", 5.0), ("psi", 72.5), ("kpa", 498.7)):
+        file.write_text(text_of({**columns, f"brake_pipe_pressure_{unit}": np.full(time.size, charged)}))
+        words = [
+            "import",
+            str(file),
+            "--consist",
+            "hxd1_c80_210",
+            "--line",
+            "daqin_section",
+            "--out",
+            str(tmp_path / "i"),
+        ]
+        assert main(words) == 2
+        told = capsys.readouterr().err
+        assert f"column 'brake_pipe_pressure_{unit}': at most" in told and "probably a gauge pressure" in told
+        assert "add 101.3 kPa" in told and not (tmp_path / "i").exists()
+
+
 def test_several_units_and_the_brake_pipe(tmp_path, capsys):
     """Breaks if a total force is not distributed, forces per unit change, or units have wrong positions."""
     time = np.arange(0.0, 60.1, 0.5)
@@ -234,7 +258,8 @@ def test_several_units_and_the_brake_pipe(tmp_path, capsys):
     base = {"time_s": time, "speed_m_s": v / 4, "position_km": 10 + (x - 500) / 4000}
     train = ["--consist", "hxd1_c80_210", "--line", "daqin_section"]
     pressure = np.interp(time, [0, 30, 40], [6.0, 6.0, 5.5])
-    take(tmp_path, capsys, text_of({**base, "force_n": f, "brake_pipe_pressure_bar": pressure}), train=train)
+    told = take(tmp_path, capsys, text_of({**base, "force_n": f, "brake_pipe_pressure_bar": pressure}), train=train)
+    assert "brake_pipe_pressure_bar: read as absolute pressure, at most 600 kPa" in told["measured_notes"]
     frames = train_ato.load(tmp_path / "imported")
     table = frames["train/measurement"]
     assert np.allclose(table["unit_0_applied_force_n"], table["unit_1_applied_force_n"])

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from plant_sim.consist import Consist
-from plant_sim.library import load_consist
+from plant_sim.library import load_consist, split_name
 from train_ato.apps.import_csv.recording import Measured
 from train_ato.apps.import_csv.samples import ColumnSamples
 from train_ato.apps.import_csv.series import MeasuredSeries
@@ -92,7 +92,8 @@ def brake_events(pressure: ColumnSamples, consist: Consist) -> list[dict[str, fl
 
 def _absolute(name: str) -> str:
     """Return the absolute path of a file, or the name of a shipped train or line."""
-    return str(Path(name).resolve()) if Path(name).is_file() else name
+    stem, selection = split_name(name)
+    return f"{Path(stem).resolve()}{selection}" if Path(stem).is_file() else name
 
 
 def write_messages(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -23,6 +24,8 @@ WORK_NOTE, WORK_REFUSED = (0.4, 2.5), (0.1, 10.0)
 LEAST_WORK = 1e5
 """Energy below which the work is not checked [J]."""
 KWH = 3.6e6
+ATMOSPHERE = 101.325e3
+"""Difference between an absolute and a gauge pressure [Pa]."""
 
 
 @dataclass(frozen=True)
@@ -78,6 +81,8 @@ def series_of(found: Measured, setup: RunSetup) -> MeasuredSeries:
             f"{found.table.path}: column '{title}': train '{setup.consist.name}' has no air brake; remove it with "
             f"--ignore '{title}'"
         )
+    if found.pressure is not None and setup.consist.air_brake is not None:
+        found.notes += [_checked_pressure(found.pressure, setup.consist.air_brake.charged, found.table.path)]
     _check_forces(found, setup)
     _check_work(found, setup)
     units = setup.layout.n_units
@@ -207,3 +212,21 @@ def _height(line: Line, begin: float, end: float) -> float:
         entry.grade * max(0.0, min(stop, end) - max(entry.at, begin))
         for entry, stop in zip(line.grades, ends, strict=True)
     )
+
+
+def _checked_pressure(pressure: ColumnSamples, charged: float, path: Path) -> str:
+    """Return the note on a recorded brake-pipe pressure; refuse one that is never charged by one atmosphere.
+
+    Raises
+    ------
+    ValueError
+        For a gauge pressure: file, column, problem; remedy.
+    """
+    title, highest = pressure.column.title, float(pressure.values.max())
+    text = f"at most {number_text(highest / 1e3, 4)} kPa, {number_text(charged / 1e3)} kPa are charged"
+    if abs(charged - highest - ATMOSPHERE) < 0.3 * ATMOSPHERE:
+        raise ValueError(
+            f"{path}: column '{title}': {text}: probably a gauge pressure; the absolute one is read: add 101.3 kPa "
+            f"(1.013 bar, 14.7 psi) in the file, or remove it with --ignore '{title}'"
+        )
+    return f"{title}: read as absolute pressure, {text}"
