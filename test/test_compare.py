@@ -32,14 +32,14 @@ def test_gains_of_every_law_have_their_source(tmp_path: Path, capsys: pytest.Cap
 
 def test_a_refused_law_has_a_row_and_the_others_are_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Breaks if a refused law stops the comparison, ends with status 0, or is missing in the table or the JSON."""
-    laws = ["demo", "--laws=funnel,pid", "--compensation=twin"]
+    laws = ["demo", "--laws=lag_smc,pid", "--compensation=twin"]
     assert compared(tmp_path / "a", *laws) == 1
     shown = capsys.readouterr()
-    assert "refused: funnel: with compensation 'twin'" in shown.out
-    assert "train-ato: funnel: with compensation 'twin'" in shown.err
+    assert "refused: lag_smc: with compensation 'twin'" in shown.out
+    assert "train-ato: lag_smc: with compensation 'twin'" in shown.err
     assert compared(tmp_path / "b", *laws, "--json") == 1
     rows = json.loads(capsys.readouterr().out)
-    assert [(row["controller"], row["status"]) for row in rows] == [("pid", "done"), ("funnel", "refused")]
+    assert [(row["controller"], row["status"]) for row in rows] == [("pid", "done"), ("lag_smc", "refused")]
     assert "twin" in rows[1]["reason"] and rows[0]["speed_rmse_kmh"] >= 0
 
 

@@ -173,8 +173,8 @@ def test_a_swap_during_the_run_is_checked_like_a_start() -> None:
     setup = rolling("demo")
     scenario = setup.scenario.model_copy(update={"compensation": "twin"})
     role = ControllerStage(dataclasses.replace(setup, scenario=scenario))
-    with pytest.raises(ValueError, match="law 'funnel' with compensation 'twin'"):
-        role.validate("controller", "funnel")
+    with pytest.raises(ValueError, match="law 'lag_smc' with compensation 'twin'"):
+        role.validate("controller", "lag_smc")
     with pytest.raises(ValueError, match=r"set laws\.pid\.feedforward: true"):
         role.validate("pid.feedforward", False)
     role.validate("controller", "rbf_switching_smc")
@@ -185,5 +185,5 @@ def test_compare_leaves_out_what_does_not_fit(tmp_path: Path, capsys: pytest.Cap
     arguments = ["compare", "demo", "--compensation=twin", "--set=duration=5", f"--out={tmp_path / 'run'}"]
     assert main(arguments) == 0
     said = " ".join(capsys.readouterr().out.split())
-    assert "refused: funnel: with compensation 'twin': 'twin' gives only a feed-forward, and this law" in said
+    assert "refused: lag_smc: with compensation 'twin': 'twin' gives only a feed-forward, and this law" in said
     assert "refused: pid" not in said

@@ -169,4 +169,4 @@ def test_a_law_in_python_has_its_step_time() -> None:
 
 def test_gpc_is_called_in_compiled_ticks() -> None:
     """Breaks if the shipped laws without a compiled step leave their ticks to Python."""
-    assert compiled_part(setup_of("xuzhou_metro", {"law": "gpc", "compensation": "none", "duration": 10})) > 0.8
+    assert compiled_part(setup_of("xuzhou_metro", {"law": "gpc", "compensation": "none", "duration": 40})) > 0.8

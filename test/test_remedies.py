@@ -31,7 +31,7 @@ SPECIAL = (
     ("demo", ("compensation=predictor", "compensations.predictor.delay=estimated", "model.delay=0")),
     ("demo", ("compensation=twin", "laws.pid.feedforward=false")),
     ("demo", ("law=smc", "laws.smc.gains=printed", "compensation=twin", UNMEASURED)),
-    ("demo", ("law=fixed_time_smc", "compensation=twin", UNMEASURED)),
+    ("demo", ("law=fixed_time_smc", "laws.fixed_time_smc.gains=printed", "compensation=twin", UNMEASURED)),
     ("demo", ("compensation=twin", "laws.smc.gains=printed", "law_changes=[{at: 3, law: smc}]")),
     ("xuzhou_metro", ("brake.policy=trigger",)),
     ("daqin_heavy_haul", ("replan={}",)),
@@ -118,11 +118,11 @@ def test_an_unknown_component_names_its_option(
 def test_a_refused_pair_names_its_options(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Breaks if the message names the scenario file for a choice of the command line."""
     out = f"--out={tmp_path / 'run'}"
-    assert main(["run", "demo", "--engine", "--law=funnel", "--compensation=twin", out]) == 2
+    assert main(["run", "demo", "--engine", "--law=lag_smc", "--compensation=twin", out]) == 2
     assert capsys.readouterr().err.startswith(
-        "train-ato: --law funnel --compensation twin: law 'funnel' with compensation"
+        "train-ato: --law lag_smc --compensation twin: law 'lag_smc' with compensation"
     )
-    assert main(["run", "demo", "--engine", "--law=funnel", "--set=compensation=twin", out]) == 2
-    assert capsys.readouterr().err.startswith("train-ato: --law funnel: law 'funnel' with compensation 'twin': ")
+    assert main(["run", "demo", "--engine", "--law=lag_smc", "--set=compensation=twin", out]) == 2
+    assert capsys.readouterr().err.startswith("train-ato: --law lag_smc: law 'lag_smc' with compensation 'twin': ")
     assert main(["compare", "demo", "--laws=pid,smcc", out]) == 2
     assert capsys.readouterr().err.startswith("train-ato: --laws: unknown law 'smcc' (did you mean 'smc'?)")

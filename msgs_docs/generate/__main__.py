@@ -5,7 +5,7 @@
     python -m msgs_docs.generate --measure [NAME]   first make the runs of law pages or tables; default: all
 
 Start it in the top folder of the repository.  Tables: `faults`, `hazards`, `random_runs`, `left_out`, `one_hash`,
-`any_law`.
+`any_law`; `any_law:SCENARIO` runs one scenario and keeps the other rows.
 ``--measure`` of all pages takes an hour on two cores.
 """
 
@@ -128,8 +128,12 @@ def chosen(names: list[str]) -> list[Component]:
 
 def measure_pages(names: list[str]) -> None:
     """Run the demonstrations of the named pages; write their figures and table rows."""
-    pages = [name for name in names if name not in TABLES]
+    part = f"{any_law_page.NAME}:"
+    scenarios = [name.removeprefix(part) for name in names if name.startswith(part)]
+    pages = [name for name in names if name not in TABLES and not name.startswith(part)]
     wanted = chosen(pages) if pages or not names else []
+    if scenarios:
+        any_law_page.measure_any_law(ROOT, scenarios)
     for name, measure_table in TABLES.items():
         if not names or name in names:
             measure_table(ROOT)

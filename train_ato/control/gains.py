@@ -1,9 +1,9 @@
 """Gains of a law for a train: fitted to a shipped train, computed from the model of the train, or as printed.
 
-``fitted`` takes the table ``fitted_gains.yaml``; a train that is not in it, or a longer delay, takes ``model``, the
-rule of the law (``model_gains``).  ``printed`` takes the defaults of the parameters, which are those of the paper.  A
-law without a paper, such as ``mpc``, has only ``model``, which is then its default.  A parameter that is given has its
-given value under every choice.
+``fitted`` takes the table ``fitted_gains.yaml``, which has values or ``model``; a train that is not in it, or a longer
+delay, takes ``model``, the rule of the law (``model_gains``).  ``printed`` takes the defaults of the parameters, which
+are those of the paper.  A law without a paper, such as ``mpc``, has only ``model``, which is then its default.  A
+parameter that is given has its given value under every choice.
 """
 
 from __future__ import annotations
@@ -115,8 +115,10 @@ def _base(name: str, law: Any, choice: str, model: TrainModel, period: float) ->
     missing, train = "", model.consist.name
     if choice == FITTED:
         values, missing = _fitted(name, model, period)
-        if values is not None:
-            return values, FITTED, f"fitted to {train}"
+        if values == MODEL:
+            return law.model_gains(model, period), MODEL, f"computed from the model of {train}, the best found"
+        if isinstance(values, dict):
+            return dict(values), FITTED, f"fitted to {train}"
         missing += "; "
     rule = getattr(law, "model_gains", None)
     if rule is None:
@@ -156,26 +158,26 @@ def longest_delay(model: TrainModel) -> float:
     return max(float(model.delay.max(initial=0.0)), float(model.delay_brake.max(initial=0.0)))
 
 
-def _fitted(law: str, model: TrainModel, period: float) -> tuple[dict[str, Any] | None, str]:
-    """Return the gains of the table, or None and the reason."""
+def _fitted(law: str, model: TrainModel, period: float) -> tuple[dict[str, Any] | str | None, str]:
+    """Return the gains of the first entry of the table that holds, values or ``model``, or None and the reason."""
     train, tonnes = model.consist.name, model.mass / 1e3
+    now = {"delay": longest_delay(model), "lag": model.lag, "period": period}
+    reason = f"not fitted to {train}"
     for entry in _table():
         mass = entry["trains"].get(train)
-        if mass is None or abs(tonnes - mass) > SAME_MASS * mass:
+        if mass is None or law not in entry["laws"] or abs(tonnes - mass) > SAME_MASS * mass:
             continue
-        now = {"delay": longest_delay(model), "lag": model.lag, "period": period}
-        for key, value in now.items():
-            if value > entry[key] + 1e-9:
-                return None, f"fitted to {train} up to a {key} of {number_text(entry[key])} s"
-        if law not in entry["laws"]:
-            return None, f"not fitted to {train}"
-        return dict(entry["laws"][law]), ""
-    return None, f"not fitted to {train}"
+        beyond = [key for key, value in now.items() if value > entry[key] + 1e-9]
+        if not beyond:
+            found: dict[str, Any] | str = entry["laws"][law]
+            return found, ""
+        reason = f"fitted to {train} up to a {beyond[0]} of {number_text(entry[beyond[0]])} s"
+    return None, reason
 
 
 def fitted_trains(law: str) -> list[str]:
     """Return the names of the trains to which a law is fitted."""
-    return [train for entry in _table() if law in entry["laws"] for train in entry["trains"]]
+    return list(dict.fromkeys(train for entry in _table() if law in entry["laws"] for train in entry["trains"]))
 
 
 @functools.cache

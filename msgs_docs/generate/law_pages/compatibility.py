@@ -2,33 +2,39 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+import yaml
 
 from msgs_docs.generate.law_pages.components import Component
 from plant_sim.library import consist_names, load_consist, load_line
 from train_ato.control.compensation.compatibility import check_compatible
+from train_ato.control.gains import TABLE
 from train_ato.control.registry import COMPENSATIONS, LAWS
 from train_ato.control.train_model import TrainModel
 
-PERIOD, DELAY, LAG = 0.1, 0.5, 0.4
+OTHER = {"delay": 0.5, "lag": 0.4, "period": 0.1}
+"""Delay, lag and period of a shipped train without fitted gains [s]."""
 
 
 @functools.cache
 def shipped(name: str, sensors: tuple[int, ...]) -> TrainModel:
-    """Return the model of a shipped train on a level line, with a delay and sensors at some couplers."""
+    """Return the model of a shipped train on a level line with the delay of its fitted gains, and coupler sensors."""
     consist = load_consist(name)
-    delay = np.full(len(consist.power_units), DELAY)
-    return TrainModel(consist, load_line("level"), delay, delay, LAG, PERIOD, sensors)
+    entries = yaml.safe_load(TABLE.read_text(encoding="utf-8"))
+    loop = next((entry for entry in entries if name in entry["trains"]), OTHER)
+    delay = np.full(len(consist.power_units), loop["delay"])
+    return TrainModel(consist, load_line("level"), delay, delay, loop["lag"], loop["period"], sensors)
 
 
 def refusal(component: Component, train: TrainModel) -> str:
     """Return the reason for which a component with its defaults rejects a train; empty if it accepts it."""
     try:
-        component.registry.make(component.name, {}, train, PERIOD)
+        component.registry.make(component.name, {}, train, train.tick)
     except ValueError as error:
         return str(error).removeprefix(f"{component.kind} '{component.name}': ")
     return ""
@@ -51,12 +57,18 @@ def trains(component: Component) -> list[str]:
     return [head, *([""] if lines else []), *lines]
 
 
-def conflicts(law: str) -> Iterator[tuple[str, str]]:
-    """Yield the compensations that reject a law with its defaults, each with the reason."""
-    made = LAWS.make(law, {}, shipped("xuzhou_metro_3", ()), PERIOD)
+def conflicts(law: str) -> Iterator[tuple[str, str, list[str]]]:
+    """Yield the compensations that reject a law with its default gains: name, reason, trains ([]: all)."""
+    made = {}
+    for train in consist_names():
+        hauled = len(load_consist(train).vehicles) > len(load_consist(train).power_units)
+        model = shipped(train, (0,) if hauled else ())
+        with contextlib.suppress(ValueError):
+            made[train] = LAWS.make(law, {}, model, model.tick)
     for name in COMPENSATIONS.loadable():
-        if reason := conflict(law, made, name):
-            yield name, reason
+        reasons = {train: reason for train, found in made.items() if (reason := conflict(law, found, name))}
+        if reasons:
+            yield name, next(iter(reasons.values())), [] if len(reasons) == len(made) else list(reasons)
 
 
 def conflict(law: str, made: Any, compensation: str) -> str:
@@ -68,24 +80,24 @@ def conflict(law: str, made: Any, compensation: str) -> str:
     return ""
 
 
-def accepted_with_hauled(law: str, compensation: str) -> bool:
-    """Return True if a compensation accepts a law on the shipped train with hauled vehicles."""
-    try:
-        made = LAWS.make(law, {}, shipped("hxd1_c80_105", (0,)), PERIOD)
-    except ValueError:
-        return False
-    return not conflict(law, made, compensation)
-
-
 def companions(component: Component) -> list[str]:
     """Return lines with the incompatible components and the reasons."""
     if component.kind == "law":
         reasons: dict[str, list[str]] = {}
-        for name, reason in conflicts(component.name):
-            only = " (accepted with hauled vehicles)" if accepted_with_hauled(component.name, name) else ""
-            reasons.setdefault(reason.replace(f"'{name}'", "it"), []).append(f"`{name}`{only}")
+        for name, reason, where in conflicts(component.name):
+            reasons.setdefault(reason.replace(f"'{name}'", "it"), []).append(f"`{name}`{on_trains(where)}")
         return [f"Rejected with compensation {' or '.join(names)}: {reason}." for reason, names in reasons.items()]
     if component.kind == "compensation":
-        laws = [law for law in LAWS.loadable() if component.name in dict(conflicts(law))]
-        return [f"Rejected with the laws {', '.join(f'`{law}`' for law in laws)} with their defaults."] if laws else []
+        found = [
+            f"`{law}`{on_trains(where)}"
+            for law in LAWS.loadable()
+            for name, _, where in conflicts(law)
+            if name == component.name
+        ]
+        return [f"Rejected with the laws {', '.join(found)} with their default gains."] if found else []
     return []
+
+
+def on_trains(names: list[str]) -> str:
+    """Return a list of trains as text; "" for an empty list."""
+    return f" (on {', '.join(f'`{name}`' for name in names)})" if names else ""

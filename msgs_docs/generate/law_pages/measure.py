@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from msgs_docs.generate.any_law_page import summary_figures, verdict
 from msgs_docs.generate.law_pages.components import Component
 from msgs_docs.generate.law_pages.demo_runs import demo_of
 from msgs_docs.generate.law_pages.figures import draw_demo
@@ -63,11 +64,12 @@ def measure(
 
 
 def row(label: str, case: Case, result: Result) -> dict[str, Any]:
-    """Return one row of a table: label, scenario, command line and metrics to four digits."""
+    """Return one row of a table: label, scenario, command line, outcome and metrics to four digits."""
     figures: dict[str, Any] = {key: _rounded(result.summary[key]) for key in KEPT}
     buff, draft = result.summary["coupler_buff_max_kn"], result.summary["coupler_draft_max_kn"]
     figures["couplers"] = f"{buff:.0f} ... {draft:+.0f}" if buff or draft else None
-    return {"run": label, "scenario": case.scenario, "command": command(case), **figures}
+    outcome = verdict(summary_figures(result.summary))
+    return {"run": label, "scenario": case.scenario, "command": command(case), "outcome": outcome, **figures}
 
 
 def _rounded(value: float) -> float:

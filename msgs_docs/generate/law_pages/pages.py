@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from msgs_docs.generate.law_pages.compatibility import companions, conflicts, trains
+from msgs_docs.generate.law_pages.compatibility import companions, conflicts, on_trains, trains
 from msgs_docs.generate.law_pages.components import KIND, PLURAL, REGISTRIES, Component, components
 from msgs_docs.generate.law_pages.demo_runs import demo_of
 from msgs_docs.generate.law_pages.markup import sections
@@ -15,6 +15,7 @@ from train_ato.apps.runs.summary_table import format_value
 from train_ato.control.contract import Parameter
 
 COLUMNS = (
+    ("outcome", "outcome"),
     ("speed_rmse_kmh", "speed error, rms km/h"),
     ("speed_error_max_kmh", "largest km/h"),
     ("position_error_max_m", "position error, largest m"),
@@ -121,7 +122,7 @@ def index(measured: Measured) -> str:
 
 def _list(kind: str, measured: Measured) -> str:
     lines = [
-        "| name | description | demonstration | rms km/h | compared with | rms km/h |",
+        "| name | description | demonstration | rms km/h, outcome | compared with | rms km/h, outcome |",
         "|---|---|---|---|---|---|",
     ]
     for component in components():
@@ -133,12 +134,16 @@ def _list(kind: str, measured: Measured) -> str:
             own, beside = rows[0], rows[1]
             law = re.search(r"--law (\S+)", own["command"])
             other = f" with `{law[1]}`" if law and kind != "law" else ""
-            cells += [f"`{own['scenario']}`{other}", format_value(own["speed_rmse_kmh"])]
-            cells += [beside["run"], format_value(beside["speed_rmse_kmh"])]
+            cells += [f"`{own['scenario']}`{other}", _rms(own), beside["run"], _rms(beside)]
         else:
             cells += ["-"] * 4
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)
+
+
+def _rms(row: Mapping[str, Any]) -> str:
+    """Return the speed error of a run [km/h] with its outcome."""
+    return ", ".join([format_value(row["speed_rmse_kmh"]), *row.get("outcome", "").split(";")[:1]]).rstrip(", ")
 
 
 def _matrix() -> str:
@@ -146,11 +151,12 @@ def _matrix() -> str:
     names = [component.name for component in components() if component.kind == "compensation"]
     lines = ["| law | " + " | ".join(f"`{name}`" for name in names) + " |", "|---" * (len(names) + 1) + "|"]
     for law in laws:
-        rejected = dict(conflicts(law))
-        lines.append(f"| `{law}` | " + " | ".join("rejected" if name in rejected else "yes" for name in names) + " |")
+        rejected = {name: f"rejected{on_trains(where)}" for name, _, where in conflicts(law)}
+        lines.append(f"| `{law}` | " + " | ".join(rejected.get(name, "yes") for name in names) + " |")
     note = (
-        "With the defaults; `smc` and `rbf_smc` use a feed-forward with `equivalent: feedforward`, `gpc` accepts a "
-        "predictor with `delay: none`. An incompatible pair is rejected with one line that gives the reason, before "
-        "the start or at a change of the law."
+        "With the default gains of every shipped train. An incompatible pair is rejected with one line that gives the "
+        "reason and the nearest choice, before the start or at a change of the law: `smc`, `rbf_smc` and "
+        "`fixed_time_smc` use a feed-forward with `equivalent: feedforward`, `funnel` and `gpc` with "
+        "`feedforward: true`, and `gpc` accepts a predictor with `delay: none`."
     )
     return "\n".join(lines) + "\n\n" + note

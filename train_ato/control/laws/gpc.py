@@ -43,7 +43,7 @@ are noise.
 Needs: any train; delay and lag of the model, and the reference ahead. The law predicts over the delay by itself:
 `predictor` and `train_predictor` are rejected unless ``delay: none``. Compensations that give only a feed-forward are
 rejected unless ``feedforward: true``. It suits trains that move as one mass; a long train needs a horizon of 20 s, one
-command over it, and ``resistance_feedforward: true``, as in its fitted gains.
+command over it, and the known force, as with the gains of the model.
 """
 
 from __future__ import annotations
