@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from node_bench import Bench, set_parameter
-from rcl_interfaces.srv import DescribeParameters
+from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
@@ -59,6 +59,25 @@ def test_wrong_parameters_are_refused_and_the_old_law_goes_on(make, name, value,
     assert reason
     assert {p: node.get_parameter(p).value for p in before} == before
     assert bench.node.stage.controller == before["law"]
+
+
+def test_an_accepted_law_is_answered_with_its_advice(make):
+    """Breaks if `ros2 param set` of gains that do not fit is answered without the remedy, or the answer lasts."""
+    bench = make(Role.CONTROLLER)
+
+    def answered(name, value):
+        change = Parameter(name, value=value).to_parameter_msg()
+        (result,) = bench.call(SetParameters, "controller/set_parameters", parameters=[change]).results
+        assert result.successful
+        return result.reason
+
+    remedy = "smc: printed gains, not made for this train; try --set laws.smc.gains=model"
+    assert answered("law", "smc") == ""
+    assert answered("smc.gains", "printed") == remedy
+    assert answered("pid.gains", "model") == ""
+    assert answered("law", "smc") == remedy
+    (value,) = bench.call(GetParameters, "controller/get_parameters", names=["smc.gains"]).values
+    assert value.string_value == "printed"
 
 
 def test_parameters_of_all_laws_have_ranges_and_meanings(make):

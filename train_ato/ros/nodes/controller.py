@@ -52,7 +52,9 @@ class ControllerNode:
         self._inputs = StampSynchronizer(stage.setup.tick_ns, stage.setup.supervised_at)
         self._following = False
         self._laws = stage.setup.laws
+        self._advice = ""
         self._declare()
+        endpoints.parameter_services.on_accepted = lambda: self._advice
         endpoints.awaited = lambda: KINDS.get(self._inputs.awaited, "")
         endpoints.subscribe({topic: partial(self._step, kind) for kind, topic in KINDS.items()}, stage.setup.tick_ns)
         for request in REQUESTS:
@@ -90,15 +92,16 @@ class ControllerNode:
         node.add_post_set_parameters_callback(self._apply)
 
     def _check(self, parameters: list[Any]) -> Any:
-        """Return acceptance of a change with the advice for it, or refusal with the reason; no side effects."""
-        advice = ""
+        """Return acceptance of a change, or refusal with the reason; keep the advice for the answer."""
+        self._advice = ""
         for parameter in parameters:
             if self._ours(parameter.name):
                 try:
                     advice = self.stage.validate(_stage_name(parameter.name), parameter.value)
+                    self._advice = advice or self._advice
                 except ValueError as error:
                     return SetParametersResult(successful=False, reason=" ".join(str(error).split()))
-        return SetParametersResult(successful=True, reason=advice)
+        return SetParametersResult(successful=True)
 
     def _apply(self, parameters: list[Any]) -> None:
         if self._following:

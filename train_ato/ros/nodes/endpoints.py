@@ -133,7 +133,7 @@ class NodeEndpoints:
         # A refused parameter leaves the node in a reference cycle; without this it would publish into the next run.
         context.on_shutdown(self.node.destroy_node)
         if role is not Role.RECORDER:  # it is not spun and would answer no request
-            ParameterServices(self.node, watch)
+            self.parameter_services = ParameterServices(self.node, watch)
         self._roles = [role for role in roles if role in roles_of(wire.layout)]
         self.last_stamp = -1
         self.on_second_publisher: Callable[[str, str], bool] = lambda topic, reason: False

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from rcl_interfaces.msg import ParameterType, SetParametersResult
@@ -17,11 +18,17 @@ class ParameterServices(ParameterService):  # type: ignore[misc]
     """Parameter services that refuse unreadable requests with the reason.
 
     The services of rclpy raise instead, for example for an unknown parameter type, and the
-    request of the client never times out.
+    request of the client never times out. They also drop the reason of an accepted change.
+
+    Attributes
+    ----------
+    on_accepted : callable
+        Returns the reason of the answer to an accepted change: its advice, "" for none.
     """
 
     def __init__(self, node: Node, watch: FirstFailure) -> None:
         self._watch = watch
+        self.on_accepted: Callable[[], str] = str
         super().__init__(node)
 
     def _set_parameters_callback(self, request: Any, response: Any) -> Any:
@@ -37,7 +44,10 @@ class ParameterServices(ParameterService):  # type: ignore[misc]
             if integer and node.get_parameter(entry.name).type_ is RosParameter.Type.DOUBLE:
                 value.type, value.double_value = ParameterType.PARAMETER_DOUBLE, float(value.integer_value)
         try:
-            return super()._set_parameters_atomically_callback(request, response)
+            response = super()._set_parameters_atomically_callback(request, response)
+            if response.result.successful:
+                response.result.reason = self.on_accepted()
+            return response
         except Exception as error:
             if of_own_code(error):
                 self._watch.fail(self._get_node().get_name(), error)
