@@ -4,18 +4,27 @@ from __future__ import annotations
 
 import copy
 import json
+import re
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
+from import_files import metro, text_of
 from test_foreign_files import TUNNELS, UNIT_TRAIN, quantity
 from test_networks import LOOP, RAIL_LOOP, part
 from test_readers import BENCH, NAMED, PATH, TRAIN
 
 from plant_sim.formats.reading import ReadConsist, ReadLine, read_line, read_train
+from plant_sim.library import load_consist
+from train_ato.apps.import_csv.recording import measured
+from train_ato.apps.import_csv.run import measured_setup
+from train_ato.apps.import_csv.series import series_of
+from train_ato.apps.import_csv.smoothing import measured_profile
+from train_ato.apps.import_csv.table import read_table
 
 ETCS = {
     "A_brake_emergency": {"units": {"velocity": "km/h", "deceleration": "m/s^2"}, "values": [[100, 0.9]]},
@@ -149,3 +158,55 @@ def test_every_attribute_of_a_railml_file_is_used_or_named(tmp_path: Path) -> No
                     lost.append((name, value))
             element.set(key, value)
     assert lost == []
+
+
+RECORDED: dict[str, float] = {
+    "time_s": 1.0, "speed_m_s": 1.0, "unit_1_speed_m_s": 1.0, "unit_0_position_m": 1.0, "reference_speed_kmh": 3.6,
+    "command_force_kn": 1e-3, "brake_pipe_pressure_bar": 1e-5,
+}  # fmt: skip
+"""Columns of a recorder with the number of their units in one SI unit."""
+OF_PLACE_AND_FORCE: tuple[dict[str, float], ...] = (
+    {"position_m": 1.0, "force_kn": 1e-3},
+    {"front_position_km": 1e-3, "traction_force_n": 1.0, "brake_force_kn": 1e-3},
+    {"position_km": 1e-3, "unit_0_force_n": 1.0, "unit_1_force_kn": 1e-3},
+)
+
+
+@pytest.mark.parametrize("columns", OF_PLACE_AND_FORCE, ids=lambda entry: " ".join(entry))
+def test_every_column_of_a_recorder_is_used_or_refused(tmp_path: Path, columns: dict[str, float]) -> None:
+    """Breaks if a column of a recorder file, or one of a single power unit, is read and dropped."""
+    time = np.arange(0.0, 120.1, 1.0)
+    v, x, f = metro(time)
+    x, f = 10_000 + (x - 500) / 4, 4 * f / (2 if "unit_0_force_n" in columns else 1)
+    si = {
+        "time": time, "speed": v / 4, "position": x, "front": x, "reference": v / 4, "traction": np.maximum(f, 0.0),
+        "force": f, "command": f, "brake_force": np.maximum(-f, 0.0),
+        "brake_pipe": np.interp(time, [0, 30, 40], [6e5, 6e5, 5.5e5]),
+    }  # fmt: skip
+    values = {}
+    for name, scale in (RECORDED | columns).items():
+        quantity = next(key for key in si if re.sub(r"^unit_._", "", name).startswith(key))
+        values[name] = scale * si[quantity]
+    consist, setups = load_consist("hxd1_c80_210"), []
+    offsets = np.array(consist.offsets)[list(consist.power_units)]
+
+    def read(changed: dict[str, Any]) -> list[Any]:
+        (tmp_path / "r.csv").write_text(text_of(changed))
+        found = measured(read_table(tmp_path / "r.csv", {}, frozenset()), 2, consist.vehicles[0].length / 2, offsets)
+        profile = measured_profile(found, 0.5, 10_000.0, 1.0)
+        setups.append(measured_setup(found, profile, "hxd1_c80_210", "daqin_section", "x") if not setups else setups[0])
+        series = series_of(found, replace(setups[0], profile=profile))
+        return [getattr(series, field.name) for field in fields(series)]
+
+    base, used = read(values), 0
+    for name in values:
+        try:
+            changed = read(values | {name: values[name] * np.where(time > 20, 1.0 + 1e-4, 1.0)})
+        except ValueError as error:
+            assert "\n" not in str(error) and name in str(error)
+            continue
+        used += 1
+        assert any(not np.array_equal(*pair) for pair in zip(base, changed, strict=True)), name
+    assert used >= len(values) - 1
+    with pytest.raises(ValueError, match="unknown column 'door'"):
+        read(values | {"door": time})
