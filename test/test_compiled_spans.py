@@ -73,7 +73,7 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
         "crh380a_gpc:jump", {**FREE, "duration": 300, "law": "pid", "compensation": "preview"}
     ),
     "law changes": (
-        "demo", {**FREE, "duration": 60, "law_changes": [{"at": 20.05, "law": "smc"}, {"at": 40, "law": "pid"}],
+        "demo", {**FREE, "duration": 100, "law_changes": [{"at": 20.05, "law": "smc"}, {"at": 40, "law": "pid"}],
                  "plant.sensors.couplers": [0]},
     ),
     "disturbances": (

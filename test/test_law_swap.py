@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
+from itertools import permutations
+from random import Random
 from typing import Any
 
 import numpy as np
 import pytest
+from law_trains import FIVE, asked, inputs, measured, model, profile, stack
 
 from train_ato.control.laws.pid import Pid
 from train_ato.control.registry import LAWS
+from train_ato.control.takeover import JoinedReference
 from train_ato.loop.engine import run_engine
 from train_ato.loop.recording import Recording
 from train_ato.loop.setup import RunSetup, prepare
@@ -30,24 +35,21 @@ JERK = {
     "xuzhou_metro": 0.6, "demo": 0.002, "daqin_heavy_haul": 0.002, "crh380a_gpc": 0.25, "crh380a_funnel": 0.25,
 }  # fmt: skip
 """Jerk of the profile [m/s³]; that of the recorded one of daqin_heavy_haul jumps, its limit is in the scenario."""
+SPEED_FLOOR, STOP_FLOOR = 0.05, 0.05
+"""Errors of speed [m/s] and place of the stop [m] that count as none: the noise of the speed sensor in the shipped
+variants `noise`, and the resolution of a stop on the display of a metro (0.3 m) by six."""
 SAMPLE = [
     ("xuzhou_metro", "acceleration", "smc", "funnel"),
     ("xuzhou_metro", "acceleration", "rbf_switching_smc", "pid"),
-    ("xuzhou_metro", "standstill", "pid", "gpc"),
-    ("xuzhou_metro", "acceleration", "pid", "mpc"),
+    ("xuzhou_metro", "cruising", "gpc", "rbf_smc"),
     ("xuzhou_metro", "acceleration", "lag_smc", "mpc"),
     ("crh380a_funnel:short", "standstill", "smc", "mpc"),
     ("crh380a_gpc:short", "cruising", "pid", "gpc"),
-    ("daqin_heavy_haul", "acceleration", "pid", "rbf_smc"),
+    ("daqin_heavy_haul", "cruising", "pid", "fixed_time_smc"),
+    ("demo", "last 200 m", "fixed_time_smc", "funnel"),
 ]
-ALL = [
-    (scenario, place, old, new)
-    for scenario, places in PLACES.items()
-    for place in places
-    for old in LAWS.names()
-    for new in LAWS.names()
-    if old != new
-]
+DRAWN = 4
+"""Pairs that the campaign draws for a place of a scenario."""
 
 
 def driven(scenario: str, *changes: str, compiled: bool = True) -> tuple[RunSetup, Recording]:
@@ -57,15 +59,23 @@ def driven(scenario: str, *changes: str, compiled: bool = True) -> tuple[RunSetu
     return setup, recording
 
 
-@lru_cache(maxsize=20)
-def error_alone(scenario: str, law: str, begin: float) -> float:
-    """Return the largest position error of a law alone from a time on [m]."""
-    return error(*driven(scenario, f"law={law}", f"duration={begin + AFTER_S}"), begin)
+def to_its_end(place: str, begin: float) -> tuple[str, ...]:
+    """Return the change of the duration for a place; a run from the last 200 m on has its stop."""
+    return () if place == "last 200 m" else (f"duration={begin + AFTER_S}",)
 
 
-def error(setup: RunSetup, recording: Recording, begin: float) -> float:
-    errors = recording.position + setup.model.offsets - recording.reference_position[:, None]
-    return float(np.abs(errors[recording.time >= begin]).max())
+@lru_cache(maxsize=64)
+def errors_alone(scenario: str, place: str, law: str) -> tuple[float, float]:
+    begin = PLACES[scenario][place]
+    return errors(*driven(scenario, f"law={law}", *to_its_end(place, begin)), begin)
+
+
+def errors(setup: RunSetup, recording: Recording, begin: float) -> tuple[float, float]:
+    """Return the largest speed error from a time on [m/s], and the position error at the end of the run [m]."""
+    share = setup.model.share
+    speeds = recording.velocity @ share - recording.reference_velocity
+    end = (recording.position[-1] + setup.model.offsets) @ share - recording.reference_position[-1]
+    return float(np.abs(speeds[recording.time >= begin]).max()), abs(float(end))
 
 
 def bound(setup: RunSetup) -> np.ndarray:
@@ -83,26 +93,27 @@ def change(recording: Recording, begin: float, tick: float, lasting: float = HEL
 def check(scenario: str, place: str, old: str, new: str) -> None:
     begin = PLACES[scenario][place]
     swap = f"law_changes=[{{at: {begin}, law: {new}}}]"
-    setup, recording = driven(scenario, f"law={old}", swap, f"duration={begin + AFTER_S}")
-    assert (change(recording, begin, setup.tick) <= bound(setup)).all()
-    alone = max(error_alone(scenario, law, begin) for law in (old, new))
-    assert error(setup, recording, begin) <= 2.0 * alone + 0.05
+    setup, recording = driven(scenario, f"law={old}", swap, *to_its_end(place, begin))
+    assert (change(recording, begin, setup.tick) <= bound(setup)).all(), (old, new)
+    (old_speed, old_stop), (new_speed, new_stop) = (errors_alone(scenario, place, law) for law in (old, new))
+    speed, stop = errors(setup, recording, begin)
+    assert speed <= max(2.0 * old_speed, 2.0 * new_speed, SPEED_FLOOR), (old, new)
+    if place == "last 200 m":
+        assert stop <= max(2.0 * old_stop, 2.0 * new_stop, STOP_FLOOR), (old, new)
 
 
 @pytest.mark.parametrize(("scenario", "place", "old", "new"), SAMPLE)
 def test_a_swap_keeps_the_jerk_of_the_profile_and_the_error(scenario: str, place: str, old: str, new: str) -> None:
-    """Breaks if a tick of the first 3 s exceeds the bound, or the error is above twice that of the worse law alone."""
+    """Breaks if a tick of the first 3 s exceeds the bound, or an error is above twice that of the worse law alone."""
     check(scenario, place, old, new)
 
 
 @pytest.mark.campaign
-@pytest.mark.parametrize(("scenario", "place", "old", "new"), ALL)
-def test_every_swap_keeps_the_jerk_of_the_profile(scenario: str, place: str, old: str, new: str) -> None:
-    """Breaks if a tick of the first 3 s exceeds the bound."""
-    begin = PLACES[scenario][place]
-    swap = f"law_changes=[{{at: {begin}, law: {new}}}]"
-    setup, recording = driven(scenario, f"law={old}", swap, f"duration={begin + HELD_S + 1}")
-    assert (change(recording, begin, setup.tick) <= bound(setup)).all()
+@pytest.mark.parametrize(("scenario", "place"), [(name, place) for name, places in PLACES.items() for place in places])
+def test_drawn_swaps_keep_the_jerk_of_the_profile_and_the_error(scenario: str, place: str) -> None:
+    """Breaks as the test before, for pairs of laws drawn by a seed."""
+    for old, new in Random(f"{scenario} {place}").sample(list(permutations(LAWS.names(), 2)), DRAWN):
+        check(scenario, place, old, new)
 
 
 def test_a_change_of_a_gain_keeps_the_jerk_of_the_profile() -> None:
@@ -112,12 +123,73 @@ def test_a_change_of_a_gain_keeps_the_jerk_of_the_profile() -> None:
     assert (change(recording, 19.0, setup.tick) <= bound(setup)).all()
 
 
-def test_the_integral_of_a_law_does_not_come_back_after_a_swap_to_and_fro() -> None:
-    """Breaks if the second swap takes up the old object: its integral would be that of 20 s."""
+def test_a_law_that_chatters_before_the_swap_is_told_apart() -> None:
+    """Breaks if the chatter of the old law goes on after the swap, or its last command is no begin of the new one."""
+    relay = ("laws.smc.gains=printed", "laws.smc.equivalent=feedforward", "laws.smc.kappa=5")
+    swap = "law_changes=[{at: 224, law: pid}]"
+    setup, recording = driven("xuzhou_metro", "law=smc", *relay, swap, "duration=230")
+    assert (change(recording, 220.0, setup.tick) > bound(setup)).all()
+    assert (change(recording, 224.0, setup.tick) <= bound(setup)).all()
+
+
+def test_the_integral_of_a_law_does_not_come_back_after_a_swap_to_and_fro(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Breaks if the second swap takes up the old object, or its integral does not give the last command."""
+    begun: list[tuple[float, float]] = []
+    take_over = Pid.take_over
+
+    def noted(self: Pid, inputs: Any, force: Any) -> None:
+        before = self._integral[0]
+        take_over(self, inputs, force)
+        begun.append((before, self.demand(inputs)[0] - float(force[0])))
+        take_over(self, inputs, force)
+
+    monkeypatch.setattr(Pid, "take_over", noted)
     there = "law_changes=[{at: 20, law: smc}, {at: 25, law: pid}]"
-    pid = "laws.pid.integral=speed"
-    setup, recording = driven("xuzhou_metro", "law=pid", pid, there, "duration=30")
+    setup, recording = driven("xuzhou_metro:mismatch", "law=pid", "laws.pid.integral=speed", there, "duration=30")
+    (before, jump), *more = begun
+    assert (before, more) == (0.0, [])
+    assert jump == pytest.approx(0.0, abs=1.0)
     assert (change(recording, 25.0, setup.tick) <= bound(setup)).all()
+
+
+def test_the_reference_of_a_new_law_begins_in_the_state_of_the_train_and_joins_the_profile() -> None:
+    """Breaks if the law sees an error at its begin, the profile is not joined before a stop, or a large error hides."""
+    of, along = model(FIVE), profile()
+    share = np.asarray(of.share)
+    rest = float(along.time[np.flatnonzero(along.velocity > 0.0)[-1] + 1])
+    place, _, _ = along.at_times(np.array([60.0]))
+    errors, more = np.array([0.9, 1.0, 1.1, 1.0, 1.0]), 0.05
+    seen = inputs(of, t=60.0, position=place + errors, reference_position=np.broadcast_to(place, 5))
+    seen = replace(seen, velocity=seen.reference_velocity + more)
+    joined = JoinedReference(seen, share, along)
+    first = joined.of(seen, 0.1, None)
+    assert first.reference_position == pytest.approx(seen.position)
+    assert first.reference_velocity == pytest.approx(seen.velocity)
+    times = np.arange(60.0, 80.0, 0.1)
+    speeds = np.array([joined.of(replace(seen, t=t), 0.1, None).reference_velocity for t in times])
+    assert np.abs(speeds - seen.reference_velocity).max() < 0.14
+    assert not joined.has_joined(79.9)
+    assert joined.has_joined(80.0)
+    late = JoinedReference(replace(seen, t=rest - 10.0), share, along)
+    assert late.has_joined(rest - 1.9)
+    assert JoinedReference(replace(seen, t=rest + 10.0), share, along).has_joined(rest + 10.0)
+    far = JoinedReference(replace(seen, position=place + 44.0), share, along)
+    assert far.of(seen, 0.1, None).reference_position == pytest.approx(np.full(5, place + 28.0 / 15.0))
+
+
+@pytest.mark.parametrize(("new", "joins"), [("smc", True), ("pid", False)])
+def test_only_another_law_has_a_joined_reference(new: str, joins: bool) -> None:
+    """Breaks if a change of a gain hides the position error with which a law holds an unknown force."""
+    of, along = model(FIVE), profile()
+    control = stack(of, along=along)
+    for k in range(600, 603):
+        reference, estimate = asked(of, along, k * 100_000_000)
+        if k == 601:
+            control.swap(new, {})
+        control.step(
+            measured(of, reference.stamp, reference.position + 1.0, reference.velocity, 0.0), reference, estimate
+        )
+    assert (control._joined is not None) is joins
 
 
 def test_the_braking_law_takes_over_and_gives_back_without_a_jump(monkeypatch: pytest.MonkeyPatch) -> None:

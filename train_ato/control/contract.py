@@ -272,7 +272,8 @@ class Law(Protocol):
     called once before ``step()``: integrals, filters and predictions begin such that the demand is ``force``, the last
     command [N]. With or without it the demand begins there and changes in a tick by at most jerk of the profile x
     inertia x share x tick, for 3 s and until the law is reached; ``force_min`` and ``force_max`` are then within this
-    reach (:mod:`train_ato.control.takeover`).
+    reach. The reference of another law begins in the state of the train and joins the profile within 20 s
+    (:mod:`train_ato.control.takeover`).
 
     A law that raises or does not return gets no further step: the train brakes to standstill, and the run fails.
 

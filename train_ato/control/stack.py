@@ -27,7 +27,14 @@ from train_ato.control.contract import Law, LawInput, LawOutput
 from train_ato.control.plan_text import TimedPlan, plan_to_text
 from train_ato.control.registry import LAWS
 from train_ato.control.standstill import RELEASE_FORCE, held_by_holding_brake, needs_release
-from train_ato.control.takeover import DEFAULT_JERK, LawTransition, TakeoverRamp, largest_change, transition_jerk
+from train_ato.control.takeover import (
+    DEFAULT_JERK,
+    JoinedReference,
+    LawTransition,
+    TakeoverRamp,
+    largest_change,
+    transition_jerk,
+)
 from train_ato.messages.types import Array, DisturbanceEstimate, Measurement, Reference
 from train_ato.messages.validity import MAX_FORCE
 
@@ -124,7 +131,8 @@ class ControlStack:
         self._last = [0.0] * model.n_units
         self._before = self._last
         self._transition: LawTransition | None = None
-        self._takes_over = False
+        self._takes_over = self._joins = False
+        self._joined: JoinedReference | None = None
         self._braking: TakeoverRamp | None = None
         self._pressure: float | None = None
         self.law_brakes = False
@@ -159,7 +167,8 @@ class ControlStack:
 
         The new law takes over in the state of the run, see :class:`train_ato.control.contract.Law`. Its demand follows
         from the last command on, with the largest change of :mod:`train_ato.control.takeover`; after the braking law
-        with that of its takeover.
+        with that of its takeover. The reference of another law joins the profile from the state of the train on; with
+        other parameters of the same law it does not change, because the errors are those that the law has itself.
 
         Raises
         ------
@@ -167,13 +176,15 @@ class ControlStack:
             With the reason; the law is then unchanged.
         """
         self._law = self._make_law(name, parameters, self.period)
-        self._name = name
+        another, self._name = name != self._name, name
         self._fault = self.plan = None
         change = largest_change(self.model, transition_jerk(self._profile, self._jerk_limit))
         if self._braking is not None:
             change = self._braking.change
         self._transition = LawTransition(change, self.model.tick)
-        self._takes_over, self._braking = True, None
+        self._takes_over, self._joined = True, None
+        self._joins = another and self._braking is None
+        self._braking = None
         self._swaps += 1
 
     def brake(self, force: Array, least_jerk: float = 0.0) -> Array:
@@ -201,8 +212,8 @@ class ControlStack:
 
     @property
     def in_transition(self) -> bool:
-        """True from a change of the law until its demand is reached."""
-        return self._transition is not None
+        """True from a change of the law until its demand and the profile are reached."""
+        return self._transition is not None or self._joined is not None
 
     @property
     def holding(self) -> bool:
@@ -347,6 +358,7 @@ class ControlStack:
             try:
                 with step_limit(self._compensation):
                     inputs = self._law_input(measurement, reference, estimate, low, high)
+                inputs = self._on_joined_reference(inputs)
                 kind, name = "law", self._name
                 with step_limit(self._law):
                     if self._transition is not None:
@@ -378,6 +390,17 @@ class ControlStack:
                 self._saturated = True
         self._saturated_steps += self._saturated
         return sent
+
+    def _on_joined_reference(self, inputs: LawInput) -> LawInput:
+        """Return the inputs with the reference of a new law, see :class:`JoinedReference`."""
+        if self._joins and is_valid(inputs):
+            self._joins, self._joined = False, JoinedReference(inputs, self.model.share, self._profile)
+        if self._joined is None:
+            return inputs
+        if self._joined.has_joined(inputs.t):
+            self._joined = None
+            return inputs
+        return self._joined.of(inputs, self.period, getattr(self._law, "lookahead_times", None))
 
     def _taken_over(self, inputs: LawInput, transition: LawTransition) -> LawInput:
         """Return the inputs of a law in its transition, whose force limits are those that its demand can reach.

@@ -6,9 +6,12 @@ profile, at most ``limits.jerk`` of the scenario: a recorded profile has jumps o
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from train_ato.control.compensation.rigid import ProfileLike
+from train_ato.control.contract import LawInput
 from train_ato.control.train_model import TrainModel
 from train_ato.messages.types import Array
 
@@ -18,6 +21,10 @@ TRANSITION_TIME = 3.0
 """Time after a change of the law for which the largest change holds, and of a takeover by the full brake [s]."""
 DOUBLING_TIME = 1.0
 """Time in which the largest change doubles after ``TRANSITION_TIME``, if the law is still not reached [s]."""
+JOINING_TIME = 20.0
+"""Time in which the errors at a change of the law are removed [s]."""
+JOINING_SPEED = 0.14
+"""Largest speed error of this motion [m/s]: 0.5 km/h, the excess speed that the shipped scenarios permit."""
 _AGREED = 0.999
 """Part of the largest change within which a demand is reached: a law that obeys its limits can be at the whole."""
 
@@ -144,3 +151,60 @@ class LawTransition:
         self._ticks += 1
         sent: list[float] = (now + np.clip(self._aim - now, -change, change)).tolist()
         return sent
+
+
+class JoinedReference:
+    """Reference of a new law: it begins in the present state of the train and joins the profile without a jump.
+
+    A law that leaves a position error to its successor would else be followed by a speed error that neither of them has
+    alone. The difference from the profile is a cubic of the time, with the errors of position and speed at its begin,
+    up to the size that keeps ``JOINING_SPEED``, and 0 with slope 0 at its end.
+
+    Parameters
+    ----------
+    inputs
+        Input of the law at its first step.
+    share : Array, shape (units,)
+        Part of a total force for every unit.
+    profile
+        The speed profile: the difference ends before its next standstill.
+    """
+
+    def __init__(self, inputs: LawInput, share: Array, profile: ProfileLike) -> None:
+        _, speeds, _ = profile.at_times(inputs.t + np.arange(JOINING_TIME / 0.8 + 1.0))
+        rests = np.flatnonzero(speeds == 0.0)
+        left = 0.8 * float(rests[0]) if rests.size else JOINING_TIME
+        self._begin, self._lasting, self._share = inputs.t, min(left, JOINING_TIME), share
+        largest = JOINING_SPEED * self._lasting / 1.5
+        self._place = np.clip(inputs.position - inputs.reference_position, -largest, largest)
+        self._speed = np.clip(inputs.velocity - inputs.reference_velocity, -JOINING_SPEED, JOINING_SPEED)
+
+    def has_joined(self, t: float) -> bool:
+        """Return True if the difference has ended at a time [s]."""
+        return t >= self._begin + self._lasting
+
+    def _difference(self, t: Array | float) -> tuple[Array, Array]:
+        """Return the difference of position and speed for every unit [m, m/s], shape (times, units)."""
+        s = np.clip((np.atleast_1d(t)[:, None] - self._begin) / self._lasting, 0.0, 1.0)
+        place = self._place * (1.0 - s) ** 2 * (1.0 + 2.0 * s) + self._lasting * self._speed * s * (1.0 - s) ** 2
+        return place, (1.0 - s) * (self._speed * (1.0 - 3.0 * s) - 6.0 * s * self._place / self._lasting)
+
+    def of(self, inputs: LawInput, period: float, lookahead_times: Array | None) -> LawInput:
+        """Return the inputs with this reference, for the control period [s] and the times of the lookahead [s]."""
+        (place,), (speed,) = self._difference(inputs.t)
+        preview, ahead = inputs.preview, inputs.lookahead
+        if count := preview.velocity.size:
+            places, speeds = self._difference(inputs.t + inputs.delay_to_effect + period * np.arange(float(count)))
+            preview = replace(
+                preview, position=preview.position + places @ self._share,
+                velocity=preview.velocity + speeds @ self._share,
+            )  # fmt: skip
+        if ahead.velocity.size and lookahead_times is not None:
+            places, speeds = self._difference(inputs.t + lookahead_times)
+            ahead = replace(
+                ahead, position=ahead.position + places @ self._share, velocity=ahead.velocity + speeds @ self._share
+            )
+        return replace(
+            inputs, reference_position=inputs.reference_position + place,
+            reference_velocity=inputs.reference_velocity + speed, preview=preview, lookahead=ahead,
+        )  # fmt: skip

@@ -144,7 +144,7 @@ class MeasuredMotion:
         by_line = model.line_force(model.front(inputs.position)) / model.inertia
         stands = not simulated.size and self._at_rest(speed, reference) and not self._departs(inputs, force)
         if self._before is None or stands:
-            observer.stand(position_error, speed, place, reference, moving=not stands)
+            observer.stand(position_error, speed, place, reference, moving=not (stands or simulated.size))
             regressor = by_line
         else:
             force_before, resisting_before, reference_before = self._before

@@ -180,13 +180,13 @@ class Funnel(GuardedLaw):
         self._alpha = None
 
     def take_over(self, inputs: LawInput, force: Array) -> None:
-        """Begin at the last command [N]: the bias of the network, which is empty, takes the rest of the demand."""
+        """Begin with the nominal resistance in the empty network; the rest of the last command [N] may not last."""
         super().take_over(inputs, force)
-        if self.parameters.resistance == "model" or not is_valid(inputs):
+        if self.uses_feedforward or self.parameters.resistance != "network" or not is_valid(inputs):
             return
-        wanted, limit = plain_sum(self.demand(inputs)), self.parameters.weight_limit
-        self.clear_state()
-        self._bias = min(max((plain_sum(force.tolist()) - wanted) / self.model.inertia, -limit), limit)
+        place, speed = self.model.front(inputs.position), self.mean(inputs.velocity.tolist())
+        bias = self.model.resisting_force(place, speed, inputs.train_shoe_force) / self.model.inertia
+        self._bias = min(max(bias, -self.parameters.weight_limit), self.parameters.weight_limit)
 
     def demand(self, inputs: LawInput) -> list[float]:
         """Return the force demand of every unit [N]."""
