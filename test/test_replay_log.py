@@ -9,7 +9,7 @@ import pytest
 from mcap.writer import CompressionType, Writer
 from test_wire import LONG, message
 
-from train_ato.apps.replay.log import ReplayLog, message_time
+from train_ato.apps.replay.log import ReplayLog
 from train_ato.apps.replay.options import ReplayOptions, chosen_topics, parse_remap
 from train_ato.log.reading import stream
 from train_ato.log.run_log import RunLog
@@ -70,7 +70,7 @@ def test_entering_at_a_moment_leaves_nothing_out_and_adds_nothing(run, log, plac
     """Fails if a message late in the log is lost because its chunk was skipped."""
     moment = EPOCH_NS + round(place * 1e9)
     wanted = {"/ato/command", "/ato/estimate", "/train/vehicles"}
-    expected = [m for m in stream(run / "run.mcap") if m.channel.topic in wanted and message_time(m) >= moment]
+    expected = [m for m in stream(run / "run.mcap") if m.channel.topic in wanted and m.publish_ns >= moment]
     assert [(m.channel.topic, m.publish_ns, m.data) for m in log.messages(wanted, moment)] == [
         (m.channel.topic, m.publish_ns, m.data) for m in expected
     ]
@@ -134,7 +134,7 @@ def test_logs_of_others_are_entered_too(tmp_path, options):
         assert log.length == 49.0
         assert log.topics["/beat"].count == 50
         assert not log.topics["/beat"].latched
-        moments = [message_time(m) - log.begin_ns for m in log.messages({"/beat"}, log.begin_ns + 30 * 10**9)]
+        moments = [m.publish_ns - log.begin_ns for m in log.messages({"/beat"}, log.begin_ns + 30 * 10**9)]
         assert moments == [beat * 10**9 for beat in range(30, 50)]
 
 

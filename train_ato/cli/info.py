@@ -45,6 +45,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(options: argparse.Namespace) -> int:
     """Print summary, topics with counts, rates and gaps, changes and versions."""
     from train_ato.apps.runs.progress import share_bar
+    from train_ato.log.bag_layout import LOG
+    from train_ato.log.foreign_bag import bag_files
     from train_ato.log.overview import log_overview
     from train_ato.log.reading import log_file, partial_of, state_of
 
@@ -54,10 +56,12 @@ def execute(options: argparse.Namespace) -> int:
     if partial is not None:
         log, note = partial, f"{partial}: {state_of(partial)}"
     else:
-        _check_folder(run)
         log, note = log_file(run), ""
-    with share_bar(f"reading {log}") as progress:
+    with share_bar(f"reading {run}") as progress:
         found = log_overview(log, broken=partial is not None, progress=lambda share: progress(share, ""))
+    files = [log] if partial is not None or (run / LOG).is_file() else bag_files(run)
+    size = sum(file.stat().st_size for file in files)
+    found = dataclasses.replace(found, path=files[0] if len(files) == 1 else run, size=size)
     summary = _summary(run)
     rows = requirement_rows_of(run, options.requirement)
     if rows:
@@ -75,14 +79,6 @@ def execute(options: argparse.Namespace) -> int:
     if note:
         sys.stdout.write(f"{note}\n")
     return 0
-
-
-def _check_folder(run: Path) -> None:
-    """Check that a folder has a scenario or a log."""
-    from train_ato.log.versions import SCENARIO
-
-    if run.is_dir() and not (run / SCENARIO).is_file() and not (run / "run.mcap").is_file():
-        raise ValueError(f"{run}: not a run folder: no {SCENARIO}; name the folder of a run")
 
 
 def _summary(run: Path) -> dict[str, Any]:

@@ -191,7 +191,8 @@ class Definitions:
         Yields
         ------
         tuple of int
-            Channel number, log time and publish time [ns since 1970], begin and end of the payload in ``data``.
+            Channel number, log time and publish time [ns since 1970], begin and end of the payload in ``data``.  A
+            publish time of 0 in the file, of a recorder without one, is replaced by the log time.
 
         Raises
         ------
@@ -208,7 +209,7 @@ class Definitions:
                         raise Damage("a message reaches beyond its chunk")
                     if log_ns > MAX_TIME_NS or publish_ns > MAX_TIME_NS:
                         raise Damage("a message has a time after the year 2262")
-                    yield number, log_ns, publish_ns, place + _MESSAGE.size, stop
+                    yield number, log_ns, publish_ns or log_ns, place + _MESSAGE.size, stop
                 else:
                     code, length = HEAD.unpack_from(data, place)
                     stop = place + HEAD.size + length

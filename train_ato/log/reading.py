@@ -4,33 +4,47 @@ from __future__ import annotations
 
 import fcntl
 from collections.abc import Callable, Collection, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from mcap.opcode import Opcode
 
 from train_ato.log.bag_layout import LOG, PARTIAL, table_name
-from train_ato.log.mcap_chunk import chunk_content
-from train_ato.log.mcap_records import HEAD, Damage, Definitions, RawMessage, attachment_of, records
+from train_ato.log.foreign_bag import as_mcap
+from train_ato.log.mcap_records import attachment_of, records
+from train_ato.log.mcap_stream import Progress, blocks, readable, stream
 from train_ato.messages.topics import EPOCH_NS
+
+__all__ = [
+    "Progress",
+    "attachments",
+    "being_written",
+    "blocks",
+    "iter_raw",
+    "log_file",
+    "partial_of",
+    "read_log",
+    "readable",
+    "state_of",
+    "stream",
+]
 
 
 def log_file(run: Path) -> Path:
-    """Return the log of a run: the file itself or ``run.mcap`` in its folder.
+    """Return the log of a run: the file itself, ``run.mcap`` in its folder, or a bag of another recorder.
 
     Raises
     ------
     ValueError
         If there is no log, or only that of a killed or running run.
     """
-    path = run / LOG if run.is_dir() else run
+    path = run / LOG if (run / LOG).is_file() else run
     partial = partial_of(run)
     if partial is not None:
         raise ValueError(f"{partial}: {state_of(partial)}")
-    if not path.is_file():
+    if not path.exists():
         raise ValueError(f"{path}: no such log; name a run folder or an MCAP file")
-    return path
+    return as_mcap(path)
 
 
 def partial_of(run: Path) -> Path | None:
@@ -58,74 +72,6 @@ def being_written(path: Path) -> bool:
     except OSError:
         return False
     return False
-
-
-Progress = Callable[[float], None]
-"""Receiver of the completed fraction of a task, 0 to 1."""
-
-
-@contextmanager
-def readable(path: Path, *, broken: bool = False) -> Iterator[None]:
-    """Convert damage of a file and disk errors into a one-line ValueError; with ``broken``, stop at the damage.
-
-    Raises
-    ------
-    ValueError
-        If the file is not a log, damaged or unreadable.
-    """
-    try:
-        yield
-    except Damage as damage:
-        if not broken:
-            text = f"{path}: damaged or no log: {damage}; `train-ato recover {path}` saves the undamaged part"
-            raise ValueError(text) from None
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be read ({error.strerror or error})") from None
-
-
-def blocks(path: Path, progress: Progress | None = None) -> Iterator[bytes]:
-    """Read a log in blocks of records: the content of a chunk, or one record outside of chunks.
-
-    Every chunk is verified before it is returned, the whole file at its end.
-
-    Raises
-    ------
-    Damage
-        If the file is not a log or damaged.
-    """
-    with path.open("rb") as file:
-        size, done = max(1, path.stat().st_size), 0
-        for record in records(file, size):
-            done += len(record.content)
-            if record.code == Opcode.CHUNK:
-                yield chunk_content(record.content)
-                if progress is not None:
-                    progress(done / size)
-            elif record.code in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE):
-                yield HEAD.pack(record.code, len(record.content)) + record.content
-
-
-def stream(path: Path, *, broken: bool = False, progress: Progress | None = None) -> Iterator[RawMessage]:
-    """Read the messages of a log in the order of writing.
-
-    Parameters
-    ----------
-    path
-        MCAP file.
-    broken
-        Stop at the first damage without an error, for example at the end of a partial file.
-    progress
-        Receiver of the fraction of the file that is read.
-
-    Raises
-    ------
-    ValueError
-        If the file is not a log or damaged.
-    """
-    known = Definitions()
-    with readable(path, broken=broken):
-        for block in blocks(path, progress):
-            yield from known.messages(block)
 
 
 def attachments(path: Path, *, broken: bool = False) -> dict[str, bytes]:

@@ -2,7 +2,8 @@
 
 Only data with a correct checksum are used: chunks are found by their pattern at any place and verified.  Schemas and
 channels come from such chunks, or from a summary with a correct checksum.  Every recovered message was therefore
-recorded.
+recorded.  Messages outside of chunks, as ``fastwrite`` of ``ros2 bag`` writes them, have no checksum of their own: of a
+file that breaks off, all whole records are used.
 """
 
 from __future__ import annotations
@@ -10,9 +11,10 @@ from __future__ import annotations
 import mmap
 import re
 import shutil
+import struct
 import tempfile
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,15 +23,22 @@ from mcap.records import Attachment
 
 from train_ato.log.bag_layout import LOG, METADATA, PARTIAL
 from train_ato.log.bag_metadata import belongs, rewritten
+from train_ato.log.foreign_bag import PACKED, ROS_1, SQLITE, bag_files, head_of, of_sqlite, unpack
 from train_ato.log.mcap_chunk import chunk_content, chunk_head
 from train_ato.log.mcap_records import HEAD, Damage, Definitions, RawMessage, attachment_of, metadata_of, summary_of
 from train_ato.log.mcap_writer import MAGIC
-from train_ato.log.reading import Progress, being_written, stream
+from train_ato.log.reading import Progress, being_written, log_file, stream
 from train_ato.log.run_log import LogFile
 from train_ato.log.wall_time import WALL_TIME, WallTime
 
 _CHUNK = re.compile(rb"\x06.{8}.{24}.{4}(?:\x04\x00\x00\x00zstd|\x03\x00\x00\x00lz4|\x00\x00\x00\x00)", re.DOTALL)
 """Begin of a chunk: code, length, three numbers, checksum, name of the compression."""
+
+RECORDS = frozenset(map(int, Opcode)) | frozenset(range(0x80, 0x100))
+"""Codes of records, the last ones of other programs."""
+
+_SQLITE_HEAD = struct.Struct(">16xH10xI")
+"""Size and number of the pages of an SQLite file."""
 
 
 @dataclass(frozen=True)
@@ -73,14 +82,16 @@ def recover(file: Path, progress: Progress | None = None) -> Recovered:
     source, target = _names(file)
     if source == target and (count := _whole(source)) is not None:
         return _metadata_again(source, count)
-    kept = target.with_name(f"{target.name}.broken")
-    if kept.exists():
+    converted = source != target and source.suffix != ".partial"
+    kept = source if converted else target.with_name(f"{target.name}.broken")
+    if not converted and kept.exists():
         raise ValueError(f"{kept}: exists already; move it away first")
     try:
         with tempfile.TemporaryDirectory(dir=source.parent, prefix=".recover-") as scratch:
             messages, lost = _rewrite(source, Path(scratch), target.name, progress)
             bag = belongs(target.parent / METADATA, target.name)
-            source.rename(kept)
+            if not converted:
+                source.rename(kept)
             (Path(scratch) / target.name).rename(target)
             if bag:
                 shutil.move(Path(scratch) / METADATA, target.parent / METADATA)
@@ -90,10 +101,18 @@ def recover(file: Path, progress: Progress | None = None) -> Recovered:
 
 
 def _names(file: Path) -> tuple[Path, Path]:
-    """Return the damaged file and the name of the new one."""
+    """Return the damaged file and the name of the new one.
+
+    Raises
+    ------
+    ValueError
+        If there is no such file, or it cannot be recovered, or need not.
+    """
     source = file
     if file.is_dir():
         source = file / (PARTIAL if (file / PARTIAL).is_file() else LOG)
+        if not source.is_file() and (files := bag_files(file)):
+            source = next((part for part in files if _whole(part) is None), files[0])
     if not source.is_file():
         raise ValueError(f"{source}: no such file; name the run.mcap.partial of a killed run, or a damaged log")
     if source.suffix == ".partial":
@@ -103,13 +122,20 @@ def _names(file: Path) -> tuple[Path, Path]:
         if being_written(source):
             raise ValueError(f"{source}: is being written by a run that goes on; end it with Ctrl-C")
         return source, target
-    return source, source
+    if head_of(source) not in (PACKED, SQLITE):
+        return source, source
+    if _whole(source) is not None:
+        raise ValueError(f"{source}: is undamaged; there is nothing to recover")
+    target = source.with_name(f"{source.name.partition('.')[0]}.mcap")
+    if target.exists():
+        raise ValueError(f"{target}: exists already; move it away first")
+    return source, target
 
 
 def _whole(path: Path) -> int | None:
     """Return the number of messages in a log, None if it is damaged."""
     try:
-        return sum(1 for _ in stream(path))
+        return sum(1 for _ in stream(log_file(path)))
     except ValueError:
         return None
 
@@ -128,28 +154,53 @@ def _metadata_again(log: Path, messages: int) -> Recovered:
 
 
 def _rewrite(source: Path, scratch: Path, name: str, progress: Progress | None) -> tuple[int, int]:
-    """Write the undamaged chunks of a file into a folder; return the numbers of messages and of lost chunks."""
+    """Write the undamaged messages of a file into a folder; return the numbers of messages and of lost chunks."""
     log: LogFile | None = None
     numbers: dict[int, int] = {}
     count = 0
-    with source.open("rb") as file:
-        if source.stat().st_size == 0:
-            raise ValueError(f"{source}: is empty; nothing can be recovered")
-        with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
-            damaged = DamagedLog(data, progress)
-            for message in damaged.messages():
-                if log is None:
-                    attached = {entry.name: entry.data for entry in damaged.attachments()}
-                    log = LogFile(scratch, attached, name, wall_time=damaged.wall_time())
-                number = message.channel.id
-                if number not in numbers:
-                    numbers[number] = log.copy(message.channel, message.schema)
-                log.write(numbers[number], message.publish_ns, message.log_ns, message.data)
-                count += 1
+    with _readable_part(source, scratch, progress) as (damaged, messages):
+        for message in messages:
+            if log is None:
+                attached = {} if damaged is None else {entry.name: entry.data for entry in damaged.attachments()}
+                log = LogFile(scratch, attached, name, wall_time=None if damaged is None else damaged.wall_time())
+            number = message.channel.id
+            if number not in numbers:
+                numbers[number] = log.copy(message.channel, message.schema)
+            log.write(numbers[number], message.publish_ns, message.log_ns, message.data)
+            count += 1
     if log is None:
-        raise ValueError(f"{source}: holds no undamaged chunk of a log; nothing can be recovered")
+        raise ValueError(f"{source}: holds no undamaged message of a log; nothing can be recovered")
     log.close()
-    return count, damaged.lost
+    return count, 0 if damaged is None else damaged.lost
+
+
+@contextmanager
+def _readable_part(
+    source: Path, scratch: Path, progress: Progress | None
+) -> Iterator[tuple[DamagedLog | None, Iterator[RawMessage]]]:
+    """Yield the readable messages of a file, and the log of an MCAP file."""
+    if source.stat().st_size == 0:
+        raise ValueError(f"{source}: is empty; nothing can be recovered")
+    kind = head_of(source)
+    if kind == PACKED:
+        unpacked = scratch / "unpacked"
+        unpack(source, unpacked)
+        with _readable_part(unpacked, scratch, progress) as found:
+            yield found
+    elif kind == SQLITE:
+        whole = scratch / "whole.db3"
+        shutil.copyfile(source, whole)
+        with whole.open("r+b") as copy:  # SQLite opens no file that is shorter than its head says
+            head = copy.read(_SQLITE_HEAD.size)
+            page, pages = _SQLITE_HEAD.unpack(head) if len(head) == _SQLITE_HEAD.size else (0, 0)
+            copy.truncate(max(source.stat().st_size, page * pages))
+        yield None, of_sqlite(whole, broken=True)
+    elif kind == ROS_1:
+        log_file(source)  # the reason and its remedy
+    else:
+        with source.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+            damaged = DamagedLog(data, progress)
+            yield damaged, damaged.messages()
 
 
 class DamagedLog:
@@ -177,6 +228,8 @@ class DamagedLog:
         """Yield the messages of every undamaged chunk, in the order of the file."""
         known = Definitions()
         chunks = list(self._chunks())
+        if not chunks:
+            yield from self._outside(known)
         summed = any(crc for _, crc in chunks)
         for begin, crc in chunks:
             # If other chunks have a checksum, a missing one is damage.
@@ -186,6 +239,23 @@ class DamagedLog:
                 self.lost += 1
             if self._progress is not None:
                 self._progress(begin / len(self._data))
+
+    def _outside(self, known: Definitions) -> Iterator[RawMessage]:
+        """Yield the messages of a file without chunks that breaks off, up to the first record that is not whole."""
+        codes = [code for code, _, _ in self._records()]
+        if Opcode.DATA_END in codes:
+            return  # the file does not break off: a bit is wrong somewhere
+        with suppress(Damage):
+            for code, begin, end in self._records():
+                if code in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE):
+                    yield from known.messages(self._data[begin:end])
+
+    def _records(self) -> Iterator[tuple[int, int, int]]:
+        """Yield code, begin and end of the records up to the first one that is not whole."""
+        place = len(MAGIC)
+        while (content := self._content(place)) is not None and self._data[place] in RECORDS:
+            yield self._data[place], place, place + HEAD.size + len(content)
+            place += HEAD.size + len(content)
 
     def _inside(self, content: bytes | None, known: Definitions) -> list[RawMessage]:
         """Return the messages of a chunk, none of a damaged one."""
@@ -241,11 +311,9 @@ class DamagedLog:
 
     def _undamaged(self, code: Opcode) -> Iterator[bytes]:
         """Yield the content of the records of a kind before the first damage of a length."""
-        place = len(MAGIC)
-        while (content := self._content(place)) is not None:
-            if self._data[place] == code:
-                yield content
-            place += HEAD.size + len(content)
+        for found, begin, end in self._records():
+            if found == code:
+                yield self._data[begin + HEAD.size : end]
 
     def _take_summary(self, known: Definitions) -> None:
         """Add schemas and channels of the summary, if it has a correct checksum."""

@@ -52,11 +52,6 @@ class LogTopic:
     count: int = 0
 
 
-def message_time(message: RawMessage) -> int:
-    """Return the publish time of a message [ns since 1970], or its log time without one."""
-    return message.publish_ns or message.log_ns
-
-
 class ReplayLog:
     """An open log.
 
@@ -154,13 +149,13 @@ class ReplayLog:
         if self._chunks:
             last = range(max(0, len(self._chunks) - 2), len(self._chunks))
             return self._span(0)[0], max(self._span(place)[1] for place in last)
-        times = [message_time(message) for message in stream(self.path)]
+        times = [message.publish_ns for message in stream(self.path)]
         return (min(times), max(times)) if times else (0, 0)
 
     def _span(self, place: int) -> tuple[int, int]:
         """Return the first and the last publish time in a chunk."""
         if place not in self._spans:
-            times = [message_time(message) for message in self._messages_in(place)]
+            times = [message.publish_ns for message in self._messages_in(place)]
             self._spans[place] = (min(times), max(times)) if times else (0, 0)
         return self._spans[place]
 
@@ -203,7 +198,7 @@ class ReplayLog:
             If a part of the log is damaged.
         """
         for message in self._from(topics, from_ns):
-            if message.channel.topic in topics and message_time(message) >= from_ns:
+            if message.channel.topic in topics and message.publish_ns >= from_ns:
                 yield message
 
     def _from(self, topics: Collection[str], from_ns: int) -> Iterator[RawMessage]:
@@ -228,7 +223,7 @@ class ReplayLog:
         kept: dict[str, list[tuple[int, RawMessage]]] = {name: [] for name in depths}
         for number, message in enumerate(self._until(depths, until_ns)):
             name = message.channel.topic
-            if name in kept and message_time(message) <= until_ns:
+            if name in kept and message.publish_ns <= until_ns:
                 kept[name].append((number, message))
                 del kept[name][: -depths[name]]
         return [message for _, message in sorted((e for es in kept.values() for e in es), key=lambda entry: entry[0])]

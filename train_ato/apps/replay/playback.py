@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from train_ato.apps.replay.clock import ReplayClock
-from train_ato.apps.replay.log import DISORDER_NS, LogTopic, ReplayLog, message_time
+from train_ato.apps.replay.log import DISORDER_NS, LogTopic, ReplayLog
 from train_ato.apps.replay.options import ReplayOptions
 from train_ato.log.mcap_records import RawMessage
 
@@ -141,7 +141,7 @@ class Playback:
             self._progress(self.state)
 
     def _moment(self, message: RawMessage) -> float:
-        return (message_time(message) - self._log.begin_ns) * 1e-9
+        return (message.publish_ns - self._log.begin_ns) * 1e-9
 
     def _begin(self) -> None:
         self._go_to(self._offset)
@@ -166,7 +166,7 @@ class Playback:
         if self._duration is not None:
             last_ns = self._log.begin_ns + round((self._offset + self._duration) * 1e9)
         for message in self._log.messages(self._topics, start_ns):
-            stamp = message_time(message)
+            stamp = message.publish_ns
             if message.channel.topic in self._depths and stamp <= start_ns:
                 continue
             if last_ns is not None and stamp > last_ns:

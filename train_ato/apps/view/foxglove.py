@@ -16,7 +16,7 @@ import foxglove
 from foxglove import Capability, Channel, Context, Schema
 from foxglove.websocket import PlaybackCommand, PlaybackControlRequest, PlaybackState, PlaybackStatus, ServerListener
 
-from train_ato.apps.replay.log import ReplayLog, message_time
+from train_ato.apps.replay.log import ReplayLog
 from train_ato.apps.scene.sampling import VEHICLES, SceneSampler
 from train_ato.apps.view.feed import FRAMES_PER_SECOND, Feed
 from train_ato.apps.view.live import LiveFeed
@@ -237,17 +237,17 @@ class _Played:
         for _ in range(MOST_AT_ONCE):
             message = self._ahead or next(self._messages, None)
             self._ahead = message
-            if message is None or message_time(message) > now:
+            if message is None or message.publish_ns > now:
                 return now
             self._ahead = None
-            send(str(self._names[message.channel.topic]), message_time(message), bytes(message.data))
+            send(str(self._names[message.channel.topic]), message.publish_ns, bytes(message.data))
         self._enter(now, send)
         return now
 
     def _enter(self, now: int, send: Send) -> None:
         """Continue from another time; send the latched messages in force there."""
         for message in self._log.standing(self._depths, now):
-            send(str(self._names[message.channel.topic]), message_time(message), bytes(message.data))
+            send(str(self._names[message.channel.topic]), message.publish_ns, bytes(message.data))
         tick = round(self._feed.tick * 1e9)
         self._messages = self._log.messages([*self._names], now - tick + 1)
         self._ahead = None

@@ -9,7 +9,7 @@ from typing import Any
 
 import pandas as pd
 from mcap.records import Channel, Schema
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
 from plant_sim.input_error import close_match
 from train_ato.log.bag_layout import table_name
@@ -23,6 +23,12 @@ from train_ato.messages.topics import BY_NAME, EPOCH_NS
 from train_ato.messages.types import Diagnostic
 
 __all__ = ["Frames", "load"]
+
+PARSERS: dict[str, Callable[[Schema], Any]] = {
+    "ros2msg": lambda schema: get_types_from_msg(schema.data.decode(), schema.name),
+    "ros2idl": lambda schema: get_types_from_idl(schema.data.decode()),
+}
+"""Parsers of the definitions of ROS 2 messages, by encoding."""
 
 
 class Frames(dict[str, pd.DataFrame]):
@@ -122,7 +128,7 @@ class _Loading:
     def _wanted(self, channel: Channel, schema: Schema) -> bool:
         if self._topics is not None and not any(_named(channel.topic, name) for name in self._topics):
             return False
-        if channel.message_encoding != "cdr" or schema.encoding != "ros2msg":
+        if channel.message_encoding != "cdr" or schema.encoding not in PARSERS:
             encodings = f"{channel.message_encoding}, {schema.encoding or 'no schema'}"
             self._left_out[channel.topic] = f"encoding {encodings}: not ROS 2"
             return False
@@ -208,7 +214,7 @@ def _types(schema: Schema) -> Any:
     """
     store = get_typestore(Stores.EMPTY)
     try:
-        store.register(get_types_from_msg(schema.data.decode(), schema.name))
+        store.register(PARSERS[schema.encoding](schema))
     except Exception as error:
         raise ValueError(f"the definition of {schema.name} is not readable ({type(error).__name__})") from None
     return store

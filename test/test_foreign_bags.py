@@ -1,0 +1,268 @@
+"""Bags of other recorders: `info`, `export`, `replay`, `view` and `recover` read them, or name a remedy that works."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from collections.abc import Callable
+from pathlib import Path
+
+import pandas as pd
+import pytest
+import yaml
+import zstandard
+from mcap.writer import CompressionType, IndexType
+from mcap.writer import Writer as McapWriter
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.rosbag2.enums import CompressionFormat, CompressionMode
+from rosbags.typesys import Stores, get_typestore
+
+import train_ato as ta
+from train_ato.apps.replay.log import ReplayLog
+from train_ato.apps.view.recorded import RecordedFeed
+from train_ato.cli import main
+from train_ato.log.mcap_records import RawMessage
+from train_ato.log.reading import stream
+
+TYPES = get_typestore(Stores.ROS2_JAZZY)
+SQL, MCAP = StoragePlugin.SQLITE3, StoragePlugin.MCAP
+CHUNK = 1 << 16
+BY_FILE, BY_MESSAGE = CompressionMode.FILE, CompressionMode.MESSAGE
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Run of 3 s with the supervisor, recorded by this project."""
+    return ta.run("demo", set={"duration": 3}).save(tmp_path_factory.mktemp("foreign") / "run")
+
+
+@pytest.fixture(scope="module")
+def messages(run: Path) -> list[RawMessage]:
+    return list(stream(run / "run.mcap"))
+
+
+def rosbag(
+    messages: list[RawMessage], folder: Path, storage: StoragePlugin, mode: CompressionMode | None = None
+) -> Path:
+    """Write a bag with the package ``rosbags``, which has the layout of `ros2 bag record`."""
+    writer = Writer(folder, version=9, storage_plugin=storage)
+    if mode is not None:
+        writer.set_compression(mode, CompressionFormat.ZSTD)
+    with writer:
+        known = {}
+        for message in messages:
+            name = message.channel.topic
+            if name not in known:
+                known[name] = writer.add_connection(name, message.schema.name, typestore=TYPES)
+            writer.write(known[name], message.publish_ns, message.data)
+    return folder
+
+
+def mcap(messages: list[RawMessage], path: Path, idl: bool = False, publish: bool = True, **options: object) -> Path:
+    """Write a file with the package ``mcap``."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("wb") as file:
+        writer = McapWriter(file, **options)  # type: ignore[arg-type]
+        writer.start(profile="ros2")
+        known: dict[str, int] = {}
+        for message in messages:
+            name, kind = message.channel.topic, message.schema
+            if name not in known:
+                text = TYPES.generate_msgdef(kind.name)[0].encode() if not idl else idl_text(kind.name)
+                schema = writer.register_schema(kind.name, "ros2idl" if idl else "ros2msg", text)
+                known[name] = writer.register_channel(name, "cdr", schema, dict(message.channel.metadata))
+            writer.add_message(known[name], message.log_ns, message.data, message.publish_ns if publish else 0)
+        writer.finish()
+    return path
+
+
+def idl_text(name: str) -> bytes:
+    """Return a definition in IDL; the reader has the types of the topic table."""
+    if not name.endswith("/Float64"):
+        return b"module builtin_interfaces { module msg { struct Time { int32 sec; uint32 nanosec; }; }; };"
+    return b"module std_msgs { module msg { struct Float64 { double data; }; }; };"
+
+
+def split(messages: list[RawMessage], folder: Path, *, metadata: bool) -> Path:
+    """Write a bag of eleven files, as `ros2 bag record --max-bag-size`."""
+    size = -(-len(messages) // 11)
+    files = [
+        mcap(messages[begin : begin + size], folder / f"long_{number}.mcap", chunk_size=CHUNK // 8)
+        for number, begin in enumerate(range(0, len(messages), size))
+    ]
+    if metadata:
+        information = {"version": 9, "storage_identifier": "mcap", "compression_mode": "NONE"}
+        information["relative_file_paths"] = [file.name for file in files]
+        (folder / "metadata.yaml").write_text(yaml.safe_dump({"rosbag2_bagfile_information": information}))
+    assert len(files) == 11
+    return folder
+
+
+def packed(file: Path) -> Path:
+    """Compress a file as `ros2 bag record --compression-mode file`."""
+    out = file.with_name(f"{file.name}.zstd")
+    out.write_bytes(zstandard.ZstdCompressor().compress(file.read_bytes()))
+    file.unlink()
+    return out
+
+
+def only(folder: Path) -> Path:
+    """Return the storage file of a bag without its metadata."""
+    (folder / "metadata.yaml").unlink()
+    (file,) = folder.iterdir()
+    return file
+
+
+def renamed(file: Path, name: str) -> Path:
+    """Rename a file."""
+    return file.rename(file.with_name(name))
+
+
+def lone_folder(folder: Path) -> Path:
+    only(folder)
+    return folder
+
+
+Make = Callable[[list[RawMessage], Path], Path]
+READ: dict[str, Make] = {
+    "folder": lambda m, at: rosbag(m, at / "ride of monday", MCAP),
+    "folder without metadata": lambda m, at: lone_folder(rosbag(m, at / "ride", MCAP)),
+    "split": lambda m, at: split(m, at / "long", metadata=True),
+    "split without metadata": lambda m, at: split(m, at / "long", metadata=False),
+    "compressed by file": lambda m, at: rosbag(m, at / "ride", MCAP, BY_FILE),
+    "compressed by message": lambda m, at: rosbag(m, at / "ride", MCAP, BY_MESSAGE),
+    "one file compressed by message": lambda m, at: next(rosbag(m, at / "ride", MCAP, BY_MESSAGE).glob("*.mcap")),
+    "SQLite": lambda m, at: rosbag(m, at / "ride", SQL),
+    "SQLite file": lambda m, at: renamed(only(rosbag(m, at / "ride", SQL)), "100% new? #1.db3"),
+    "SQLite compressed by file": lambda m, at: rosbag(m, at / "ride", SQL, BY_FILE),
+    "SQLite compressed by message": lambda m, at: rosbag(m, at / "ride", SQL, BY_MESSAGE),
+    "file compressed as a whole": lambda m, at: packed(mcap(m, at / "ride_0.mcap")),
+    "no summary": lambda m, at: mcap(m, at / "a.mcap", **NO_SUMMARY),
+    "unchunked": lambda m, at: mcap(m, at / "a.mcap", use_chunking=False),
+    "lz4": lambda m, at: mcap(m, at / "a.mcap", compression=CompressionType.LZ4),
+    "no checksums": lambda m, at: mcap(m, at / "a.mcap", enable_crcs=False, enable_data_crcs=False),
+    "publish time 0": lambda m, at: mcap(m, at / "a.mcap", publish=False),
+    "ros2idl": lambda m, at: mcap(m, at / "a.mcap", idl=True),
+}  # fmt: skip
+
+
+NO_SUMMARY = {"use_statistics": False, "repeat_channels": False, "repeat_schemas": False, "index_types": IndexType.NONE}
+
+
+def info(path: Path, capsys: pytest.CaptureFixture[str]) -> dict[str, object]:
+    assert main(["info", str(path), "--json"]) == 0, capsys.readouterr().err
+    found: dict[str, object] = json.loads(capsys.readouterr().out)
+    return found
+
+
+def assert_equal_tables(one: Path, other: Path) -> None:
+    """Fail unless both exports have the same files, columns and bits; the schema has no other attributes."""
+    assert {file.name for file in one.iterdir()} == {file.name for file in other.iterdir()}
+    for file in one.iterdir():
+        pd.testing.assert_frame_equal(pd.read_parquet(file), pd.read_parquet(other / file.name), check_exact=True)
+
+
+@pytest.mark.parametrize("kind", READ)
+def test_a_bag_of_another_recorder_is_read(
+    kind: str, run: Path, messages: list[RawMessage], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Breaks if a kind is refused, loses a message or a row, or its times are those of another clock."""
+    bag = READ[kind](messages, tmp_path)
+    before = sorted((path, path.stat().st_size) for path in tmp_path.rglob("*"))
+    found, ours = info(bag, capsys), info(run, capsys)
+    assert (found["messages"], found["duration_s"]) == (ours["messages"], ours["duration_s"])
+    assert found["topics"] == ours["topics"]
+    assert str(found["log"]).startswith(str(tmp_path)) and found["log_bytes"]
+    assert main(["export", str(bag), f"--out={tmp_path / 'tables'}"]) == 0
+    if not (run.parent / "tables").exists():
+        assert main(["export", str(run), f"--out={run.parent / 'tables'}"]) == 0
+    assert_equal_tables(tmp_path / "tables", run.parent / "tables")
+    with ReplayLog(bag) as log:  # of the command replay
+        sent = [(m.channel.topic, m.publish_ns, bytes(m.data)) for m in log.messages(set(log.topics), 0)]
+    assert sorted(sent) == sorted((m.channel.topic, m.publish_ns, m.data) for m in messages)
+    feed = RecordedFeed(bag)  # of the command view
+    assert feed.span == pytest.approx((0.0, 3.0))
+    capsys.readouterr()
+    assert main(["recover", str(bag)]) == 2
+    assert "undamaged; there is nothing to recover" in capsys.readouterr().err
+    after = sorted((path, path.stat().st_size) for path in tmp_path.rglob("*") if "tables" not in path.parts)
+    assert after == before
+
+
+def cut(file: Path, share: float = 0.7) -> Path:
+    """Cut the end of a file off."""
+    data = file.read_bytes()
+    file.write_bytes(data[: int(share * len(data))])
+    return file
+
+
+def cut_last(folder: Path, share: float = 0.7) -> Path:
+    """Cut the end of the last file of a bag off."""
+    cut(sorted(folder.glob("*.mcap"))[-1], share)
+    return folder
+
+
+def killed(messages: list[RawMessage], file: Path) -> Path:
+    """Write what `ros2 bag record --storage-preset-profile fastwrite` leaves: no end, the last message incomplete."""
+    data = mcap(messages, file, use_chunking=False, use_statistics=False, use_summary_offsets=False).read_bytes()
+    end = data.rindex(messages[-1].data)
+    file.write_bytes(data[: end + 4])
+    return file
+
+
+REFUSED: dict[str, Make] = {
+    "cut": lambda m, at: cut(mcap(m, at / "a.mcap", chunk_size=CHUNK)),
+    "cut, unchunked": lambda m, at: killed(m, at / "a.mcap"),
+    "one of a split bag cut": lambda m, at: cut_last(split(m, at / "long", metadata=True), 0.6),
+    "cut in its folder": lambda m, at: cut_last(rosbag(m, at / "ride", MCAP)),
+    "compressed and cut": lambda m, at: cut(packed(mcap(m, at / "ride.mcap", chunk_size=CHUNK))),
+    "SQLite, cut": lambda m, at: cut(only(rosbag(m, at / "ride", SQL))),
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def many(messages: list[RawMessage]) -> list[RawMessage]:
+    """Messages of several chunks of 1 MiB."""
+    shifts = [shift * 4_000_000_000 for shift in range(12)]
+    return [m._replace(publish_ns=m.publish_ns + by, log_ns=m.log_ns + by) for by in shifts for m in messages]
+
+
+@pytest.mark.parametrize("kind", REFUSED)
+def test_the_remedy_for_a_damaged_bag_works(
+    kind: str, many: list[RawMessage], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Breaks if a damaged bag is read as whole, or the command of the message does not make it readable."""
+    bag = REFUSED[kind](many, tmp_path)
+    lines = set()
+    for command in (["info"], ["export", f"--out={tmp_path / 'tables'}"], ["replay"], ["view", "--no-browser"]):
+        assert main([command[0], str(bag), *command[1:]]) == 2, command
+        lines.add(capsys.readouterr().err)
+    (line,) = lines
+    assert line.count("\n") == 1 and str(bag) in line
+    assert main([*shlex.split(line.split("`train-ato ")[1].split("`")[0]), "--json"]) == 0
+    made = Path(json.loads(capsys.readouterr().out)["log"])
+    with ReplayLog(bag if bag.is_dir() else made) as log:
+        found = [(m.channel.topic, m.publish_ns, bytes(m.data)) for m in log.messages(set(log.topics), 0)]
+    recorded = iter([(m.channel.topic, m.publish_ns, m.data) for m in many])
+    assert all(message in recorded for message in found)  # in this order
+    assert len(many) // 8 < len(found) < len(many)
+    assert kind != "cut, unchunked" or len(found) == len(many) - 1
+
+
+def test_a_bag_of_ros_1_names_its_converter(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if a bag of ROS 1 is called damaged, or `recover` is named for it."""
+    bag = tmp_path / "old.bag"
+    bag.write_bytes(b"#ROSBAG V2.0\n" + bytes(5000))
+    for command in ("info", "export", "recover"):
+        assert main([command, str(bag)]) == 2
+        assert "ROS 1; convert it: `rosbags-convert --src" in capsys.readouterr().err
+
+
+def test_a_missing_file_of_a_split_bag_is_named(
+    messages: list[RawMessage], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Breaks if the messages of a missing file are left out without a word."""
+    bag = split(messages, tmp_path / "long", metadata=True)
+    (bag / "long_4.mcap").unlink()
+    assert main(["info", str(bag)]) == 2
+    assert "metadata.yaml: relative_file_paths: long_4.mcap is missing" in capsys.readouterr().err

@@ -1,0 +1,226 @@
+"""Bags of ``ros2 bag record`` as one MCAP file: folders of any name, split, compressed, SQLite.
+
+A bag that is not a single plain MCAP file is copied once per process into a temporary one, with all its messages.
+"""
+
+from __future__ import annotations
+
+import re
+import sqlite3
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, closing, suppress
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import zstandard
+from mcap.records import Channel, Schema
+from mcap.writer import CompressionType, Writer
+
+from plant_sim.data_text import parse_yaml
+from train_ato.log.bag_layout import METADATA
+from train_ato.log.definitions import definition
+from train_ato.log.mcap_records import RawMessage
+from train_ato.log.mcap_stream import stream
+from train_ato.log.mcap_writer import MAGIC
+
+BAG = "rosbag2_bagfile_information"
+"""Top-level key of ``metadata.yaml``."""
+SUFFIXES = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")
+ROS_1 = b"#ROSBAG V"
+SQLITE = b"SQLite format 3\0"
+PACKED = b"\x28\xb5\x2f\xfd"
+"""First bytes of a Zstandard frame; a CDR message begins with 0."""
+_BY_MESSAGE = re.compile(r"compression_mode:\s*['\"]?message", re.IGNORECASE)
+_copies: dict[tuple[Any, ...], Path] = {}
+_scratch = ExitStack()
+"""Folder of the copies; it is removed at the end of the process."""
+
+
+def bag_files(path: Path) -> list[Path]:
+    """Return the files of a bag in their order: those that ``metadata.yaml`` of a folder names, else all of them.
+
+    Parameters
+    ----------
+    path
+        Folder, or a file of a bag.
+
+    Raises
+    ------
+    ValueError
+        If ``metadata.yaml`` names a file that is missing.
+    """
+    if not path.is_dir():
+        return [path]
+    names = _information(path).get("relative_file_paths")
+    if not isinstance(names, list) or not names:
+        return sorted((file for file in path.iterdir() if file.name.endswith(SUFFIXES)), key=_number)
+    files = [path / Path(str(name)).name for name in names]  # version 1 to 3 of the metadata: with the folder
+    for file in files:
+        if not file.is_file():
+            raise ValueError(
+                f"{path / METADATA}: relative_file_paths: {file.name} is missing; "
+                "copy it back, or name the other files one by one"
+            )
+    return files
+
+
+def _number(file: Path) -> tuple[int, str]:
+    """Return the number of a file of a split bag and its name."""
+    found = re.search(r"_(\d+)\.", file.name)
+    return (int(found[1]) if found else 0), file.name
+
+
+def _information(folder: Path) -> dict[str, Any]:
+    """Return the bag information of a folder, empty without a readable one."""
+    try:
+        found = parse_yaml((folder / METADATA).read_text(encoding="utf-8"))
+        return dict(found[BAG])
+    except (OSError, ValueError, KeyError, TypeError):
+        return {}
+
+
+def _packed_by_message(folder: Path) -> bool:
+    """Return True if every message of a bag is compressed."""
+    with suppress(OSError, UnicodeDecodeError):
+        return bool(_BY_MESSAGE.search((folder / METADATA).read_text(encoding="utf-8")))
+    return False
+
+
+def as_mcap(path: Path) -> Path:
+    """Return the MCAP file with the messages of a bag: its own file, or a copy.
+
+    Parameters
+    ----------
+    path
+        Folder of a bag, or a file of one.
+
+    Raises
+    ------
+    ValueError
+        One line: no bag, or a bag that cannot be read, with the remedy.
+    """
+    files = bag_files(path)
+    if not files:
+        raise ValueError(f"{path}: not a run folder: no such log; name the folder of a run or of `ros2 bag record`")
+    if len(files) == 1 and head_of(files[0]) == MAGIC and not _packed_by_message(files[0].parent):
+        return files[0]
+    key = tuple((file.resolve(), file.stat().st_size, file.stat().st_mtime_ns) for file in files)
+    if key not in _copies:
+        folder = tempfile.TemporaryDirectory(prefix="train_ato_bag_", ignore_cleanup_errors=True)
+        _scratch.enter_context(folder)
+        _copies[key] = _copied(files, path.name.partition(".")[0], Path(folder.name))
+    return _copies[key]
+
+
+def head_of(file: Path) -> bytes:
+    """Return the first bytes of a file by its format, those of MCAP for any other."""
+    try:
+        with file.open("rb") as stream:
+            begin = stream.read(16)
+    except OSError as error:
+        raise ValueError(f"{file}: cannot be read ({error.strerror})") from None
+    return next((known for known in (SQLITE, PACKED, ROS_1) if begin.startswith(known)), MAGIC)
+
+
+def _copied(files: list[Path], name: str, folder: Path) -> Path:
+    """Write the messages of several files into one MCAP file of a folder."""
+    numbers: dict[tuple[str, str], int] = {}
+    copy = folder / f"{name or 'bag'}.mcap"
+    with copy.open("wb") as out:
+        writer = Writer(out, compression=CompressionType.NONE)
+        writer.start("ros2", "train_ato")
+        for place, file in enumerate(files):
+            for channel, schema, publish_ns, log_ns, data in _messages(file, folder / f"part_{place}"):
+                key = (channel.topic, schema.name)
+                if key not in numbers:
+                    kind = writer.register_schema(schema.name, schema.encoding, schema.data) if schema.id else 0
+                    numbers[key] = writer.register_channel(
+                        channel.topic, channel.message_encoding, kind, channel.metadata
+                    )
+                if data.startswith(PACKED):
+                    data = zstandard.ZstdDecompressor().decompressobj().decompress(data)
+                writer.add_message(numbers[key], log_ns, data, publish_ns)
+        writer.finish()  # type: ignore[no-untyped-call]
+    return copy
+
+
+def _messages(file: Path, part: Path) -> Iterator[RawMessage]:
+    """Read the messages of a file, unpacked into ``part`` if it is compressed.
+
+    Raises
+    ------
+    ValueError
+        One line: the file is damaged or of another format, with the remedy.
+    """
+    head = head_of(file)
+    if head == ROS_1:
+        raise ValueError(f"{file}: a bag of ROS 1; convert it: `rosbags-convert --src {file} --dst {file.stem}`")
+    if head == PACKED:
+        unpack(file, part)
+        try:
+            yield from _messages(part, part.with_suffix(".again"))
+        except ValueError as error:
+            raise ValueError(str(error).replace(str(part), str(file))) from None
+        finally:
+            part.unlink()
+    elif head == SQLITE:
+        yield from of_sqlite(file)
+    else:
+        yield from stream(file)
+
+
+def unpack(file: Path, target: Path) -> None:
+    """Decompress a file as far as it is readable."""
+    frame = zstandard.ZstdDecompressor().decompressobj()
+    with file.open("rb") as source, target.open("wb") as out, suppress(zstandard.ZstdError):
+        while data := source.read(1 << 16):
+            out.write(frame.decompress(data))
+
+
+def of_sqlite(file: Path, *, broken: bool = False) -> Iterator[RawMessage]:
+    """Read the messages of an SQLite bag of any version; with ``broken``, up to the damage.
+
+    Raises
+    ------
+    ValueError
+        One line: the file is damaged or no bag.
+    """
+    order = "rowid" if broken else "timestamp"  # an index may be the damaged part
+    address = f"file:{quote(str(file.resolve()))}?mode=ro&immutable=1"
+    try:
+        with closing(sqlite3.connect(address, uri=True)) as database:
+            kinds = {row["id"]: _kind(row, database) for row in _rows(database, "topics")}
+            for topic, stamp, data in database.execute(
+                f"SELECT topic_id, timestamp, data FROM messages ORDER BY {order}"
+            ):
+                yield RawMessage(*kinds[topic], stamp, stamp, data)
+    except (sqlite3.Error, KeyError) as error:
+        if not broken:
+            reason = f"damaged or no bag ({error}); `train-ato recover {file}` saves the readable part"
+            raise ValueError(f"{file}: {reason}") from None
+
+
+def _rows(database: sqlite3.Connection, table: str) -> Iterator[dict[str, Any]]:
+    """Yield the rows of a table by column, none of a table that the version of the bag does not have."""
+    known = database.execute("SELECT 1 FROM sqlite_master WHERE type = 'table' AND name = ?", (table,)).fetchone()
+    if known or table == "topics":
+        found = database.execute(f"SELECT * FROM {table}")
+        names = [column[0] for column in found.description]
+        yield from (dict(zip(names, row, strict=True)) for row in found)
+
+
+def _kind(topic: Mapping[str, Any], database: sqlite3.Connection) -> tuple[Channel, Schema]:
+    """Return channel and schema of a topic; bags before Iron have no definitions of messages."""
+    name, text, encoding = topic["type"], "", ""
+    for row in _rows(database, "message_definitions"):
+        if row["topic_type"] == name:
+            text, encoding = row["encoded_message_definition"], row["encoding"]
+    if not text:
+        with suppress(KeyError, ValueError):  # a type that is not known here
+            text, encoding = definition(name).text, "ros2msg"
+    metadata = {"offered_qos_profiles": topic.get("offered_qos_profiles") or "[]"}
+    metadata["topic_type_hash"] = topic.get("type_description_hash") or ""
+    channel = Channel(topic["id"], topic["name"], topic["serialization_format"], metadata, 1)
+    return channel, Schema(id=1, data=text.encode(), encoding=encoding, name=name)
