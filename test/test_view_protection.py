@@ -68,6 +68,19 @@ def test_states_follow_the_diagnostics() -> None:
     assert states_after(states[-1], told(7, "observer", "observing")) is states[-1]
 
 
+def test_gains_that_do_not_fit_are_a_message_of_the_page() -> None:
+    """Breaks if the page says nothing after a change of law, or repeats the advice every second."""
+    poor = {"controller": "smc", "advice": "smc: printed gains; try --set laws.smc.gains=model"}
+    values = [{"controller": "pid"}, poor, poor, {"controller": "pid"}, poor]
+    _, _, marks = protection_history(
+        [Diagnostic(second * 10**9, "controller", 0, "engaged", value) for second, value in enumerate(values)]
+    )
+    assert [(mark.time, mark.text, mark.acknowledge) for mark in marks] == [
+        (1.0, poor["advice"], False),
+        (4.0, poor["advice"], False),
+    ]
+
+
 def test_a_recorded_run_has_limits_and_states_of_its_time(braked: Path, plain: Path) -> None:
     """Breaks if limits are those of another time, a state is late, or a run without a supervisor has any."""
     feed = RecordedFeed(braked)

@@ -24,9 +24,12 @@ class ProtectionTracker:
     Attributes
     ----------
     states : ProtectionStates
+    advice : str
+        Remedy for gains or a delay that do not fit, as the controller reported it last.
     """
 
     states: ProtectionStates = field(default_factory=ProtectionStates)
+    advice: str = ""
 
     def take(self, message: Diagnostic) -> list[Mark]:
         """Take one message of the diagnostics; return the changes that it reports as marks of the strip charts."""
@@ -44,6 +47,10 @@ class ProtectionTracker:
             label = "" if now.ato in WAITING else now.ato.removeprefix(f"{AtoState.ENGAGED.text}, ")
             failed = now.ato == AtoState.FAILURE.text
             marks.append(Mark(time, label, _text(f"ATO {now.ato}", now.ato_reason), acknowledge=failed))
+        if message.node == "controller":
+            advice, self.advice = self.advice, message.values.get("advice", "")
+            if self.advice not in ("", advice):
+                marks.append(Mark(time, "", self.advice))
         return marks
 
 
