@@ -330,6 +330,11 @@ class Recording:
     def poll_until(self, condition):
         wait_for(condition, turn=lambda: self.node.poll(last=True))
 
+    def connect(self, foreign, topic, count=1):
+        """Wait for both sides of the discovery: a publisher that has met the recorder may still be unknown to it."""
+        foreign.until(foreign.publisher(topic).get_subscription_count)
+        foreign.until(lambda: self.endpoints.senders(topic) == count)
+
 
 @pytest.fixture
 def recording(setup, domain, tmp_path):
@@ -349,7 +354,8 @@ def test_commands_lost_before_the_first_recorded_one_are_said(recording, domain,
         for tick in range(3):
             command.publish(encode("ato/command", Command(tick * TICK, np.zeros(1))))
         recorder = recording()
-        controller.until(command.get_subscription_count)
+        recorder.connect(controller, "ato/command")
+        recorder.connect(plant, "train/measurement")
         publishers = recorder.endpoints.node.get_publishers_info_by_topic
         wait_for(lambda: "my_controller" in [info.node_name for info in publishers("/ato/command")])
         command.publish(encode("ato/command", Command(3 * TICK, np.zeros(1))))
@@ -368,7 +374,7 @@ def test_a_recorder_that_comes_late_records_the_rest(recording, domain, setup):
         publisher = plant.publisher("train/measurement")
         publisher.publish(encode("train/measurement", measured))
         recorder = recording()
-        plant.until(publisher.get_subscription_count)
+        recorder.connect(plant, "train/measurement")
         publisher.publish(encode("train/measurement", dataclasses.replace(measured, stamp=TICK)))
         recorder.poll_until(lambda: recorder.node.log.counts["train/measurement"] == 1)
         recorder.node.poll()
@@ -379,10 +385,12 @@ def test_diagnostics_under_the_name_of_a_node_are_those_of_one_publisher(recordi
     with ForeignNode(domain, "controller") as own, ForeignNode(domain, "intruder") as foreign:
         recorder = recording()
         wire, counts = recorder.endpoints.wire, lambda: recorder.node.log.counts["/diagnostics"]
+        recorder.connect(own, "/diagnostics")
         for second in range(3):
             own.publish("/diagnostics", _report(wire, "controller", second))
         recorder.poll_until(lambda: counts() == 3)
         assert recorder.notes == []
+        recorder.connect(foreign, "/diagnostics", 2)
         foreign.publish("/diagnostics", _report(wire, "lidar", 3))
         recorder.poll_until(lambda: recorder.notes)
         text = "node intruder publishes /diagnostics too; only messages of the run's nodes are recorded"
@@ -422,6 +430,7 @@ def test_a_repeated_clock_is_not_recorded(recording, domain):
     """Breaks if the time that a paused plant repeats is in the log, which then differs from that of the engine."""
     with ForeignNode(domain, "plant") as plant:
         recorder = recording()
+        recorder.connect(plant, "/clock")
         for stamp in (0, TICK, TICK, TICK, 2 * TICK):
             plant.publish("/clock", recorder.endpoints.wire.encode("/clock", Tick(stamp)))
         recorder.poll_until(lambda: recorder.node.log.counts["/clock"] >= 3)

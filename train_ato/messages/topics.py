@@ -319,7 +319,8 @@ _TABLE: tuple[Topic, ...] = (
         publishers=(Role.RECORDER,),
         readers=(Role.PLANT,),
         rate=Rate.SECOND,
-        meaning="newest stamp completely recorded; the plant is at most half a queue ahead of it",
+        meaning="newest stamp up to which the topics of the plant are recorded; the plant is at most half a queue "
+        "ahead of it; before the start 0: the recorder receives every publisher",
         recorded=False,
     ),
 )

@@ -246,7 +246,7 @@ def pipe_curves(recording: Recording) -> Curves:
         for name, found in (("pipe_demand", demand), ("pipe", head), ("pipe_tail", tail))
         if found is not None
     }
-    if all(np.nanmax(values) - np.nanmin(values) < 1.0 for values in columns.values()):
+    if all(np.nanmax(row, initial=-np.inf) - np.nanmin(row, initial=np.inf) < 1.0 for row in columns.values()):
         raise NotAvailable(NEVER_APPLIED)
     return Curves(time, columns)
 

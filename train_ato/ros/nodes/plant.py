@@ -59,6 +59,8 @@ class PlantNode:
     ----------
     finished : bool
         True after the last tick and its report.
+    recorder_connected : bool
+        True after the message of a recorder that receives every publisher.
     paused : bool
         True while only single steps begin a tick.
     sent_stamp : int
@@ -90,7 +92,7 @@ class PlantNode:
         self.late = self.held = 0
         self.answers = TickAnswers(stage.setup)
         self.sent_stamp = -1
-        self.blocked = False
+        self.blocked = self.recorder_connected = False
         self.paused = False
         self._recorded = recorded
         self._begun = self._waiting = self._stopping = self._single = False
@@ -395,6 +397,9 @@ class PlantNode:
         self._next()
 
     def _on_recorder_progress(self, tick: Tick) -> None:
+        if not tick.stamp:
+            self.recorder_connected = True
+            return
         acknowledged = tick.stamp // self.stage.setup.tick_ns
         if not self._acknowledged < acknowledged <= self.stage.tick:
             self.answers.ignored += 1

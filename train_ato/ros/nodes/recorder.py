@@ -61,6 +61,11 @@ class RecorderNode:
         self._sources = {name: source for name, _, _, source in self._takers}
         self._take_shared, self._senders = endpoints.shared_taker(_SHARED)
 
+    @property
+    def measured(self) -> bool:
+        """True after the first measurement."""
+        return self._sources["train/measurement"].begun
+
     def poll(self, *, last: bool = False) -> int:
         """Read the queues and write the messages in the order of their stamps; return the number of messages read.
 

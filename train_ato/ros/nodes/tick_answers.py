@@ -63,11 +63,11 @@ class TickAnswers:
         self._lost = BY_ROLE.get(role, ())
 
     def unused_of(self, role: Role) -> str:
-        """Return the last answer of a node with a stamp that was not due, and the remedy, as text; "" without one."""
+        """Return the newest answer of a node with a stamp that was not due, and the remedy, as text; "" without one."""
         found = [(kind, self._unused[kind]) for kind in BY_ROLE.get(role, ()) if kind in self._unused]
         if not found:
             return ""
-        kind, stamp = found[-1]
+        kind, stamp = found[0]
         return f"; {NAMES[kind]} stamped {_shown(stamp)} came; echo the stamp of {ECHOED[role]}"
 
     def wrong_stamp(self, answer: Command | Pipe | BrakeRelease, sent: int) -> str:

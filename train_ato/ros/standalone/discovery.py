@@ -53,6 +53,8 @@ class Discovery:
         Fingerprint of the plant's scenario.
     recorded
         True: require a recorder. False: include a recorder only if it starts before all others are ready.
+    recorder_connected
+        Returns True after the message of a recorder that receives every publisher.
 
     Attributes
     ----------
@@ -62,7 +64,14 @@ class Discovery:
         Nodes of the run besides plant and recorder.
     """
 
-    def __init__(self, endpoints: NodeEndpoints, fingerprint: dict[str, str], recorded: bool) -> None:
+    def __init__(
+        self,
+        endpoints: NodeEndpoints,
+        fingerprint: dict[str, str],
+        recorded: bool,
+        recorder_connected: Callable[[], bool],
+    ) -> None:
+        self._recorder_connected = recorder_connected
         self.recorded = recorded
         self._fingerprint = fingerprint
         self._endpoints = endpoints
@@ -114,6 +123,8 @@ class Discovery:
 
     def _missing_for_plant(self) -> str:
         absent = self._endpoints.missing((Role.RECORDER,) if self.recorded else ())
+        if self.recorded and not absent and not self._recorder_connected():
+            absent = ["the recorder, which does not receive every publisher yet"]
         return f"plant waits for {', '.join(absent)}" if absent else ""
 
     def _compare(self, role: Role, theirs: str) -> None:

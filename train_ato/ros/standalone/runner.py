@@ -18,6 +18,7 @@ from rcl_interfaces.msg import Log as LogMessage
 
 from train_ato.loop.run_end import INTERRUPTED
 from train_ato.messages.topics import BY_NAME, Role
+from train_ato.messages.types import Tick
 from train_ato.ros.graph.environment import opened_by
 from train_ato.ros.graph.graph_result import IGNORED, STOPPING_S
 from train_ato.ros.nodes.answer_watch import LEASE_S
@@ -41,6 +42,10 @@ CUT = "its messages ended without the notice of the end of the run: its process 
 """Reason of the failure of a plant that has left."""
 NOTICE_S = 1.0
 """Maximum wall time for the notice of the end of the run to be read after the plant has left [s]."""
+ANNOUNCE_S = 0.1
+"""Wall time between two messages of a connected recorder before the first message of the run [s]."""
+SILENCE_S = 5.0
+"""Wall time without a message after which the recording ends, if the plant has sent the notice of the end [s]."""
 JOINING_S = 0.02
 """Period of the checks for missing endpoints of a restarted node [s]."""
 REPORT_EVERY_S = 3.0
@@ -97,10 +102,13 @@ class StandaloneRunner:
         self._away: dict[Role, int] = {}
         self._continued = threading.Event()
         self._met = False
-        self.first_heard = self.last_heard = 0.0
+        self.first_heard = self.last_heard = self._announced = 0.0
+        self._next_report = time.monotonic() + REPORT_EVERY_S
         if attached:
             endpoints.on_note = lambda text: self._say(NOTE, text)
-        self._discovery = Discovery(endpoints, fingerprint, recorded) if role is Role.PLANT else None
+        self._discovery = None
+        if role is Role.PLANT:
+            self._discovery = Discovery(endpoints, fingerprint, recorded, lambda: bool(node.recorder_connected))
         if role not in (Role.PLANT, Role.RECORDER):
             answer_ready(endpoints, fingerprint)
 
@@ -222,14 +230,35 @@ class StandaloneRunner:
                 self.node.await_return(notice.role, reason)
 
     def _record(self) -> None:
-        """Record until the last publisher ends, and close the log; other programs may publish /diagnostics."""
+        """Record until the last publisher ends, and close the log; other programs may publish /diagnostics.
+
+        A program in place of a node may run on: after the notice of the end, silence ends the recording too.
+        """
         topics = [name for name in self.endpoints.subscribed if len(BY_NAME[name].publishers) == 1]
-        while not self._ends and not self._left(*topics):
+        while not self._ends and not self._left(*topics) and not self._silent_after_end():
             self.endpoints.guard(self._poll)
+            self._announce_connected()
             self._take_notices()
             time.sleep(RECORD_S)
         self._check_end(lambda: time.sleep(RECORD_S))
         self.endpoints.guard(lambda: self.node.close(None))
+
+    def _announce_connected(self) -> None:
+        """Send the plant the message of a connected recorder, before the first measurement.
+
+        A publisher that has found the recorder may not be found by it yet, and its first messages would be lost.
+        """
+        if self.node.measured or time.monotonic() < self._announced + ANNOUNCE_S:
+            return
+        self._announced = time.monotonic()
+        if absent := self.endpoints.missing():
+            self._report_waiting(f"recorder waits for {', '.join(absent)}")
+        else:
+            self.endpoints.repeat("recorder/progress", Tick(0))
+
+    def _silent_after_end(self) -> bool:
+        """Return True if the plant has ended, and no message has come for :data:`SILENCE_S`."""
+        return self.endpoints.end is not None and time.monotonic() - self.last_heard > SILENCE_S
 
     def _poll(self) -> None:
         if self.node.poll():
@@ -274,18 +303,22 @@ class StandaloneRunner:
     def _wait_for_nodes(self) -> bool:
         """Return True when all nodes are connected, False after a stop or a failure."""
         assert self._discovery is not None
-        next_report = time.monotonic() + REPORT_EVERY_S
         while not self._ends:
             if self._discovery.complete():
                 return True
-            if time.monotonic() > next_report:
-                next_report = time.monotonic() + REPORT_EVERY_S
-                hint = "" if opened_by() else "; only nodes of this machine are found (msgs_docs/nodes.md)"
-                text = f"not begun: {self._discovery.missing_peers()}{hint}"
-                self.endpoints.node.get_logger().info(text)
-                self.endpoints.log(text, LogMessage.INFO)
+            self._report_waiting(self._discovery.missing_peers())
             self._executor.spin_once(timeout_sec=0.02)
         return False
+
+    def _report_waiting(self, missing: str) -> None:
+        """Print the missing nodes and endpoints, every :data:`REPORT_EVERY_S`."""
+        if time.monotonic() < self._next_report:
+            return
+        self._next_report = time.monotonic() + REPORT_EVERY_S
+        hint = "" if opened_by() else "; only nodes of this machine are found (msgs_docs/nodes.md)"
+        text = f"not begun: {missing}{hint}"
+        self.endpoints.node.get_logger().info(text)
+        self.endpoints.log(text, LogMessage.INFO)
 
     def _stop(self) -> None:
         """End the run after the current tick, if its command arrives."""
