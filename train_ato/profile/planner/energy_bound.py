@@ -16,7 +16,8 @@ parts over a section, T at most the time T* of the timetable::
 
 where the minimum is over all E up to that of the fastest run, which no run exceeds at any place.  The forward pass
 uses the largest line force of a cell; E of the fastest run is therefore increased by the range of that force times the
-length.  Where m is linear the minimum is a concave function of s (a minimum of functions that are linear or concave in
+length, at most to the speed limit.
+Where m is linear the minimum is a concave function of s (a minimum of functions that are linear or concave in
 m), thus its integral is not below the mean of the values at both ends times the length.  The minimum over E is the
 least of lower bounds on the intervals of a grid: each monotone term has its lower value of both ends.  No step needs an
 optimal m: a poor one gives a low bound.  m and p are the solution of a linear program with the bracket at some E of
@@ -149,6 +150,7 @@ def _prepared(section: PlanSection, cells: int) -> _Bounded:
     steps = np.diff(nodes)
     low, mean, high = (force / section.inputs.train.inertia for force in section.inputs.force.over_cells(free.grid))
     top = fastest + plain_dot(high - low, free.grid.steps)  # the passes use the largest force of a cell, not its mean
+    top = np.minimum(top, section.inputs.limits.highest(places, section.inputs.train.length) ** 2 / 2)
     first = np.maximum(np.searchsorted(places, nodes[:-1], side="right") - 2, 0)
     last = np.minimum(np.searchsorted(places, nodes[1:], side="left") + 1, places.size - 1)
     largest = np.array([top[a : b + 1].max() for a, b in zip(first, last, strict=True)])

@@ -170,3 +170,11 @@ class SpeedLimits:
         last = np.searchsorted(self.begin, inside, side="right")
         lowest = np.array([self.speed[a:b].min() for a, b in zip(first, last, strict=True)])
         return np.asarray(lowest[np.searchsorted(edges, front, side="right")])
+
+    def highest(self, places: Array, length: float) -> Array:
+        """Return the largest limit of the whole train between the neighbours of every grid place [m/s]."""
+        at = np.unique(np.concatenate((places, self.begin[1:], self.end[:-1] + length)))
+        at = at[(at >= places[0]) & (at <= places[-1])]
+        limit = np.maximum(*[self.at(at + side, length) for side in (-1e-6, 1e-6)])
+        cell: Array = np.maximum.reduceat(limit, np.searchsorted(at, places))
+        return np.asarray(np.maximum(cell, np.concatenate((cell[:1], cell[:-1]))))

@@ -8,6 +8,10 @@ For a run through a slab of length h from E to E', with the mean grade force g, 
 * Tunnel air is a part of r, the least of the slab; it is linear in E.
 * The time is int ds / sqrt(2 E) >= h / sqrt(2 mean E) (Jensen), with the mean of the highest run from E to E', up with
   alpha and down with beta.
+* More traction and as much more brake work, x, costs (a - c) x.  It raises E by at most x, which saves at most
+  x h / (2 E)^(3/2) of time, or lowers it by at most x, with h r'(E) x less resistance work.  Where this is worth less,
+  x = 0 is a lower bound: with work > 0 E falls by coasting only, else it rises by coasting only, and both rates of the
+  mean and of the lowest E are smaller.
 * Speed limits hold at the borders of the slabs only, forces have the largest value of the slab, and a train that would
   stall is at rest with the force that it lacks.
 
@@ -33,6 +37,8 @@ from train_ato.messages.types import Array
 
 RESISTANCE, PULL, STOPPING, RECOVERING = range(4)
 """Rows of the table: resistance, largest traction, whole brake, electric brake [m/s²]."""
+MIN_RATE = 0.02
+"""Least rise and fall of E of a coasting train that is assumed, against a large curvature of the time [m/s²]."""
 
 
 @compiled
@@ -70,16 +76,20 @@ def _braking_rate(table: Array, energy: float, reach: float, line: float, servic
 @compiled
 def _step_value(
     end: float, energy: float, h: float, line: float, price: float, gap: float, weights: tuple[float, float],
-    rates: tuple[float, float], drag: tuple[float, float, float], electric: float,
+    rates: tuple[float, float, float, float, float], drag: tuple[float, float, float], electric: float,
 ) -> Any:  # fmt: skip
-    """Return the cost of a run through a slab to an E, from below; ``drag``: at E, its decrease and span of E."""
-    up, down = rates
+    """Return the cost of a run through a slab to an E, from below; ``drag``: at E, its decrease and span of E.
+
+    ``rates`` are the largest rise and fall of E of a run without brake work, of one without traction work, and the
+    excess of E of the latter.
+    """
     resistance = drag[0] - drag[1] * min(max(energy - end, 0.0), drag[2])
     work = end - energy + h * (resistance + line)
     cost = weights[0] * max(work, 0.0) - weights[1] * min(max(-work, 0.0), h * electric)
+    up, down, excess = (rates[0], rates[1], 0.0) if work >= 0.0 else (rates[2], rates[3], rates[4])
     rise = min(max((end - energy + down * h) / (up + down), 0.0), h)
     fall = h - rise
-    mean = ((energy + 0.5 * up * rise) * rise + (end + 0.5 * down * fall) * fall) / h
+    mean = ((energy + 0.5 * up * rise) * rise + (end + 0.5 * down * fall) * fall) / h + excess
     time = h / np.sqrt(2.0 * max(mean + 2.0 * gap, gap))
     if mean > 2.0 * gap:  # the curvature of the time is the smaller loss
         slow = 1.0 / (2.0 * (mean - gap))
@@ -99,6 +109,33 @@ def _end_of_work(work: float, energy: float, h: float, line: float, drag: tuple[
 
 
 @compiled
+def _run_rates(
+    energy: float, gap: float, h: float, line: Array, price: float, weights: tuple[float, float],
+    extreme: tuple[float, float], table: Array, width: float,
+) -> Any:  # fmt: skip
+    """Return the rates of :func:`_step_value`, and the largest fall of E in a slab below both of its ends.
+
+    Where traction and brake in the same slab cost more than their time and resistance are worth, a run has one of them.
+    """
+    up, down = extreme
+    dip = up * down * h / (up + down)
+    lowest, size = energy - gap - dip - h * down, table.shape[1]
+    i = _number(lowest, width) - 1
+    if lowest > 0.0 and i >= 0:
+        steepest = (table[RESISTANCE, i + 1] - table[RESISTANCE, i]) / ((i + 0.5) * width**2)
+        gain = price * h / (2.0 * lowest) ** 1.5 + weights[0] * h * steepest
+        if gain < weights[0] - weights[1]:
+            least = _at(table[RESISTANCE], lowest, width, size - 1)
+            most = _at(table[RESISTANCE], energy + gap + h * up, width, size - 1)
+            most = max(most, table[RESISTANCE, min(_number(energy + gap + h * up, width) + 1, size - 1)])
+            rising, falling = max(-least - line[0], MIN_RATE), max(most + line[2], MIN_RATE)
+            rising, falling, excess = min(rising, up), min(falling, down), h * (most - least)
+            dip = max(up * falling / (up + falling), rising * down / (rising + down)) * h + excess
+            return (up, falling, rising, down, excess), dip
+    return (up, down, up, down, 0.0), dip
+
+
+@compiled
 def _point_value(
     energy: float, h: float, line: Array, price: float, width: float, ceiling: float, table: Array,
     service: tuple[float, float], weights: tuple[float, float], steepest: float, values: Array, last: int,
@@ -108,7 +145,8 @@ def _point_value(
     down = _braking_rate(table, energy, h * steepest + gap, line[2], service[1], width)
     pull = _largest(table[PULL], energy - h * down - gap, energy + h * steepest + gap, width)
     up = max(min(service[0], pull - table[RESISTANCE, 0] - line[0]), 1e-6)
-    low_from = max(energy - gap - up * down * h / (up + down), 0.0)
+    rates, dip = _run_rates(energy, gap, h, line, price, weights, (up, down), table, width)
+    low_from = max(energy - gap - dip, 0.0)
     low_to = max(low_from - h * down, 0.0)
     drag, span = _at(table[RESISTANCE], low_from, width, table.shape[1] - 1), low_from - low_to
     slope = (drag - _at(table[RESISTANCE], low_to, width, table.shape[1] - 1)) / span if span > 0.0 else 0.0
@@ -118,7 +156,7 @@ def _point_value(
     fast = max(min(fast, ceiling + gap), -gap)
     low = min(max(energy - h * down, -gap), fast)
     electric = _largest(table[RECOVERING], energy - h * down - gap, energy + gap, width)
-    rates, chord = (up, down), (drag, slope, span)
+    chord = (drag, slope, span)
     coast = _end_of_work(0.0, energy, h, line[1], chord)
     brake = _end_of_work(-h * electric, energy, h, line[1], chord)
     best = np.inf

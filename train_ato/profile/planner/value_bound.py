@@ -25,7 +25,7 @@ from train_ato.profile.planner.section import PlanSection
 from train_ato.profile.planner.slab_values import least_value
 from train_ato.profile.planner.train_tables import SPEED_STEP
 
-FIRST, LAST = Resolution(400, 400), Resolution(1200, 1200)
+FIRST, LAST = Resolution(400, 400), Resolution(800, 1200)
 """Slabs of all sections together and grid points of E, of the search for the price and of the bound."""
 MIN_SLABS = 100
 """Least number of slabs of one section."""
