@@ -121,7 +121,7 @@ CASES: list[tuple[str, list[str], str]] = [
     ("more ticks than fit into the memory", ["run", "demo", *SMALL_TICK, "--set", "duration=3600"],
      r"duration 3600\.0 s has 36000000 ticks of 0\.0001 s, at most 10000000; shorten it"),
     ("more knots than a message should have", ["run", "demo", *SMALL_TICK, "--set", "duration=1"],
-     r"a profile of 7\d{6} knots, at most 1000000; shorten it or increase the tick"),
+     r"a profile of 7\d{6} knots, at most 2000000; shorten it or increase the tick"),
     ("tick far too small", ["run", "demo", "--set", "tick=1e-300"], r"tick = 1e-300"),
     ("step too large to be true", ["run", "demo", "--set", "step=0.5"], r"step = 0\.5: .*less than or equal"),
     ("delay beyond reason", ["run", "demo", "--set", "links.command.delay=1e300"], r"delay: 1e\+300 s is longer"),

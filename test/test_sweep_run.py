@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+from contextlib import nullcontext
 from http.client import HTTPConnection, HTTPException
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,8 @@ import yaml
 from waiting import wait_for
 
 import train_ato as ta
+from train_ato.apps.sweep import sweep as sweep_module
+from train_ato.apps.sweep.batch import run_batch
 from train_ato.apps.sweep.cluster import OWNER, SCRATCH, _scratch_folder, sweep_client
 from train_ato.apps.sweep.folder import SweepFolder
 from train_ato.apps.sweep.groups import NotDrawable
@@ -27,8 +30,9 @@ from train_ato.apps.sweep.rerun import run_row_again
 from train_ato.apps.sweep.result import SweepResult
 from train_ato.apps.sweep.row import WALL_TIMES
 from train_ato.apps.sweep.spec import read_sweep
-from train_ato.apps.sweep.table import METADATA, read_results
+from train_ato.apps.sweep.table import METADATA, read_results, write_results
 from train_ato.cli.main import main
+from train_ato.interrupt import Interrupt, ending_like_ctrl_c
 from train_ato.log.run_folder import read_summary
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -352,3 +356,25 @@ def test_a_running_scheduler_is_used(tmp_path: Path) -> None:
             ta.sweep(spec, scheduler=address, jobs=2)
     with pytest.raises(ValueError, match="no Dask scheduler answers"):
         ta.sweep(spec, scheduler=address)
+
+
+def test_ctrl_c_pressed_three_times_keeps_the_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Breaks if a second or third Ctrl-C, in the end of the workers or the writing, loses ``results.parquet``."""
+
+    def pressed(client: Any, base: Any, points: Any, take: Any) -> None:
+        take(run_batch(base, points[:2]))
+        try:
+            signal.raise_signal(signal.SIGINT)
+        finally:
+            signal.raise_signal(signal.SIGINT)
+
+    def written(*arguments: Any) -> None:
+        signal.raise_signal(signal.SIGINT)
+        write_results(*arguments)
+
+    monkeypatch.setattr(sweep_module, "sweep_client", lambda *_: nullcontext())
+    monkeypatch.setattr(sweep_module, "execute_points", pressed)
+    monkeypatch.setattr(sweep_module, "write_results", written)
+    with ending_like_ctrl_c(Interrupt()), pytest.raises(ta.RunInterrupted, match="2 finished runs"):
+        ta.sweep(SPEC | {"set": {"duration": 5}}, out=tmp_path / "out", progress=False)
+    assert len(read_results(tmp_path / "out" / "results.parquet")[0]) == 2

@@ -23,6 +23,8 @@ STEP_LIMIT_S = 8.0
 """Wall time after which the step of a component outside of this project is ended [s]; less than the time-out of 10 s
 after which the graph gives up a node."""
 _LOOK_S = 0.1
+BURST_S = 1.0
+"""Wall time in which several signals count as one: Ctrl-C is often pressed more than once [s]."""
 AGAIN_S = 0.05
 """Wall time before a dropped interruption is sent again [s]."""
 
@@ -127,6 +129,7 @@ class Interrupt:
 
     def __init__(self) -> None:
         self.asked = False
+        self._ended = -BURST_S
         self._number: int | None = None
         self._released = threading.Event()
         self._watching = False
@@ -160,9 +163,15 @@ class Interrupt:
         signal.raise_signal(self._number)
 
     def end(self, number: int, frame: FrameType | None) -> None:
-        """Signal handler: set the flag and raise KeyboardInterrupt."""
+        """Signal handler: set the flag and raise KeyboardInterrupt, once for signals within :data:`BURST_S`."""
         self.asked = True
-        raise KeyboardInterrupt
+        if monotonic() - self._ended >= BURST_S:
+            self._ended = monotonic()
+            raise KeyboardInterrupt
+
+    def dropped(self) -> None:
+        """Let the next signal raise, after a KeyboardInterrupt that Python has dropped."""
+        self._ended = -BURST_S
 
 
 @contextmanager
@@ -174,6 +183,13 @@ def interruptible() -> Iterator[Interrupt]:
             yield interrupt
         finally:
             interrupt.release()
+
+
+@contextmanager
+def uninterrupted() -> Iterator[None]:
+    """Ignore the signals that end a command, for the writing of its results."""
+    with _handled(lambda number, frame: None, (signal.SIGINT, *_ENDING)):
+        yield
 
 
 @contextmanager
@@ -203,6 +219,7 @@ def _sent_again(interrupt: Interrupt) -> Iterator[None]:
             if not interrupt.asked:
                 before(unraisable)
             return
+        interrupt.dropped()
         timer = threading.Timer(AGAIN_S, os.kill, (os.getpid(), signal.SIGINT))
         timer.daemon = True
         timers.append(timer)

@@ -21,8 +21,9 @@ from train_ato.messages.types import Array
 
 STEP_ACCELERATION = 20.0
 """Mean acceleration between two knots above which the change of speed is a step [m/s²]."""
-MAX_KNOTS = 1_000_000
-"""Maximum number of knots of a profile, 27 h at 0.1 s; a profile is one message, which every node decodes whole."""
+MAX_KNOTS = 2_000_000
+"""Maximum number of knots of a profile, 27 h at 20 Hz; a profile is one message of up to 112 MB, which every node
+decodes whole."""
 MAX_TIME = 1e8
 """Maximum time of a knot [s]."""
 

@@ -19,6 +19,7 @@ from train_ato.apps.sweep.row import Row
 from train_ato.apps.sweep.spec import SweepSpec, read_sweep
 from train_ato.apps.sweep.table import sweep_table, write_results
 from train_ato.errors import RunInterrupted
+from train_ato.interrupt import uninterrupted
 
 __all__ = ["PreparedSweep", "prepare_sweep", "sweep"]
 
@@ -170,7 +171,8 @@ class PreparedSweep:
                 raise RunInterrupted(f"interrupted{place}") from None
             finally:
                 if folder is not None and rows:
-                    write_results(folder.results, self._table(rows), self.identity)
+                    with uninterrupted():
+                        write_results(folder.results, self._table(rows), self.identity)
                 elif folder is not None:
                     folder.discard_empty()
         return SweepResult(self.spec, self._table(rows), None if folder is None else folder.path)

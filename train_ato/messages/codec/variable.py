@@ -50,8 +50,8 @@ def encode_trajectory(message: Trajectory) -> bytes:
     knots["acceleration"] = message.acceleration
     since = message.time - message.stamp
     knots["second"], knots["nanosecond"] = since // SECOND, since % SECOND
-    start, points = _start_of_points(message, LINE_FRAME), knots.tobytes()
-    return start + points[:4] + bytes(_gap(start)) + points[4:]
+    start, points = _start_of_points(message, LINE_FRAME), knots.view(np.uint8).data
+    return b"".join((start, points[:4], bytes(_gap(start)), points[4:]))
 
 
 def _check(message: Trajectory) -> None:
