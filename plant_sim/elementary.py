@@ -20,28 +20,24 @@ from plant_sim.states import Array
 
 
 def _of_library(name: str, arguments: int = 1) -> Any:
-    """Return a function of the C library for compiled code, or with ``NUMBA_DISABLE_JIT`` the one of ``math``."""
+    """Return a function of ``math``, which compiled code replaces by that of the C library."""
+    plain: Any = getattr(math, name)
     if config.DISABLE_JIT:
-        return getattr(math, name)
-    return types.ExternalFunction(name, types.float64(*[types.float64] * arguments))
+        return plain
+    library: Any = types.ExternalFunction(name, types.float64(*[types.float64] * arguments))
+    if arguments == 1:
+        found: Any = lambda x: plain(x)  # noqa: E731
+        overload(found)(lambda x: lambda x: library(x))
+    else:
+        found = lambda x, y: plain(x, y)  # noqa: E731
+        overload(found)(lambda x, y: lambda x, y: library(x, y))
+    found.__qualname__ = name
+    return found
 
 
 libm_exp, libm_tanh, libm_pow = _of_library("exp"), _of_library("tanh"), _of_library("pow", 2)
 libm_sin, libm_cos = _of_library("sin"), _of_library("cos")
-"""Functions of the C library for compiled code: ``math.exp``, ``math.tanh`` and ``**`` of Python call the same ones."""
-
-
-def tanh(value: float) -> float:
-    """Return the hyperbolic tangent of the C library, in Python and in compiled code."""
-    return math.tanh(value)
-
-
-@overload(tanh)  # type: ignore[untyped-decorator]
-def _compiled_tanh(value: float) -> Any:
-    def of_library(value: float) -> float:
-        return float(libm_tanh(value))
-
-    return of_library
+"""Functions of the C library, in Python and in compiled code: ``**`` of Python calls the same ``pow``."""
 
 
 @compiled

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from plant_sim.compiled import also_compiled, compiled
-from plant_sim.elementary import tanh
+from plant_sim.elementary import libm_tanh
 from plant_sim.units import KMH
 
 DRY_FRICTION_SPEED = 0.05
@@ -42,7 +42,7 @@ def running_resistance(c0, c1, c2, velocity):
 @also_compiled
 def fading_resistance(c0, c1, c2, velocity):
     """Return the running resistance [N] at a speed [m/s], odd in the speed: it fades to 0 at standstill."""
-    return running_resistance(c0, c1, c2, velocity) * tanh(velocity / DRY_FRICTION_SPEED)
+    return running_resistance(c0, c1, c2, velocity) * libm_tanh(velocity / DRY_FRICTION_SPEED)
 
 
 @also_compiled

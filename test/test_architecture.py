@@ -42,6 +42,7 @@ CONTROL_LAYERS = (
         "rows_by_place",
     ),
     ("algorithms",),
+    ("law",),
     ("air_brake",),
     ("observers", "compensation"),
     ("laws",),

@@ -58,7 +58,7 @@ def test_the_network_holds_in_saturation():
     once.step(stuck)
     near = inputs(of, position=np.array([500.001]))
     assert law.step(near).force[0] == pytest.approx(once.step(near).force[0], abs=MASS * 0.1 * 60)
-    assert law._weights[0].values == pytest.approx(once._weights[0].values, rel=1e-6)
+    assert law.state["weights"][0] == pytest.approx(once.state["weights"][0], rel=1e-6)
 
 
 @given(lag=st.floats(0.05, 2.0), delay=st.floats(0.05, 2.0), omega=st.floats(0.01, 30.0))

@@ -35,7 +35,7 @@ def test_integral_of_paper_000_has_no_clamp():
         law = printed_law("smc", {"integral_limit": limit, "ks": 0.0, "xi": 0.0, "kappa": 0.0, "phi": 1.0}, of, 0.1)
         for _ in range(1001):
             law.step(seen(of, 50.0, 0.0, **wide))
-        forces[limit] = law._surfaces[0]._integral
+        forces[limit] = law.state["integral"][0]
     assert forces == pytest.approx({100.0: 100.0, 1e12: 5000.0})
 
 
@@ -47,7 +47,7 @@ def test_network_of_paper_000_learns_at_a_limit():
         law = printed_law("rbf_smc", {"gamma": 5.0, "anti_windup": held}, of, 0.1)
         for _ in range(20):
             law.step(seen(of, -0.01, 0.0, force_max=np.array([1.0]), force_min=np.array([-1.0])))
-        found[held] = max(map(abs, law._weights[0].values))
+        found[held] = np.abs(law.state["weights"]).max()
     assert found[True] < 0.1 * found[False]
 
 

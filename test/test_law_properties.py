@@ -54,11 +54,11 @@ def test_rbf_smc_falls_along_its_lyapunov_function(target, e, de):
     gamma, period, ks = 0.5, 1e-3, 0.5
     values = {"model_error": 0.0, "gamma": gamma, "clip": False, "ks": ks, "l2": 0.0}
     point = OnePoint(("rbf_smc", values), period, e, de)
-    centres, weights = [0.01 * centre for centre in RBF_CENTERS], point.law._weights[0]
+    centres, weights = [0.01 * centre for centre in RBF_CENTERS], point.law.state["weights"][0]
     levels, proved = [], []
     for _ in range(150):
         surface = point.de + point.e
-        miss = sum((wanted - now) ** 2 for wanted, now in zip(target, weights.values, strict=True))
+        miss = sum((wanted - now) ** 2 for wanted, now in zip(target, weights, strict=True))
         levels.append(0.5 * surface**2 + 0.5 * miss / gamma)
         zeta = 0.05 * math.tanh(abs(point.e) / 2)
         proved.append(-(zeta * abs(surface) + 0.005 * abs(surface) ** 6 + ks * surface**2))

@@ -1,4 +1,4 @@
-"""Rows and entries of the arrays of the compiled laws and observers, and their common operations."""
+"""Entries of the arrays of the compiled laws and observers, and their common operations."""
 
 # mypy: allow-untyped-defs
 
@@ -7,39 +7,11 @@ from __future__ import annotations
 from plant_sim.compiled import compiled
 from plant_sim.railway import fading_resistance
 
-# Rows of `inputs`, one column per unit.
-# COUPLERS, RESISTANCE, SHOES: forces against the motion of the unit's vehicle. LAST_FORCE, SATURATED: of the law.
-(
-    POSITION, VELOCITY, APPLIED, REFERENCE_POSITION, FEEDFORWARD, FORCE_MIN, FORCE_MAX, COUPLERS, RESISTANCE, SHOES,
-    DISTURBANCE, SHARE, SATURATED, LAST_FORCE,
-) = range(14)  # fmt: skip
-INPUT_ROWS = 14
-# Entries of `now`, values of the step for all units.
-# LINE_FORCE, TRAIN_SHOE_FORCE: forces against the motion of the train.
-(
-    REFERENCE_VELOCITY, REFERENCE_ACCELERATION, ACCELERATION_AT_EFFECT, JERK_AT_EFFECT, LINE_FORCE, TRAIN_SHOE_FORCE,
-) = range(6)  # fmt: skip
-NOW_ENTRIES = 6
 # Entries of the constants of a train as one mass and its resistance.
 TRAIN_INERTIA, TRAIN_C0, TRAIN_C1, TRAIN_C2 = range(4)
 TRAIN_ENTRIES = 4
 LONGEST_SUM = 128
 """Number of entries up to which ``numpy.sum`` does not divide an array."""
-
-
-@compiled
-def clamped(value, low, high):
-    """Return ``min(max(value, low), high)``, with the results of Python for equal values."""
-    raised = low if low > value else value
-    return high if high < raised else raised
-
-
-@compiled
-def sign_of(value, width):
-    """Return the sign of a value, linear within a boundary layer of ``width``."""
-    if width <= 0.0:
-        return 1.0 if value > 0.0 else -1.0 if value < 0.0 else 0.0
-    return clamped(value / width, -1.0, 1.0)
 
 
 @compiled

@@ -1,39 +1,49 @@
-"""Call of a law in Python from compiled code."""
+"""Call of a law from compiled code: of one over records by its machine code, of one in Python by a callback."""
 
 from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
+from typing import Any
 
-import numba.experimental.function_type  # noqa: F401  (permits the type below as an argument)
-from numba import types
+from numba import config, types
+from numba.experimental.function_type import _get_wrapper_address  # its import permits the type below as an argument
 
 LEFT = -1
 """Answer for a tick that is left to Python."""
-_SIGNATURE = types.int64(types.int64)
-_ENTRY = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64)
+_SIGNATURE = types.int64(types.int64, *[types.voidptr] * 4, types.int64)
+"""Number of the tick, addresses of constants, state and inputs of the train and of the units, number of units."""
+_ENTRY = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, *[ctypes.c_void_p] * 4, ctypes.c_int64)
 
 
 class LawCall(types.WrapperAddressProtocol):  # type: ignore[misc]
-    """Argument of a compiled function that calls a function in Python.
+    """Argument of a compiled function that calls a law.
 
     Parameters
     ----------
     function
-        Receives the number of the tick in the span, returns 0 or :data:`LEFT`. It must not raise: an exception cannot
+        Receives the number of the tick in the span, returns 0 or another number. It must not raise: an exception cannot
         pass through compiled code.
+    entry
+        Compiled function that is called in its place; None for a law in Python.
     """
 
-    def __init__(self, function: Callable[[int], int]) -> None:
-        self._function, self._entry = function, _ENTRY(function)
+    def __init__(self, function: Callable[[int], int], entry: Any = None) -> None:
+        self._function = function
+        if entry is None or config.DISABLE_JIT:
+            self._entry = _ENTRY(lambda tick, *_: function(tick))
+            self._address = ctypes.cast(self._entry, ctypes.c_void_p).value
+        else:
+            entry.compile(_SIGNATURE)
+            self._address = _get_wrapper_address(entry, _SIGNATURE)
 
-    def __call__(self, tick: int) -> int:
+    def __call__(self, tick: int, *_: Any) -> int:
         """Call the function without the compiler (``NUMBA_DISABLE_JIT``)."""
         return self._function(tick)
 
     def __wrapper_address__(self) -> int | None:
         """Return the address of the function."""
-        return ctypes.cast(self._entry, ctypes.c_void_p).value
+        return self._address
 
     def signature(self) -> object:
         """Return the types of result and argument."""

@@ -8,42 +8,21 @@ changes the state. The caller restores the state if a demand is not usable.
 
 from __future__ import annotations
 
-from math import copysign, sqrt
+from math import sqrt
 
 from plant_sim.compiled import compiled
 from plant_sim.elementary import libm_exp, libm_pow
 from plant_sim.railway import fading_resistance
+from train_ato.control.algorithms.sliding import clamped
 from train_ato.control.compiled.entries import (
-    APPLIED,
-    DISTURBANCE,
-    FEEDFORWARD,
-    FORCE_MAX,
-    FORCE_MIN,
-    LAST_FORCE,
-    LINE_FORCE,
-    POSITION,
-    REFERENCE_ACCELERATION,
-    REFERENCE_POSITION,
-    REFERENCE_VELOCITY,
-    SATURATED,
-    SHARE,
-    TRAIN_SHOE_FORCE,
-    VELOCITY,
-    clamped,
     mean_of_units,
     ordered_total,
 )
-from train_ato.control.compiled.sliding import fixed_time_smc_step, lag_smc_step, smc_step
+from train_ato.control.compiled.sliding import fixed_time_smc_step, lag_smc_step
 from train_ato.control.compiled.switching import rbf_switching_smc_step
 
-PID, FUNNEL, SMC, FIXED_TIME_SMC, LAG_SMC, RBF_SWITCHING_SMC, PYTHON = range(7)
-"""Laws with a compiled step; the last number is that of every other law."""
-# Entries of `constant` of pid, and its first gain; three gains per unit.
-(
-    OF_POSITION, INTEGRAL_LIMIT, FILTER_DECAY, DERIVATIVE_DECAY, PERIOD, USES_FEEDFORWARD, USES_ESTIMATE, PID_GAINS,
-) = range(8)  # fmt: skip
-# Entries of `state` of pid: two flags, then four values per unit.
-HAS_BEFORE, HAS_FILTERED, PID_UNITS = range(3)
+FUNNEL, FIXED_TIME_SMC, LAG_SMC, RBF_SWITCHING_SMC, CALLED = range(5)
+"""Laws with arrays of their own; the last number is that of every law that is called."""
 # Entries of `constant` of the funnel.
 (
     F_PRINTED, F_K10, F_K20, F_BETA2, F_LEAK, F_DECAY, F_CHARGE, F_CLIP, F_NEGATIVE, F_NARROW, F_INERTIA, F_PERIOD,
@@ -60,45 +39,6 @@ FUNNEL_CONSTANTS = 37
 
 
 @compiled
-def pid_step(constant, state, inputs, now, force):
-    """Compute the demand of :class:`train_ato.control.laws.pid.Pid` [N]."""
-    n, limit, decay = inputs.shape[1], constant[INTEGRAL_LIMIT], constant[FILTER_DECAY]
-    integral = state[PID_UNITS : PID_UNITS + n]
-    rate = state[PID_UNITS + n : PID_UNITS + 2 * n]
-    before = state[PID_UNITS + 2 * n : PID_UNITS + 3 * n]
-    filtered = state[PID_UNITS + 3 * n : PID_UNITS + 4 * n]
-    for unit in range(n):
-        error = inputs[VELOCITY, unit] - now[REFERENCE_VELOCITY]
-        if decay != 0.0:
-            old = filtered[unit] if state[HAS_FILTERED] > 0.0 else error
-            error = error + decay * (old - error)
-            filtered[unit] = error
-        if constant[OF_POSITION] > 0.0:
-            total = inputs[POSITION, unit] - inputs[REFERENCE_POSITION, unit]
-            if not -limit <= total <= limit:
-                total = copysign(limit, total)
-        else:
-            if not (inputs[SATURATED, unit] > 0.0 and (inputs[LAST_FORCE, unit] > 0) == (error < 0)):
-                integral[unit] = clamped(integral[unit] + error * constant[PERIOD], -limit, limit)
-            total = integral[unit]
-        gain = PID_GAINS + 3 * unit
-        found = constant[gain] * error + constant[gain + 1] * total
-        if constant[gain + 2] != 0.0:
-            if state[HAS_BEFORE] > 0.0:
-                raw = (error - before[unit]) / constant[PERIOD]
-                keep = constant[DERIVATIVE_DECAY]
-                rate[unit] = keep * rate[unit] + (1.0 - keep) * raw
-            found += constant[gain + 2] * rate[unit]
-        known = inputs[FEEDFORWARD, unit] if constant[USES_FEEDFORWARD] > 0.0 else 0.0
-        estimated = inputs[DISTURBANCE, unit] if constant[USES_ESTIMATE] > 0.0 else 0.0
-        force[unit] = known - estimated - found
-        before[unit] = error
-    state[HAS_BEFORE] = 1.0
-    if decay != 0.0:
-        state[HAS_FILTERED] = 1.0
-
-
-@compiled
 def _gain(constant, gain, error, boundary):
     inside = libm_pow(error / boundary, constant[F_TWO])
     if constant[F_NEGATIVE] > 0.0:
@@ -110,7 +50,7 @@ def _gain(constant, gain, error, boundary):
 def _delay_state(constant, state, inputs):
     if state[H_HAS_WANTED] == 0.0 or constant[F_DELAY_STATE] == 0.0:
         return
-    sent, acting = ordered_total(inputs[LAST_FORCE]), ordered_total(inputs[APPLIED])
+    sent, acting = ordered_total(inputs.force), ordered_total(inputs.applied)
     if constant[F_PRINTED] > 0.0:
         room, queue = int(state[H_EXCESS_ROOM]), state[H_WEIGHTS + int(constant[F_CENTRES]) :]
         if state[H_EXCESS_COUNT] < room:
@@ -155,8 +95,8 @@ def _network(constant, state, inputs, speed, error):
         found += weights[j] * libm_exp(scale * (speed - j * width) * (speed - j * width))
     found += state[H_BIAS]
     free = True
-    for unit in range(inputs.shape[1]):
-        free &= inputs[SATURATED, unit] == 0.0
+    for unit in range(inputs.size):
+        free &= not inputs[unit].saturated
     if constant[F_PRINTED] > 0.0 or free:
         rate = -constant[F_GAMMA_W] * error * constant[F_PERIOD]
         for j in range(centres):
@@ -171,10 +111,10 @@ def _network(constant, state, inputs, speed, error):
 def _resistance(constant, state, inputs, now, speed, error):
     force = 0.0
     if constant[F_FEEDFORWARD] > 0.0:
-        force = ordered_total(inputs[FEEDFORWARD])
+        force = ordered_total(inputs.feedforward)
     elif constant[F_USES_MODEL] > 0.0:
         running = fading_resistance(constant[F_C0], constant[F_C1], constant[F_C2], speed)
-        force = running + now[LINE_FORCE] + now[TRAIN_SHOE_FORCE]
+        force = running + now.line_force + now.train_shoe_force
     if constant[F_USES_NETWORK] == 0.0:
         return force
     return force + _network(constant, state, inputs, speed, error)
@@ -187,10 +127,10 @@ def _widen(constant, state, inputs, wanted, error):
     h, beta2, before = constant[F_PERIOD], constant[F_BETA2], state[H_PHI2]
     rest = beta2 / constant[F_A2]
     wide = (before - rest) * constant[F_NARROW] + rest
-    low, high = ordered_total(inputs[FORCE_MIN]), ordered_total(inputs[FORCE_MAX])
+    low, high = ordered_total(inputs.force_min), ordered_total(inputs.force_max)
     printed = constant[F_PRINTED_KAPPA] > 0.0
     if constant[F_DYNAMIC] > 0.0 and (printed or not low <= wanted <= high):
-        possible = ordered_total(inputs[APPLIED]) if printed else clamped(wanted, low, high)
+        possible = ordered_total(inputs.applied) if printed else clamped(wanted, low, high)
         excess = abs(wanted - possible) / constant[F_INERTIA]
         size = abs(error)
         grow = excess / (constant[F_DELTA] if constant[F_DELTA] > size else size)
@@ -205,13 +145,11 @@ def _widen(constant, state, inputs, wanted, error):
 @compiled
 def funnel_step(constant, state, inputs, now, force):
     """Compute the demand of :class:`train_ato.control.laws.funnel.Funnel` [N]."""
-    n = inputs.shape[1]
-    place_error = mean_of_units(inputs[SHARE], inputs[POSITION] - inputs[REFERENCE_POSITION], n)
-    speed = mean_of_units(inputs[SHARE], inputs[VELOCITY], n)
-    target, pull = now[REFERENCE_VELOCITY], now[REFERENCE_ACCELERATION]
-    if n > 1:
-        target = mean_of_units(inputs[SHARE], inputs[VELOCITY] * 0.0 + target, n)
-        pull = mean_of_units(inputs[SHARE], inputs[VELOCITY] * 0.0 + pull, n)
+    n = inputs.size
+    place_error = mean_of_units(inputs.share, inputs.position - inputs.reference_position, n)
+    speed = mean_of_units(inputs.share, inputs.velocity, n)
+    target = mean_of_units(inputs.share, inputs.reference_velocity, n)
+    pull = mean_of_units(inputs.share, inputs.reference_acceleration, n)
     if constant[F_FEEDFORWARD] > 0.0:
         pull = 0.0
     _delay_state(constant, state, inputs)
@@ -221,22 +159,18 @@ def funnel_step(constant, state, inputs, now, force):
     k2 = _gain(constant, constant[F_K20], error, state[H_PHI2])
     wanted = constant[F_INERTIA] * (rate - k2 * error - constant[F_LEAK] * state[H_H])
     wanted += _resistance(constant, state, inputs, now, speed, error)
-    wanted -= ordered_total(inputs[DISTURBANCE])
+    wanted -= ordered_total(inputs.disturbance)
     _widen(constant, state, inputs, wanted, error)
     state[H_WANTED], state[H_HAS_WANTED] = wanted, 1.0
     for unit in range(n):
-        force[unit] = wanted * inputs[SHARE, unit]
+        force[unit] = wanted * inputs[unit].share
 
 
 @compiled(alone=False)
 def demand(law, constant, state, inputs, now, force):
     """Compute the demand of a law by its number [N], shape (units,)."""
-    if law == PID:
-        pid_step(constant, state, inputs, now, force)
-    elif law == FUNNEL:
+    if law == FUNNEL:
         funnel_step(constant, state, inputs, now, force)
-    elif law == SMC:
-        smc_step(constant, state, inputs, now, force)
     elif law == FIXED_TIME_SMC:
         fixed_time_smc_step(constant, state, inputs, now, force)
     elif law == LAG_SMC:

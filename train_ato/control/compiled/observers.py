@@ -12,22 +12,12 @@ from math import sqrt
 
 from plant_sim.compiled import compiled
 from plant_sim.elementary import libm_pow
+from train_ato.control.algorithms.sliding import clamped, saturation
 from train_ato.control.compiled.entries import (
-    APPLIED,
-    COUPLERS,
-    LINE_FORCE,
-    POSITION,
-    RESISTANCE,
-    SHARE,
-    SHOES,
     TRAIN_ENTRIES,
     TRAIN_INERTIA,
-    TRAIN_SHOE_FORCE,
-    VELOCITY,
-    clamped,
     ordered_total,
     resisting_force,
-    sign_of,
 )
 from train_ato.control.compiled.sliding import luenberger_step
 
@@ -57,16 +47,16 @@ C_MEASURED = C_OFFSET
 @compiled
 def _balance(constant, inputs, now, body):
     """Return speed [m/s], driving and resisting acceleration [m/s²] of a body of the balance."""
-    n = inputs.shape[1]
+    n = inputs.size
     if constant[O_WHOLE_TRAIN] > 0.0:
         speed, inertia = 0.0, constant[TRAIN_INERTIA]
         for unit in range(n):
-            speed += inputs[SHARE, unit] * inputs[VELOCITY, unit]
-        resisting = resisting_force(constant, speed, now[LINE_FORCE], now[TRAIN_SHOE_FORCE])
-        return speed, ordered_total(inputs[APPLIED]) / inertia, resisting / inertia
+            speed += inputs[unit].share * inputs[unit].velocity
+        resisting = resisting_force(constant, speed, now.line_force, now.train_shoe_force)
+        return speed, ordered_total(inputs.applied) / inertia, resisting / inertia
     mass = constant[O_MASS + body]
-    against = inputs[COUPLERS, body] + inputs[RESISTANCE, body] + inputs[SHOES, body]
-    return inputs[VELOCITY, body], inputs[APPLIED, body] / mass, against * constant[O_MODEL_FACTOR] / mass
+    against = inputs[body].coupler_force + inputs[body].resistance + inputs[body].shoe_force
+    return inputs[body].velocity, inputs[body].applied / mass, against * constant[O_MODEL_FACTOR] / mass
 
 
 @compiled
@@ -80,7 +70,7 @@ def _printed_cascade(constant, own, x, v, acceleration, implicit):
         phi1 = clamped((x - own[C_X]) / h - mean, -k1, k1)
         own[C_X] += h * (mean + phi1)
     else:
-        phi1, phi2 = k1 * sign_of(x - own[C_X], 0.0), k2 * sign_of(v - own[C_V], 0.0)
+        phi1, phi2 = k1 * saturation(x - own[C_X], 0.0), k2 * saturation(v - own[C_V], 0.0)
         own[C_X] += h * (own[C_V] + phi1)
     own[C_V] += h * (acceleration + phi2)
     own[C_OFFSET] = decay * own[C_OFFSET] + (1.0 - decay) * phi1
@@ -89,11 +79,11 @@ def _printed_cascade(constant, own, x, v, acceleration, implicit):
         free = own[C_D1] + h * k3 * (phi1 - own[C_D1])
         off = free - own[C_OFFSET]
         beyond = abs(off) - h * k4
-        found = own[C_OFFSET] + (beyond if beyond > 0.0 else 0.0) * sign_of(off, 0.0)
+        found = own[C_OFFSET] + (beyond if beyond > 0.0 else 0.0) * saturation(off, 0.0)
         rate = (found - own[C_D1]) / h
         own[C_D1] = found
     else:
-        rate = k3 * (phi1 - own[C_D1]) - k4 * sign_of(own[C_D1] - own[C_OFFSET], 0.0)
+        rate = k3 * (phi1 - own[C_D1]) - k4 * saturation(own[C_D1] - own[C_OFFSET], 0.0)
         own[C_D1] += h * rate
     own[C_D1_RATE] = decay * own[C_D1_RATE] + (1.0 - decay) * rate
 
@@ -107,13 +97,13 @@ def _levant_cascade(constant, own, x, v, acceleration):
     own[C_X] += h * (mean + own[C_D1] + 0.5 * h * own[C_D1_RATE])
     own[C_D1] += h * own[C_D1_RATE]
     miss = x - own[C_X]
-    size, direction = abs(miss), sign_of(miss, constant[V_LAYER])
+    size, direction = abs(miss), saturation(miss, constant[V_LAYER])
     own[C_X] += constant[V_PLACE_GAIN] * libm_pow(size, constant[V_TWO_THIRDS]) * direction
     own[C_D1] += constant[V_OFFSET_GAIN] * libm_pow(size, constant[V_THIRD]) * direction
     own[C_D1_RATE] += constant[V_RATE_GAIN] * direction
     own[C_V] += h * (acceleration + own[C_D2])
     miss = v - own[C_V]
-    direction = sign_of(miss, constant[V_FAST_LAYER])
+    direction = saturation(miss, constant[V_FAST_LAYER])
     own[C_V] += constant[V_SPEED_GAIN] * sqrt(constant[V_BOUND] * abs(miss)) * direction
     own[C_D2] += constant[V_DISTURBANCE_GAIN] * direction
 
@@ -148,7 +138,7 @@ def estimate(observer, constant, state, inputs, now, found):
     found
         Estimate of every unit.
     """
-    n = inputs.shape[1]
+    n = inputs.size
     bodies = 1 if constant[O_WHOLE_TRAIN] > 0.0 else n
     weight, period, known = constant[O_WEIGHT], constant[O_PERIOD], state[0] > 0.0
     each = BODY_ENTRIES[observer]
@@ -169,14 +159,14 @@ def estimate(observer, constant, state, inputs, now, found):
                 own[0] = constant[N_DECAY] * own[0] + (1.0 - constant[N_DECAY]) * unexplained
             value = own[0]
         else:
-            value = _cascade(observer, constant, own, inputs[POSITION, body], speed, rate if known else 0.0)
+            value = _cascade(observer, constant, own, inputs[body].position, speed, rate if known else 0.0)
         before[SPEED], before[DRIVE], before[RESISTING] = speed, drive, resistance
         found[body] = value
     state[0] = 1.0
     if constant[O_WHOLE_TRAIN] > 0.0:
         total = found[0] * constant[TRAIN_INERTIA]
         for unit in range(n):
-            found[unit] = total * inputs[SHARE, unit]
+            found[unit] = total * inputs[unit].share
     else:
         for unit in range(n):
             found[unit] = constant[O_MASS + unit] * found[unit]

@@ -9,16 +9,15 @@ from typing import Any
 
 import numpy as np
 
+from plant_sim.record import zeros
 from train_ato.control.algorithms.couplers import UnitCouplers
 from train_ato.control.algorithms.guard import GuardedLaw
-from train_ato.control.compiled import entries
 from train_ato.control.compiled import laws as c
-from train_ato.control.compiled.law_call import NO_CALL
+from train_ato.control.compiled.law_call import NO_CALL, LawCall
 from train_ato.control.compiled.sliding_packing import (
     fixed_time_smc_constants,
     lag_smc_constants,
     sliding_state,
-    smc_constants,
     take_sliding_state,
 )
 from train_ato.control.compiled.switching_packing import (
@@ -26,6 +25,7 @@ from train_ato.control.compiled.switching_packing import (
     switching_state,
     take_switching_state,
 )
+from train_ato.control.law import LawUnit, RecordLaw
 from train_ato.control.laws.fixed_time_smc import FixedTimeSmc
 from train_ato.control.laws.funnel import (
     A1,
@@ -39,11 +39,36 @@ from train_ato.control.laws.funnel import (
     Funnel,
 )
 from train_ato.control.laws.lag_smc import LagSmc
-from train_ato.control.laws.pid import Pid
-from train_ato.control.laws.rbf_smc import RbfSmc
 from train_ato.control.laws.rbf_switching_smc import RbfSwitchingSmc
-from train_ato.control.laws.smc import Smc
 from train_ato.messages.types import Array
+
+
+class RecordStep:
+    """Law over records in the compiled loop, with the interface of :class:`CompiledLaw`.
+
+    Parameters
+    ----------
+    law
+        The law; the loop changes its records.
+    """
+
+    number = c.CALLED
+
+    def __init__(self, law: RecordLaw) -> None:
+        self._law, self.constant, self.couplers = law, law.constants, law.couplers
+        self.call = LawCall(lambda *_: law.form.step(law.constants, law.state, law.now, law.units), law.form.entry)
+        self.uses_shoes = self.uses_effect = law.couplers is not None
+
+    def state(self) -> Any:
+        """Return the state of the law."""
+        return self._law.state
+
+    def inputs(self, units: int) -> Any:
+        """Return the inputs of the law."""
+        return self._law.units
+
+    def take_state(self, state: Any, inputs: Any) -> None:
+        """Do nothing: the law has its state."""
 
 
 class CompiledLaw:
@@ -72,7 +97,7 @@ class CompiledLaw:
         self.constant = constant(law)
         self.call = NO_CALL
         own: Any = law
-        measured = isinstance(law, Smc | FixedTimeSmc) and law._measured
+        measured = isinstance(law, FixedTimeSmc) and law._measured
         uses_couplers = measured or (isinstance(law, LagSmc) and not law._common)
         self.couplers: UnitCouplers | None = own._couplers if uses_couplers else None
 
@@ -90,34 +115,22 @@ class CompiledLaw:
     def state(self) -> Array:
         """Return the present state of the law."""
         law: Any = self._law
-        if self.number == c.PID:
-            flags = [float(law._before is not None), float(law._filtered is not None)]
-            before, filtered = (values or [0.0] * law.n for values in (law._before, law._filtered))
-            return np.array([*flags, *law._integral, *law._rate, *before, *filtered])
         if self.number == c.FUNNEL:
             return _funnel_state(law)
         return switching_state(law) if self.number == c.RBF_SWITCHING_SMC else sliding_state(law)
 
-    def inputs(self, units: int) -> Array:
+    def inputs(self, units: int) -> Any:
         """Return the array of the inputs of a span, with shares, limits reached and last forces of the law."""
-        inputs, law = np.zeros((entries.INPUT_ROWS, units)), self._law
-        inputs[[entries.SHARE, entries.SATURATED, entries.LAST_FORCE]] = law.share, law.saturated, law._last_force
+        inputs, law = zeros(LawUnit, units), self._law
+        inputs["share"], inputs["saturated"], inputs["force"] = law.share, law.saturated, law._last_force
         return inputs
 
-    def take_state(self, state: Array, inputs: Array) -> None:
+    def take_state(self, state: Array, inputs: Any) -> None:
         """Set the state of the law after the last inputs."""
         law: Any = self._law
-        law.saturated = [bool(value) for value in inputs[entries.SATURATED]]
-        law._last_force = inputs[entries.LAST_FORCE].tolist()
+        law.saturated, law._last_force = inputs["saturated"].tolist(), inputs["force"].tolist()
         values = state.tolist()
-        if self.number == c.PID:
-            n, first = law.n, c.PID_UNITS
-            law._integral, law._rate, before, filtered = (
-                values[first + row * n : first + (row + 1) * n] for row in range(4)
-            )
-            law._before = before if values[c.HAS_BEFORE] else None
-            law._filtered = filtered if values[c.HAS_FILTERED] else None
-        elif self.number == c.FUNNEL:
+        if self.number == c.FUNNEL:
             _take_funnel_state(law, values)
         elif self.number == c.RBF_SWITCHING_SMC:
             take_switching_state(law, values)
@@ -125,20 +138,18 @@ class CompiledLaw:
             take_sliding_state(law, values)
 
 
+LawStep = CompiledLaw | RecordStep
+
+
 def has_compiled_step(law: Any) -> bool:
     """Return True for a law with a compiled step for its parameters."""
+    if isinstance(law, RecordLaw):
+        return type(law).step is _RECORD_STEP
     if _STEPS.get(type(law)) is not type(law).step:
         return False
     if type(law) is RbfSwitchingSmc:
         return not law._equivalents
     return type(law) is not FixedTimeSmc or law.parameters.states == "measured"
-
-
-def _pid_constants(law: Pid) -> Array:
-    p = law.parameters
-    head = [law._of_position, p.integral_limit, law._filter_decay, law._derivative_decay, law.period,
-            law.uses_feedforward, law._uses_estimate]  # fmt: skip
-    return np.array([*map(float, head), *np.ravel(law._gains).tolist()])
 
 
 def _funnel_constants(law: Funnel) -> Array:
@@ -182,14 +193,12 @@ def _take_funnel_state(law: Any, values: list[float]) -> None:
 
 
 _FORMS: tuple[tuple[Any, int, Callable[[Any], Array]], ...] = (
-    (Pid, c.PID, _pid_constants),
     (Funnel, c.FUNNEL, _funnel_constants),
-    (Smc, c.SMC, smc_constants),
-    (RbfSmc, c.SMC, smc_constants),
     (FixedTimeSmc, c.FIXED_TIME_SMC, fixed_time_smc_constants),
     (LagSmc, c.LAG_SMC, lag_smc_constants),
     (RbfSwitchingSmc, c.RBF_SWITCHING_SMC, switching_constants),
 )
 """Laws with a compiled step, their numbers and their constants."""
+_RECORD_STEP = RecordLaw.step
 _STEPS = {kind: kind.step for kind, _, _ in _FORMS}
 """Steps with a compiled form: a step that a program replaces at run time has none."""

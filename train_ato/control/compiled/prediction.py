@@ -7,13 +7,8 @@ from __future__ import annotations
 from plant_sim.compiled import compiled
 from plant_sim.railway import between_entries
 from train_ato.control.compiled.entries import (
-    APPLIED,
-    DISTURBANCE,
-    POSITION,
-    SHARE,
     TRAIN_ENTRIES,
     TRAIN_INERTIA,
-    VELOCITY,
     ordered_total,
     resisting_force,
 )
@@ -61,10 +56,10 @@ def predict(t, constant, rows, table, history, line_force, shoes, inputs):
     h, decay, lasting = constant[P_STEP], constant[P_DECAY], constant[P_LASTING]
     start, push = 0.0, 0.0
     for unit in range(n):
-        start += inputs[SHARE, unit] * inputs[VELOCITY, unit]
-        push += inputs[DISTURBANCE, unit] if constant[P_USES_ESTIMATE] > 0.0 else 0.0 * inputs[DISTURBANCE, unit]
+        start += inputs[unit].share * inputs[unit].velocity
+        push += inputs[unit].disturbance if constant[P_USES_ESTIMATE] > 0.0 else 0.0 * inputs[unit].disturbance
     base = resisting_force(constant, start, line_force, shoes) - _along_profile(constant, table, t)
-    force, speed, moved = ordered_total(inputs[APPLIED]), 0.0, 0.0
+    force, speed, moved = ordered_total(inputs.applied), 0.0, 0.0
     for k in range(count):
         command = 0.0
         for unit in range(n):
@@ -78,9 +73,9 @@ def predict(t, constant, rows, table, history, line_force, shoes, inputs):
     for k in range(count):
         for unit in range(n):
             sent = history[rows[k, unit], unit]
-            inputs[APPLIED, unit] = sent + (inputs[APPLIED, unit] - sent) * decay
+            inputs[unit].applied = sent + (inputs[unit].applied - sent) * decay
     if start >= 0.0 > start + speed:
         moved, speed = moved if moved >= 0.0 else 0.0, -start
     for unit in range(n):
-        inputs[POSITION, unit] += moved
-        inputs[VELOCITY, unit] += speed
+        inputs[unit].position += moved
+        inputs[unit].velocity += speed

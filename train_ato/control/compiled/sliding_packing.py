@@ -10,20 +10,7 @@ from train_ato.control.compiled import sliding as c
 from train_ato.control.compiled.train_packing import train_constants
 from train_ato.control.laws.fixed_time_smc import BRANCH_ERROR, LARGE, MIN_ERROR, SMALL, FixedTimeSmc
 from train_ato.control.laws.lag_smc import LagSmc
-from train_ato.control.laws.rbf_smc import RbfSmc
-from train_ato.control.laws.smc import Smc
 from train_ato.messages.types import Array
-
-
-def smc_constants(law: Smc) -> Array:
-    """Return the constants of `smc` or `rbf_smc`."""
-    p = law.parameters
-    head = [p.l1, p.l2, p.xi, p.alpha, p.kappa, p.ks, p.phi, 1.0 / (1.0 + p.model_error), p.integral_limit,
-            p.anti_windup, law._measured, law.period]  # fmt: skip
-    network = [0.0] * (c.S_MASS - c.S_NETWORK)
-    if isinstance(law, RbfSmc):
-        network = [1.0, p.gamma, p.spread, p.width, p.clip, law._decay, p.weight_limit, *law._centres]
-    return np.array([*map(float, head), *map(float, network), *law._mass])
 
 
 def fixed_time_smc_constants(law: FixedTimeSmc) -> Array:
@@ -45,39 +32,21 @@ def sliding_state(law: Any) -> Array:
     """Return the present state of a sliding-mode law."""
     if isinstance(law, LagSmc):
         return np.zeros(0)
-    if isinstance(law, FixedTimeSmc):
-        rows = [
-            (offset._speed is not None, offset._speed or 0.0, offset._place._value is not None,
-             offset._place._value or 0.0, offset._place.unknown_rate)
-            for offset in law._offsets
-        ]  # fmt: skip
-        return np.array(rows, dtype=np.float64).ravel()
-    surfaces = [(surface._before is not None, surface._before or 0.0, surface._integral) for surface in law._surfaces]
-    networks: list[tuple[float, ...]] = []
-    if isinstance(law, RbfSmc):
-        networks = [(*own.values, *seen) for own, seen in zip(law._weights, law._observed, strict=True)]
-    return np.array([*np.ravel(surfaces), *np.ravel(networks)], dtype=np.float64)
+    rows = [
+        (offset._speed is not None, offset._speed or 0.0, offset._place._value is not None,
+         offset._place._value or 0.0, offset._place.unknown_rate)
+        for offset in law._offsets
+    ]  # fmt: skip
+    return np.array(rows, dtype=np.float64).ravel()
 
 
 def take_sliding_state(law: Any, values: list[float]) -> None:
     """Set the state of a sliding-mode law."""
     if isinstance(law, LagSmc):
         return
-    if isinstance(law, FixedTimeSmc):
-        for offset, (has_speed, speed, known, value, rate) in zip(
-            law._offsets, _rows(values, c.T_ENTRIES), strict=True
-        ):
-            offset._speed = speed if has_speed else None
-            offset._place._value, offset._place.unknown_rate = value if known else None, rate
-        return
-    end = c.SURFACE_ENTRIES * law.n
-    rows = _rows(values[:end], c.SURFACE_ENTRIES)
-    for surface, (known, before, integral) in zip(law._surfaces, rows, strict=True):
-        surface._before, surface._integral = before if known else None, integral
-    if isinstance(law, RbfSmc):
-        for unit, row in enumerate(_rows(values[end:], c.NETWORK_ENTRIES)):
-            law._weights[unit].values[:] = row[: c.CENTRES]
-            law._observed[unit] = (row[c.CENTRES], row[c.CENTRES + 1])
+    for offset, (has_speed, speed, known, value, rate) in zip(law._offsets, _rows(values, c.T_ENTRIES), strict=True):
+        offset._speed = speed if has_speed else None
+        offset._place._value, offset._place.unknown_rate = value if known else None, rate
 
 
 def _rows(values: list[float], length: int) -> list[list[float]]:

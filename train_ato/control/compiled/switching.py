@@ -6,18 +6,7 @@ from __future__ import annotations
 
 from plant_sim.compiled import compiled
 from plant_sim.elementary import libm_exp, libm_tanh
-from train_ato.control.compiled.entries import (
-    DISTURBANCE,
-    FEEDFORWARD,
-    LAST_FORCE,
-    POSITION,
-    REFERENCE_POSITION,
-    REFERENCE_VELOCITY,
-    SATURATED,
-    VELOCITY,
-    clamped,
-    sign_of,
-)
+from train_ato.control.algorithms.sliding import clamped, saturation
 
 CENTRES = 5
 """Number of centres of both networks."""
@@ -88,7 +77,7 @@ def _identify(constant, own, hidden, command, acceleration):
 def _switching(constant, own, hidden, held, surface, command, acceleration):
     """Return the switching term [m/s²]; its weights learn."""
     if constant[R_SWITCHING] == RELAY:
-        return -constant[R_K_W] * sign_of(surface, 0.0)
+        return -constant[R_K_W] * saturation(surface, 0.0)
     if constant[R_SWITCHING] == TANH:
         return -constant[R_K_W] * libm_tanh(surface / constant[R_PHI])
     gain = 1.0
@@ -115,16 +104,16 @@ def _switching(constant, own, hidden, held, surface, command, acceleration):
 def rbf_switching_smc_step(constant, state, inputs, now, force):
     """Compute the demand of :class:`train_ato.control.laws.rbf_switching_smc.RbfSwitchingSmc` [N]."""
     hidden = constant[R_CENTRES:R_MASS].copy()
-    for unit in range(inputs.shape[1]):
+    for unit in range(inputs.size):
         own = state[1 + UNIT_ENTRIES * unit : 1 + UNIT_ENTRIES * (unit + 1)]
-        error = inputs[POSITION, unit] - inputs[REFERENCE_POSITION, unit]
-        rate, mass = inputs[VELOCITY, unit] - now[REFERENCE_VELOCITY], constant[R_MASS + unit]
+        error = inputs[unit].position - inputs[unit].reference_position
+        rate, mass = inputs[unit].velocity - inputs[unit].reference_velocity, constant[R_MASS + unit]
         acceleration = (rate - own[LAST_RATE]) / constant[R_PERIOD] if state[0] > 0.0 else 0.0
-        command = inputs[LAST_FORCE, unit] / mass if constant[R_LITERAL_INPUT] > 0.0 else own[PULL]
-        held = inputs[SATURATED, unit] > 0.0 and constant[R_ANTI_WINDUP] > 0.0
+        command = inputs[unit].force / mass if constant[R_LITERAL_INPUT] > 0.0 else own[PULL]
+        held = inputs[unit].saturated and constant[R_ANTI_WINDUP] > 0.0
         surface = constant[R_C] * error + rate
         own[PULL] = _switching(constant, own, hidden, held, surface, command, acceleration)
         own[LAST_RATE] = rate
-        known = inputs[FEEDFORWARD, unit] - inputs[DISTURBANCE, unit]
+        known = inputs[unit].feedforward - inputs[unit].disturbance
         force[unit] = known + mass * (own[PULL] - constant[R_C] * rate)
     state[0] = 1.0

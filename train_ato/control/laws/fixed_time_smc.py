@@ -194,7 +194,7 @@ class FixedTimeSmc(GuardedLaw):
         auxiliary, slope = alternating(error, self.parameters.surface)
         surface = rate + auxiliary
         gain: float = self.parameters.reaching
-        return -slope * rate - gain * (sig(surface, SMALL) + sig(surface, LARGE))
+        return float(-slope * rate - gain * (sig(surface, SMALL) + sig(surface, LARGE)))
 
 
 def alternating(error: float, gain: float) -> tuple[float, float]:

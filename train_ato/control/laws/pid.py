@@ -37,13 +37,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from operator import sub
+from math import copysign
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from train_ato.control.algorithms.guard import GuardedLaw, is_valid
+from plant_sim.compiled import compiled
+from plant_sim.record import Records, quantity
 from train_ato.control.algorithms.loop_gains import LoopGains
+from train_ato.control.algorithms.sliding import clamped
 from train_ato.control.contract import LawInput, parameter
 from train_ato.control.gains import gains_choice
+from train_ato.control.law import INVALID, LawForm, LawNow, LawUnit, RecordLaw
 from train_ato.messages.types import Array
 
 if TYPE_CHECKING:
@@ -74,10 +77,63 @@ class PidParameters:
     disturbance: bool = parameter(True, "", 0, 1, "subtract the estimate of the observer")
 
 
-class Pid(GuardedLaw):
+@dataclass(frozen=True)
+class PidConstants(PidParameters):
+    """Constants of :func:`pid`: its parameters, and what follows from them."""
+
+    of_position: bool = quantity("", "the integral is the position error")
+    filter_decay: float = quantity("1", "part of the filtered error that is left after a period")
+    derivative_decay: float = quantity("1", "part of the filtered derivative that is left after a period")
+    period: float = quantity("s", "control period")
+
+
+@dataclass
+class PidUnit:
+    """State of :func:`pid` for one unit."""
+
+    inertia: float = quantity("kg", "factor of the gains: share of the train's inertia, or of 1")
+    integral: float = quantity("m", "sum of the speed error")
+    rate: float = quantity("m/s²", "filtered derivative of the error")
+    before: float = quantity("m/s", "error of the last step")
+    filtered: float = quantity("m/s", "filtered error")
+    known: bool = quantity("", "the error of the last step is known")
+    has_filtered: bool = quantity("", "the filtered error is known")
+
+
+@compiled
+def pid(p: PidConstants, state: Records[PidUnit], now: LawNow, units: Records[LawUnit]) -> None:
+    """Compute the demand of PID on the speed error with feed-forward [N]."""
+    limit = p.integral_limit
+    for u in range(units.size):
+        x, own = units[u], state[u]
+        error = x.velocity - x.reference_velocity
+        if p.filter_decay != 0.0:
+            error = error + p.filter_decay * ((own.filtered if own.has_filtered else error) - error)
+            own.has_filtered, own.filtered = True, error
+        if p.of_position:
+            total = x.position - x.reference_position
+            if not -limit <= total <= limit:
+                total = copysign(limit, total)
+        else:
+            if not (x.saturated and (x.force > 0) == (error < 0)):  # at a limit only towards the inside
+                own.integral = clamped(own.integral + error * p.period, -limit, limit)
+            total = own.integral
+        correction = own.inertia * p.kp * error + own.inertia * p.ki * total
+        if p.kd != 0.0:
+            if own.known:
+                raw = (error - own.before) / p.period
+                own.rate = p.derivative_decay * own.rate + (1.0 - p.derivative_decay) * raw
+            correction += own.inertia * p.kd * own.rate
+        own.known, own.before = True, error
+        known = x.feedforward if p.feedforward else 0.0
+        x.wanted = known - (x.disturbance if p.disturbance else 0.0) - correction
+
+
+class Pid(RecordLaw):
     """PID on the speed error with feed-forward, clamped integral and filtered derivative."""
 
     Parameters: ClassVar[type] = PidParameters
+    form = LawForm(pid, PidConstants, PidUnit)
 
     @classmethod
     def model_gains(cls, model: TrainModel, period: float) -> dict[str, Any]:
@@ -95,81 +151,25 @@ class Pid(GuardedLaw):
 
     def __init__(self, parameters: PidParameters, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)
-        scale = model.inertia if parameters.per_mass else 1.0
-        gains = (parameters.kp, parameters.ki, parameters.kd)
-        self._gains = [tuple(scale * share * gain for gain in gains) for share in model.share.tolist()]
-        self._derivative_decay = (
-            math.exp(-period / parameters.derivative_time) if parameters.derivative_time > 0 else 0.0
-        )
-        self._filter_decay = math.exp(-period / parameters.filter_time) if parameters.filter_time > 0 else 0.0
         self.uses_feedforward, self.feedforward_hint = parameters.feedforward, "feedforward: true"
-        self._of_position = parameters.integral == "position"
-        self._uses_estimate = parameters.disturbance
-        self._zeros = [0.0] * self.n
-        self.clear_state()
-
-    def clear_state(self) -> None:
-        """Clear the integrals and the filters."""
-        self._integral = [0.0] * self.n
-        self._rate = [0.0] * self.n
-        self._before: list[float] | None = None
-        self._filtered: list[float] | None = None
-
-    def on_missed_sample(self) -> None:
-        """Handle a missed sample: the difference quotient restarts."""
-        self._before = None
+        self.state["inertia"] = (model.inertia if parameters.per_mass else 1.0) * model.share
+        self.set_constants(
+            of_position=parameters.integral == "position",
+            filter_decay=decay(parameters.filter_time, period),
+            derivative_decay=decay(parameters.derivative_time, period),
+        )
 
     def take_over(self, inputs: LawInput, force: Array) -> None:
         """Begin at the last command [N] by the sums of the speed error; the position error cannot be chosen."""
+        if self.parameters.integral == "speed" and self.call(inputs) != INVALID:
+            p, wanted = self.parameters, self.units["wanted"].tolist()
+            self.clear_state()
+            for own, demand, last in zip(self.state, wanted, force.tolist(), strict=True):
+                if (ki := own["inertia"] * p.ki) > 0.0:
+                    own["integral"] = min(max((demand - last) / ki, -p.integral_limit), p.integral_limit)
         super().take_over(inputs, force)
-        if self._of_position or not is_valid(inputs):
-            return
-        wanted, limit = self.demand(inputs), self.parameters.integral_limit
-        self.clear_state()
-        for unit, (_, ki, _) in enumerate(self._gains):
-            if ki > 0.0:
-                self._integral[unit] = min(max((wanted[unit] - float(force[unit])) / ki, -limit), limit)
 
-    def demand(self, inputs: LawInput) -> list[float]:
-        """Return the force demand of every unit [N]."""
-        errors = list(map(sub, inputs.velocity.tolist(), inputs.reference_velocity.tolist()))
-        if self._filter_decay:
-            errors = self._filter(errors)
-        integrals = self._distances(inputs) if self._of_position else self._summed(errors)
-        known = inputs.feedforward.tolist() if self.uses_feedforward else self._zeros
-        disturbance = inputs.disturbance.tolist() if self._uses_estimate else self._zeros
-        wanted = []
-        for unit, (kp, ki, kd) in enumerate(self._gains):
-            error = errors[unit]
-            force = kp * error + ki * integrals[unit]
-            if kd:
-                force += kd * self._derivative(unit, error)
-            wanted.append(known[unit] - disturbance[unit] - force)
-        self._before = errors
-        return wanted
 
-    def _filter(self, errors: list[float]) -> list[float]:
-        decay, before = self._filter_decay, errors if self._filtered is None else self._filtered
-        self._filtered = [now + decay * (old - now) for now, old in zip(errors, before, strict=True)]
-        return self._filtered
-
-    def _derivative(self, unit: int, error: float) -> float:
-        if self._before is not None:
-            raw = (error - self._before[unit]) / self.period
-            self._rate[unit] = self._derivative_decay * self._rate[unit] + (1.0 - self._derivative_decay) * raw
-        return self._rate[unit]
-
-    def _distances(self, inputs: LawInput) -> list[float]:
-        """Return the measured position errors, clamped [m]."""
-        limit: float = self.parameters.integral_limit
-        errors = map(sub, inputs.position.tolist(), inputs.reference_position.tolist())
-        return [error if -limit <= error <= limit else math.copysign(limit, error) for error in errors]
-
-    def _summed(self, errors: list[float]) -> list[float]:
-        """Return the clamped sums of the speed errors [m]; at a limit a sum is held if the error would increase it."""
-        limit: float = self.parameters.integral_limit
-        for unit, error in enumerate(errors):
-            if not (self.saturated[unit] and (self._last_force[unit] > 0) == (error < 0)):
-                total = self._integral[unit] + error * self.period
-                self._integral[unit] = min(max(total, -limit), limit)
-        return self._integral
+def decay(time_constant: float, period: float) -> float:
+    """Return the part that a filter keeps over a period, 0 without a time constant [s]."""
+    return math.exp(-period / time_constant) if time_constant > 0 else 0.0

@@ -34,9 +34,15 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from train_ato.control.algorithms.rbf import RBF_CENTERS, Weights, activations
+from plant_sim.compiled import compiled
+from plant_sim.elementary import libm_exp
+from plant_sim.record import Records, quantity
+from train_ato.control.algorithms.rbf import RBF_CENTERS
+from train_ato.control.algorithms.sliding import clamped
 from train_ato.control.contract import parameter
-from train_ato.control.laws.smc import Smc, SmcParameters
+from train_ato.control.law import LawForm, LawNow, LawUnit
+from train_ato.control.laws.smc import Smc, SmcConstants, SmcParameters, SmcUnit, equivalent, integral_surface, reaching
+from train_ato.messages.types import Array
 
 if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel
@@ -56,10 +62,57 @@ class RbfSmcParameters(SmcParameters):
     weight_limit: float = parameter(1.0, "m/s²", 0.0, 1e3, "largest magnitude of a weight")
 
 
+@dataclass(frozen=True)
+class RbfSmcConstants(SmcConstants, RbfSmcParameters):
+    """Constants of :func:`rbf_smc`: those of :func:`smc`, and of the network."""
+
+    observer_decay: float = quantity("1", "part of the estimate of the observer that is left after a period")
+
+
+@dataclass
+class RbfSmcUnit(SmcUnit):
+    """State of :func:`rbf_smc` for one unit."""
+
+    weights: Array = quantity("m/s²", "weights of the network", len(RBF_CENTERS))
+    observed: float = quantity("m/s²", "part of delta_hat in d_hat")
+    found: float = quantity("m/s²", "delta_hat of the last step")
+
+
+@compiled
+def learnt_error(p: RbfSmcConstants, own: RbfSmcUnit, held: bool, error: float, rate: float, surface: float) -> float:
+    """Return delta_hat of (25) [m/s²]; its weights learn by (28)."""
+    if p.clip:
+        error, rate = clamped(error, -p.spread, p.spread), clamped(rate, -p.spread, p.spread)
+    scale, speed, found = -0.5 / (p.width * p.width), p.gamma * surface * p.period, 0.0
+    for j in range(len(RBF_CENTERS)):
+        c = p.spread * RBF_CENTERS[j]
+        hidden = libm_exp(scale * ((error - c) * (error - c) + (rate - c) * (rate - c)))
+        found += own.weights[j] * hidden
+        if not held:
+            own.weights[j] = clamped(own.weights[j] + speed * hidden, -p.weight_limit, p.weight_limit)
+    return found
+
+
+@compiled
+def rbf_smc(p: RbfSmcConstants, state: Records[RbfSmcUnit], now: LawNow, units: Records[LawUnit]) -> None:
+    """Compute the demand of sliding mode with a network for the error of the model: (35) [N]."""
+    for u in range(units.size):
+        x, own = units[u], state[u]
+        error, rate = x.position - x.reference_position, x.velocity - x.reference_velocity
+        held = x.saturated and p.anti_windup
+        surface = integral_surface(p, own, error, rate, held)
+        found = learnt_error(p, own, held, error, rate, surface)
+        own.observed = p.observer_decay * own.observed + (1.0 - p.observer_decay) * own.found
+        own.found = found
+        pull = reaching(p, error, rate, surface) + (found - own.observed)
+        x.wanted = equivalent(p, own.mass, now, x) - x.disturbance - own.mass * pull
+
+
 class RbfSmc(Smc):
     """Sliding mode with a 2-5-1 RBF network for the error of the model (paper 000)."""
 
     Parameters: ClassVar[type] = RbfSmcParameters
+    form = LawForm(rbf_smc, RbfSmcConstants, RbfSmcUnit)
 
     @classmethod
     def model_gains(cls, model: TrainModel, period: float) -> dict[str, Any]:
@@ -75,31 +128,6 @@ class RbfSmc(Smc):
         found = super().model_gains(model, period)
         return {**found, "gamma": found["ks"] ** 2 / 16.0, "spread": 0.5, "width": 0.25}
 
-    def __init__(self, parameters: RbfSmcParameters, model: TrainModel, period: float) -> None:
-        super().__init__(parameters, model, period)
-        self._centres = [parameters.spread * centre for centre in RBF_CENTERS]
-        self._weights = [Weights([0.0] * len(RBF_CENTERS), parameters.weight_limit) for _ in range(self.n)]
-        self._decay = math.exp(-parameters.ndo_omega * period)
-        self._observed = [(0.0, 0.0)] * self.n
-
-    def clear_state(self) -> None:
-        """Clear the integrals and the networks."""
-        super().clear_state()
-        for weights in self._weights:
-            weights.reset()
-        self._observed = [(0.0, 0.0)] * self.n
-
-    def learnt(self, unit: int, error: float, rate: float, surface: float) -> float:
-        """Return delta_hat minus its part in d_hat [m/s²], and update the weights."""
-        p = self.parameters
-        if p.clip:
-            reach = p.spread
-            error, rate = min(max(error, -reach), reach), min(max(rate, -reach), reach)
-        hidden = activations((error, rate), self._centres, p.width)
-        found = self._weights[unit].output(hidden)
-        if not (self.saturated[unit] and p.anti_windup):
-            self._weights[unit].learn(p.gamma * surface * self.period, hidden)
-        filtered, before = self._observed[unit]
-        filtered = self._decay * filtered + (1.0 - self._decay) * before
-        self._observed[unit] = (filtered, found)
-        return found - filtered
+    def more_constants(self) -> dict[str, Any]:
+        """Return the decay of the observer."""
+        return {"observer_decay": math.exp(-self.parameters.ndo_omega * self.period)}

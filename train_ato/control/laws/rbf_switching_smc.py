@@ -50,7 +50,7 @@ from plant_sim.summation import plain_sum
 from train_ato.control.algorithms.guard import GuardedLaw
 from train_ato.control.algorithms.loop_gains import LoopGains
 from train_ato.control.algorithms.rbf import RBF_CENTERS, Weights, activations
-from train_ato.control.algorithms.sliding import sign
+from train_ato.control.algorithms.sliding import saturation
 from train_ato.control.compensation.pade import pade_coefficients
 from train_ato.control.contract import LawInput, parameter
 from train_ato.control.gains import gains_choice
@@ -194,7 +194,7 @@ class RbfSwitchingSmc(GuardedLaw):
         """Return u_n [m/s²] and update the weights."""
         p = self.parameters
         if p.switching == "sign":
-            return float(-p.k_w * sign(surface))
+            return float(-p.k_w * saturation(surface, 0.0))
         if p.switching == "tanh":
             return float(-p.k_w * math.tanh(surface / p.phi))
         gain = self._sensitivity[unit].step(command, acceleration) if p.identify else 1.0

@@ -40,15 +40,17 @@ feed-forward are rejected. With ``equivalent: feedforward`` any train without se
 from __future__ import annotations
 
 from dataclasses import dataclass
-from operator import sub
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from plant_sim.compiled import compiled
+from plant_sim.elementary import libm_tanh
+from plant_sim.record import Records, quantity
 from train_ato.control.algorithms.couplers import UnitCouplers
-from train_ato.control.algorithms.guard import GuardedLaw
 from train_ato.control.algorithms.loop_gains import LoopGains
-from train_ato.control.algorithms.sliding import IntegralSurface, adaptive_gain, saturation, sig
-from train_ato.control.contract import LawInput, parameter
+from train_ato.control.algorithms.sliding import clamped, saturation, sig
+from train_ato.control.contract import parameter
 from train_ato.control.gains import gains_choice
+from train_ato.control.law import LawForm, LawNow, LawUnit, RecordLaw
 from train_ato.control.parameters import RefusedParameter
 
 if TYPE_CHECKING:
@@ -82,10 +84,67 @@ class SmcParameters:
     )
 
 
-class Smc(GuardedLaw):
+@dataclass(frozen=True)
+class SmcConstants(SmcParameters):
+    """Constants of :func:`smc`: its parameters, and what follows from them."""
+
+    measured: bool = quantity("", "the equivalent control is that of the measured forces")
+    period: float = quantity("s", "control period")
+
+
+@dataclass
+class SmcUnit:
+    """State of :func:`smc` for one unit."""
+
+    mass: float = quantity("kg", "mass of the unit's vehicle, or its share of the train's inertia")
+    before: float = quantity("m", "error of the last step")
+    integral: float = quantity("m s", "integral of the error")
+    known: bool = quantity("", "the error of the last step is known")
+
+
+@compiled
+def integral_surface(p: SmcConstants, own: SmcUnit, error: float, rate: float, held: bool) -> float:
+    """Return S [m/s] of (19); ``held`` freezes the integral."""
+    if own.known and not held:
+        total = own.integral + 0.5 * (error + own.before) * p.period
+        own.integral = clamped(total, -p.integral_limit, p.integral_limit)
+    own.known, own.before = True, error
+    return rate + p.l1 * error + p.l2 * own.integral
+
+
+@compiled
+def reaching(p: SmcConstants, error: float, rate: float, surface: float) -> float:
+    """Return l1 e' + l2 e and the reaching terms of (21) [m/s²]."""
+    zeta = p.kappa * libm_tanh(abs(error) / 2.0)
+    pull = p.l1 * rate + p.l2 * error + p.ks * surface + p.xi * sig(surface, p.alpha)
+    return float(pull + zeta * saturation(surface, p.phi))
+
+
+@compiled
+def equivalent(p: SmcConstants, mass: float, now: LawNow, x: LawUnit) -> float:
+    """Return m (v_d' - f_hat) of a unit [N], or the feed-forward in its place."""
+    if not p.measured:
+        return x.feedforward
+    model_factor = 1.0 / (1.0 + p.model_error)
+    return mass * now.acceleration_at_effect + (x.coupler_force + x.resistance + x.shoe_force) * model_factor
+
+
+@compiled
+def smc(p: SmcConstants, state: Records[SmcUnit], now: LawNow, units: Records[LawUnit]) -> None:
+    """Compute the demand of sliding mode with integral surface (19) and adaptive reaching law (21): (22) [N]."""
+    for u in range(units.size):
+        x, own = units[u], state[u]
+        error, rate = x.position - x.reference_position, x.velocity - x.reference_velocity
+        surface = integral_surface(p, own, error, rate, x.saturated and p.anti_windup)
+        pull = reaching(p, error, rate, surface)
+        x.wanted = equivalent(p, own.mass, now, x) - x.disturbance - own.mass * pull
+
+
+class Smc(RecordLaw):
     """Sliding mode with integral surface and adaptive reaching law (paper 000)."""
 
     Parameters: ClassVar[type] = SmcParameters
+    form = LawForm(smc, SmcConstants, SmcUnit)
 
     @classmethod
     def model_gains(cls, model: TrainModel, period: float) -> dict[str, Any]:
@@ -107,61 +166,19 @@ class Smc(GuardedLaw):
 
     def __init__(self, parameters: SmcParameters, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)
-        self._measured = parameters.equivalent == "measured"
-        self.uses_feedforward, self.feedforward_hint = not self._measured, "equivalent: feedforward"
-        self._couplers = UnitCouplers(model)
-        if self._measured and self._couplers.unknown:
+        measured = parameters.equivalent == "measured"
+        self.uses_feedforward, self.feedforward_hint = not measured, "equivalent: feedforward"
+        self.couplers = UnitCouplers(model) if measured else None
+        if self.couplers is not None and self.couplers.unknown:
             raise RefusedParameter(
-                f"equivalent: measured needs the force of {self._couplers.unknown_names()}, or a unit of "
+                f"equivalent: measured needs the force of {self.couplers.unknown_names()}, or a unit of "
                 f"{model.unit_mass[0] / 1e3:.0f} t would have to balance {model.mass / 1e3:.0f} t",
                 "equivalent: feedforward",
-                self._couplers.sensors_text(),
+                self.couplers.sensors_text(),
             )
-        self._mass = model.unit_inertia.tolist() if self._measured else (model.inertia * model.share).tolist()
-        p = parameters
-        self._surfaces = [IntegralSurface(p.l1, p.l2, period, p.integral_limit) for _ in range(self.n)]
+        self.state["mass"] = model.unit_inertia if measured else model.inertia * model.share
+        self.set_constants(measured=measured, **self.more_constants())
 
-    def clear_state(self) -> None:
-        """Clear the integrals."""
-        for surface in self._surfaces:
-            surface.reset()
-
-    def on_missed_sample(self) -> None:
-        """Handle a missed sample: the integrals do not bridge the gap."""
-        for surface in self._surfaces:
-            surface.on_missed_sample()
-
-    def demand(self, inputs: LawInput) -> list[float]:
-        """Return the force demand of every unit [N]."""
-        errors = list(map(sub, inputs.position.tolist(), inputs.reference_position.tolist()))
-        rates = list(map(sub, inputs.velocity.tolist(), inputs.reference_velocity.tolist()))
-        equivalent = self.equivalent(inputs)
-        disturbance = inputs.disturbance.tolist()
-        wanted = []
-        for unit, (error, rate) in enumerate(zip(errors, rates, strict=True)):
-            hold = self.saturated[unit] and self.parameters.anti_windup
-            surface = self._surfaces[unit].step(error, rate, hold)
-            pull = self.reaching(error, rate, surface) + self.learnt(unit, error, rate, surface)
-            wanted.append(equivalent[unit] - disturbance[unit] - self._mass[unit] * pull)
-        return wanted
-
-    def learnt(self, unit: int, error: float, rate: float, surface: float) -> float:
-        """Return delta_hat, the correction of f_hat by a network [m/s²]; 0 without one."""
-        return 0.0
-
-    def reaching(self, error: float, rate: float, surface: float) -> float:
-        """Return l1 e' + l2 e and the reaching terms of (21) [m/s²]."""
-        p = self.parameters
-        switching = adaptive_gain(error, p.kappa) * saturation(surface, p.phi)
-        return float(p.l1 * rate + p.l2 * error + p.ks * surface + p.xi * sig(surface, p.alpha) + switching)
-
-    def equivalent(self, inputs: LawInput) -> list[float]:
-        """Return m (v_d' - f_hat) of every unit [N], or the feed-forward in its place."""
-        if not self._measured:
-            known: list[float] = inputs.feedforward.tolist()
-            return known
-        model_factor = 1.0 / (1.0 + self.parameters.model_error)
-        return [
-            mass * inputs.acceleration_at_effect + forces.total * model_factor
-            for mass, forces in zip(self._mass, self._couplers.opposing(inputs), strict=True)
-        ]
+    def more_constants(self) -> dict[str, Any]:
+        """Return the constants of a form with more of them."""
+        return {}

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 
-from train_ato.control.algorithms.sliding import saturation, sign
+from train_ato.control.algorithms.sliding import saturation
 
 
 class Cascade:
@@ -90,12 +90,12 @@ class ExplicitCascade(Cascade):
             self._x, self._v = x, v
             return
         h, decay = self._period, self._decay
-        phi1, phi2 = self._k1 * sign(x - self._x), self._k2 * sign(v - self._v)
+        phi1, phi2 = self._k1 * saturation(x - self._x, 0.0), self._k2 * saturation(v - self._v, 0.0)
         self._x += h * (self._v + phi1)
         self._v += h * (acceleration + phi2)
         self._offset = decay * self._offset + (1.0 - decay) * phi1
         self.d2 = decay * self.d2 + (1.0 - decay) * phi2
-        rate = self._k3 * (phi1 - self.d1) - self._k4 * sign(self.d1 - self._offset)
+        rate = self._k3 * (phi1 - self.d1) - self._k4 * saturation(self.d1 - self._offset, 0.0)
         self.d1 += h * rate
         self.d1_rate = decay * self.d1_rate + (1.0 - decay) * rate
 
@@ -117,7 +117,8 @@ class ImplicitCascade(ExplicitCascade):
         self._offset = decay * self._offset + (1.0 - decay) * phi1
         self.d2 = decay * self.d2 + (1.0 - decay) * phi2
         free = self.d1 + h * self._k3 * (phi1 - self.d1)
-        found = self._offset + max(0.0, abs(free - self._offset) - h * self._k4) * sign(free - self._offset)
+        off = free - self._offset
+        found = self._offset + max(0.0, abs(off) - h * self._k4) * saturation(off, 0.0)
         rate = (found - self.d1) / h
         self.d1 = found
         self.d1_rate = decay * self.d1_rate + (1.0 - decay) * rate

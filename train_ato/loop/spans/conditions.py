@@ -11,7 +11,7 @@ from train_ato.control.compensation.preview import PreviewFeedforward
 from train_ato.control.compensation.twin import Twin
 from train_ato.control.compiled.entries import LONGEST_SUM
 from train_ato.control.compiled.observer_packing import has_compiled_observer
-from train_ato.control.compiled.packing import CompiledLaw
+from train_ato.control.compiled.packing import LawStep
 from train_ato.control.compiled.policy_packing import has_compiled_policy, has_same_state
 from train_ato.control.compiled.prediction_packing import has_compiled_prediction
 from train_ato.control.observers.cascaded import Cascaded
@@ -85,7 +85,7 @@ def ticks_to_event(
     return int(-((stamp - min(ends)) // tick))
 
 
-def is_regular(stages: Stages, supervised: SupervisedTicks, stack: ControlStack, law: CompiledLaw | PythonLaw) -> bool:
+def is_regular(stages: Stages, supervised: SupervisedTicks, stack: ControlStack, law: LawStep | PythonLaw) -> bool:
     """Return True if train, control stack and receiving ends are in a state that the compiled ticks contain."""
     setup, train, controller, stamp = stages.setup, stages.plant.train, stages.controller, stages.plant.stamp
     if not supervised.is_quiet or not all(inputs.is_regular(stamp) for inputs in _inputs(stages)):

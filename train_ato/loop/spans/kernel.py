@@ -8,7 +8,6 @@ import numpy as np
 
 from plant_sim import kernel as k
 from plant_sim.compiled import compiled
-from train_ato.control.compiled import entries as c
 from train_ato.loop.spans import supervision_kernel as supervision_code
 from train_ato.loop.spans.control_kernel import changes_brake, law_step, observe, set_inputs
 
@@ -151,13 +150,16 @@ def run_span(
             place, speed = measured[tick, MEASURED_POSITION, 0], measured[tick, MEASURED_VELOCITY, 0]
             usable = supervision_code.supervise(at, state[k.X, 0], state[k.V, 0], place, speed, supervision, motion)
         if usable:
-            inputs[c.POSITION : c.APPLIED + 1] = measured[tick]
+            for u in range(nu):
+                x = inputs[u]
+                x.position, x.velocity = measured[tick, MEASURED_POSITION, u], measured[tick, MEASURED_VELOCITY, u]
+                x.applied = measured[tick, MEASURED_FORCE, u]
             usable = not changes_brake(t, braking, limits, segments, inputs)
         if usable:
-            usable = observe(tick, couplers[tick, COUPLER_FORCE], own, tables, observing, inputs, now)
+            usable = observe(tick, couplers[tick, COUPLER_FORCE], own, tables, observing, inputs, now[0])
         is_step = (count[FIRST_TICK] + tick) % count[EVERY] == 0
         if usable and is_step:
-            set_inputs(tick, reference, feedforward, own, limits, segments, inputs, now)
+            set_inputs(tick, reference, feedforward, own, limits, segments, inputs, now[0])
             limited = law_step(
                 tick, t, couplers[tick, COUPLER_FORCE], own, tables, shoes, law, predicting, history, inputs,
                 sent[tick + 1],

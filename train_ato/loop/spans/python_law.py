@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from plant_sim.record import zeros
 from train_ato.control.compensation.base import NO_PREVIEW, CompensationBase
-from train_ato.control.compiled import entries as c
 from train_ato.control.compiled.law_call import LEFT, LawCall
-from train_ato.control.compiled.laws import PYTHON
+from train_ato.control.compiled.laws import CALLED
 from train_ato.control.component_fault import step_limit
 from train_ato.control.contract import Law, LawInput, LawOutput, Preview
+from train_ato.control.law import GIVEN, LawUnit
 from train_ato.control.plan_text import TimedPlan
 from train_ato.loop.controller import ControllerStage
 from train_ato.loop.spans.forecast import SpanForecast
@@ -44,7 +45,7 @@ class PythonLaw:
         Diagnostics of the controller by the number of the tick in the span, of a law with diagnostics of its own.
     """
 
-    number = PYTHON
+    number = CALLED
     couplers = None
     uses_shoes = uses_effect = True
 
@@ -68,21 +69,21 @@ class PythonLaw:
         """Return an empty array: the state stays in the law."""
         return np.zeros(0)
 
-    def inputs(self, units: int) -> Array:
+    def inputs(self, units: int) -> Any:
         """Return the array of the inputs of a span."""
-        inputs = np.zeros((c.INPUT_ROWS, units))
-        inputs[c.SHARE] = self._stack.model.share  # for the prediction
+        inputs = zeros(LawUnit, units)
+        inputs["share"] = self._stack.model.share  # for the prediction
         return inputs
 
     def begin_span(
-        self, stamp: int, forecast: SpanForecast, inputs: Array, now: Array, wanted: Array, couplers: Array, counts: Any
+        self, stamp: int, forecast: SpanForecast, inputs: Any, now: Any, couplers: Array, counts: Any
     ) -> None:
-        """Set the arrays of a span from a stamp [ns] on, by :mod:`train_ato.control.compiled.entries`."""
+        """Set the arrays of a span from a stamp [ns] on,."""
         self._stamp, self._forecast, self._inputs, self._now = stamp, forecast, inputs, now
-        self._wanted, self._couplers, self._counts = wanted, couplers, counts
+        self._couplers, self._counts = couplers, counts
         self.reports, self._last, self._begin = {}, None, 0
 
-    def take_state(self, state: Array, inputs: Array) -> None:
+    def take_state(self, state: Array, inputs: Any) -> None:
         """Do nothing: the state is in the law."""
 
     def end_span(self, done: int) -> None:
@@ -123,13 +124,13 @@ class PythonLaw:
         force = output.force
         if output.brake_pipe is not None or output.held:
             return False
-        if force.dtype != np.float64 or force.shape != self._wanted.shape:
+        if force.dtype != np.float64 or force.shape != self._inputs.shape:
             return False
         if output.plan is not None:
             if self._stack._every > 1 or (self._stack.plan is None and not self._reported):
                 return False  # from the first plan on, every report of a span is that of its tick
             self._stack.plan = TimedPlan(inputs.t, output.plan)
-        self._wanted[:] = force
+        self._inputs["wanted"] = force
         if self._reported or self._stack.plan is not None:
             self._report(tick)
         return True
@@ -145,34 +146,33 @@ class PythonLaw:
         """Return the input of the law, in arrays of its own."""
         forecast, compensation = self._forecast, self._stack._compensation
         assert isinstance(compensation, CompensationBase)
-        t, effect, n = forecast.times[tick], forecast.effects[tick], self._wanted.size
-        position, velocity, applied, reference, feedforward, low, high, _, _, _, disturbance, *_ = self._inputs.copy()
-        speed, acceleration, at_effect, jerk, _, train_shoes = self._now.tolist()
+        t, effect = forecast.times[tick], forecast.effects[tick]
+        units, now = {name: self._inputs[name].copy() for name in GIVEN}, self._now[0]
         deflection, rate, coupler_force = self._couplers[tick]
         horizon = getattr(self._law, "horizon", 0)
         return LawInput(
             t,
-            position,
-            velocity,
-            applied,
-            reference,
-            np.array([speed] * n),
-            np.array([acceleration] * n),
+            units["position"],
+            units["velocity"],
+            units["applied"],
+            units["reference_position"],
+            units["reference_velocity"],
+            units["reference_acceleration"],
             0.0 if forecast.predicts else effect - t,
-            at_effect,
-            jerk,
-            feedforward,
+            float(now["acceleration_at_effect"]),
+            float(now["jerk_at_effect"]),
+            units["feedforward"],
             Preview(*compensation.rigid.profile.window(effect, horizon, compensation.period))
             if horizon
             else NO_PREVIEW,
-            disturbance,
+            units["disturbance"],
             deflection,
             rate,
             coupler_force,
             forecast.shoes[tick, 1:],
-            train_shoes,
+            float(now["train_shoe_force"]),
             self._stack._history.in_flight(),
-            low,
-            high,
+            units["force_min"],
+            units["force_max"],
             bool(self._counts.item(AT_LIMIT)),
         )

@@ -9,14 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant_sim.plant_setup import Jump
+from plant_sim.record import zeros
 from train_ato.control.compensation.predictor import Predictor
 from train_ato.control.compensation.twin import Twin
-from train_ato.control.compiled import entries as c
 from train_ato.control.compiled.observer_packing import CompiledObserver
-from train_ato.control.compiled.packing import CompiledLaw, has_compiled_step
+from train_ato.control.compiled.packing import CompiledLaw, LawStep, RecordStep, has_compiled_step
 from train_ato.control.compiled.policy_packing import CompiledPolicy
 from train_ato.control.compiled.prediction_packing import PackedPrediction, packed_prediction
 from train_ato.control.compiled.train_packing import coupler_arrays
+from train_ato.control.law import LawNow, RecordLaw
 from train_ato.control.stack import ControlStack
 from train_ato.control.train_model import STANDSTILL_SPEED
 from train_ato.loop.recording_builder import RecordingBuilder
@@ -86,7 +87,7 @@ class CompiledSpans:
         self.stages, self._recording, self._publish, self._publish_ticks = stages, recording, publish, publish_ticks
         self._forecast: Forecast | None = None
         self._law: Any = None
-        self._step: CompiledLaw | PythonLaw | None = None
+        self._step: LawStep | PythonLaw | None = None
         self._retry = self.ticks = 0
         self.untimed = False
         self._pause = 1
@@ -127,7 +128,7 @@ class CompiledSpans:
             return 0
         self._pause = 1
         self.ticks += done
-        self.untimed |= isinstance(law, CompiledLaw)
+        self.untimed |= not isinstance(law, PythonLaw)
         messages = SpanMessages(self.stages, span.arrays, stamp, done, brief=self.brief)
         if self.brief:
             messages.record_summary(self._recording)
@@ -153,12 +154,14 @@ class CompiledSpans:
             kept = self._memory[name] = np.empty(shape)
         return kept[: shape[0]]
 
-    def _step_of(self, stack: ControlStack) -> CompiledLaw | PythonLaw:
+    def _step_of(self, stack: ControlStack) -> LawStep | PythonLaw:
         """Return the compiled step of the present law, or its call in Python."""
         if self._step is None or self._law is not stack._law:
             law: Any = stack._law
             self._law = law
-            self._step = CompiledLaw(law) if has_compiled_step(law) else PythonLaw(self.stages.controller, law)
+            self._step = PythonLaw(self.stages.controller, law)
+            if has_compiled_step(law):
+                self._step = RecordStep(law) if isinstance(law, RecordLaw) else CompiledLaw(law)
         return self._step
 
     def forecast(self, stack: ControlStack, first: int, count: int) -> Forecast:
@@ -185,7 +188,7 @@ class _Span:
         Results of its ticks.
     """
 
-    def __init__(self, spans: CompiledSpans, stack: ControlStack, law: CompiledLaw | PythonLaw, count: int) -> None:
+    def __init__(self, spans: CompiledSpans, stack: ControlStack, law: LawStep | PythonLaw, count: int) -> None:
         self._spans, self._stack, self._law, self._count = spans, stack, law, count
         self._setup, self._plant = spans.stages.setup, spans.stages.plant
         self._train = train = self._plant.train
@@ -211,7 +214,7 @@ class _Span:
         )
         self.arrays.sent[0], self.arrays.at_limit[0] = stack._last, stack._saturated_steps
         self._inputs = law.inputs(units)
-        self._now, self._wanted = np.zeros(c.NOW_ENTRIES), np.zeros(units)
+        self._now, self._wanted = zeros(LawNow, 1), np.zeros(units)
         self._state, self._observed = law.state(), spans.observer.state()
         self._policy = CompiledPolicy(stack._policy)
         times = np.array(self._forecast.times)
@@ -227,7 +230,7 @@ class _Span:
         cubed = np.arange(train._outside.vehicles.size if out.cubes.shape[2] else 0)
         sensors, law = train._sensors, self._law
         if isinstance(law, PythonLaw):
-            arrays = (self._inputs, self._now, self._wanted, out.couplers, self._counts)
+            arrays = (self._inputs, self._now, out.couplers, self._counts)
             law.begin_span(self._stamp, self._forecast, *arrays)
         done = int(kernel.run_span(
             self._stamp, train.tick_ns, train._step,
@@ -235,7 +238,8 @@ class _Span:
              a.piece),
             train._brake.array, events, (out.outside, out.cubes, cubed), train._outside.vehicles, a.setting,
             self._noise(), spans.sensor_errors, sensors._units, sensors._front, sensors._gaps,
-            (law.number, law.constant, self._state, self._now, self._wanted, law.call, *coupler_arrays(law.couplers)),
+            (law.number, law.constant.view(np.uint8), self._state.view(np.uint8), self._now, self._wanted,
+             law.call, *coupler_arrays(law.couplers)),
             self._observing(), tuple(spans.prediction), self._policy.arrays, self._inputs, self._forecast.expected,
             self._forecast.feedforward, self._forecast.shoes, *spans.model,
             self._bounds(), self._counts, link.delays(self._stamp), newest, *queues, self._stack._history._commands,

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from train_ato.control.algorithms.rbf import RBF_CENTERS, Weights, activations
-from train_ato.control.algorithms.sliding import IntegralSurface
-from train_ato.control.laws.rbf_smc import RbfSmcParameters
+from plant_sim.record import fill, zeros
+from train_ato.control.law import LawNow, LawUnit
+from train_ato.control.laws.rbf_smc import RbfSmc, RbfSmcConstants, RbfSmcParameters, RbfSmcUnit
 from train_ato.loop.recording import Recording
 from train_ato.messages.types import Array
+from train_ato.messages.validity import MAX_FORCE
 
 LOCOMOTIVE = 184e3
 """Mass of vehicle 0, m_0 [kg]."""
@@ -28,21 +29,16 @@ def network_estimate(recording: Recording, parameters: RbfSmcParameters, period:
 
     Surface, basis functions and weights are those of the law, so the series is exact while the force is not saturated.
     """
-    surface = IntegralSurface(parameters.l1, parameters.l2, period, parameters.integral_limit)
-    weights = Weights([0.0] * len(RBF_CENTERS), parameters.weight_limit)
-    centres = [parameters.spread * centre for centre in RBF_CENTERS]
-    errors = (recording.front_position - recording.reference_position).tolist()
-    rates = (recording.front_velocity - recording.reference_velocity).tolist()
+    p, state = zeros(RbfSmcConstants, 1), zeros(RbfSmcUnit, 1)
+    now, units = zeros(LawNow, 1), zeros(LawUnit, 1)
+    fill(p, parameters, period=period, measured=False, observer_decay=0.0)
+    units["force_min"], units["force_max"] = -MAX_FORCE / 4, MAX_FORCE / 4
     found = []
-    for off, rate_off in zip(errors, rates, strict=True):
-        error, rate = off, rate_off
-        s = surface.step(error, rate, False)
-        if parameters.clip:
-            reach = parameters.spread
-            error, rate = min(max(error, -reach), reach), min(max(rate, -reach), reach)
-        hidden = activations((error, rate), centres, parameters.width)
-        found.append(weights.output(hidden))
-        weights.learn(parameters.gamma * s * period, hidden)
+    errors = recording.front_position - recording.reference_position
+    rates = recording.front_velocity - recording.reference_velocity
+    for units["position"], units["velocity"] in zip(errors, rates, strict=True):
+        RbfSmc.form.step(p, state, now, units)
+        found.append(float(state["found"][0]))
     return np.array(found)
 
 

@@ -30,7 +30,7 @@ def fixed_time_bound(gain: float) -> tuple[float, float]:
 
 
 def _reaching(surface: float, gain: float) -> float:
-    return -gain * (sig(surface, SMALL) + sig(surface, LARGE))
+    return float(-gain * (sig(surface, SMALL) + sig(surface, LARGE)))
 
 
 def nominal_settling(

@@ -1,0 +1,74 @@
+"""Records: named numbers in one block of memory, for Python and compiled code.
+
+A record is a dataclass that declares every field once, with type, unit and meaning. :func:`zeros` makes an array of
+them, whose entries have the fields as attributes in compiled code: ``units[u].position``. A compiled function annotated
+with :class:`Records` is checked by mypy, which refuses a wrong field name. In Python the fields are columns:
+``units["position"]``.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from functools import cache
+from typing import Any, Generic, TypeVar, cast
+
+import numpy as np
+from numba import config
+
+Fields = TypeVar("Fields")
+KINDS = {"float": np.float64, "bool": np.bool_, "int": np.int64, "Array": np.float64}
+
+
+class Records(Generic[Fields]):
+    """Type of an array of records; at run time it is a structured array of numpy."""
+
+    size: int
+
+    def __getitem__(self, index: int) -> Fields:
+        raise TypeError("a type, not an array; use zeros()")
+
+    def __iter__(self) -> Iterator[Fields]:
+        raise TypeError("a type, not an array; use zeros()")
+
+
+def quantity(unit: str, meaning: str, count: int = 0) -> Any:
+    """Declare one field of a record.
+
+    Parameters
+    ----------
+    unit
+        SI unit; empty for a flag.
+    meaning
+        One line of description.
+    count
+        Number of entries of an array; 0 for a single number.
+    """
+    return dataclasses.field(default=0, metadata={"unit": unit, "meaning": meaning, "count": count})
+
+
+@cache
+def dtype_of(record: type) -> np.dtype[np.void]:
+    """Return the type of an entry: all fields of a record that are numbers, flags or arrays of numbers, in order.
+
+    It is one object for all records of a class: numba compares other equal ones field by field in every call (1.6 us).
+    """
+    fields = [
+        (entry.name, KINDS[str(entry.type)], (count,) if (count := entry.metadata.get("count")) else ())
+        for entry in dataclasses.fields(record)
+        if entry.type in KINDS
+    ]
+    return np.dtype(fields, align=True)
+
+
+def zeros(record: type[Fields], count: int) -> Any:
+    """Return an array of records with zeros and false flags, shape (count,)."""
+    found = np.zeros(count, dtype_of(cast(type, record)))
+    return found.view(np.recarray) if config.DISABLE_JIT else found  # without the compiler an entry has no attributes
+
+
+def fill(records: Any, values: Any, **more: float) -> None:
+    """Set the fields of all records to those of a dataclass with the same names, and to others by name."""
+    known = {**dataclasses.asdict(values), **more}
+    for name in records.dtype.names:
+        records[name] = known[name]

@@ -1,0 +1,109 @@
+"""Laws over records: one function for Python and the compiled loop, checked by mypy, in the loop at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from law_trains import SINGLE, inputs, model
+from mypy import api
+from span_runs import assert_same_messages, compiled_part, messages_of, setup_of
+
+from plant_sim.compiled import compiled
+from plant_sim.record import Records, dtype_of, quantity, zeros
+from train_ato.control.contract import parameter
+from train_ato.control.law import LawForm, LawNow, LawUnit, RecordLaw
+from train_ato.control.registry import LAWS
+from train_ato.loop.spans import kernel
+from train_ato.messages.types import Array
+
+
+@dataclass(frozen=True)
+class LeanParameters:
+    """Parameters of :class:`Lean`."""
+
+    gain: float = parameter(0.05, "1/s", 0.0, 10.0, "gain on the speed error")
+
+
+@dataclass
+class LeanUnit:
+    """State of :func:`lean` for one unit."""
+
+    mass: float = quantity("kg", "share of the inertia")
+    steps: int = quantity("1", "number of steps")
+    errors: Array = quantity("m/s", "last errors", 2)
+    known: bool = quantity("", "the errors are known")
+
+
+@compiled
+def lean(p: LeanParameters, state: Records[LeanUnit], now: LawNow, units: Records[LawUnit]) -> None:
+    """Compute a feed-forward with a gain on the mean of two speed errors [N]."""
+    for u in range(units.size):
+        x, own = units[u], state[u]
+        own.errors[own.steps % 2] = x.velocity - x.reference_velocity
+        own.steps, own.known = own.steps + 1, True
+        x.wanted = x.feedforward - own.mass * p.gain * (own.errors[0] + own.errors[1]) / 2.0
+
+
+class Lean(RecordLaw):
+    """Law of a user."""
+
+    Parameters = LeanParameters
+    form = LawForm(lean, LeanParameters, LeanUnit)
+
+    def __init__(self, parameters, model, period):
+        super().__init__(parameters, model, period)
+        self.state["mass"] = model.inertia * model.share
+        self.set_constants()
+
+
+def test_a_law_of_a_user_is_in_the_compiled_loop(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Breaks if the loop is compiled again for a law, leaves it to Python, or gives it other bits than Python."""
+    monkeypatch.setitem(LAWS._loaded, "lean", Lean)
+    changes = {"supervision.enabled": False, "law": "lean", "compensation": "preview", "duration": 40}
+    setup = setup_of("crh380a_gpc:short", changes)
+    assert compiled_part(setup_of("crh380a_gpc:short", {**changes, "law": "pid"})) > 0.8
+    before = len(getattr(kernel.run_span, "signatures", []))  # missing with NUMBA_DISABLE_JIT
+    assert compiled_part(setup) > 0.8
+    assert len(getattr(kernel.run_span, "signatures", [])) == before
+    assert_same_messages(*(messages_of(setup, compiled=chosen) for chosen in (False, True)))
+
+
+def test_a_record_has_the_fields_of_its_class() -> None:
+    """Breaks if a field is left out, has another type or place, or the records of a class have several types."""
+    found = dtype_of(LeanUnit)
+    assert found.names == ("mass", "steps", "errors", "known")
+    assert [found[name].str for name in ("mass", "steps", "known")] == ["<f8", "<i8", "|b1"]
+    assert found["errors"].shape == (2,)
+    assert zeros(LeanUnit, 3).dtype is found is dtype_of(LeanUnit)
+
+
+def test_a_subclass_with_a_demand_in_python_is_guarded() -> None:
+    """Breaks if the demand of a subclass is not called, or its limits do not reach the law over records."""
+
+    class Doubled(Lean):
+        def demand(self, given):
+            return [2.0 * force for force in super().demand(given)]
+
+    of = model(SINGLE)
+    plain, doubled = (kind(LeanParameters(), of, 0.1) for kind in (Lean, Doubled))
+    given = inputs(of, feedforward=np.array([150e3]), force_max=np.array([200e3]))
+    assert plain.step(given).force == [150e3]
+    assert doubled.step(given).force == [200e3]
+    assert doubled.saturated == [True]
+
+
+@pytest.mark.campaign
+def test_mypy_refuses_a_wrong_field(tmp_path) -> None:
+    """Breaks if the annotation of a compiled law hides its records from mypy."""
+    text = (
+        "from train_ato.control.law import LawUnit\nfrom plant_sim.record import Records\n\n"
+        "def law(units: Records[LawUnit]) -> None:\n    units[0].{} = 1.0\n    for x in units:\n        x.{} = 1.0\n"
+    )
+    found = {}
+    for name in ("wanted", "wantd"):
+        (tmp_path / f"{name}.py").write_text(text.format(name, name))
+        found[name] = api.run([str(tmp_path / f"{name}.py"), "--follow-imports=silent"])
+    assert found["wanted"][2] == 0, found["wanted"]
+    assert found["wantd"][0].count('"LawUnit" has no attribute "wantd"') == 2

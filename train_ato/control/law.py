@@ -1,0 +1,251 @@
+"""A law as one compiled function over records, which Python, the nodes and the compiled loop call alike.
+
+The function has the form ``law(p, state, now, units)``. ``p`` has the constants, ``state`` what the law keeps for every
+power unit, ``now`` and ``units`` have the inputs; the law writes ``units[u].wanted``. :class:`LawForm` adds the guard:
+inputs that are not valid change nothing, demands are finite and inside the limits. :class:`RecordLaw` is the object
+with the contract of :class:`train_ato.control.contract.Law`.
+
+Without the compiler (``NUMBA_DISABLE_JIT=1``) the same functions are plain Python, with the same bits.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import isfinite
+from struct import Struct
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from numba import carray
+
+from plant_sim.compiled import compiled
+from plant_sim.record import Records, dtype_of, fill, quantity, zeros
+from plant_sim.summation import plain_sum
+from train_ato.control.algorithms.guard import (
+    MAX_DELAY,
+    GuardedLaw,
+    all_within,
+    invalid_inputs,
+    is_valid_lookahead,
+    is_valid_preview,
+)
+from train_ato.control.contract import LawInput, LawOutput
+from train_ato.messages.types import Array
+from train_ato.messages.validity import MAX_FORCE, MAX_POSITION, MAX_SPEED
+
+if TYPE_CHECKING:
+    from train_ato.control.algorithms.couplers import UnitCouplers
+    from train_ato.control.train_model import TrainModel
+
+
+@dataclass
+class LawNow:
+    """Inputs of a step for the whole train."""
+
+    t: float = quantity("s", "time of the measurement")
+    acceleration_at_effect: float = quantity("m/s²", "reference acceleration at the effect of the command")
+    jerk_at_effect: float = quantity("m/s³", "reference jerk at the effect of the command")
+    delay_to_effect: float = quantity("s", "time from the state to the effect of the command")
+    line_force: float = quantity("N", "line force on the train, > 0 retards")
+    train_shoe_force: float = quantity("N", "shoe force on the train, > 0 retards")
+    sensed_force: float = quantity("N", "sum of the magnitudes of all measured coupler forces")
+
+
+@dataclass
+class LawUnit:
+    """Inputs of a step for one power unit, and the outputs of the last step."""
+
+    position: float = quantity("m", "position")
+    velocity: float = quantity("m/s", "speed")
+    applied: float = quantity("N", "acting force")
+    reference_position: float = quantity("m", "reference less the nominal offset of the unit")
+    reference_velocity: float = quantity("m/s", "reference of the speed")
+    reference_acceleration: float = quantity("m/s²", "reference of the acceleration")
+    feedforward: float = quantity("N", "force of the nominal model on the reference")
+    disturbance: float = quantity("N", "estimate of the observer, > 0 forward")
+    force_min: float = quantity("N", "lowest force at the measured speed")
+    force_max: float = quantity("N", "largest force at the measured speed")
+    shoe_force: float = quantity("N", "shoe force on the unit's vehicle, > 0 retards")
+    coupler_force: float = quantity("N", "coupler force against the motion of the unit's vehicle")
+    resistance: float = quantity("N", "running and line resistance of the unit's vehicle")
+    share: float = quantity("1", "part of a force of the train")
+    wanted: float = quantity("N", "demand of the law before the limits")
+    force: float = quantity("N", "command of the last step, inside the limits")
+    saturated: bool = quantity("", "the last demand was beyond a limit")
+
+
+@compiled
+def are_valid(now: LawNow, units: Records[LawUnit]) -> bool:
+    """Return True if all inputs are finite and physically possible: a NaN makes a comparison of sums false."""
+    speeds = abs(now.acceleration_at_effect) + abs(now.jerk_at_effect)
+    places, forces, ordered = 0.0, abs(now.train_shoe_force) + now.sensed_force, True
+    for x in units:
+        speeds += abs(x.velocity) + abs(x.reference_velocity) + abs(x.reference_acceleration)
+        places += abs(x.position) + abs(x.reference_position)
+        forces += abs(x.force_min) + abs(x.force_max) + abs(x.feedforward) + abs(x.disturbance)
+        forces += abs(x.applied) + abs(x.shoe_force)
+        ordered &= x.force_min <= x.force_max
+    possible = speeds <= MAX_SPEED * units.size and places <= MAX_POSITION and forces <= MAX_FORCE
+    return possible and ordered and abs(now.t) <= MAX_POSITION and 0.0 <= now.delay_to_effect <= MAX_DELAY
+
+
+@compiled
+def limit_demands(units: Records[LawUnit]) -> bool:
+    """Limit the demands of all units; return False, without a change, if one is not finite."""
+    for x in units:
+        if not isfinite(x.wanted):
+            return False
+    for x in units:
+        x.force = x.force_min if x.wanted < x.force_min else x.force_max if x.wanted > x.force_max else x.wanted
+        x.saturated = x.force != x.wanted
+    return True
+
+
+GIVEN = (
+    "position", "velocity", "applied", "reference_position", "reference_velocity", "reference_acceleration",
+    "feedforward", "disturbance", "force_min", "force_max", "shoe_force",
+)  # fmt: skip
+"""Inputs of the units with the same name in the contract and in the record, whose first fields they are."""
+_pack_unit, _pack_now = Struct(f"{len(GIVEN)}d").pack_into, Struct("7d").pack_into
+STEPPED, INVALID, NOT_FINITE = range(3)
+"""Results of a guarded step."""
+
+
+def guarded(law: Any) -> Any:
+    """Return the compiled step of a law with valid inputs and limited demands."""
+
+    @compiled
+    def step(p: Any, state: Any, now: Any, units: Any) -> int:
+        if not are_valid(now[0], units):
+            return INVALID
+        law(p[0], state, now[0], units)
+        return STEPPED if limit_demands(units) else NOT_FINITE
+
+    return step
+
+
+class LawForm:
+    """The forms in which a law is called.
+
+    Parameters
+    ----------
+    law
+        Compiled function ``law(p, state, now, units)``.
+    constants, unit
+        Records of its constants and of its state for a unit.
+
+    Attributes
+    ----------
+    step
+        The guarded law, on arrays of records; returns ``STEPPED``, ``INVALID`` or ``NOT_FINITE``.
+    entry
+        The same for the compiled loop, which is compiled once: all laws have one type there (:mod:`.law_call`).
+    """
+
+    def __init__(self, law: Any, constants: type, unit: type) -> None:
+        self.constants, self.unit = constants, unit
+        self.step = step = guarded(law)
+        constant_fields, unit_fields = dtype_of(constants), dtype_of(unit)
+        now_fields, input_fields = dtype_of(LawNow), dtype_of(LawUnit)
+
+        @compiled
+        def entry(tick: Any, p: Any, state: Any, now: Any, units: Any, n: Any) -> int:
+            records = carray(now, (1,), now_fields), carray(units, (n,), input_fields)
+            return int(step(carray(p, (1,), constant_fields), carray(state, (n,), unit_fields), records[0], records[1]))
+
+        self.entry = entry
+
+
+class RecordLaw(GuardedLaw):
+    """Base of the laws over records: a subclass gives ``form`` and the values of its constants.
+
+    A subclass with a ``demand()`` of its own is a law in Python, with the guard of :class:`GuardedLaw`.
+
+    Attributes
+    ----------
+    form : LawForm
+        The law.
+    constants, state, now, units : Records
+        Constants, state of every unit, and inputs with the last outputs.
+    couplers : UnitCouplers or None
+        Couplers beside the units, of a law that uses their forces.
+    """
+
+    form: ClassVar[LawForm]
+    couplers: UnitCouplers | None = None
+
+    def __init_subclass__(cls) -> None:
+        if "demand" in vars(cls):
+            cls.step = GuardedLaw.step  # type: ignore[method-assign]
+
+    def __init__(self, parameters: Any, model: TrainModel, period: float) -> None:
+        super().__init__(parameters, model, period)
+        self.constants, self.state = zeros(self.form.constants, 1), zeros(self.form.unit, self.n)
+        self.now, self.units = zeros(LawNow, 1), zeros(LawUnit, self.n)
+        self.units["share"] = model.share
+        self._sent = self.units["force"]
+
+    def set_constants(self, **more: float) -> None:
+        """Set the constants: the parameters that are numbers, the period, and those that follow from them."""
+        fill(self.constants, self.parameters, period=self.period, **more)
+        self._cleared = self.state.copy()
+
+    def clear_state(self) -> None:
+        """Clear the state of the law."""
+        self.state[:] = self._cleared
+
+    def on_missed_sample(self) -> None:
+        """Handle a missed sample: difference quotients must not bridge it."""
+        self.state["known"] = False
+
+    def reset(self) -> None:
+        """Clear all state, including the last demand."""
+        super().reset()
+        self.units["force"], self.units["saturated"] = 0.0, False
+
+    def take_over(self, inputs: LawInput, force: Array) -> None:
+        """Begin at the last command [N], shape (units,), in place of 0; laws with integrals set these in addition."""
+        super().take_over(inputs, force)
+        self.units["force"], self.units["saturated"] = force, False
+
+    def demand(self, inputs: LawInput) -> list[float]:
+        """Return the force demand of every unit [N] before its limits, for valid inputs."""
+        self.units["force"], self.units["saturated"] = self._last_force, self.saturated
+        self.call(inputs)
+        wanted: list[float] = self.units["wanted"].tolist()
+        return wanted
+
+    def call(self, inputs: LawInput) -> int:
+        """Step the law: ``STEPPED``, ``INVALID`` or ``NOT_FINITE``; the demands are in ``units``."""
+        ahead = inputs.preview.velocity.size or inputs.lookahead.velocity.size
+        if ahead and not (is_valid_preview(inputs.preview) and is_valid_lookahead(inputs.lookahead)):
+            return INVALID
+        i, units = inputs, self.units
+        for u in range(self.n):  # 0.7 us a unit; 10 assignments to fields take 3
+            _pack_unit(
+                units, u * units.itemsize, i.position.item(u), i.velocity.item(u), i.applied.item(u),
+                i.reference_position.item(u), i.reference_velocity.item(u), i.reference_acceleration.item(u),
+                i.feedforward.item(u), i.disturbance.item(u), i.force_min.item(u), i.force_max.item(u),
+                i.shoe_force.item(u),
+            )  # fmt: skip
+        if self.couplers is not None and all_within(inputs.position, MAX_POSITION):
+            for x, forces in zip(units, self.couplers.opposing(inputs), strict=True):
+                x["coupler_force"], x["resistance"] = forces.couplers, forces.resistance
+        sensed = plain_sum(map(abs, inputs.coupler_force.tolist())) if inputs.coupler_force.size else 0.0
+        _pack_now(
+            self.now, 0, inputs.t, inputs.acceleration_at_effect, inputs.jerk_at_effect, inputs.delay_to_effect, 0.0,
+            inputs.train_shoe_force, sensed,
+        )  # fmt: skip
+        found: int = self.form.step(self.constants, self.state, self.now, units)
+        return found
+
+    def step(self, inputs: LawInput) -> LawOutput:
+        """Return the force demand of every unit [N], finite and inside the limits."""
+        found = self.call(inputs)
+        if found == STEPPED:
+            return LawOutput(self._sent.copy())
+        self._last_force = self._sent.tolist()
+        if found == INVALID:
+            self.on_missed_sample()
+            return self._hold(inputs, f"invalid inputs: {', '.join(invalid_inputs(inputs))}")
+        self.clear_state()
+        return self._hold(inputs, f"computed {str(self.units['wanted'].tolist())[:60]} N")
