@@ -294,3 +294,26 @@ def test_a_signal_ends_the_script_of_two_runs(number: signal.Signals, status: in
     assert ended.returncode == status, ended.stderr
     assert (tmp_path / "one" / "run.mcap").is_file() and not (tmp_path / "two").exists()
     assert number == signal.SIGINT or ended.stderr == ""
+
+
+def test_the_first_worker_of_a_program_gets_no_ctrl_c(tmp_path: Path) -> None:
+    """Breaks if the start of the resource tracker of multiprocessing unblocks Ctrl-C for the worker that follows."""
+    script = tmp_path / "workers.py"
+    script.write_text(
+        "import multiprocessing, signal, threading\n"
+        "from train_ato.interrupt import workers_without_ctrl_c\n"
+        "def work():\n"
+        "    print(signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, []), flush=True)\n"
+        "def start():\n"
+        "    process = multiprocessing.get_context('spawn').Process(target=work)\n"
+        "    process.start()\n"
+        "    process.join()\n"
+        "if __name__ == '__main__':\n"
+        "    with workers_without_ctrl_c():\n"
+        "        thread = threading.Thread(target=start)\n"  # the pools start their workers in a thread
+        "        thread.start()\n"
+        "    thread.join()\n"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    found = subprocess.run([sys.executable, script], env=environment, capture_output=True, text=True, check=True)
+    assert found.stdout == "True\n"

@@ -9,6 +9,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from multiprocessing import resource_tracker
 from threading import get_ident
 from time import monotonic
 from types import FrameType
@@ -190,6 +191,21 @@ def uninterrupted() -> Iterator[None]:
     """Ignore the signals that end a command, for the writing of its results."""
     with _handled(lambda number, frame: None, (signal.SIGINT, *_ENDING)):
         yield
+
+
+@contextmanager
+def workers_without_ctrl_c() -> Iterator[None]:
+    """Start worker processes in the block: Ctrl-C and the closed terminal are for the main process alone.
+
+    The workers inherit the signal mask. multiprocessing unblocks SIGINT when it starts its resource tracker, which
+    therefore is started before.
+    """
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextmanager

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import multiprocessing
 import queue
-import signal
 from collections.abc import Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, wait
 from dataclasses import dataclass, replace
@@ -15,6 +14,7 @@ from typing import Any
 
 from pebble import ProcessExpired, ProcessPool
 
+from train_ato.interrupt import workers_without_ctrl_c
 from train_ato.loop.engine import run_engine
 from train_ato.loop.result import Progress
 from train_ato.papers.claims import Calculation, Case, Result
@@ -85,12 +85,8 @@ class WorkerPool:
 
     def run(self, tasks: Iterable[Task]) -> Iterator[Moved | Finished]:
         """Run tasks in their order; yield progress and results."""
-        # The Ctrl-C of the terminal is for this process alone; the workers inherit the mask from their start.
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
-        try:
+        with workers_without_ctrl_c():
             keys: dict[Any, str] = {self._pool.submit(_work, None, key, case): key for key, case in tasks}
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
         while keys:
             done, _ = wait(keys, timeout=POLL_S, return_when=FIRST_COMPLETED)
             yield from self._moved()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import multiprocessing
-import signal
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from math import nan
@@ -12,6 +11,7 @@ from typing import Any
 from train_ato.apps.falsify.search import RunAll
 from train_ato.apps.falsify.target import RequirementTarget, TargetRun, run_target
 from train_ato.apps.runs.scenario_choice import ScenarioChoice
+from train_ato.interrupt import workers_without_ctrl_c
 
 POLL_S = 0.2
 """Interval at which a waiting parent sees Ctrl-C [s]."""
@@ -37,12 +37,8 @@ def target_runner(choice: ScenarioChoice, target: RequirementTarget, jobs: int) 
     pool = ProcessPool(jobs, context=context, initializer=_begin, initargs=[choice, target])
 
     def run_all(changes: Sequence[dict[str, Any]]) -> Iterator[TargetRun]:
-        # The Ctrl-C of the terminal is for this process alone; the workers inherit the mask from their start.
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
-        try:
+        with workers_without_ctrl_c():
             futures = [pool.submit(_work, None, change) for change in changes]
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
         for future in futures:
             try:
                 yield _result(future)

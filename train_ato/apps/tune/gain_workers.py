@@ -6,7 +6,6 @@ The order of the results does not depend on the number of processes. A lost work
 from __future__ import annotations
 
 import multiprocessing
-import signal
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, wait
 from typing import Any
@@ -14,6 +13,7 @@ from typing import Any
 from pebble import ProcessExpired, ProcessPool
 
 from train_ato.apps.tune.gain_runs import GainRunner, GainTask
+from train_ato.interrupt import workers_without_ctrl_c
 
 Work = tuple[int, Mapping[str, Any] | None]
 """Number of a task and its gains; None for the reference run."""
@@ -68,12 +68,8 @@ class GainWorkers:
 
     @staticmethod
     def _run_in_pool(pool: ProcessPool, works: Sequence[Work], done: Callable[[], None]) -> list[dict[str, Any]]:
-        # The Ctrl-C of the terminal is for this process alone; the workers inherit the mask from their start.
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
-        try:
+        with workers_without_ctrl_c():
             futures: list[Any] = [pool.submit(_work_in_process, None, work) for work in works]
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
         waiting = set(futures)
         while waiting:
             finished, waiting = wait(waiting, timeout=POLL_S, return_when=FIRST_COMPLETED)
