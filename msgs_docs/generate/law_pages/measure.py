@@ -68,8 +68,11 @@ def row(label: str, case: Case, result: Result) -> dict[str, Any]:
     figures: dict[str, Any] = {key: _rounded(result.summary[key]) for key in KEPT}
     buff, draft = result.summary["coupler_buff_max_kn"], result.summary["coupler_draft_max_kn"]
     figures["couplers"] = f"{buff:.0f} ... {draft:+.0f}" if buff or draft else None
-    outcome = verdict(summary_figures(result.summary))
-    return {"run": label, "scenario": case.scenario, "command": command(case), "outcome": outcome, **figures}
+    found = summary_figures(result.summary)
+    found["missed"] = {
+        name: value for name, value in found.get("missed", {}).items() if value is not None
+    }  # no supervisor
+    return {"run": label, "scenario": case.scenario, "command": command(case), "outcome": verdict(found), **figures}
 
 
 def _rounded(value: float) -> float:
