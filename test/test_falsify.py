@@ -16,9 +16,12 @@ import pytest
 from waiting import LIMIT_S, wait_for
 
 import train_ato as ta
+from train_ato.apps.falsify import study_files
 from train_ato.apps.falsify.gaussian_process import GaussianProcess
 from train_ato.apps.falsify.search import FalsificationSearch
 from train_ato.apps.falsify.search_space import SearchSpace, search_space
+from train_ato.apps.falsify.study import Falsification
+from train_ato.apps.falsify.study_files import RUNS_TABLE, write_study
 from train_ato.apps.falsify.target import TargetRun, requirement_target
 from train_ato.apps.runs.scenario_choice import choose_scenario
 from train_ato.apps.sweep.dimensions import read_dimensions
@@ -192,6 +195,23 @@ def test_the_written_scenario_reproduces_the_break(
     assert text.startswith(f"# breaks falsified: {SLOW}\n")
     assert main(["falsify", *arguments[:-1], str(tmp_path / "strict"), "--runs", "8", "--first", "--strict"]) == 1
     assert "broken: falsified: smallest departure" in capsys.readouterr().err
+
+
+def test_every_run_is_written_when_it_ends(cheap: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Breaks if a killed search has lost its runs: they were written at its end only."""
+    written: list[int] = []
+
+    def counted(result: Falsification, folder: Path) -> None:
+        write_study(result, folder)
+        written.append(len((folder / RUNS_TABLE).read_text().splitlines()) - 1)
+
+    monkeypatch.setattr(study_files, "write_study", counted)
+    spec = tmp_path / "spec.yaml"
+    spec.write_text(json.dumps({"over": MASS}))
+    options = ["--over", str(spec), "--runs", "4", "--out", str(tmp_path / "out")]
+    assert main(["falsify", cheap, "--requirement", "G speed < 1000 km/h", *options]) == 0
+    assert written == [1, 2, 3, 4, 4]
+    assert json.loads((tmp_path / "out" / "falsify.json").read_text())["interrupted"] is False
 
 
 def test_the_runs_of_workers_are_those_of_one_process(cheap: str) -> None:

@@ -11,6 +11,7 @@ from train_ato.cli.scenario_options import KINDS, add_scenario_options, check_co
 from train_ato.errors import RunFailed, RunInterrupted
 
 if TYPE_CHECKING:
+    from train_ato.apps.falsify.search import SearchRow
     from train_ato.apps.falsify.study import Falsification
     from train_ato.apps.runs.scenario_choice import ScenarioChoice
 
@@ -40,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Search, write the folder and print the result; imports are late, so that help and completion are fast."""
-    from train_ato.apps.falsify.study import prepare_study
+    from train_ato.apps.falsify.study import Falsification, prepare_study
     from train_ato.apps.falsify.study_files import write_study
     from train_ato.apps.runs.progress import share_bar
     from train_ato.cli.screen import note_compilation
@@ -50,20 +51,29 @@ def execute(options: argparse.Namespace) -> int:
     study = prepare_study(choice, options.requirement, options.over, options.runs, options.jobs, "--")
     note_compilation()
     folder = RunFolder.make(options.out, f"falsify-{choice.name}")
+    rows: list[SearchRow] = []
     try:
         with share_bar(f"falsify {choice.name}") as update:
+
+            def note(row: SearchRow) -> None:
+                rows.append(row)
+                so_far = Falsification(study.scenario, study.target, study.space, list(rows), interrupted=True)
+                write_study(so_far, folder.path)  # a killed search keeps its runs
+                update(row.number / options.runs, f"run {row.number} of at most {options.runs}")
+
             result = study.search(
                 options.runs,
                 1 if options.seed is None else options.seed,
                 options.jobs,
                 not options.first,
-                lambda row: update(row.number / options.runs, f"run {row.number} of at most {options.runs}"),
+                note,
             )
         if not result.rows:
             raise KeyboardInterrupt
         write_study(result, folder.path)
     except BaseException:
-        folder.discard()
+        if not rows:
+            folder.discard()
         raise
     print_result(result, folder.path, options.json)
     if result.interrupted:
