@@ -153,7 +153,7 @@ def test_the_integral_of_a_law_does_not_come_back_after_a_swap_to_and_fro(monkey
     take_over = Pid.take_over
 
     def noted(self: Pid, inputs: Any, force: Any) -> None:
-        before = self._integral[0]
+        before = float(self.state["integral"][0])
         take_over(self, inputs, force)
         begun.append((before, self.demand(inputs)[0] - float(force[0])))
         take_over(self, inputs, force)
