@@ -119,7 +119,8 @@ class Case(NamedTuple):
     Attributes
     ----------
     way
-        ``hand``: a process for every node, without a runner; ``processes``, ``composed``: modes of ``train-ato run``.
+        ``hand``: a process for every node, without a runner; ``processes``, ``composed``, ``engine``: modes of
+        ``train-ato run``; ``python``: :func:`train_ato.run` in a script.
     options
         Of the plant by hand, or of the command.
     victim
@@ -168,7 +169,24 @@ CASES = [
     Case("composed", PACED, "run", INT, "interrupted", "", 1),
     Case("composed", FREE[:2], "run", TERM, "interrupted", "", 1),
     Case("engine", PACED, "run", TERM, "interrupted", "", 1),
+    Case("hand", PACED, "recorder", KILL, "killed", "", 1),
+    Case("hand", PACED, "recorder", STOP, "failed", "node recorder failed: its process was suspended for ", 1),
+    Case("processes", PACED, "recorder", KILL, "failed", BY_SIGNAL.format("recorder", "SIGKILL"), 1),
+    Case("python", PACED, "run", INT, "interrupted", "", 1),
+    Case("python", FREE[:2], "run", TERM, "interrupted", "", 1),
 ]  # fmt: skip
+
+
+SCRIPT = """
+import sys
+import train_ato as ta
+out, duration, free = sys.argv[1], float(sys.argv[2]), "--no-lockstep" in sys.argv
+try:
+    ta.run("demo", set={"duration": duration}, mode="composed", out=out, rate=2, lockstep=not free)
+except ta.RunInterrupted as error:
+    sys.exit(f"{error}")
+"""
+"""A script that runs a scenario."""
 
 
 def begun(folder: Path) -> bool:
@@ -205,6 +223,9 @@ def test_the_end_of_a_run_has_its_status_and_reason(case: Case, tmp_path: Path) 
             started = {
                 role: ["train_ato.cli.nodes", role, "--scenario", scenario, *more.get(role, [])] for role in ROLES
             }
+        elif case.way == "python":
+            environment.pop("ROS_DOMAIN_ID")
+            command[1:], started = ["-c", SCRIPT], {"run": [str(out), str(DURATION), *case.options]}
         else:
             environment.pop("ROS_DOMAIN_ID")
             mode = [] if case.way == "composed" else [f"--{case.way}"]
@@ -212,7 +233,7 @@ def test_the_end_of_a_run_has_its_status_and_reason(case: Case, tmp_path: Path) 
         try:
             for role, words in started.items():
                 processes[role] = subprocess.Popen(
-                    [*command, *words, "--set", duration],
+                    [*command, *words, *([] if case.way == "python" else ["--set", duration])],
                     env=environment,
                     stdout=subprocess.PIPE,
                     stderr=subprocess.STDOUT,
@@ -224,21 +245,31 @@ def test_the_end_of_a_run_has_its_status_and_reason(case: Case, tmp_path: Path) 
             main = processes["plant" if case.way == "hand" else "run"]
             said, _ = main.communicate(timeout=LIMIT_S)
             if case.way == "hand":
+                processes["recorder"].send_signal(signal.SIGCONT)
                 processes["recorder"].communicate(timeout=LIMIT_S)
         finally:
             for process in processes.values():
                 process.kill()
                 process.communicate(timeout=LIMIT_S)
             shared_memory.clean()
+    if case.status == "killed":
+        assert main.returncode == case.code, said
+        assert {path.name for path in out.iterdir()} == {"run.mcap.partial"}, "readable by recover"
+        assert "node recorder failed: it left the run at " in said
+        return
     summary = json.loads((out / "summary.json").read_text())
     reason = summary.get("failure") or summary.get("interruption") or ""
     assert (main.returncode, summary["status"]) == (case.code, case.status), said
     assert reason.startswith(case.reason), reason
     assert "Traceback" not in said
     assert (case.status == "done") == (summary["ticks"] == 10 * DURATION)
-    vehicles = {topic.name: topic for topic in log_overview(out / "run.mcap").topics}["/train/vehicles"]
+    if case.victim == "recorder":  # the log ends before the run
+        return
+    topics = {topic.name: topic for topic in log_overview(out / "run.mcap").topics}
+    vehicles = topics["/train/vehicles"]
     assert vehicles.messages - 1 - summary["ticks"] in (-1, 0)  # the last tick of a killed plant is not complete
-    if case.status == "failed" and case.victim == "controller" and case.options[0] == "--no-lockstep":
+    unanswered = summary["ticks"] - topics["/ato/command"].messages
+    if unanswered * 0.1 > prepare(*load_scenario("demo")).scenario.supervision.failsafe.hold:
         assert summary["tracking"] != "tracked"
 
 

@@ -43,6 +43,8 @@ class RecorderNode:
     ----------
     closed : bool
         True after the log is closed.
+    suspended : float
+        Longest wall time between two readings of the queues [s].
     """
 
     def __init__(self, log: RunLog, endpoints: NodeEndpoints) -> None:
@@ -55,7 +57,7 @@ class RecorderNode:
         self._last: dict[str, int] = {}
         self._wrong: ValueError | None = None
         self._held: list[Received] = []
-        self._suspended, self._polled = 0.0, time.monotonic()
+        self.suspended, self._polled = 0.0, time.monotonic()
         names = [topic.name for topic in topics_of(endpoints.wire.layout) if topic.recorded]
         self._takers = [(name, log.numbers[name], *endpoints.taker(name)) for name in names if name != _SHARED]
         self._sources = {name: source for name, _, _, source in self._takers}
@@ -82,7 +84,7 @@ class RecorderNode:
             If the disk is full or gone.
         """
         now = time.monotonic()
-        self._suspended, self._polled = max(self._suspended, now - self._polled), now
+        self.suspended, self._polled = max(self.suspended, now - self._polled), now
         waiting: list[Received] = []
         wrong: ValueError | None = None
         last_stamps = self._last
@@ -106,8 +108,8 @@ class RecorderNode:
         shared = self._read_shared(waiting, now, lossy=not watched or wrong is not None)
         wrong = wrong or shared or self._lost_first()
         self._write(waiting, now, whole=last or wrong is not None)
-        if type(wrong) is ValueError and self._suspended > LEASE_S:
-            wrong = ValueError(f"{wrong}; its process was suspended for {self._suspended:.1f} s")
+        if type(wrong) is ValueError and self.suspended > LEASE_S:
+            wrong = ValueError(f"{wrong}; its process was suspended for {self.suspended:.1f} s")
         if wrong is not None and not self.endpoints.wire.layout.supervised:
             raise wrong
         if wrong is not None and self._wrong is None:

@@ -40,6 +40,10 @@ RECORD_S = 0.02
 """Period of polling the recorder's queues [s]; at 10 000 ticks a second they fill by 200 of 1000 messages."""
 CUT = "its messages ended without the notice of the end of the run: its process ended, or the link is cut"
 """Reason of the failure of a plant that has left."""
+SUSPENDED = (
+    f"its process was suspended for {{:.1f}} s; after {LEASE_S:g} s the other nodes drop it and messages are lost"
+)
+"""Reason of the failure of a suspended node."""
 NOTICE_S = 1.0
 """Maximum wall time for the notice of the end of the run to be read after the plant has left [s]."""
 ANNOUNCE_S = 0.1
@@ -195,7 +199,11 @@ class StandaloneRunner:
         last = time.monotonic() + NOTICE_S
         while not self._ends and self.endpoints.end is None and time.monotonic() < last:
             turn()
-        if not self._ends and self.endpoints.end is None:
+        if self._ends or self.endpoints.end is not None:
+            return
+        if self.role is Role.RECORDER and self.node.suspended > LEASE_S:
+            self.endpoints.watch.fail(self.role.value, SUSPENDED.format(self.node.suspended))
+        else:
             self.endpoints.watch.fail(Role.PLANT.value, CUT)
 
     def _rejoin(self) -> None:
@@ -349,8 +357,7 @@ class StandaloneRunner:
         if self._continued.is_set() and self.node.answer_watch.suspended > LEASE_S:
             self.endpoints.watch.fail(
                 self.role.value,
-                f"its process was suspended for {self.node.answer_watch.suspended:.1f} s; "
-                f"after {LEASE_S:g} s the other nodes drop it and messages are lost",
+                SUSPENDED.format(self.node.answer_watch.suspended),
             )
         elif overdue:
             assert self._discovery is not None
