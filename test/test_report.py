@@ -19,8 +19,7 @@ from test_wire import LONG
 
 from train_ato.apps.report.curves import CURVES
 from train_ato.apps.report.events import detect_events
-from train_ato.apps.report.maps import MAPS
-from train_ato.apps.report.page_data import page_data, share_of
+from train_ato.apps.report.page_data import MAPS, page_data, share_of
 from train_ato.apps.report.print_parts import clock_axis
 from train_ato.apps.report.run_figure import titles
 from train_ato.apps.report.summary_rows import filled_groups, run_groups

@@ -8,14 +8,14 @@ from contextlib import suppress
 import numpy as np
 from numpy.typing import NDArray
 
+from plant_sim.data_text import parse_json
 from train_ato.apps.report.event import Event
 from train_ato.apps.report.protection_events import engagements, is_protection_report, protection_events
 from train_ato.apps.report.quantities import KINDS
-from train_ato.apps.report.refusal_events import refusal_events
-from train_ato.apps.report.restart_events import restart_events
 from train_ato.apps.report.scenario_events import scenario_events
 from train_ato.apps.report.words import longer
 from train_ato.loop.force_limit import time_at_force_limit
+from train_ato.loop.plant import LOST_KEY, RESTARTS_KEY
 from train_ato.loop.profile import REJOINED
 from train_ato.loop.recording import BRAKE_PIPE_COMMAND, Recording
 from train_ato.messages.types import Array
@@ -223,3 +223,50 @@ def _ends(recording: Recording) -> Iterator[Event]:
     if status not in ("done", "imported"):
         text = str(recording.summary.get("failure") or f"the run was {status}")
         yield Event("end", recording.span[1], text)
+
+
+REASON, MISSING = "refusal ", "missing "
+"""Beginnings of the keys of the diagnostics of a receiving end."""
+
+
+def refusal_events(recording: Recording) -> Iterator[Event]:
+    """Yield the first refusal of each kind by each node, and its first missing message of each topic."""
+    seen: set[tuple[str, str, str]] = set()
+    for report in recording.changed_reports:
+        for key, text in report.values.items():
+            if not key.startswith((REASON, MISSING)):
+                continue
+            found = (report.node, key, text.split(" ")[0])
+            if found not in seen:
+                seen.add(found)
+                topic = key.partition(" ")[2]
+                what = f"refused a message: {text}" if key.startswith(REASON) else text
+                yield Event("fault", report.stamp * 1e-9, f"{report.node}: {topic}: {what}")
+
+
+def restart_events(recording: Recording) -> Iterator[Event]:
+    """Yield the outages of restarted nodes, from the loss to the first report with all answers."""
+    begin, reason = 0.0, ""
+    before: dict[str, int] = {}
+    for report in recording.changed_reports:
+        if report.node != "plant":
+            continue
+        time = report.stamp * 1e-9
+        lost = report.values.get(LOST_KEY, "")
+        begin = begin if reason else time
+        counts = _counts(report.values.get(RESTARTS_KEY, ""))
+        names = [name for name, count in counts.items() if count > before.get(name, 0)]
+        if names and not lost:
+            listed = " and ".join(f"node {name}" for name in names)
+            yield Event("fault", begin, f"{listed} restarted ({reason or 'reason unknown'})", time)
+            before = counts
+        reason = lost
+
+
+def _counts(text: str) -> dict[str, int]:
+    """Return the numbers of restarts by node; {} for a text of another version."""
+    try:
+        found = parse_json(text) if text else {}
+    except ValueError:
+        return {}
+    return {str(name): int(count) for name, count in found.items()} if isinstance(found, dict) else {}

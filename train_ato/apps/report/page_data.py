@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from plant_sim.units import KMH
-from train_ato.apps.report.curves import Curves, NotAvailable, curves_of
+from train_ato.apps.report.curves import KILO, NEVER_APPLIED, NO_COUPLER, Curves, NotAvailable, curves_of
 from train_ato.apps.report.downsample import HeatMap, after_jump, heat_map, kept
 from train_ato.apps.report.event import Event
 from train_ato.apps.report.events import detect_events
-from train_ato.apps.report.maps import MAPS
 from train_ato.apps.report.quantities import NO_LINES
 from train_ato.apps.report.track_shape import TrackShape, track_shape
 from train_ato.apps.report.words import MODES, driven_laws, evaluation_note
 from train_ato.apps.runs.coupler_fatigue import KEYS, coupler_fatigue
-from train_ato.loop.recording import Recording
+from train_ato.loop.recording import BRAKE_SHOES, TRUTH, Recording
 from train_ato.loop.result import completed_summary
 from train_ato.loop.series import seconds
 from train_ato.messages.types import Array, Trajectory
@@ -224,3 +224,27 @@ def fact_texts(recording: Recording) -> dict[str, str]:
     if "version" in summary:
         facts["version"] = f"train_ato {summary['version']}"
     return facts
+
+
+def coupler_map(recording: Recording) -> tuple[Array, Array]:
+    """Return time [s] and the force of every coupler [kN], shape (k, vehicles - 1), > 0 draft."""
+    found = recording.of(TRUTH, "coupler_force")
+    if found is None:
+        raise NotAvailable("the log has no train/vehicles")
+    if found[1].shape[1] < 2:
+        raise NotAvailable(NO_COUPLER)
+    return found[0], found[1][:, :-1] / KILO
+
+
+def shoe_map(recording: Recording) -> tuple[Array, Array]:
+    """Return time [s] and the shoe force of every vehicle [kN], shape (k, vehicles)."""
+    found = recording.of(BRAKE_SHOES, "shoe_force")
+    if found is None:
+        raise NotAvailable(recording.without_brake)
+    if not np.any(found[1]):
+        raise NotAvailable(NEVER_APPLIED)
+    return found[0], found[1] / KILO
+
+
+MAPS: dict[str, Callable[[Recording], tuple[Array, Array]]] = {"couplers": coupler_map, "shoes": shoe_map}
+"""Figures of all vehicles over time."""

@@ -7,7 +7,9 @@ import time
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any, cast
 
+from bokeh.core.properties import Bool, Int
 from bokeh.events import DocumentReady
+from bokeh.model import DataModel
 from bokeh.models import ColumnDataSource, CustomJS, RadioButtonGroup
 from bokeh.themes import Theme
 from jinja2 import Template
@@ -18,7 +20,6 @@ from train_ato.apps.view.dial import dial, force_bar, tick_columns
 from train_ato.apps.view.ending import Ending
 from train_ato.apps.view.feed import FRAMES_PER_SECOND, Feed
 from train_ato.apps.view.messages import message_rows
-from train_ato.apps.view.page_state import Acknowledgement, Beat, Drawn
 from train_ato.apps.view.snapshot import LIMIT_NAMES
 from train_ato.apps.view.strips import Strips
 from train_ato.apps.view.style import THEME, WIDGETS
@@ -288,3 +289,22 @@ def _ending_columns(ending: Ending | None) -> dict[str, list[str]]:
 
 def _asset(name: str) -> str:
     return (files("train_ato") / "apps" / "view" / name).read_text(encoding="utf-8")
+
+
+class Beat(DataModel):  # type: ignore[misc]
+    """Beat of the server, twice a second; without it the page reports the loss of its server."""
+
+    number = Int(default=0)
+
+
+class Acknowledgement(DataModel):  # type: ignore[misc]
+    """Number of the event that the driver has acknowledged last."""
+
+    number = Int(default=-1)
+
+
+class Drawn(DataModel):  # type: ignore[misc]
+    """Number of the newest frame drawn by the browser; ``ready`` after the figures are there."""
+
+    number = Int(default=0)
+    ready = Bool(default=False)

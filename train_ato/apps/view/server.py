@@ -7,7 +7,9 @@ import errno
 import logging
 import os
 import socket
+import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from bokeh.application import Application
@@ -20,11 +22,11 @@ from tornado.httputil import HTTPHeaders, HTTPServerRequest
 from tornado.ioloop import IOLoop, PeriodicCallback
 from tornado.web import OutputTransform, RequestHandler
 
+from train_ato.apps.report.words import REPORT
 from train_ato.apps.view.ending import REPORT_PAGE
 from train_ato.apps.view.feed import Feed
 from train_ato.apps.view.origins import LOCAL_IPV6, LOOPBACK, host_of
 from train_ato.apps.view.page import MARK_PATH, ViewPage
-from train_ato.apps.view.report_link import ReportHandler
 
 ANYWHERE = ("0.0.0.0", "::", "")
 UNUSED_MS = 5_000
@@ -184,3 +186,40 @@ def _names(address: str) -> list[str]:
     else:
         names.add(address)
     return sorted(names)
+
+
+class ReportHandler(RequestHandler):
+    """Handler that returns the report of the run of a feed."""
+
+    def initialize(self, feed: Feed) -> None:
+        """Store the feed."""
+        self._feed = feed
+
+    async def get(self) -> None:
+        """Answer with the report, or with status 404 and one line for a run without one."""
+        folder = self._feed.folder
+        if folder is None or self._feed.ending is None:
+            await self._refuse("no report: the run has not ended, or its folder is not on this machine")
+            return
+        page, said = folder / REPORT, ""
+        if not page.is_file():
+            said = await _written(folder)
+        if page.is_file():
+            await self.finish(page.read_bytes())
+        else:
+            await self._refuse(said or f"no report of {folder}")
+
+    async def _refuse(self, text: str) -> None:
+        self.set_status(404)
+        self.set_header("Content-Type", "text/plain; charset=utf-8")
+        await self.finish(f"{text}\n")
+
+
+async def _written(folder: Path) -> str:
+    """Write the report in another process, so that the pages stay in time; return its error line."""
+    command = (sys.executable, "-m", "train_ato", "report", str(folder))
+    process = await asyncio.create_subprocess_exec(
+        *command, stdout=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.PIPE
+    )
+    _, said = await process.communicate()
+    return said.decode(errors="replace").strip()
