@@ -26,10 +26,16 @@ EXACT = {
     "plant_sim/warm_up.py": {"sum(stats.cache_misses.values())"},
     "train_ato/control/air_brake/policy.py": {"sum((length > self._rules.min_length for length in inside))"},
     "train_ato/control/algorithms/train_constants.py": {"sum((sides for _, sides in groups))"},
+    "train_ato/loop/kept_samples.py": {
+        "sum((values.nbytes for values in samples.values.values()))",
+        "sum((time.size for time in self._topics[topic].times))",
+        "sum((values.nbytes for values in self._cached.values()))",
+        "sum((part.shape[0] for part in parts))",
+    },
     "train_ato/loop/oscillation.py": {
         "sum((max((_correlation(part, lag) for lag in lags)) >= CORRELATION for part in parts))"
     },
-    "train_ato/loop/recording_builder.py": {"sum((part.time.size for part in parts))"},
+    "train_ato/loop/recording.py": {"sum((part.nbytes for part in parts if part is not None))"},
     "train_ato/loop/train_protection.py": {"sum((age > bound for bound in self._bounds))"},
     "train_ato/messages/codec/fixed.py": {"sum((column.shape[1] for column in columns))"},
     "train_ato/messages/codec/slots.py": {

@@ -133,13 +133,13 @@ def test_a_supervisor_that_joins_releases_at_standstill() -> None:
     loop.supervisor = SupervisorStage(setup)
     loop.supervisor.join()
     go_on(loop, STRUCK_S + 40.0)
-    reports = [report for report in loop.recording.finish().reports if report.node == "supervisor"]
+    recording = loop.recording.finish()
+    reports = [report for report in recording.reports if report.node == "supervisor"]
     later = [report for report in reports if report.stamp >= STRUCK_S * 1e9]
     assert later[0].message == SupervisionState.EMERGENCY_BRAKE.text
     assert later[0].values["reason"] == "node supervisor restarted"
     assert later[-1].message == SupervisionState.NORMAL.text
     released = next(report for report in later if report.message == SupervisionState.NORMAL.text)
-    recording = loop.recording.finish()
     speed = np.interp(released.stamp * 1e-9, recording.time, recording.front_velocity)
     assert abs(speed) < 0.1
 

@@ -16,6 +16,7 @@ from plant_sim.formats.network_path import BEGIN, END, ROUNDING, Network
 from plant_sim.formats.notes import print_assumption
 from plant_sim.formats.railml_xml import elements_below, number_of, tag_of
 from plant_sim.number_text import number_text
+from plant_sim.summation import plain_sum
 
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
@@ -167,7 +168,7 @@ class Collections:
         ValueError
             One line for a collection without an order, or with another length than its parts.
         """
-        found = sum(self._network.lengths[part] for part, _ in self.chain(name))
+        found = plain_sum(self._network.lengths[part] for part, _ in self.chain(name))
         given = self._elements[name].length
         if given and abs(given - found) > ROUNDING:
             raise ValueError(

@@ -7,7 +7,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from plant_sim.units import KMH
 from train_ato.arguments import check_new_file
 
 FIGURES = (".png", ".pdf", ".svg")
@@ -101,6 +100,7 @@ def _cases(options: argparse.Namespace) -> tuple[dict[str, Any], bool]:
 
 def _scenario(options: argparse.Namespace) -> dict[str, Any]:
     """Return brake model and curves of the train of a scenario on its line."""
+    from plant_sim.units import KMH
     from train_ato.apps.curves.line_curves import line_curves
     from train_ato.loop.scenario_data import scenario_consist, scenario_line
     from train_ato.scenario.scenario import load_scenario
@@ -157,6 +157,8 @@ def _motion(options: argparse.Namespace, speed: float) -> Any:
 
 def _train_data(supervision: Any) -> dict[str, Any]:
     """Return the brake model of the train as plain data."""
+    from plant_sim.units import KMH
+
     train = supervision.train
     brake = train.brake
     starts = [0.0, *(round(bound * KMH, 6) for bound in brake.safe.bounds)]

@@ -172,7 +172,7 @@ class RecordingBuilder:
         self._closed.add(topic, TopicSamples(time, reduced(topic, values, self._units)))
 
     def finish(self) -> Recording:
-        """Return the recording."""
+        """Return the recording, once: the samples go over to it."""
         for topic in self._topics:
             if self._open[topic]:
                 self._close(topic)
