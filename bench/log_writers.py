@@ -11,7 +11,7 @@ from typing import Any
 from mcap.writer import CompressionType, Writer
 
 from train_ato.log.compression import COMPRESSIONS
-from train_ato.log.reading import RawMessage
+from train_ato.log.mcap_records import RawMessage
 from train_ato.log.run_log import LogFile
 
 WRITERS = (*(f"train_ato {name}" for name in COMPRESSIONS), "mcap none", "mcap lz4", "mcap zstd")

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from plant_sim import kernel as k
 from plant_sim.packing import Arrays
+from plant_sim.railway import MIN_POWER_SPEED
 
 Array = npt.NDArray[np.float64]
 
@@ -106,7 +107,7 @@ class PlainTrain:
         for v_end, force, slope, power in self.arrays.envelope[first:end]:
             if speed <= v_end:
                 if power > 0.0:
-                    return float(max(force + slope * speed + power / max(speed, k.MIN_POWER_SPEED), 0.0))
+                    return float(max(force + slope * speed + power / max(speed, MIN_POWER_SPEED), 0.0))
                 return float(max(force + slope * speed, 0.0))
         return 0.0
 

@@ -339,24 +339,26 @@ def test_a_run_that_does_not_end_well_keeps_its_record(law, error, status, kept,
 def test_a_comparison_goes_on_after_a_refusal_and_a_failure(tmp_path):
     """Breaks if one failed law stops the others, or its row has no reason."""
     options = {"compensation": "twin", "set": SHORT}
-    both = ta.compare("demo", ["pid", "funnel", Gain(0.2), Gain(gain=0.3), Breaking], keep=tmp_path / "kept", **options)
+    both = ta.compare(
+        "demo", ["pid", "lag_smc", Gain(0.2), Gain(gain=0.3), Breaking], keep=tmp_path / "kept", **options
+    )
     table = both.table
     ends = {
         "pid": "done",
-        "funnel": "refused",
+        "lag_smc": "refused",
         "Gain(gain=0.2)": "done",
         "Gain(gain=0.3)": "done",
         "Breaking": "failed",
     }
     assert table["status"].to_dict() == ends
-    assert sorted(table.index[3:]) == ["Breaking", "funnel"], "runs to the end are first"
-    assert "'twin' gives only a feed-forward" in table.loc["funnel", "reason"]
+    assert sorted(table.index[3:]) == ["Breaking", "lag_smc"], "runs to the end are first"
+    assert "'twin' gives only a feed-forward" in table.loc["lag_smc", "reason"]
     assert "ZeroDivisionError: late" in table.loc["Breaking", "reason"]
     alone = ta.run("demo", law=Gain(0.3), **options)
     assert table.loc["Gain(gain=0.3)", "speed_rmse_kmh"] == alone.metrics["speed_rmse_kmh"]
     assert len(both.plot(tmp_path / "figure.png").axes) == 4 and (tmp_path / "figure.png").is_file()
     assert "Gain(gain=0.2)" in both.report(tmp_path / "page.html").read_text()
-    assert "&#x27;twin&#x27; gives only a feed-forward" in both._repr_html_() and "funnel (refused)" in repr(both)
+    assert "&#x27;twin&#x27; gives only a feed-forward" in both._repr_html_() and "lag_smc (refused)" in repr(both)
     same_tables(ta.open_run(tmp_path / "kept" / "Gain(gain=0.3)"), alone)
 
 
@@ -364,7 +366,7 @@ def test_a_comparison_goes_on_after_a_refusal_and_a_failure(tmp_path):
     ("laws", "message"),
     [
         (["pid", "pidd"], r"unknown law 'pidd' \(did you mean 'pid'\?\)"),
-        (["funnel"], r"demo: no law fits this train: funnel: with compensation 'twin'"),
+        (["lag_smc"], r"demo: no law fits this train: lag_smc: with compensation 'twin'"),
         ("pid", r"laws 'pid': give a list"),
         ([], r"laws: no law"),
     ],

@@ -11,7 +11,7 @@ import pytest
 from train_ato.loop.engine import run_engine
 from train_ato.loop.recording import Recording
 from train_ato.loop.setup import prepare
-from train_ato.papers.claims import Case
+from train_ato.papers.claims import Case, printed
 from train_ato.papers.p002_freight.cases import CASES, DELAYS, LAWS
 from train_ato.papers.p002_freight.claims import PAPER
 from train_ato.papers.p002_freight.error_dynamics import fixed_time_bound, nominal_settling
@@ -76,7 +76,7 @@ def test_observers_at_the_finest_sampling_time() -> None:
 
 
 def drive(name: str, duration: float, **changes: Any) -> Recording:
-    outcome = run_engine(prepare(*load_scenario(name, changes={**changes, "duration": duration})))
+    outcome = run_engine(prepare(*printed(*load_scenario(name, changes={**changes, "duration": duration}))))
     assert outcome.recording is not None
     return outcome.recording
 

@@ -14,7 +14,7 @@ from tracking_results import tracked, with_command
 from train_ato.loop.engine import run_engine
 from train_ato.loop.recording import Recording
 from train_ato.loop.setup import prepare
-from train_ato.papers.claims import Case
+from train_ato.papers.claims import Case, printed
 from train_ato.papers.p003_funnel.cases import CASES, LAWS, TRAINS
 from train_ato.papers.p003_funnel.claims import PAPER
 from train_ato.papers.p003_funnel.saturation_checks import recovery_by_38
@@ -77,7 +77,7 @@ def test_time_within_a_band_and_how_figures_are_written() -> None:
 
 
 def drive(case: Case, **changes: Any) -> Recording:
-    outcome = run_engine(prepare(*load_scenario(case.scenario, changes={**case.changes, **changes})))
+    outcome = run_engine(prepare(*printed(*load_scenario(case.scenario, changes={**case.changes, **changes}))))
     assert outcome.recording is not None
     return outcome.recording
 
@@ -119,9 +119,9 @@ def test_planned_for_200_kn_stays_within_13_m_of_the_other_profile() -> None:
 
 def test_trains_are_variants_of_the_short_run() -> None:
     """Breaks if a mismatch of the plant is also in the model of the law."""
-    nominal = prepare(*load_scenario("crh380a_funnel:short"))
+    nominal = prepare(*printed(*load_scenario("crh380a_funnel:short")))
     for train in ("half_more", "later", "lagging", "light"):
-        setup = prepare(*load_scenario(f"crh380a_funnel:short{TRAINS[train][1]}"))
+        setup = prepare(*printed(*load_scenario(f"crh380a_funnel:short{TRAINS[train][1]}")))
         assert setup.model.inertia == nominal.model.inertia
         assert setup.model.lag == nominal.model.lag
         assert list(setup.model.delay) == list(nominal.model.delay)

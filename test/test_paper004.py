@@ -10,7 +10,7 @@ from tracking_results import tracked
 
 from train_ato.loop.engine import run_engine
 from train_ato.loop.setup import prepare
-from train_ato.papers.claims import Result
+from train_ato.papers.claims import Result, printed
 from train_ato.papers.p004_gpc import checks as gpc_judges
 from train_ato.papers.p004_gpc.cases import CASES, LAWS, TRAINS
 from train_ato.papers.p004_gpc.claims import PAPER
@@ -58,7 +58,9 @@ def test_oscillation_of_the_command_is_measured_at_constant_speed() -> None:
 
 def drive(key: str, duration: float) -> Result:
     case = CASES[key]
-    outcome = run_engine(prepare(*load_scenario(case.scenario, changes={**case.changes, "duration": duration})))
+    outcome = run_engine(
+        prepare(*printed(*load_scenario(case.scenario, changes={**case.changes, "duration": duration})))
+    )
     return Result(outcome.summary, outcome.recording, outcome.failure)
 
 

@@ -215,7 +215,7 @@ def test_the_report_has_formula_and_robustness() -> None:
 @pytest.mark.parametrize(
     ("assignment", "message"),
     [
-        ("criteria.requirements={a: 'G sped <= 0'}", "demo.yaml: criteria.requirements.a: column 3: 'sped': unknown"),
+        ("criteria.requirements={a: 'G sped <= 0'}", "'}: criteria.requirements.a: column 3: 'sped': unknown"),
         ("criteria.requirements={a: 'G command_3 >= 0'}", "the train has 1 power units; use command_0"),
         ("criteria.requirements={'a b': 'G speed >= 0'}", "criteria.requirements"),
         ("criteria.requirements={a: 5}", "criteria.requirements.a"),
