@@ -37,13 +37,17 @@ signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]), resource.RLIM_INFINITY))
 sys.exit(main(sys.argv[2:]))
 """
+ENVIRONMENT = {
+    **os.environ, "PYTHONPATH": str(Path(plant_sim.__file__).parents[1]), "PYTHONDONTWRITEBYTECODE": "1"
+}  # fmt: skip
+"""Variables of the programs: Python would leave cut files of bytecode, which later tests cannot import."""
 
 
 def run(largest: int, *arguments: str, program: str = PROGRAM) -> subprocess.CompletedProcess[str]:
     """Run a command with a limit on the size of its files [bytes], after compilation of the kernel."""
     return subprocess.run(
         [sys.executable, "-c", program, str(largest), *arguments],
-        env={**os.environ, "PYTHONPATH": str(Path(plant_sim.__file__).parents[1])},
+        env=ENVIRONMENT,
         capture_output=True,
         text=True,
         timeout=LIMIT_S,
@@ -165,8 +169,7 @@ for folder in ("full", "again"):
     for folder in ("full", "again"):
         (tmp_path / folder).mkdir()
     (tmp_path / "again" / name).write_text("earlier")
-    environment = {**os.environ, "PYTHONPATH": str(Path(plant_sim.__file__).parents[1])}
-    done = subprocess.run([sys.executable, "-c", program, name], cwd=tmp_path, env=environment, check=False)
+    done = subprocess.run([sys.executable, "-c", program, name], cwd=tmp_path, env=ENVIRONMENT, check=False)
     assert done.returncode == 0
     assert not list((tmp_path / "full").iterdir())
     assert [path.read_text() for path in (tmp_path / "again").iterdir()] == ["earlier"]
