@@ -6,14 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from law_trains import SINGLE, inputs, model
+from law_trains import FIVE, SINGLE, inputs, model
 from mypy import api
 from span_runs import assert_same_messages, compiled_part, messages_of, setup_of
 
 from plant_sim.compiled import compiled
 from plant_sim.record import Records, dtype_of, quantity, zeros
 from train_ato.control.contract import parameter
-from train_ato.control.law import LawForm, LawNow, LawUnit, RecordLaw
+from train_ato.control.law import GIVEN, STEPPED, LawForm, LawNow, LawUnit, RecordLaw
 from train_ato.control.registry import LAWS
 from train_ato.loop.spans import kernel
 from train_ato.messages.types import Array
@@ -77,6 +77,23 @@ def test_a_record_has_the_fields_of_its_class() -> None:
     assert [found[name].str for name in ("mass", "steps", "known")] == ["<f8", "<i8", "|b1"]
     assert found["errors"].shape == (2,)
     assert zeros(LeanUnit, 3).dtype is found is dtype_of(LeanUnit)
+
+
+def test_every_input_is_in_the_field_of_its_name() -> None:
+    """Breaks if two inputs of one unit change places on their way into the record: no type and no unit shows it."""
+    of = model(FIVE)
+    law = Lean(LeanParameters(), of, 0.1)
+    marked = {name: 100.0 * np.arange(1.0, 6.0) + number for number, name in enumerate(GIVEN, start=1)}
+    marked["velocity"], marked["reference_velocity"] = np.arange(7.0, 12.0), np.arange(2.0, 7.0)
+    marked["reference_acceleration"] = 0.1 * np.arange(1.0, 6.0)
+    given = inputs(
+        of, t=11.0, acceleration_at_effect=0.12, jerk_at_effect=0.13, delay_to_effect=0.14, train_shoe_force=15.0,
+        coupler_force=np.array([16.0, -17.0]), **marked,
+    )  # fmt: skip
+    assert law.call(given) == STEPPED
+    for name in GIVEN:
+        assert law.units[name].tolist() == marked[name].tolist(), name
+    assert law.now[0].item() == (11.0, 0.12, 0.13, 0.14, 0.0, 15.0, 33.0)
 
 
 def test_a_subclass_with_a_demand_in_python_is_guarded() -> None:

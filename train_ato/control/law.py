@@ -105,7 +105,7 @@ GIVEN = (
     "feedforward", "disturbance", "force_min", "force_max", "shoe_force",
 )  # fmt: skip
 """Inputs of the units with the same name in the contract and in the record, whose first fields they are."""
-_pack_unit, _pack_now = Struct(f"{len(GIVEN)}d").pack_into, Struct("7d").pack_into
+_pack_unit, _pack_now = (Struct(f"{len(names)}d").pack_into for names in (GIVEN, dtype_of(LawNow).fields or ()))
 STEPPED, INVALID, NOT_FINITE = range(3)
 """Results of a guarded step."""
 
