@@ -25,6 +25,11 @@ def ros_wheels() -> list[str]:
     return ["ros-jazzy-rclpy[fastrtps]", "ros-jazzy-common-interfaces"]
 
 
+def examples(pattern: str) -> list[str]:
+    """Name the templates of `train-ato new`, relative to this folder."""
+    return sorted(str(path.relative_to(HERE)) for path in (HERE / "examples").glob(pattern))
+
+
 def launchers() -> list[str]:
     """Name the commands: the entry script and one for each node, for `ros2 run`."""
     nodes = ("plant", "supervisor", "profile", "observer", "controller", "recorder")
@@ -62,6 +67,8 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
+        (f"share/{NAME}/examples", examples("my_*.py")),
+        (f"share/{NAME}/examples/metro", examples("metro/*.yaml")),
     ],
     # Every bound is a version that exists, passes .ci/lowest and is above the published security holes.
     install_requires=[

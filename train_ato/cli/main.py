@@ -26,6 +26,7 @@ COMMANDS: tuple[tuple[str, str], ...] = (
     ("learn", "repeat a scenario, or read recorded runs, and learn the resistance that repeats by place"),
     ("reproduce", "check the claims of the papers against simulated runs"),
     ("list", "list scenarios, laws, observers, compensations, trains and lines"),
+    ("new", "write a commented train, line, journey, scenario, law, observer or compensation of one's own"),
     ("replay", "publish a recorded run on its topics, or evaluate a law on its inputs"),
     ("info", "print topics, rates, gaps and changes of a run or a log"),
     ("report", "write an HTML page with the figures of a run, or of several runs for comparison"),

@@ -1,0 +1,123 @@
+"""``train-ato new KIND NAME``: write a commented file of one's own that runs as it is."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from pathlib import Path
+
+YAML_KINDS = ("train", "line", "journey", "scenario")
+CODE_KINDS = {"law": "MyLaw", "observer": "MyObserver", "compensation": "MyCompensation"}
+"""Kinds in Python, with the class of their template."""
+PLANT_FILES = ("train", "line")
+"""Files that the template of a scenario names."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of ``new``."""
+    parser.add_argument("kind", choices=(*YAML_KINDS, *CODE_KINDS), metavar="KIND", help="%(choices)s")
+    parser.add_argument("name", metavar="NAME", help="name of the new thing; the file is NAME.yaml or NAME.py")
+    parser.add_argument(
+        "--like", metavar="SHIPPED", help="begin with this shipped one (train-ato list) in place of the template"
+    )
+
+
+def execute(options: argparse.Namespace) -> int:
+    """Write the files, then print their names and the next command."""
+    from train_ato.arguments import check_new_file
+    from train_ato.log.whole_file import write_whole
+
+    if not re.fullmatch(r"[a-z][a-z0-9_]*", options.name):
+        raise ValueError(
+            f"NAME {options.name}: begin with a lower-case letter, then letters, digits and _, for example my_metro"
+        )
+    texts, following = (_code if options.kind in CODE_KINDS else _data)(options.kind, options.name, options.like)
+    for path in texts:
+        check_new_file(path, (path.suffix,), "NAME")
+    for path, text in texts.items():
+        try:
+            write_whole(path, text)
+        except OSError as error:
+            raise ValueError(f"{path}: cannot be written ({error.strerror}); choose another folder") from None
+    if options.json:
+        from train_ato.cli.screen import print_json
+
+        print_json({"files": [str(path) for path in texts], "next": following})
+        return 0
+    sys.stdout.write("".join(f"{path}\n" for path in texts) + f"next: {following}\n")
+    return 0
+
+
+def _data(kind: str, name: str, like: str | None) -> tuple[dict[Path, str], str]:
+    """Return the texts by file and the next command of a train, line, journey or scenario."""
+    source = _shipped(kind, like) if like else _examples() / "metro" / f"{kind}.yaml"
+    target = Path(f"{name}.yaml")
+    text = re.sub(r"(?m)^# yaml-language-server:.*\n", "", source.read_text(encoding="utf-8"))
+    text = re.sub(r"(?m)^name: .*$", f"name: {name}", text, count=1)
+    texts = {target: text}
+    if kind == "scenario":
+        for other in re.findall(r"(?m)^ +(?:consist|line|file): ([\w.-]+\.(?:yaml|csv))\b", text):
+            if not Path(other).exists():
+                texts[Path(other)] = (source.parent / other).read_text(encoding="utf-8")
+    following = {
+        "train": f"train-ato plan level {target} --to-km 3",
+        "line": f"train-ato plan {target} xuzhou_metro_3",
+        "journey": f"train-ato plan LINE TRAIN --journey {target}",
+        "scenario": f"train-ato run {target} --engine",
+    }
+    return texts, following[kind]
+
+
+def _shipped(kind: str, name: str) -> Path:
+    """Return the file of a shipped train, line or scenario."""
+    from plant_sim.input_error import close_match
+    from plant_sim.library import consist_names, consist_path, line_names, line_path
+    from train_ato.scenario.scenario import shipped_scenarios
+
+    if kind == "journey":
+        raise ValueError(f"--like {name}: no journey is shipped; leave the option out")
+    found = {
+        "train": {key: consist_path(key) for key in consist_names()},
+        "line": {key: line_path(key) for key in line_names()},
+        "scenario": shipped_scenarios(),
+    }[kind]
+    if name not in found:
+        raise ValueError(f"--like {name}: no shipped {kind}{close_match(name, found)}; give one of {', '.join(found)}")
+    return found[name]
+
+
+def _code(kind: str, name: str, like: str | None) -> tuple[dict[Path, str], str]:
+    """Return the text by file and the next command of a law, observer or compensation."""
+    import inspect
+
+    from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
+
+    module, target = CODE_KINDS[kind], Path(f"{name}.py")
+    if like is None:
+        template = re.sub("(?<!^)(?=[A-Z])", "_", module).lower()
+        block = "".join(part.capitalize() for part in name.split("_"))
+        text = (_examples() / f"{template}.py").read_text(encoding="utf-8")
+        text = re.sub(rf"\b{template}\b", name, text).replace(module, block)
+    else:
+        registry = {"law": LAWS, "observer": OBSERVERS, "compensation": COMPENSATIONS}[kind]
+        try:
+            found = registry.get(like)
+        except ValueError as error:
+            raise ValueError(f"--like {error}") from None
+        block = found.__name__
+        text = Path(inspect.getfile(found)).read_text(encoding="utf-8")
+    return {target: text}, f"train-ato check-{kind} {name}:{block}"
+
+
+def _examples() -> Path:
+    """Return the folder of the templates: of the source tree, or of the installed package."""
+    source = Path(__file__).resolve().parents[2] / "examples"
+    if source.is_dir():
+        return source
+    from importlib.metadata import files
+
+    for path in files("train_ato") or ():
+        if path.name == "my_law.py" and path.parent.name == "examples":
+            return Path(str(path.locate())).resolve().parent
+    raise ValueError("the templates are missing in this installation; install train_ato again")
