@@ -111,7 +111,7 @@ def same_tables(one, other):
 
 
 def test_a_run_is_measured_drawn_and_saved(tmp_path, capsys):
-    """Breaks if a call of the example in the README fails, or a saved run is incomplete."""
+    """Breaks if a call of the example in the guide fails, or a saved run is incomplete."""
     run = ta.run("demo", law="smc", set={"laws.smc.ks": 0.0, **SHORT})
     assert run.metrics["speed_rmse_kmh"] > 0 and run.metrics["controller"] == "smc"
     assert run.path is None and capsys.readouterr() == ("", "")

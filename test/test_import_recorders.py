@@ -297,10 +297,10 @@ def test_faults_of_several_quantities_are_named_at_once(tmp_path: Path, capsys) 
 
 
 def test_the_sample_file_is_imported_by_the_command_in_it(tmp_path: Path, monkeypatch, capsys) -> None:
-    """Breaks if the shipped file, its command or the line of the README no longer fit."""
+    """Breaks if the shipped file, its command or the line of the guide no longer fit."""
     sample = ROOT / "examples" / "recorder.csv"
     (command,) = [line[2:] for line in sample.read_text().splitlines() if line.startswith("# train-ato import")]
-    assert command in (ROOT / "README.md").read_text()
+    assert command in (ROOT / "msgs_docs" / "guide.md").read_text()
     monkeypatch.chdir(ROOT)
     assert main([*shlex.split(command)[1:], "--out", str(tmp_path / "run")]) == 0
     assert "recorded in" in capsys.readouterr().out

@@ -1,4 +1,4 @@
-"""Installation without ROS packages: the engine runs, and the README names its requirements."""
+"""Installation without ROS packages: the engine runs, and the guide names its requirements."""
 
 from __future__ import annotations
 
@@ -82,8 +82,8 @@ def test_the_engine_runs_where_no_ros_package_is_installed(tmp_path):
     assert "ValueError: ROS 2 is not installed (no rclpy); run the engine" in done.stderr
 
 
-def test_the_readme_installs_every_requirement_without_ros():
+def test_the_guide_installs_every_requirement_without_ros():
     """Breaks if the command for an installation without ROS omits a requirement of setup.py."""
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    (line,) = re.findall(r"pip install --no-deps \. && pip install ((?:[^\\\n]|\\\n)*)", readme)
+    guide = (ROOT / "msgs_docs" / "guide.md").read_text(encoding="utf-8")
+    (line,) = re.findall(r"pip install --no-deps \. && pip install ((?:[^\\\n]|\\\n)*)", guide)
     assert sorted(line.replace("\\\n", " ").split()) == sorted(Requirement(entry).name for entry in declared())

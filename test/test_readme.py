@@ -1,0 +1,75 @@
+"""README: every block of commands and of Python runs, in order, in an empty folder; every link of the pages leads."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from train_ato.ros.graph.environment import claim_domain
+
+ROOT = Path(__file__).resolve().parents[1]
+TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
+FIRST = "train-ato run demo"
+"""Command of the installation, which makes the environment of the tests, and of the section after it."""
+PAGES = sorted({ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "msgs_docs").rglob("*.md")})
+
+
+def scripts() -> list[tuple[str, str]]:
+    """Return language and text of every block after the installation, in order."""
+    section = TEXT[TEXT.index("## First run") :]
+    found = re.finditer(r"^```python\n(?P<python>(?s:.*?))^```|(?P<sh>(?:^ {4}\S.*\n)+)", section, re.MULTILINE)
+    return [(match.lastgroup or "", match[0] if match["sh"] else match["python"]) for match in found]
+
+
+@pytest.mark.graph
+@pytest.mark.timeout(900)
+def test_every_block_runs_to_a_passed_verdict(tmp_path: Path) -> None:
+    """Breaks if a command of README is refused, a call of Python fails, or a run does not pass its criteria."""
+    with claim_domain() as domain:  # free: `train-ato param` without a domain needs a single run on the machine
+        pass
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    environment = {**os.environ, "PATH": path, "PYTHONPATH": str(tmp_path), "ROS_DOMAIN_ID": str(domain)}
+    assert f" && .venv/bin/{FIRST}\n" in TEXT
+    blocks = [("sh", FIRST), *scripts()]
+    assert {language for language, _ in blocks} == {"sh", "python"}
+    for language, block in blocks:
+        order = [sys.executable, "-c", block] if language == "python" else ["bash", "-euc", block]
+        done = subprocess.run(order, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, f"{block}\n{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
+    logs = tmp_path.rglob("run.mcap")
+    runs = [json.loads((log.parent / "summary.json").read_text(encoding="utf-8")) for log in logs]
+    assert len(runs) >= 4
+    assert [(run["scenario"], run["verdict"]) for run in runs if run["verdict"] != "passed"] == []
+    assert any(change["value"] == "smc" for run in runs for change in run["changes"])
+
+
+def test_readme_fits_on_two_screens() -> None:
+    """Breaks if the entrance grows to a wall again: at most 120 lines and 9 kB, a picture at once."""
+    assert len(TEXT.splitlines()) <= 120 and len(TEXT.encode()) <= 9_000
+    assert "![" in "\n".join(TEXT.splitlines()[:6])
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_every_link_leads_somewhere(page: Path) -> None:
+    """Breaks if a page or a heading is renamed and a link still has the old name."""
+    text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    for target in re.findall(r"\]\(([^)\s]+)\)", text):
+        if re.match(r"[a-z]+:", target):
+            continue
+        name, _, anchor = target.partition("#")
+        file = (page.parent / name).resolve() if name else page
+        assert file.exists(), f"{page.name}: {target}"
+        if anchor and file.suffix == ".md":
+            headings = re.findall(r"^#+ (.*)$", file.read_text(encoding="utf-8"), re.MULTILINE)
+            assert anchor in {slug(heading) for heading in headings}, f"{page.name}: {target}"
+
+
+def slug(heading: str) -> str:
+    """Return the anchor of a heading, as code hosts make it."""
+    return re.sub(r"[^\w\- ]", "", heading.strip().lower()).replace(" ", "-")
