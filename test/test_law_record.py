@@ -46,16 +46,33 @@ def lean(p: LeanParameters, state: Records[LeanUnit], now: LawNow, units: Record
         x.wanted = x.feedforward - own.mass * p.gain * (own.errors[0] + own.errors[1]) / 2.0
 
 
-class Lean(RecordLaw):
-    """Law of a user."""
+@compiled
+def curious(p: LeanParameters, state: Records[LeanUnit], now: LawNow, units: Records[LawUnit]) -> None:
+    """Compute a gain on the speed error and parts of the inputs that few laws use [N]."""
+    for u in range(units.size):
+        x = units[u]
+        known = x.feedforward + 0.1 * x.shoe_force + 0.01 * (now.train_shoe_force + now.line_force)
+        ahead = now.acceleration_at_effect + 0.1 * now.jerk_at_effect + 0.01 * now.delay_to_effect
+        x.wanted = known + state[u].mass * (0.01 * ahead - p.gain * (x.velocity - x.reference_velocity))
+
+
+class Curious(RecordLaw):
+    """Law of a user without a declaration of its inputs."""
 
     Parameters = LeanParameters
-    form = LawForm(lean, LeanParameters, LeanUnit)
+    form = LawForm(curious, LeanParameters, LeanUnit)
 
     def __init__(self, parameters, model, period):
         super().__init__(parameters, model, period)
         self.state["mass"] = model.inertia * model.share
         self.set_constants()
+
+
+class Lean(Curious):
+    """Law of a user that declares the inputs that it does not use."""
+
+    form = LawForm(lean, LeanParameters, LeanUnit)
+    uses_effect = uses_train_forces = False
 
 
 def test_a_law_of_a_user_is_in_the_compiled_loop(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -67,6 +84,17 @@ def test_a_law_of_a_user_is_in_the_compiled_loop(monkeypatch: pytest.MonkeyPatch
     before = len(getattr(kernel.run_span, "signatures", []))  # missing with NUMBA_DISABLE_JIT
     assert compiled_part(setup) > 0.8
     assert len(getattr(kernel.run_span, "signatures", [])) == before
+    assert_same_messages(*(messages_of(setup, compiled=chosen) for chosen in (False, True)))
+
+
+def test_every_input_is_the_same_in_the_compiled_loop(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Breaks if the loop leaves out an input of a law that declares nothing: shoes, line force, delay to the effect."""
+    monkeypatch.setitem(LAWS._loaded, "curious", Curious)
+    brake = {"policy": "planned", "events": [{"time": 10, "reduction": 5e4}, {"time": 25, "reduction": 0}]}
+    changes = {"supervision.enabled": False, "law": "curious", "compensation": "preview", "tick": 0.05}
+    setup = setup_of("daqin_heavy_haul", {**changes, "duration": 30, "brake": brake})
+    assert setup.model.delay.min() > 0.0
+    assert compiled_part(setup) > 0.8
     assert_same_messages(*(messages_of(setup, compiled=chosen) for chosen in (False, True)))
 
 

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from numba import carray
 
 from plant_sim.compiled import compiled
+from plant_sim.railway import fading_resistance
 from plant_sim.record import Records, dtype_of, fill, quantity, zeros
 from plant_sim.summation import plain_sum
 from train_ato.control.algorithms.guard import (
@@ -71,6 +72,23 @@ class LawUnit:
     wanted: float = quantity("N", "demand of the law before the limits")
     force: float = quantity("N", "command of the last step, inside the limits")
     saturated: bool = quantity("", "the last demand was beyond a limit")
+
+
+@dataclass(frozen=True)
+class TrainConstants:
+    """Train as one mass, for the constants of a law."""
+
+    inertia: float = quantity("kg", "mass with rotating masses")
+    running_0: float = quantity("N", "running resistance at standstill, before it fades")
+    running_1: float = quantity("N s/m", "running resistance per speed")
+    running_2: float = quantity("N s²/m²", "running resistance per square of the speed")
+
+
+@compiled
+def train_resistance(p: TrainConstants, now: LawNow, speed: float) -> float:
+    """Return running, line and shoe force on the train [N], > 0 retards, at a speed [m/s]."""
+    running = fading_resistance(p.running_0, p.running_1, p.running_2, speed)
+    return float(running + now.line_force + now.train_shoe_force)
 
 
 @compiled
@@ -168,10 +186,16 @@ class RecordLaw(GuardedLaw):
         Constants, state of every unit, and inputs with the last outputs.
     couplers : UnitCouplers or None
         Couplers beside the units, of a law that uses their forces.
+    uses_effect : bool
+        The law uses acceleration or jerk at the effect, or the delay to it; False allows more compiled ticks.
+    uses_train_forces : bool
+        The law uses the line force or the shoe force on the train; False saves their computation.
     """
 
     form: ClassVar[LawForm]
     couplers: UnitCouplers | None = None
+    uses_effect: bool = True
+    uses_train_forces: bool = True
 
     def __init_subclass__(cls) -> None:
         if "demand" in vars(cls):
@@ -186,7 +210,9 @@ class RecordLaw(GuardedLaw):
 
     def set_constants(self, **more: float) -> None:
         """Set the constants: the parameters that are numbers, the period, and those that follow from them."""
-        fill(self.constants, self.parameters, period=self.period, **more)
+        c0, c1, c2 = self.model.running
+        train = {"inertia": self.model.inertia, "running_0": c0, "running_1": c1, "running_2": c2}
+        fill(self.constants, self.parameters, period=self.period, **train, **more)
         self._cleared = self.state.copy()
 
     def clear_state(self) -> None:
@@ -195,7 +221,8 @@ class RecordLaw(GuardedLaw):
 
     def on_missed_sample(self) -> None:
         """Handle a missed sample: difference quotients must not bridge it."""
-        self.state["known"] = False
+        if "known" in (self.state.dtype.names or ()):
+            self.state["known"] = False
 
     def reset(self) -> None:
         """Clear all state, including the last demand."""
@@ -227,13 +254,17 @@ class RecordLaw(GuardedLaw):
                 i.feedforward.item(u), i.disturbance.item(u), i.force_min.item(u), i.force_max.item(u),
                 i.shoe_force.item(u),
             )  # fmt: skip
-        if self.couplers is not None and all_within(inputs.position, MAX_POSITION):
-            for x, forces in zip(units, self.couplers.opposing(inputs), strict=True):
-                x["coupler_force"], x["resistance"] = forces.couplers, forces.resistance
+        line_force = 0.0
+        if (self.couplers is not None or self.uses_train_forces) and all_within(inputs.position, MAX_POSITION):
+            if self.uses_train_forces:
+                line_force = self.model.line_force(self.model.front(inputs.position))
+            if self.couplers is not None:
+                for x, forces in zip(units, self.couplers.opposing(inputs), strict=True):
+                    x["coupler_force"], x["resistance"] = forces.couplers, forces.resistance
         sensed = plain_sum(map(abs, inputs.coupler_force.tolist())) if inputs.coupler_force.size else 0.0
         _pack_now(
-            self.now, 0, inputs.t, inputs.acceleration_at_effect, inputs.jerk_at_effect, inputs.delay_to_effect, 0.0,
-            inputs.train_shoe_force, sensed,
+            self.now, 0, inputs.t, inputs.acceleration_at_effect, inputs.jerk_at_effect, inputs.delay_to_effect,
+            line_force, inputs.train_shoe_force, sensed,
         )  # fmt: skip
         found: int = self.form.step(self.constants, self.state, self.now, units)
         return found

@@ -99,6 +99,8 @@ class TrainModel:
         Mass of every unit's own vehicle [kg].
     unit_inertia : Array, shape (units,)
         The same with rotating masses [kg].
+    running : tuple of float
+        c0, c1, c2 of the running resistance of the train c0 + c1 v + c2 v² [N, N s/m, N s²/m²].
     share : Array, shape (units,)
         Part of a total force for every unit, in proportion to its largest traction force; the sum is 1.
     """
@@ -139,7 +141,7 @@ class TrainModel:
         self.share = self._shares()
         self.air_brake = BrakeForecast(consist) if consist.air_brake is not None else None
         polynomials = np.array([vehicle.resistance.polynomial(vehicle.mass, consist.gravity) for vehicle in vehicles])
-        self._c0, self._c1, self._c2 = (float(total) for total in polynomials.sum(axis=0))
+        self.running: tuple[float, ...] = tuple(polynomials.sum(axis=0).tolist())
         table = line_force or LineForceTable(consist, line, over_length=over_length)
         self._begin, self._specific = table.begin, table.specific
         self._line_force, self._total = table.total, table.totals
@@ -165,7 +167,7 @@ class TrainModel:
 
     def running_resistance(self, velocity: float) -> float:
         """Return the running resistance of the train [N]: odd in the speed, 0 at standstill."""
-        return float(fading_resistance(self._c0, self._c1, self._c2, velocity))
+        return float(fading_resistance(*self.running, velocity))
 
     def line_force(self, position: float) -> float:
         """Return grade, curve, tunnel and learned force on the train [N], > 0 resists, for vehicle 0's centre there."""
@@ -178,7 +180,7 @@ class TrainModel:
     def resisting_forces(self, position: Array, velocity: Array) -> Array:
         """Return :meth:`resisting_force` without shoes at many positions and speeds [N], equal to it bit for bit."""
         fading = np.array(list(map(math.tanh, (velocity / DRY_FRICTION_SPEED).tolist())))  # np.tanh has other bits
-        running = running_resistance(self._c0, self._c1, self._c2, velocity) * fading
+        running = running_resistance(*self.running, velocity) * fading
         return np.asarray(running + each_between_entries(self._line_force, (position - self._begin) / GRID))
 
     def specific_line_force(self) -> tuple[Array, float]:

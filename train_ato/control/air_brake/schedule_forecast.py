@@ -57,7 +57,7 @@ class ScheduleForecast:
         self._vehicles[s.INERTIA_SHARE] = [each.mass * each.rotating_mass_factor / model.inertia for each in vehicles]
         self._vehicles[s.FORCE_SHARE, list(model.units)] = model.share
         self._constant = np.array((
-            model.inertia, model._c0, model._c1, model._c2, begin, STEP, GAIN, rules.electric_use,
+            model.inertia, *model.running, begin, STEP, GAIN, rules.electric_use,
             rules.never_below, rules.speed_error, rules.coupler_max, SPEED_STEP,
         ), dtype=np.float64)  # fmt: skip
 

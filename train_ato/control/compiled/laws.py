@@ -18,10 +18,10 @@ from train_ato.control.compiled.entries import (
     mean_of_units,
     ordered_total,
 )
-from train_ato.control.compiled.sliding import fixed_time_smc_step, lag_smc_step
+from train_ato.control.compiled.sliding import fixed_time_smc_step
 from train_ato.control.compiled.switching import rbf_switching_smc_step
 
-FUNNEL, FIXED_TIME_SMC, LAG_SMC, RBF_SWITCHING_SMC, CALLED = range(5)
+FUNNEL, FIXED_TIME_SMC, RBF_SWITCHING_SMC, CALLED = range(4)
 """Laws with arrays of their own; the last number is that of every law that is called."""
 # Entries of `constant` of the funnel.
 (
@@ -173,7 +173,5 @@ def demand(law, constant, state, inputs, now, force):
         funnel_step(constant, state, inputs, now, force)
     elif law == FIXED_TIME_SMC:
         fixed_time_smc_step(constant, state, inputs, now, force)
-    elif law == LAG_SMC:
-        lag_smc_step(constant, state, inputs, now, force)
     else:
         rbf_switching_smc_step(constant, state, inputs, now, force)

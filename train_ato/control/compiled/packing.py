@@ -16,7 +16,6 @@ from train_ato.control.compiled import laws as c
 from train_ato.control.compiled.law_call import NO_CALL, LawCall
 from train_ato.control.compiled.sliding_packing import (
     fixed_time_smc_constants,
-    lag_smc_constants,
     sliding_state,
     take_sliding_state,
 )
@@ -38,7 +37,6 @@ from train_ato.control.laws.funnel import (
     P1,
     Funnel,
 )
-from train_ato.control.laws.lag_smc import LagSmc
 from train_ato.control.laws.rbf_switching_smc import RbfSwitchingSmc
 from train_ato.messages.types import Array
 
@@ -57,7 +55,8 @@ class RecordStep:
     def __init__(self, law: RecordLaw) -> None:
         self._law, self.constant, self.couplers = law, law.constants, law.couplers
         self.call = LawCall(lambda *_: law.form.step(law.constants, law.state, law.now, law.units), law.form.entry)
-        self.uses_shoes = self.uses_effect = law.couplers is not None
+        self.uses_shoes = law.couplers is not None or law.uses_train_forces
+        self.uses_effect = law.uses_effect
 
     def state(self) -> Any:
         """Return the state of the law."""
@@ -98,19 +97,18 @@ class CompiledLaw:
         self.call = NO_CALL
         own: Any = law
         measured = isinstance(law, FixedTimeSmc) and law._measured
-        uses_couplers = measured or (isinstance(law, LagSmc) and not law._common)
-        self.couplers: UnitCouplers | None = own._couplers if uses_couplers else None
+        self.couplers: UnitCouplers | None = own._couplers if measured else None
 
     @property
     def uses_shoes(self) -> bool:
         """Return True if the law uses the forecast of the shoe forces by itself, beside the feed-forward."""
         own = self.number == c.FUNNEL and bool(self.constant[c.F_USES_MODEL])
-        return self.couplers is not None or own or self.number == c.LAG_SMC
+        return self.couplers is not None or own
 
     @property
     def uses_effect(self) -> bool:
         """Return True if the law uses the profile at the effect of the command, beside the feed-forward."""
-        return self.couplers is not None or self.number == c.LAG_SMC
+        return self.couplers is not None
 
     def state(self) -> Array:
         """Return the present state of the law."""
@@ -165,8 +163,8 @@ def _funnel_constants(law: Funnel) -> Array:
         c.F_CENTRES: p.rbf_centers, c.F_A1: A1, c.F_A2: A2, c.F_BETA1: BETA1, c.F_P1: P1,
         c.F_MAX_FUNNEL: MAX_FUNNEL, c.F_IOTA: IOTA, c.F_GAMMA_M: GAMMA_M,
         c.F_FEEDFORWARD: p.feedforward, c.F_USES_MODEL: p.resistance != "network" and not p.feedforward,
-        c.F_USES_NETWORK: p.resistance != "model", c.F_C0: law.model._c0,
-        c.F_C1: law.model._c1, c.F_C2: law.model._c2,
+        c.F_USES_NETWORK: p.resistance != "model", c.F_C0: law.model.running[0],
+        c.F_C1: law.model.running[1], c.F_C2: law.model.running[2],
         c.F_FILTER_STEPS: max(1, math.ceil(law.period / FILTER_STEP - 1e-9)),
     }  # fmt: skip
     constant[list(values)] = list(values.values())
@@ -195,7 +193,6 @@ def _take_funnel_state(law: Any, values: list[float]) -> None:
 _FORMS: tuple[tuple[Any, int, Callable[[Any], Array]], ...] = (
     (Funnel, c.FUNNEL, _funnel_constants),
     (FixedTimeSmc, c.FIXED_TIME_SMC, fixed_time_smc_constants),
-    (LagSmc, c.LAG_SMC, lag_smc_constants),
     (RbfSwitchingSmc, c.RBF_SWITCHING_SMC, switching_constants),
 )
 """Laws with a compiled step, their numbers and their constants."""

@@ -7,13 +7,6 @@ from __future__ import annotations
 from plant_sim.compiled import compiled
 from plant_sim.elementary import libm_pow
 from train_ato.control.algorithms.sliding import sig
-from train_ato.control.compiled.entries import (
-    TRAIN_ENTRIES,
-    TRAIN_INERTIA,
-    mean_of_units,
-    ordered_total,
-    resisting_force,
-)
 
 # Entries of `constant` of fixed_time_smc; the masses of the units are last.
 (
@@ -25,8 +18,6 @@ T_HAS_SPEED, T_SPEED, T_OBSERVER = range(3)
 T_ENTRIES = 5
 # Entries of `state` of a Luenberger observer.
 L_HAS_VALUE, L_VALUE, L_RATE = range(3)
-# Entries of `constant` of lag_smc: those of the train, own ones, and the masses of the units.
-L_C1, L_C0, L_K, L_PHI, L_KI, L_COMMON, L_DAMPING, L_LAG, L_MASS = range(TRAIN_ENTRIES, TRAIN_ENTRIES + 9)
 
 
 @compiled
@@ -77,36 +68,3 @@ def fixed_time_smc_step(constant, state, inputs, now, force):
         else:
             equivalent = inputs[unit].feedforward
         force[unit] = equivalent - inputs[unit].disturbance + constant[T_MASS + unit] * pull
-
-
-@compiled
-def _actuator_jerk(constant, now, error, rate, net):
-    """Return the wanted rate of the actuator acceleration [m/s³]."""
-    off = net - now.acceleration_at_effect
-    surface = off + constant[L_C1] * rate + constant[L_C0] * error
-    switching = constant[L_K] * surface / (abs(surface) + constant[L_PHI])
-    pull = now.jerk_at_effect - constant[L_C1] * off - constant[L_C0] * rate
-    return pull - switching - constant[L_KI] * surface
-
-
-@compiled
-def lag_smc_step(constant, state, inputs, now, force):
-    """Compute the demand of :class:`train_ato.control.laws.lag_smc.LagSmc` [N]."""
-    n, lag = inputs.size, constant[L_LAG]
-    errors, rates = inputs.position - inputs.reference_position, inputs.velocity - inputs.reference_velocity
-    if constant[L_COMMON] == 0.0:
-        for unit in range(n):
-            mass, applied = constant[L_MASS + unit], inputs[unit].applied
-            net = applied + inputs[unit].disturbance - inputs[unit].coupler_force
-            net = (net - inputs[unit].resistance - inputs[unit].shoe_force) / mass
-            force[unit] = applied + mass * lag * _actuator_jerk(constant, now, errors[unit], rates[unit], net)
-        return
-    mean, total = mean_of_units(inputs.share, rates, n), ordered_total(inputs.applied)
-    speed, inertia = mean_of_units(inputs.share, inputs.velocity, n), constant[TRAIN_INERTIA]
-    resisting = resisting_force(constant, speed, now.line_force, now.train_shoe_force)
-    net = (total + ordered_total(inputs.disturbance) - resisting) / inertia
-    error = mean_of_units(inputs.share, errors, n)
-    wanted = total + inertia * lag * _actuator_jerk(constant, now, error, mean, net)
-    for unit in range(n):
-        damped = constant[L_MASS + unit] * constant[L_DAMPING] * (rates[unit] - mean)
-        force[unit] = inputs[unit].share * wanted - damped

@@ -7,9 +7,7 @@ from typing import Any
 import numpy as np
 
 from train_ato.control.compiled import sliding as c
-from train_ato.control.compiled.train_packing import train_constants
 from train_ato.control.laws.fixed_time_smc import BRANCH_ERROR, LARGE, MIN_ERROR, SMALL, FixedTimeSmc
-from train_ato.control.laws.lag_smc import LagSmc
 from train_ato.messages.types import Array
 
 
@@ -21,17 +19,8 @@ def fixed_time_smc_constants(law: FixedTimeSmc) -> Array:
     return np.array([*map(float, head), *law._mass])
 
 
-def lag_smc_constants(law: LagSmc) -> Array:
-    """Return the constants of `lag_smc`."""
-    p = law.parameters
-    own = [p.c1, p.c0, p.k, p.phi, p.k_i, law._common, p.damping, law._lag]
-    return np.array([*train_constants(law.model), *map(float, own), *law._mass])
-
-
 def sliding_state(law: Any) -> Array:
     """Return the present state of a sliding-mode law."""
-    if isinstance(law, LagSmc):
-        return np.zeros(0)
     rows = [
         (offset._speed is not None, offset._speed or 0.0, offset._place._value is not None,
          offset._place._value or 0.0, offset._place.unknown_rate)
@@ -42,8 +31,6 @@ def sliding_state(law: Any) -> Array:
 
 def take_sliding_state(law: Any, values: list[float]) -> None:
     """Set the state of a sliding-mode law."""
-    if isinstance(law, LagSmc):
-        return
     for offset, (has_speed, speed, known, value, rate) in zip(law._offsets, _rows(values, c.T_ENTRIES), strict=True):
         offset._speed = speed if has_speed else None
         offset._place._value, offset._place.unknown_rate = value if known else None, rate

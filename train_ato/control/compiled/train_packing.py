@@ -12,7 +12,7 @@ from train_ato.messages.types import Array
 
 def train_constants(model: TrainModel) -> list[float]:
     """Return the constants of the train as one mass, by :mod:`train_ato.control.compiled.entries`."""
-    return [model.inertia, model._c0, model._c1, model._c2]
+    return [model.inertia, *model.running]
 
 
 def coupler_arrays(couplers: UnitCouplers | None) -> tuple[NDArray[np.int64], Array]:

@@ -34,12 +34,13 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from plant_sim.summation import plain_sum
+from plant_sim.compiled import compiled
+from plant_sim.record import Records, quantity
 from train_ato.control.algorithms.couplers import UnitCouplers
-from train_ato.control.algorithms.guard import GuardedLaw
 from train_ato.control.algorithms.loop_gains import LoopGains
-from train_ato.control.contract import LawInput, parameter
+from train_ato.control.contract import parameter
 from train_ato.control.gains import gains_choice
+from train_ato.control.law import LawForm, LawNow, LawUnit, RecordLaw, TrainConstants, train_resistance
 
 if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel
@@ -61,10 +62,65 @@ class LagSmcParameters:
     )
 
 
-class LagSmc(GuardedLaw):
+@dataclass(frozen=True)
+class LagSmcConstants(LagSmcParameters, TrainConstants):
+    """Constants of :func:`lag_smc`: its parameters, and what follows from them."""
+
+    common: bool = quantity("", "one loop for the train")
+    lag: float = quantity("s", "Ta, lag of the actuators for a constant command over a period")
+
+
+@dataclass
+class LagSmcUnit:
+    """Constants of :func:`lag_smc` for one unit."""
+
+    mass: float = quantity("kg", "share of the train's inertia")
+
+
+@compiled
+def wanted_jerk(p: LagSmcConstants, now: LawNow, error: float, rate: float, net: float) -> float:
+    """Return the wanted rate of the actuator acceleration [m/s³]."""
+    off = net - now.acceleration_at_effect
+    surface = off + p.c1 * rate + p.c0 * error
+    switching = p.k * surface / (abs(surface) + p.phi)
+    return now.jerk_at_effect - p.c1 * off - p.c0 * rate - switching - p.k_i * surface
+
+
+@compiled
+def common_command(p: LagSmcConstants, state: Records[LagSmcUnit], now: LawNow, units: Records[LawUnit]) -> None:
+    """Compute the demand of one loop on the mean of the train, with differential damping between the units [N]."""
+    error = mean = speed = total = estimate = 0.0
+    for x in units:
+        error += x.share * (x.position - x.reference_position)
+        mean += x.share * (x.velocity - x.reference_velocity)
+        speed += x.share * x.velocity
+        total += x.applied
+        estimate += x.disturbance
+    net = (total + estimate - train_resistance(p, now, speed)) / p.inertia
+    wanted = total + p.inertia * p.lag * wanted_jerk(p, now, error, mean, net)
+    for u in range(units.size):
+        x = units[u]
+        x.wanted = x.share * wanted - state[u].mass * p.damping * (x.velocity - x.reference_velocity - mean)
+
+
+@compiled
+def lag_smc(p: LagSmcConstants, state: Records[LagSmcUnit], now: LawNow, units: Records[LawUnit]) -> None:
+    """Compute the demand of sliding mode on a surface with the lag of the actuator [N]."""
+    if p.common:
+        common_command(p, state, now, units)
+        return
+    for u in range(units.size):
+        x, mass = units[u], state[u].mass
+        net = (x.applied + x.disturbance - x.coupler_force - x.resistance - x.shoe_force) / mass
+        error, rate = x.position - x.reference_position, x.velocity - x.reference_velocity
+        x.wanted = x.applied + mass * p.lag * wanted_jerk(p, now, error, rate, net)
+
+
+class LagSmc(RecordLaw):
     """Sliding mode on a surface with the lag of the actuator."""
 
     Parameters: ClassVar[type] = LagSmcParameters
+    form = LawForm(lag_smc, LagSmcConstants, LagSmcUnit)
 
     @classmethod
     def model_gains(cls, model: TrainModel, period: float) -> dict[str, Any]:
@@ -86,51 +142,9 @@ class LagSmc(GuardedLaw):
 
     def __init__(self, parameters: LagSmcParameters, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)
-        self._lag = period / -math.expm1(-period / model.lag) if model.lag > 0.0 else period
-        self._couplers = UnitCouplers(model)
-        self._common = parameters.command == "common" or bool(self._couplers.unknown)
-        self._mass: list[float] = (model.inertia * model.share).tolist()
-
-    def demand(self, inputs: LawInput) -> list[float]:
-        """Return the force demand of every unit [N]."""
-        errors: list[float] = (inputs.position - inputs.reference_position).tolist()
-        rates: list[float] = (inputs.velocity - inputs.reference_velocity).tolist()
-        applied: list[float] = inputs.applied.tolist()
-        if not self._common:
-            nets = self._unit_nets(inputs, applied)
-            return [
-                force + mass * self._lag * self._jerk(error, rate, net, inputs)
-                for force, mass, error, rate, net in zip(applied, self._mass, errors, rates, nets, strict=True)
-            ]
-        mean = self.mean(rates)
-        total = plain_sum(applied)
-        net = self._train_net(inputs, total)
-        wanted = total + self.model.inertia * self._lag * self._jerk(self.mean(errors), mean, net, inputs)
-        damping = self.parameters.damping
-        return [
-            share * wanted - mass * damping * (rate - mean)
-            for share, mass, rate in zip(self.share, self._mass, rates, strict=True)
-        ]
-
-    def _jerk(self, error: float, rate: float, net: float, inputs: LawInput) -> float:
-        """Return the wanted rate of the actuator acceleration [m/s³]."""
-        p = self.parameters
-        off = net - inputs.acceleration_at_effect
-        surface = off + p.c1 * rate + p.c0 * error
-        switching = p.k * surface / (abs(surface) + p.phi)
-        return float(inputs.jerk_at_effect - p.c1 * off - p.c0 * rate - switching - p.k_i * surface)
-
-    def _unit_nets(self, inputs: LawInput, applied: list[float]) -> list[float]:
-        opposing, disturbance = self._couplers.opposing(inputs), inputs.disturbance.tolist()
-        return [
-            (force + extra - pull - resistance - shoe) / mass
-            for force, extra, (pull, resistance, shoe), mass in zip(
-                applied, disturbance, opposing, self._mass, strict=True
-            )
-        ]
-
-    def _train_net(self, inputs: LawInput, total: float) -> float:
-        model = self.model
-        speed = self.mean(inputs.velocity.tolist())
-        resisting = model.resisting_force(model.front(inputs.position), speed, inputs.train_shoe_force)
-        return float((total + plain_sum(inputs.disturbance.tolist()) - resisting) / model.inertia)
+        couplers = UnitCouplers(model)
+        common = parameters.command == "common" or bool(couplers.unknown)
+        self.couplers = None if common else couplers
+        self.state["mass"] = model.inertia * model.share
+        lag = period / -math.expm1(-period / model.lag) if model.lag > 0.0 else period
+        self.set_constants(common=common, lag=lag)

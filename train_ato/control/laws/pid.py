@@ -134,6 +134,7 @@ class Pid(RecordLaw):
 
     Parameters: ClassVar[type] = PidParameters
     form = LawForm(pid, PidConstants, PidUnit)
+    uses_effect = uses_train_forces = False
 
     @classmethod
     def model_gains(cls, model: TrainModel, period: float) -> dict[str, Any]:

@@ -145,6 +145,7 @@ class Smc(RecordLaw):
 
     Parameters: ClassVar[type] = SmcParameters
     form = LawForm(smc, SmcConstants, SmcUnit)
+    uses_train_forces = False
 
     @classmethod
     def model_gains(cls, model: TrainModel, period: float) -> dict[str, Any]:
@@ -167,6 +168,7 @@ class Smc(RecordLaw):
     def __init__(self, parameters: SmcParameters, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)
         measured = parameters.equivalent == "measured"
+        self.uses_effect = measured
         self.uses_feedforward, self.feedforward_hint = not measured, "equivalent: feedforward"
         self.couplers = UnitCouplers(model) if measured else None
         if self.couplers is not None and self.couplers.unknown:

@@ -116,6 +116,7 @@ def set_inputs(tick, reference, feedforward, own, limits, segments, inputs, now)
         inputs[u].force_max = envelope_force(limits, segments[u, 2], segments[u, 3], speed)
         inputs[u].reference_velocity, inputs[u].reference_acceleration = reference[1, tick], reference[2, tick]
     now.acceleration_at_effect, now.jerk_at_effect = reference[3, tick], reference[4, tick]
+    now.delay_to_effect = reference[5, tick]
 
 
 @compiled(alone=False)
@@ -132,6 +133,8 @@ def law_step(tick, t, coupler_forces, own, tables, shoes, law, predicting, histo
             t, predicting[0], predicting[1], predicting[2], history, line_force, shoes[tick, 0], inputs
         )
     now.line_force = _line_force(inputs, own, tables[1])
+    for u in range(inputs.size):
+        inputs[u].shoe_force = shoes[tick, 1 + u]
     _opposing(coupler_forces, beside, springs, own, tables[0], tables[2], shoes[tick], inputs)
     if number == laws_code.CALLED:
         if call(tick, constant.ctypes, state.ctypes, all_now.ctypes, inputs.ctypes, inputs.size) != 0:

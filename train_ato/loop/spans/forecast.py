@@ -61,7 +61,8 @@ class Forecast:
         self._reference: Array = np.array(now)
         self._predicts = isinstance(compensation, Predictor)
         state = effect if self._predicts else now
-        self._expected: Array = np.array([*state, effect[2], profile.jerks_at(effects)])
+        to_effect = np.zeros(len(stamps)) if self._predicts else self._effects - self._times
+        self._expected: Array = np.array([*state, effect[2], profile.jerks_at(effects), to_effect])
         later = profile._evaluate(np.rint((self._times + stack._delay_to_effect) * 1e9).astype(np.int64))
         self._at_rest = (now[1] == 0.0) & (now[2] == 0.0) & (later[1] == 0.0)
         shown = slice(0, 1 if self._predicts else 2)  # a predictor needs the shoe forces at the effect only
@@ -111,9 +112,9 @@ class SpanForecast:
     ----------
     reference : Array, shape (3, ticks)
         Position [m], speed [m/s] and acceleration [m/s²] at the time of the tick.
-    expected : Array, shape (5, ticks)
+    expected : Array, shape (6, ticks)
         The same for the law, of the time of the state that it receives, then acceleration [m/s²] and jerk [m/s³] at the
-        effect of the command.
+        effect of the command, and the time from the state to the effect [s].
     feedforward : Array, shape (ticks, units)
         Feed-forward of every unit [N].
     shoes : Array, shape (ticks, 1 + units)
