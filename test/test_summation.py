@@ -37,10 +37,6 @@ EXACT = {
     },
     "train_ato/loop/recording.py": {"sum((part.nbytes for part in parts if part is not None))"},
     "train_ato/loop/train_protection.py": {"sum((age > bound for bound in self._bounds))"},
-    "train_ato/messages/codec/fixed.py": {"sum((column.shape[1] for column in columns))"},
-    "train_ato/messages/codec/slots.py": {
-        "sum(sizes)", "sum((1 if size is None else size for size in _sizes(topic, layout, path)))",
-    },
 }  # fmt: skip
 """Sums of integers and of truth values."""
 ARRAYS = {

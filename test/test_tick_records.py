@@ -75,9 +75,10 @@ def test_the_index_finds_every_message_of_a_block(tmp_path: Path) -> None:
 
 def test_a_block_with_an_impossible_value_is_refused() -> None:
     """Breaks if a value that is not finite, or a wrong number of values, reaches the log in a block."""
-    wire, stamps = Wire(setup_of("xuzhou_metro", {}).layout), np.arange(3) * 50_000_000
+    record = Wire(setup_of("xuzhou_metro", {}).layout).records["ato/command"]
+    rows, stamps = np.zeros(3, record.dtype), np.arange(3) * 50_000_000
     force = np.array([[1.0], [np.inf], [2.0]])
     with pytest.raises(ValueError, match="ato/command: effort is not finite: inf"):
-        wire.encode_each("ato/command", stamps, {"force": force})
+        record.fill(rows, stamps, {"force": force})
     with pytest.raises(ValueError, match="ato/command: effort has 2 values"):
-        wire.encode_each("ato/command", stamps, {"force": np.zeros((3, 2))})
+        record.fill(rows, stamps, {"force": np.zeros((3, 2))})

@@ -11,8 +11,6 @@ from hypothesis import strategies as st
 from train_ato.loop.run_end import RunEnd
 from train_ato.messages.codec.cdr import typestore
 from train_ato.messages.codec.codec import Wire, stamp_of
-from train_ato.messages.codec.fixed import FixedCodec
-from train_ato.messages.codec.small import MOST_BYTES
 from train_ato.messages.codec.variable import _decode_knots, decode_trajectory, encode_trajectory
 from train_ato.messages.layout import TrainLayout
 from train_ato.messages.topic import SUPERVISED
@@ -284,18 +282,6 @@ def test_topics_exist_only_where_there_is_something_to_tell():
         "ato/state",
         "ato/brake_pipe_command",
     }
-
-
-@pytest.mark.parametrize(("layout", "topic"), CASES, ids=lambda case: str(case)[:40])
-def test_small_messages_are_read_as_by_the_general_decoder(layout, topic):
-    """Breaks if the decoder of small messages differs in value, order or type, or is used for no topic."""
-    if BY_NAME[topic].of_variable_length:
-        return
-    codec = FixedCodec(BY_NAME[topic], layout)
-    data = codec.encode(message(topic, layout, 7_300_000_000))
-    assert (codec._small is None) == (codec.length > MOST_BYTES)
-    found, codec._small = codec.decode(data), None
-    assert same(found, codec.decode(data))
 
 
 def test_equal_bytes_are_decoded_once_and_others_again():

@@ -1,13 +1,14 @@
 """Records of the log for the messages of consecutive ticks, encoded at once.
 
 A message of every tick has a fixed length, so that all ticks have the same bytes except for times and numbers. These
-are written column by column; the other messages are put between them.
+are written into the records of the messages; the other messages are put between them.
 """
 
 from __future__ import annotations
 
 import struct
 from collections.abc import Mapping
+from itertools import accumulate, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,27 +50,30 @@ class TickRecords:
 
     def __init__(self, block: TickBlock, wire: Wire, channels: Mapping[str, int]) -> None:
         self._times: NDArray[np.int64] = block.stamps + EPOCH_NS
-        times = self._times[:, None].astype("<u8").view(np.uint8)
-        parts, self._starts, self._channels = [], [0], [channels[topic] for topic, _ in block.rows]
-        for (topic, values), channel in zip(block.rows, self._channels, strict=True):
-            data = wire.encode_each(topic, block.stamps, values)
-            head = np.frombuffer(message_head(channel, 0, 0, data.shape[1]), dtype=np.uint8)
-            heads = np.tile(head, (len(times), 1))
-            heads[:, BEFORE_TIMES : BEFORE_TIMES + 16] = np.tile(times, 2)
-            parts += [heads, data]
-            self._starts.append(self._starts[-1] + head.size + data.shape[1])
+        self._channels = [channels[topic] for topic, _ in block.rows]
+        records = [wire.records[topic] for topic, _ in block.rows]
+        blank: list[bytes] = [
+            message_head(channel, 0, 0, len(record.blank)) + record.blank
+            for channel, record in zip(self._channels, records, strict=True)
+        ]
+        self._starts = [0, *accumulate(map(len, blank))]
         self._length = self._starts[-1]
-        self._ticks = memoryview(np.concatenate(parts, axis=1).ravel())  # type: ignore[arg-type]
+        ticks = np.tile(np.frombuffer(b"".join(blank), np.uint8), (self._times.size, 1))
+        for record, (_, values), (start, end) in zip(records, block.rows, pairwise(self._starts), strict=True):
+            begin = start + MESSAGE.size
+            ticks[:, start + BEFORE_TIMES : begin].view("<u8")[:] = self._times[:, None]
+            record.fill(ticks[:, begin:end].view(record.dtype)[:, 0], block.stamps, values)
+        self._ticks = memoryview(ticks.ravel())  # type: ignore[arg-type]
         self._between: dict[int, list[tuple[int, int, bytes]]] = {}
-        self.sizes = np.full(len(times), self._length, dtype=np.int64)
+        self.sizes = np.full(self._times.size, self._length, dtype=np.int64)
         for tick, messages in block.between.items():
-            time, records = int(self._times[tick]), []
+            time, added = int(self._times[tick]), []
             for before, topic, message in messages:
                 content = wire.encode(topic, message)
-                record = message_head(channels[topic], time, time, len(content)) + content
-                records.append((before, channels[topic], record))
-                self.sizes[tick] += len(record)
-            self._between[tick] = records
+                whole = message_head(channels[topic], time, time, len(content)) + content
+                added.append((before, channels[topic], whole))
+                self.sizes[tick] += len(whole)
+            self._between[tick] = added
 
     def part(self, first: int, end: int, place: int) -> tuple[bytes, Index]:
         """Return the records of some ticks and their index, for a place in the chunk [bytes]."""

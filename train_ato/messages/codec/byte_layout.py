@@ -9,6 +9,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,14 @@ _DTYPES = {
     "bool": "?", "byte": "u1", "char": "u1", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2",
     "int32": "i4", "uint32": "u4", "int64": "i8", "uint64": "u8", "float32": "f4", "float64": "f8",
 }  # fmt: skip
+Fields = dict[str, tuple[np.dtype[Any], int]]
+"""Type and offset [bytes] of the fields of a message by name."""
+
+
+def structure(fields: Fields, length: int) -> np.dtype[Any]:
+    """Return the type of a message with some fields and a length [bytes]."""
+    kinds, starts = [kind for kind, _ in fields.values()], [start for _, start in fields.values()]
+    return np.dtype({"names": list(fields), "formats": kinds, "offsets": starts, "itemsize": length})
 
 
 @dataclass(frozen=True)
@@ -88,6 +97,16 @@ class Layout:
             others = np.flatnonzero(~same)
             same[others] = (((rows[others] ^ self.sample) & self.fixed) == 0).all(axis=1)
         return same
+
+    @cached_property
+    def dtype(self) -> np.dtype[Any]:
+        """Type of a message by the paths of its numbers and times."""
+        fields: Fields = {}
+        for leaf in self.leaves:
+            if leaf.dtype is not None:
+                kind = leaf.dtype if leaf.count is None else np.dtype((leaf.dtype, (leaf.count,)))
+                fields[leaf.path] = kind, leaf.start
+        return structure(fields, self.length)
 
     def read(self, rows: NDArray[np.uint8], leaf: Leaf) -> NDArray[Any]:
         """Return one part of n messages as a view: shape (n,), for an array (count, n)."""

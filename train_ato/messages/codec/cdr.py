@@ -45,10 +45,9 @@ def packed_stamp(stamp: int) -> bytes:
     return TIME.pack(*divmod(EPOCH_NS + stamp, SECOND))
 
 
-def packed_times(times: NDArray[np.int64]) -> NDArray[np.uint8]:
-    """Return the 8 CDR bytes of times or durations [ns], shape (times, 8)."""
-    pairs = np.stack(np.divmod(times, SECOND), axis=1)
-    return pairs.astype("<i4").view(np.uint8)
+def fill_times(out: NDArray[Any], times: NDArray[np.int64]) -> None:
+    """Write times or durations [ns] into stamps (sec, nanosec)."""
+    out["sec"], out["nanosec"] = np.divmod(times, SECOND)
 
 
 def nanoseconds(times: NDArray[Any]) -> NDArray[np.int64]:

@@ -8,14 +8,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from train_ato.messages.codec.cdr import stamp_of
-from train_ato.messages.codec.fixed import FixedCodec
+from train_ato.messages.codec.topic_record import TopicRecord
 from train_ato.messages.codec.variable import VARIABLE
 from train_ato.messages.layout import TrainLayout
-from train_ato.messages.tick_block import Values
 from train_ato.messages.topics import topics_of
 
 __all__ = ["Wire", "stamp_of"]
@@ -33,27 +29,29 @@ class Wire:
     ----------
     layout
         Sizes of the train.
+
+    Attributes
+    ----------
+    records : dict
+        Records of the topics with messages of fixed length.
     """
 
     def __init__(self, layout: TrainLayout) -> None:
         self.layout = layout
         self._encoders: dict[str, Callable[[Any], bytes]] = {}
         self._decoders: dict[str, Callable[[bytes], Any]] = {}
-        self._longest: dict[str, int] = {}
-        self._fixed: dict[str, FixedCodec] = {}
+        self.records: dict[str, TopicRecord] = {}
         self._decoded: dict[str, tuple[bytes, Any]] = {}
         for topic in topics_of(layout):
             if topic.of_variable_length:
                 self._encoders[topic.name], self._decoders[topic.name] = VARIABLE[topic.message]
             else:
-                codec = FixedCodec(topic, layout)
-                self._encoders[topic.name], self._decoders[topic.name] = codec.encode, codec.decode
-                self._fixed[topic.name] = codec
-                self._longest[topic.name] = 2 * codec.length + MAX_FRAME
+                record = self.records[topic.name] = TopicRecord(topic, layout)
+                self._encoders[topic.name], self._decoders[topic.name] = record.encode, record.decode
 
     def longest(self, topic: str) -> int:
         """Return the maximum length of a valid message [bytes]: twice the present one, for former names."""
-        return self._longest.get(topic, MAX_VARIABLE)
+        return 2 * len(self.records[topic].blank) + MAX_FRAME if topic in self.records else MAX_VARIABLE
 
     def encode(self, topic: str, message: Any) -> bytes:
         """Return the CDR bytes of a message.
@@ -66,20 +64,6 @@ class Wire:
             If a run of this train has no such topic.
         """
         return self._encoders[topic](message)
-
-    def encode_each(self, topic: str, stamps: NDArray[np.int64], values: Values) -> NDArray[np.uint8]:
-        """Return the CDR bytes of several messages of fixed length, shape (messages, bytes); errors as :meth:`encode`.
-
-        Parameters
-        ----------
-        topic
-            Topic with messages of fixed length.
-        stamps : Array of int, shape (messages,)
-            Stamps [ns].
-        values
-            Values by field, shape (messages, n) each.
-        """
-        return self._fixed[topic].encode_each(stamps, values)
 
     def decode(self, topic: str, data: bytes) -> Any:
         """Return the message of the bytes; arrays are copies.
