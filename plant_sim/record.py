@@ -1,9 +1,9 @@
 """Records: named numbers in one block of memory, for Python and compiled code.
 
-A record is a dataclass that declares every field once, with type, unit and meaning. :func:`zeros` makes an array of
-them, whose entries have the fields as attributes in compiled code: ``units[u].position``. A compiled function annotated
-with :class:`Records` is checked by mypy, which refuses a wrong field name. In Python the fields are columns:
-``units["position"]``.
+A record is a dataclass that declares every field once, with type, unit and meaning; a model of pydantic with numbers
+is one, too. :func:`zeros` makes an array of them, whose entries have the fields as attributes in compiled
+code: ``units[u].position``. A compiled function annotated with :class:`Records` is checked by mypy, which refuses a
+wrong field name. In Python the fields are columns: ``units["position"]``.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from typing import Any, Generic, TypeVar, cast
 
 import numpy as np
 from numba import config
+from pydantic import BaseModel
 
 Fields = TypeVar("Fields")
 KINDS = {"float": np.float64, "bool": np.bool_, "int": np.int64, "Array": np.float64}
@@ -53,9 +54,12 @@ def dtype_of(record: type) -> np.dtype[np.void]:
 
     It is one object for all records of a class: numba compares other equal ones field by field in every call (1.6 us).
     """
+    if issubclass(record, BaseModel):
+        kinds = {name: str(getattr(entry.annotation, "__name__", "")) for name, entry in record.model_fields.items()}
+        return np.dtype([(name, KINDS[kind]) for name, kind in kinds.items() if kind in KINDS], align=True)
     fields = [
         (entry.name, KINDS[str(entry.type)], (count,) if (count := entry.metadata.get("count")) else ())
-        for entry in dataclasses.fields(record)
+        for entry in dataclasses.fields(cast(Any, record))
         if entry.type in KINDS
     ]
     return np.dtype(fields, align=True)
@@ -68,7 +72,7 @@ def zeros(record: type[Fields], count: int) -> Any:
 
 
 def fill(records: Any, values: Any, **more: float) -> None:
-    """Set the fields of all records to those of a dataclass with the same names, and to others by name."""
-    known = {**dataclasses.asdict(values), **more}
+    """Set the fields of all records to those of a dataclass or model with the same names, and to others by name."""
+    known = {**(dict(values) if isinstance(values, BaseModel) else dataclasses.asdict(values)), **more}
     for name in records.dtype.names:
         records[name] = known[name]

@@ -33,6 +33,12 @@ TRIGGER = {
                     "never_below": 1.0},
     }
 }  # fmt: skip
+BLEND = {
+    "brake": {
+        "policy": "blend", "events": [],
+        "blend": {"call": 0.3, "call_after": 1.0, "ease": 0.1, "ease_after": 1.0, "pause": 5.0, "never_below": 1.0},
+    }
+}  # fmt: skip
 PREDICTIVE = {
     "brake": {
         "policy": "predictive", "events": [],
@@ -83,6 +89,7 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
     ),
     "policy trip": ("daqin_heavy_haul", {**FREE, "duration": 160, **TRIP, "observer": "ndo", **WHOLE}),
     "policy trigger": ("daqin_heavy_haul", {**FREE, "duration": 130, **TRIGGER}),
+    "policy blend": ("demo", {**FREE, "duration": 470, **BLEND}),
     "policy predictive": (
         "demo", {**FREE, "duration": 610, **PREDICTIVE, "observer": "ndo", **WHOLE}
     ),
@@ -106,7 +113,7 @@ def test_compiled_components_send_the_messages_of_python(case: str) -> None:
 
 def test_policies_of_the_cases_change_the_pressure() -> None:
     """Breaks if an application or a release is not reached, so that the comparison above has no decision in it."""
-    for case in ("policy trip", "policy trigger", "policy predictive"):
+    for case in ("policy trip", "policy trigger", "policy blend", "policy predictive"):
         recording = run_engine(setup_of(*CASES[case]), compiled=True).recording
         assert recording is not None
         pressure = recording.topics[BRAKE_PIPE_COMMAND]["pressure"].ravel()

@@ -39,7 +39,7 @@ from train_ato.messages.types import Array, DisturbanceEstimate, Measurement, Re
 from train_ato.messages.validity import MAX_FORCE
 
 if TYPE_CHECKING:
-    from train_ato.control.air_brake.policy import BrakePolicy
+    from train_ato.control.air_brake.record_policy import BrakePolicy
     from train_ato.control.force_distribution import ForceDistribution
     from train_ato.control.planned_displacement import PlannedDisplacement
     from train_ato.control.train_model import TrainModel

@@ -12,7 +12,8 @@ from plant_sim.consist import Consist
 from plant_sim.line import Line
 from plant_sim.plant_setup import Jump
 from plant_sim.train import Train
-from train_ato.control.air_brake.policy import BrakePolicy, make_brake_policy
+from train_ato.control.air_brake.policy import make_brake_policy
+from train_ato.control.air_brake.record_policy import BrakePolicy
 from train_ato.control.contract import Law
 from train_ato.control.force_distribution import ForceDistribution
 from train_ato.control.gains import Gains, advice

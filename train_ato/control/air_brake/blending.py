@@ -6,11 +6,15 @@ a paper; paper 000 uses position and speed.
 
 from __future__ import annotations
 
-import numpy as np
+from dataclasses import dataclass
+from math import inf
+
 from pydantic import Field, model_validator
 
+from plant_sim.compiled import compiled
+from plant_sim.record import Records, quantity
 from plant_sim.units import Pressure, Ratio, SiModel, Speed, Time
-from train_ato.control.algorithms.force_shares import total_of_units
+from train_ato.control.air_brake.record_policy import BrakeNow, BrakePolicy, NoRules, PolicyForm, lasts, used_share
 from train_ato.control.train_model import STANDSTILL_SPEED, TrainModel
 
 
@@ -40,47 +44,39 @@ class BlendRules(SiModel):
         return self
 
 
-class BlendedBrake:
-    """Policy that applies and releases by the used part of the electric brake.
+@dataclass
+class BlendState:
+    """State of :func:`blend_reduction`."""
 
-    Parameters
-    ----------
-    charged
-        Pressure of the charged brake pipe [Pa].
-    rules
-        Conditions of application and release.
-    model
-        The nominal train; its limits give the available electric brake.
-    """
+    applied: bool = quantity("", "the brake is applied")
+    stood: bool = quantity("", "the train has stood since the application")
+    since: float = quantity("s", "begin of the condition of the next change")
+    released_at: float = quantity("s", "time of the last release")
+
+
+@compiled
+def blend_reduction(p: BlendRules, state: BlendState, rows: Records[NoRules], now: BrakeNow) -> float:
+    """Return the reduction by the used part of the electric brake [Pa]."""
+    share = used_share(now)
+    if state.applied:
+        state.stood = state.stood or abs(now.velocity) < STANDSTILL_SPEED
+        eased = share <= p.ease and now.velocity >= p.never_below
+        wanted, after = eased or (state.stood and now.applied > 0.0), p.ease_after
+    else:
+        rested = now.t - state.released_at >= p.pause
+        wanted, after = share >= p.call and rested and now.velocity >= p.never_below, p.call_after
+    if lasts(state, wanted, now.t, after):
+        state.applied = not state.applied
+        state.stood, state.since = False, inf
+        state.released_at = state.released_at if state.applied else now.t
+    return p.reduction if state.applied else 0.0
+
+
+class BlendedBrake(BrakePolicy):
+    """Policy that applies and releases by the used part of the electric brake."""
+
+    form = PolicyForm(blend_reduction, BlendRules, BlendState, NoRules)
 
     def __init__(self, charged: float, rules: BlendRules, model: TrainModel) -> None:
-        self._charged = charged
-        self._rules = rules
-        self._model = model
-        self._applied = False
-        self._stood = False
-        self._since: float | None = None
-        self._released_at = -np.inf
-
-    def step(self, t: float, position: float, velocity: float, applied: float = 0.0) -> float:
-        """Return the pressure demanded [Pa]; ``applied`` is the measured force of all units [N], < 0 braking."""
-        rules = self._rules
-        available = total_of_units(np.array([brake.force(abs(velocity)) for brake in self._model.brake]))
-        share = -applied / available if available > 0 else 0.0
-        if self._applied:
-            self._stood = self._stood or abs(velocity) < STANDSTILL_SPEED
-            eased = share <= rules.ease and velocity >= rules.never_below
-            wanted, after = eased or (self._stood and applied > 0.0), rules.ease_after
-        else:
-            rested = t - self._released_at >= rules.pause
-            wanted, after = share >= rules.call and rested and velocity >= rules.never_below, rules.call_after
-        if not wanted:
-            self._since = None
-        elif self._since is None:
-            self._since = t
-        if self._since is not None and t - self._since >= after:
-            self._applied = not self._applied
-            self._stood = False
-            self._since = None
-            self._released_at = self._released_at if self._applied else t
-        return self._charged - rules.reduction if self._applied else self._charged
+        super().__init__(charged, rules, model=model)
+        self.state["since"], self.state["released_at"] = inf, -inf

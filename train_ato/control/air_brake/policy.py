@@ -6,15 +6,20 @@ depends on the measurement only, so that the copies in the controller and in the
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal, Protocol
+from dataclasses import dataclass
+from math import inf
+from typing import TYPE_CHECKING, Literal
 
 from pydantic import Field, model_validator
 
+from plant_sim.compiled import compiled
 from plant_sim.line import Line
+from plant_sim.record import Records, quantity
 from plant_sim.units import Length, Pressure, SiModel, Slope, Speed, Time
 from train_ato.control.air_brake.blending import BlendedBrake, BlendRules
 from train_ato.control.air_brake.predictive_policy import PredictiveBrake, SpeedProfile
 from train_ato.control.air_brake.predictive_rules import PredictiveRules
+from train_ato.control.air_brake.record_policy import BrakeNow, BrakePolicy, NoRules, PolicyForm
 from train_ato.control.air_brake.trip_policy import PlannedApplication, TripBrake, TripRules
 
 if TYPE_CHECKING:
@@ -88,95 +93,92 @@ class BrakeSpec(SiModel):
         return {"none": 0.0, "trigger": self.trigger.reduction, "blend": self.blend.reduction}[self.policy]
 
 
-class BrakePolicy(Protocol):
-    """Policy of the air brake."""
+@dataclass
+class EventRow:
+    """Reduction from a time or a place on; the other one is infinite."""
 
-    def step(self, t: float, position: float, velocity: float, applied: float = 0.0) -> float:
-        """Return the pressure demanded [Pa, absolute].
-
-        Parameters
-        ----------
-        t, position, velocity, applied
-            Time [s], position of vehicle 0's centre [m], speed [m/s], measured force of all power units [N].
-        """
+    time: float = quantity("s", "time")
+    place: float = quantity("m", "position of vehicle 0's centre")
+    reduction: float = quantity("Pa", "reduction of the brake pipe")
 
 
-class ReleasedBrake:
-    """Policy without application of the air brake."""
+@dataclass
+class PlannedState:
+    """State of :func:`planned_reduction`."""
 
-    def __init__(self, charged: float) -> None:
-        self._charged = charged
-
-    def step(self, t: float, position: float, velocity: float, applied: float = 0.0) -> float:
-        """Return the charged pressure [Pa]."""
-        return self._charged
-
-    @property
-    def next_event(self) -> BrakeEvent | None:
-        """None: no event changes the pressure."""
-        return None
+    following: int = quantity("1", "number of the next event")
+    reduction: float = quantity("Pa", "reduction of the last event")
 
 
-class PlannedBrake:
-    """Policy with events at fixed times or positions, in the order of the list."""
-
-    def __init__(self, charged: float, events: tuple[BrakeEvent, ...]) -> None:
-        self._charged = charged
-        self._events = events
-        self._next = 0
-        self._pressure = charged
-
-    def step(self, t: float, position: float, velocity: float, applied: float = 0.0) -> float:
-        """Return the pressure of the last event that is due [Pa]."""
-        while self._next < len(self._events):
-            event = self._events[self._next]
-            due = t >= event.time if event.time is not None else position >= (event.place or 0.0)
-            if not due:
-                break
-            self._pressure = self._charged - event.reduction
-            self._next += 1
-        return self._pressure
-
-    @property
-    def next_event(self) -> BrakeEvent | None:
-        """The next event that changes the pressure, None after the last one."""
-        return self._events[self._next] if self._next < len(self._events) else None
+@compiled
+def planned_reduction(p: NoRules, state: PlannedState, rows: Records[EventRow], now: BrakeNow) -> float:
+    """Return the reduction of the last event that is due [Pa]."""
+    while state.following < rows.size:
+        event = rows[state.following]
+        if not (now.t >= event.time or now.position >= event.place):
+            break
+        state.reduction = event.reduction
+        state.following += 1
+    return state.reduction
 
 
-class TriggeredBrake:
-    """Policy of paper 000, section 1.2; V_set is the speed at the application."""
+class PlannedBrake(BrakePolicy):
+    """Policy with events at fixed times or positions, in the order of the list; released without events."""
+
+    form = PolicyForm(planned_reduction, NoRules, PlannedState, EventRow)
+
+    def __init__(self, charged: float, events: tuple[BrakeEvent, ...] = ()) -> None:
+        rows = [(inf if e.time is None else e.time, inf if e.place is None else e.place, e.reduction) for e in events]
+        super().__init__(charged, NoRules(), rows)
+
+
+@dataclass
+class SteepSegment:
+    """Segment of the line below the grade of the rules."""
+
+    begin: float = quantity("m", "begin")
+    end: float = quantity("m", "end")
+
+
+@dataclass
+class TriggerState:
+    """State of :func:`trigger_reduction`; V_set of the paper is the speed at the application."""
+
+    applied: bool = quantity("", "the brake is applied")
+    applied_at: float = quantity("s", "time of the last application")
+    release_below: float = quantity("m/s", "largest speed of the release")
+
+
+@compiled
+def trigger_reduction(p: TriggerRules, state: TriggerState, rows: Records[SteepSegment], now: BrakeNow) -> float:
+    """Return the reduction by the rules of paper 000, section 1.2 [Pa]."""
+    if state.applied:
+        state.applied = not p.never_below <= now.velocity <= state.release_below
+    elif now.t - state.applied_at >= p.pause and now.velocity > p.min_speed:
+        steep = 0
+        for segment in rows:
+            inside = min(segment.end, now.position + p.lookahead) - max(segment.begin, now.position)
+            steep += inside > p.min_length
+        if steep >= p.segments:
+            state.applied, state.applied_at = True, now.t
+            state.release_below = now.velocity - p.release_drop + p.release_margin
+    return p.reduction if state.applied else 0.0
+
+
+class TriggeredBrake(BrakePolicy):
+    """Policy of paper 000, section 1.2."""
+
+    form = PolicyForm(trigger_reduction, TriggerRules, TriggerState, SteepSegment)
 
     def __init__(self, charged: float, rules: TriggerRules, line: Line) -> None:
-        self._charged = charged
-        self._rules = rules
         places = [grade.at for grade in line.grades] + [line.end]
-        self._steep = [
+        steep = [
             (begin, end)
             for grade, begin, end in zip(line.grades, places, places[1:], strict=False)
             if grade.grade < rules.grade_below and end - begin > rules.min_length
         ]
-        self._applied_at: float | None = None
-        self._release_below: float | None = None
-
-    def step(self, t: float, position: float, velocity: float, applied: float = 0.0) -> float:
-        """Return the pressure demanded by the rules [Pa]."""
-        rules = self._rules
-        if self._release_below is not None:
-            if rules.never_below <= velocity <= self._release_below:
-                self._release_below = None
-        elif self._may_apply(t, velocity) and self._falls_ahead(position):
-            self._applied_at = t
-            self._release_below = velocity - rules.release_drop + rules.release_margin
-        return self._charged if self._release_below is None else self._charged - rules.reduction
-
-    def _may_apply(self, t: float, velocity: float) -> bool:
-        rested = self._applied_at is None or t - self._applied_at >= self._rules.pause
-        return rested and velocity > self._rules.min_speed
-
-    def _falls_ahead(self, position: float) -> bool:
-        horizon = position + self._rules.lookahead
-        inside = (min(end, horizon) - max(begin, position) for begin, end in self._steep)
-        return sum(length > self._rules.min_length for length in inside) >= self._rules.segments
+        super().__init__(charged, rules, steep)
+        self.state["applied_at"] = -inf
 
 
 def make_brake_policy(
@@ -193,7 +195,7 @@ def make_brake_policy(
     if brake is None:
         if spec.policy != "none":
             raise ValueError(f"brake.policy: {spec.policy}: the consist has no air_brake; set brake.policy: none")
-        return ReleasedBrake(0.0)
+        return PlannedBrake(0.0)
     if spec.policy in ("planned", "trip"):
         if spec.deepest > brake.charged:
             key = "events" if spec.policy == "planned" else "applications"
@@ -216,4 +218,4 @@ def make_brake_policy(
                 f"'{model.consist.name}', which ends at {brake.reduction[-1]:g} Pa; lower it"
             )
         return PredictiveBrake(brake.charged, spec.predictive, model, profile)
-    return ReleasedBrake(brake.charged)
+    return PlannedBrake(brake.charged)

@@ -14,12 +14,16 @@ train, another resistance or weaker shoes move the decisions without a plan.
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
+from plant_sim.compiled import compiled
+from plant_sim.record import Records, quantity
 from train_ato.control.air_brake import schedule_cost as s
 from train_ato.control.air_brake.predictive_rules import PredictiveRules
+from train_ato.control.air_brake.record_policy import BrakeNow, BrakePolicy, NoRules, PolicyForm
 from train_ato.control.air_brake.schedule_forecast import STEP, PipeAction, Schedule, ScheduleForecast
 from train_ato.control.air_brake.shoes import ShoeForecast
 from train_ato.control.algorithms.luenberger import LuenbergerObserver
@@ -53,7 +57,21 @@ class SpeedProfile(Protocol):
         """Return position, speed and acceleration at many times [s], each of the shape of ``t``."""
 
 
-class PredictiveBrake:
+@dataclass
+class DecisionState:
+    """State of :class:`PredictiveBrake` that holds between its decisions."""
+
+    reduction: float = quantity("Pa", "present reduction")
+    due: float = quantity("s", "time of the next decision")
+
+
+@compiled
+def decided_reduction(p: NoRules, state: DecisionState, rows: Records[NoRules], now: BrakeNow) -> float:
+    """Return the present reduction [Pa]; a negative number from the next decision on, which is made in Python."""
+    return -1.0 if now.t >= state.due else state.reduction
+
+
+class PredictiveBrake(BrakePolicy):
     """Policy that takes the schedule with the smallest predicted cost.
 
     Parameters
@@ -69,33 +87,39 @@ class PredictiveBrake:
         of its place.
     """
 
+    form = PolicyForm(decided_reduction, NoRules, DecisionState, NoRules)
+
     def __init__(self, charged: float, rules: PredictiveRules, model: TrainModel, profile: SpeedProfile) -> None:
-        self._charged, self._rules, self._model, self._profile = charged, rules, model, profile
+        super().__init__(charged, NoRules())
+        self._rules, self._model, self._profile = rules, model, profile
         self._forecast = ScheduleForecast(rules, model)
         self._shoes = ShoeForecast(model)
         self._unknown = LuenbergerObserver(BANDWIDTH, rules.period)
-        self._reduction = 0.0
+        self.state["due"] = -np.inf
         self._changed_at = -np.inf
         self._stood = False
-        self._due = -np.inf
         self._before: tuple[float, float] | None = None
 
     @property
-    def next_event(self) -> PlannedDecision:
-        """The next decision: before it the pressure and the state of the policy do not change."""
-        return PlannedDecision(self._due, None)
+    def due(self) -> float:
+        """Time of the next decision [s]."""
+        return float(self.state["due"][0])
+
+    @property
+    def _reduction(self) -> float:
+        return float(self.state["reduction"][0])
 
     def step(self, t: float, position: float, velocity: float, applied: float = 0.0) -> float:
         """Return the pressure demanded [Pa]; ``applied`` is the measured force of all units [N], < 0 braking."""
-        if t >= self._due:
+        if t >= self.due:
             unknown = self._unknown_force(t, position, velocity, applied)
-            self._due = t + self._rules.period - TOLERANCE
+            self.state["due"] = t + self._rules.period - TOLERANCE
             if self._released_for_departure(velocity, applied):
                 self._set(t, 0.0)
             elif abs(velocity) >= STANDSTILL_SPEED:
                 self._decide(t, np.array((position, velocity, unknown)))
-            self._shoes.demand(t, self._charged - self._reduction)
-        return self._charged - self._reduction
+            self._shoes.demand(t, self.charged - self._reduction)
+        return self.charged - self._reduction
 
     def _released_for_departure(self, velocity: float, applied: float) -> bool:
         self._stood = self._reduction > 0.0 and (self._stood or abs(velocity) < STANDSTILL_SPEED)
@@ -130,8 +154,8 @@ class PredictiveBrake:
             self._set(t, best[0].reduction)
 
     def _set(self, t: float, reduction: float) -> None:
-        self._reduction, self._changed_at, self._stood = reduction, t, False
-        self._shoes.demand(t, self._charged - reduction)
+        self.state["reduction"], self._changed_at, self._stood = reduction, t, False
+        self._shoes.demand(t, self.charged - reduction)
 
     def _reference(self, now: Array) -> Array:
         """Return the speeds of the profile at the steps from the present place on [m/s]."""
@@ -180,10 +204,3 @@ class PredictiveBrake:
         """Return deeper reductions from now on: held, and released after some times."""
         deeper = [reduction for reduction in self._rules.reductions if reduction > self._reduction]
         return [schedule for reduction in deeper for schedule in self._applications(0.0, reduction, latest)]
-
-
-class PlannedDecision(NamedTuple):
-    """Time [s] and place [m] of the next decision, by the names of a brake event."""
-
-    time: float
-    place: float | None

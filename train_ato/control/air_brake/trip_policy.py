@@ -13,13 +13,15 @@ share of the electric brake in use therefore moves an application by up to ``shi
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import inf
 from typing import TYPE_CHECKING
 
-import numpy as np
 from pydantic import Field, model_validator
 
+from plant_sim.compiled import compiled
+from plant_sim.record import Records, quantity
 from plant_sim.units import Length, Pressure, Ratio, SiModel, Speed, Time
-from train_ato.control.algorithms.force_shares import total_of_units
+from train_ato.control.air_brake.record_policy import BrakeNow, BrakePolicy, PolicyForm, lasts, used_share
 from train_ato.control.train_model import STANDSTILL_SPEED
 
 if TYPE_CHECKING:
@@ -55,96 +57,74 @@ class TripRules(SiModel):
     release_margin: Speed = Field(0.5 / 3.6, ge=0, description="a planned release is earlier at this distance from it")
 
 
-@dataclass(frozen=True, slots=True)
-class _Sample:
-    """Measured values of one step: time [s], place [m], speed [m/s], used share of the electric brake."""
+@dataclass
+class TripState:
+    """State of :func:`trip_reduction`."""
 
-    t: float
-    position: float
-    velocity: float
-    share: float
+    following: int = quantity("1", "number of the present or next planned application")
+    reduction: float = quantity("Pa", "present reduction")
+    planned: bool = quantity("", "the present application is that of the plan")
+    stood: bool = quantity("", "the train has stood since the application")
+    since: float = quantity("s", "begin of the condition of the next change")
+    released_at: float = quantity("s", "time of the last release")
 
 
-class TripBrake:
-    """Policy with the applications of a plan, moved by the measured use of the electric brake.
+@compiled
+def _decide_application(p: TripRules, state: TripState, rows: Records[PlannedApplication], now: BrakeNow) -> None:
+    """Apply if the electric brake is used up, or at the place of the plan."""
+    share = used_share(now)
+    full = lasts(state, share >= p.call, now.t, p.after)
+    while state.following < rows.size and now.position >= rows[state.following].release:
+        state.following += 1  # passed without need, or within an unplanned application
+    if state.following < rows.size and now.position >= rows[state.following].apply - p.shift:
+        plan = rows[state.following]
+        spared = share < plan.electric_at_apply - p.tolerance
+        late = now.position >= plan.apply + (p.shift if spared else 0.0)
+        if full or late:
+            state.reduction, state.planned, state.stood, state.since = plan.reduction, True, False, inf
+    elif full and now.t - state.released_at >= p.pause and now.velocity >= p.never_below:
+        state.reduction, state.planned, state.stood, state.since = 0.0, False, False, inf
+        for plan in rows:
+            state.reduction = max(state.reduction, plan.reduction)
 
-    Parameters
-    ----------
-    charged
-        Pressure of the charged brake pipe [Pa].
-    applications
-        Planned applications, in the order of the line.
-    rules
-        Rules that move them.
-    model
-        The nominal train; its limits give the available electric brake.
-    """
+
+@compiled
+def _release_due(p: TripRules, state: TripState, rows: Records[PlannedApplication], now: BrakeNow) -> bool:
+    """Return True if the present application ends now."""
+    share = used_share(now)
+    if now.velocity < p.never_below:
+        return False
+    if not state.planned:
+        return bool(lasts(state, share <= p.ease, now.t, p.after))
+    plan = rows[state.following]
+    pulling = lasts(state, share < 0.0, now.t, p.after)
+    if now.position < plan.release - p.shift:
+        return False
+    slow = now.velocity <= p.never_below + p.release_margin
+    strained = share > plan.electric_at_release + p.tolerance
+    return pulling or slow or now.position >= plan.release + (p.shift if strained else 0.0)
+
+
+@compiled
+def trip_reduction(p: TripRules, state: TripState, rows: Records[PlannedApplication], now: BrakeNow) -> float:
+    """Return the reduction by plan and used part of the electric brake [Pa]."""
+    if state.reduction == 0.0:
+        _decide_application(p, state, rows, now)
+    else:
+        state.stood = state.stood or abs(now.velocity) < STANDSTILL_SPEED
+        if _release_due(p, state, rows, now) or (state.stood and now.applied > 0.0):
+            state.following += state.planned
+            state.reduction, state.since, state.released_at = 0.0, inf, now.t
+    return state.reduction
+
+
+class TripBrake(BrakePolicy):
+    """Policy with the applications of a plan in the order of the line, moved by the use of the electric brake."""
+
+    form = PolicyForm(trip_reduction, TripRules, TripState, PlannedApplication)
 
     def __init__(
         self, charged: float, applications: tuple[PlannedApplication, ...], rules: TripRules, model: TrainModel
     ) -> None:
-        self._charged, self._rules, self._model = charged, rules, model
-        self._applications = applications
-        self._next = 0
-        self._reduction = 0.0
-        self._planned = False
-        self._stood = False
-        self._since: float | None = None
-        self._released_at = -np.inf
-
-    def step(self, t: float, position: float, velocity: float, applied: float = 0.0) -> float:
-        """Return the pressure demanded [Pa]; ``applied`` is the measured force of all units [N], < 0 braking."""
-        available = total_of_units(np.array([brake.force(abs(velocity)) for brake in self._model.brake]))
-        sample = _Sample(t, position, velocity, -applied / available if available > 0 else 0.0)
-        if self._reduction == 0.0:
-            self._decide_application(sample)
-        else:
-            self._stood = self._stood or abs(velocity) < STANDSTILL_SPEED
-            if self._release_due(sample) or (self._stood and applied > 0.0):
-                self._release(t)
-        return self._charged - self._reduction
-
-    def _decide_application(self, sample: _Sample) -> None:
-        rules, position = self._rules, sample.position
-        full = self._lasts(sample.share >= rules.call, sample.t)
-        while self._next < len(self._applications) and position >= self._applications[self._next].release:
-            self._next += 1  # passed without need, or within an unplanned application
-        following = self._applications[self._next] if self._next < len(self._applications) else None
-        if following is not None and position >= following.apply - rules.shift:
-            spared = sample.share < following.electric_at_apply - rules.tolerance
-            late = position >= following.apply + (rules.shift if spared else 0.0)
-            if full or late:
-                self._apply(following.reduction, planned=True)
-        elif full and sample.t - self._released_at >= rules.pause and sample.velocity >= rules.never_below:
-            deepest = max((entry.reduction for entry in self._applications), default=0.0)
-            self._apply(deepest, planned=False)
-
-    def _release_due(self, sample: _Sample) -> bool:
-        """Return True if the present application ends at this sample."""
-        rules = self._rules
-        if sample.velocity < rules.never_below:
-            return False
-        if not self._planned:
-            return self._lasts(sample.share <= rules.ease, sample.t)
-        now = self._applications[self._next]
-        pulling = self._lasts(sample.share < 0.0, sample.t)
-        if sample.position < now.release - rules.shift:
-            return False
-        slow = sample.velocity <= rules.never_below + rules.release_margin
-        strained = sample.share > now.electric_at_release + rules.tolerance
-        return pulling or slow or sample.position >= now.release + (rules.shift if strained else 0.0)
-
-    def _lasts(self, condition: bool, t: float) -> bool:
-        """Return True if a condition has lasted for the time of the rules."""
-        if not condition:
-            self._since = None
-        elif self._since is None:
-            self._since = t
-        return self._since is not None and t - self._since >= self._rules.after
-
-    def _apply(self, reduction: float, *, planned: bool) -> None:
-        self._reduction, self._planned, self._stood, self._since = reduction, planned, False, None
-
-    def _release(self, t: float) -> None:
-        self._next += self._planned
-        self._reduction, self._since, self._released_at = 0.0, None, t
+        super().__init__(charged, rules, [tuple(dict(entry).values()) for entry in applications], model)
+        self.state["since"], self.state["released_at"] = inf, -inf

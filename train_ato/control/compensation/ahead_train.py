@@ -21,7 +21,7 @@ from train_ato.control.compensation.worn_copy import WornCopy, set_wear
 from train_ato.control.contract import parameter
 
 if TYPE_CHECKING:
-    from train_ato.control.air_brake.policy import BrakePolicy
+    from train_ato.control.air_brake.record_policy import BrakePolicy
     from train_ato.control.compensation.rigid import ProfileLike
     from train_ato.control.train_model import TrainModel
 

@@ -34,7 +34,7 @@ from train_ato.control.contract import LawInput, parameter
 from train_ato.messages.types import Array
 
 if TYPE_CHECKING:
-    from train_ato.control.air_brake.policy import BrakePolicy
+    from train_ato.control.air_brake.record_policy import BrakePolicy
     from train_ato.control.train_model import TrainModel
 
 

@@ -46,7 +46,7 @@ from train_ato.control.contract import LawInput, Lookahead
 from train_ato.messages.types import Array
 
 if TYPE_CHECKING:
-    from train_ato.control.air_brake.policy import BrakePolicy
+    from train_ato.control.air_brake.record_policy import BrakePolicy
     from train_ato.control.train_model import TrainModel
 
 CORRECTION_TIME = 1.0

@@ -10,8 +10,6 @@ from plant_sim.railway import fading_resistance
 # Entries of the constants of a train as one mass and its resistance.
 TRAIN_INERTIA, TRAIN_C0, TRAIN_C1, TRAIN_C2 = range(4)
 TRAIN_ENTRIES = 4
-LONGEST_SUM = 128
-"""Number of entries up to which ``numpy.sum`` does not divide an array."""
 
 
 @compiled
@@ -31,23 +29,6 @@ def ordered_total(values):
     total = 0.0
     for value in values:
         total += value
-    return total
-
-
-@compiled
-def numpy_total(values):
-    """Return the sum of at most :data:`LONGEST_SUM` entries in the order of ``numpy.sum``: eight sums side by side."""
-    n = len(values)
-    if n < 8:
-        return ordered_total(values)
-    sums = values[:8].copy()
-    whole = n - n % 8
-    for first in range(8, whole, 8):
-        for j in range(8):
-            sums[j] += values[first + j]
-    total = ((sums[0] + sums[1]) + (sums[2] + sums[3])) + ((sums[4] + sums[5]) + (sums[6] + sums[7]))
-    for i in range(whole, n):
-        total += values[i]
     return total
 
 

@@ -11,7 +11,7 @@ from train_ato.control.observers.contract import ObserverInput
 from train_ato.messages.types import DisturbanceEstimate, Measurement
 
 if TYPE_CHECKING:
-    from train_ato.control.air_brake.policy import BrakePolicy
+    from train_ato.control.air_brake.record_policy import BrakePolicy
     from train_ato.control.train_model import TrainModel
 
 

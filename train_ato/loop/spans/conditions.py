@@ -5,14 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from plant_sim.brake_events import PipeEvents
+from train_ato.control.air_brake.predictive_policy import PredictiveBrake
 from train_ato.control.compensation.none import NoCompensation
 from train_ato.control.compensation.predictor import Predictor
 from train_ato.control.compensation.preview import PreviewFeedforward
 from train_ato.control.compensation.twin import Twin
-from train_ato.control.compiled.entries import LONGEST_SUM
 from train_ato.control.compiled.observer_packing import has_compiled_observer
 from train_ato.control.compiled.packing import LawStep
-from train_ato.control.compiled.policy_packing import has_compiled_policy, has_same_state
 from train_ato.control.compiled.prediction_packing import has_compiled_prediction
 from train_ato.control.observers.cascaded import Cascaded
 from train_ato.control.observers.eso import Eso
@@ -62,8 +61,8 @@ def ticks_to_event(
 ) -> int:
     """Return the number of ticks before the next planned event, at most those of the longest span.
 
-    An event is a change, a jump, an intervention, a fault, a request, a change of the brake pipe at a planned time, or
-    the end of the run. It is 0 for the first tick, at which the control stack has no pressure of the brake pipe yet.
+    An event is a change, a jump, an intervention, a fault, a request, a decision of the policy `predictive`, or the end
+    of the run. It is 0 for the first tick, at which the control stack has no pressure of the brake pipe yet.
     """
     setup, plant, controller = stages.setup, stages.plant, stages.controller
     tick, stamp = setup.tick_ns, plant.stamp
@@ -78,9 +77,8 @@ def ticks_to_event(
     ends += plant._interventions.due_stamps
     ends += [inputs.next_fault(stamp) for inputs in _inputs(stages)]
     ends += supervised.next_request(stamp)
-    event = getattr(stack._policy, "next_event", None) if setup.layout.air_brake else None
-    if event is not None and event.time is not None:
-        ends.append(round(event.time * 1e9))
+    if isinstance(stack._policy, PredictiveBrake):
+        ends.append(round(max(stack._policy.due, 0.0) * 1e9))
     ends += [round(jump.at * 1e9) // tick * tick for jump in plant.train._jumps._waiting if jump.at is not None]
     return int(-((stamp - min(ends)) // tick))
 
@@ -109,7 +107,7 @@ def is_regular(stages: Stages, supervised: SupervisedTicks, stack: ControlStack,
         and compensation.forward != compensation.backward
     ):
         return False  # the time of the effect depends on the sign of the command
-    if not has_compiled_policy(stack._policy, setup.model.n_units) or train._has_added_gusts:
+    if train._has_added_gusts:
         return False
     return _observer_is_regular(stages, stack)
 
@@ -119,10 +117,9 @@ def _observer_is_regular(stages: Stages, stack: ControlStack) -> bool:
     own = stages.observer._stack
     if type(own._observer) is NoObserver:
         return True
-    if not has_compiled_observer(own._observer) or not has_same_state(own._policy, stack._policy):
+    if not has_compiled_observer(own._observer) or own._policy.state.tobytes() != stack._policy.state.tobytes():
         return False
-    shoes, vehicles = own._shoes, len(stages.setup.model.consist.vehicles)
-    return not shoes.fitted or (shoes._pressure == stack._pressure and (shoes.idle or vehicles <= LONGEST_SUM))
+    return not own._shoes.fitted or own._shoes._pressure == stack._pressure
 
 
 def _inputs(stages: Stages) -> list[StageInputs]:

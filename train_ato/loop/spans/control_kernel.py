@@ -8,11 +8,11 @@ import numpy as np
 
 from plant_sim.compiled import compiled
 from plant_sim.railway import between_entries, envelope_force, fading_resistance, shoe_force
-from train_ato.control.compiled import brake_policies as policies_code
+from train_ato.control.air_brake.record_policy import electric_brake_available
+from train_ato.control.algorithms.force_shares import numpy_total
 from train_ato.control.compiled import laws as laws_code
 from train_ato.control.compiled import observers as observers_code
 from train_ato.control.compiled import prediction as prediction_code
-from train_ato.control.compiled.entries import numpy_total
 from train_ato.control.law import are_valid, limit_demands
 from train_ato.messages.validity import MAX_FORCE
 
@@ -83,17 +83,14 @@ def observe(tick, coupler_forces, own, tables, observing, inputs, now):
 
 
 @compiled(alone=False)
-def changes_brake(t, braking, limits, segments, inputs):
-    """Return True for a tick at which the policy of the air brake changes the pressure."""
-    policy, constant, state, steep = braking
-    if policy == policies_code.PLANNED:
-        return False
-    available, applied, speed = 0.0, 0.0, inputs[0].velocity
-    for u in range(inputs.size):
-        available += envelope_force(limits, segments[u, 0], segments[u, 1], abs(speed))
-        applied += inputs[u].applied
-    place = inputs[0].position
-    return policies_code.changes_pressure(policy, constant, state, steep, t, place, speed, applied, available)
+def changes_brake(t, position, velocity, applied, braking):
+    """Step the policy of the air brake; return True if it changes the pressure, or makes a decision in Python."""
+    constants, state, rows, count, measured, call, limits, segments, charged, pressure = braking
+    now = measured[0]
+    now.t, now.position, now.velocity, now.applied = t, position, velocity, numpy_total(applied)
+    if len(segments):
+        now.available = electric_brake_available(limits, segments, abs(velocity))
+    return charged - call(constants.ctypes, state.ctypes, rows.ctypes, count, measured.ctypes) != pressure
 
 
 @compiled

@@ -18,7 +18,7 @@ DEFLECTION, RATE, COUPLER_FORCE = range(3)
 # Entries of `sensor`: errors of the sensors.
 POSITION_BIAS, VELOCITY_BIAS, POSITION_QUANTUM, VELOCITY_QUANTUM = range(4)
 # Entries of `bound`: values outside which a tick is left to Python.
-MAX_POSITION, MAX_SPEED, MAX_FORCE, STANDSTILL_SPEED, NEXT_PLACE, NEXT_TIME, NEXT_JUMP_PLACE = range(7)
+MAX_POSITION, MAX_SPEED, MAX_FORCE, STANDSTILL_SPEED, NEXT_JUMP_PLACE = range(5)
 # Entries of `count`: first tick, ticks between the steps of the law, 1 if the last step was at a limit, reports.
 FIRST_TICK, EVERY, AT_LIMIT, REPORTS = range(4)
 
@@ -50,8 +50,8 @@ def _measure(tick, arrays, noise, sensor, units, sensors, gaps, measured, couple
 
 
 @compiled
-def _must_leave(tick, t, measured, couplers, x_front, bound, event, events, n, at_rest):
-    """Return True for a tick that is left to Python: a start, events of brakes and jumps, impossible values."""
+def _must_leave(tick, measured, couplers, x_front, bound, event, events, n, at_rest):
+    """Return True for a tick that is left to Python: a start, events of the pipe and jumps, impossible values."""
     fastest = 0.0
     for u in range(measured.shape[2]):
         v = abs(measured[tick, MEASURED_VELOCITY, u])
@@ -63,8 +63,6 @@ def _must_leave(tick, t, measured, couplers, x_front, bound, event, events, n, a
     for j in range(couplers.shape[2]):
         if not abs(couplers[tick, COUPLER_FORCE, j]) < bound[MAX_FORCE]:
             return True
-    if measured[tick, MEASURED_POSITION, 0] >= bound[NEXT_PLACE] or t >= bound[NEXT_TIME]:
-        return True
     if (fastest < bound[STANDSTILL_SPEED] and not at_rest[tick]) or x_front >= bound[NEXT_JUMP_PLACE]:
         return True
     reached = False
@@ -125,14 +123,14 @@ def run_span(
     ``supervision`` has the arrays of :class:`train_ato.loop.spans.supervised.SupervisionArrays`; ``at_rest`` is True
     for a reference at rest now and after the delay of the commands. ``law``, ``observing`` and ``predicting`` have
     number, constants, state and couplers of the law and of the observer, and the arrays of the prediction; ``law`` also
-    has the inputs for all units, the demand, and the call of a law in Python. ``braking`` has number, constants and
-    state of the policy of the air brake.
+    has the inputs for all units, the demand, and the call of a law in Python. ``braking`` has records and call of the
+    policy of the air brake, the envelopes of the electric brake, and the pressures charged and demanded.
     """
     state, vehicle, vehicle_index, gear, gear_table, run, body, unit, unit_index, envelope, piece = train
     outside, cubes, cubed = forces
     every, states, gears, unit_states, settings = reports
     n, steps, nu = vehicle.shape[1], newest.shape[1], len(units)
-    law_state, observer_state, policy_state = law[2], observing[2], braking[2]
+    law_state, observer_state, policy_state = law[2], observing[2], braking[1]
     saved, observed, kept = law_state.copy(), observer_state.copy(), inputs.copy()
     demanded = policy_state.copy()
     supervised, odometers, motion = supervision[0].copy(), supervision[2].copy(), np.zeros(5)
@@ -141,7 +139,7 @@ def run_span(
         _measure(tick, (state, unit), noise, sensor, units, sensors, gaps, measured, couplers)
         at = stamp + tick * tick_ns
         t = at * 1e-9
-        if _must_leave(tick, t, measured, couplers, state[k.X, 0], bound, event, events, n, at_rest):
+        if _must_leave(tick, measured, couplers, state[k.X, 0], bound, event, events, n, at_rest):
             return tick
         supervised[:], odometers[:] = supervision[0], supervision[2]
         saved[:], observed[:], kept[:], demanded[:] = law_state, observer_state, inputs, policy_state
@@ -154,7 +152,8 @@ def run_span(
                 x = inputs[u]
                 x.position, x.velocity = measured[tick, MEASURED_POSITION, u], measured[tick, MEASURED_VELOCITY, u]
                 x.applied = measured[tick, MEASURED_FORCE, u]
-            usable = not changes_brake(t, braking, limits, segments, inputs)
+            place, speed = measured[tick, MEASURED_POSITION, 0], measured[tick, MEASURED_VELOCITY, 0]
+            usable = not changes_brake(t, place, speed, measured[tick, MEASURED_FORCE], braking)
         if usable:
             usable = observe(tick, couplers[tick, COUPLER_FORCE], own, tables, observing, inputs, now[0])
         is_step = (count[FIRST_TICK] + tick) % count[EVERY] == 0

@@ -12,9 +12,9 @@ from plant_sim.plant_setup import Jump
 from plant_sim.record import zeros
 from train_ato.control.compensation.predictor import Predictor
 from train_ato.control.compensation.twin import Twin
+from train_ato.control.compiled.law_call import POLICY, LawCall
 from train_ato.control.compiled.observer_packing import CompiledObserver
 from train_ato.control.compiled.packing import CompiledLaw, LawStep, RecordStep, has_compiled_step
-from train_ato.control.compiled.policy_packing import CompiledPolicy
 from train_ato.control.compiled.prediction_packing import PackedPrediction, packed_prediction
 from train_ato.control.compiled.train_packing import coupler_arrays
 from train_ato.control.law import LawNow, RecordLaw
@@ -100,6 +100,7 @@ class CompiledSpans:
         shown = (0, *units, vehicles - 1) if self.brief else range(vehicles)
         self.shown: NDArray[np.int64] = np.array(shown, dtype=np.int64)
         self._prediction: PackedPrediction | None = None
+        self.policy_call: LawCall | None = None
         self.observer = CompiledObserver(stages.observer._stack._observer)
         self.observer_couplers = coupler_arrays(self.observer.couplers)
         values = stages.setup.plant.sensors
@@ -216,7 +217,7 @@ class _Span:
         self._inputs = law.inputs(units)
         self._now, self._wanted = zeros(LawNow, 1), np.zeros(units)
         self._state, self._observed = law.state(), spans.observer.state()
-        self._policy = CompiledPolicy(stack._policy)
+        self._policy: Any = stack._policy
         times = np.array(self._forecast.times)
         used = bool(spans.observer.number)
         self._observer_shoes = ObserverShoes(spans.stages.observer._stack, times, stack._pressure, used=used)
@@ -240,7 +241,7 @@ class _Span:
             self._noise(), spans.sensor_errors, sensors._units, sensors._front, sensors._gaps,
             (law.number, law.constant.view(np.uint8), self._state.view(np.uint8), self._now, self._wanted,
              law.call, *coupler_arrays(law.couplers)),
-            self._observing(), tuple(spans.prediction), self._policy.arrays, self._inputs, self._forecast.expected,
+            self._observing(), tuple(spans.prediction), self._braking(), self._inputs, self._forecast.expected,
             self._forecast.feedforward, self._forecast.shoes, *spans.model,
             self._bounds(), self._counts, link.delays(self._stamp), newest, *queues, self._stack._history._commands,
             spans.shown, out.truth, out.measured, out.couplers, out.sent, out.at_limit, (SECOND_NS, *out.reports),
@@ -278,16 +279,25 @@ class _Span:
         couplers = self._spans.observer_couplers
         return (observer.number, observer.constant, self._observed, self.arrays.estimates, shoes, *couplers)
 
+    def _braking(self) -> tuple[Any, ...]:
+        """Return call and arrays of the policy of the air brake."""
+        policy, spans = self._policy, self._spans
+        if spans.policy_call is None:
+            step = policy.form.step
+            spans.policy_call = LawCall(
+                lambda _: step(policy.constants, policy.state, policy.rows, policy.now), policy.form.entry, POLICY
+            )
+        records = (policy.constants.view(np.uint8), policy.state.view(np.uint8), policy.rows.view(np.uint8))
+        pressure = policy.charged if self._stack._pressure is None else self._stack._pressure
+        brake = (spans.policy_call, policy.limits, policy.segments, policy.charged, pressure)
+        return *records, len(policy.rows), policy.now, *brake
+
     def _bounds(self) -> Array:
         """Return the values from which on a tick is left to Python."""
-        policy: Any = self._stack._policy
-        event = getattr(policy, "next_event", None) if self._setup.layout.air_brake else None
-        place = FAR if event is None or event.place is None else event.place
-        time = FAR if event is None or event.time is None else event.time
         jumps = [jump.place for jump in self._train._jumps._waiting if isinstance(jump, Jump) and jump.at is None]
         jumps += [jump.place for jump in self._train._jumps._waiting if not isinstance(jump, Jump) and jump.at is None]
         jump_place = min((at for at in jumps if at is not None), default=FAR)
-        return np.array((*LIMITS, STANDSTILL_SPEED, place, time, jump_place))
+        return np.array((*LIMITS, STANDSTILL_SPEED, jump_place))
 
     def _store(self, done: int, queues: PackedQueues, newest_due: int) -> None:
         """Set the states of stages, stack, law, link and sensors to those after the span."""
@@ -295,7 +305,7 @@ class _Span:
         self._law.take_state(self._state, self._inputs)
         observer = self._spans.stages.observer._stack
         self._spans.observer.take_state(self._observed, out.estimates[done - 1].tolist())
-        self._policy.store(stack._policy, observer._policy)
+        observer._policy.state[:] = self._policy.state
         stack._ticks += done
         stack._last = out.sent[done].tolist()
         stack._saturated_steps = int(out.at_limit[done])

@@ -1,0 +1,158 @@
+"""A policy of the air brake as one compiled function over records, which Python and the compiled loop call alike.
+
+The function has the form ``policy(p, state, rows, now)`` and returns the reduction of the brake pipe [Pa]. ``p`` has
+the rules, ``state`` what the policy keeps, ``rows`` its events, applications or segments, ``now`` the measurement.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import inf
+from struct import Struct
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+from numba import carray
+from numpy.typing import NDArray
+
+from plant_sim.compiled import compiled
+from plant_sim.railway import envelope_force
+from plant_sim.record import dtype_of, fill, quantity, zeros
+from train_ato.control.algorithms.force_shares import numpy_total
+from train_ato.messages.types import Array
+
+if TYPE_CHECKING:
+    from train_ato.control.train_model import TrainModel
+
+
+@dataclass
+class BrakeNow:
+    """Measurement of a step."""
+
+    t: float = quantity("s", "time")
+    position: float = quantity("m", "position of vehicle 0's centre")
+    velocity: float = quantity("m/s", "speed")
+    applied: float = quantity("N", "measured force of all power units, < 0 braking")
+    available: float = quantity("N", "largest force of the electric brake of all power units at the speed")
+
+
+@dataclass
+class NoRules:
+    """Rules of a policy without any, and its rows."""
+
+    unused: bool = quantity("", "unused")
+
+
+@compiled
+def used_share(now: BrakeNow) -> float:
+    """Return the used part of the electric brake."""
+    return -now.applied / now.available if now.available > 0.0 else 0.0
+
+
+@compiled
+def lasts(state: Any, condition: bool, t: float, after: float) -> bool:
+    """Return True if a condition has lasted for a time [s]; ``state.since`` is its begin, infinite without one."""
+    if not condition:
+        state.since = inf
+    elif state.since == inf:
+        state.since = t
+    return bool(t - state.since >= after)
+
+
+@compiled
+def electric_brake_available(limits: Array, segments: NDArray[np.int64], speed: float) -> float:
+    """Return the largest force of the electric brake of all units [N] at a speed >= 0 [m/s]; 0 without segments."""
+    forces = np.empty(len(segments))
+    for u in range(len(segments)):
+        forces[u] = envelope_force(limits, segments[u, 0], segments[u, 1], speed)
+    return float(numpy_total(forces))
+
+
+_pack_now = Struct(f"{len(dtype_of(BrakeNow).fields or ())}d").pack_into
+
+
+class PolicyForm:
+    """The forms in which a policy is called.
+
+    Parameters
+    ----------
+    policy
+        Compiled function ``policy(p, state, rows, now)``.
+    constants, state, row
+        Records of its rules, its state and its rows.
+
+    Attributes
+    ----------
+    step
+        The policy on arrays of records.
+    entry
+        The same for the compiled loop, by addresses: all policies have one type there.
+    """
+
+    def __init__(self, policy: Any, constants: type, state: type, row: type) -> None:
+        self.constants, self.state, self.row = constants, state, row
+        constant_fields, state_fields, row_fields = dtype_of(constants), dtype_of(state), dtype_of(row)
+        now_fields = dtype_of(BrakeNow)
+
+        @compiled
+        def step(p: Any, state: Any, rows: Any, now: Any) -> float:
+            return float(policy(p[0], state[0], rows, now[0]))
+
+        @compiled
+        def entry(p: Any, state: Any, rows: Any, count: int, now: Any) -> float:
+            known = carray(p, (1,), constant_fields), carray(state, (1,), state_fields)
+            return float(step(known[0], known[1], carray(rows, (count,), row_fields), carray(now, (1,), now_fields)))
+
+        self.step, self.entry = step, entry
+
+
+class BrakePolicy:
+    """Base of the policies over records: a subclass gives ``form`` and its values.
+
+    Parameters
+    ----------
+    charged
+        Pressure of the charged brake pipe [Pa].
+    rules
+        Values of the rules.
+    rows
+        Values of every row, in the order of its fields.
+    model
+        The nominal train, whose limits give the available electric brake; None for a policy that does not use it.
+
+    Attributes
+    ----------
+    constants, state, rows, now : Records
+        Rules, state, rows and measurement.
+    limits : Array, shape (segments, 4)
+        Segments of the envelopes of the electric brake.
+    segments : Array of int, shape (units, 2)
+        First segment and end of every unit.
+    """
+
+    form: ClassVar[PolicyForm]
+
+    def __init__(
+        self,
+        charged: float,
+        rules: Any,
+        rows: Sequence[tuple[float, ...]] = (),
+        model: TrainModel | None = None,
+    ) -> None:
+        self.charged = charged
+        self.constants, self.state = zeros(self.form.constants, 1), zeros(self.form.state, 1)
+        self.rows, self.now = zeros(self.form.row, len(rows)), zeros(BrakeNow, 1)
+        fill(self.constants, rules)
+        for index, values in enumerate(rows):
+            self.rows[index] = values
+        brakes = [] if model is None else [brake.rows for brake in model.brake]
+        ends = np.cumsum([0, *map(len, brakes)])
+        self.limits: Array = np.concatenate([np.zeros((0, 4)), *brakes])
+        self.segments = np.ascontiguousarray(np.stack((ends[:-1], ends[1:]), axis=1), dtype=np.int64)
+
+    def step(self, t: float, position: float, velocity: float, applied: float = 0.0) -> float:
+        """Return the pressure demanded [Pa]; ``applied`` is the measured force of all units [N], < 0 braking."""
+        available = electric_brake_available(self.limits, self.segments, abs(velocity)) if len(self.segments) else 0.0
+        _pack_now(self.now, 0, t, position, velocity, applied, available)
+        return self.charged - float(self.form.step(self.constants, self.state, self.rows, self.now))
