@@ -14,7 +14,7 @@ from train_ato.control.algorithms.predictive_law import linear_law
 from train_ato.control.algorithms.rbf import RBF_CENTERS
 from train_ato.control.laws.fixed_time_smc import alternating
 from train_ato.control.laws.gpc import GpcParameters
-from train_ato.control.laws.rbf_switching_smc import Identification
+from train_ato.control.laws.rbf_switching_smc import identified_sign
 from train_ato.control.observers.cascaded import CascadedParameters, make_cascade
 
 MASS = 80e3
@@ -77,13 +77,13 @@ def test_identification_of_paper_001_takes_the_whole_command():
     of = model(SINGLE)
     for source in ("switching", "command"):
         law = printed_law("rbf_switching_smc", {"rbfi_input": source}, of, 0.1)
-        network, last, before = Identification(0.05, 0.05), (0.0, 0.0), None
+        network, last, before = printed_law("rbf_switching_smc", {}, of, 0.1), (0.0, 0.0), None
         for error, rate in ERRORS:
             acceleration = 0.0 if before is None else (rate - before) / 0.1
-            network.step(last[source == "command"], acceleration)
+            identified_sign(network.constants[0], network.state[0], last[source == "command"], acceleration)
             force = law.step(seen(of, error, rate, feedforward=np.array([30e3]))).force[0]
-            before, last = rate, (law._pull[0], force / MASS)
-        assert law._sensitivity[0]._weights.values == pytest.approx(network._weights.values, rel=1e-12)
+            before, last = rate, (law.state["pull"][0], force / MASS)
+        assert law.state["identified"][0] == pytest.approx(network.state["identified"][0], rel=1e-12)
         assert abs(last[0] - last[1]) > 0.3
 
 
@@ -94,7 +94,7 @@ def test_networks_of_paper_001_without_clips():
     p |= {"anti_windup": False, "eta": 12.0, "eta_v": 0.6, "alpha": 0.0, "weight_limit": 1000.0}
     law = printed_law("rbf_switching_smc", p, of, 0.1)
     law.step(seen(of, 0.0, 0.0))
-    command = law._last_force[0] / MASS
+    command = law.units["force"][0] / MASS
     law.step(seen(of, 0.0, 0.15, force_max=np.array([1.0]), force_min=np.array([-1.0])))
     acceleration, centres = 1.5, np.array(RBF_CENTERS)
     point = (command, 0.0, 0.0)
@@ -103,11 +103,11 @@ def test_networks_of_paper_001_without_clips():
     miss = acceleration - first @ hidden
     weights = first + 0.6 * miss * hidden
     slope = float((weights * hidden) @ (centres - command)) / 0.25
-    assert law._sensitivity[0].slope == pytest.approx(slope, rel=1e-9)
+    assert law.state["slope"][0] == pytest.approx(slope, rel=1e-9)
     learnt = np.exp(-((acceleration - centres) ** 2) / 0.5)
     before = -0.9 * 1.4 * centres
     expected = before - 12.0 * 0.1 * acceleration * slope * learnt
-    assert law._control[0].values == pytest.approx(expected, rel=1e-9)
+    assert law.state["weights"][0] == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.parametrize("lag", [0.2, 0.8])

@@ -81,6 +81,9 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
     "rbf_switching_smc": (
         "crh380a_gpc:tuned", {**FREE, "duration": 40, "law": "rbf_switching_smc", "compensation": "preview"}
     ),
+    "rbf_switching_smc, measured derivatives": (
+        "xuzhou_metro", {**METRO, "law": "rbf_switching_smc", "laws.rbf_switching_smc.derivatives": "measured"}
+    ),
     "rbf_switching_smc, printed forms": (
         "xuzhou_metro:tuned+disturbed",
         {**METRO, "law": "rbf_switching_smc",
@@ -144,7 +147,6 @@ def test_forms_without_a_compiled_step_run_in_python(name: str, changes: dict[st
     ("name", "changes"),
     [
         ("freight_consensus", {"laws.fixed_time_smc.states": "estimated", "duration": 1.0}),
-        ("xuzhou_metro", {"law": "rbf_switching_smc", "laws.rbf_switching_smc.derivatives": "measured", **METRO}),
         ("xuzhou_metro", {"law": "gpc", "compensation": "none", **METRO}),
     ],
 )

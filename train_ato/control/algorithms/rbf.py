@@ -1,11 +1,15 @@
 """Gaussian radial-basis-function network: hidden layer of Gaussian functions, linear output."""
 
+# mypy: allow-untyped-defs, allow-untyped-decorators
+
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 
+from plant_sim.compiled import also_compiled
 from plant_sim.summation import plain_dot, plain_sum
+from train_ato.control.algorithms.sliding import clamped
 
 RBF_CENTERS = (-1.0, -0.5, 0.0, 0.5, 1.0)
 """The five centres of papers 000 and 001, up to a scale."""
@@ -34,6 +38,31 @@ def activations(inputs: Sequence[float], centres: Sequence[float], width: float)
         x, y, z = inputs
         return [exp(scale * ((x - c) * (x - c) + (y - c) * (y - c) + (z - c) * (z - c))) for c in centres]
     return [exp(scale * plain_sum([(x - centre) * (x - centre) for x in inputs])) for centre in centres]
+
+
+@also_compiled
+def weighted(weights, hidden):
+    """Return the output W'h of a network, added in order."""
+    total = 0.0
+    for j in range(len(hidden)):
+        total += weights[j] * hidden[j]
+    return total
+
+
+@also_compiled
+def move_weights(weights, moved, hidden, rate, momentum, bound):
+    """Move every weight w by ``rate h`` plus ``momentum`` times its last step ``moved``, within +-``bound``.
+
+    With w(l) = w(l-1) + dw + alpha (w(l-1) - w(l-2)), alpha the momentum.
+    """
+    for j in range(len(hidden)):
+        old = weights[j]
+        new = old + rate * hidden[j]
+        if momentum != 0.0:
+            new = new + momentum * moved[j]
+        weights[j] = clamped(new, -bound, bound)
+        if momentum != 0.0:
+            moved[j] = weights[j] - old
 
 
 class Weights:

@@ -19,9 +19,8 @@ from train_ato.control.compiled.entries import (
     ordered_total,
 )
 from train_ato.control.compiled.sliding import fixed_time_smc_step
-from train_ato.control.compiled.switching import rbf_switching_smc_step
 
-FUNNEL, FIXED_TIME_SMC, RBF_SWITCHING_SMC, CALLED = range(4)
+FUNNEL, FIXED_TIME_SMC, CALLED = range(3)
 """Laws with arrays of their own; the last number is that of every law that is called."""
 # Entries of `constant` of the funnel.
 (
@@ -171,7 +170,5 @@ def demand(law, constant, state, inputs, now, force):
     """Compute the demand of a law by its number [N], shape (units,)."""
     if law == FUNNEL:
         funnel_step(constant, state, inputs, now, force)
-    elif law == FIXED_TIME_SMC:
-        fixed_time_smc_step(constant, state, inputs, now, force)
     else:
-        rbf_switching_smc_step(constant, state, inputs, now, force)
+        fixed_time_smc_step(constant, state, inputs, now, force)

@@ -19,11 +19,6 @@ from train_ato.control.compiled.sliding_packing import (
     sliding_state,
     take_sliding_state,
 )
-from train_ato.control.compiled.switching_packing import (
-    switching_constants,
-    switching_state,
-    take_switching_state,
-)
 from train_ato.control.law import LawUnit, RecordLaw
 from train_ato.control.laws.fixed_time_smc import FixedTimeSmc
 from train_ato.control.laws.funnel import (
@@ -37,7 +32,6 @@ from train_ato.control.laws.funnel import (
     P1,
     Funnel,
 )
-from train_ato.control.laws.rbf_switching_smc import RbfSwitchingSmc
 from train_ato.messages.types import Array
 
 
@@ -113,9 +107,7 @@ class CompiledLaw:
     def state(self) -> Array:
         """Return the present state of the law."""
         law: Any = self._law
-        if self.number == c.FUNNEL:
-            return _funnel_state(law)
-        return switching_state(law) if self.number == c.RBF_SWITCHING_SMC else sliding_state(law)
+        return _funnel_state(law) if self.number == c.FUNNEL else sliding_state(law)
 
     def inputs(self, units: int) -> Any:
         """Return the array of the inputs of a span, with shares, limits reached and last forces of the law."""
@@ -130,8 +122,6 @@ class CompiledLaw:
         values = state.tolist()
         if self.number == c.FUNNEL:
             _take_funnel_state(law, values)
-        elif self.number == c.RBF_SWITCHING_SMC:
-            take_switching_state(law, values)
         else:
             take_sliding_state(law, values)
 
@@ -145,8 +135,6 @@ def has_compiled_step(law: Any) -> bool:
         return type(law).step is _RECORD_STEP
     if _STEPS.get(type(law)) is not type(law).step:
         return False
-    if type(law) is RbfSwitchingSmc:
-        return not law._equivalents
     return type(law) is not FixedTimeSmc or law.parameters.states == "measured"
 
 
@@ -193,7 +181,6 @@ def _take_funnel_state(law: Any, values: list[float]) -> None:
 _FORMS: tuple[tuple[Any, int, Callable[[Any], Array]], ...] = (
     (Funnel, c.FUNNEL, _funnel_constants),
     (FixedTimeSmc, c.FIXED_TIME_SMC, fixed_time_smc_constants),
-    (RbfSwitchingSmc, c.RBF_SWITCHING_SMC, switching_constants),
 )
 """Laws with a compiled step, their numbers and their constants."""
 _RECORD_STEP = RecordLaw.step

@@ -42,22 +42,37 @@ for ``derivatives: measured``), inertia and shares; no coupler sensor.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
+from math import inf
 from typing import TYPE_CHECKING, Any, ClassVar
 
+import numpy as np
+
+from plant_sim.compiled import compiled
+from plant_sim.elementary import libm_exp, libm_tanh
+from plant_sim.railway import fading_resistance
+from plant_sim.record import Records, quantity
 from plant_sim.summation import plain_sum
-from train_ato.control.algorithms.guard import GuardedLaw
 from train_ato.control.algorithms.loop_gains import LoopGains
-from train_ato.control.algorithms.rbf import RBF_CENTERS, Weights, activations
-from train_ato.control.algorithms.sliding import saturation
+from train_ato.control.algorithms.rbf import RBF_CENTERS, move_weights, weighted
+from train_ato.control.algorithms.sliding import clamped, saturation
 from train_ato.control.compensation.pade import pade_coefficients
-from train_ato.control.contract import LawInput, parameter
+from train_ato.control.contract import parameter
 from train_ato.control.gains import gains_choice
+from train_ato.control.law import LawForm, LawNow, LawUnit, RecordLaw, TrainConstants
+from train_ato.messages.types import Array
 
 if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel
 
+CENTRES = len(RBF_CENTERS)
+"""Number of centres of both networks."""
+IDENTIFIED_LIMIT = 10.0
+"""Largest magnitude of a weight of RBFI."""
+IDENTIFIED_WIDTH = 0.5
+"""Width of the Gaussian functions of RBFI."""
+MAX_UNEXPLAINED = 0.2
+"""Mean unexplained part of e'' up to which the sign of RBFI is used."""
 INITIAL_WEIGHT = -0.9
 """Initial weight w_j(0) over k_w r_j."""
 START_SLOPE = 2.066
@@ -106,10 +121,145 @@ class RbfSwitchingSmcParameters:
     weight_limit: float = parameter(3.0, "m/s²", 0.0, 1e3, "largest magnitude of a weight")
 
 
-class RbfSwitchingSmc(GuardedLaw):
+@dataclass(frozen=True)
+class RbfSwitchingConstants(RbfSwitchingSmcParameters, TrainConstants):
+    """Constants of :func:`rbf_switching_smc`: its parameters, and what follows from them."""
+
+    relay: bool = quantity("", "the switching term is a relay")
+    smooth: bool = quantity("", "the switching term is tanh")
+    by_value: bool = quantity("", "the slope of RBFI by its value")
+    of_acceleration: bool = quantity("", "the objective of the learning is the printed e''")
+    of_command: bool = quantity("", "the first input of RBFI is the whole command")
+    measured: bool = quantity("", "u_eq has the measured derivatives")
+    reach: float = quantity("m/s²", "largest magnitude of inputs and target of RBFI")
+    period: float = quantity("s", "control period")
+
+
+@dataclass
+class RbfSwitchingUnit:
+    """State of :func:`rbf_switching_smc` for one unit."""
+
+    mass: float = quantity("kg", "share of the train's inertia")
+    pade: Array = quantity("s², s, s", "b1, b2, b3 of (5) for the delay of the unit", 3)
+    weights: Array = quantity("m/s²", "w, weights of RBFC", CENTRES)
+    moved: Array = quantity("m/s²", "last step of the weights of RBFC", CENTRES)
+    identified: Array = quantity("m/s²", "v, weights of RBFI", CENTRES)
+    identified_moved: Array = quantity("m/s²", "last step of the weights of RBFI", CENTRES)
+    acceleration: float = quantity("m/s²", "e'' of the last step")
+    acceleration_before: float = quantity("m/s²", "e'' of the step before")
+    size: float = quantity("m²/s⁴", "mean square of e''")
+    missing: float = quantity("m²/s⁴", "mean square of the part of e'' that RBFI does not explain")
+    slope: float = quantity("1", "derivative of the prediction of RBFI by the command")
+    pull: float = quantity("m/s²", "u_n of the last step")
+    rate: float = quantity("m/s", "speed error of the last step")
+    speed: float = quantity("m/s", "speed of the last step")
+    sent: float = quantity("m/s²", "command before the last step")
+    actuated: float = quantity("m/s²", "acceleration by the actuator in the last step")
+    actuated_before: float = quantity("m/s²", "the same in the step before")
+    samples: int = quantity("1", "number of speeds since a gap")
+    known: bool = quantity("", "the speed error of the last step is known")
+
+
+@compiled
+def identified_sign(p: RbfSwitchingConstants, own: RbfSwitchingUnit, command: float, acceleration: float) -> float:
+    """Return the sign of ds/du by RBFI: +1, or -1 if well established; its weights learn by (14).
+
+    Parameters
+    ----------
+    p, own
+        Constants, and state of the unit.
+    command
+        Last command [m/s²].
+    acceleration
+        e'' that followed it [m/s²].
+    """
+    x = clamped(command, -p.reach, p.reach)
+    y, z = clamped(own.acceleration, -p.reach, p.reach), clamped(own.acceleration_before, -p.reach, p.reach)
+    hidden, scale = np.empty(CENTRES), -0.5 / (IDENTIFIED_WIDTH * IDENTIFIED_WIDTH)
+    for j in range(CENTRES):
+        c = RBF_CENTERS[j]
+        hidden[j] = libm_exp(scale * ((x - c) * (x - c) + (y - c) * (y - c) + (z - c) * (z - c)))
+    miss = clamped(acceleration, -p.reach, p.reach) - weighted(own.identified, hidden)
+    move_weights(own.identified, own.identified_moved, hidden, p.eta_v * miss, p.alpha, IDENTIFIED_LIMIT)
+    own.acceleration_before, own.acceleration = own.acceleration, acceleration
+    own.size += 0.01 * (acceleration * acceleration - own.size)
+    own.missing += 0.01 * (miss * miss - own.missing)
+    slope = 0.0
+    for j in range(CENTRES):
+        slope += own.identified[j] * hidden[j] * (RBF_CENTERS[j] - x)
+    own.slope = slope / (IDENTIFIED_WIDTH * IDENTIFIED_WIDTH)
+    return -1.0 if own.missing < MAX_UNEXPLAINED * MAX_UNEXPLAINED * own.size and slope < 0.0 else 1.0
+
+
+@compiled
+def switching_term(
+    p: RbfSwitchingConstants, own: RbfSwitchingUnit, held: bool, surface: float, command: float, acceleration: float
+) -> float:
+    """Return u_n of (12) [m/s²], or a form without network; the weights learn by (13)."""
+    if p.relay:
+        return float(-p.k_w * saturation(surface, 0.0))
+    if p.smooth:
+        return float(-p.k_w * libm_tanh(surface / p.phi))
+    gain = 1.0
+    if p.identify:
+        gain = identified_sign(p, own, command, acceleration)
+        if p.by_value:
+            gain = own.slope
+    aim, push = surface / p.phi, surface
+    if p.of_acceleration:
+        aim, push = acceleration, acceleration
+    if p.clip:
+        aim = clamped(aim, -1.0, 1.0)
+    hidden, scale = np.empty(CENTRES), -0.5 / (p.width * p.width)
+    for j in range(CENTRES):
+        hidden[j] = libm_exp(scale * (aim - RBF_CENTERS[j]) * (aim - RBF_CENTERS[j]))
+    if not held:
+        move_weights(own.weights, own.moved, hidden, -p.eta * p.period * push * gain, p.alpha, p.weight_limit)
+    return float(weighted(own.weights, hidden))
+
+
+@compiled
+def measured_equivalent(p: RbfSwitchingConstants, own: RbfSwitchingUnit, x: LawUnit) -> float:
+    """Return u_eq of (9) without the speed error [m/s²], from measured derivatives by backward differences.
+
+    With y = v' + w the acceleration by the actuator, w the specific resistance of the nominal train, (5) solved for the
+    command is a_s = y - b1 y'' - b2 y' - b3 a_s'; the first y has the acceleration of the profile.
+    """
+    h, resistance = p.period, fading_resistance(p.running_0, p.running_1, p.running_2, x.velocity) / p.inertia
+    sent, found = x.force / own.mass, x.reference_acceleration + resistance
+    y = (x.velocity - own.speed) / h + resistance
+    own.samples = own.samples + 1 if own.known else 1
+    if own.samples > 3:  # three accelerations need four speeds
+        bend = y - 2.0 * own.actuated + own.actuated_before
+        found = found - own.pade[0] * bend / (h * h) - own.pade[1] * (y - own.actuated) / h
+        found = found - own.pade[2] * ((sent - own.sent) / h)
+    own.speed, own.sent, own.actuated_before, own.actuated = x.velocity, sent, own.actuated, y
+    return float(found)
+
+
+@compiled
+def rbf_switching_smc(
+    p: RbfSwitchingConstants, state: Records[RbfSwitchingUnit], now: LawNow, units: Records[LawUnit]
+) -> None:
+    """Compute the demand of sliding mode with a learnt switching term: (12) [N]."""
+    for u in range(units.size):
+        x, own = units[u], state[u]
+        error, rate = x.position - x.reference_position, x.velocity - x.reference_velocity
+        acceleration = (rate - own.rate) / p.period if own.known else 0.0
+        known = own.mass * measured_equivalent(p, own, x) if p.measured else x.feedforward
+        command = x.force / own.mass if p.of_command else own.pull
+        held = x.saturated and p.anti_windup
+        own.pull = switching_term(p, own, held, p.c * error + rate, command, acceleration)
+        own.known, own.rate = True, rate
+        x.wanted = known - x.disturbance + own.mass * (own.pull - p.c * rate)
+
+
+class RbfSwitchingSmc(RecordLaw):
     """Sliding mode with a switching term learnt by an RBF network (paper 001)."""
 
     Parameters: ClassVar[type] = RbfSwitchingSmcParameters
+    form = LawForm(rbf_switching_smc, RbfSwitchingConstants, RbfSwitchingUnit)
+    uses_effect = uses_train_forces = False
 
     @classmethod
     def model_gains(cls, model: TrainModel, period: float) -> dict[str, Any]:
@@ -132,173 +282,18 @@ class RbfSwitchingSmc(GuardedLaw):
 
     def __init__(self, parameters: RbfSwitchingSmcParameters, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)
-        self._mass = (model.inertia * model.share).tolist()
-        p = parameters
-        start = [INITIAL_WEIGHT * p.k_w * centre for centre in RBF_CENTERS]
-        self._control = [Weights(start, p.weight_limit, p.alpha) for _ in range(self.n)]
-        self._sensitivity = [Identification(p.eta_v, p.alpha, p.clip) for _ in range(self.n)]
+        p, state, centres = parameters, self.state, np.array(RBF_CENTERS)
         measured = p.derivatives == "measured"
         self.uses_feedforward, self.feedforward_hint = not measured, "derivatives: profile"
-        self._equivalents = [MeasuredEquivalent(model, unit, period) for unit in range(self.n)] if measured else []
-        self._literal = p.objective == "printed_acceleration"
-        self._literal_input = p.rbfi_input == "command"
-        self.clear_state()
-
-    def clear_state(self) -> None:
-        """Return to the initial weights."""
-        for weights in self._control:
-            weights.reset()
-        for network in self._sensitivity:
-            network.reset()
-        for equivalent in self._equivalents:
-            equivalent.reset()
-        self._rates: list[float] | None = None
-        self._pull = [0.0] * self.n
-
-    def on_missed_sample(self) -> None:
-        """Handle a missed sample: the difference quotients restart."""
-        self._rates = None
-        for equivalent in self._equivalents:
-            equivalent.reset()
-
-    def demand(self, inputs: LawInput) -> list[float]:
-        """Return the force demand of every unit [N]."""
-        errors = (inputs.position - inputs.reference_position).tolist()
-        rates: list[float] = (inputs.velocity - inputs.reference_velocity).tolist()
-        known, disturbance = self._known(inputs), inputs.disturbance.tolist()
-        wanted = []
-        for unit, (error, rate) in enumerate(zip(errors, rates, strict=True)):
-            error_acceleration = 0.0 if self._rates is None else (rate - self._rates[unit]) / self.period
-            surface = self.parameters.c * error + rate
-            command = self._last_force[unit] / self._mass[unit] if self._literal_input else self._pull[unit]
-            pull = self._switching(unit, surface, command, error_acceleration)
-            self._pull[unit] = pull
-            wanted.append(known[unit] - disturbance[unit] + self._mass[unit] * (pull - self.parameters.c * rate))
-        self._rates = rates
-        return wanted
-
-    def _known(self, inputs: LawInput) -> list[float]:
-        """Return u_eq without the term of the speed error for every unit [N]."""
-        if not self._equivalents:
-            known: list[float] = inputs.feedforward.tolist()
-            return known
-        units = zip(
-            self._equivalents, inputs.velocity.tolist(), inputs.reference_acceleration.tolist(), self._mass, strict=True
+        state["mass"], state["slope"] = model.inertia * model.share, 1.0
+        state["pade"] = [pade_coefficients(model.lag, delay) for delay in model.delay.tolist()]
+        state["weights"], state["identified"] = INITIAL_WEIGHT * p.k_w * centres, 0.5 * centres
+        self.set_constants(
+            relay=p.switching == "sign",
+            smooth=p.switching == "tanh",
+            by_value=p.sensitivity == "value",
+            of_acceleration=p.objective == "printed_acceleration",
+            of_command=p.rbfi_input == "command",
+            measured=measured,
+            reach=1.0 if p.clip else inf,
         )
-        return [
-            mass * equivalent.step(speed, wanted, self._last_force[unit] / mass)
-            for unit, (equivalent, speed, wanted, mass) in enumerate(units)
-        ]
-
-    def _switching(self, unit: int, surface: float, command: float, acceleration: float) -> float:
-        """Return u_n [m/s²] and update the weights."""
-        p = self.parameters
-        if p.switching == "sign":
-            return float(-p.k_w * saturation(surface, 0.0))
-        if p.switching == "tanh":
-            return float(-p.k_w * math.tanh(surface / p.phi))
-        gain = self._sensitivity[unit].step(command, acceleration) if p.identify else 1.0
-        aim, push = (acceleration, acceleration) if self._literal else (surface / p.phi, surface)
-        if p.identify and p.sensitivity == "value":
-            gain = self._sensitivity[unit].slope
-        hidden = activations((min(max(aim, -1.0), 1.0) if p.clip else aim,), RBF_CENTERS, p.width)
-        if not (self.saturated[unit] and p.anti_windup):
-            self._control[unit].learn(-p.eta * self.period * push * gain, hidden)
-        return self._control[unit].output(hidden)
-
-
-class Identification:
-    """Network RBFI: prediction of e'' from the last command and the last two e''; its slope gives the sign of ds/du.
-
-    Attributes
-    ----------
-    slope : float
-        Derivative of the prediction by the command [1].
-    """
-
-    MAX_UNEXPLAINED = 0.2
-    """Mean unexplained part of e'' up to which the sign of the network is used."""
-
-    WIDTH = 0.5
-    """Width of the Gaussian functions."""
-
-    def __init__(self, rate: float, momentum: float, clip: bool = True) -> None:
-        self._rate = rate
-        self._reach = 1.0 if clip else math.inf
-        self._weights = Weights([0.5 * centre for centre in RBF_CENTERS], 10.0, momentum)
-        self.reset()
-
-    def reset(self) -> None:
-        """Return to the initial weights."""
-        self._weights.reset()
-        self._before = (0.0, 0.0)
-        self._size, self._missing = 0.0, 0.0
-        self.slope = 1.0
-
-    def step(self, command: float, acceleration: float) -> float:
-        """Return the sign of ds/du: +1, or -1 if well established.
-
-        Parameters
-        ----------
-        command
-            Last command [m/s²].
-        acceleration
-            e'' that followed it [m/s²].
-        """
-        reach = self._reach
-        point = [min(max(value, -reach), reach) for value in (command, *self._before)]
-        hidden = activations(point, RBF_CENTERS, self.WIDTH)
-        miss = min(max(acceleration, -reach), reach) - self._weights.output(hidden)
-        self._weights.learn(self._rate * miss, hidden)
-        self._before = (acceleration, self._before[0])
-        self._size += 0.01 * (acceleration * acceleration - self._size)
-        self._missing += 0.01 * (miss * miss - self._missing)
-        slope = plain_sum(
-            w * h * (centre - point[0]) for w, h, centre in zip(self._weights.values, hidden, RBF_CENTERS, strict=True)
-        )
-        self.slope = slope / self.WIDTH**2
-        explained = self._missing < self.MAX_UNEXPLAINED**2 * self._size
-        return -1.0 if explained and slope < 0.0 else 1.0
-
-
-class MeasuredEquivalent:
-    """Equivalent control of (9) from measured derivatives, by backward differences, for one unit.
-
-    With y = v' + w the acceleration by the actuator, w the specific resistance of the nominal train, (5) solved for the
-    command is a_s = y - b1 y'' - b2 y' - b3 a_s'; the first y has the acceleration of the profile.
-
-    Parameters
-    ----------
-    model
-        The nominal train.
-    unit
-        Number of the unit.
-    period
-        Control period [s].
-    """
-
-    def __init__(self, model: TrainModel, unit: int, period: float) -> None:
-        self._model, self._period = model, period
-        self._coefficients = pade_coefficients(model.lag, float(model.delay[unit]))
-        self.reset()
-
-    def reset(self) -> None:
-        """Restart at the next sample with derivatives of 0."""
-        self._speeds: list[float] = []
-        self._actuated: list[float] = []
-        self._sent: list[float] = []
-
-    def step(self, speed: float, wanted: float, sent: float) -> float:
-        """Return the equivalent control for a speed [m/s], v_d' and the last command [m/s²] in m/s²."""
-        h, resistance = self._period, self._model.running_resistance(speed) / self._model.inertia
-        self._speeds = [speed, *self._speeds[:1]]
-        self._sent = [sent, *self._sent[:1]]
-        if len(self._speeds) == 2:
-            rate = (self._speeds[0] - self._speeds[1]) / h
-            self._actuated = [rate + resistance, *self._actuated[:2]]
-        if len(self._actuated) < 3:
-            return wanted + resistance
-        y0, y1, y2 = self._actuated
-        b1, b2, b3 = self._coefficients
-        command_rate = (self._sent[0] - self._sent[1]) / h
-        return wanted + resistance - b1 * (y0 - 2.0 * y1 + y2) / (h * h) - b2 * (y0 - y1) / h - b3 * command_rate
