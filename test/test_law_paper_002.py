@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from law_trains import FIVE, HAULED, inputs, model, printed_law
 
 from train_ato.control.algorithms.sliding import sig
-from train_ato.control.laws.fixed_time_smc import SpeedOffset, alternating
+from train_ato.control.laws.fixed_time_smc import alternating
 
 MASS = 80e3
 
@@ -72,10 +72,11 @@ def test_settling_time_is_bounded_whatever_the_start(start):
 
 def test_speed_offset_is_found():
     """An offset of 0.4 m/s is estimated within 1 % after 2 s at 10 1/s, without steady error."""
-    offset = SpeedOffset(10.0, 0.05)
+    of = model(FIVE)
+    law = printed_law("fixed_time_smc", {"unmatched": True, "offset_bandwidth": 10.0}, of, 0.05)
     for k in range(60):
-        found = offset.step(10.4 * 0.05 * k, 10.0)
-    assert found == pytest.approx(0.4, rel=1e-3)
+        law.step(inputs(of, position=500.0 + 10.4 * 0.05 * k - of.offsets, velocity=np.full(5, 10.0)))
+    assert law.state["unknown_rate"] == pytest.approx(0.4, rel=1e-3)
 
 
 def test_needs_its_neighbours():

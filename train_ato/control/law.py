@@ -184,6 +184,8 @@ class RecordLaw(GuardedLaw):
         The law.
     constants, state, now, units : Records
         Constants, state of every unit, and inputs with the last outputs.
+    in_loop : bool
+        The compiled loop may call the form; False for a law that has a part in Python.
     couplers : UnitCouplers or None
         Couplers beside the units, of a law that uses their forces.
     uses_effect : bool
@@ -193,6 +195,7 @@ class RecordLaw(GuardedLaw):
     """
 
     form: ClassVar[LawForm]
+    in_loop: bool = True
     couplers: UnitCouplers | None = None
     uses_effect: bool = True
     uses_train_forces: bool = True

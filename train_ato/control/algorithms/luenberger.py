@@ -11,6 +11,38 @@ A constant d is found without offset; the error falls like (1 + k (1 - b)) b^k f
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+
+from plant_sim.compiled import compiled
+from plant_sim.record import quantity
+
+
+@dataclass
+class Tracked:
+    """State of an observer of one quantity."""
+
+    value: float = quantity("any", "estimate of the quantity")
+    unknown_rate: float = quantity("any/s", "estimate of d")
+    known: bool = quantity("", "there is a sample before")
+
+
+def luenberger_gains(omega: float, period: float) -> tuple[float, float]:
+    """Return the gains on the quantity [1] and on its unknown rate [1/s] for a bandwidth [1/s] and a period [s]."""
+    pole = math.exp(-omega * period)
+    return 1.0 - pole * pole, (1.0 - pole) ** 2 / period
+
+
+@compiled
+def unknown_rate(own: Tracked, period: float, gain: float, rate_gain: float, measured: float, rate: float) -> float:
+    """Return the estimate of d for a sample and the known mean rate since the previous one."""
+    if not own.known:
+        own.known, own.value = True, measured
+        return own.unknown_rate
+    predicted = own.value + period * (rate + own.unknown_rate)
+    miss = measured - predicted
+    own.value = predicted + gain * miss
+    own.unknown_rate += rate_gain * miss
+    return own.unknown_rate
 
 
 class LuenbergerObserver:
@@ -30,9 +62,8 @@ class LuenbergerObserver:
     """
 
     def __init__(self, omega: float, period: float) -> None:
-        pole = math.exp(-omega * period)
         self._period = period
-        self._gain, self._rate_gain = 1.0 - pole * pole, (1.0 - pole) ** 2 / period
+        self._gain, self._rate_gain = luenberger_gains(omega, period)
         self.reset()
 
     def reset(self) -> None:

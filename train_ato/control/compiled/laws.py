@@ -18,9 +18,8 @@ from train_ato.control.compiled.entries import (
     mean_of_units,
     ordered_total,
 )
-from train_ato.control.compiled.sliding import fixed_time_smc_step
 
-FUNNEL, FIXED_TIME_SMC, CALLED = range(3)
+FUNNEL, CALLED = range(2)
 """Laws with arrays of their own; the last number is that of every law that is called."""
 # Entries of `constant` of the funnel.
 (
@@ -168,7 +167,4 @@ def funnel_step(constant, state, inputs, now, force):
 @compiled(alone=False)
 def demand(law, constant, state, inputs, now, force):
     """Compute the demand of a law by its number [N], shape (units,)."""
-    if law == FUNNEL:
-        funnel_step(constant, state, inputs, now, force)
-    else:
-        fixed_time_smc_step(constant, state, inputs, now, force)
+    funnel_step(constant, state, inputs, now, force)

@@ -19,7 +19,6 @@ from train_ato.control.compiled.entries import (
     ordered_total,
     resisting_force,
 )
-from train_ato.control.compiled.sliding import luenberger_step
 
 NO_OBSERVER, ESO, NDO, CASCADED_EXPLICIT, CASCADED_IMPLICIT, CASCADED_LEVANT = range(6)
 """Observers with a compiled step."""
@@ -42,6 +41,23 @@ BODY_ENTRIES = (0, 3, 1, 7, 7, 7)
 # Entries of a cascade. C_OFFSET: filtered signal of the printed forms; C_MEASURED: speed before, of Levant's.
 C_HAS_X, C_X, C_V, C_D1, C_D1_RATE, C_D2, C_OFFSET = range(7)
 C_MEASURED = C_OFFSET
+
+
+# State of `eso` for a body.
+L_HAS_VALUE, L_VALUE, L_RATE = range(3)
+
+
+@compiled
+def luenberger_step(state, period, gain, rate_gain, measured, known):
+    """Return the unknown rate, as :meth:`train_ato.control.algorithms.luenberger.LuenbergerObserver.step`."""
+    if state[L_HAS_VALUE] == 0.0:
+        state[L_HAS_VALUE], state[L_VALUE] = 1.0, measured
+        return state[L_RATE]
+    predicted = state[L_VALUE] + period * (known + state[L_RATE])
+    miss = measured - predicted
+    state[L_VALUE] = predicted + gain * miss
+    state[L_RATE] += rate_gain * miss
+    return state[L_RATE]
 
 
 @compiled

@@ -14,13 +14,7 @@ from train_ato.control.algorithms.couplers import UnitCouplers
 from train_ato.control.algorithms.guard import GuardedLaw
 from train_ato.control.compiled import laws as c
 from train_ato.control.compiled.law_call import NO_CALL, LawCall
-from train_ato.control.compiled.sliding_packing import (
-    fixed_time_smc_constants,
-    sliding_state,
-    take_sliding_state,
-)
 from train_ato.control.law import LawUnit, RecordLaw
-from train_ato.control.laws.fixed_time_smc import FixedTimeSmc
 from train_ato.control.laws.funnel import (
     A1,
     A2,
@@ -89,9 +83,7 @@ class CompiledLaw:
         self.number, constant = next((number, make) for kind, number, make in _FORMS if kind is type(law))
         self.constant = constant(law)
         self.call = NO_CALL
-        own: Any = law
-        measured = isinstance(law, FixedTimeSmc) and law._measured
-        self.couplers: UnitCouplers | None = own._couplers if measured else None
+        self.couplers: UnitCouplers | None = None
 
     @property
     def uses_shoes(self) -> bool:
@@ -107,7 +99,7 @@ class CompiledLaw:
     def state(self) -> Array:
         """Return the present state of the law."""
         law: Any = self._law
-        return _funnel_state(law) if self.number == c.FUNNEL else sliding_state(law)
+        return _funnel_state(law)
 
     def inputs(self, units: int) -> Any:
         """Return the array of the inputs of a span, with shares, limits reached and last forces of the law."""
@@ -120,10 +112,7 @@ class CompiledLaw:
         law: Any = self._law
         law.saturated, law._last_force = inputs["saturated"].tolist(), inputs["force"].tolist()
         values = state.tolist()
-        if self.number == c.FUNNEL:
-            _take_funnel_state(law, values)
-        else:
-            take_sliding_state(law, values)
+        _take_funnel_state(law, values)
 
 
 LawStep = CompiledLaw | RecordStep
@@ -132,10 +121,8 @@ LawStep = CompiledLaw | RecordStep
 def has_compiled_step(law: Any) -> bool:
     """Return True for a law with a compiled step for its parameters."""
     if isinstance(law, RecordLaw):
-        return type(law).step is _RECORD_STEP
-    if _STEPS.get(type(law)) is not type(law).step:
-        return False
-    return type(law) is not FixedTimeSmc or law.parameters.states == "measured"
+        return law.in_loop and type(law).step is _RECORD_STEP
+    return _STEPS.get(type(law)) is type(law).step
 
 
 def _funnel_constants(law: Funnel) -> Array:
@@ -178,10 +165,7 @@ def _take_funnel_state(law: Any, values: list[float]) -> None:
     law._excess = deque(values[excess : excess + count], maxlen=law._excess.maxlen)
 
 
-_FORMS: tuple[tuple[Any, int, Callable[[Any], Array]], ...] = (
-    (Funnel, c.FUNNEL, _funnel_constants),
-    (FixedTimeSmc, c.FIXED_TIME_SMC, fixed_time_smc_constants),
-)
+_FORMS: tuple[tuple[Any, int, Callable[[Any], Array]], ...] = ((Funnel, c.FUNNEL, _funnel_constants),)
 """Laws with a compiled step, their numbers and their constants."""
 _RECORD_STEP = RecordLaw.step
 _STEPS = {kind: kind.step for kind, _, _ in _FORMS}

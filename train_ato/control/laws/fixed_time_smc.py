@@ -47,13 +47,17 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from plant_sim.compiled import compiled
+from plant_sim.elementary import libm_pow
+from plant_sim.record import Records, quantity
 from train_ato.control.algorithms.couplers import UnitCouplers
-from train_ato.control.algorithms.guard import GuardedLaw
+from train_ato.control.algorithms.guard import is_valid
 from train_ato.control.algorithms.loop_gains import LoopGains
-from train_ato.control.algorithms.luenberger import LuenbergerObserver
+from train_ato.control.algorithms.luenberger import Tracked, luenberger_gains, unknown_rate
 from train_ato.control.algorithms.sliding import sig
 from train_ato.control.contract import LawInput, parameter
 from train_ato.control.gains import gains_choice
+from train_ato.control.law import LawForm, LawNow, LawUnit, RecordLaw
 from train_ato.control.observers.cascaded import CascadedParameters, make_cascade
 from train_ato.control.parameters import RefusedParameter
 
@@ -87,10 +91,67 @@ class FixedTimeSmcParameters:
     )  # fmt: skip
 
 
-class FixedTimeSmc(GuardedLaw):
+@dataclass(frozen=True)
+class FixedTimeSmcConstants(FixedTimeSmcParameters):
+    """Constants of :func:`fixed_time_smc`: its parameters, and what follows from them."""
+
+    measured: bool = quantity("", "the equivalent control is that of the measured forces")
+    tracks: bool = quantity("", "d1 is estimated here, from the measured states")
+    value_gain: float = quantity("1", "gain of the estimate of d1 on the position")
+    rate_gain: float = quantity("1/s", "gain of the estimate of d1")
+    period: float = quantity("s", "control period")
+
+
+@dataclass
+class FixedTimeSmcUnit(Tracked):
+    """State of :func:`fixed_time_smc` for one unit; ``unknown_rate`` is its d1 [m/s]."""
+
+    mass: float = quantity("kg", "mass of the unit's vehicle, or its share of the train's inertia")
+    speed: float = quantity("m/s", "speed of the last step")
+
+
+@compiled
+def alternating(error: float, gain: float) -> tuple[float, float]:
+    """Return S_au [m/s] and dS_au/dE [1/s] for alpha1 = beta1 = gain [1/s] and eps = 1 m."""
+    size = abs(error) if abs(error) >= MIN_ERROR else MIN_ERROR
+    if abs(error) > BRANCH_ERROR:
+        return gain * (sig(error, LARGE) + error), gain * (LARGE * libm_pow(size, LARGE - 1.0) + 1.0)
+    return gain * (error + sig(error, SMALL)), gain * (1.0 + SMALL * libm_pow(size, SMALL - 1.0))
+
+
+@compiled
+def speed_offset(p: FixedTimeSmcConstants, own: FixedTimeSmcUnit, x: LawUnit) -> float:
+    """Return the estimate of d1 in x' = v + d1 [m/s] after a sample."""
+    before = own.speed if own.known else x.velocity
+    own.speed = x.velocity
+    return float(unknown_rate(own, p.period, p.value_gain, p.rate_gain, x.position, 0.5 * (x.velocity + before)))
+
+
+@compiled
+def fixed_time_smc(
+    p: FixedTimeSmcConstants, state: Records[FixedTimeSmcUnit], now: LawNow, units: Records[LawUnit]
+) -> None:
+    """Compute the demand of the fixed-time sliding mode: (36) [N]."""
+    for u in range(units.size):
+        x, own = units[u], state[u]
+        offset = speed_offset(p, own, x) if p.tracks else own.unknown_rate
+        rate = x.velocity + offset - x.reference_velocity
+        auxiliary, slope = alternating(x.position - x.reference_position, p.surface)
+        surface = rate + auxiliary
+        pull = -slope * rate - p.reaching * (sig(surface, SMALL) + sig(surface, LARGE))
+        equivalent = x.feedforward
+        if p.measured:
+            equivalent = x.coupler_force + x.resistance + x.shoe_force
+            pull += now.acceleration_at_effect
+        x.wanted = equivalent - x.disturbance + own.mass * pull
+
+
+class FixedTimeSmc(RecordLaw):
     """Fixed-time sliding mode per vehicle, with the states of its neighbours (paper 002)."""
 
     Parameters: ClassVar[type] = FixedTimeSmcParameters
+    form = LawForm(fixed_time_smc, FixedTimeSmcConstants, FixedTimeSmcUnit)
+    uses_train_forces = False
 
     @classmethod
     def model_gains(cls, model: TrainModel, period: float) -> dict[str, Any]:
@@ -108,130 +169,63 @@ class FixedTimeSmc(GuardedLaw):
 
     def __init__(self, parameters: FixedTimeSmcParameters, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)
-        self._measured = parameters.equivalent == "measured"
-        self.uses_feedforward, self.feedforward_hint = not self._measured, "equivalent: feedforward"
-        self._couplers = UnitCouplers(model)
-        needs_couplers = self._measured or parameters.states == "estimated"
-        if needs_couplers and self._couplers.unknown:
-            setting = "equivalent: feedforward" if self._measured else "states: measured"
+        measured, estimated = parameters.equivalent == "measured", parameters.states == "estimated"
+        self.uses_effect = measured
+        self.uses_feedforward, self.feedforward_hint = not measured, "equivalent: feedforward"
+        self._beside = UnitCouplers(model)
+        if (measured or estimated) and self._beside.unknown:
+            setting = "equivalent: feedforward" if measured else "states: measured"
             raise RefusedParameter(
-                f"{'equivalent: measured' if self._measured else 'states: estimated'} needs the force of "
-                f"{self._couplers.unknown_names()} beside driven vehicles",
+                f"{'equivalent: measured' if measured else 'states: estimated'} needs the force of "
+                f"{self._beside.unknown_names()} beside driven vehicles",
                 setting,
-                f"drive every vehicle with linear draft gears between them, or {self._couplers.sensors_text()}",
+                f"drive every vehicle with linear draft gears between them, or {self._beside.sensors_text()}",
             )
-        self._own_mass: list[float] = model.unit_inertia.tolist()
-        self._mass = self._own_mass if self._measured else (model.inertia * model.share).tolist()
-        self._offsets = [SpeedOffset(parameters.offset_bandwidth, period) for _ in range(self.n)]
-        self._estimators = [make_cascade(CascadedParameters(), period) for _ in range(self.n)]
+        self.couplers = self._beside if measured else None
+        self._estimators = [make_cascade(CascadedParameters(), period) for _ in range(self.n)] if estimated else []
+        self.in_loop = not estimated
         self._modelled: list[float] | None = None
+        self.state["mass"] = model.unit_inertia if measured else model.inertia * model.share
+        value_gain, rate_gain = luenberger_gains(parameters.offset_bandwidth, period)
+        self.set_constants(
+            measured=measured, tracks=parameters.unmatched and not estimated, value_gain=value_gain, rate_gain=rate_gain
+        )
 
     def clear_state(self) -> None:
         """Clear the speed offsets and the estimates."""
-        for offset, estimator in zip(self._offsets, self._estimators, strict=True):
-            offset.reset()
+        super().clear_state()
+        for estimator in self._estimators:
             estimator.reset()
         self._modelled = None
 
     def on_missed_sample(self) -> None:
         """Handle a missed sample: the gap does not change the speed offsets."""
-        for offset, estimator in zip(self._offsets, self._estimators, strict=True):
-            offset.restart()
+        super().on_missed_sample()
+        for estimator in self._estimators:
             estimator.restart()
         self._modelled = None
 
-    def demand(self, inputs: LawInput) -> list[float]:
-        """Return the force demand of every unit [N]."""
-        if self.parameters.states == "estimated":
-            inputs = self._estimated(inputs)
-        position: list[float] = inputs.position.tolist()
-        velocity: list[float] = inputs.velocity.tolist()
-        targets, speeds = inputs.reference_position.tolist(), inputs.reference_velocity.tolist()
-        equivalent, disturbance = self._equivalent(inputs), inputs.disturbance.tolist()
-        wanted = []
-        for unit, (x, v) in enumerate(zip(position, velocity, strict=True)):
-            pull = self._pull(x - targets[unit], v + self._offset(unit, x, v) - speeds[unit])
-            if self._measured:
-                pull += inputs.acceleration_at_effect
-            wanted.append(equivalent[unit] - disturbance[unit] + self._mass[unit] * pull)
-        return wanted
-
-    def _equivalent(self, inputs: LawInput) -> list[float]:
-        """Return the force against the motion of every unit's vehicle [N], or the feed-forward in its place."""
-        if self._measured:
-            return [forces.total for forces in self._couplers.opposing(inputs)]
-        known: list[float] = inputs.feedforward.tolist()
-        return known
-
-    def _offset(self, unit: int, x: float, v: float) -> float:
-        """Return the estimated speed offset d1 of a unit [m/s]; 0 without ``unmatched``."""
-        if not self.parameters.unmatched:
-            return 0.0
-        if self.parameters.states == "estimated":
-            return self._estimators[unit].d1
-        return self._offsets[unit].step(x, v)
+    def call(self, inputs: LawInput) -> int:
+        """Step the law, with ``states: estimated`` on the estimates of the cascades."""
+        return super().call(self._estimated(inputs) if self._estimators and is_valid(inputs) else inputs)
 
     def _estimated(self, inputs: LawInput) -> LawInput:
         """Return the inputs with the estimates of position, speed and disturbance of the cascades."""
-        known = zip(inputs.applied.tolist(), self._couplers.opposing(inputs), self._own_mass, strict=True)
+        masses = self.model.unit_inertia.tolist()
+        known = zip(inputs.applied.tolist(), self._beside.opposing(inputs), masses, strict=True)
         now = [(applied - opposing.total) / mass for applied, opposing, mass in known]
         before = self._modelled or now
         self._modelled = now
         measured = zip(inputs.position.tolist(), inputs.velocity.tolist(), strict=True)
         for unit, (x, v) in enumerate(measured):
             self._estimators[unit].step(x, v, 0.5 * (before[unit] + now[unit]))
+        if self.parameters.unmatched:
+            self.state["unknown_rate"] = [found.d1 for found in self._estimators]
         return replace(
             inputs,
             position=np.array([found.position for found in self._estimators]),
             velocity=np.array([found.velocity for found in self._estimators]),
             disturbance=np.array(
-                [m * (found.d2 + found.d1_rate) for m, found in zip(self._own_mass, self._estimators, strict=True)]
+                [m * (found.d2 + found.d1_rate) for m, found in zip(masses, self._estimators, strict=True)]
             ),
         )
-
-    def _pull(self, error: float, rate: float) -> float:
-        """Return the acceleration for an error [m] and its rate [m/s] in m/s²."""
-        auxiliary, slope = alternating(error, self.parameters.surface)
-        surface = rate + auxiliary
-        gain: float = self.parameters.reaching
-        return float(-slope * rate - gain * (sig(surface, SMALL) + sig(surface, LARGE)))
-
-
-def alternating(error: float, gain: float) -> tuple[float, float]:
-    """Return S_au [m/s] and dS_au/dE [1/s] for alpha1 = beta1 = gain [1/s] and eps = 1 m."""
-    size = max(abs(error), MIN_ERROR)
-    if abs(error) > BRANCH_ERROR:
-        return gain * (sig(error, LARGE) + error), gain * (LARGE * size ** (LARGE - 1.0) + 1.0)
-    return gain * (error + sig(error, SMALL)), gain * (1.0 + SMALL * size ** (SMALL - 1.0))
-
-
-class SpeedOffset:
-    """Estimate of the speed offset d1 in x' = v + d1.
-
-    Parameters
-    ----------
-    omega
-        Bandwidth [1/s].
-    period
-        Sampling period [s].
-    """
-
-    def __init__(self, omega: float, period: float) -> None:
-        self._place = LuenbergerObserver(omega, period)
-        self.reset()
-
-    def reset(self) -> None:
-        """Restart at the next sample with an offset of 0."""
-        self._place.reset()
-        self._speed: float | None = None
-
-    def restart(self) -> None:
-        """Restart at the next sample with the present offset."""
-        self._place.restart()
-        self._speed = None
-
-    def step(self, x: float, v: float) -> float:
-        """Return the offset [m/s] for a position [m] and a speed [m/s]."""
-        before = v if self._speed is None else self._speed
-        self._speed = v
-        return self._place.step(x, 0.5 * (v + before))

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from plant_sim.disturbances import Paper002
-from train_ato.control.laws.fixed_time_smc import SpeedOffset
+from train_ato.control.algorithms.luenberger import LuenbergerObserver
 from train_ato.control.observers.cascade import Cascade
 from train_ato.control.observers.cascaded import CascadedParameters, make_cascade
 from train_ato.control.observers.contract import ObserverInput
@@ -45,24 +45,16 @@ class EsoPair:
     """Two linear extended-state observers: `eso` on the speed for d2, and that of the law on the position for d1."""
 
     def __init__(self, period: float, omega: float) -> None:
-        pole = float(np.exp(-omega * period))
         self._period = period
-        self._speed_gain, self._gain = 1.0 - pole * pole, (1.0 - pole) ** 2 / period
-        self._offset = SpeedOffset(omega, period)
+        self._place, self._rate = LuenbergerObserver(omega, period), LuenbergerObserver(omega, period)
         self._speed: float | None = None
         self.d1, self.d1_rate, self.d2 = 0.0, 0.0, 0.0
 
     def step(self, x: float, v: float, acceleration: float) -> None:
         """Take position, speed [m, m/s] and the known acceleration over the last sample [m/s²]."""
-        before, self.d1 = self.d1, self._offset.step(x, v)
-        self.d1_rate = (self.d1 - before) / self._period
-        if self._speed is None:
-            self._speed = v
-            return
-        predicted = self._speed + self._period * (acceleration + self.d2)
-        miss = v - predicted
-        self._speed = predicted + self._speed_gain * miss
-        self.d2 += self._gain * miss
+        before, last = self.d1, v if self._speed is None else self._speed
+        self._speed, self.d1 = v, self._place.step(x, 0.5 * (v + last))
+        self.d1_rate, self.d2 = (self.d1 - before) / self._period, self._rate.step(v, acceleration)
 
 
 Observer = Cascade | EsoPair
