@@ -74,6 +74,35 @@ def test_a_command_missing_at_the_end_is_no_tracked_run(whole):
     assert found["tracking_findings"][0]["text"] == "none in the last 15 s; 50 of 200 ticks had one"
 
 
+def test_a_pause_of_the_commands_is_no_tracked_run(whole):
+    """Breaks if only commands missing at the end count, ticks missing in the log, or short holes of a failed run."""
+    setup, recording = whole
+    pause = cut(recording, COMMAND, lambda time: (time < 4.95) | (time > 6.05))
+    found = tracking_summary(setup, pause)["tracking_findings"]
+    assert (found[0]["outcome"], found[0]["value"]) == ("no command", pytest.approx(1.1))
+    assert found[0]["text"] == "none for 1.1 s from 5.00 s on; 189 of 200 ticks had one"
+    hole = pause
+    for topic in (MEASUREMENT, TRUTH, REFERENCE):
+        hole = cut(hole, topic, lambda time: (time < 4.95) | (time > 6.05))
+    assert hole.time.size == 189
+    assert tracking_summary(setup, hole)["tracking_findings"] == found
+    short = cut(recording, COMMAND, lambda time: (time < 4.95) | (time > 5.15))
+    assert tracking_summary(setup, short)["tracking"] == "tracked"
+    assert tracking_summary(setup, short, failed=True)["tracking"] == "no command"
+    assert tracking_summary(setup, recording, failed=True)["tracking"] == "tracked"
+
+
+def test_a_run_whose_recorder_lost_a_message_is_not_tracked(whole):
+    """Breaks if a failed run with a hole in its log is tracked."""
+    setup, _ = whole
+    result = run_engine(setup)
+    counts = {**result.published, COMMAND: result.published[COMMAND] - 1}
+    assert result.checked_against(result.published).summary["tracking"] == "tracked"
+    summary = result.checked_against(counts).summary
+    assert (summary["status"], summary["tracking"]) == ("failed", "log incomplete")
+    assert summary["tracking_findings"][0]["text"] == "recorder: 199 of 200 messages of ato/command recorded"
+
+
 def test_a_held_tick_holds_the_command_and_a_missing_reference_is_that_of_the_profile(whole):
     """Breaks if a held tick has the command 0 or NaN, or a lost profile node makes the errors 0 or NaN."""
     _, recording = whole

@@ -11,10 +11,10 @@ from train_ato.loop.metrics import summarise
 from train_ato.loop.protection_record import protection_summary
 from train_ato.loop.recording import Recording
 from train_ato.loop.requirements import requirement_rows
-from train_ato.loop.run_end import INTERRUPTED, RunEnd
+from train_ato.loop.run_end import FAILED, INTERRUPTED, RunEnd
 from train_ato.loop.setup import RunSetup
 from train_ato.loop.step_times import StepTimes
-from train_ato.loop.tracking import tracking_summary
+from train_ato.loop.tracking import INCOMPLETE, TRACKED, TrackingFinding, outcome_of, tracking_summary
 from train_ato.loop.verdict import judge_run
 from train_ato.loop.worst_values import worst_places
 from train_ato.messages.types import AtoState
@@ -73,7 +73,11 @@ class RunResult:
             return self
         topic = wrong[0]
         text = f"recorder: {recorded.get(topic, 0)} of {self.published[topic]} messages of {topic} recorded"
-        return replace(self, failure=text, summary={**self.summary, "status": "failed", "failure": text})
+        summary = {**self.summary, "status": FAILED, "failure": text}
+        if summary.get("tracking") == TRACKED:
+            lost = float(abs(self.published[topic] - recorded.get(topic, 0)))
+            summary |= outcome_of([TrackingFinding(INCOMPLETE, lost, 0.0, "messages", text)])
+        return replace(self, failure=text, summary=summary)
 
     @classmethod
     def of(
@@ -119,7 +123,7 @@ class RunResult:
         if end.reason:
             summary["failure" if failure else "interruption"] = end.reason
         if complete:
-            summary |= tracking_summary(setup, recording)
+            summary |= tracking_summary(setup, recording, end.status == FAILED)
             summary |= _judged(setup, recording, summary)
         interrupted = end.status == INTERRUPTED
         return cls(recording if complete else None, summary, interrupted, failure, published or {}, changes)

@@ -1,7 +1,8 @@
 """Outcome of tracking: tracked, or the deviation of the train from its reference with the figure that decided.
 
 =============== ======================================================================================================
-no command      the commands end before the run by more than the age of a command at which the train coasts
+no command      the commands pause, or end before the run, by more than the age of a command at which the train coasts;
+                in a failed run by any time
 never departed  the reference left a stop for longer than ``departure_time``, the train stayed at rest
 lost            the position error exceeds the way of ``position_time`` at the largest speed of the profile, at the end
                 of the run or beyond the error at the start; or the speed error exceeds the emergency-brake margin of
@@ -45,6 +46,8 @@ OUTCOMES = (
     "stopped short", "saturated", TRACKED,
 )  # fmt: skip
 """Outcomes, the worst first."""
+INCOMPLETE = "log incomplete"
+"""Outcome of a run whose recorder lost messages."""
 DEFAULT_STOP_WINDOW = 12.0
 """Stop window of a scenario without one [m]: default accuracy of a location, Q_NVLOCACC of SUBSET-026, A.3.2."""
 LONGEST_PERIOD = 20.0
@@ -78,7 +81,7 @@ class TrackingFinding:
     text: str
 
 
-def tracking_summary(setup: RunSetup, recording: Recording) -> dict[str, Any]:
+def tracking_summary(setup: RunSetup, recording: Recording, failed: bool = False) -> dict[str, Any]:
     """Return the outcome of tracking for ``summary.json``.
 
     Parameters
@@ -87,6 +90,8 @@ def tracking_summary(setup: RunSetup, recording: Recording) -> dict[str, Any]:
         The run.
     recording
         Its recording with at least one complete tick.
+    failed
+        True for a failed run: with a tick without a command it is not tracked.
 
     Returns
     -------
@@ -95,16 +100,20 @@ def tracking_summary(setup: RunSetup, recording: Recording) -> dict[str, Any]:
         first; [] for a tracked run.
     """
     run = EngagedRun(setup, recording)
-    found = sorted(_findings(run), key=lambda finding: OUTCOMES.index(finding.outcome))
+    return outcome_of(sorted(_findings(run, failed), key=lambda finding: OUTCOMES.index(finding.outcome)))
+
+
+def outcome_of(found: list[TrackingFinding]) -> dict[str, Any]:
+    """Return the entries of the summary for findings, the worst first."""
     return {
         "tracking": found[0].outcome if found else TRACKED,
         "tracking_findings": [asdict(finding) for finding in found],
     }
 
 
-def _findings(run: EngagedRun) -> Iterator[TrackingFinding]:
+def _findings(run: EngagedRun, failed: bool) -> Iterator[TrackingFinding]:
     """Yield the deviations of a run."""
-    yield from _no_command(run)
+    yield from _no_command(run, failed)
     if run.rows.size:
         yield from _never_departed(run)
         yield from _lost(run)
@@ -118,14 +127,19 @@ def _findings(run: EngagedRun) -> Iterator[TrackingFinding]:
         yield TrackingFinding("disengaged", last, float(run.recording.time[-1]), "s", f"the ATO, at {last:.1f} s")
 
 
-def _no_command(run: EngagedRun) -> Iterator[TrackingFinding]:
-    """Yield the time without a command at the end of the run."""
-    recording = run.recording
-    ticks = np.flatnonzero(recording.commanded)
-    last = int(ticks[-1]) + 1 if ticks.size else 0
-    silent, limit = (recording.time.size - last) * run.setup.tick, run.setup.scenario.supervision.failsafe.hold
+def _no_command(run: EngagedRun, failed: bool) -> Iterator[TrackingFinding]:
+    """Yield the longest time without a command; the ticks that are missing in the log have none."""
+    recording, tick = run.recording, run.setup.tick
+    begin, end = float(recording.time[0]), float(recording.time[-1])
+    ticks = np.rint((recording.time[recording.commanded] - begin) / tick)
+    pauses = np.diff(ticks, prepend=-1.0, append=np.rint((end - begin) / tick) + 1.0) - 1.0
+    longest = int(pauses.argmax())
+    silent, limit = float(pauses[longest]) * tick, 0.0 if failed else run.setup.scenario.supervision.failsafe.hold
     if silent > limit:
-        text = f"none in the last {three_digits(silent)} s; {ticks.size} of {recording.time.size} ticks had one"
+        since = begin + (float(ticks[longest - 1]) + 1.0 if longest else 0.0) * tick
+        when = f"in the last {three_digits(silent)} s" if longest == ticks.size else f"for {three_digits(silent)} s"
+        after = "" if longest == ticks.size else f" from {since:.2f} s on"
+        text = f"none {when}{after}; {ticks.size} of {int(ticks.size + pauses.sum())} ticks had one"
         yield TrackingFinding("no command", silent, limit, "s", text)
 
 

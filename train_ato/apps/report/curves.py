@@ -297,13 +297,17 @@ CURVES: dict[str, Callable[[Recording], Curves]] = {
 """Figures of lines over time."""
 
 
-def curves_of(recording: Recording, names: Sequence[str] = tuple(CURVES)) -> tuple[dict[str, Curves], dict[str, str]]:
-    """Return the curves of a run by figure, and the reason for every figure without data."""
+def curves_of(
+    recording: Recording,
+    names: Sequence[str] = tuple(CURVES),
+    reduced: Callable[[Curves], Curves] = lambda lines: lines,
+) -> tuple[dict[str, Curves], dict[str, str]]:
+    """Return the curves of a run by figure, each ``reduced`` before the next, and reasons for figures without data."""
     found: dict[str, Curves] = {}
     missing: dict[str, str] = {}
     for name in names:
         try:
-            found[name] = CURVES[name](recording)
+            found[name] = reduced(CURVES[name](recording))
         except NotAvailable as reason:
             missing[name] = str(reason)
     return found, missing

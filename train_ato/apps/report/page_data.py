@@ -91,8 +91,7 @@ def page_data(recording: Recording, label: str = "", share: float = 1.0) -> Page
         Fraction of the page for this run, see :func:`share_of`.
     """
     recording = replace(recording.within_span(), summary={**completed_summary(recording), **_damage(recording)})
-    found, left_out = curves_of(recording)
-    curves = {name: downsampled(lines, round(share * CELLS)) for name, lines in found.items()}
+    curves, left_out = curves_of(recording, reduced=lambda lines: downsampled(lines, round(share * CELLS)))
     maps: dict[str, HeatMap] = {}
     for name, gather in MAPS.items():
         try:
