@@ -15,8 +15,13 @@ from test_wire import LONG
 
 import train_ato
 from train_ato.cli.main import main
+from train_ato.log.run_folder import RunFolder
 from train_ato.log.tables import files as writing
+from train_ato.log.tables import loading, portions
 from train_ato.log.tables.files import file_names
+from train_ato.loop.setup import prepare
+from train_ato.messages.types import Diagnostic
+from train_ato.scenario.scenario import load_scenario
 
 
 @pytest.fixture
@@ -89,6 +94,43 @@ def test_both_formats_of_a_log_that_is_not_ours(tmp_path, capsys):
     assert pd.read_parquet(tmp_path / "robot-export" / "rosout.parquet")["line"].tolist() == list(range(200))
 
 
+def assert_parts_are_the_tables(run, out, monkeypatch, capsys, size):
+    """Export a log in parts of ``size`` bytes and messages, and compare the files with the loaded tables."""
+    monkeypatch.setattr(loading, "PART", size)
+    monkeypatch.setattr(loading, "REPORTS_OF_PART", size)
+    monkeypatch.setattr(portions, "PORTION", size)
+    assert main(["export", str(run), "--out", str(out), "--json"]) == 0
+    frames = train_ato.load(run)
+    files = json.loads(capsys.readouterr().out)["files"]
+    assert {entry["topic"] for entry in files} == {topic for topic, frame in frames.items() if len(frame)}
+    for entry in files:
+        table = pd.read_parquet(out / entry["file"])
+        pd.testing.assert_frame_equal(table, frames[entry["topic"]], check_exact=True, check_dtype=True)
+
+
+@pytest.mark.parametrize("size", [1, 30_000])
+def test_a_table_in_parts_is_the_same_table(run, tmp_path, monkeypatch, capsys, size):
+    """Breaks if a part is lost, exchanged, sorted by itself, or has the columns of the first part only."""
+    assert_parts_are_the_tables(run, tmp_path / "ours", monkeypatch, capsys, size)
+    write_foreign(tmp_path / "robot.mcap")
+    assert_parts_are_the_tables(tmp_path / "robot.mcap", tmp_path / "others", monkeypatch, capsys, size)
+
+
+def test_parts_with_other_columns_and_late_diagnostics_are_the_same_table(tmp_path, monkeypatch, capsys):
+    """Breaks if a key that is a text once becomes numbers, keeps the form of its part, or a late message its place."""
+    setup = prepare(*load_scenario("demo", ("duration=1",)))
+    told = [(0, {"a": "1", "b": "2"}), (40, {"a": "x"}), (20, {"c": "3.50"}), (20, {"c": "nan", "b": "7"}), (5, {})]
+    folder = RunFolder.make(tmp_path / "run", "run")
+    with folder.sink(setup) as sink:
+        for at, (stamp, values) in enumerate(told):
+            sink.add("/diagnostics", Diagnostic(stamp * 10**9, "plan"[: 4 - at % 2], 0, "7", values), stamp * 10**9)
+    assert_parts_are_the_tables(folder.path, tmp_path / "out", monkeypatch, capsys, 1)
+    table = pd.read_parquet(tmp_path / "out" / "diagnostics.parquet")
+    assert table.index.tolist() == [0, 5, 20, 20, 40]
+    assert table["a"].dropna().to_dict() == {0.0: "1", 40.0: "x"}
+    assert table["b"].tolist()[0] == 2.0 and table["message"].tolist() == ["7"] * 5
+
+
 REFUSED = [
     ([], r"export: exists already; give another folder with --out"),
     (["--out", "/proc/x/y"], r"/proc/x/y: cannot be created"),
@@ -122,10 +164,10 @@ def test_a_full_disk_leaves_nothing(run, tmp_path, monkeypatch, capsys):
     """Breaks if an incomplete export remains."""
     real = writing.FORMATS["csv"]
 
-    def full(table, path):
+    def full(schema, parts, path):
         if path.name.startswith("train_measurement"):
             raise OSError(28, "No space left on device")
-        return real(table, path)
+        return real(schema, parts, path)
 
     monkeypatch.setitem(writing.FORMATS, "csv", full)
     assert main(["export", str(run), "--csv", "--out", str(tmp_path / "deep" / "tables")]) == 1

@@ -36,8 +36,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(options: argparse.Namespace) -> int:
     """Write one file per topic; the name of every column contains its unit."""
     from train_ato.apps.runs.progress import share_bar
-    from train_ato.log.tables.files import FORMATS, write_frames
-    from train_ato.log.tables.loading import load
+    from train_ato.log.reading import log_file
+    from train_ato.log.tables.files import FORMATS, write_tables
 
     if options.scene:
         return _write_scene(options)
@@ -52,19 +52,16 @@ def execute(options: argparse.Namespace) -> int:
     folder = options.out or _beside(options.run)
     if folder.exists():
         raise ValueError(f"{folder}: exists already; give another folder with --out")
-    with share_bar(f"opening {options.run}") as progress:
-        frames = load(options.run, options.topics, lambda share: progress(share, ""))
-    if not any(len(frame) for frame in frames.values()):
-        raise ValueError(f"{options.run}: the log has no message for a table{_reasons(frames.left_out)}")
+    log_file(options.run)  # a missing or unreadable log leaves no folder
     with _new_folder(folder), share_bar(f"writing {folder}") as progress:
-        written = write_frames(frames, folder, formats, progress)
+        written, left_out = write_tables(options.run, folder, formats, options.topics, progress)
     if options.json:
         files = [dataclasses.asdict(entry) for entry in written]
-        print_json({"run": str(options.run), "folder": str(folder), "files": files, "left_out": frames.left_out})
+        print_json({"run": str(options.run), "folder": str(folder), "files": files, "left_out": left_out})
         return 0
     rows = ((entry.file, entry.topic, entry.rows, entry.columns, entry.size_bytes / 1e3) for entry in written)
     print_table(("file", "topic", "rows", "columns", "kB"), rows, str(folder))
-    for topic, reason in frames.left_out.items():
+    for topic, reason in left_out.items():
         sys.stdout.write(f"omitted: {topic}: {reason}\n")
     return 0
 
@@ -128,10 +125,6 @@ def _write_rerun(options: argparse.Namespace) -> int:
 def _beside(run: Path, name: str = "export") -> Path:
     """Return the default folder: in the run folder, or beside a single log."""
     return run / name if run.is_dir() else run.with_name(f"{run.stem}-{name}")
-
-
-def _reasons(left_out: dict[str, str]) -> str:
-    return f" ({'; '.join(f'{topic}: {reason}' for topic, reason in left_out.items())})" if left_out else ""
 
 
 @contextmanager

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterable, Iterator
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 from mcap.records import Channel, Schema
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
@@ -14,15 +16,25 @@ from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_
 from plant_sim.input_error import close_match
 from train_ato.log.bag_layout import table_name
 from train_ato.log.reading import log_file
+from train_ato.log.tables.columns import TIME
 from train_ato.log.tables.portions import KeptMessages, Portion, Reader
 from train_ato.log.tables.series import TopicColumns
 from train_ato.log.tables.tables import check_foreign, check_known, foreign_table, known_part, known_table
-from train_ato.log.tables.variable_length import diagnostic_table, trajectory_table
+from train_ato.log.tables.variable_length import diagnostic_table, diagnostic_texts, trajectory_table
+from train_ato.loop.series import seconds
 from train_ato.messages.codec.cdr import typestore
+from train_ato.messages.codec.variable import decode_diagnostic
 from train_ato.messages.topics import BY_NAME, EPOCH_NS
 from train_ato.messages.types import Diagnostic
 
-__all__ = ["Frames", "load"]
+__all__ = ["Frames", "TableReader", "load"]
+
+PART = 8 * 2**20
+"""Size of the messages of a topic from which on a part of its table is complete [bytes]."""
+REPORTS_OF_PART = 4096
+"""Number of diagnostics of a part."""
+LATE_NS = 10_000_000_000
+"""Largest lateness of a diagnostic behind a newer one that does not cost its order in parts [ns]."""
 
 PARSERS: dict[str, Callable[[Schema], Any]] = {
     "ros2msg": lambda schema: get_types_from_msg(schema.data.decode(), schema.name),
@@ -83,54 +95,113 @@ def load(
         One line: a missing log, the log of a killed run (``train-ato recover`` makes it readable), a damaged log, or
         a topic that is not in it.
     """
-    path = log_file(Path(run))
-    return _Loading(path, topics, progress).run()
+    return TableReader(run, topics, progress).frames()
 
 
-class _Loading:
-    """State of the loading of a log."""
+class TableReader:
+    """Reader of the tables of a log, whole or in parts.
+
+    Parameters
+    ----------
+    run, topics, progress
+        As for :func:`load`.
+
+    Attributes
+    ----------
+    left_out : dict
+        Topics of the log without a table, with the reason, by their names in the log.
+    """
 
     def __init__(
-        self, path: Path, topics: Collection[str] | None, progress: Callable[[float], None] | None = None
+        self, run: str | Path, topics: Collection[str] | None = None, progress: Callable[[float], None] | None = None
     ) -> None:
         if isinstance(topics, str):
             raise ValueError(f"topics: '{topics}' is one name; give a list of names")
+        self._path = log_file(Path(run))
         self._topics = None if topics is None else tuple(topics)
-        self._reader = Reader(path, self._wanted, progress)
-        self._path = path
+        self._reader = Reader(self._path, self._wanted, progress)
         self._series: dict[str, TopicColumns] = {}
         self._payloads = KeptMessages()
-        self._left_out: dict[str, str] = {}
+        self._reports: dict[str, list[Diagnostic]] = {}
+        self.left_out: dict[str, str] = {}
 
-    def run(self) -> Frames:
+    def frames(self) -> Frames:
         """Read the log and return the tables."""
         for portion in self._reader.portions():
-            name = portion.channel.topic
-            if name not in self._left_out:
-                try:
-                    self._take(name, portion)
-                except ValueError as error:
-                    self._refuse(name, error)
+            self._add(portion)
         self._check_topics()
-        names = [channel.topic for channel, _ in self._reader.channels]
         frames = Frames()
-        for name in dict.fromkeys(names):
-            try:
-                table = self._table(name)
-            except ValueError as error:
-                self._refuse(name, error)
-                continue
-            if table is not None:
-                frames[self._key(name)] = table
-        frames.left_out = {self._key(name): reason for name, reason in self._left_out.items()}
+        for name in self._names():
+            table = self._table(name)
+            if table is not None and (key := self.key(name)) not in frames:
+                frames[key] = table if table.index.dtype != np.int64 else self.since_begin(table)
+        frames.left_out = {self.key(name): reason for name, reason in self.left_out.items()}
         return frames
+
+    def parts(self) -> Iterator[tuple[str, pd.DataFrame]]:
+        """Read the log and yield its tables in parts of some thousand rows, with their names in the log.
+
+        Values of diagnostics are texts, and the index of a topic that is not in the topic table is publish time [ns].
+        The order of rows is that of the log, of diagnostics that of their stamps if none is later than others by
+        :data:`LATE_NS`.
+        """
+        reports: dict[str, list[Diagnostic]] = {}
+        for portion in self._reader.portions():
+            name, known = portion.channel.topic, _known(portion.channel.topic, portion.schema)
+            if known is None or not BY_NAME[known].of_variable_length:
+                self._add(portion)
+                if name in self._series and self._series[name].nbytes >= PART:
+                    yield from self._part(name)
+            elif BY_NAME[known].message is not Diagnostic:
+                self._add(portion)
+                yield from self._part(name)
+            else:
+                rows = reports.setdefault(name, [])
+                with self._refusing(name):
+                    rows.extend(decode_diagnostic(bytes(data)) for data in portion.payloads)
+                if len(rows) >= REPORTS_OF_PART:
+                    until = max(row.stamp for row in rows) - LATE_NS
+                    reports[name] = [row for row in rows if row.stamp > until]
+                    yield name, diagnostic_texts(row for row in rows if row.stamp <= until)
+        self._check_topics()
+        for name in self._names():
+            yield from self._part(name)
+            if name in reports:
+                yield name, diagnostic_texts(reports[name])
+
+    def _part(self, name: str) -> Iterator[tuple[str, pd.DataFrame]]:
+        table = self._table(name)
+        if table is not None:
+            yield name, table
+
+    def _names(self) -> Iterable[str]:
+        return dict.fromkeys(channel.topic for channel, _ in self._reader.channels)
+
+    def _add(self, portion: Portion) -> None:
+        if portion.channel.topic not in self.left_out:
+            with self._refusing(portion.channel.topic):
+                self._take(portion.channel.topic, portion)
+
+    @contextmanager
+    def _refusing(self, name: str) -> Iterator[None]:
+        """Omit an unreadable topic; topics of the topic table and requested topics raise ValueError."""
+        try:
+            yield
+        except ValueError as error:
+            if self._known_name(name) is not None or self._topics is not None:
+                raise ValueError(f"{self._path}: {name}: {error}") from None
+            self.left_out[name] = str(error)
+
+    def since_begin(self, table: pd.DataFrame) -> pd.DataFrame:
+        """Return a table over publish time [ns] over the time since the begin of the log [s]."""
+        return table.set_axis(pd.Index(seconds(table.index.to_numpy() - self._begin()), name=TIME))
 
     def _wanted(self, channel: Channel, schema: Schema) -> bool:
         if self._topics is not None and not any(_named(channel.topic, name) for name in self._topics):
             return False
         if channel.message_encoding != "cdr" or schema.encoding not in PARSERS:
             encodings = f"{channel.message_encoding}, {schema.encoding or 'no schema'}"
-            self._left_out[channel.topic] = f"encoding {encodings}: not ROS 2"
+            self.left_out[channel.topic] = f"encoding {encodings}: not ROS 2"
             return False
         return True
 
@@ -149,28 +220,27 @@ class _Loading:
         self._series[name].add(portion)
 
     def _table(self, name: str) -> pd.DataFrame | None:
-        """Return the table of a topic, None without messages."""
+        """Return the table of the collected messages of a topic and remove them; None without a table."""
+        with self._refusing(name):
+            return self._table_of(name)
+        return None
+
+    def _table_of(self, name: str) -> pd.DataFrame | None:
         known = self._known_name(name)
         if name in self._payloads:
-            payloads = self._payloads.pop(name)
+            payloads = self._payloads.take(name)
             if BY_NAME[str(known)].message is Diagnostic:
                 return diagnostic_table(payloads)
             return trajectory_table(str(known), payloads)
         series = self._series.pop(name, None)
-        if series is None or name in self._left_out:
+        if series is None or name in self.left_out:
             return None
-        return known_table(known, series) if known is not None else foreign_table(series, self._begin())
-
-    def _refuse(self, name: str, error: ValueError) -> None:
-        """Omit an unreadable topic; topics of the topic table and requested topics raise ValueError."""
-        if self._known_name(name) is not None or self._topics is not None:
-            raise ValueError(f"{self._path}: {name}: {error}") from None
-        self._left_out[name] = str(error)
+        return known_table(known, series) if known is not None else foreign_table(series)
 
     def _known_name(self, name: str) -> str | None:
         return next(_known(name, schema) for channel, schema in self._reader.channels if channel.topic == name)
 
-    def _key(self, name: str) -> str:
+    def key(self, name: str) -> str:
         """Return the name of a table: that in the topic table, unless the log has several trains."""
         known = self._known_name(name)
         same = {channel.topic for channel, schema in self._reader.channels if _known(channel.topic, schema) == known}
@@ -189,7 +259,7 @@ class _Loading:
             if not any(_named(name, wanted) for name in names):
                 match = close_match(wanted if wanted.startswith("/") else f"/{wanted}", names)
                 raise ValueError(f"{self._path}: holds no topic '{wanted}'{match} (it has: {', '.join(names)})")
-            if (reason := self._left_out.get(wanted)) is not None:
+            if (reason := self.left_out.get(wanted)) is not None:
                 raise ValueError(f"{self._path}: {wanted}: {reason}")
 
 

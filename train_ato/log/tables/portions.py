@@ -44,6 +44,11 @@ class KeptMessages(dict[str, list[bytes]]):
         super().__init__()
         self._size = 0
 
+    def take(self, topic: str) -> list[bytes]:
+        """Return the messages of a topic and remove them."""
+        self._size -= sum(map(len, self[topic]))
+        return self.pop(topic)
+
     def keep(self, topic: str, payloads: Iterable[bytes | memoryview]) -> None:
         """Add messages of a topic.
 

@@ -99,6 +99,11 @@ class TopicColumns:
         self.groups: list[Group] = []
 
     @property
+    def nbytes(self) -> int:
+        """Size of the messages [bytes]."""
+        return sum(group.layout.length * group.size for group in self.groups)
+
+    @property
     def publish_ns(self) -> NDArray[np.int64]:
         """Publish times of all messages [ns since 1970]."""
         return np.array(self._publish, dtype=np.int64)

@@ -136,8 +136,8 @@ def in_order(table: pd.DataFrame) -> pd.DataFrame:
     return table if table.index.is_monotonic_increasing else table.sort_index(kind="stable")
 
 
-def foreign_table(series: TopicColumns, begin_ns: int) -> pd.DataFrame:
-    """Return the table of a topic that is not in the topic table, over publish time.
+def foreign_table(series: TopicColumns) -> pd.DataFrame:
+    """Return the table of a topic that is not in the topic table, over publish time [ns since 1970].
 
     Nested fields are joined by ``_``; entries of arrays are numbered, those of a JointState have their names; stamps
     are integers [ns].  Columns have no units, because the message types do not define them.
@@ -146,8 +146,6 @@ def foreign_table(series: TopicColumns, begin_ns: int) -> pd.DataFrame:
     ----------
     series
         Messages of the topic.
-    begin_ns
-        Time 0 of the table [ns since 1970].
     """
     import pandas as pd
 
@@ -160,8 +158,7 @@ def foreign_table(series: TopicColumns, begin_ns: int) -> pd.DataFrame:
                 found[name] = values
             else:
                 _scatter(found, name, numbers, values, publish.size)
-    index = pd.Index(seconds(publish - begin_ns), name=TIME)
-    return in_order(pd.DataFrame(found, index=index, copy=False))
+    return in_order(pd.DataFrame(found, index=pd.Index(publish, name=TIME), copy=False))
 
 
 def _foreign_columns(group: Group) -> Iterator[tuple[str, NDArray[Any]]]:

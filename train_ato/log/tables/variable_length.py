@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from operator import attrgetter
 from typing import Any
 
@@ -10,13 +10,15 @@ import numpy as np
 import pandas as pd
 
 from train_ato.log.tables.columns import TIME, column, diagnostic_column
-from train_ato.log.tables.tables import in_order
 from train_ato.loop.series import seconds
 from train_ato.messages.codec.variable import decode_diagnostic, decode_trajectory
 from train_ato.messages.topics import BY_NAME
-from train_ato.messages.types import Trajectory
+from train_ato.messages.types import Diagnostic, Trajectory
 
-__all__ = ["diagnostic_table", "trajectory_table"]
+__all__ = ["FIXED", "diagnostic_order", "diagnostic_table", "diagnostic_texts", "numbers_or_texts", "trajectory_table"]
+
+FIXED = ("node", "level", "message")
+"""Columns of diagnostics before those of the keys."""
 
 
 def trajectory_table(topic: str, payloads: Sequence[bytes]) -> pd.DataFrame:
@@ -51,8 +53,13 @@ def diagnostic_table(payloads: Sequence[bytes]) -> pd.DataFrame:
     ValueError
         For bytes that are not diagnostics.
     """
-    found = filter(attrgetter("node"), map(decode_diagnostic, payloads))
-    rows = sorted(found, key=lambda row: (row.stamp, row.node))
+    table = diagnostic_texts(map(decode_diagnostic, payloads))
+    return table.assign(**{key: numbers_or_texts(table[key].tolist()) for key in table.columns[len(FIXED) :]})
+
+
+def diagnostic_texts(messages: Iterable[Diagnostic]) -> pd.DataFrame:
+    """Return one row per message in the order of stamp and node, with the values of all keys as texts."""
+    rows = sorted(filter(attrgetter("node"), messages), key=diagnostic_order)
     keys: dict[str, None] = {key: None for row in rows for key in row.values}
     columns: dict[str, Any] = {
         "node": [row.node for row in rows],
@@ -60,12 +67,18 @@ def diagnostic_table(payloads: Sequence[bytes]) -> pd.DataFrame:
         "message": [row.message for row in rows],
     }
     for key in keys:
-        columns[diagnostic_column(key)] = _column([row.values.get(key) for row in rows])
+        columns[diagnostic_column(key)] = np.array([row.values.get(key) for row in rows], dtype=object)
     index = pd.Index(seconds(np.array([row.stamp for row in rows], dtype=np.int64)), name=TIME)
-    return in_order(pd.DataFrame(columns, index=index))
+    return pd.DataFrame(columns, index=index)
 
 
-def _column(texts: list[str | None]) -> Any:
+def diagnostic_order(message: Diagnostic) -> tuple[int, str]:
+    """Return stamp and node, the order of the rows."""
+    return message.stamp, message.node
+
+
+def numbers_or_texts(texts: Sequence[str | None]) -> Any:
+    """Return texts as numbers, NaN for missing ones; unchanged if one is not a number."""
     try:
         return np.array([np.nan if text is None else float(text) for text in texts])
     except ValueError:
