@@ -155,8 +155,8 @@ class ControlStack:
 
     def set_profile(self, profile: ProfileLike) -> None:
         """Set the profile, at the start or after re-planning."""
-        self._profile = profile
-        self._compensation.set_profile(RigidForce(self.model, profile))
+        self._profile, self._rigid = profile, RigidForce(self.model, profile)
+        self._compensation.set_profile(self._rigid)
 
     def _new_law(self, name: str, parameters: Mapping[str, Any], period: float) -> Law:
         law: Law = LAWS.make(name, parameters, self.model, period)
@@ -420,16 +420,29 @@ class ControlStack:
         return replace(inputs, force_min=np.clip(last - reach, low, high), force_max=np.clip(last + reach, low, high))
 
     def _in_transition(self, transition: LawTransition, measurement: Measurement, *, decided: bool) -> list[float]:
-        """Return the command after a change of the law: from the last one towards the demand, inside the limits."""
+        """Return the command after a change of the law: from the last one towards the demand.
+
+        A limit of the speed that falls faster than the largest change does not cut it: the unit is at its limit then.
+        """
+        if decided and is_valid_state(measurement):
+            self._last = self._departing(transition, measurement.stamp * 1e-9)
         sent = transition.step(self._last if decided else None, self._before, self._every)
         if transition.ended:
             self._transition = None
         elif decided:
             self._saturated |= sent != self._last
-        if not is_valid_state(measurement):
-            return sent
-        low, high = self.model.limits_of_units(measurement.velocity.tolist())
-        return [min(max(force, least), most) for force, least, most in zip(sent, low, high, strict=True)]
+        return sent
+
+    def _departing(self, transition: LawTransition, t: float) -> list[float]:
+        """Return the demand of the law, or before a departure the one that rises early enough for the profile [N]."""
+        if self._profile.at(t)[1] != 0.0:
+            return self._last
+        model, ticks, last = self.model, np.arange(transition.lasting)[:, None], np.array(self._before)
+        effects = (t + model.tick * ticks + model.delay).ravel()
+        required = self._rigid.aheads(effects, model.lag).reshape(-1, model.n_units) * model.share
+        departs = transition.departs(last, required, self._profile.at_times(effects)[1].reshape(-1, model.n_units))
+        rising = np.maximum(self._last, last + transition.reach(self._every))
+        return [float(force) for force in np.where(departs, rising, self._last)]
 
     def _law_input(
         self,

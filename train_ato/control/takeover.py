@@ -99,7 +99,8 @@ class LawTransition:
     """Demand of the power units from the last command to the demand of a new law.
 
     The first demand is the last command. For ``TRANSITION_TIME`` the demand changes by at most the largest change, and
-    then until the law is reached; meanwhile the largest change doubles in every ``DOUBLING_TIME``.
+    then until the law is reached; meanwhile the largest change doubles in every ``DOUBLING_TIME``. A departure in this
+    time begins earlier, see :meth:`departs`.
 
     Parameters
     ----------
@@ -110,23 +111,49 @@ class LawTransition:
 
     Attributes
     ----------
+    lasting : int
+        Ticks of ``TRANSITION_TIME``.
     ended : bool
         True after the demand of the law has been reached.
     """
 
     def __init__(self, change: Array, tick: float) -> None:
         self._change, self._tick = change, tick
-        self._lasting = round(TRANSITION_TIME / tick)
+        self.lasting = round(TRANSITION_TIME / tick)
         self._ticks = 0
         self._aim: Array | None = None
+        self._departs = False
         self.ended = False
 
     def reach(self, ticks: int) -> Array:
         """Return the largest change over the next ticks [N], shape (units,); 0 at the first: the last command holds."""
         if not self._ticks:
             return 0.0 * self._change
-        later = max(0.0, (self._ticks - self._lasting) * self._tick)
+        later = max(0.0, (self._ticks - self.lasting) * self._tick)
         return np.asarray(ticks * min(2.0 ** (later / DOUBLING_TIME), 1e6) * self._change)
+
+    def departs(self, last: Array, required: Array, speeds: Array) -> Array:
+        """Return the units whose demand rises from now on, before a departure, bool of shape (units,).
+
+        The required force rises faster than the largest change at a departure. The speed that a unit gains before its
+        departure by rising earlier is that which it lacks afterwards.
+
+        Parameters
+        ----------
+        last : Array, shape (units,)
+            Last command [N].
+        required : Array, shape (ticks, units)
+            Forces that the profile requires in the next ticks [N].
+        speeds : Array, shape (ticks, units)
+            Speeds of the profile at the effects of these forces [m/s].
+        """
+        moves = speeds > 0.0
+        rising = last + np.arange(1.0, len(required) + 1.0)[:, None] * self._change
+        gained = np.where(moves, 0.0, np.maximum(rising - required, 0.0)).sum(axis=0)
+        lacking = np.where(moves, np.maximum(required - rising, 0.0), 0.0).sum(axis=0)
+        departs = (lacking > 0.0) & (lacking >= gained)
+        self._departs = bool(departs.any())
+        return np.asarray(departs)
 
     def step(self, aim: list[float] | None, last: list[float], ticks: int) -> list[float]:
         """Return the demand of one tick [N].
@@ -144,7 +171,8 @@ class LawTransition:
         if aim is not None:
             self._aim = np.array(aim)
             close = bool((np.abs(self._aim - now) <= _AGREED * self.reach(ticks)).all())
-            self.ended = close and self._ticks >= self._lasting
+            self.ended = close and self._ticks >= self.lasting and not self._departs
+            self._departs = False
         if self._aim is None or self.ended:
             return last if aim is None else aim
         change = self.reach(1)
