@@ -4,7 +4,7 @@
     python -m msgs_docs.generate --check            list files older than the code; exit status 1 if any
     python -m msgs_docs.generate --measure [NAME]   first make the runs of law pages or tables; default: all
 
-Start it in the top folder of the repository.  Tables: `faults`, `hazards`, `random_runs`, `left_out`, `one_hash`,
+Start it in the top folder of the repository.  Tables: `faults`, `hazards`, `random_runs`, `left_out`,
 `any_law`; `any_law:SCENARIO` runs one scenario and keeps the other rows.
 ``--measure`` of all pages takes an hour on two cores.
 """
@@ -22,7 +22,6 @@ from msgs_docs.generate import (
     fault_page,
     hazard_page,
     node_page,
-    one_hash_page,
     random_page,
     requirement_page,
     schemas,
@@ -48,7 +47,6 @@ TABLES = {
     hazard_page.NAME: hazard_page.measure_hazards,
     random_page.NAME: random_page.measure_random_runs,
     choice_runs.NAME: choice_runs.measure_choices,
-    one_hash_page.NAME: one_hash_page.measure_one_hash,
     any_law_page.NAME: any_law_page.measure_any_law,
 }
 """Measurement of a table of runs by name of its page."""
@@ -75,7 +73,6 @@ def generated() -> dict[Path, str]:
         ROOT / random_page.PAGE: random_page.page(ROOT),
         ROOT / equation_page.PAGE: equation_page.page(ROOT),
         ROOT / choice_page.PAGE: choice_page.page(ROOT),
-        ROOT / one_hash_page.PAGE: one_hash_page.page(ROOT),
         ROOT / any_law_page.PAGE: any_law_page.page(ROOT),
         ROOT / node_page.PAGE: node_page.page(ROOT / node_page.PAGE),
         ROOT / requirement_page.PAGE: requirement_page.page(ROOT / requirement_page.PAGE),

@@ -1,4 +1,4 @@
-"""``train-ato verify``: run a recorded scenario again and compare every message; ``--grid`` is in ``verify_grid``."""
+"""``train-ato verify``: run a recorded scenario again and compare every message."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from train_ato.cli.screen import note_compilation, print_json
-from train_ato.cli.verify_grid import add_grid_arguments, verify_grid
 from train_ato.errors import RunFailed
 
 if TYPE_CHECKING:
@@ -20,7 +19,7 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``verify``."""
-    parser.add_argument("run", type=Path, metavar="RUN", nargs="?", help="run folder or single log")
+    parser.add_argument("run", type=Path, metavar="RUN", help="run folder or single log")
     parser.add_argument(
         "--relative",
         type=float,
@@ -28,21 +27,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="R",
         help="tolerance relative to the largest value of a field (default: 0, bit for bit)",
     )
-    add_grid_arguments(parser)
 
 
 def execute(options: argparse.Namespace) -> int:
-    """Repeat the run in the engine and compare both logs field by field; ``--grid``: run scenarios on a grid."""
+    """Repeat the run in the engine and compare both logs field by field."""
     from train_ato.apps.import_csv.run import MEASURED
     from train_ato.log.changes import late_commands, outside_nodes, read_changes
     from train_ato.log.recorded import read_reports
     from train_ato.log.run_folder import read_run_folder
     from train_ato.log.versions import SCENARIO
 
-    if options.grid is not None:
-        return verify_grid(options)
-    if options.run is None:
-        raise ValueError("RUN: is missing; name a run folder or a log, or use --grid")
     if not 0 <= options.relative < 1:
         raise ValueError(f"--relative {options.relative}: out of range; give 0 to below 1, for example 1e-6")
     setup, summary = read_run_folder(options.run)
