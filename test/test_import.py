@@ -189,10 +189,7 @@ SPELLED = {
 }
 
 
-@pytest.mark.parametrize("place", SPELLED["place"])
-@pytest.mark.parametrize(
-    ("time", "speed", "force"), list(zip(*(SPELLED[key] for key in ("time", "speed", "force")), strict=True))
-)
+@pytest.mark.parametrize(tuple(SPELLED), list(zip(*SPELLED.values(), strict=True)))
 def test_units_are_those_of_the_names(tmp_path, capsys, time, speed, place, force):
     """Breaks if a factor is inverted or the front is used as the centre of vehicle 0."""
     moments = np.arange(0.0, 40.1, 0.5)

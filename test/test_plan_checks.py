@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from case_costs import sampled
 from plan_cases import broken_promises
 
 from plant_sim.consist import Consist
@@ -150,7 +151,7 @@ def test_shipped_trains_run_their_lines(consist: str, path: str) -> None:
     assert result.profile.velocity.max() == pytest.approx(max(limit.speed for limit in where.speed_limits), rel=0.02)
 
 
-@pytest.mark.parametrize("slack", [1.02, 1.1, 1.3])
+@pytest.mark.parametrize("slack", sampled([1.02, 1.1, 1.3], every=3))
 def test_a_timetable_saves_energy_by_coasting(open_data: Path, slack: float) -> None:
     """2, 10 and 30 % more time on St. Gallen - Wil save 25.7, 41.3 and 62.4 %; slower cruising alone 10 % at 2 %."""
     consist, _ = find_train(str(open_data / "longdistance.yaml"))

@@ -26,7 +26,7 @@ def planned(seed: int) -> Plan | None:
 
 
 @given(SEEDS)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 def test_a_plan_keeps_forces_limits_comfort_and_stops(seed: int) -> None:
     """Breaks within a few cases without the reserves for grades and for steps of the envelope."""
     line, consist, asked = random_case(seed)
@@ -44,7 +44,7 @@ def test_full_traction_on_a_climb_keeps_its_margin() -> None:
 
 
 @given(SEEDS)
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=8, deadline=None)
 def test_force_and_limit_agree_with_a_sum_by_hand(seed: int) -> None:
     """Force and limit of the plan against a calculation from the data files, vehicle by vehicle."""
     line, consist, _ = random_case(seed)
@@ -63,7 +63,7 @@ def test_force_and_limit_agree_with_a_sum_by_hand(seed: int) -> None:
 
 
 @given(SEEDS, st.floats(0, 1), st.floats(0, 1))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=15, deadline=None)
 def test_a_replan_starts_here_needs_what_is_left_and_meets_the_stops(seed: int, when: float, left: float) -> None:
     line, consist, asked = random_case(seed)
     first = planned(seed)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from case_costs import sampled
 from plan_cases import random_case
 
 from plant_sim.consist import Consist
@@ -49,7 +50,7 @@ def energies(line: Line, consist: Consist, settings: PlanSettings, times: list[f
 
 def test_more_time_needs_less_energy_on_the_slow_line() -> None:
     """Breaks if a switching curve near 0 stops the train at its start: 204.3 s then needs more than 182.3 s."""
-    found = energies(slow_line(), slow_train(), PlanSettings(), [160, 170, 182.3, 190, 204.3, 220, 250])
+    found = energies(slow_line(), slow_train(), PlanSettings(), [170, 182.3, 204.3, 250])
     assert np.diff(found).max() <= ENERGY_STEP
 
 
@@ -62,7 +63,7 @@ def test_more_time_needs_less_energy_on_random_lines(seed: int) -> None:
     assert np.diff(found).max() <= 1e-4 * found[0] + ENERGY_STEP
 
 
-@pytest.mark.parametrize("factor", [1.01, 1.05])
+@pytest.mark.parametrize("factor", sampled([1.01, 1.05], every=2))
 def test_a_longer_averaging_window_leaves_no_time_unused(factor: float) -> None:
     """Breaks if the time of a longer window is subtracted from the timetable twice: 9.3 and 4.1 s early."""
     line, consist, settings = random_case(89)
@@ -90,7 +91,7 @@ def test_more_time_needs_less_energy_on_short_random_lines() -> None:
         assert np.diff(found).max() <= 1e-4 * found[0] + ENERGY_STEP, seed
 
 
-@pytest.mark.parametrize("time", [600.0, 900.0, 1000.0, 1500.0])
+@pytest.mark.parametrize("time", sampled([1000.0, 600.0, 900.0, 1500.0], every=4))
 def test_a_fall_with_a_level_start_is_driven_in_any_time(time: float) -> None:
     """Breaks if the cut-off is 0 where the front of the train is already on the fall: 1000 s "cannot start"."""
     line = Line.model_validate(
@@ -105,7 +106,7 @@ def test_a_fall_with_a_level_start_is_driven_in_any_time(time: float) -> None:
     assert plan(line, consist, PlanSettings(time=time)).running_time == pytest.approx(time, abs=0.1)
 
 
-@pytest.mark.parametrize("seed", [1, 3, 7, 21])
+@pytest.mark.parametrize("seed", sampled([1, 3, 7, 21], every=4))
 def test_coasting_uphill_keeps_the_deceleration_limit(seed: int) -> None:
     """Breaks for coasting without traction on a climb: 0.11 to 0.29 m/s² with a limit of 0.07."""
     line, consist, settings = random_case(seed)

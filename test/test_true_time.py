@@ -28,6 +28,7 @@ SECONDS = 20
 TICK_HZ = 10.0
 TICK_TOPICS = ("/clock", "/train/vehicles", "/train/measurement", "/ato/reference", "/ato/estimate", "/ato/command")
 MODES = {"engine": ["--engine"], "composed": [], "processes": ["--processes"]}
+EVERY_MODE = pytest.mark.parametrize("mode", ["engine", "composed", pytest.param("processes", marks=pytest.mark.graph)])
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +48,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
     return folder
 
 
-@pytest.mark.parametrize("mode", MODES)
+@EVERY_MODE
 def test_duration_and_rates_are_those_of_the_simulation(mode: str, run: Callable[[str], Path]) -> None:
     """Breaks if log times are the wall times of receipt: a player then shows 10 Hz topics at hundreds of hertz."""
     with Reader(run(mode)) as bag:
@@ -63,7 +64,7 @@ def test_duration_and_rates_are_those_of_the_simulation(mode: str, run: Callable
         assert {late - early for early, late in itertools.pairwise(found)} == {10**8}, topic
 
 
-@pytest.mark.parametrize("mode", MODES)
+@EVERY_MODE
 def test_log_time_is_the_stamp_of_every_message(mode: str, run: Callable[[str], Path]) -> None:
     """Breaks if one topic keeps a time of its own, or the order in the file differs from that of the times."""
     last = 0
@@ -136,7 +137,7 @@ def test_messages_wait_for_the_last_topic_of_their_tick(
     assert (times == sorted(times)) == (hold > 0.0)
 
 
-@pytest.mark.parametrize("mode", MODES)
+@EVERY_MODE
 def test_wall_time_is_a_metadata_record(mode: str, run: Callable[[str], Path], capsys) -> None:
     """Breaks if the wall time of a run is lost, or is not that of the run."""
     found = read_wall_time(run(mode) / "run.mcap")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import functools
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -21,10 +20,13 @@ OTHER = {"delay": 0.5, "lag": 0.4, "period": 0.1}
 """Delay, lag and period of a shipped train without fitted gains [s]."""
 
 
+load = functools.cache(load_consist)
+
+
 @functools.cache
 def shipped(name: str, sensors: tuple[int, ...]) -> TrainModel:
     """Return the model of a shipped train on a level line with the delay of its fitted gains, and coupler sensors."""
-    consist = load_consist(name)
+    consist = load(name)
     entries = yaml.safe_load(TABLE.read_text(encoding="utf-8"))
     loop = next((entry for entry in entries if name in entry["trains"]), OTHER)
     delay = np.full(len(consist.power_units), loop["delay"])
@@ -44,7 +46,7 @@ def trains(component: Component) -> list[str]:
     """Return lines with the shipped trains that a component accepts and the reasons for the others."""
     taken, lines = [], []
     for name in consist_names():
-        hauled = len(load_consist(name).vehicles) > len(load_consist(name).power_units)
+        hauled = len(load(name).vehicles) > len(load(name).power_units)
         reason = refusal(component, shipped(name, ()))
         if not reason:
             taken.append(f"`{name}`")
@@ -57,18 +59,21 @@ def trains(component: Component) -> list[str]:
     return [head, *([""] if lines else []), *lines]
 
 
-def conflicts(law: str) -> Iterator[tuple[str, str, list[str]]]:
-    """Yield the compensations that reject a law with its default gains: name, reason, trains ([]: all)."""
+@functools.cache
+def conflicts(law: str) -> tuple[tuple[str, str, list[str]], ...]:
+    """Return the compensations that reject a law with its default gains: name, reason, trains ([]: all)."""
     made = {}
     for train in consist_names():
-        hauled = len(load_consist(train).vehicles) > len(load_consist(train).power_units)
+        hauled = len(load(train).vehicles) > len(load(train).power_units)
         model = shipped(train, (0,) if hauled else ())
         with contextlib.suppress(ValueError):
             made[train] = LAWS.make(law, {}, model, model.tick)
+    found = []
     for name in COMPENSATIONS.loadable():
-        reasons = {train: reason for train, found in made.items() if (reason := conflict(law, found, name))}
+        reasons = {train: reason for train, each in made.items() if (reason := conflict(law, each, name))}
         if reasons:
-            yield name, next(iter(reasons.values())), [] if len(reasons) == len(made) else list(reasons)
+            found.append((name, next(iter(reasons.values())), [] if len(reasons) == len(made) else list(reasons)))
+    return tuple(found)
 
 
 def conflict(law: str, made: Any, compensation: str) -> str:
