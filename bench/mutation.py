@@ -15,7 +15,9 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import random
+import re
 import shutil
 import subprocess
 import sys
@@ -46,6 +48,8 @@ EQUIVALENT = Path(__file__).with_name("equivalent_mutants.yaml")
 MEASURED = ROOT / "msgs_docs" / "mutation_measured.json"
 """Numbers of mutants by file and outcome, for the page of the hazards."""
 TABLE = "table"
+COMPILED = re.compile(r"^@(also_)?compiled\n", re.MULTILINE)
+"""Decorators of compiled functions, which are the same without a compiler."""
 KILLED = ("killed", "timeout", "segfault")
 PARTS = ("train_ato", "plant_sim", "test", "msgs_docs", "examples", "setup.py", "setup.cfg", "pyproject.toml")
 CONFIGURATION = """
@@ -81,12 +85,15 @@ def test_files() -> list[str]:
 
 
 def copy_project(folder: Path, files: Sequence[str]) -> None:
-    """Copy the project into a folder, with the configuration of mutmut."""
+    """Copy the project into a folder, with the configuration of mutmut; the compiled functions are plain ones there."""
     for part in PARTS:
         if (ROOT / part).is_dir():
             shutil.copytree(ROOT / part, folder / part, ignore=shutil.ignore_patterns("__pycache__", ".*"))
         else:
             shutil.copy(ROOT / part, folder / part)
+    for path in files:  # mutmut leaves out functions with a decorator
+        text = (folder / path).read_text(encoding="utf-8")
+        (folder / path).write_text(COMPILED.sub("", text), encoding="utf-8")
     with (folder / "pyproject.toml").open("a", encoding="utf-8") as file:
         lists = {"files": files, "options": OPTIONS, "tests": test_files()}
         file.write(CONFIGURATION.format_map({key: json.dumps(value) for key, value in lists.items()}))
@@ -95,7 +102,8 @@ def copy_project(folder: Path, files: Sequence[str]) -> None:
 def function_mutants(folder: Path, *arguments: str, output: int | None = None) -> str:
     """Start ``function_mutants.py`` in the copy; return its output."""
     command = [sys.executable, str(Path(__file__).with_name("function_mutants.py")), *arguments]
-    run = subprocess.run(command, cwd=folder, stdout=output or sys.stderr, text=True, check=False)
+    plain = {**os.environ, "NUMBA_DISABLE_JIT": "1"}
+    run = subprocess.run(command, cwd=folder, stdout=output or sys.stderr, text=True, check=False, env=plain)
     if run.returncode:
         sys.exit(f"mutation.py: {folder}: mutmut ended with status {run.returncode}; see above")
     return run.stdout or ""

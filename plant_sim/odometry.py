@@ -7,15 +7,113 @@ of the first power unit act on the wheel odometer too.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
+from dataclasses import dataclass
+from math import floor
+from struct import Struct
+from typing import Any
 
-import numpy as np
-
+from plant_sim.compiled import compiled
 from plant_sim.plant_setup import OdometrySpec, WheelSlip
-from plant_sim.states import Odometry
+from plant_sim.record import Records, quantity, zeros
+from plant_sim.states import Array, Odometry
 from plant_sim.streams import random_stream
-from plant_sim.summation import plain_sum
+
+
+@dataclass
+class OdometryReading:
+    """Odometry at a time; the arrays have the values of wheel odometer and radar."""
+
+    stamp: int = quantity("ns", "time")
+    position: Array = quantity("m", "front position", 2)
+    speed: Array = quantity("m/s", "speed", 2)
+    since_balise: Array = quantity("m", "distance counted since the last balise", 2)
+
+
+@dataclass
+class SlipRecord:
+    """Wheel slip of the first power unit."""
+
+    begin: float = quantity("s", "begin")
+    end: float = quantity("s", "end")
+    slip: float = quantity("1", "relative difference of the wheel speed")
+
+
+@dataclass
+class OdometerState:
+    """Errors and counted distances of the odometers."""
+
+    wheel: float = quantity("1", "ratio of counted to true distance of the wheel without slip")
+    radar: float = quantity("1", "ratio of counted to true distance of the radar")
+    spacing: float = quantity("m", "distance of the balises")
+    front: float = quantity("m", "true front position at the last count")
+    origin: float = quantity("m", "position of the last balise, at first that of the start")
+    counted: Array = quantity("m", "distance counted from there, with its sign", 2)
+    since_balise: Array = quantity("m", "distance counted from there in both directions", 2)
+
+
+@compiled
+def wheel_ratio(own: OdometerState, slips: Records[SlipRecord], time: float) -> float:
+    """Return the ratio of counted to true distance of the wheel at a time [s], with its slip."""
+    total = 0.0
+    for slip in slips:
+        if slip.begin <= time < slip.end:
+            total += slip.slip
+    return own.wheel * (1.0 + total)
+
+
+@compiled
+def count_distance(own: OdometerState, slips: Records[SlipRecord], stamp: int, front: float) -> None:
+    """Count the distance to a true front position [m] at a time [ns]; a passed balise sets both odometers."""
+    wheel, moved = wheel_ratio(own, slips, stamp * 1e-9), front - own.front
+    balise = own.spacing * floor(front / own.spacing)
+    passed = moved > 0.0 and balise > own.front
+    if passed:
+        own.origin, moved = balise, front - balise
+    for index, ratio in enumerate((wheel, own.radar)):
+        if passed:
+            own.counted[index] = own.since_balise[index] = moved * ratio
+        else:
+            own.counted[index] += moved * ratio
+            own.since_balise[index] += abs(moved) * ratio
+    own.front = front
+
+
+@compiled
+def read_odometers(
+    own: OdometerState, slips: Records[SlipRecord], stamp: int, speed: float, reading: OdometryReading
+) -> None:
+    """Write the odometry at the counted front position for a true speed [m/s] at a time [ns]."""
+    reading.stamp = stamp
+    for index, ratio in enumerate((wheel_ratio(own, slips, stamp * 1e-9), own.radar)):
+        reading.position[index] = own.origin + own.counted[index]
+        reading.speed[index] = speed * ratio
+        reading.since_balise[index] = own.since_balise[index]
+
+
+@compiled
+def _count(own: Any, slips: Any, stamp: int, front: float) -> None:
+    count_distance(own[0], slips, stamp, front)
+
+
+@compiled
+def _read(own: Any, slips: Any, stamp: int, speed: float, reading: Any) -> None:
+    read_odometers(own[0], slips, stamp, speed, reading[0])
+
+
+_pack = Struct("q6d").pack_into
+
+
+def write_reading(reading: Any, odometry: Odometry) -> None:
+    """Write a message into an array of one :class:`OdometryReading`."""
+    values = (*odometry.position.tolist(), *odometry.speed.tolist(), *odometry.since_balise.tolist())
+    _pack(reading, 0, odometry.stamp, *values)
+
+
+def odometry_of(reading: Any) -> Odometry:
+    """Return one :class:`OdometryReading` as a message."""
+    values = (reading[name].copy() for name in ("position", "speed", "since_balise"))
+    return Odometry(int(reading["stamp"]), *values)
 
 
 class Odometers:
@@ -31,40 +129,32 @@ class Odometers:
         Front position at the start [m], known exactly.
     seed
         Seed of the run.
+
+    Attributes
+    ----------
+    state : Array of :class:`OdometerState`, shape (1,)
+        Errors and counted distances.
+    slips : Array of :class:`SlipRecord`
+        Slips of the first unit.
     """
 
     def __init__(self, spec: OdometrySpec, slips: Sequence[WheelSlip], front: float, seed: int) -> None:
-        self._spacing = spec.balise_spacing
         wheel, radar = random_stream(seed, "odometry").uniform(-1.0, 1.0, 2).tolist()
-        self._wheel, self._radar = 1.0 + wheel * spec.wheel_error, 1.0 + radar * spec.radar_error
-        self._slips = tuple(slip for slip in slips if slip.unit == 0)
-        self._front = self._origin = front
-        self._counted = self._since = (0.0, 0.0)
+        self.state = zeros(OdometerState, 1)
+        self.state["wheel"], self.state["radar"] = 1.0 + wheel * spec.wheel_error, 1.0 + radar * spec.radar_error
+        self.state["spacing"] = spec.balise_spacing
+        self.state["front"] = self.state["origin"] = front
+        own = [slip for slip in slips if slip.unit == 0]
+        self.slips = zeros(SlipRecord, len(own))
+        for record, slip in zip(self.slips, own, strict=True):
+            record["begin"], record["end"], record["slip"] = slip.begin, slip.end, slip.slip
+        self._reading = zeros(OdometryReading, 1)
 
     def move(self, stamp: int, front: float) -> None:
         """Count the distance to a true front position [m] with the slips at a time [ns]."""
-        wheel, radar = self._factors(stamp)
-        moved = front - self._front
-        balise = self._spacing * math.floor(front / self._spacing)
-        if moved > 0.0 and balise > self._front:
-            self._origin = balise
-            self._counted = self._since = (front - balise) * wheel, (front - balise) * radar
-        else:
-            (counted, other), (since, since_other) = self._counted, self._since
-            self._counted = counted + moved * wheel, other + moved * radar
-            self._since = since + abs(moved) * wheel, since_other + abs(moved) * radar
-        self._front = front
+        _count(self.state, self.slips, stamp, front)
 
     def observe(self, stamp: int, speed: float) -> Odometry:
         """Return the odometry at the present front position for a true speed [m/s] at a time [ns]."""
-        wheel, radar = self._factors(stamp)
-        position = self._origin + self._counted[0], self._origin + self._counted[1]
-        return Odometry(stamp, np.array(position), np.array((speed * wheel, speed * radar)), np.array(self._since))
-
-    def _factors(self, stamp: int) -> tuple[float, float]:
-        """Return the ratios of counted to true distance at a time [ns]: wheel, with its slip, and radar."""
-        if not self._slips:
-            return self._wheel, self._radar
-        time = stamp * 1e-9
-        slip = plain_sum(slip.slip for slip in self._slips if slip.begin <= time < slip.end)
-        return self._wheel * (1.0 + slip), self._radar
+        _read(self.state, self.slips, stamp, speed, self._reading)
+        return odometry_of(self._reading[0])

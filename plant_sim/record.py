@@ -11,7 +11,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator
 from functools import cache
-from typing import Any, Generic, TypeVar, cast
+from typing import Any, Generic, TypeVar, cast, overload
 
 import numpy as np
 from numba import config
@@ -26,7 +26,16 @@ class Records(Generic[Fields]):
 
     size: int
 
-    def __getitem__(self, index: int) -> Fields:
+    @overload
+    def __getitem__(self, index: int) -> Fields: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> Records[Fields]: ...
+
+    def __getitem__(self, index: int | slice) -> Any:
+        raise TypeError("a type, not an array; use zeros()")
+
+    def __setitem__(self, index: int | slice, records: Fields | Records[Fields]) -> None:
         raise TypeError("a type, not an array; use zeros()")
 
     def __iter__(self) -> Iterator[Fields]:

@@ -40,7 +40,7 @@ def test_gradient_as_strong_as_the_brake() -> None:
         DecelerationCurve(1000.0, 0.0, ONE, before, 20.0, 40.0)
     short = DecelerationCurve(1000.0, 0.0, ONE, before, 14.0, 40.0)
     assert short.end_speed == pytest.approx(math.sqrt(200.0))
-    assert DecelerationCurve(1000.0, 20.0, ONE, beyond, 30.0, 40.0).speeds == [20.0]
+    assert DecelerationCurve(1000.0, 20.0, ONE, beyond, 30.0, 40.0).arcs["speed"].tolist() == [20.0]
 
 
 def test_curve_ends_exactly_at_the_needed_and_at_the_top_speed() -> None:
@@ -56,7 +56,7 @@ def test_number_of_arcs_is_limited(monkeypatch: pytest.MonkeyPatch) -> None:
     """Breaks if one arc more than the limit is accepted, or a curve with as many is refused."""
     steps = StepFunction((10.0, 20.0, 30.0), (1.0, 1.1, 1.2, 1.3))
     monkeypatch.setattr(deceleration_curve, "MAX_PIECES", 4)
-    assert len(DecelerationCurve(1000.0, 0.0, steps, LEVEL, 40.0, 60.0).speeds) == 4
+    assert len(DecelerationCurve(1000.0, 0.0, steps, LEVEL, 40.0, 60.0).arcs) == 4
     monkeypatch.setattr(deceleration_curve, "MAX_PIECES", 3)
     with pytest.raises(ValueError) as refused:
         DecelerationCurve(1000.0, 0.0, steps, LEVEL, 40.0, 60.0)

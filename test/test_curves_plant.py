@@ -17,6 +17,7 @@ from plant_sim.train import Train
 from train_ato.cli.main import main
 from train_ato.supervision.odometry import MotionEstimate
 from train_ato.supervision.plant_line import grades_permille, highest_limit, line_supervision
+from train_ato.supervision.track_supervision import ceiling
 
 STEP_NS, TICK_NS = 5_000_000, 100_000_000
 LAG: dict[str, Any] = {"lag": 0.4}
@@ -167,7 +168,11 @@ def test_line_gives_its_limits_and_grades_to_the_supervision() -> None:
     assert track.train.max_speed == 20.0
     targets = [(entry.target.location, entry.target.speed) for entry in track.targets]
     assert targets == [(0.0, 15.0), (4000.0, 10.0)], "a train before the line has the maximum speed"
-    assert [track.ceiling(place, place).permitted for place in (1000.0, 3000.0, 4500.0)] == [15.0, 20.0, 10.0]
+    assert [ceiling(track.records.ceilings, place, place).permitted for place in (1000.0, 3000.0, 4500.0)] == [
+        15.0,
+        20.0,
+        10.0,
+    ]
     dry, wet = (line_supervision(consist, line, setup, 3000.0, kdry=kdry).targets for kdry in (1.0, 0.8))
     assert [entry.target.location for entry in dry] == [0.0, 3000.0]
     assert dry[-1].target.kind == "EOA"

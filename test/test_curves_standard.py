@@ -18,7 +18,7 @@ from train_ato.supervision.limits import BrakingTarget, TargetLimits, interventi
 from train_ato.supervision.odometry import MotionEstimate, motion_estimate, odometer_error, speed_measurement_error
 from train_ato.supervision.release_speed import release_speed, release_start, trip_location
 from train_ato.supervision.step_function import StepFunction
-from train_ato.supervision.track_supervision import TrackSupervision, limits_under_train
+from train_ato.supervision.track_supervision import TrackSupervision, ceiling, limits_under_train
 
 
 @pytest.mark.parametrize(
@@ -270,7 +270,7 @@ def test_every_target_within_reach_is_evaluated(motion: MotionEstimate) -> None:
     )
     for place in range(-2000, 12500, 37):
         found = supervision.evaluate(float(place), motion)
-        every = [supervision.ceiling(place - motion.over_reading, place + motion.under_reading)]
+        every = [ceiling(supervision.records.ceilings, place - motion.over_reading, place + motion.under_reading)]
         every += [
             entry.speeds(float(place), motion)
             for entry in supervision.targets

@@ -6,13 +6,13 @@ import pytest
 from curve_trains import FIXED, LEVEL, supervised_train
 
 from train_ato.supervision.ceiling import EMERGENCY_MARGIN, SupervisionSpeeds, ceiling_speeds
-from train_ato.supervision.deceleration_curve import DecelerationCurve
+from train_ato.supervision.deceleration_curve import DecelerationCurve, advanced_speed
 from train_ato.supervision.gradient import gradient_acceleration, lowest_under_train
 from train_ato.supervision.limits import BrakingTarget, InterventionTimes, TargetLimits, intervention_times
 from train_ato.supervision.odometry import MotionEstimate, motion_estimate, speed_measurement_error
 from train_ato.supervision.release_speed import release_speed, release_start, trip_location
 from train_ato.supervision.step_function import StepFunction
-from train_ato.supervision.track_supervision import WIDEST_MOTION, TrackSupervision
+from train_ato.supervision.track_supervision import WIDEST_MOTION, TrackSupervision, ceiling
 from train_ato.supervision.train_model import BuildUpTime
 
 END = BrakingTarget(1000.0, kind="EOA")
@@ -106,8 +106,8 @@ def test_service_curve_without_a_service_brake() -> None:
 def test_curve_beyond_its_end() -> None:
     """Breaks if the advanced speed beyond the curve is above 0."""
     curve = DecelerationCurve(1000.0, 0.0, StepFunction.constant(1.0), LEVEL, 30.0, 40.0)
-    assert curve.advanced_speed(1200.0, 0.0, 0.0, 0.0) == 0.0
-    assert curve.advanced_speed(1200.0, 2.0, 3.0, 5.0) == -5.0
+    assert advanced_speed(curve.arcs, 1200.0, 0.0, 0.0, 0.0) == 0.0
+    assert advanced_speed(curve.arcs, 1200.0, 2.0, 3.0, 5.0) == -5.0
 
 
 def test_largest_value_of_steps() -> None:
@@ -218,7 +218,7 @@ def test_exact_odometry_has_no_error() -> None:
     """Breaks if a motion without errors has a distance to its min safe or max safe front."""
     line = TrackSupervision(supervised_train(), [], [(0.0, 30.0), (1000.0, 40.0), (3000.0, 30.0)], None)
     places = (1199.9, 1200.1, 2999.9)
-    assert [line.ceiling(place, place).permitted for place in places] == [30.0, 40.0, 40.0]
+    assert [ceiling(line.records.ceilings, place, place).permitted for place in places] == [30.0, 40.0, 40.0]
     assert line.evaluate(1200.1).emergency == ceiling_speeds(40.0).emergency
 
 
@@ -227,7 +227,7 @@ def test_ceiling_between_two_positions() -> None:
     limits = [(1000.0, 40.0), (2000.0, 10.0), (2100.0, 30.0), (3000.0, 5.0)]
     line = TrackSupervision(supervised_train(), [], limits, None)
     expected = {(0, 900): 50, (900, 1100): 40, (1100, 1200): 40, (1900, 2050): 10, (1900, 2900): 10, (2350, 2900): 30}
-    assert {key: round(line.ceiling(*key).permitted, 9) for key in expected} == expected
+    assert {key: round(ceiling(line.records.ceilings, *key).permitted, 9) for key in expected} == expected
 
 
 def test_an_end_that_is_the_only_target_stays_supervised() -> None:
@@ -258,7 +258,7 @@ def test_begin_of_the_targets_covers_the_widest_motion(limits: list[tuple[float,
     """Breaks if the begin of a target is that of a smaller motion, or of an earlier target with a later begin."""
     line = TrackSupervision(supervised_train(t_traction_cut_off=cut_off), [], limits, None)
     for front in range(-3000, 6000, 50):
-        every = [line.ceiling(front - 2500.0, front + 2500.0)]
+        every = [ceiling(line.records.ceilings, front - 2500.0, front + 2500.0)]
         every += [t.speeds(front, WIDEST_MOTION) for t in line.targets if front + 2500.0 <= t.target.location]
         lowest = tuple(min(getattr(speeds, name) for speeds in every) for name in NAMES)
         assert line.evaluate(front, WIDEST_MOTION) == lowest

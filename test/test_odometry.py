@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
 
-from plant_sim.odometry import Odometers
+from plant_sim.odometry import Odometers, OdometryReading, write_reading
 from plant_sim.plant_setup import OdometrySpec, WheelSlip
+from plant_sim.record import zeros
 from train_ato.messages.types import Odometry
 from train_ato.supervision.odometry import odometer_error, speed_measurement_error
 from train_ato.supervision.odometry_check import OdometryCheck
-from train_ato.supervision.position_estimate import ACCELERATION_TIME, PositionEstimator
+from train_ato.supervision.position_estimate import ACCELERATION_TIME, estimate_motion, past_speeds
+from train_ato.supervision.supervisor import SupervisorState
 
 PERIOD = 0.4
 SPACING = 500.0
@@ -148,24 +151,29 @@ def test_a_balise_corrects_the_position_by_the_error_of_the_odometer(correction:
     assert (checked(odometry(0.0, 100.0, 20.0, since), jump)[1] == "") is valid
 
 
+def estimated(*steps: Odometry) -> list[Any]:
+    """Return the estimates after odometry in the order of its steps; None without one."""
+    own, past, reading, found = zeros(SupervisorState, 1), past_speeds(), zeros(OdometryReading, 1), []
+    for step in steps:
+        write_reading(reading, step)
+        found.append(own[0].copy() if estimate_motion(own[0], past, reading[0]) else None)
+    return found
+
+
 def test_the_larger_odometer_counts() -> None:
     """Breaks if locked wheels hide the motion: the radar must count."""
-    motion = PositionEstimator().step(
-        Odometry(0, np.array([900.0, 1000.0]), np.array([0.0, 20.0]), np.array([10.0, 110.0]))
-    )
-    assert motion is not None
-    assert (motion.stamp, motion.front, motion.speed) == (0, 1000.0, 20.0)
-    assert motion.estimate.under_reading == motion.estimate.over_reading == pytest.approx(5.0 + 0.05 * 110.0)
-    assert motion.estimate.speed_error == speed_measurement_error(20.0)
-    assert motion.estimate.acceleration == 0.0
+    (motion,) = estimated(Odometry(0, np.array([900.0, 1000.0]), np.array([0.0, 20.0]), np.array([10.0, 110.0])))
+    assert motion[["stamp", "front", "speed"]].tolist() == (0, 1000.0, 20.0)
+    assert motion["position_error"] == pytest.approx(5.0 + 0.05 * 110.0)
+    assert motion["speed_error"] == speed_measurement_error(20.0)
+    assert motion["acceleration"] == 0.0
 
 
 def test_the_larger_speed_backwards_keeps_its_sign() -> None:
     """Breaks if a train that rolls back has the slower odometer, or a positive speed."""
-    motion = PositionEstimator().step(odometry(0.0, 0.0, (-1.0, -2.0)))
-    assert motion is not None
-    assert motion.speed == -2.0
-    assert motion.estimate.speed_error == speed_measurement_error(2.0)
+    (motion,) = estimated(odometry(0.0, 0.0, (-1.0, -2.0)))
+    assert motion["speed"] == -2.0
+    assert motion["speed_error"] == speed_measurement_error(2.0)
 
 
 @pytest.mark.parametrize("place", range(6))
@@ -174,21 +182,18 @@ def test_a_value_that_is_not_finite_gives_no_estimate(place: int, value: float) 
     """Breaks if one of the six values is not checked."""
     values = np.full(6, 1.0)
     values[place] = value
-    estimator = PositionEstimator()
-    assert estimator.step(Odometry(0, values[:2], values[2:4], values[4:])) is None
-    motion = estimator.step(odometry(PERIOD, 1.0, 1.0))
-    assert motion is not None and motion.estimate.acceleration == 0.0, "refused odometry is part of the mean"
+    refused, motion = estimated(Odometry(0, values[:2], values[2:4], values[4:]), odometry(PERIOD, 1.0, 1.0))
+    assert refused is None and motion["acceleration"] == 0.0, "refused odometry is part of the mean"
 
 
 def test_the_acceleration_is_the_mean_of_the_last_periods() -> None:
     """Breaks if the time base or the sign is wrong, or the time of the mean is not 1.2 s."""
     speeds = [0.0, 4.0, 5.0, 7.0, 10.0, 14.0, 19.0]
-    estimator = PositionEstimator()
-    found = [estimator.step(odometry(7.0 + PERIOD * k, 0.0, speed)) for k, speed in enumerate(speeds)]
+    found = estimated(*(odometry(7.0 + PERIOD * k, 0.0, speed) for k, speed in enumerate(speeds)))
     periods = round(ACCELERATION_TIME / PERIOD)
     expected = [0.0]
     for k in range(1, len(speeds)):
         first = max(0, k - periods)
         expected.append((speeds[k] - speeds[first]) / (PERIOD * (k - first)))
     assert periods == 3
-    assert [motion.estimate.acceleration for motion in found if motion] == pytest.approx(expected)
+    assert [motion["acceleration"] for motion in found] == pytest.approx(expected)

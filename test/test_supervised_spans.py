@@ -4,21 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 import pytest
 from case_costs import sampled
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from span_runs import assert_same_messages, assert_same_recording, compiled_part, messages_of, setup_of
 
 from train_ato.loop.engine import TickLoop, run_engine
-from train_ato.loop.setup import prepare
-from train_ato.loop.spans.limits_kernel import evaluate
-from train_ato.loop.spans.packed_track import packed_track
 from train_ato.messages.links import DelayJump
-from train_ato.scenario.scenario import load_scenario
-from train_ato.supervision.odometry import motion_estimate
-from train_ato.supervision.track_supervision import TrackSupervision
 
 SHORT = {"duration": 130}
 CASES: dict[str, tuple[str, dict[str, Any]]] = {
@@ -123,42 +114,14 @@ def test_a_train_above_its_limit_is_left_to_the_supervisor() -> None:
     while loop.plant.stamp < 100_000_000_000:
         loop.advance()
     assert loop._spans is not None and loop.supervisor is not None
-    before, ceilings = loop._spans.ticks, loop.supervisor._supervisor.track._ceilings
+    before, ceilings = loop._spans.ticks, loop.supervisor.supervisor.track.records.ceilings
     assert loop._spans.supervised.is_quiet
-    ceilings[:] = [speeds._replace(service=1.0, warning=1.0, permitted=1.0) for speeds in ceilings]
-    loop._spans.supervised._track[1][:] = np.array(ceilings)
+    for name in ("permitted", "warning", "service"):
+        ceilings[name] = 1.0
     for _ in range(20):
         loop.advance()
     assert loop._spans.ticks <= before + setup.supervision_ticks
-    assert loop.supervisor._supervisor.interventions == 1
-
-
-@pytest.fixture(scope="module", params=["daqin_heavy_haul", "crh380a_gpc", "crh380a_gpc, service curve"])
-def track(request: pytest.FixtureRequest) -> TrackSupervision:
-    name, _, curve = request.param.partition(", ")
-    changes = ("supervision.service_curve=true",) if curve else ()
-    return prepare(*load_scenario(name, changes)).supervisor().track
-
-
-@settings(max_examples=300, deadline=None)
-@given(
-    place=st.floats(0.0, 1.0), near=st.booleans(), speed=st.floats(0.0, 1.0), acceleration=st.floats(-1.0, 0.8),
-    distance=st.floats(0.0, 3000.0),
-)  # fmt: skip
-def test_compiled_limits_are_those_of_python(
-    track: TrackSupervision, place: float, near: bool, speed: float, acceleration: float, distance: float
-) -> None:
-    """Breaks if an arc, a time or a comparison of the compiled limits differs: every speed and the indication."""
-    end, speeds = track.targets[-1].target.location, np.zeros(4)
-    front, v = (end - 8000.0 * place if near else end * place), speed * track.train.max_speed
-    motion = motion_estimate(v, acceleration, distance)
-    try:
-        indicates = int(track.indicates(front, v, motion))
-    except ValueError:  # the curve ends below the compensated speed
-        indicates = -1
-    packed = np.array((front, v, acceleration, motion.speed_error, motion.under_reading))
-    assert evaluate(packed_track(track), packed, speeds) == indicates
-    assert tuple(speeds) == tuple(track.evaluate(front, motion))
+    assert loop.supervisor.supervisor.interventions == 1
 
 
 def test_commands_in_flight_decide_whether_the_protection_can_act() -> None:

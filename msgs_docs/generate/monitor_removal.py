@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from operator import attrgetter
 from typing import Any
@@ -15,15 +15,16 @@ from typing import Any
 from train_ato.loop.train_protection import Protection, TrainProtection
 from train_ato.messages.receiver import Receiver
 from train_ato.messages.types import Odometry
-from train_ato.supervision.ceiling import SupervisionSpeeds
-from train_ato.supervision.position_estimate import PositionEstimator, TrainMotion
+from train_ato.supervision.plant_line import line_supervision
+from train_ato.supervision.supervisor import SupervisionDecision, Supervisor
+from train_ato.supervision.track_supervision import TrackSupervision
 
 SUPERVISOR = "train_ato.supervision.supervisor:Supervisor.step"
 TRACK = "train_ato.supervision.track_supervision:TrackSupervision.evaluate"
 BRAKE_DATA = "train_ato.supervision.plant_line:line_supervision"
 SETTINGS = "train_ato.supervision.settings:SupervisionSpec"
 TIME_LIMITS = "train_ato.supervision.settings:FailsafeSpec"
-ESTIMATOR = "train_ato.supervision.position_estimate:PositionEstimator.step"
+ESTIMATOR = "train_ato.supervision.position_estimate:estimate_motion"
 ODOMETRY_CHECK = "train_ato.supervision.odometry_check:OdometryCheck.problem"
 COMMAND_AGE = "train_ato.loop.train_protection:TrainProtection.on_command"
 RELEASE_AGE = "train_ato.loop.train_protection:TrainProtection.on_release"
@@ -43,11 +44,11 @@ UNLIMITED = 900.0
 """Speed limit without effect [m/s], within the valid values of a message."""
 TIMES = ("hold", "coast", "service")
 """Keys of the reactions to missing commands."""
-_protect, _receive, _estimate = TrainProtection.step, Receiver.receive, PositionEstimator.step
+_protect, _receive, _supervise = TrainProtection.step, Receiver.receive, Supervisor.step
 
 
-def _unlimited_speeds(*_: object) -> SupervisionSpeeds:
-    return SupervisionSpeeds(UNLIMITED, UNLIMITED, UNLIMITED, UNLIMITED)
+def _without_limits(*given: Any, **named: Any) -> TrackSupervision:
+    return TrackSupervision(replace(line_supervision(*given, **named).train, max_speed=UNLIMITED), (), (), None)
 
 
 def _ends_at_any_speed(self: TrainProtection, stamp: int, *, standstill: bool, separated: bool = False) -> Protection:
@@ -59,9 +60,11 @@ def _newest_arrival(self: Receiver, now: int, message: Any) -> Any:
     return _receive(self, now, message)
 
 
-def _wheel_alone(self: PositionEstimator, odometry: Odometry) -> TrainMotion | None:
+def _wheel_alone(self: Supervisor, odometry: Odometry | None) -> SupervisionDecision:
+    if odometry is None:
+        return _supervise(self, None)
     wheel = (values[:1].repeat(2) for values in (odometry.position, odometry.speed, odometry.since_balise))
-    return _estimate(self, Odometry(odometry.stamp, *wheel))
+    return _supervise(self, Odometry(odometry.stamp, *wheel))
 
 
 @dataclass(frozen=True)
@@ -88,13 +91,17 @@ class MonitorRemoval:
 
 REMOVALS: dict[str, MonitorRemoval] = {
     SUPERVISOR: MonitorRemoval("no limit of the movement backwards", ("supervision.roll_away=100000",)),
-    TRACK: MonitorRemoval("no speed limits and no supervised location", replacement=_unlimited_speeds),
+    TRACK: MonitorRemoval(
+        "no speed limits and no supervised location",
+        replacement=_without_limits,
+        place="train_ato.loop.run_parts:line_supervision",
+    ),
     BRAKE_DATA: MonitorRemoval("full braking ability assumed", ("supervision.kdry=1",)),
     SETTINGS: MonitorRemoval("supervised location at the stop", ("supervision.overlap=0",)),
     TIME_LIMITS: MonitorRemoval(
         "no time in which the last command is held", tuple(f"supervision.failsafe.{key}=0" for key in TIMES)
     ),
-    ESTIMATOR: MonitorRemoval("wheel odometer alone", replacement=_wheel_alone),
+    ESTIMATOR: MonitorRemoval("wheel odometer alone", replacement=_wheel_alone, place=SUPERVISOR),
     ODOMETRY_CHECK: MonitorRemoval("no check of the odometry", replacement=lambda *_: ""),
     COMMAND_AGE: MonitorRemoval(
         "no limit of the age of the commands", tuple(f"supervision.failsafe.{key}=3600" for key in TIMES)

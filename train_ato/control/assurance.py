@@ -5,21 +5,98 @@ service brake.  Otherwise the full service brake acts until the speed is below t
 jerk is limited only as far as the distance to the intervention of the supervisor allows.
 """
 
+# mypy: no-warn-return-any
+
 from __future__ import annotations
 
-from collections import deque
+from dataclasses import dataclass
+from typing import Any
 
+from plant_sim.compiled import compiled
+from plant_sim.record import Records, quantity, zeros
 from plant_sim.units import KMH
 from train_ato.messages.types import SupervisedSpeeds
+from train_ato.supervision.ceiling import SupervisionSpeeds
+from train_ato.supervision.position_estimate import PastSpeed, add_speed, past_speeds
 from train_ato.supervision.settings import SupervisionSpec
 
 BRAKING_LAW = "braking law"
 """State of the controller in its diagnostics while the braking law drives."""
-RATE_TIME = 1.2
-"""Time over which the acceleration is averaged [s]; vibrations of a long train are shorter."""
 AT_ONCE = 1e6
 """Jerk of a brake without a ramp [m/s³]."""
-_ESTIMATE, _PERMITTED, _WARNING, _SERVICE = range(4)
+
+
+@dataclass
+class AssuranceConstants:
+    """Settings of the run-time assurance."""
+
+    reaction: float = quantity("s", "time from the decision to the effect of the brake")
+    margin: float = quantity("m/s", "distance from the permitted speed at which the law drives again")
+    up_to_service: bool = quantity("", "the limit is that of the service brake, not the warning")
+
+
+@dataclass
+class AssuranceState:
+    """State of the run-time assurance, and the numbers of its newest takeover."""
+
+    brakes: bool = quantity("", "the braking law drives")
+    takeovers: int = quantity("", "number of takeovers by the braking law")
+    stamp: int = quantity("ns", "time of the newest step")
+    service_limit: float = quantity("m/s", "limit of the service brake at the newest step")
+    least_jerk: float = quantity("m/s³", "jerk with which the speed stays below the limit of the service brake")
+    reason_speed: float = quantity("m/s", "speed at the takeover")
+    reason_front: float = quantity("m", "front position at the takeover")
+    reason_predicted: float = quantity("m/s", "predicted speed at the takeover")
+    reason_limit: float = quantity("m/s", "limit at the takeover")
+    first: int = quantity("", "first speed of the average")
+    count: int = quantity("", "number of its speeds")
+
+
+@compiled
+def ramp_jerk(p: AssuranceConstants, rest: float, approach: float) -> float:
+    """Return the jerk that keeps a speed below the limit of the service brake [m/s³].
+
+    Their difference [m/s] shrinks at the rate of the approach [m/s²]: by approach x reaction before the brake has an
+    effect, and by approach² / (2 jerk) in its ramp.
+    """
+    if approach <= 0.0:
+        return 0.0
+    left = rest - approach * p.reaction
+    return min(approach**2 / (2.0 * left), AT_ONCE) if left > 0.0 else AT_ONCE
+
+
+@compiled
+def assure(
+    p: AssuranceConstants, own: AssuranceState, past: Records[PastSpeed], stamp: int, front: float, speed: float,
+    speeds: SupervisionSpeeds,
+) -> bool:  # fmt: skip
+    """Choose between the law and the braking law at a step of the supervisor; return True after a change."""
+    since = (stamp - own.stamp) * 1e-9 if own.count > 0 else 0.0
+    fall = (own.service_limit - speeds.service) / since if since > 0.0 else 0.0
+    own.service_limit, own.stamp = speeds.service, stamp
+    before = add_speed(own, past, stamp, speed)
+    span, slower = (stamp - before.stamp) * 1e-9, before.speed
+    predicted = speed + (speed - slower) * (p.reaction / span if span > 0.0 else 0.0)
+    limit, was = speeds.service if p.up_to_service else speeds.warning, own.brakes
+    if not was and speed > 0.0 and max(speed, predicted) >= limit:
+        own.brakes = True
+        own.takeovers += 1
+        rate = (speed - slower) / span if span > 0.0 else 0.0
+        own.least_jerk = ramp_jerk(p, own.service_limit - speed, fall + rate)
+        own.reason_speed, own.reason_front = speed, front
+        own.reason_predicted, own.reason_limit = predicted, limit
+    elif was and (speed <= 0.0 or max(speed, predicted) < speeds.permitted - p.margin):
+        own.brakes = False
+    return bool(own.brakes != was)
+
+
+@compiled
+def _assure(
+    p: Any, own: Any, past: Any, stamp: int, front: float, speed: float, permitted: float, warning: float,
+    service: float, emergency: float,
+) -> bool:  # fmt: skip
+    limits = SupervisionSpeeds(permitted, warning, service, emergency)
+    return assure(p[0], own[0], past, stamp, front, speed, limits)
 
 
 class AssuranceMonitor:
@@ -34,61 +111,44 @@ class AssuranceMonitor:
 
     Attributes
     ----------
-    brakes : bool
-        True while the braking law drives.
-    takeovers : int
-        Number of takeovers by the braking law.
-    service_limit : float
-        Limit of the service brake at the newest step [m/s].
-    least_jerk : float
-        Jerk of the newest takeover with which the speed remains below the limit of the service brake [m/s³].
-    reason : str
-        Speed, place and limit of the newest takeover; "" before the first.
+    constants, state : Array of :class:`AssuranceConstants` and of :class:`AssuranceState`, shape (1,)
+        Settings and state.
+    past : Array of :class:`train_ato.supervision.position_estimate.PastSpeed`
+        Speeds of the averaged acceleration.
     """
 
     def __init__(self, reaction: float, spec: SupervisionSpec) -> None:
-        self._reaction, self._margin = reaction, spec.assurance_margin
-        self._limit = _WARNING if spec.assurance_limit == "warning" else _SERVICE
-        self._past: deque[tuple[int, float]] = deque()
-        self.brakes = False
-        self.takeovers = 0
-        self.least_jerk = self.service_limit = 0.0
-        self.reason = ""
+        self.constants, self.state, self.past = zeros(AssuranceConstants, 1), zeros(AssuranceState, 1), past_speeds()
+        self.constants["reaction"], self.constants["margin"] = reaction, spec.assurance_margin
+        self.constants["up_to_service"] = spec.assurance_limit != "warning"
 
     def step(self, speeds: SupervisedSpeeds) -> bool:
         """Return True after a change between the law and the braking law."""
-        values = speeds.speed.tolist()
-        speed, permitted, limit = values[_ESTIMATE], values[_PERMITTED], values[self._limit]
-        since = (speeds.stamp - self._past[-1][0]) * 1e-9 if self._past else 0.0
-        fall = (self.service_limit - values[_SERVICE]) / since if since > 0.0 else 0.0
-        self.service_limit = values[_SERVICE]
-        self._past.append((speeds.stamp, speed))
-        while len(self._past) > 2 and speeds.stamp - self._past[1][0] >= RATE_TIME * 1e9:
-            self._past.popleft()
-        before, slower = self._past[0]
-        span = (speeds.stamp - before) * 1e-9
-        share = self._reaction / span if span > 0.0 else 0.0
-        predicted = speed + (speed - slower) * share
-        was = self.brakes
-        if not was and speed > 0.0 and max(speed, predicted) >= limit:
-            self.brakes = True
-            self.takeovers += 1
-            self.least_jerk = self._least_jerk(speed, fall + ((speed - slower) / span if span > 0.0 else 0.0))
-            self.reason = (
-                f"{KMH * speed:.1f} km/h at {float(speeds.position[0]):.0f} m, predicted {KMH * predicted:.1f} km/h, "
-                f"limit {KMH * limit:.1f} km/h"
-            )
-        elif was and (speed <= 0.0 or max(speed, predicted) < permitted - self._margin):
-            self.brakes = False
-        return self.brakes is not was
+        front, numbers = float(speeds.position[0]), speeds.speed.tolist()
+        return bool(_assure(self.constants, self.state, self.past, speeds.stamp, front, *numbers))
 
-    def _least_jerk(self, speed: float, approach: float) -> float:
-        """Return the jerk that keeps a speed below the limit of the service brake [m/s³].
+    @property
+    def brakes(self) -> bool:
+        """True while the braking law drives."""
+        return bool(self.state["brakes"][0])
 
-        Their difference shrinks at the rate of the approach [m/s²]: by approach x reaction before the brake has an
-        effect, and by approach² / (2 jerk) in its ramp.
-        """
-        if approach <= 0.0:
-            return 0.0
-        rest = self.service_limit - speed - approach * self._reaction
-        return min(approach**2 / (2.0 * rest), AT_ONCE) if rest > 0.0 else AT_ONCE
+    @property
+    def takeovers(self) -> int:
+        """Number of takeovers by the braking law."""
+        return int(self.state["takeovers"][0])
+
+    @property
+    def least_jerk(self) -> float:
+        """Jerk of the newest takeover with which the speed stays below the limit of the service brake [m/s³]."""
+        return float(self.state["least_jerk"][0])
+
+    @property
+    def reason(self) -> str:
+        """Speed, place and limit of the newest takeover; "" before the first."""
+        own = self.state[0]
+        if not own["takeovers"]:
+            return ""
+        return (
+            f"{KMH * own['reason_speed']:.1f} km/h at {own['reason_front']:.0f} m, predicted "
+            f"{KMH * own['reason_predicted']:.1f} km/h, limit {KMH * own['reason_limit']:.1f} km/h"
+        )

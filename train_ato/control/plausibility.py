@@ -2,11 +2,43 @@
 
 from __future__ import annotations
 
-import math
+from dataclasses import dataclass
+from math import isfinite
 
+from plant_sim.compiled import compiled
+from plant_sim.record import quantity, zeros
 from train_ato.messages.types import Measurement, SupervisedSpeeds
 from train_ato.supervision.odometry import speed_measurement_error
 from train_ato.supervision.settings import SupervisionSpec
+
+PLAUSIBLE, NOT_FINITE, OTHER_SPEED, OTHER_PLACE = range(4)
+"""Results of :func:`difference`."""
+
+
+@dataclass
+class CheckConstants:
+    """Largest differences, and the place of the measured point."""
+
+    speed_difference: float = quantity("m/s", "largest difference of the speed beyond the error of the odometry")
+    position_difference: float = quantity("m", "largest difference of the position beyond the error of the odometry")
+    front_offset: float = quantity("m", "distance of the front from the measured point of the first power unit")
+
+
+@compiled
+def difference(
+    p: CheckConstants, position: float, speed: float, estimate: float, foremost: float, expected: float
+) -> int:
+    """Return the implausible quantity of a measured position [m] and speed [m/s].
+
+    ``estimate`` and ``foremost`` are the estimated front and the max safe front [m], ``expected`` is the estimated
+    speed [m/s].
+    """
+    front = position + p.front_offset
+    if not (isfinite(front) and isfinite(speed)):
+        return NOT_FINITE
+    if abs(speed - expected) > p.speed_difference + speed_measurement_error(expected):
+        return OTHER_SPEED
+    return OTHER_PLACE if abs(front - estimate) > p.position_difference + foremost - estimate else PLAUSIBLE
 
 
 class MeasurementCheck:
@@ -18,31 +50,38 @@ class MeasurementCheck:
         Largest differences beyond the errors of the odometry, and their duration.
     front_offset
         Distance of the front from the measured point of the first power unit [m].
+
+    Attributes
+    ----------
+    constants : Array of :class:`CheckConstants`, shape (1,)
+        Settings.
+    since : int or None
+        Begin of a difference [ns].
     """
 
     def __init__(self, spec: SupervisionSpec, front_offset: float) -> None:
-        self._spec, self._front_offset = spec, front_offset
-        self._since: int | None = None
+        self._confirmation = spec.confirmation
+        self.constants = zeros(CheckConstants, 1)
+        values = spec.speed_difference, spec.position_difference, front_offset
+        for name, value in zip(self.constants.dtype.names, values, strict=True):
+            self.constants[name] = value
+        self.since: int | None = None
 
     def step(self, measurement: Measurement, speeds: SupervisedSpeeds) -> str:
         """Return the difference that has lasted for the time of confirmation as text, "" without one."""
-        difference = self._difference(
-            float(measurement.position[0]) + self._front_offset, float(measurement.velocity[0]), speeds
-        )
-        if not difference:
-            self._since = None
+        position, speed = measurement.position.item(0), measurement.velocity.item(0)
+        estimate, foremost, expected = speeds.position.item(0), speeds.position.item(1), speeds.speed.item(0)
+        found = difference(self.constants[0], position, speed, estimate, foremost, expected)
+        if found == PLAUSIBLE:
+            self.since = None
             return ""
-        if self._since is None:
-            self._since = measurement.stamp
-        return difference if measurement.stamp - self._since >= self._spec.confirmation * 1e9 else ""
-
-    def _difference(self, front: float, speed: float, speeds: SupervisedSpeeds) -> str:
-        """Return the implausible difference of front position [m] and speed [m/s] as text, "" without one."""
-        if not (math.isfinite(front) and math.isfinite(speed)):
+        if self.since is None:
+            self.since = measurement.stamp
+        if measurement.stamp - self.since < self._confirmation * 1e9:
+            return ""
+        if found == NOT_FINITE:
             return "the measurement is not finite"
-        expected, estimate, foremost = float(speeds.speed[0]), float(speeds.position[0]), float(speeds.position[1])
-        if abs(speed - expected) > self._spec.speed_difference + speed_measurement_error(expected):
+        if found == OTHER_SPEED:
             return f"measured {speed * 3.6:.1f} km/h, odometry {expected * 3.6:.1f} km/h"
-        if abs(front - estimate) > self._spec.position_difference + foremost - estimate:
-            return f"measured front at {front:.0f} m, odometry {estimate:.0f} m"
-        return ""
+        front = position + self.constants["front_offset"].item(0)
+        return f"measured front at {front:.0f} m, odometry {estimate:.0f} m"

@@ -40,6 +40,8 @@ class AtoMode:
         True at the step at which the law drives again after the braking law.
     standstill : bool
         True if the train is at standstill.
+    check : MeasurementCheck
+        Comparison of the measurement with the odometry.
     """
 
     def __init__(self, setup: RunSetup) -> None:
@@ -48,7 +50,7 @@ class AtoMode:
         self.changed = False
         self._model = setup.model
         spec, offset = setup.scenario.supervision, float(setup.model.offsets[0]) if setup.model.n_units else 0.0
-        self._check = MeasurementCheck(spec, offset + setup.consist.vehicles[0].length / 2.0)
+        self.check = MeasurementCheck(spec, offset + setup.consist.vehicles[0].length / 2.0)
         self.assurance = AssuranceMonitor(setup.assurance_reaction, spec) if spec.assurance else None
         self.returned = False
         self._waiting = sorted(setup.scenario.ato_requests, key=lambda request: request.at)
@@ -96,6 +98,11 @@ class AtoMode:
         """Remove the planned requests up to a stamp [ns]."""
         self._waiting = [request for request in self._waiting if round(request.at * 1e9) > stamp]
 
+    def take_speed(self, speed: float) -> None:
+        """Take the speed of the supervisor [m/s]."""
+        self._speed = abs(speed)
+        self.standstill = self._speed < STANDSTILL_SPEED
+
     def update(
         self, measurement: Measurement, protection: ProtectionState | None, speeds: SupervisedSpeeds | None
     ) -> AtoReport:
@@ -110,14 +117,15 @@ class AtoMode:
         """
         stamp, machine = measurement.stamp, self.machine
         valid = is_valid_state(measurement)
-        self._speed = self._speed if speeds is None else abs(float(speeds.speed[0]))
-        self.standstill = speeds is not None and self._speed < STANDSTILL_SPEED
+        self.standstill = False
+        if speeds is not None:
+            self.take_speed(float(speeds.speed[0]))
         before = machine.state
         machine.update(stamp, valid=valid, standstill=self.standstill, locked=_lock(protection, speeds))
         if self.awaits_profile and stamp - machine.since > PLANNING_TIME * 1e9:
             self.awaits_profile = False
             machine.fail(stamp, "no profile from the present place; see the diagnostics of the profile")
-        difference = "" if speeds is None else self._check.step(measurement, speeds)
+        difference = "" if speeds is None else self.check.step(measurement, speeds)
         if difference and machine.state is AtoState.ENGAGED:
             machine.fail(stamp, difference)
         self._take_request(stamp)

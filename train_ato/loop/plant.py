@@ -73,6 +73,8 @@ class PlantStage:
         Number of restarts after which a node has answered again, by its name.
     alive_check : AliveCheck
         Check of the alive counter of the brake releases.
+    odometers : Odometers or None
+        Odometers of the supervisor.
     """
 
     role = Role.PLANT
@@ -100,11 +102,11 @@ class PlantStage:
         self._tick_ns = setup.tick_ns
         self._substeps = setup.tick_ns // setup.step_ns
         self._half = setup.consist.vehicles[0].length / 2.0
-        self._odometers: Odometers | None = None
+        self.odometers: Odometers | None = None
         if setup.layout.supervised:
             front = float(self.train.position[0]) + self._half
             slips = setup.plant.sensors.wheel_slip
-            self._odometers = Odometers(setup.plant.odometry, slips, front, setup.seed)
+            self.odometers = Odometers(setup.plant.odometry, slips, front, setup.seed)
         self.tick = 0
 
     @property
@@ -133,12 +135,12 @@ class PlantStage:
 
     def _for_supervisor(self, stamp: int, seen: Observation) -> tuple[Odometry | None, ProtectionState | None]:
         """Return odometry and fail-safe state at a step of the supervisor, otherwise None."""
-        if self._odometers is None:
+        if self.odometers is None:
             return None, None
-        self._odometers.move(stamp, seen.vehicles.position.item(0) + self._half)
+        self.odometers.move(stamp, seen.vehicles.position.item(0) + self._half)
         if not self.setup.supervised_at(stamp):
             return None, None
-        odometry = self._odometers.observe(stamp, seen.vehicles.velocity.item(0))
+        odometry = self.odometers.observe(stamp, seen.vehicles.velocity.item(0))
         return odometry, ProtectionState(stamp, ACTIVE[self.protection.level].copy())
 
     def request(self, intervention: Intervention) -> None:

@@ -21,6 +21,8 @@ class SupervisorStage:
     ----------
     odometry_check : OdometryCheck
         Plausibility of the odometry.
+    supervisor : Supervisor
+        Decisions.
     """
 
     role = Role.SUPERVISOR
@@ -30,7 +32,7 @@ class SupervisorStage:
         self._inputs = StageInputs(setup, self.role)
         self.odometry_check = OdometryCheck()
         self._inputs.check("train/odometry", self.odometry_check.problem)
-        self._supervisor = setup.supervisor()
+        self.supervisor = setup.supervisor()
         self._period_ns = setup.supervision_ticks * setup.tick_ns
         self._reported = SupervisionState.NORMAL
         self._motion: TrainMotion | None = None
@@ -38,12 +40,12 @@ class SupervisorStage:
 
     def join(self) -> None:
         """Join a run in progress, in place of an ended supervisor."""
-        self._supervisor.join()
+        self.supervisor.join()
 
     def step(self, odometry: Odometry) -> SupervisorMessages:
         """Return the decision for the stamp of the odometry; without a valid one, the motion is the last known."""
         stamp = odometry.stamp
-        decision = self._supervisor.step(self._inputs.receive("train/odometry", stamp, odometry))
+        decision = self.supervisor.step(self._inputs.receive("train/odometry", stamp, odometry))
         changed = self._inputs.take_changed() or decision.state is not self._reported
         self._reported = decision.state
         motion = self._motion = decision.motion or self._motion
@@ -61,7 +63,7 @@ class SupervisorStage:
 
     def _diagnostic(self, stamp: int, decision: SupervisionDecision) -> Diagnostic:
         """Return the state of the supervision with the reason of the last change."""
-        values = {"brake_interventions": str(self._supervisor.interventions), **self._inputs.diagnostics()}
+        values = {"brake_interventions": str(self.supervisor.interventions), **self._inputs.diagnostics()}
         if decision.motion is not None:
             values |= {
                 "front": repr(decision.motion.front),

@@ -2,14 +2,83 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left
-from math import inf, sqrt
+from dataclasses import dataclass
+from math import inf, isnan, nan, sqrt
+from typing import Any
 
+import numpy as np
+
+from plant_sim.compiled import compiled
+from plant_sim.record import Records, quantity, zeros
 from plant_sim.units import KMH
 from train_ato.supervision.step_function import StepFunction
 
 MAX_PIECES = 100_000
 """Largest number of arcs, beyond that of any real line."""
+TOLERANCE = 1e-9
+"""Distance from the end of a curve within which it is evaluated [m/s]."""
+
+
+@dataclass
+class Arc:
+    """Arc of a deceleration curve: its end with the lower speed, and the deceleration up to the next end."""
+
+    speed: float = quantity("m/s", "speed at the end of the arc")
+    location: float = quantity("m", "location of the end of the arc")
+    deceleration: float = quantity("m/s²", "deceleration on the arc")
+
+
+@compiled
+def location_at(arcs: Records[Arc], end_speed: float, speed: float) -> float:
+    """Return the location [m] at which a curve has a speed >= 0 [m/s]; NaN above its end speed or below its arcs."""
+    if speed > end_speed + TOLERANCE:
+        return nan
+    low, high = 0, arcs.size
+    while low < high:
+        middle = (low + high) // 2
+        if arcs[middle].speed < speed:
+            low = middle + 1
+        else:
+            high = middle
+    arc = arcs[max(low - 1, 0)]
+    if speed < arc.speed - TOLERANCE:
+        return nan
+    return arc.location - (speed * speed - arc.speed * arc.speed) / (2.0 * arc.deceleration)
+
+
+@compiled
+def advanced_speed(arcs: Records[Arc], place: float, time: float, gain: float, shift: float) -> float:
+    """Return the speed V [m/s] with location(V + gain) - time V - shift = place, in closed form per arc.
+
+    Parameters
+    ----------
+    arcs
+        The curve.
+    place
+        Position of the train [m].
+    time
+        Time at the constant speed V before the curve is reached [s].
+    gain, shift
+        Rise of the speed [m/s], and distance that does not depend on V [m], before the curve is reached.
+
+    Returns
+    -------
+    float
+        Speed [m/s]; -gain or less beyond the end of the curve.
+    """
+    wanted = place + shift - time * gain  # location(u) - time u at u = V + gain
+    low, high = 0, arcs.size
+    while low < high:
+        middle = (low + high) // 2
+        if arcs[middle].location - time * arcs[middle].speed >= wanted:
+            low = middle + 1
+        else:
+            high = middle
+    arc = arcs[max(low - 1, 0)]
+    v, a = arc.speed, arc.deceleration
+    rest = wanted - arc.location - v * v / (2.0 * a)
+    discriminant = a * time * a * time - 2.0 * a * rest
+    return sqrt(max(discriminant, 0.0)) - a * time - gain
 
 
 class DecelerationCurve:
@@ -30,9 +99,8 @@ class DecelerationCurve:
 
     Attributes
     ----------
-    speeds, locations, decelerations : list of float
-        Ends of the arcs by rising speed [m/s] and falling location [m], and the deceleration [m/s²] of the arc from
-        each end to the next.
+    arcs : Array of :class:`Arc`
+        Arcs by rising speed and falling location.
     end_speed : float
         Largest speed of the curve [m/s]; infinite if its last arc has no end.
 
@@ -54,11 +122,10 @@ class DecelerationCurve:
     ) -> None:
         above, self.end_speed = self._backward(location, speed, brake, gradient, needed_speed, max(top_speed, speed))
         below = self._forward(location, speed, brake, gradient)
-        arcs = [*below, *above]
-        self.speeds = [arc[0] for arc in arcs]
-        self.locations = [arc[1] for arc in arcs]
-        self.decelerations = [arc[2] for arc in arcs]
-        self._falling = [-location for location in self.locations]
+        rows = [*below, *above]
+        self.arcs = zeros(Arc, len(rows))
+        for name, values in zip(self.arcs.dtype.names, zip(*rows, strict=True), strict=True):
+            self.arcs[name] = values
 
     @staticmethod
     def _backward(
@@ -111,57 +178,28 @@ class DecelerationCurve:
         ValueError
             If the curve ends above or below that speed.
         """
-        if speed > self.end_speed + 1e-9:
-            raise ValueError(
+        found: float = location_at(self.arcs, self.end_speed, speed)
+        if isnan(found):
+            raise self.refusal(speed)
+        return found
+
+    def refusal(self, speed: float) -> ValueError:
+        """Return the error for a speed [m/s] that the curve does not have."""
+        if speed > self.end_speed:
+            return ValueError(
                 f"the braking curve ends at {self.end_speed * KMH:.4g} km/h; give lower speeds than "
                 f"{speed * KMH:.4g} km/h"
             )
-        i = max(bisect_left(self.speeds, speed) - 1, 0)
-        v = self.speeds[i]
-        if speed < v - 1e-9:
-            raise ValueError(
-                f"the braking curve ends at {v * KMH:.4g} km/h, beyond its target the gradient is stronger than the "
-                f"brake; give speeds above that, not {speed * KMH:.4g} km/h"
-            )
-        return self.locations[i] - (speed * speed - v * v) / (2.0 * self.decelerations[i])
+        return ValueError(
+            f"the braking curve ends at {self.arcs['speed'][0] * KMH:.4g} km/h, beyond its target the gradient is "
+            f"stronger than the brake; give speeds above that, not {speed * KMH:.4g} km/h"
+        )
 
     def speed(self, location: float) -> float:
         """Return the speed [m/s] of the curve at a location [m]; 0 beyond it, the last arc continued before it."""
-        i = max(bisect_left(self._falling, -location) - 1, 0)
-        v = self.speeds[i]
-        return sqrt(max(v * v + 2.0 * self.decelerations[i] * (self.locations[i] - location), 0.0))
-
-    def advanced_speed(self, place: float, time: float, gain: float, shift: float) -> float:
-        """Return the speed V [m/s] with location(V + gain) - time V - shift = place, in closed form per arc.
-
-        Parameters
-        ----------
-        place
-            Position of the train [m].
-        time
-            Time at the constant speed V before the curve is reached [s].
-        gain, shift
-            Rise of the speed [m/s], and distance that does not depend on V [m], before the curve is reached.
-
-        Returns
-        -------
-        float
-            Speed [m/s]; -gain or less beyond the end of the curve.
-        """
-        speeds, locations = self.speeds, self.locations
-        wanted = place + shift - time * gain  # location(u) - time u at u = V + gain
-        low, high = 0, len(speeds)
-        while low < high:
-            middle = (low + high) // 2
-            if locations[middle] - time * speeds[middle] >= wanted:
-                low = middle + 1
-            else:
-                high = middle
-        i = max(low - 1, 0)
-        v, a = speeds[i], self.decelerations[i]
-        rest = wanted - locations[i] - v * v / (2.0 * a)
-        discriminant = a * time * a * time - 2.0 * a * rest
-        return sqrt(max(discriminant, 0.0)) - a * time - gain
+        arc: Any = self.arcs[max(int(np.count_nonzero(self.arcs["location"] > location)) - 1, 0)]
+        v, end, deceleration = arc.tolist()
+        return sqrt(max(v * v + 2.0 * deceleration * (end - location), 0.0))
 
 
 def _too_weak(braking: float, slope: float, location: float, speed: float) -> str:

@@ -1,12 +1,17 @@
 """Supervision limits of one target: locations over the estimated speed, SUBSET-026, 3.13.9.3."""
 
+# mypy: no-warn-return-any
+
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from math import inf, isnan, nan
 from typing import Literal
 
+from plant_sim.compiled import compiled
+from plant_sim.record import Records, quantity, zeros
 from train_ato.supervision.ceiling import EMERGENCY_MARGIN, SupervisionSpeeds, ceiling_speeds
-from train_ato.supervision.deceleration_curve import DecelerationCurve
+from train_ato.supervision.deceleration_curve import Arc, DecelerationCurve, advanced_speed, location_at
 from train_ato.supervision.fixed_values import (
     INDICATION_SHARE,
     LOCKED_SERVICE_TIME,
@@ -83,6 +88,117 @@ def intervention_times(train: SupervisedTrain, target_speed: float, fixed: Fixed
     return InterventionTimes(traction, remaining, bs1, bs2, indication)
 
 
+@dataclass
+class Target:
+    """Constants of the limits of one target, and its curves as parts of an array of arcs."""
+
+    location: float = quantity("m", "target location")
+    speed: float = quantity("m/s", "target speed")
+    is_end: bool = quantity("", "end of authority")
+    speed_limit: float = quantity("m/s", "speed limit before the target")
+    traction: float = quantity("s", "time with traction")
+    remaining: float = quantity("s", "rest of the build-up time of the emergency brake")
+    bs1: float = quantity("s", "build-up time of the service brake for SBI1")
+    bs2: float = quantity("s", "build-up time of the service brake for SBI2")
+    t_warning: float = quantity("s", "time between warning and service-brake intervention")
+    t_driver: float = quantity("s", "time between permitted speed and service-brake intervention")
+    indication: float = quantity("s", "time between indication and permitted speed")
+    ebd_first: int = quantity("", "first arc of the EBD")
+    ebd_end: int = quantity("", "end of its arcs")
+    ebd_top: float = quantity("m/s", "largest speed of the EBD")
+    sbd_first: int = quantity("", "first arc of the SBD")
+    sbd_end: int = quantity("", "end of its arcs, the first one without an SBD")
+    sbd_top: float = quantity("m/s", "largest speed of the SBD")
+    permitted: float = quantity("m/s", "lowest permitted speed")
+    warning: float = quantity("m/s", "lowest speed of the warning")
+    service: float = quantity("m/s", "lowest speed of the service-brake intervention")
+    emergency: float = quantity("m/s", "lowest speed of the emergency-brake intervention")
+    begin: float = quantity("m", "smallest begin of the indication of this target and all later ones")
+    release: float = quantity("m/s", "release speed; infinite: none")
+
+
+@compiled
+def rises(target: Target, motion: MotionEstimate) -> tuple[float, float]:
+    """Return the rise of the speed in the traction time and in the rest of the build-up time [m/s]."""
+    later = motion.later_acceleration
+    if isnan(later):
+        later = motion.acceleration
+    raised = max(motion.acceleration, 0.0) * target.traction
+    return raised, min(max(later, 0.0), MAX_LATER_ACCELERATION) * target.remaining
+
+
+@compiled
+def emergency_location(
+    target: Target, arcs: Records[Arc], speed: float, error: float, first: float, later: float
+) -> tuple[float, float]:
+    """Return the location of the emergency-brake intervention, EBI [m], and ``V_bec`` [m/s]: 3.13.9.3.2.10-12.
+
+    ``error`` is the error of the speed, ``first`` and ``later`` are its :func:`rises` [m/s]. A location that the curve
+    does not have is NaN.
+    """
+    now = speed + error
+    compensated = max(now + first, target.speed)
+    distance = max(now + first / 2.0, target.speed) * target.traction + (compensated + later / 2.0) * target.remaining
+    curve = arcs[target.ebd_first : target.ebd_end]
+    return location_at(curve, target.ebd_top, compensated + later) - distance, compensated + later
+
+
+@compiled
+def service_location(
+    target: Target, arcs: Records[Arc], speed: float, error: float, first: float, later: float, under_reading: float
+) -> float:
+    """Return the location of the more restrictive service-brake intervention, SBI [m], NaN without one.
+
+    For an end of authority SBI1 is compared at the estimated front and SBI2 at the max safe front.
+    """
+    found = emergency_location(target, arcs, speed, error, first, later)[0] - speed * target.bs2
+    if target.sbd_end > target.sbd_first:
+        curve = arcs[target.sbd_first : target.sbd_end]
+        other = location_at(curve, target.sbd_top, speed) - speed * target.bs1
+        if isnan(other):
+            return nan
+        return min(found, other + under_reading)
+    return found
+
+
+@compiled
+def indication_location(target: Target, arcs: Records[Arc], speed: float, motion: MotionEstimate) -> float:
+    """Return the location of the indication [m]: 3.13.9.3.6; above the speed limit that at the speed limit."""
+    capped = min(speed, max(target.speed_limit, target.speed))
+    first, later = rises(target, motion)
+    found = service_location(target, arcs, capped, motion.speed_error, first, later, motion.under_reading)
+    return found - capped * (target.t_driver + target.indication)
+
+
+@compiled
+def target_speeds(target: Target, arcs: Records[Arc], front: float, motion: MotionEstimate) -> SupervisionSpeeds:
+    """Return the speeds of the limits of a target [m/s] for an estimated front position [m].
+
+    They are the speeds at which a train at constant speed passes each limit at this position, not below the ceiling
+    speeds of the target.
+    """
+    first, later = rises(target, motion)
+    error, place, braking = motion.speed_error, front + motion.under_reading, target.traction + target.remaining
+    gain = error + first + later
+    shift = (error + first / 2.0) * target.traction + (error + first + later / 2.0) * target.remaining
+    curve, service = arcs[target.ebd_first : target.ebd_end], braking + target.bs2
+    permitted = advanced_speed(curve, place, service + target.t_driver, gain, shift)
+    warning = advanced_speed(curve, place, service + target.t_warning, gain, shift)
+    emergency = advanced_speed(curve, place, braking, gain, shift)
+    stopping = emergency if target.bs2 == 0.0 else advanced_speed(curve, place, service, gain, shift)
+    if target.sbd_end > target.sbd_first:
+        curve = arcs[target.sbd_first : target.sbd_end]
+        permitted = min(permitted, advanced_speed(curve, front, target.bs1 + target.t_driver, 0.0, 0.0))
+        warning = min(warning, advanced_speed(curve, front, target.bs1 + target.t_warning, 0.0, 0.0))
+        stopping = min(stopping, advanced_speed(curve, front, target.bs1, 0.0, 0.0))
+    return SupervisionSpeeds(
+        max(permitted, target.permitted),
+        max(warning, target.warning),
+        max(stopping, target.service),
+        max(emergency, target.emergency),
+    )
+
+
 class TargetLimits:
     """Braking curves and supervision limits of one target.
 
@@ -105,6 +221,10 @@ class TargetLimits:
         deceleration.
     times : InterventionTimes
         Times of this target.
+    arcs : Array of :class:`train_ato.supervision.deceleration_curve.Arc`
+        Arcs of the EBD, then of the SBD.
+    record : Array of :class:`Target`, shape (1,)
+        Constants of the limits.
 
     Raises
     ------
@@ -122,44 +242,36 @@ class TargetLimits:
     ) -> None:
         self.train, self.target, self.fixed = train, target, fixed
         self.speed_limit = train.max_speed if speed_limit is None else min(speed_limit, train.max_speed)
-        self.times = intervention_times(train, target.speed, fixed)
+        self.times = times = intervention_times(train, target.speed, fixed)
         needed = max(train.max_speed, target.speed) + EMERGENCY_MARGIN.above(train.max_speed)
-        rise = MAX_ACCELERATION * self.times.traction + MAX_LATER_ACCELERATION * self.times.remaining
+        rise = MAX_ACCELERATION * times.traction + MAX_LATER_ACCELERATION * times.remaining
         self._speeds = (needed, needed + MAX_SPEED_ERROR + rise)
         foot = 0.0 if target.kind == "EOA" else target.speed + EMERGENCY_MARGIN.above(target.speed)
         self.ebd = DecelerationCurve(target.location, foot, train.brake.safe, gradient, *self._speeds)
         self._gradient = gradient
         self.sbd = None if train.brake.service is None or target.kind != "EOA" else self.service_curve()
         self.floor = SupervisionSpeeds(0.0, 0.0, 0.0, 0.0) if target.kind == "EOA" else ceiling_speeds(target.speed)
-
-    def _rises(self, motion: MotionEstimate) -> tuple[float, float]:
-        """Return the rise of the speed in the traction time and in the rest of the build-up time [m/s]."""
-        first = motion.acceleration
-        later = first if motion.later_acceleration is None else motion.later_acceleration
-        return (
-            max(first, 0.0) * self.times.traction,
-            min(max(later, 0.0), MAX_LATER_ACCELERATION) * self.times.remaining,
-        )
-
-    def compensation(self, motion: MotionEstimate) -> tuple[float, float]:
-        """Return the rise of the speed [m/s], and the distance that does not depend on the speed [m], until the EBD.
-
-        ``V_bec`` is the estimated speed plus the rise, ``D_bec`` the estimated speed times ``T_traction + T_berem``
-        plus the distance, for speeds that are not below the target speed: 3.13.9.3.2.10.
-        """
-        times, error = self.times, motion.speed_error
-        first, later = self._rises(motion)
-        distance = (error + first / 2.0) * times.traction + (error + first + later / 2.0) * times.remaining
-        return error + first + later, distance
+        first, second = self.ebd.arcs, self.ebd.arcs[:0] if self.sbd is None else self.sbd.arcs
+        self.arcs = zeros(Arc, first.size + second.size)
+        self.arcs[: first.size], self.arcs[first.size :] = first, second
+        values = {
+            "location": target.location, "is_end": target.kind == "EOA", "speed_limit": self.speed_limit,
+            **asdict(times), "t_warning": fixed.t_warning, "t_driver": fixed.t_driver, **self.floor._asdict(),
+            "speed": target.speed, "ebd_end": first.size, "ebd_top": self.ebd.end_speed,
+            "sbd_first": first.size, "sbd_end": self.arcs.size, "begin": -inf, "release": inf,
+            "sbd_top": 0.0 if self.sbd is None else self.sbd.end_speed,
+        }  # fmt: skip
+        self.record = zeros(Target, 1)
+        for name, value in values.items():
+            self.record[name] = value
 
     def emergency(self, speed: float, motion: MotionEstimate = EXACT_MOTION) -> float:
         """Return the location of the emergency-brake intervention, EBI [m]: 3.13.9.3.2.10-12."""
-        times, low = self.times, self.target.speed
-        first, later = self._rises(motion)
-        now = speed + motion.speed_error
-        compensated = max(now + first, low)
-        distance = max(now + first / 2.0, low) * times.traction + (compensated + later / 2.0) * times.remaining
-        return self.ebd.location(compensated + later) - distance
+        target = self.record[0]
+        found, reached = emergency_location(target, self.arcs, speed, motion.speed_error, *rises(target, motion))
+        if isnan(found):
+            raise self.ebd.refusal(reached)
+        return float(found)
 
     def service_from_ebd(self, speed: float, motion: MotionEstimate = EXACT_MOTION) -> float:
         """Return the location of the service-brake intervention from the EBD, SBI2 [m]: 3.13.9.3.3.2."""
@@ -194,10 +306,15 @@ class TargetLimits:
 
         For an end of authority SBI1 is compared at the estimated front and SBI2 at the max safe front.
         """
-        found = self.service_from_ebd(speed, motion)
-        if self.sbd is not None:
-            found = min(found, self.service_from_sbd(speed) + motion.under_reading)
-        return found
+        later = motion.speed_error, *rises(self.record[0], motion), motion.under_reading
+        return self._found(service_location(self.record[0], self.arcs, speed, *later), speed, motion)
+
+    def _found(self, location: float, speed: float, motion: MotionEstimate) -> float:
+        """Return a location [m]; raise the error of the curve that does not have the speed [m/s]."""
+        if isnan(location):
+            self.emergency(speed, motion)
+            self.service_from_sbd(speed)
+        return location
 
     def warning(self, speed: float, motion: MotionEstimate = EXACT_MOTION) -> float:
         """Return the location of the warning [m]: 3.13.9.3.4."""
@@ -209,32 +326,10 @@ class TargetLimits:
 
     def indication(self, speed: float, motion: MotionEstimate = EXACT_MOTION) -> float:
         """Return the location of the indication [m]: 3.13.9.3.6; above the speed limit that at the speed limit."""
-        capped = min(speed, max(self.speed_limit, self.target.speed))
-        time = self.fixed.t_driver + self.times.indication
-        return self.service(capped, motion) - capped * time
+        found = indication_location(self.record[0], self.arcs, speed, motion)
+        return self._found(found, min(speed, max(self.speed_limit, self.target.speed)), motion)
 
     def speeds(self, front: float, motion: MotionEstimate = EXACT_MOTION) -> SupervisionSpeeds:
-        """Return the speeds of the limits [m/s] for an estimated front position [m].
-
-        They are the speeds at which a train at constant speed passes each limit at this position, not below the
-        ceiling speeds of the target.
-        """
-        gain, shift = self.compensation(motion)
-        times, fixed, curve, floor = self.times, self.fixed, self.ebd, self.floor
-        place = front + motion.under_reading
-        braking = times.traction + times.remaining
-        service = braking + times.bs2
-        permitted = curve.advanced_speed(place, service + fixed.t_driver, gain, shift)
-        warning = curve.advanced_speed(place, service + fixed.t_warning, gain, shift)
-        emergency = curve.advanced_speed(place, braking, gain, shift)
-        stopping = emergency if times.bs2 == 0.0 else curve.advanced_speed(place, service, gain, shift)
-        if self.sbd is not None:
-            permitted = min(permitted, self.sbd.advanced_speed(front, times.bs1 + fixed.t_driver, 0.0, 0.0))
-            warning = min(warning, self.sbd.advanced_speed(front, times.bs1 + fixed.t_warning, 0.0, 0.0))
-            stopping = min(stopping, self.sbd.advanced_speed(front, times.bs1, 0.0, 0.0))
-        return SupervisionSpeeds(
-            max(permitted, floor.permitted),
-            max(warning, floor.warning),
-            max(stopping, floor.service),
-            max(emergency, floor.emergency),
-        )
+        """Return the speeds of the limits [m/s] for an estimated front position [m]: :func:`target_speeds`."""
+        found: SupervisionSpeeds = target_speeds(self.record[0], self.arcs, front, motion)
+        return found

@@ -2,13 +2,25 @@
 
 from __future__ import annotations
 
-from train_ato.supervision.limits import TargetLimits
+from math import isnan
+from typing import Any
+
+from plant_sim.compiled import compiled
+from plant_sim.record import Records
+from train_ato.supervision.deceleration_curve import Arc
+from train_ato.supervision.limits import Target, TargetLimits, service_location
 from train_ato.supervision.odometry import EXACT_MOTION, MotionEstimate, speed_measurement_error
 
 TRIP_OFFSET, TRIP_SHARE = 10.0, 0.10
 """Confidence interval predicted for the end of authority: offset [m], and part of its distance to the reference."""
 ITERATIONS = 60
 """Halvings of the speed interval; beyond the resolution of a float."""
+
+
+@compiled
+def release_location(target: Target, arcs: Records[Arc], speed: float, error: float, under_reading: float) -> Any:
+    """Return the estimated front position at which the supervision of a release speed begins [m]: 3.13.9.4.6."""
+    return service_location(target, arcs, speed, error, 0.0, 0.0, under_reading) - under_reading
 
 
 def trip_location(
@@ -92,5 +104,7 @@ def release_start(
         As in :func:`release_speed`.
     """
     error = 0.0 if inhibit_compensation else speed_measurement_error(speed)
-    still = MotionEstimate(0.0, error, motion.under_reading, motion.over_reading)
-    return limits.service(speed, still) - motion.under_reading
+    found = release_location(limits.record[0], limits.arcs, speed, error, motion.under_reading)
+    if isnan(found):
+        limits.service(speed, MotionEstimate(0.0, error, motion.under_reading, motion.over_reading))
+    return float(found)

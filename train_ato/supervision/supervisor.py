@@ -8,21 +8,39 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
+from math import inf
+from typing import Any
 
-import numpy as np
-
+from plant_sim.compiled import compiled
+from plant_sim.odometry import OdometryReading, write_reading
+from plant_sim.record import Records, quantity, zeros
 from train_ato.messages.types import Odometry
 from train_ato.supervision.ceiling import SupervisionSpeeds
-from train_ato.supervision.position_estimate import PositionEstimator, TrainMotion
+from train_ato.supervision.odometry import MotionEstimate
+from train_ato.supervision.position_estimate import (
+    MotionRecord,
+    PastSpeed,
+    TrainMotion,
+    estimate_motion,
+    motion_of,
+    past_speeds,
+)
 from train_ato.supervision.settings import SupervisionSpec
-from train_ato.supervision.track_supervision import TrackSupervision
+from train_ato.supervision.track_supervision import (
+    CURVE_ENDS,
+    INDICATED,
+    LineLimits,
+    TrackSupervision,
+    indicated,
+    most_restrictive,
+)
 
 STANDSTILL_SPEED = 0.1
 """Estimated speed below which the train is at standstill [m/s]."""
 REPEAT_DISTANCE = 50.0
 """Distance from the end of an emergency brake within which a second one is not released at standstill [m]."""
-TARGET_NEAR = "a target is near"
-"""Reason of the state indication."""
+MOTION = ("stamp", "front", "speed", "acceleration", "speed_error", "position_error")
+"""Fields of an estimated motion."""
 NO_SPEEDS = SupervisionSpeeds(0.0, 0.0, 0.0, 0.0)
 
 
@@ -58,9 +76,171 @@ class SupervisionDecision:
         return free, free, self.state < SupervisionState.EMERGENCY_BRAKE
 
 
-def limit_text(motion: TrainMotion, limit: float) -> str:
-    """Return speed and place of a train above a limit [m/s] as text."""
-    return f"{motion.speed * 3.6:.1f} km/h at {motion.front:.0f} m, limit {limit * 3.6:.1f} km/h"
+class Reason(IntEnum):
+    """Reason of a state."""
+
+    NONE = 0
+    TARGET_NEAR = 1
+    ABOVE_LIMIT = 2
+    ROLLED_BACK = 3
+    NO_ODOMETRY = 4
+    RESTARTED = 5
+
+
+@dataclass
+class SupervisorConstants:
+    """Settings of the supervisor."""
+
+    service_brake: bool = quantity("", "the service brake intervenes before the emergency brake")
+    roll_away: float = quantity("m", "largest movement backwards")
+
+
+@dataclass
+class SupervisorState(MotionRecord):
+    """State of the supervisor after a step, which is its decision; the motion is the last known one."""
+
+    known: bool = quantity("", "the odometry of this step is valid")
+    begun: bool = quantity("", "there was a step before")
+    permitted: float = quantity("m/s", "permitted speed")
+    warning: float = quantity("m/s", "speed of the warning")
+    service: float = quantity("m/s", "speed of the service-brake intervention")
+    emergency: float = quantity("m/s", "speed of the emergency-brake intervention")
+    state: int = quantity("", "state of the supervision")
+    reason: int = quantity("", "reason of the state")
+    reason_speed: float = quantity("m/s", "speed at the begin of the state")
+    reason_front: float = quantity("m", "front position at the begin of the state")
+    reason_limit: float = quantity("m/s", "exceeded limit")
+    reason_rolled: float = quantity("m", "movement backwards at the begin of the state")
+    rolled: float = quantity("m", "movement backwards")
+    latched: bool = quantity("", "standstill does not release the emergency brake")
+    stopped_at: float = quantity("m", "front position at the end of the last emergency brake")
+    interventions: int = quantity("", "number of brake interventions")
+
+
+@compiled
+def intervene(own: SupervisorState, state: int, reason: int, limit: float) -> None:
+    """Raise the state; a lower one than the present has no effect."""
+    if state > own.state:
+        if state >= SupervisionState.SERVICE_BRAKE > own.state:
+            own.interventions += 1
+        own.state, own.reason, own.reason_limit = state, reason, limit
+        own.reason_speed, own.reason_front, own.reason_rolled = own.speed, own.front, own.rolled
+
+
+@compiled
+def release(own: SupervisorState) -> None:
+    """Lower the state where its release condition holds: 3.13.10.3, 3.13.10.4.
+
+    Overspeed, warning and service brake end at the permitted speed, the emergency brake at standstill; a second one
+    within :data:`REPEAT_DISTANCE`, and that of a movement backwards, need an acknowledgement, which no run has.
+    """
+    standstill, within = abs(own.speed) < STANDSTILL_SPEED, own.speed <= own.permitted
+    if own.state == SupervisionState.EMERGENCY_BRAKE:
+        ended = standstill and not own.latched
+    elif own.state == SupervisionState.SERVICE_BRAKE:
+        ended = standstill or within
+    else:
+        ended = within
+    if ended:
+        if own.state == SupervisionState.EMERGENCY_BRAKE:
+            own.stopped_at = own.front
+        own.state, own.reason = SupervisionState.NORMAL, Reason.NONE
+
+
+@compiled
+def supervise_speed(p: SupervisorConstants, own: SupervisorState, track: LineLimits) -> bool:
+    """Raise the state above a limit or beyond an indication; return False if a curve does not have the speed."""
+    speed = own.speed
+    if abs(speed) < STANDSTILL_SPEED:
+        return True
+    if speed > own.emergency:
+        intervene(own, SupervisionState.EMERGENCY_BRAKE, Reason.ABOVE_LIMIT, own.emergency)
+        own.latched |= own.front - own.stopped_at < REPEAT_DISTANCE
+    elif speed > own.service and p.service_brake:
+        intervene(own, SupervisionState.SERVICE_BRAKE, Reason.ABOVE_LIMIT, own.service)
+    elif speed > own.warning:
+        intervene(own, SupervisionState.WARNING, Reason.ABOVE_LIMIT, own.warning)
+    elif speed > own.permitted:
+        intervene(own, SupervisionState.OVERSPEED, Reason.ABOVE_LIMIT, own.permitted)
+    else:
+        found = indicated(track, own.front, speed, motion_of(own))
+        if found == INDICATED:
+            intervene(own, SupervisionState.INDICATION, Reason.TARGET_NEAR, 0.0)
+        return bool(found != CURVE_ENDS)
+    return True
+
+
+@compiled
+def supervise_direction(p: SupervisorConstants, own: SupervisorState, span: float) -> None:
+    """Supervise the movement backwards over a time [ns]: 3.14.2 (roll away), 3.14.3 (reverse movement).
+
+    The distance is the integral of the speed: a balise corrects the position estimate by more than the limit.  The
+    release needs an acknowledgement (TSI OPE, appendix A, 6.37), which no run has; otherwise a train that is pushed
+    back rolls by the limit again and again.
+    """
+    own.rolled = max(own.rolled - own.speed * span * 1e-9, 0.0) if own.speed < 0.0 else 0.0
+    if own.rolled > p.roll_away:
+        intervene(own, SupervisionState.EMERGENCY_BRAKE, Reason.ROLLED_BACK, 0.0)
+        own.latched = True
+
+
+@compiled
+def supervise(
+    p: SupervisorConstants, own: SupervisorState, past: Records[PastSpeed], track: LineLimits, odometry: OdometryReading
+) -> bool:
+    """Decide on one period from its odometry; return False if a braking curve does not have the speed of the train."""
+    before = own.stamp
+    own.known = estimate_motion(own, past, odometry)
+    if not own.known:
+        intervene(own, SupervisionState.EMERGENCY_BRAKE, Reason.NO_ODOMETRY, 0.0)
+        return True
+    own.permitted, own.warning, own.service, own.emergency = most_restrictive(track, own.front, motion_of(own))
+    release(own)
+    within = supervise_speed(p, own, track)
+    supervise_direction(p, own, own.stamp - before if own.begun else 0)
+    own.begun = True
+    return bool(within)
+
+
+@compiled
+def _supervise(p: Any, own: Any, past: Any, track: LineLimits, odometry: Any) -> bool:
+    return bool(supervise(p[0], own[0], past, track, odometry[0]))
+
+
+@compiled
+def _brake(own: Any, reason: int) -> None:
+    """Apply the emergency brake, without a valid odometry."""
+    own[0].known = False
+    intervene(own[0], SupervisionState.EMERGENCY_BRAKE, reason, 0.0)
+
+
+def reason_text(own: Any) -> str:
+    """Return the reason of a :class:`SupervisorState` as text, "" without one."""
+    reason = own["reason"]
+    if reason == Reason.ABOVE_LIMIT:
+        speed, limit = own["reason_speed"] * 3.6, own["reason_limit"] * 3.6
+        return f"{speed:.1f} km/h at {own['reason_front']:.0f} m, limit {limit:.1f} km/h"
+    if reason == Reason.ROLLED_BACK:
+        return f"the train rolled back {own['reason_rolled']:.1f} m"
+    return REASONS.get(reason, "")
+
+
+REASONS = {
+    Reason.TARGET_NEAR: "a target is near",
+    Reason.NO_ODOMETRY: "no valid odometry",
+    Reason.RESTARTED: "node supervisor restarted",
+}
+"""Reasons without numbers as text."""
+
+
+def decision_of(own: Any) -> SupervisionDecision:
+    """Return the decision in a :class:`SupervisorState`."""
+    if not own["known"]:
+        return SupervisionDecision(SupervisionState(own["state"]), reason_text(own), NO_SPEEDS, None)
+    speeds = SupervisionSpeeds(*(float(own[name]) for name in SupervisionSpeeds._fields))
+    stamp, front, speed, acceleration, speed_error, error = (own[name].item() for name in MOTION)
+    motion = TrainMotion(stamp, front, speed, MotionEstimate(acceleration, speed_error, error, error))
+    return SupervisionDecision(SupervisionState(own["state"]), reason_text(own), speeds, motion)
 
 
 class Supervisor:
@@ -75,92 +255,45 @@ class Supervisor:
 
     Attributes
     ----------
-    interventions : int
-        Number of brake interventions.
+    constants : Array of :class:`SupervisorConstants`, shape (1,)
+        Settings.
+    state : Array of :class:`SupervisorState`, shape (1,)
+        State and decision.
+    past : Array of :class:`train_ato.supervision.position_estimate.PastSpeed`
+        Speeds of the averaged acceleration.
     """
 
     def __init__(self, track: TrackSupervision, spec: SupervisionSpec) -> None:
-        self.track, self._spec = track, spec
-        self._estimator = PositionEstimator()
-        self._state = SupervisionState.NORMAL
-        self._reason = ""
-        self._stamp: int | None = None
-        self._rolled = 0.0
-        self._latched = False
-        self._stopped_at = -np.inf
-        self.interventions = 0
+        self.track = track
+        self.constants, self.state, self.past = zeros(SupervisorConstants, 1), zeros(SupervisorState, 1), past_speeds()
+        self.constants["service_brake"], self.constants["roll_away"] = spec.service_brake, spec.roll_away
+        self.state["stopped_at"] = -inf
+        self._reading = zeros(OdometryReading, 1)
+
+    @property
+    def interventions(self) -> int:
+        """Number of brake interventions."""
+        return int(self.state["interventions"][0])
 
     def join(self) -> None:
         """Begin without the states of the run before: with the emergency brake, released at standstill."""
-        self._stamp = None
-        self._intervene(SupervisionState.EMERGENCY_BRAKE, "node supervisor restarted")
+        self.state["begun"] = False
+        _brake(self.state, int(Reason.RESTARTED))
 
     def step(self, odometry: Odometry | None) -> SupervisionDecision:
-        """Return the decision of one period from its odometry; None without a valid one."""
-        motion = None if odometry is None else self._estimator.step(odometry)
-        if motion is None:
-            self._intervene(SupervisionState.EMERGENCY_BRAKE, "no valid odometry")
-            return SupervisionDecision(self._state, self._reason, NO_SPEEDS, None)
-        speeds = self.track.evaluate(motion.front, motion.estimate)
-        self._release(motion, speeds)
-        self._supervise_speed(motion, speeds)
-        self._supervise_direction(motion)
-        self._stamp = motion.stamp
-        return SupervisionDecision(self._state, self._reason, speeds, motion)
+        """Return the decision of one period from its odometry; None without a valid one.
 
-    def _intervene(self, state: SupervisionState, reason: str) -> None:
-        """Raise the state; a lower one than the present has no effect."""
-        if state > self._state:
-            if state >= SupervisionState.SERVICE_BRAKE > self._state:
-                self.interventions += 1
-            self._state, self._reason = state, reason
-
-    def _release(self, motion: TrainMotion, speeds: SupervisionSpeeds) -> None:
-        """Lower the state where its release condition holds: 3.13.10.3, 3.13.10.4.
-
-        Overspeed, warning and service brake end at the permitted speed, the emergency brake at standstill; a second one
-        within :data:`REPEAT_DISTANCE`, and that of a movement backwards, need an acknowledgement, which no run has.
+        Raises
+        ------
+        ValueError
+            If a braking curve does not have the speed of the train.
         """
-        state = self._state
-        standstill = abs(motion.speed) < STANDSTILL_SPEED
-        within = motion.speed <= speeds.permitted
-        if state is SupervisionState.EMERGENCY_BRAKE:
-            ended = standstill and not self._latched
-        elif state is SupervisionState.SERVICE_BRAKE:
-            ended = standstill or within
-        else:
-            ended = within
-        if ended:
-            if state is SupervisionState.EMERGENCY_BRAKE:
-                self._stopped_at = motion.front
-            self._state, self._reason = SupervisionState.NORMAL, ""
-
-    def _supervise_speed(self, motion: TrainMotion, speeds: SupervisionSpeeds) -> None:
-        speed = motion.speed
-        if abs(speed) < STANDSTILL_SPEED:
-            return
-        if speed > speeds.emergency:
-            self._intervene(SupervisionState.EMERGENCY_BRAKE, limit_text(motion, speeds.emergency))
-            self._latched |= motion.front - self._stopped_at < REPEAT_DISTANCE
-        elif speed > speeds.service and self._spec.service_brake:
-            self._intervene(SupervisionState.SERVICE_BRAKE, limit_text(motion, speeds.service))
-        elif speed > speeds.warning:
-            self._intervene(SupervisionState.WARNING, limit_text(motion, speeds.warning))
-        elif speed > speeds.permitted:
-            self._intervene(SupervisionState.OVERSPEED, limit_text(motion, speeds.permitted))
-        elif self.track.indicates(motion.front, speed, motion.estimate):
-            self._intervene(SupervisionState.INDICATION, TARGET_NEAR)
-
-    def _supervise_direction(self, motion: TrainMotion) -> None:
-        """Supervise the movement backwards: 3.14.2 (roll away), 3.14.3 (reverse movement).
-
-        The distance is the integral of the speed: a balise corrects the position estimate by more than the limit.  The
-        release needs an acknowledgement (TSI OPE, appendix A, 6.37), which no run has; otherwise a train that is
-        pushed back rolls by the limit again and again.
-        """
-        since = motion.stamp if self._stamp is None else self._stamp
-        moved = motion.speed * (motion.stamp - since) * 1e-9
-        self._rolled = max(self._rolled - moved, 0.0) if motion.speed < 0.0 else 0.0
-        if self._rolled > self._spec.roll_away:
-            self._intervene(SupervisionState.EMERGENCY_BRAKE, f"the train rolled back {self._rolled:.1f} m")
-            self._latched = True
+        if odometry is None:
+            _brake(self.state, int(Reason.NO_ODOMETRY))
+            return decision_of(self.state[0])
+        write_reading(self._reading, odometry)
+        within = _supervise(self.constants, self.state, self.past, self.track.records, self._reading)
+        decision = decision_of(self.state[0])
+        if not within and decision.motion is not None:
+            self.track.indicates(decision.motion.front, decision.motion.speed, decision.motion.estimate)
+        return decision

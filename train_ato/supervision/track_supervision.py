@@ -4,26 +4,136 @@ Everything that depends on train and line only is computed once. The evaluation 
 a closed form per braking curve near the train.
 """
 
+# mypy: no-warn-return-any
+
 from __future__ import annotations
 
-from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from math import inf, isnan
+from typing import Any, NamedTuple
 
+from plant_sim.compiled import compiled
+from plant_sim.record import Records, quantity, zeros
 from train_ato.supervision.ceiling import SupervisionSpeeds, ceiling_speeds
+from train_ato.supervision.deceleration_curve import Arc
 from train_ato.supervision.fixed_values import FixedValues
 from train_ato.supervision.gradient import gradient_acceleration
-from train_ato.supervision.limits import BrakingTarget, TargetLimits
-from train_ato.supervision.odometry import EXACT_MOTION, MotionEstimate
-from train_ato.supervision.release_speed import release_start
+from train_ato.supervision.limits import BrakingTarget, Target, TargetLimits, indication_location, target_speeds
+from train_ato.supervision.odometry import EXACT_MOTION, MotionEstimate, speed_measurement_error
+from train_ato.supervision.release_speed import release_location
 from train_ato.supervision.step_function import StepFunction
 from train_ato.supervision.train_model import SupervisedTrain
 
-WIDEST_MOTION = MotionEstimate(0.5, 3.0, 2500.0, 2500.0)
-"""Motion for which the begin of a target is computed: acceleration [m/s²], speed error [m/s], position errors [m].
+WIDEST_ACCELERATION, WIDEST_SPEED_ERROR, WIDEST_POSITION_ERROR = 0.5, 3.0, 2500.0
+"""Acceleration [m/s²], speed error [m/s] and position errors [m] for which the begin of a target is computed.
 
 With a wider motion all targets are evaluated.
 """
+WIDEST_MOTION = MotionEstimate(WIDEST_ACCELERATION, WIDEST_SPEED_ERROR, WIDEST_POSITION_ERROR, WIDEST_POSITION_ERROR)
+"""Motion of these values."""
+CURVE_ENDS, NOT_INDICATED, INDICATED = -1, 0, 1
+"""Results of :func:`indicated`."""
+
+
+@dataclass
+class Ceiling:
+    """Ceiling speeds from a place on."""
+
+    start: float = quantity("m", "begin, minus infinity for the first")
+    permitted: float = quantity("m/s", "permitted speed")
+    warning: float = quantity("m/s", "speed of the warning")
+    service: float = quantity("m/s", "speed of the service-brake intervention")
+    emergency: float = quantity("m/s", "speed of the emergency-brake intervention")
+
+
+class LineLimits(NamedTuple):
+    """Limits of a train on a line as records: ceilings by place, targets by location, arcs of their curves."""
+
+    ceilings: Records[Ceiling]
+    targets: Records[Target]
+    arcs: Records[Arc]
+
+
+@compiled
+def ceiling(ceilings: Records[Ceiling], low: float, high: float) -> SupervisionSpeeds:
+    """Return the ceiling speeds [m/s] of the lowest limit between two front positions [m]."""
+    best = 0
+    while best + 1 < ceilings.size and ceilings[best + 1].start <= low:
+        best += 1
+    row = best + 1
+    while row < ceilings.size and ceilings[row].start <= high:
+        if ceilings[row].permitted < ceilings[best].permitted:
+            best = row
+        row += 1
+    found = ceilings[best]
+    return SupervisionSpeeds(found.permitted, found.warning, found.service, found.emergency)
+
+
+@compiled
+def first_ahead(targets: Records[Target], foremost: float) -> int:
+    """Return the number of the first target at or beyond the max safe front [m]."""
+    first = 0
+    while first < targets.size and targets[first].location < foremost:
+        first += 1
+    return first
+
+
+@compiled
+def is_wider(motion: MotionEstimate) -> bool:
+    """Return True for a motion with an earlier begin of the targets than that of :data:`WIDEST_MOTION`."""
+    if motion.acceleration > WIDEST_ACCELERATION or motion.speed_error > WIDEST_SPEED_ERROR:
+        return True
+    return motion.under_reading > WIDEST_POSITION_ERROR
+
+
+@compiled
+def released_speeds(target: Target, arcs: Records[Arc], front: float, motion: MotionEstimate) -> SupervisionSpeeds:
+    """Return the speeds of one target [m/s]; the release speed from its start location on."""
+    speed = target.release
+    if speed < inf:
+        start = release_location(target, arcs, speed, speed_measurement_error(speed), motion.under_reading)
+        if front >= start:
+            return SupervisionSpeeds(speed, speed, speed, speed)
+    return target_speeds(target, arcs, front, motion)
+
+
+@compiled
+def most_restrictive(track: LineLimits, front: float, motion: MotionEstimate) -> SupervisionSpeeds:
+    """Return the most restrictive speeds of the limits [m/s] at an estimated front position [m]."""
+    foremost, targets = front + motion.under_reading, track.targets
+    speeds = ceiling(track.ceilings, front - motion.over_reading, foremost)
+    first = first_ahead(targets, foremost)
+    if first == targets.size > 0 and targets[first - 1].is_end:
+        first -= 1  # an end of authority stays supervised when the train has passed it
+    for index in range(first, targets.size):
+        if front < targets[index].begin and not is_wider(motion):
+            break
+        found = released_speeds(targets[index], track.arcs, front, motion)
+        speeds = SupervisionSpeeds(
+            min(speeds.permitted, found.permitted),
+            min(speeds.warning, found.warning),
+            min(speeds.service, found.service),
+            min(speeds.emergency, found.emergency),
+        )
+    return speeds
+
+
+@compiled
+def indicated(track: LineLimits, front: float, speed: float, motion: MotionEstimate) -> int:
+    """Return ``INDICATED`` beyond the indication of a target, ``CURVE_ENDS`` for a curve that ends below the speed."""
+    foremost, targets = front + motion.under_reading, track.targets
+    for index in range(first_ahead(targets, foremost), targets.size):
+        target = targets[index]
+        if front < target.begin and not is_wider(motion):
+            return NOT_INDICATED
+        if speed > target.speed:
+            place = indication_location(target, track.arcs, speed, motion)
+            if isnan(place):
+                return CURVE_ENDS
+            if foremost >= place:
+                return INDICATED
+    return NOT_INDICATED
 
 
 def limits_under_train(limits: Sequence[tuple[float, float]], length: float) -> list[tuple[float, float]]:
@@ -71,6 +181,8 @@ class TrackSupervision:
     ----------
     targets : list of TargetLimits
         Lower speed limits and the end of authority, by rising location.
+    records : LineLimits
+        All limits as records.
     without_service_curve : str or None
         Reason of a missing service-brake curve to the end of authority, which the emergency-brake curve then
         supervises alone; None if there is one.
@@ -94,8 +206,11 @@ class TrackSupervision:
         profile = [
             (place, min(speed, train.max_speed)) for place, speed in limits_under_train(speed_limits, train.length)
         ]
-        self._starts = [place for place, _ in profile]
-        self._ceilings = [ceiling_speeds(speed) for speed in (train.max_speed, *(speed for _, speed in profile))]
+        ceilings = zeros(Ceiling, 1 + len(profile))
+        for record, (place, speed) in zip(ceilings, [(-inf, train.max_speed), *profile], strict=True):
+            record["start"] = place
+            for name, value in ceiling_speeds(speed)._asdict().items():
+                record[name] = value
         gradient = gradient_acceleration(grades, train.length, train.m_rotating_nom, fixed)
         self.targets: list[TargetLimits] = []
         previous = train.max_speed
@@ -107,20 +222,36 @@ class TrackSupervision:
         self.without_service_curve: str | None = None
         if end is not None:
             self.targets.append(self._end_limits(end, gradient, fixed))
-        self._release = None if release is None else SupervisionSpeeds(release, release, release, release)
-        self._locations = [limits.target.location for limits in self.targets]
-        self._begins = self._begins_of_rest(self._ceilings[0].emergency)
+        arcs = zeros(Arc, sum(limits.arcs.size for limits in self.targets))
+        self.records = LineLimits(ceilings, zeros(Target, len(self.targets)), arcs)
+        self._join_targets(float(ceilings["emergency"][0]), inf if release is None else release)
 
-    def _begins_of_rest(self, top: float) -> list[float]:
-        """Return the smallest begin of the indication [m] of each target and all later ones, at a top speed [m/s]."""
-        begins: list[float] = []
-        for limits in reversed(self.targets):
+    def _join_targets(self, top: float, release: float) -> None:
+        """Fill the records of the targets; a begin is the smallest one of this target and all later ones [m].
+
+        Parameters
+        ----------
+        top
+            Speed at which the indication begins [m/s].
+        release
+            Release speed near an end of authority [m/s]; infinite: none.
+        """
+        targets: Any = self.records.targets
+        arcs: Any = self.records.arcs
+        end, begin = arcs.size, inf
+        for index, limits in reversed(list(enumerate(self.targets))):
+            first = end - limits.arcs.size
+            arcs[first:end] = limits.arcs
             try:
-                begin = limits.indication(top, WIDEST_MOTION) - WIDEST_MOTION.under_reading
+                begin = min(limits.indication(top, WIDEST_MOTION) - WIDEST_POSITION_ERROR, begin)
             except ValueError:  # the curve ends below the compensated speed
-                begin = -float("inf")
-            begins.append(min([begin, *begins[-1:]]))
-        return begins[::-1]
+                begin = -inf
+            targets[index : index + 1] = limits.record
+            record = targets[index]
+            for name in ("ebd_first", "ebd_end", "sbd_first", "sbd_end"):
+                record[name] += first
+            record["begin"], record["release"] = begin, release if record["is_end"] else inf
+            end = first
 
     def _end_limits(self, end: BrakingTarget, gradient: StepFunction, fixed: FixedValues) -> TargetLimits:
         """Return the limits of the end of authority; without SBD if the service brake is missing or too weak."""
@@ -135,11 +266,6 @@ class TrackSupervision:
             alone = replace(train, brake=replace(train.brake, service=None))
             return TargetLimits(alone, end, gradient, fixed)
 
-    def ceiling(self, low: float, high: float) -> SupervisionSpeeds:
-        """Return the ceiling speeds [m/s] of the lowest limit between two front positions [m]."""
-        first, last = bisect_right(self._starts, low), bisect_right(self._starts, high)
-        return self._ceilings[first] if first == last else min(self._ceilings[first : last + 1], key=_permitted)
-
     def evaluate(self, front: float, motion: MotionEstimate = EXACT_MOTION) -> SupervisionSpeeds:
         """Return the most restrictive speeds of the limits [m/s] at an estimated front position [m].
 
@@ -150,22 +276,8 @@ class TrackSupervision:
         motion
             Acceleration and errors of the odometry.
         """
-        foremost = front + motion.under_reading
-        speeds = self.ceiling(front - motion.over_reading, foremost)
-        first = bisect_left(self._locations, foremost)
-        if first == len(self.targets) > 0 and self.targets[-1].target.kind == "EOA":
-            first -= 1  # an end of authority stays supervised when the train has passed it
-        for index in range(first, len(self.targets)):
-            if front < self._begins[index] and not _wider(motion):
-                break
-            found = self._target_speeds(self.targets[index], front, motion)
-            speeds = SupervisionSpeeds(
-                min(speeds.permitted, found.permitted),
-                min(speeds.warning, found.warning),
-                min(speeds.service, found.service),
-                min(speeds.emergency, found.emergency),
-            )
-        return speeds
+        found: SupervisionSpeeds = most_restrictive(self.records, front, motion)
+        return found
 
     def indicates(self, front: float, speed: float, motion: MotionEstimate = EXACT_MOTION) -> bool:
         """Return True if the train has passed the indication of a target.
@@ -177,33 +289,8 @@ class TrackSupervision:
         motion
             Acceleration and errors of the odometry.
         """
-        foremost = front + motion.under_reading
-        for index in range(bisect_left(self._locations, foremost), len(self.targets)):
-            if front < self._begins[index] and not _wider(motion):
-                return False
-            limits = self.targets[index]
-            if speed > limits.target.speed and foremost >= limits.indication(speed, motion):
-                return True
-        return False
-
-    def _target_speeds(self, limits: TargetLimits, front: float, motion: MotionEstimate) -> SupervisionSpeeds:
-        """Return the speeds of one target; the release speed from its start location on."""
-        release = self._release
-        if release is None or limits.target.kind != "EOA":
-            return limits.speeds(front, motion)
-        if front >= release_start(limits, release.emergency, motion):
-            return release
-        return limits.speeds(front, motion)
-
-
-def _wider(motion: MotionEstimate) -> bool:
-    """Return True for a motion with an earlier begin of the targets than that of ``WIDEST_MOTION``."""
-    return (
-        motion.acceleration > WIDEST_MOTION.acceleration
-        or motion.speed_error > WIDEST_MOTION.speed_error
-        or motion.under_reading > WIDEST_MOTION.under_reading
-    )
-
-
-def _permitted(speeds: SupervisionSpeeds) -> float:
-    return speeds.permitted
+        found: int = indicated(self.records, front, speed, motion)
+        if found == CURVE_ENDS:
+            for limits in self.targets:
+                limits.indication(speed, motion)
+        return found == INDICATED

@@ -6,6 +6,7 @@ The keys are those of the published cases in ``test/data/etcs_braking_cases.json
 from __future__ import annotations
 
 from itertools import pairwise
+from math import nan
 from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
@@ -209,7 +210,8 @@ class CurveInputs(SiModel):
         """Return the motion estimate of the case."""
         distance = self.distance_since_balise_m
         error = 0.0 if distance is None else odometer_error(distance)
-        return MotionEstimate(self.A_est1, self.speed_error_kmh / KMH, error, error, self.A_est2)
+        later = nan if self.A_est2 is None else self.A_est2
+        return MotionEstimate(self.A_est1, self.speed_error_kmh / KMH, error, error, later)
 
     def release(self, limits: TargetLimits) -> dict[str, float] | None:
         """Return the release speed [km/h] and its begin before the target [m]; None if the case has none."""

@@ -8,8 +8,8 @@ import numpy as np
 
 from plant_sim import kernel as k
 from plant_sim.compiled import compiled
-from train_ato.loop.spans import supervision_kernel as supervision_code
 from train_ato.loop.spans.control_kernel import changes_brake, law_step, observe, set_inputs
+from train_ato.loop.spans.supervision_kernel import copy_states, supervised_tick
 
 # Rows of `measured` (ticks, rows, units).
 MEASURED_POSITION, MEASURED_VELOCITY, MEASURED_FORCE = range(3)
@@ -120,8 +120,8 @@ def run_span(
     coupler and shoe force of the vehicles ``shown``, ``measured``, ``couplers``; ``sent`` and ``at_limit`` begin with
     command and number of steps at a limit before the first tick. ``reports`` has the state of the train at the ticks
     with diagnostics; arrays with one row have the last of these states.
-    ``supervision`` has the arrays of :class:`train_ato.loop.spans.supervised.SupervisionArrays`; ``at_rest`` is True
-    for a reference at rest now and after the delay of the commands. ``law``, ``observing`` and ``predicting`` have
+    ``supervision`` has the records of the supervisor. ``at_rest`` is True for a reference at rest now and after the
+    delay of the commands. ``law``, ``observing`` and ``predicting`` have
     number, constants, state and couplers of the law and of the observer, and the arrays of the prediction; ``law`` also
     has the inputs for all units, the demand, and the call of a law in Python. ``braking`` has records and call of the
     policy of the air brake, the envelopes of the electric brake, and the pressures charged and demanded.
@@ -133,7 +133,7 @@ def run_span(
     law_state, observer_state, policy_state = law[2], observing[2], braking[1]
     saved, observed, kept = law_state.copy(), observer_state.copy(), inputs.copy()
     demanded = policy_state.copy()
-    supervised, odometers, motion = supervision[0].copy(), supervision[2].copy(), np.zeros(5)
+    supervised = supervision.states.run[0].period > 0
     now, window = law[3], np.zeros((steps, nu))
     for tick in range(len(newest)):
         _measure(tick, (state, unit), noise, sensor, units, sensors, gaps, measured, couplers)
@@ -141,12 +141,13 @@ def run_span(
         t = at * 1e-9
         if _must_leave(tick, measured, couplers, state[k.X, 0], bound, event, events, n, at_rest):
             return tick
-        supervised[:], odometers[:] = supervision[0], supervision[2]
+        if supervised:
+            copy_states(supervision.states, supervision.kept)
         saved[:], observed[:], kept[:], demanded[:] = law_state, observer_state, inputs, policy_state
         usable, limited = True, 0
-        if supervision[0][supervision_code.PERIOD] > 0:
+        if supervised:
             place, speed = measured[tick, MEASURED_POSITION, 0], measured[tick, MEASURED_VELOCITY, 0]
-            usable = supervision_code.supervise(at, state[k.X, 0], state[k.V, 0], place, speed, supervision, motion)
+            usable = supervised_tick(at, state[k.X, 0], state[k.V, 0], place, speed, supervision)
         if usable:
             for u in range(nu):
                 x = inputs[u]
@@ -165,7 +166,7 @@ def run_span(
             )  # fmt: skip
         if not usable or limited < 0:
             law_state[:], observer_state[:], inputs[:], policy_state[:] = saved, observed, kept, demanded
-            supervision[0][:], supervision[2][:] = supervised, odometers
+            copy_states(supervision.kept, supervision.states)
             return tick
         if is_step:
             if at_rest[tick] and _stands(tick, measured, bound):

@@ -30,7 +30,7 @@ from train_ato.loop.recording import (
 from train_ato.loop.recording_builder import RecordingBuilder
 from train_ato.loop.repeated_reports import RepeatedReport
 from train_ato.loop.spans.stages import Stages
-from train_ato.loop.spans.supervised import SupervisionArrays
+from train_ato.loop.spans.supervision_kernel import SupervisionArrays
 from train_ato.loop.spans.supervision_messages import BRAKE_RELEASE, ODOMETRY, PROTECTION, SupervisionMessages
 from train_ato.loop.stage_messages import SECOND_NS, Published
 from train_ato.messages.tick_block import TickBlock, Values

@@ -245,7 +245,7 @@ class _Span:
             self._forecast.feedforward, self._forecast.shoes, *spans.model,
             self._bounds(), self._counts, link.delays(self._stamp), newest, *queues, self._stack._history._commands,
             spans.shown, out.truth, out.measured, out.couplers, out.sent, out.at_limit, (SECOND_NS, *out.reports),
-            tuple(out.supervision), self._forecast.at_rest,
+            out.supervision, self._forecast.at_rest,
         ))  # fmt: skip
         if isinstance(law, PythonLaw):
             law.end_span(done)

@@ -2,33 +2,19 @@
 
 from __future__ import annotations
 
-from collections import deque
-from typing import Any, NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
-
-from plant_sim.odometry import Odometers
-from train_ato.loop.spans import supervision_kernel as s
-from train_ato.loop.spans.packed_track import TrackArrays, packed_track
+from plant_sim.odometry import OdometerState, OdometryReading, SlipRecord
+from plant_sim.record import Records, zeros
+from train_ato.control.assurance import AssuranceConstants, AssuranceState
+from train_ato.control.plausibility import CheckConstants
 from train_ato.loop.spans.stages import Stages
+from train_ato.loop.spans.supervision_kernel import SupervisedRun, SupervisionArrays, SupervisionStates
 from train_ato.loop.train_protection import Protection
-from train_ato.messages.types import Array, AtoState
-from train_ato.supervision.supervisor import STANDSTILL_SPEED, SupervisionState
-
-Past = deque[tuple[int, float]]
-
-
-class SupervisionArrays(NamedTuple):
-    """Arrays of the compiled steps, by the entries of :mod:`train_ato.loop.spans.supervision_kernel`."""
-
-    counts: NDArray[np.int64]
-    constant: Array
-    odometers: Array
-    stamps: NDArray[np.int64]
-    speeds: Array
-    track: TrackArrays
-    steps: Array
+from train_ato.messages.types import AtoState
+from train_ato.supervision.deceleration_curve import Arc
+from train_ato.supervision.limits import Target
+from train_ato.supervision.position_estimate import PastSpeed
+from train_ato.supervision.supervisor import SupervisionState, SupervisorConstants, SupervisorState
+from train_ato.supervision.track_supervision import Ceiling, LineLimits
 
 
 class SupervisedTicks:
@@ -41,25 +27,10 @@ class SupervisedTicks:
     """
 
     def __init__(self, stages: Stages) -> None:
-        self._stages = stages
-        self._idle = stages.supervisor is None
-        self._period = 0
-        self._track: TrackArrays
-        none = np.zeros(0)
-        if stages.supervisor is None:
-            self._constant: Array = none
-            self._track = (none, np.zeros((0, 4)), np.zeros((0, 0)), np.zeros((0, 3)), none)
-            return
-        setup, odometers = stages.setup, stages.plant._odometers
-        assert odometers is not None
-        self._period = setup.supervision_ticks * setup.tick_ns
-        self._track = packed_track(stages.supervisor._supervisor.track)
-        check, assurance = stages.controller.ato._check, stages.controller.ato.assurance
-        self._constant = np.array((
-            odometers._wheel, odometers._radar, odometers._spacing, stages.plant._half,
-            -1.0 if assurance is None else assurance._reaction, 0.0 if assurance is None else assurance._limit - 1.0,
-            check._spec.speed_difference, check._spec.position_difference, check._front_offset,
-        ))  # fmt: skip
+        self._stages, self._run = stages, zeros(SupervisedRun, 1)
+        self._period = 0 if stages.supervisor is None else stages.setup.supervision_ticks * stages.setup.tick_ns
+        self._run["period"], self._run["half"] = self._period, stages.plant._half
+        self._run["assured"] = stages.controller.ato.assurance is not None
 
     @property
     def is_quiet(self) -> bool:
@@ -73,75 +44,57 @@ class SupervisedTicks:
         if self._stages.supervisor is None:
             return True
         stamp, stage, ato, profile = plant.stamp, self._stages.supervisor, controller.ato, self._stages.profile
-        supervisor = stage._supervisor
-        if stage._count is None or supervisor._stamp is None or not profile._engaged or profile._joins:
+        supervisor = stage.supervisor
+        if stage._count is None or not supervisor.state["begun"][0] or not profile._engaged or profile._joins:
             return False
-        if supervisor._state >= SupervisionState.SERVICE_BRAKE or ato.machine.state is not AtoState.ENGAGED:
+        if supervisor.state["state"][0] >= SupervisionState.SERVICE_BRAKE or ato.machine.state is not AtoState.ENGAGED:
             return False
-        if ato.awaits_profile or ato.assured or ato._check._since is not None:
+        if ato.awaits_profile or ato.assured or ato.check.since is not None:
             return False
         if any(round(request.at * 1e9) <= stamp and request.do == "disengage" for request in ato._waiting):
             return False
-        return protection.is_idle(stamp, self._period) and self._past() is not None
+        return bool(stage.odometry_check.last["stamp"][0] >= 0) and protection.is_idle(stamp, self._period)
 
     def next_request(self, stamp: int) -> list[int]:
         """Return the stamps of the requests to the ATO after a stamp [ns]."""
         return [at for request in self._stages.controller.ato._waiting if (at := round(request.at * 1e9)) > stamp]
 
-    def _past(self) -> tuple[Past, int, int] | None:
-        """Return the speeds of estimate and assurance with the first one of each; None for different ones."""
-        stage, assurance = self._stages.supervisor, self._stages.controller.ato.assurance
-        assert stage is not None
-        past = stage._supervisor._estimator._past
-        other = past if assurance is None else assurance._past
-        longer, shorter = (past, other) if len(past) >= len(other) else (other, past)
-        if not shorter or list(longer)[len(longer) - len(shorter) :] != list(shorter):
-            return None
-        return longer, len(longer) - len(past), len(longer) - len(other)
-
     def arrays(self, ticks: int) -> SupervisionArrays:
-        """Return the arrays of a span in the present states of the stages."""
-        count: NDArray[np.int64] = np.zeros(6, dtype=np.int64)
-        most = 1 if self._idle else 2 + ticks * self._stages.setup.tick_ns // self._period
-        steps, stage = np.zeros((most, s.STEP_COLUMNS)), self._stages.supervisor
-        if stage is None:
-            stamps: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
-            return SupervisionArrays(count, self._constant, np.zeros(6), stamps, np.zeros(0), self._track, steps)
-        found, last = self._past(), stage.odometry_check.last
-        assert found is not None
-        assert last is not None
-        past, first, rated = found
-        count[:] = (self._period, 0, last.stamp, first, rated, len(past))
-        stamps, speeds = np.zeros(len(past) + most, dtype=np.int64), np.zeros(len(past) + most)
-        stamps[: len(past)], speeds[: len(past)] = zip(*past, strict=True)
-        steps[0, : s.STEP_FRONT] = (*last.position, *last.speed, *last.since_balise)
-        odometers: Any = self._stages.plant._odometers
-        values = (odometers._origin, *odometers._counted, *odometers._since, odometers._front)
-        return SupervisionArrays(count, self._constant, np.array(values), stamps, speeds, self._track, steps)
+        """Return the records of the stages, and rows for the steps in some ticks."""
+        stage, odometers, ato = self._stages.supervisor, self._stages.plant.odometers, self._stages.controller.ato
+        self._run["steps"] = 0
+        if stage is None or odometers is None:
+            return _without_supervisor(self._run)
+        own, watch, most = stage.supervisor, ato.assurance, 1 + ticks * self._stages.setup.tick_ns // self._period
+        states = (
+            self._run, odometers.state, stage.odometry_check.last, own.state,
+            zeros(AssuranceState, 1) if watch is None else watch.state,
+        )  # fmt: skip
+        kept = SupervisionStates(*(records.copy() for records in states))
+        constants = zeros(AssuranceConstants, 1) if watch is None else watch.constants
+        return SupervisionArrays(
+            SupervisionStates(*states), kept, odometers.slips, own.constants, own.past, own.track.records, constants,
+            own.past if watch is None else watch.past, ato.check.constants, zeros(SupervisorState, most),
+            zeros(OdometryReading, most),
+        )  # fmt: skip
 
     def store(self, arrays: SupervisionArrays, first: int, ticks: int) -> None:
-        """Set the states of plant, supervisor and ATO to those after some ticks from a stamp [ns] on."""
-        stages = self._stages
-        if stages.supervisor is None:
+        """Set the states of train protection and ATO to those after some ticks from a stamp [ns] on."""
+        if self._stages.supervisor is None:
             return
-        stages.plant.protection.pass_ticks(first, ticks)
-        odometers: Any = stages.plant._odometers
-        _store_odometers(odometers, arrays.odometers.tolist())
-        steps = int(arrays.counts[s.STEPS])
-        if not steps:
-            return
-        ato = stages.controller.ato
-        end = int(arrays.counts[s.END])
-        past = list(zip(arrays.stamps[:end].tolist(), arrays.speeds[:end].tolist(), strict=True))
-        stages.supervisor._supervisor._estimator._past = deque(past[arrays.counts[s.FIRST_ESTIMATED] :])
-        if ato.assurance is not None:
-            ato.assurance._past = deque(past[arrays.counts[s.FIRST_RATED] :])
-            ato.assurance.service_limit = float(arrays.steps[steps, s.STEP_LIMITS + 2])
-        ato._speed, ato.standstill = past[-1][1], past[-1][1] < STANDSTILL_SPEED
+        self._stages.plant.protection.pass_ticks(first, ticks)
+        if self._run["steps"][0]:
+            speed = self._stages.supervisor.supervisor.state["speed"]
+            self._stages.controller.ato.take_speed(float(speed[0]))
 
 
-def _store_odometers(odometers: Odometers, values: list[float]) -> None:
-    odometers._origin = values[s.ORIGIN]
-    odometers._counted = values[s.COUNTED], values[s.COUNTED_RADAR]
-    odometers._since = values[s.SINCE], values[s.SINCE_RADAR]
-    odometers._front = values[s.TRUE_FRONT]
+def _without_supervisor(run: Records[SupervisedRun]) -> SupervisionArrays:
+    """Return records of the same types that no tick uses."""
+    kinds = OdometerState, OdometryReading, SupervisorState, AssuranceState
+    states = SupervisionStates(run, *(zeros(kind, 1) for kind in kinds))
+    limits = LineLimits(zeros(Ceiling, 1), zeros(Target, 0), zeros(Arc, 0))
+    return SupervisionArrays(
+        states, states, zeros(SlipRecord, 0), zeros(SupervisorConstants, 1), zeros(PastSpeed, 1), limits,
+        zeros(AssuranceConstants, 1), zeros(PastSpeed, 1), zeros(CheckConstants, 1), zeros(SupervisorState, 1),
+        zeros(OdometryReading, 1),
+    )  # fmt: skip

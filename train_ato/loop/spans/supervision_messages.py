@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import groupby
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from plant_sim.odometry import odometry_of
 from train_ato.loop.recording import ATO_STATE, SUPERVISED_SPEEDS
 from train_ato.loop.recording_builder import RecordingBuilder
 from train_ato.loop.repeated_reports import RepeatedReport
-from train_ato.loop.spans import supervision_kernel as s
 from train_ato.loop.spans.stages import Stages
-from train_ato.loop.spans.supervised import SupervisionArrays
+from train_ato.loop.spans.supervision_kernel import SupervisionArrays
 from train_ato.loop.stage_messages import SECOND_NS
 from train_ato.messages.types import (
     Array,
@@ -26,14 +26,14 @@ from train_ato.messages.types import (
     SupervisedSpeeds,
 )
 from train_ato.supervision.ceiling import SupervisionSpeeds
-from train_ato.supervision.odometry import MotionEstimate, speed_measurement_error
-from train_ato.supervision.position_estimate import TrainMotion
-from train_ato.supervision.supervisor import TARGET_NEAR, SupervisionDecision, SupervisionState, limit_text
+from train_ato.supervision.supervisor import decision_of
 
 ODOMETRY, PROTECTION, BRAKE_RELEASE = "train/odometry", "train/protection", "atp/brake_release"
 
-NUMBERS = (("front", s.STEP_FRONT), ("position_error", s.STEP_ERROR), ("acceleration", s.STEP_ACCELERATION))
-"""Numbers in the diagnostics of the supervisor, with their columns of the compiled steps."""
+NUMBERS = ("front", "position_error", "acceleration")
+"""Numbers in the diagnostics of the supervisor."""
+TEXTS = ["state", "reason", "reason_speed", "reason_front", "reason_limit"]
+"""Fields of a step from which the texts of the diagnostics follow."""
 
 
 class SupervisedStep(NamedTuple):
@@ -81,8 +81,9 @@ class SupervisionMessages:
     ) -> None:
         assert stages.supervisor is not None
         self._stages = stages
-        self._stage, self._steps = stages.supervisor, arrays.steps[1 : 1 + arrays.counts[s.STEPS]]
-        self._period = int(arrays.counts[s.PERIOD])
+        records: Any = arrays
+        count, self._period = (int(records.states.run[name][0]) for name in ("steps", "period"))
+        self._stage, self._steps, self._readings = stages.supervisor, records.steps[:count], records.readings[:count]
         self.ticks = np.flatnonzero(stamps % self._period == 0)
         self._stamps = stamps[self.ticks]
         seen, first = measured[self.ticks, :, 0], self._stage._count
@@ -91,17 +92,19 @@ class SupervisionMessages:
         offset = stages.setup.model.offsets[0]
         state = np.full(len(seen), float(AtoState.ENGAGED))
         self._ato = np.ascontiguousarray(np.column_stack((seen[:, 0] + offset, seen[:, 1], state)))
-        self._foremost = np.ascontiguousarray(self._steps[:, [s.STEP_FRONT, *[s.STEP_FOREMOST] * 4]])
-        self._speeds = self._steps[:, s.STEP_ESTIMATE : s.STEP_LIMITS + 4]
-        self._states, self._reasons = self._known_states()
-        self.reports = self._diagnostics(numbers=() if brief else NUMBERS)
+        front = self._steps["front"]
+        foremost = front + self._steps["position_error"]
+        self._foremost = np.ascontiguousarray(np.column_stack((front, *[foremost] * 4)))
+        limits = (self._steps[name] for name in SupervisionSpeeds._fields)
+        self._speeds = np.ascontiguousarray(np.column_stack((self._steps["speed"], *limits)))
+        self.reports = self._diagnostics(() if brief else NUMBERS)
 
     def at(self, number: int) -> SupervisedStep:
         """Return the messages of a step by its number."""
-        row, stamp = self._steps[number], int(self._stamps[number])
+        stamp = int(self._stamps[number])
         position, velocity, state = self._ato[number].reshape(3, 1)
         return SupervisedStep(
-            Odometry(stamp, *row[: s.STEP_FRONT].reshape(3, 2)),
+            odometry_of(self._readings[number]),
             ProtectionState(stamp, np.zeros(3)),
             SupervisedSpeeds(stamp, self._foremost[number], self._speeds[number]),
             BrakeRelease(stamp, np.ones(3), np.full(3, self._alive[number])),
@@ -111,8 +114,8 @@ class SupervisionMessages:
     def record(self, recording: RecordingBuilder) -> None:
         """Add the messages without the diagnostics to a recording as arrays."""
         stamps, count, add = self._stamps, len(self._stamps), recording.extend_rows
-        rows, ato = self._steps, self._ato
-        add(ODOMETRY, stamps, {"position": rows[:, :2], "speed": rows[:, 2:4], "since_balise": rows[:, 4:6]})
+        ato = self._ato
+        add(ODOMETRY, stamps, {name: self._readings[name] for name in ("position", "speed", "since_balise")})
         add(PROTECTION, stamps, {"active": np.zeros((count, 3))})
         add(SUPERVISED_SPEEDS, stamps, {"position": self._foremost, "speed": self._speeds})
         add(BRAKE_RELEASE, stamps, {"released": np.ones((count, 3)), "alive": np.repeat(self._alive[:, None], 3, 1)})
@@ -153,58 +156,21 @@ class SupervisionMessages:
         self._stages.plant.alive_check.problem(last[-1].release)
         self._stages.profile._inputs.accept(ATO_STATE, count, [report for report in reports if report][-2:])
         stage._inputs.accept(ODOMETRY, count, [step.odometry for step in last])
-        decision, supervisor = self._decision(count - 1), stage._supervisor
+        decision = decision_of(self._steps[-1])
         assert stage._count is not None
         stage._count += count
         stage._reported, stage._motion = decision.state, decision.motion
-        stage.odometry_check.last = last[-1].odometry
-        supervisor._state, supervisor._reason = decision.state, decision.reason
-        supervisor._stamp, supervisor._rolled = int(self._stamps[-1]), 0.0
         return last[-1].ato
 
-    def _known_states(self) -> tuple[list[SupervisionState], list[str]]:
-        """Return state and reason of every step: those of the supervisor in Python."""
-        supervisor = self._stage._supervisor
-        state, reason = supervisor._state, supervisor._reason
-        within = self._steps[:, s.STEP_ESTIMATE] <= self._steps[:, s.STEP_LIMITS]
-        moving = self._steps[:, s.STEP_MOVING] > 0.0
-        near = moving & (self._steps[:, s.STEP_INDICATED] > 0.0)
-        if within.all() and not near.any():
-            return [SupervisionState.NORMAL] * len(near), [""] * len(near)
-        states, reasons = [], []
-        above = (moving & ~within).tolist()
-        for number, (allowed, indicated) in enumerate(zip(within.tolist(), near.tolist(), strict=True)):
-            if allowed:
-                normal = (SupervisionState.NORMAL, "")
-                state, reason = (SupervisionState.INDICATION, TARGET_NEAR) if indicated else normal
-            elif above[number] and state < SupervisionState.OVERSPEED:
-                permitted = float(self._steps[number, s.STEP_LIMITS])
-                state, reason = SupervisionState.OVERSPEED, limit_text(self._motion(number), permitted)
-            states.append(state)
-            reasons.append(reason)
-        return states, reasons
-
-    def _motion(self, number: int) -> TrainMotion:
-        """Return the estimated motion of a step."""
-        row = self._steps[number].tolist()
-        speed, error = row[s.STEP_ESTIMATE], row[s.STEP_ERROR]
-        estimate = MotionEstimate(row[s.STEP_ACCELERATION], speed_measurement_error(speed), error, error)
-        return TrainMotion(int(self._stamps[number]), row[s.STEP_FRONT], speed, estimate)
-
-    def _decision(self, number: int) -> SupervisionDecision:
-        """Return the decision of a step."""
-        speeds = SupervisionSpeeds(*self._steps[number, s.STEP_LIMITS : s.STEP_LIMITS + 4].tolist())
-        return SupervisionDecision(self._states[number], self._reasons[number], speeds, self._motion(number))
-
-    def _diagnostics(self, numbers: Sequence[tuple[str, int]]) -> list[RepeatedReport]:
-        """Return the diagnostics, once a second and after a change of state, with some numbers by key and column."""
-        due = (self._stamps % SECOND_NS < self._period).tolist()
-        before = [self._stage._reported, *self._states]
-        steps = [number for number, state in enumerate(self._states) if due[number] or state is not before[number]]
-        found = []
-        for _, group in groupby(steps, key=lambda number: (self._states[number], self._reasons[number])):
+    def _diagnostics(self, numbers: Sequence[str]) -> list[RepeatedReport]:
+        """Return the diagnostics, once a second and after a change of state, with some numbers by key."""
+        states = self._steps["state"]
+        changed = np.diff(states, prepend=int(self._stage._reported)) != 0
+        steps = np.flatnonzero(changed | (self._stamps % SECOND_NS < self._period)).tolist()
+        texts, found = self._steps[TEXTS].tolist(), []
+        for _, group in groupby(steps, key=texts.__getitem__):
             same = list(group)
             stamps, rows = self._stamps[same].tolist(), self._steps[same]
-            first = self._stage._diagnostic(stamps[0], self._decision(same[0]))
-            found.append(RepeatedReport(first, stamps, {key: rows[:, at].tolist() for key, at in numbers}))
+            first = self._stage._diagnostic(stamps[0], decision_of(rows[0]))
+            found.append(RepeatedReport(first, stamps, {key: rows[key].tolist() for key in numbers}))
         return found
