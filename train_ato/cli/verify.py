@@ -91,7 +91,7 @@ def compare_with_new(run: Path, setup: RunSetup, relative: float = 0.0) -> LogCo
     with tempfile.TemporaryDirectory(prefix="train_ato_verify_") as scratch:
         again = RunFolder.make(Path(scratch) / "again", setup.scenario.name)
         with progress_bar(f"again: {setup.scenario.name}") as progress, again.sink(setup) as sink:
-            outcome = run_engine(setup, sink=sink, progress=progress)
+            outcome = run_engine(setup, sink=sink, progress=progress, messages_only=True)
         if outcome.failure:
             raise RunFailed(outcome.failure)
         with share_bar("comparing") as update:

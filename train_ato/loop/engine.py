@@ -52,6 +52,7 @@ def run_engine(
     interrupt: Interrupt | None = None,
     compiled: bool | None = None,
     summary_only: bool = False,
+    messages_only: bool = False,
 ) -> RunResult:
     """Run a scenario to its end.
 
@@ -74,6 +75,8 @@ def run_engine(
         at least :data:`COMPILED_FROM` ticks.
     summary_only
         Return no recording; the series that the same summary does not need are not made.
+    messages_only
+        Return neither recording nor metrics, whose memory grows with the length of the run.
 
     Returns
     -------
@@ -90,6 +93,7 @@ def run_engine(
             result = run_engine(
                 setup, sink=sink, progress=progress, rate=rate, log_folder=log_folder, interrupt=asked,
                 compiled=compiled, summary_only=summary_only,
+                messages_only=messages_only,
             )  # fmt: skip
         asked.pass_on()
         return result
@@ -114,6 +118,8 @@ def run_engine(
     wall = time.perf_counter() - begin
     times = StepTimes([]) if loop.compiled else loop.controller.step_times
     published, recording = loop.recording.counts, loop.recording.finish()
+    if messages_only:
+        return RunResult.without_metrics(recording, interrupt.asked, watch.failure, published)
     result = RunResult.of(setup, recording, wall, loop.ticks, times, interrupt.asked, watch.failure, published)
     return replace(result, recording=None, published={}) if summary_only else result
 

@@ -80,6 +80,14 @@ class RunResult:
         return replace(self, failure=text, summary=summary)
 
     @classmethod
+    def without_metrics(
+        cls, recording: Recording, interrupted: bool, failure: str | None, published: dict[str, int]
+    ) -> RunResult:
+        """Return the result of a run of which only the messages are used: its end, without recording and summary."""
+        failure = failure or (None if interrupted else _failure_of_ato(recording))
+        return cls(None, {}, interrupted, failure, published)
+
+    @classmethod
     def of(
         cls,
         setup: RunSetup,
