@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import socket
 import sys
 import time
 from pathlib import Path
@@ -11,6 +12,7 @@ import pytest
 from engine_runs import record_run
 from recordings import message_counts
 from replay_listener import Listener, Replaying
+from waiting import LIMIT_S
 
 from train_ato.apps.replay.options import ReplayOptions
 from train_ato.apps.replay.player import REPLAY_PROFILE
@@ -74,6 +76,27 @@ def test_a_listener_that_waits_already_hears_every_message_as_it_was_recorded(ru
             expected = recorded(run, name)
             listener.hear(name, len(expected))
             assert heard == expected
+
+
+def test_a_participant_that_is_not_discovered_yet_is_awaited(run, listen, domain):
+    """Fails if a reader that a loaded machine discovers late loses the first messages: its socket is there before."""
+    from train_ato.apps.replay.log import ReplayLog
+    from train_ato.apps.replay.options import chosen_topics
+    from train_ato.apps.replay.player import Player
+    from train_ato.ros.graph.assembly import executor_of
+
+    listen({COMMAND: COMMAND})
+    with (
+        ReplayLog(run) as log,
+        executor_of(domain, []) as (context, executor),
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as late,
+    ):
+        player = Player(executor, context, chosen_topics(log.topics, ReplayOptions(topics=(COMMAND,))), None)
+        assert player.wait_for_readers(LIMIT_S, lambda: False)
+        late.bind(("127.0.0.1", 7400 + 250 * domain + 10 + 2 * 60))
+        assert not player.wait_for_readers(0.1, lambda: False)
+        late.close()
+        assert player.wait_for_readers(LIMIT_S, lambda: False)
 
 
 def test_latched_topics_come_to_a_late_joiner(run, listen, domain):

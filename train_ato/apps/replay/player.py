@@ -5,7 +5,9 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from train_ato.apps.replay.log import LogTopic
@@ -23,6 +25,8 @@ _STALL_S = 30.0
 """Longest wait for the confirmation of a reader; a killed reader is removed earlier."""
 _QUIET_S = 0.5
 """Time without a new reader after which all existing readers count as matched."""
+_DISCOVERY_PORT, _PORTS_OF_DOMAIN = 7410, 250
+"""Discovery port of the first participant of domain 0, every other one 2 higher; ports per domain (RTPS 2.5, 9.6.2)."""
 REPLAY_PROFILE = "fastdds_replay.xml"
 """Profile of Fast DDS with frequent requests for the confirmation of the readers.
 
@@ -143,10 +147,12 @@ class Player:
     def wait_for_readers(self, most_s: float, interrupted: Callable[[], bool]) -> bool:
         """Wait until the existing readers are matched; they would lose all earlier messages.
 
+        On a loaded machine a participant of the same machine is discovered late: it has a socket before.
+
         Returns
         -------
         bool
-            False if a compatible reader was not matched in time.
+            False if a participant of this machine was not discovered, or a compatible reader not matched in time.
         """
         last = time.monotonic() + most_s
         seen, quiet = None, time.monotonic()
@@ -156,7 +162,7 @@ class Player:
             found = self._met()
             if found != seen:
                 seen, quiet = found, now
-            missing = any(matched < there for there, matched in found[0])
+            missing = any(matched < there for there, matched in found[0]) or 0 < self._participants() < self._sockets()
             if not missing and now - quiet >= min(_QUIET_S, most_s):
                 return True
             if now >= last:
@@ -168,6 +174,20 @@ class Player:
         senders = [*self._senders.values(), *([self._clock] if self._clock is not None else [])]
         pairs = tuple((self._fitting(sender), sender.publisher.get_subscription_count()) for sender in senders)
         return pairs, len(self.node.get_node_names_and_namespaces())
+
+    def _participants(self) -> int:
+        """Return the number of discovered DDS participants, this one included; 0 for a middleware without the topic."""
+        return len(self.node.get_publishers_info_by_topic("ros_discovery_info", no_mangle=True))
+
+    def _sockets(self) -> int:
+        """Return the number of DDS participants with a discovery socket in this network namespace."""
+        first = _DISCOVERY_PORT + _PORTS_OF_DOMAIN * int(self.node.context.get_domain_id())
+        ports = set()
+        for table in ("/proc/self/net/udp", "/proc/self/net/udp6"):
+            with suppress(OSError):
+                for line in Path(table).read_text(encoding="ascii").splitlines()[1:]:
+                    ports.add(int(line.split()[1].rpartition(":")[2], 16))
+        return sum(first <= port < first + _PORTS_OF_DOMAIN - 10 and (port - first) % 2 == 0 for port in ports)
 
     def _fitting(self, sender: Sender) -> int:
         """Return the number of readers compatible with a publisher."""
