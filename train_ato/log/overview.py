@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from train_ato.log.bag_layout import table_name
-from train_ato.log.reading import Progress, attachments, stream
+from train_ato.log.mcap_records import MAX_TIME_NS, Definitions
+from train_ato.log.reading import Progress, attachments, blocks, readable
 from train_ato.log.versions import VERSIONS, read_versions
 from train_ato.log.wall_time import WallTime, read_wall_time
 from train_ato.messages.codec.variable import decode_diagnostic
@@ -78,6 +79,40 @@ class Overview:
         return max(topic.last_s for topic in self.topics) - min(topic.first_s for topic in self.topics)
 
 
+class _Stamps:
+    """Stamps of a topic in the order of the log [ns]; equal steps in a row are one number.
+
+    Attributes
+    ----------
+    first, last : int
+        Smallest and largest stamp.
+    """
+
+    def __init__(self) -> None:
+        self._steps, self._counts = array("q"), array("q")
+        self._newest = 0
+        self.first, self.last = MAX_TIME_NS, 0
+
+    def add(self, stamp: int) -> None:
+        """Add a stamp."""
+        step, self._newest = stamp - self._newest, stamp
+        if self._steps and self._steps[-1] == step:
+            self._counts[-1] += 1
+        else:
+            self._steps.append(step)
+            self._counts.append(1)
+        if stamp < self.first:
+            self.first = stamp
+        if stamp > self.last:
+            self.last = stamp
+
+    def sorted(self) -> NDArray[np.int64]:
+        """Return the stamps in the order of time."""
+        found = np.cumsum(np.repeat(np.frombuffer(self._steps, np.int64), np.frombuffer(self._counts, np.int64)))
+        found.sort()
+        return found
+
+
 def log_overview(path: Path, *, broken: bool = False, progress: Progress | None = None) -> Overview:
     """Return the overview of a log.
 
@@ -95,23 +130,27 @@ def log_overview(path: Path, *, broken: bool = False, progress: Progress | None 
     ValueError
         If the file is not a log, or damaged.
     """
-    stamps: dict[str, array[int]] = {}
+    stamps: dict[str, _Stamps] = {}
     types: dict[str, str] = {}
     changes = RunChanges()
-    for message in stream(path, broken=broken, progress=progress):
-        name = message.channel.topic
-        if name not in stamps:
-            stamps[name] = array("q")
-            types[name] = message.schema.name
-        stamps[name].append(message.publish_ns)
-        if table_name(name) == "/diagnostics" and types[name] == BY_NAME["/diagnostics"].type:
-            changes.take(decode_diagnostic(message.data))
-    times = {name: np.sort(np.frombuffer(found, np.int64)) for name, found in stamps.items()}
-    begin = min((int(found[0]) for found in times.values()), default=0)
-    if begin >= EPOCH_NS and any(table_name(name) is not None for name in times):
+    known, topics_of_channels, reports = Definitions(), dict[int, _Stamps](), set[int]()
+    with readable(path, broken=broken):
+        for block in blocks(path, progress):
+            for number, _, publish_ns, place, stop in known.walk(block):
+                if number not in topics_of_channels:
+                    channel, schema = known.kind(number)
+                    topics_of_channels[number] = stamps.setdefault(channel.topic, _Stamps())
+                    types.setdefault(channel.topic, schema.name)
+                    if table_name(channel.topic) == "/diagnostics" and schema.name == BY_NAME["/diagnostics"].type:
+                        reports.add(number)
+                topics_of_channels[number].add(publish_ns)
+                if number in reports:
+                    changes.take(decode_diagnostic(block[place:stop]))
+    begin = min((found.first for found in stamps.values()), default=0)
+    if begin >= EPOCH_NS and any(table_name(name) is not None for name in stamps):
         begin = EPOCH_NS
-    end = max((int(found[-1]) for name, found in times.items() if table_name(name) is not None), default=begin)
-    topics = tuple(_topic(name, types[name], found, begin, end) for name, found in times.items())
+    end = max((found.last for name, found in stamps.items() if table_name(name) is not None), default=begin)
+    topics = tuple(_topic(name, types[name], found.sorted(), begin, end) for name, found in stamps.items())
     attached = attachments(path, broken=broken)
     return Overview(
         path,

@@ -237,6 +237,7 @@ class DamagedLog:
                 yield from self._inside(self._content(begin), known)
             else:
                 self.lost += 1
+            self._data.madvise(mmap.MADV_DONTNEED, 0, begin - begin % mmap.PAGESIZE)  # else the memory has the file
             if self._progress is not None:
                 self._progress(begin / len(self._data))
 
@@ -284,6 +285,7 @@ class DamagedLog:
                 continue
             yield begin, crc
             place = begin + HEAD.size + len(content or b"")
+            self._data.madvise(mmap.MADV_DONTNEED, 0, begin - begin % mmap.PAGESIZE)
 
     def _content(self, begin: int) -> bytes | None:
         """Return the content of the record at a place, None if it extends beyond the end."""
