@@ -10,24 +10,28 @@ from hypothesis import given
 from hypothesis import strategies as st
 from law_trains import FIVE, HILLY, LEVEL, SINGLE, asked, inputs, measured, model, printed_law, profile, stack
 
-from train_ato.control.algorithms.rbf import RBF_CENTERS, Weights, activations
+from train_ato.control.algorithms.rbf import RBF_CENTERS, move_weights, weighted
 from train_ato.control.algorithms.sliding import sig
 from train_ato.control.compensation.pade import pade_coefficients
 
 MASS = 80e3
 
 
-def test_activations_and_weights_by_hand():
-    """h_j of (25); dw with momentum; a weight stays inside its bound."""
-    hidden = activations((0.01, -0.005), [0.01 * c for c in RBF_CENTERS], 0.005)
-    assert hidden[4] == pytest.approx(math.exp(-(0.015**2) / (2 * 0.005**2)))
-    assert hidden[2] == pytest.approx(math.exp(-(0.01**2 + 0.005**2) / (2 * 0.005**2)))
-    weights = Weights([0.0, 0.0], 0.25, momentum=0.5)
-    weights.learn(0.1, (1.0, -1.0))
-    weights.learn(0.1, (1.0, -1.0))
-    assert weights.values == pytest.approx([0.25, -0.25])
-    weights.reset()
-    assert weights.values == [0.0, 0.0]
+def activations(point, spread, width):
+    """Return h_j of (25) with the centres spread (-1 -.5 0 .5 1) in all coordinates."""
+    distance = np.array(point)[:, None] - spread * np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
+    return np.exp(-(distance**2).sum(axis=0) / (2 * width**2))
+
+
+def test_weights_by_hand():
+    """Dw with momentum; a weight stays inside its bound; W'h."""
+    weights, moved, hidden = np.zeros(2), np.zeros(2), np.array([1.0, -1.0])
+    move_weights(weights, moved, hidden, 0.1, 0.5, 0.22)
+    assert weights == pytest.approx([0.1, -0.1])
+    move_weights(weights, moved, hidden, 0.1, 0.5, 0.22)
+    assert weights == pytest.approx([0.22, -0.22])
+    assert moved == pytest.approx([0.12, -0.12])
+    assert weighted(weights, hidden) == pytest.approx(0.44)
 
 
 def test_rbf_smc_learns_by_gamma_s_h():
@@ -40,9 +44,9 @@ def test_rbf_smc_learns_by_gamma_s_h():
         difference = net.step(given_now).force[0] - plain.step(given_now).force[0]
         if step == 0:
             assert difference == 0.0
-            learnt = 0.2 * 0.1 * (de + e) * np.array(activations((e, de), [0.01 * c for c in RBF_CENTERS], 0.005))
+            learnt = 0.2 * 0.1 * (de + e) * activations((e, de), 0.01, 0.005)
         else:
-            seen = np.array(activations((e, de), [0.01 * c for c in RBF_CENTERS], 0.005))
+            seen = activations((e, de), 0.01, 0.005)
             assert difference == pytest.approx(-MASS * float(learnt @ seen), rel=1e-6)
             assert difference < -0.1
 
@@ -100,7 +104,7 @@ def test_rbf_switching_term_by_hand():
     e, de = 0.3, 0.1
     s = 0.4 * e + de
     out = law.step(inputs(of, position=500.0 + e - of.offsets, velocity=np.full(5, 10.0 + de)))
-    hidden = np.array(activations((s,), RBF_CENTERS, 0.5))
+    hidden = activations((s,), 1.0, 0.5)
     weights = -0.9 * 1.4 * np.array(RBF_CENTERS) - 0.5 * 0.1 * s * hidden
     assert out.force == pytest.approx(np.full(5, MASS * (float(weights @ hidden) - 0.4 * de)), rel=1e-9)
     far = printed_law("rbf_switching_smc", p | {"eta": 0.0}, of, 0.1)

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from law_trains import FIVE, SINGLE, inputs, model, printed_law
 
+from train_ato.control.laws.funnel import widen
+
 MASS = 80e3
 QUIET = {"resistance": "model", "gamma_w": 0.0, "bias_rate": 0.0}
 
@@ -75,14 +77,15 @@ def test_funnels_widen_in_saturation_and_narrow_to_their_floor():
     law = make(of, period=1.0)
     for _ in range(2):
         law.step(inputs(of, velocity=np.array([2.0])))
-    assert law.phi2 > 0.12
+    own = law.state[0]
+    assert own["phi2"] > 0.12
     for _ in range(6000):
-        law._widen(0.0, 1.0, inputs(of))
-    assert law.phi2 == pytest.approx(1e-4 / 0.0034, rel=0.05)
-    assert law.phi1 == pytest.approx(6e-4 / 0.0035, rel=0.1)
+        widen(law.constants[0], own, 0.0, 0.0, False, 1.0)
+    assert own["phi2"] == pytest.approx(1e-4 / 0.0034, rel=0.05)
+    assert own["phi1"] == pytest.approx(6e-4 / 0.0035, rel=0.1)
     fixed = make(of, funnel="fixed")
     fixed.step(inputs(of, velocity=np.array([2.0])))
-    assert (fixed.phi1, fixed.phi2) == (0.5, 0.1)
+    assert fixed.state[["phi1", "phi2"]][0].item() == (0.5, 0.1)
 
 
 def test_learning_has_the_repaired_sign_and_holds_in_saturation():
@@ -97,7 +100,7 @@ def test_learning_has_the_repaired_sign_and_holds_in_saturation():
         stuck.step(inputs(of, velocity=np.array([2.0])))
     once = printed_law("funnel", {}, of, 0.05)
     once.step(inputs(of, velocity=np.array([2.0])))
-    assert stuck._weights.values == pytest.approx(once._weights.values, rel=1e-9)
+    assert stuck.state["weight"] == pytest.approx(once.state["weight"], rel=1e-9)
 
 
 def drive(law, of, period, steps, limit, force_of):
@@ -148,4 +151,4 @@ def test_recovers_after_saturation():
     law = make(of)
     errors = drive(law, of, 0.05, 1200, 12e3, swing)
     assert 0.5 < np.abs(errors).max() < 60.0
-    assert law.phi2 > 0.1
+    assert law.state["phi2"][0] > 0.1

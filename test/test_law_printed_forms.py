@@ -139,7 +139,7 @@ def test_excess_of_paper_003_is_that_of_a_delayed_command():
     for kappa in ("present", "printed"):
         law = printed_law("funnel", {"resistance": "model", "kappa": kappa}, of, 0.05)
         force = law.step(seen(of, 0.0, 0.01, applied=np.array([5e3]))).force[0]
-        widths[kappa] = law.phi2
+        widths[kappa] = float(law.state["phi2"][0])
     rest = 1e-4 / 0.0034
     narrowed = (0.1 - rest) * math.exp(-0.0034 * 0.05) + rest
     assert widths["present"] == pytest.approx(narrowed, rel=1e-12)

@@ -89,7 +89,7 @@ def _as_bytes(inputs: LawInput) -> dict[str, Any]:
 @pytest.fixture
 def every_law_in_python(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let shipped laws run as those of other packages."""
-    monkeypatch.setattr(span, "has_compiled_step", lambda law: False)
+    monkeypatch.setattr(span, "is_in_loop", lambda law: False)
 
 
 @pytest.mark.parametrize("case", sampled(CASES, every=2))

@@ -9,7 +9,7 @@ import pytest
 from case_costs import sampled
 from span_runs import Messages, assert_same_messages, compiled_part, messages_of, setup_of
 
-from train_ato.control.compiled.packing import has_compiled_step
+from train_ato.control.compiled.law_call import is_in_loop
 from train_ato.loop.engine import TickLoop, run_engine
 from train_ato.loop.recording import BRAKE_PIPE_COMMAND
 from train_ato.loop.spans import kernel
@@ -155,5 +155,5 @@ def test_laws_without_a_compiled_step_are_called_in_python(name: str, changes: d
     loop = TickLoop(setup_of(name, changes), None)
     loop.start()
     assert loop.controller._stack is not None
-    assert not has_compiled_step(loop.controller._stack._law)
+    assert not is_in_loop(loop.controller._stack._law)
     assert_same_messages(*(messages_of(setup_of(name, changes), compiled=chosen) for chosen in (False, True)))

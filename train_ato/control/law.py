@@ -166,9 +166,10 @@ class LawForm:
         now_fields, input_fields = dtype_of(LawNow), dtype_of(LawUnit)
 
         @compiled
-        def entry(tick: Any, p: Any, state: Any, now: Any, units: Any, n: Any) -> int:
+        def entry(tick: Any, p: Any, state: Any, now: Any, units: Any, n: Any, rows: Any) -> int:
             records = carray(now, (1,), now_fields), carray(units, (n,), input_fields)
-            return int(step(carray(p, (1,), constant_fields), carray(state, (n,), unit_fields), records[0], records[1]))
+            own = carray(state, (rows,), unit_fields)
+            return int(step(carray(p, (1,), constant_fields), own, records[0], records[1]))
 
         self.entry = entry
 
@@ -177,6 +178,13 @@ class RecordLaw(GuardedLaw):
     """Base of the laws over records: a subclass gives ``form`` and the values of its constants.
 
     A subclass with a ``demand()`` of its own is a law in Python, with the guard of :class:`GuardedLaw`.
+
+    Parameters
+    ----------
+    parameters, model, period
+        See :class:`train_ato.control.algorithms.guard.GuardedLaw`.
+    rows
+        Number of records of the state; default: one for every unit.
 
     Attributes
     ----------
@@ -204,9 +212,9 @@ class RecordLaw(GuardedLaw):
         if "demand" in vars(cls):
             cls.step = GuardedLaw.step  # type: ignore[method-assign]
 
-    def __init__(self, parameters: Any, model: TrainModel, period: float) -> None:
+    def __init__(self, parameters: Any, model: TrainModel, period: float, rows: int | None = None) -> None:
         super().__init__(parameters, model, period)
-        self.constants, self.state = zeros(self.form.constants, 1), zeros(self.form.unit, self.n)
+        self.constants, self.state = zeros(self.form.constants, 1), zeros(self.form.unit, rows or self.n)
         self.now, self.units = zeros(LawNow, 1), zeros(LawUnit, self.n)
         self.units["share"] = model.share
         self._sent = self.units["force"]

@@ -9,13 +9,15 @@ from typing import Any
 from numba import config, types
 from numba.experimental.function_type import _get_wrapper_address  # its import permits the type below as an argument
 
+from train_ato.control.law import RecordLaw
+
 LEFT = -1
 """Answer for a tick that is left to Python."""
-_SIGNATURE = types.int64(types.int64, *[types.voidptr] * 4, types.int64)
-"""Number of the tick, addresses of constants, state and inputs of the train and of the units, number of units."""
+_SIGNATURE = types.int64(types.int64, *[types.voidptr] * 4, types.int64, types.int64)
+"""Number of the tick, addresses of constants, state, inputs of train and units, numbers of units and state records."""
 POLICY = types.float64(*[types.voidptr] * 3, types.int64, types.voidptr)
 """Addresses of rules, state and rows of a policy of the air brake, number of rows, address of the measurement."""
-_ENTRY = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, *[ctypes.c_void_p] * 4, ctypes.c_int64)
+_ENTRY = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, *[ctypes.c_void_p] * 4, *[ctypes.c_int64] * 2)
 
 
 class LawCall(types.WrapperAddressProtocol):  # type: ignore[misc]
@@ -54,5 +56,38 @@ class LawCall(types.WrapperAddressProtocol):  # type: ignore[misc]
         return self._signature
 
 
-NO_CALL = LawCall(lambda tick: LEFT)
-"""Call of a law with a compiled step."""
+class RecordStep:
+    """Law over records in the compiled loop.
+
+    Parameters
+    ----------
+    law
+        The law; the loop changes its records.
+
+    Attributes
+    ----------
+    constant, state, units : Records
+        Constants and state of the law; inputs and outputs of the units.
+    couplers : UnitCouplers or None
+        Couplers beside the units, of a law that uses their forces.
+    uses_shoes : bool
+        The law uses the forecast of the shoe forces by itself, beside the feed-forward.
+    uses_effect : bool
+        The law uses the profile at the effect of the command, beside the feed-forward.
+    call : LawCall
+        Its guarded step.
+    """
+
+    def __init__(self, law: RecordLaw) -> None:
+        self.constant, self.state, self.units, self.couplers = law.constants, law.state, law.units, law.couplers
+        self.call = LawCall(lambda *_: law.form.step(law.constants, law.state, law.now, law.units), law.form.entry)
+        self.uses_shoes = law.couplers is not None or law.uses_train_forces
+        self.uses_effect = law.uses_effect
+
+
+_STEP = RecordLaw.step
+
+
+def is_in_loop(law: Any) -> bool:
+    """Return True for a law whose form the compiled loop calls; a step that a program replaces is called itself."""
+    return isinstance(law, RecordLaw) and law.in_loop and type(law).step is _STEP

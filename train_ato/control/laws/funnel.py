@@ -51,17 +51,18 @@ give only a feed-forward are rejected unless ``feedforward: true``.
 from __future__ import annotations
 
 import math
-from collections import deque
 from dataclasses import dataclass
-from operator import sub
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from plant_sim.summation import plain_sum
-from train_ato.control.algorithms.guard import GuardedLaw, is_valid
+from plant_sim.compiled import compiled
+from plant_sim.elementary import libm_exp, libm_pow
+from plant_sim.record import Records, quantity
+from train_ato.control.algorithms.guard import is_valid
 from train_ato.control.algorithms.loop_gains import LoopGains
-from train_ato.control.algorithms.rbf import Weights, activations
+from train_ato.control.algorithms.sliding import clamped
 from train_ato.control.contract import LawInput, parameter
 from train_ato.control.gains import gains_choice
+from train_ato.control.law import LawForm, LawNow, LawUnit, RecordLaw, TrainConstants, train_resistance
 from train_ato.messages.types import Array
 
 if TYPE_CHECKING:
@@ -125,10 +126,186 @@ class FunnelParameters:
     weight_limit: float = parameter(2.0, "m/s²", 0.0, 100.0, "largest magnitude of a weight")
 
 
-class Funnel(GuardedLaw):
+@dataclass(frozen=True)
+class FunnelConstants(FunnelParameters, TrainConstants):
+    """Constants of :func:`funnel_control`: its parameters, and what follows from them."""
+
+    printed: bool = quantity("", "leak, filter, gains and learning as printed")
+    is_fixed: bool = quantity("", "the funnels are constant")
+    is_dynamic: bool = quantity("", "the speed funnel widens in saturation")
+    printed_excess: bool = quantity("", "kappa as printed in (9)")
+    negative_gains: bool = quantity("", "k_i of (12), (23) outside the funnel as printed")
+    uses_delay_state: bool = quantity("", "h of (21) is used")
+    uses_model: bool = quantity("", "f has the resistance of the model")
+    uses_network: bool = quantity("", "f has the output of the network")
+    leak: float = quantity("1/s", "lam_h")
+    decay: float = quantity("1", "part of h that is left after a period")
+    charge: float = quantity("s", "h per difference of acceleration after a period")
+    narrow: float = quantity("1", "part of phi2 above its floor that is left after a period")
+    width: float = quantity("m/s", "width of the Gaussian functions, distance of the centres")
+    filter_steps: int = quantity("1", "number of steps of the printed filter in a period")
+    late: int = quantity("1", "number of periods in the delay")
+    two: float = quantity("1", "2; for a number in the code the compiler calls no pow, with other last bits")
+    period: float = quantity("s", "control period")
+
+
+@dataclass
+class FunnelState:
+    """State of :func:`funnel_control`: that of the train in the first record; lists in as many records as they need."""
+
+    weight: float = quantity("m/s²", "weight of the centre with the number of the record")
+    excess: float = quantity("N", "u - sat u as many periods ago as the number of the record, of the oldest first")
+    bias: float = quantity("m/s²", "bias of the network")
+    phi1: float = quantity("m", "position funnel")
+    phi2: float = quantity("m/s", "speed funnel")
+    h: float = quantity("m/s", "delay state")
+    wanted: float = quantity("N", "u of the last step")
+    alpha: float = quantity("m/s", "output of the printed filter")
+    bound: float = quantity("1", "Mh of (19)")
+    t: float = quantity("s", "time of the printed filter")
+    stored: int = quantity("1", "number of records with an excess")
+    stepped: bool = quantity("", "there was a step")
+    known: bool = quantity("", "the output of the printed filter is known")
+
+
+@compiled
+def funnel_gain(p: FunnelConstants, gain: float, error: float, boundary: float) -> float:
+    """Return k_i of (12), (23) [1/s] for an error and its boundary."""
+    inside = libm_pow(error / boundary, p.two)
+    if p.negative_gains:
+        return float(gain / (1.0 - inside) if abs(1.0 - inside) > 1e-9 else gain * 1e9)
+    return float(gain / (1.0 - (p.clip if p.clip < inside else inside)))
+
+
+@compiled
+def advance_delay_state(p: FunnelConstants, state: Records[FunnelState], sent: float, acting: float) -> None:
+    """Integrate h of (21) over the last sample, with the last command and the acting force of the train [N]."""
+    own = state[0]
+    if not (own.stepped and p.uses_delay_state):
+        return
+    if p.printed:
+        if own.stored > p.late:
+            for entry in range(p.late):
+                state[entry].excess = state[entry + 1].excess
+            own.stored = p.late
+        state[own.stored].excess = own.wanted - sent
+        own.stored += 1
+        sent, acting = own.wanted, acting + own.excess
+    own.h = p.decay * own.h + p.charge * ((acting - sent) / p.inertia)
+
+
+@compiled
+def surface_speed(p: FunnelConstants, own: FunnelState, aim: float, slope: float) -> tuple[float, float]:
+    """Return alpha1 [m/s] and its derivative [m/s²]: those of the aim, or of the printed filter (13), (19).
+
+    The filter is faster than most samples. Its derivative is the mean over the sample, because the filter settles
+    within the sample. After a gap the filter starts settled, with the slope of the aim.
+    """
+    if not p.printed:
+        return aim, slope
+    fresh = not own.known
+    if fresh:
+        own.alpha, own.known = aim, True
+    step, before = p.period / p.filter_steps, own.alpha
+    for _ in range(p.filter_steps):
+        z = own.alpha - aim
+        sigma = 1e-3 * libm_exp(-1e-3 * own.t) + 1e-4
+        root = math.sqrt(libm_pow(own.bound * z, p.two) + sigma * sigma)
+        rate = -z / IOTA - libm_pow(own.bound, p.two) * z / root
+        grown = own.bound + step * GAMMA_M * abs(z)
+        own.bound = MAX_FUNNEL if grown > MAX_FUNNEL else grown
+        own.alpha += step * rate
+        own.t += step
+    return own.alpha, slope if fresh else (own.alpha - before) / p.period
+
+
+@compiled
+def learnt_resistance(p: FunnelConstants, state: Records[FunnelState], held: bool, speed: float, error: float) -> float:
+    """Return the output of the network (24) [m/s²]; weights and bias learn by (27), (28)."""
+    own, scale, found = state[0], -0.5 / (p.width * p.width), 0.0
+    for j in range(p.rbf_centers):
+        found += state[j].weight * libm_exp(scale * (speed - j * p.width) * (speed - j * p.width))
+    found += own.bias
+    if not held:
+        rate, limit = -p.gamma_w * error * p.period, p.weight_limit
+        for j in range(p.rbf_centers):
+            hidden = libm_exp(scale * (speed - j * p.width) * (speed - j * p.width))
+            state[j].weight = clamped(state[j].weight + rate * hidden, -limit, limit)
+        own.bias = clamped(own.bias - p.bias_rate * error * p.period, -limit, limit)
+    return found
+
+
+@compiled
+def widen(p: FunnelConstants, own: FunnelState, wanted: float, possible: float, limited: bool, error: float) -> None:
+    """Integrate the funnels (7), (8) over the next sample.
+
+    Parameters
+    ----------
+    p, own
+        Constants and state of the train.
+    wanted, possible
+        u, and the part of it that is possible [N].
+    limited
+        u is not possible.
+    error
+        e2 [m/s].
+    """
+    if p.is_fixed:
+        return
+    beta2 = PRINTED_BETA2 if p.printed else p.beta2
+    before, rest = own.phi2, beta2 / A2
+    wide = (before - rest) * p.narrow + rest
+    if p.is_dynamic and limited:
+        grow = abs(wanted - possible) / p.inertia / (p.delta if p.delta > abs(error) else abs(error))
+        wide *= libm_exp(20.0 if grow * p.period > 20.0 else grow * p.period)
+    own.phi2 = MAX_FUNNEL if wide > MAX_FUNNEL else wide
+    slope = P1 * before - A1 * own.phi1 + BETA1 - P1 * beta2 / A2
+    own.phi1 = clamped(own.phi1 + p.period * slope, BETA1 / A1, MAX_FUNNEL)
+
+
+@compiled
+def funnel_control(p: FunnelConstants, state: Records[FunnelState], now: LawNow, units: Records[LawUnit]) -> None:
+    """Compute the demand of dynamic-surface funnel control, (6), (12), (20), (23): the part of every unit [N]."""
+    own, k10, k20 = state[0], 1.0 if p.printed else p.k10, 1.0 if p.printed else p.k20
+    off = speed = target = pull = sent = acting = known = estimate = low = high = 0.0
+    held = False
+    for x in units:
+        off += x.share * (x.position - x.reference_position)
+        speed += x.share * x.velocity
+        target += x.share * x.reference_velocity
+        pull += x.share * x.reference_acceleration
+        sent += x.force
+        acting += x.applied
+        known += x.feedforward
+        estimate += x.disturbance
+        low += x.force_min
+        high += x.force_max
+        held = held or x.saturated
+    if p.feedforward:
+        pull = 0.0
+    advance_delay_state(p, state, sent, acting)
+    k1 = funnel_gain(p, k10, off, own.phi1)
+    alpha, rate = surface_speed(p, own, target - k1 * off, pull - k1 * (speed - target))
+    error = speed - alpha - own.h
+    k2 = funnel_gain(p, k20, error, own.phi2)
+    resistance = known if p.feedforward else train_resistance(p, now, speed) if p.uses_model else 0.0
+    if p.uses_network:
+        resistance += p.inertia * learnt_resistance(p, state, held and not p.printed, speed, error)
+    wanted = p.inertia * (rate - k2 * error - p.leak * own.h) + resistance
+    wanted -= estimate
+    limited = p.printed_excess or not low <= wanted <= high
+    widen(p, own, wanted, acting if p.printed_excess else clamped(wanted, low, high), limited, error)
+    own.wanted, own.stepped = wanted, True
+    for x in units:
+        x.wanted = wanted * x.share
+
+
+class Funnel(RecordLaw):
     """Dynamic-surface funnel control with a delay state and a network (paper 003)."""
 
     Parameters: ClassVar[type] = FunnelParameters
+    form = LawForm(funnel_control, FunnelConstants, FunnelState)
+    uses_effect = False
 
     @classmethod
     def model_gains(cls, model: TrainModel, period: float) -> dict[str, Any]:
@@ -148,36 +325,31 @@ class Funnel(GuardedLaw):
         }  # fmt: skip
 
     def __init__(self, parameters: FunnelParameters, model: TrainModel, period: float) -> None:
-        super().__init__(parameters, model, period)
-        p = parameters
+        late, p = round(float(model.delay.mean()) / period), parameters
+        super().__init__(parameters, model, period, rows=max(p.rbf_centers, 1 + late))
         self.uses_feedforward, self.feedforward_hint = p.feedforward, "feedforward: true"
-        self._uses_delay_state = p.delay_state and not p.feedforward
-        self._printed = p.variant == "printed"
-        self._k10, self._k20, self._beta2 = (1.0, 1.0, PRINTED_BETA2) if self._printed else (p.k10, p.k20, p.beta2)
-        leak = PRINTED_LEAK / model.inertia if self._printed else p.lam_h
-        self._leak = leak
-        self._decay = math.exp(-leak * period)
-        self._charge = -math.expm1(-leak * period) / leak if leak > 0.0 else period
-        self._width = p.max_speed / max(1, p.rbf_centers - 1)
-        self._clip, self._negative_gains = float(p.clip), p.outside_funnel == "printed"
-        self._narrow = math.exp(-A2 * period)
-        self._centres = [index * self._width for index in range(p.rbf_centers)]
-        self._weights = Weights([0.0] * p.rbf_centers, p.weight_limit)
-        self.clear_state()
-
-    def clear_state(self) -> None:
-        """Reset funnels, delay state and network."""
-        self._weights.reset()
-        self._bias = 0.0
-        self.phi1, self.phi2 = self.parameters.phi1, self.parameters.phi2
-        self._h, self._bound, self._t = 0.0, 0.0, 0.0
-        self._alpha: float | None = None
-        self._wanted: float | None = None
-        self._excess: deque[float] = deque(maxlen=1 + round(float(self.model.delay.mean()) / self.period))
-
-    def on_missed_sample(self) -> None:
-        """Handle a missed sample: the filter restarts at the next one."""
-        self._alpha = None
+        self.uses_train_forces = uses_model = p.resistance != "network" and not p.feedforward
+        printed = p.variant == "printed"
+        leak = PRINTED_LEAK / model.inertia if printed else p.lam_h
+        self.state["phi1"][0], self.state["phi2"][0] = p.phi1, p.phi2
+        self.set_constants(
+            printed=printed,
+            is_fixed=p.funnel == "fixed",
+            is_dynamic=p.funnel == "dynamic",
+            printed_excess=p.kappa == "printed",
+            negative_gains=p.outside_funnel == "printed",
+            uses_delay_state=p.delay_state and not p.feedforward,
+            uses_model=uses_model,
+            uses_network=p.resistance != "model",
+            leak=leak,
+            decay=math.exp(-leak * period),
+            charge=-math.expm1(-leak * period) / leak if leak > 0.0 else period,
+            narrow=math.exp(-A2 * period),
+            width=p.max_speed / max(1, p.rbf_centers - 1),
+            filter_steps=max(1, math.ceil(period / FILTER_STEP - 1e-9)),
+            late=late,
+            two=2.0,
+        )
 
     def take_over(self, inputs: LawInput, force: Array) -> None:
         """Begin with the nominal resistance in the empty network; the rest of the last command [N] may not last."""
@@ -186,97 +358,4 @@ class Funnel(GuardedLaw):
             return
         place, speed = self.model.front(inputs.position), self.mean(inputs.velocity.tolist())
         bias = self.model.resisting_force(place, speed, inputs.train_shoe_force) / self.model.inertia
-        self._bias = min(max(bias, -self.parameters.weight_limit), self.parameters.weight_limit)
-
-    def demand(self, inputs: LawInput) -> list[float]:
-        """Return the force demand of every unit [N]."""
-        mass = self.model.inertia
-        place_error = self.mean(list(map(sub, inputs.position.tolist(), inputs.reference_position.tolist())))
-        speed, target = self.mean(inputs.velocity.tolist()), self.mean(inputs.reference_velocity.tolist())
-        pull = 0.0 if self.uses_feedforward else self.mean(inputs.reference_acceleration.tolist())
-        self._advance_delay_state(inputs)
-        k1 = self._gain(self._k10, place_error, self.phi1)
-        alpha, rate = self._surface(target - k1 * place_error, pull - k1 * (speed - target))
-        error = speed - alpha - self._h
-        k2 = self._gain(self._k20, error, self.phi2)
-        wanted = mass * (rate - k2 * error - self._leak * self._h) + self._resistance(inputs, speed, error)
-        wanted -= plain_sum(inputs.disturbance.tolist())
-        self._widen(wanted, error, inputs)
-        self._wanted = wanted
-        return [wanted * share for share in self.share]
-
-    def _advance_delay_state(self, inputs: LawInput) -> None:
-        """Integrate the delay state (21) over the last sample."""
-        if self._wanted is None or not self._uses_delay_state:
-            return
-        sent, acting = plain_sum(self._last_force), plain_sum(inputs.applied.tolist())
-        if self._printed:
-            self._excess.append(self._wanted - sent)
-            sent, acting = self._wanted, acting + self._excess[0]
-        missing = (acting - sent) / self.model.inertia
-        self._h = self._decay * self._h + self._charge * missing
-
-    def _gain(self, gain: float, error: float, boundary: float) -> float:
-        inside = (error / boundary) ** 2
-        if self._negative_gains:
-            return gain / (1.0 - inside) if abs(1.0 - inside) > 1e-9 else gain * 1e9
-        return gain / (1.0 - min(inside, self._clip))
-
-    def _surface(self, aim: float, slope: float) -> tuple[float, float]:
-        """Return alpha1 [m/s] and its derivative [m/s²]: those of the aim, or of the printed filter (13), (19).
-
-        The filter is faster than most samples. Its derivative is the mean over the sample, because the filter settles
-        within the sample. After a gap the filter starts settled, with the slope of the aim.
-        """
-        if not self._printed:
-            return aim, slope
-        fresh = self._alpha is None
-        if self._alpha is None:
-            self._alpha = aim
-        count = max(1, math.ceil(self.period / FILTER_STEP - 1e-9))
-        h, before = self.period / count, self._alpha
-        for _ in range(count):
-            z = self._alpha - aim
-            sigma = 1e-3 * math.exp(-1e-3 * self._t) + 1e-4
-            rate = -z / IOTA - self._bound**2 * z / math.sqrt((self._bound * z) ** 2 + sigma * sigma)
-            self._bound = min(self._bound + h * GAMMA_M * abs(z), MAX_FUNNEL)
-            self._alpha += h * rate
-            self._t += h
-        return self._alpha, slope if fresh else (self._alpha - before) / self.period
-
-    def _resistance(self, inputs: LawInput, speed: float, error: float) -> float:
-        """Return f_hat [N] and update the weights."""
-        p = self.parameters
-        model = self.model
-        force = 0.0
-        if self.uses_feedforward:
-            force = plain_sum(inputs.feedforward.tolist())
-        elif p.resistance != "network":
-            force = model.resisting_force(model.front(inputs.position), speed, inputs.train_shoe_force)
-        if p.resistance == "model":
-            return force
-        hidden = activations((speed,), self._centres, self._width)
-        found = self._weights.output(hidden) + self._bias
-        if self._printed or not any(self.saturated):
-            self._weights.learn(-p.gamma_w * error * self.period, hidden)
-            bias = self._bias - p.bias_rate * error * self.period
-            self._bias = min(max(bias, -p.weight_limit), p.weight_limit)
-        return force + model.inertia * found
-
-    def _widen(self, wanted: float, error: float, inputs: LawInput) -> None:
-        """Integrate the funnels (7), (8) over the next sample."""
-        if self.parameters.funnel == "fixed":
-            return
-        h, beta2, before = self.period, self._beta2, self.phi2
-        rest = beta2 / A2
-        wide = (before - rest) * self._narrow + rest
-        low, high = plain_sum(inputs.force_min.tolist()), plain_sum(inputs.force_max.tolist())
-        printed = self.parameters.kappa == "printed"
-        if self.parameters.funnel == "dynamic" and (printed or not low <= wanted <= high):
-            possible = plain_sum(inputs.applied.tolist()) if printed else min(max(wanted, low), high)
-            excess = abs(wanted - possible) / self.model.inertia
-            grow = excess / max(abs(error), self.parameters.delta)
-            wide *= math.exp(min(grow * h, 20.0))
-        self.phi2 = min(wide, MAX_FUNNEL)
-        slope = P1 * before - A1 * self.phi1 + BETA1 - P1 * beta2 / A2
-        self.phi1 = min(max(self.phi1 + h * slope, BETA1 / A1), MAX_FUNNEL)
+        self.state["bias"][0] = min(max(bias, -self.parameters.weight_limit), self.parameters.weight_limit)

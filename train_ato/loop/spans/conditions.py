@@ -10,8 +10,8 @@ from train_ato.control.compensation.none import NoCompensation
 from train_ato.control.compensation.predictor import Predictor
 from train_ato.control.compensation.preview import PreviewFeedforward
 from train_ato.control.compensation.twin import Twin
+from train_ato.control.compiled.law_call import RecordStep
 from train_ato.control.compiled.observer_packing import has_compiled_observer
-from train_ato.control.compiled.packing import LawStep
 from train_ato.control.compiled.prediction_packing import has_compiled_prediction
 from train_ato.control.observers.cascaded import Cascaded
 from train_ato.control.observers.eso import Eso
@@ -83,7 +83,7 @@ def ticks_to_event(
     return int(-((stamp - min(ends)) // tick))
 
 
-def is_regular(stages: Stages, supervised: SupervisedTicks, stack: ControlStack, law: LawStep | PythonLaw) -> bool:
+def is_regular(stages: Stages, supervised: SupervisedTicks, stack: ControlStack, law: RecordStep | PythonLaw) -> bool:
     """Return True if train, control stack and receiving ends are in a state that the compiled ticks contain."""
     setup, train, controller, stamp = stages.setup, stages.plant.train, stages.controller, stages.plant.stamp
     if not supervised.is_quiet or not all(inputs.is_regular(stamp) for inputs in _inputs(stages)):

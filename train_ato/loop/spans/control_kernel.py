@@ -4,16 +4,13 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from plant_sim.compiled import compiled
 from plant_sim.railway import between_entries, envelope_force, fading_resistance, shoe_force
 from train_ato.control.air_brake.record_policy import electric_brake_available
 from train_ato.control.algorithms.force_shares import numpy_total
-from train_ato.control.compiled import laws as laws_code
 from train_ato.control.compiled import observers as observers_code
 from train_ato.control.compiled import prediction as prediction_code
-from train_ato.control.law import are_valid, limit_demands
+from train_ato.control.law import limit_demands
 from train_ato.messages.validity import MAX_FORCE
 
 # Columns of `own`, one row per unit: constants of the vehicle and of the line of the model.
@@ -119,7 +116,7 @@ def set_inputs(tick, reference, feedforward, own, limits, segments, inputs, now)
 @compiled(alone=False)
 def law_step(tick, t, coupler_forces, own, tables, shoes, law, predicting, history, inputs, sent):
     """Compute the command of a tick from its inputs; return 1 at a limit, 0 inside, -1 for one left to Python."""
-    number, constant, state, all_now, wanted, call, beside, springs = law
+    constant, state, rows, all_now, call, beside, springs = law
     now = all_now[0]
     now.t, now.train_shoe_force, now.sensed_force = t, shoes[tick, 0], 0.0
     for force in coupler_forces:
@@ -133,15 +130,8 @@ def law_step(tick, t, coupler_forces, own, tables, shoes, law, predicting, histo
     for u in range(inputs.size):
         inputs[u].shoe_force = shoes[tick, 1 + u]
     _opposing(coupler_forces, beside, springs, own, tables[0], tables[2], shoes[tick], inputs)
-    if number == laws_code.CALLED:
-        if call(tick, constant.ctypes, state.ctypes, all_now.ctypes, inputs.ctypes, inputs.size) != 0:
-            return -1
-    elif not are_valid(now, inputs):
+    if call(tick, constant.ctypes, state.ctypes, all_now.ctypes, inputs.ctypes, inputs.size, rows) != 0:
         return -1
-    else:
-        laws_code.demand(number, constant.view(np.float64), state.view(np.float64), inputs, now, wanted)
-        for u in range(inputs.size):
-            inputs[u].wanted = wanted[u]
     if not limit_demands(inputs):
         return -1
     for u in range(inputs.size):

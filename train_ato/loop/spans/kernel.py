@@ -130,7 +130,7 @@ def run_span(
     outside, cubes, cubed = forces
     every, states, gears, unit_states, settings = reports
     n, steps, nu = vehicle.shape[1], newest.shape[1], len(units)
-    law_state, observer_state, policy_state = law[2], observing[2], braking[1]
+    law_state, observer_state, policy_state = law[1], observing[2], braking[1]
     saved, observed, kept = law_state.copy(), observer_state.copy(), inputs.copy()
     demanded = policy_state.copy()
     supervised = supervision.states.run[0].period > 0

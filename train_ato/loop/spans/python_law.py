@@ -10,7 +10,6 @@ import numpy as np
 from plant_sim.record import zeros
 from train_ato.control.compensation.base import NO_PREVIEW, CompensationBase
 from train_ato.control.compiled.law_call import LEFT, LawCall
-from train_ato.control.compiled.laws import CALLED
 from train_ato.control.component_fault import step_limit
 from train_ato.control.contract import Law, LawInput, LawOutput, Preview
 from train_ato.control.law import GIVEN, LawUnit
@@ -26,7 +25,7 @@ LONGEST_CALLS_NS = 200_000_000
 
 
 class PythonLaw:
-    """Law in Python with the interface of :class:`train_ato.control.compiled.packing.CompiledLaw`.
+    """Law in Python with the attributes of :class:`train_ato.control.compiled.law_call.RecordStep`.
 
     The law receives the same inputs as in a tick in Python. An exception, and an output with another effect than a
     force (a pressure, a repeated force, an invalid force), are kept: the tick is left to Python, where the control
@@ -45,14 +44,15 @@ class PythonLaw:
         Diagnostics of the controller by the number of the tick in the span, of a law with diagnostics of its own.
     """
 
-    number = CALLED
     couplers = None
     uses_shoes = uses_effect = True
 
     def __init__(self, controller: ControllerStage, law: Law) -> None:
         assert controller._stack is not None
         self._controller, self._stack, self._law = controller, controller._stack, law
-        self.constant: Array = np.zeros(0)
+        self.constant = self.state = np.zeros(0)  # the state stays in the law
+        self.units = zeros(LawUnit, self._stack.model.n_units)
+        self.units["share"] = self._stack.model.share  # for the prediction
         self.call = LawCall(self._called)
         self.reports: dict[int, Diagnostic] = {}
         self._reported = hasattr(law, "diagnostics")
@@ -65,26 +65,13 @@ class PythonLaw:
         reported = self._reported or self._stack.plan is not None
         return getattr(self._law, "lookahead_times", None) is None and not (reported and self._stack._every > 1)
 
-    def state(self) -> Array:
-        """Return an empty array: the state stays in the law."""
-        return np.zeros(0)
-
-    def inputs(self, units: int) -> Any:
-        """Return the array of the inputs of a span."""
-        inputs = zeros(LawUnit, units)
-        inputs["share"] = self._stack.model.share  # for the prediction
-        return inputs
-
     def begin_span(
         self, stamp: int, forecast: SpanForecast, inputs: Any, now: Any, couplers: Array, counts: Any
     ) -> None:
-        """Set the arrays of a span from a stamp [ns] on,."""
+        """Set the arrays of a span from a stamp [ns] on."""
         self._stamp, self._forecast, self._inputs, self._now = stamp, forecast, inputs, now
         self._couplers, self._counts = couplers, counts
         self.reports, self._last, self._begin = {}, None, 0
-
-    def take_state(self, state: Array, inputs: Any) -> None:
-        """Do nothing: the state is in the law."""
 
     def end_span(self, done: int) -> None:
         """Give the output of a tick that was not run to the control stack."""

@@ -12,12 +12,11 @@ from plant_sim.plant_setup import Jump
 from plant_sim.record import zeros
 from train_ato.control.compensation.predictor import Predictor
 from train_ato.control.compensation.twin import Twin
-from train_ato.control.compiled.law_call import POLICY, LawCall
+from train_ato.control.compiled.law_call import POLICY, LawCall, RecordStep, is_in_loop
 from train_ato.control.compiled.observer_packing import CompiledObserver
-from train_ato.control.compiled.packing import CompiledLaw, LawStep, RecordStep, has_compiled_step
 from train_ato.control.compiled.prediction_packing import PackedPrediction, packed_prediction
 from train_ato.control.compiled.train_packing import coupler_arrays
-from train_ato.control.law import LawNow, RecordLaw
+from train_ato.control.law import LawNow
 from train_ato.control.stack import ControlStack
 from train_ato.control.train_model import STANDSTILL_SPEED
 from train_ato.loop.recording_builder import RecordingBuilder
@@ -87,7 +86,7 @@ class CompiledSpans:
         self.stages, self._recording, self._publish, self._publish_ticks = stages, recording, publish, publish_ticks
         self._forecast: Forecast | None = None
         self._law: Any = None
-        self._step: LawStep | PythonLaw | None = None
+        self._step: RecordStep | PythonLaw | None = None
         self._retry = self.ticks = 0
         self.untimed = False
         self._pause = 1
@@ -155,14 +154,12 @@ class CompiledSpans:
             kept = self._memory[name] = np.empty(shape)
         return kept[: shape[0]]
 
-    def _step_of(self, stack: ControlStack) -> LawStep | PythonLaw:
+    def _step_of(self, stack: ControlStack) -> RecordStep | PythonLaw:
         """Return the compiled step of the present law, or its call in Python."""
         if self._step is None or self._law is not stack._law:
             law: Any = stack._law
             self._law = law
-            self._step = PythonLaw(self.stages.controller, law)
-            if has_compiled_step(law):
-                self._step = RecordStep(law) if isinstance(law, RecordLaw) else CompiledLaw(law)
+            self._step = RecordStep(law) if is_in_loop(law) else PythonLaw(self.stages.controller, law)
         return self._step
 
     def forecast(self, stack: ControlStack, first: int, count: int) -> Forecast:
@@ -189,7 +186,7 @@ class _Span:
         Results of its ticks.
     """
 
-    def __init__(self, spans: CompiledSpans, stack: ControlStack, law: LawStep | PythonLaw, count: int) -> None:
+    def __init__(self, spans: CompiledSpans, stack: ControlStack, law: RecordStep | PythonLaw, count: int) -> None:
         self._spans, self._stack, self._law, self._count = spans, stack, law, count
         self._setup, self._plant = spans.stages.setup, spans.stages.plant
         self._train = train = self._plant.train
@@ -214,9 +211,8 @@ class _Span:
             np.zeros((count, units)),
         )
         self.arrays.sent[0], self.arrays.at_limit[0] = stack._last, stack._saturated_steps
-        self._inputs = law.inputs(units)
-        self._now, self._wanted = zeros(LawNow, 1), np.zeros(units)
-        self._state, self._observed = law.state(), spans.observer.state()
+        self._inputs, self._now = law.units, zeros(LawNow, 1)
+        self._observed = spans.observer.state()
         self._policy: Any = stack._policy
         times = np.array(self._forecast.times)
         used = bool(spans.observer.number)
@@ -239,8 +235,8 @@ class _Span:
              a.piece),
             train._brake.array, events, (out.outside, out.cubes, cubed), train._outside.vehicles, a.setting,
             self._noise(), spans.sensor_errors, sensors._units, sensors._front, sensors._gaps,
-            (law.number, law.constant.view(np.uint8), self._state.view(np.uint8), self._now, self._wanted,
-             law.call, *coupler_arrays(law.couplers)),
+            (law.constant.view(np.uint8), law.state.view(np.uint8), law.state.size, self._now, law.call,
+             *coupler_arrays(law.couplers)),
             self._observing(), tuple(spans.prediction), self._braking(), self._inputs, self._forecast.expected,
             self._forecast.feedforward, self._forecast.shoes, *spans.model,
             self._bounds(), self._counts, link.delays(self._stamp), newest, *queues, self._stack._history._commands,
@@ -302,7 +298,6 @@ class _Span:
     def _store(self, done: int, queues: PackedQueues, newest_due: int) -> None:
         """Set the states of stages, stack, law, link and sensors to those after the span."""
         stack, train, sensors, out = self._stack, self._train, self._train._sensors, self.arrays
-        self._law.take_state(self._state, self._inputs)
         observer = self._spans.stages.observer._stack
         self._spans.observer.take_state(self._observed, out.estimates[done - 1].tolist())
         observer._policy.state[:] = self._policy.state

@@ -58,7 +58,7 @@ def boundaries(case: Case, recording: Recording) -> tuple[Array, Array]:
             float(series[k])
             for series in (recording.reference_position, recording.reference_velocity, recording.reference_acceleration)
         )
-        found[k] = law.phi1, law.phi2
+        found[k] = law.state["phi1"][0], law.state["phi2"][0]
         law.step(
             LawInput(
                 t=float(recording.time[k]),
