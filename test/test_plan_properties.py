@@ -243,6 +243,24 @@ def test_a_stall_in_a_dead_section_names_it() -> None:
         plan(line, train_of({"car": railcar()}, 4))
 
 
+def test_a_stall_at_the_end_of_a_dead_section_names_it() -> None:
+    """Breaks if the last cell of a section has its reserve but not its name: `reduce the mass` was the remedy."""
+    passes, stalls, refused = 1.0, 1.4, []
+    for _ in range(7):  # towards the train that stalls at the very end
+        permille = (passes + stalls) / 2
+        grades = [{"at": 0, "grade_permille": 0}, {"at": 2800, "grade_permille": permille}]
+        dead = [{"begin": 2800, "end": 3000}]
+        line = line_of(grades=grades, neutral_sections=dead, end_km=4, stops=[{"at": 2600}, {"at": 3300}])
+        try:
+            plan(line, train_of({"car": railcar()}, 1), PlanSettings(speed_max=3.0))
+            passes = permille
+        except ValueError as error:
+            stalls = permille
+            refused.append(str(error))
+    assert 1.0 < passes < stalls < 1.4
+    assert all("is 0 kN in the neutral section from km 2.800 to km 3.000; shorten the" in text for text in refused)
+
+
 @pytest.mark.parametrize("jerk", [None, 0.5])
 @pytest.mark.parametrize("seed", [0, 4])
 def test_the_energy_is_that_of_the_written_profile(seed: int, jerk: float | None) -> None:

@@ -33,6 +33,8 @@ class SectionTables:
         Accelerations over the speed, see :func:`acceleration_table` [m/s²].
     traction_reserve, brake_reserve : Array, shape (cells,)
         Fractions of traction and brakes reserved in every cell for the averaging, in addition to the margin.
+    spread : Array, shape (cells,)
+        Distance over which the averaging spreads the limits by place, before and after every cell [m].
     """
 
     limit: Array
@@ -43,6 +45,7 @@ class SectionTables:
     rates: Array
     traction_reserve: Array
     brake_reserve: Array
+    spread: Array
 
 
 def acceleration_table(train: TrainTables, settings: PlanSettings, window: float, extend_steps: bool = False) -> Array:
@@ -87,7 +90,7 @@ def stall_message(
     starts = cell == 0 and at_rest
     grade = 1e3 * float(tables.line_mean[cell]) * train.inertia / (train.mass * train.gravity)
     where, remedy = "", "reduce the mass or add traction"
-    found = _sections(inputs, grid, cell, brakes=False)
+    found = _sections(inputs, grid, tables, cell, brakes=False)
     if found and need <= full:
         where = f" in the {found}"
         remedy = "move the stop or the section" if starts else "shorten the section, or pass it faster"
@@ -105,7 +108,7 @@ def braking_message(inputs: SectionInputs, grid: PlaceGrid, tables: SectionTable
     ahead = cell + 1 + int(np.argmax(bound)) if bound.any() else grid.cells
     steepest = cell + int(np.argmin(tables.line_min[cell:ahead]))
     weakest = cell + int(np.argmax(tables.brake_reserve[cell:ahead]))
-    found = _sections(inputs, grid, weakest, brakes=True)
+    found = _sections(inputs, grid, tables, weakest, brakes=True)
     steepest = weakest if found else steepest
     grade = 1e3 * float(tables.line_min[steepest]) * train.inertia / (train.mass * train.gravity)
     goal_speed, speed = (float(np.sqrt(2 * max(top[k], 0.0))) for k in (ahead, steepest + 1))
@@ -122,11 +125,14 @@ def braking_message(inputs: SectionInputs, grid: PlaceGrid, tables: SectionTable
     )
 
 
-def _sections(inputs: SectionInputs, grid: PlaceGrid, cell: int, brakes: bool) -> str:
-    """Return the sections that limit the forces in a cell; empty without one."""
+def _sections(inputs: SectionInputs, grid: PlaceGrid, tables: SectionTables, cell: int, brakes: bool) -> str:
+    """Return the sections that limit the forces in a cell, also by the averaging; empty without one."""
     if inputs.places is None:
         return ""
-    return " and the ".join(inputs.places.sections_at(float(0.5 * (grid.places[cell] + grid.places[cell + 1])), brakes))
+    first, last = grid.places[[max(cell - 1, 0), min(cell + 2, grid.cells)]] + tables.spread[cell] * np.array([-1, 1])
+    fronts = grid.places[(grid.places >= first) & (grid.places <= last)]
+    found = [name for front in fronts for name in inputs.places.sections_at(float(front), brakes)]
+    return " and the ".join(dict.fromkeys(found))
 
 
 def _lowered_for_averaging(force: Array, half_width: Array, extend_steps: bool) -> Array:

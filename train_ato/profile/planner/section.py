@@ -216,6 +216,7 @@ class PlanSection:
         rate = self._service_rate
         placed = self._placed(grid, low)
         air = np.zeros((3, grid.cells)) if placed is None else np.stack((placed[2],) * 3)
+        width = np.zeros(grid.cells)
         if self.window > 0 and self.fastest_speed is not None:
             speed = np.interp(grid.places, *self.fastest_speed)
             width = np.maximum(speed[1:], speed[:-1]) * self.window / 2 + rate * self.window**2 / 8
@@ -233,7 +234,9 @@ class PlanSection:
         reserves = np.stack(self.reserve.over(grid))
         if placed is not None:
             reserves = 1.0 - (1.0 - reserves) * (1.0 - placed[:2])
-        self._tables, self._tables_key = SectionTables(limit, low, mean, high, air, rates, *reserves), key
+        traction, brake = reserves
+        self._tables_key = key
+        self._tables = SectionTables(limit, low, mean, high, air, rates, traction, brake, width)
         return self._tables
 
     def _placed(self, grid: PlaceGrid, low: Array) -> Array | None:
