@@ -17,8 +17,7 @@ from train_ato.log.bag_layout import LOG, table_name
 from train_ato.log.reading import log_file
 from train_ato.log.run_folder import read_run_folder
 from train_ato.log.summary_file import parse_summary
-from train_ato.log.tables.portions import KeptMessages, Reader
-from train_ato.log.tables.series import Group, TopicColumns
+from train_ato.log.tables.portions import KeptMessages, LayoutRecords, Reader, TopicMessages
 from train_ato.log.tables.tables import check_known
 from train_ato.log.versions import SUMMARY
 from train_ato.loop.kept_samples import KeptSamples
@@ -27,7 +26,6 @@ from train_ato.loop.recording_builder import reduced
 from train_ato.loop.repeated_reports import KeptReports, changed_reports
 from train_ato.loop.series import TopicSamples, seconds
 from train_ato.loop.setup import RunSetup
-from train_ato.messages.codec.byte_layout import Leaf
 from train_ato.messages.codec.cdr import nanoseconds, typestore
 from train_ato.messages.codec.variable import decode_diagnostic, decode_trajectory
 from train_ato.messages.topics import BY_NAME, EPOCH_NS
@@ -87,7 +85,7 @@ def read_reports(run: Path) -> tuple[Diagnostic, ...]:
 
 def _groups(
     path: Path, topics: Collection[str], reports: KeptReports, payloads: KeptMessages
-) -> Iterator[tuple[str, Group]]:
+) -> Iterator[tuple[str, LayoutRecords]]:
     """Read the messages of some topics of the topic table: thousands of one layout at once.
 
     Diagnostics are added to ``reports``, profiles and limits to ``payloads``.
@@ -102,7 +100,7 @@ def _groups(
         space = "/" if topic.startswith("/") else spaces.setdefault("train", channel.topic.removesuffix(topic))
         return BY_NAME[topic].type == schema.name and channel.topic.removesuffix(topic) in (space, "")
 
-    series: dict[str, TopicColumns] = {}
+    found: dict[str, TopicMessages] = {}
     for portion in Reader(path, wanted).portions():
         topic = str(table_name(portion.channel.topic))
         try:
@@ -113,39 +111,31 @@ def _groups(
             if topic not in FIELDS:
                 payloads.keep(topic, portion.payloads)
                 continue
-            if topic not in series:
-                chosen, check = partial(_chosen, topic), partial(check_known, topic)
-                series[topic] = TopicColumns(typestore(), portion.schema.name, chosen, check)
-            series[topic].add(portion)
+            if topic not in found:
+                found[topic] = TopicMessages(typestore(), portion.schema.name, partial(check_known, topic))
+            found[topic].add(portion)
         except ValueError as error:
             raise ValueError(f"{path}: {portion.channel.topic}: {error}") from None
-        if sum(group.size for group in series[topic].groups) >= BATCH:
-            for group in series.pop(topic).groups:
+        if sum(group.size for group in found[topic].groups) >= BATCH:
+            for group in found.pop(topic).groups:
                 yield topic, group
-    for topic, found in series.items():
-        for group in found.groups:
+    for topic, messages in found.items():
+        for group in messages.groups:
             yield topic, group
 
 
-def _chosen(topic: str, leaf: Leaf) -> bool:
-    return leaf.path == STAMP or leaf.path in FIELDS[topic].values()
-
-
-def _values(topic: str, group: Group) -> tuple[Array, dict[str, Array]]:
+def _values(topic: str, group: LayoutRecords) -> tuple[Array, dict[str, Array]]:
     """Return stamps [s] and the parts of messages of one layout by name, shape (k, n) each."""
-    leaves = {leaf.path: leaf for leaf in group.leaves}
     values: dict[str, Array] = {}
     for name, path in FIELDS[topic].items():
-        leaf = leaves.get(path)
-        if leaf is None or leaf.dtype is None:
+        if path not in group.layout.names:
             continue
-        rows = np.empty((group.size, 1 if leaf.count is None else leaf.count))
-        group.fill(leaf, rows[:, 0] if leaf.count is None else rows.T)
+        rows = group.values(path).reshape(group.size, -1)
         if topic == MEASUREMENT:
             owners = (leaf.text for leaf in group.layout.leaves if leaf.path.startswith("name["))
             rows = np.take(rows, [place for place, owner in enumerate(owners) if owner.startswith(UNIT)], axis=1)
         values[name] = rows
-    return seconds(nanoseconds(group.values(leaves[STAMP])) - EPOCH_NS), values
+    return seconds(nanoseconds(group.values(STAMP)) - EPOCH_NS), values
 
 
 def open_recording(run: Path, *, vehicles: bool = True) -> Recording:

@@ -17,9 +17,8 @@ from plant_sim.input_error import close_match
 from train_ato.log.bag_layout import table_name
 from train_ato.log.reading import log_file
 from train_ato.log.tables.columns import TIME
-from train_ato.log.tables.portions import KeptMessages, Portion, Reader
-from train_ato.log.tables.series import TopicColumns
-from train_ato.log.tables.tables import check_foreign, check_known, foreign_table, known_part, known_table
+from train_ato.log.tables.portions import KeptMessages, Portion, Reader, TopicMessages
+from train_ato.log.tables.tables import check_foreign, check_known, foreign_table, known_table
 from train_ato.log.tables.variable_length import diagnostic_table, diagnostic_texts, trajectory_table
 from train_ato.loop.series import seconds
 from train_ato.messages.codec.cdr import typestore
@@ -120,7 +119,7 @@ class TableReader:
         self._path = log_file(Path(run))
         self._topics = None if topics is None else tuple(topics)
         self._reader = Reader(self._path, self._wanted, progress)
-        self._series: dict[str, TopicColumns] = {}
+        self._messages: dict[str, TopicMessages] = {}
         self._payloads = KeptMessages()
         self._reports: dict[str, list[Diagnostic]] = {}
         self.left_out: dict[str, str] = {}
@@ -150,7 +149,7 @@ class TableReader:
             name, known = portion.channel.topic, _known(portion.channel.topic, portion.schema)
             if known is None or not BY_NAME[known].of_variable_length:
                 self._add(portion)
-                if name in self._series and self._series[name].nbytes >= PART:
+                if name in self._messages and self._messages[name].nbytes >= PART:
                     yield from self._part(name)
             elif BY_NAME[known].message is not Diagnostic:
                 self._add(portion)
@@ -211,13 +210,13 @@ class TableReader:
         if known is not None and BY_NAME[known].of_variable_length:
             self._payloads.keep(name, portion.payloads)
             return
-        if name not in self._series:
+        if name not in self._messages:
             if known is not None:
-                chosen = partial(known_part, known)
-                self._series[name] = TopicColumns(typestore(), portion.schema.name, chosen, partial(check_known, known))
+                messages = TopicMessages(typestore(), portion.schema.name, partial(check_known, known))
             else:
-                self._series[name] = TopicColumns(_types(portion.schema), portion.schema.name, check=check_foreign)
-        self._series[name].add(portion)
+                messages = TopicMessages(_types(portion.schema), portion.schema.name, check_foreign)
+            self._messages[name] = messages
+        self._messages[name].add(portion)
 
     def _table(self, name: str) -> pd.DataFrame | None:
         """Return the table of the collected messages of a topic and remove them; None without a table."""
@@ -232,10 +231,10 @@ class TableReader:
             if BY_NAME[str(known)].message is Diagnostic:
                 return diagnostic_table(payloads)
             return trajectory_table(str(known), payloads)
-        series = self._series.pop(name, None)
-        if series is None or name in self.left_out:
+        messages = self._messages.pop(name, None)
+        if messages is None or name in self.left_out:
             return None
-        return known_table(known, series) if known is not None else foreign_table(series)
+        return known_table(known, messages) if known is not None else foreign_table(messages)
 
     def _known_name(self, name: str) -> str | None:
         return next(_known(name, schema) for channel, schema in self._reader.channels if channel.topic == name)

@@ -1,22 +1,28 @@
-"""Messages of a log in portions: hundreds of payloads of one channel at once."""
+"""Messages of a log in portions: hundreds of payloads of one channel at once, as records of one layout."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 from mcap.records import Channel, Schema
+from numpy.typing import NDArray
 
 from train_ato.log.mcap_records import NO_SCHEMA, Definitions
 from train_ato.log.reading import Progress, blocks, readable
+from train_ato.messages.codec.byte_layout import Layout, Typestore, layout_of, rows_of
 
-__all__ = ["KeptMessages", "Portion", "Reader"]
+__all__ = ["KeptMessages", "LayoutRecords", "Portion", "Reader", "TopicMessages"]
 
 PORTION = 2**20
 """Size of a portion [bytes]: large enough for a low cost per message, small enough for a cache."""
 MAX_KEPT = 2**30
 """Maximum size of the messages of variable length of one log [bytes]."""
+MOST_LAYOUTS = 64
+"""Maximum number of layouts of messages with one length; further messages, for example with texts, are read singly."""
 
 
 @dataclass
@@ -134,3 +140,120 @@ class Reader:
             if portion is not None:
                 portion.payloads.append(view[begin:end])
                 portion.publish_ns.append(publish_ns)
+
+
+@dataclass
+class LayoutRecords:
+    """Messages of one layout.
+
+    Attributes
+    ----------
+    size : int
+        Number of messages.
+    numbers : list of Array of int
+        Places of the messages in the topic, in parts.
+    parts : list of Array
+        Messages as records of the type of the layout, shape (n,) each.
+    """
+
+    layout: Layout
+    size: int = 0
+    numbers: list[NDArray[np.int64]] = field(default_factory=list)
+    parts: list[NDArray[Any]] = field(default_factory=list)
+
+    def add(self, numbers: NDArray[np.int64], rows: NDArray[np.uint8]) -> None:
+        """Add messages of this layout, shape (n, bytes)."""
+        self.numbers.append(numbers)
+        self.parts.append(rows.view(self.layout.dtype)[:, 0])
+        self.size += len(rows)
+
+    def fill(self, path: str, out: NDArray[Any]) -> None:
+        """Write the values of a field of all messages into an array, shape (n,), for arrays (n, count)."""
+        end = 0
+        for part in self.parts:
+            begin, end = end, end + part.size
+            out[begin:end] = part[path]
+
+    def values(self, path: str) -> NDArray[Any]:
+        """Return the values of a field of all messages, shape (n,), for arrays (n, count)."""
+        kind = self.layout.dtype[path]
+        out = np.empty((self.size, *kind.shape), kind.base.newbyteorder("="))
+        self.fill(path, out)
+        return out
+
+
+class TopicMessages:
+    """Messages of one topic.
+
+    Parameters
+    ----------
+    types
+        Type store with the type.
+    type_name
+        Type of the messages.
+    check
+        Check of every new layout before its messages are kept; it raises ValueError.
+
+    Attributes
+    ----------
+    publish_ns : list of int
+        Publish times of all messages [ns since 1970].
+    groups : list of LayoutRecords
+        Messages by layout.
+    """
+
+    def __init__(self, types: Typestore, type_name: str, check: Callable[[Layout], None]) -> None:
+        self._types, self._type_name, self._check = types, type_name, check
+        self._known: dict[int, list[LayoutRecords]] = {}
+        self.publish_ns: list[int] = []
+        self.groups: list[LayoutRecords] = []
+
+    @property
+    def nbytes(self) -> int:
+        """Size of the messages [bytes]."""
+        return sum(group.layout.length * group.size for group in self.groups)
+
+    def add(self, portion: Portion) -> None:
+        """Add a portion of the log.
+
+        Raises
+        ------
+        ValueError
+            For bytes that are not a message of the type, and from ``check``.
+        """
+        lengths = np.array([len(payload) for payload in portion.payloads])
+        for length in np.unique(lengths).tolist():
+            places = np.flatnonzero(lengths == length)
+            whole = places.size == lengths.size
+            payloads = portion.payloads if whole else [portion.payloads[place] for place in places.tolist()]
+            self._sort(len(self.publish_ns) + places, rows_of(payloads, length))
+        self.publish_ns += portion.publish_ns
+
+    def _sort(self, numbers: NDArray[np.int64], rows: NDArray[np.uint8]) -> None:
+        """Add messages of one length to the groups of their layouts."""
+        known = self._known.setdefault(rows.shape[1], [])
+        for group in known:
+            if not numbers.size:
+                return
+            numbers, rows = _rest(group, numbers, rows, group.layout.fits(rows))
+        while numbers.size:
+            layout = layout_of(self._types, self._type_name, rows[0].tobytes())
+            self._check(layout)
+            group, fits = LayoutRecords(layout), np.arange(numbers.size) == 0
+            self.groups.append(group)
+            if len(known) < MOST_LAYOUTS:
+                known.append(group)
+                fits = layout.fits(rows)
+            numbers, rows = _rest(group, numbers, rows, fits)
+
+
+def _rest(
+    group: LayoutRecords, numbers: NDArray[np.int64], rows: NDArray[np.uint8], fits: NDArray[np.bool_]
+) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
+    """Add the messages with the layout of a group to it and return the others."""
+    if fits.all():
+        group.add(numbers, rows)
+        return numbers[:0], rows[:0]
+    if fits.any():
+        group.add(numbers[fits], rows[fits])
+    return numbers[~fits], rows[~fits]

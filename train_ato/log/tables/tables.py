@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from train_ato.log.tables.columns import TIME, column, has_column
-from train_ato.log.tables.series import Group, TopicColumns
+from train_ato.log.tables.portions import LayoutRecords, TopicMessages
 from train_ato.loop.series import seconds
 from train_ato.messages.codec.byte_layout import Layout, Leaf
 from train_ato.messages.codec.cdr import nanoseconds
@@ -22,19 +22,12 @@ from train_ato.messages.topics import EPOCH_NS
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["LONGEST_ARRAY", "STAMPS", "check_foreign", "check_known", "foreign_table", "known_part", "known_table"]
+__all__ = ["LONGEST_ARRAY", "STAMPS", "check_foreign", "check_known", "foreign_table", "known_table"]
 
 STAMPS = ("header.stamp", "clock")
 """Paths of the stamp in messages of the topic table."""
 LONGEST_ARRAY = 1000
 """Maximum length of an array in columns; longer ones, for example images, are refused."""
-
-
-def known_part(topic: str, leaf: Leaf) -> bool:
-    """Return True if the table of a topic needs a part of its messages."""
-    if leaf.path in STAMPS:
-        return True
-    return leaf.dtype is not None and leaf.count != 0 and has_column(topic, leaf.path)
 
 
 def check_known(topic: str, layout: Layout) -> None:
@@ -46,9 +39,16 @@ def check_known(topic: str, layout: Layout) -> None:
         If the numbers of names and values differ.
     """
     owners = _owners(layout)
-    for leaf in layout.leaves:
-        if known_part(topic, leaf) and leaf.path not in STAMPS and not leaf.is_time:
+    for leaf in _columns_of(topic, layout):
+        if leaf.path not in STAMPS and not leaf.is_time:
             _names(topic, leaf, owners)
+
+
+def _columns_of(topic: str, layout: Layout) -> list[Leaf]:
+    """Return the numbers and times of a message with columns in the table of its topic."""
+    return [
+        leaf for leaf in layout.leaves if leaf.dtype is not None and leaf.count != 0 and has_column(topic, leaf.path)
+    ]
 
 
 def check_foreign(layout: Layout) -> None:
@@ -64,7 +64,7 @@ def check_foreign(layout: Layout) -> None:
             raise ValueError(f"{leaf.path} is an array of {leaf.count} numbers, at most {LONGEST_ARRAY} make columns")
 
 
-def known_table(topic: str, series: TopicColumns) -> pd.DataFrame:
+def known_table(topic: str, messages: TopicMessages) -> pd.DataFrame:
     """Return the table of a topic of the topic table: float64 columns over simulated time.
 
     Raises
@@ -72,31 +72,30 @@ def known_table(topic: str, series: TopicColumns) -> pd.DataFrame:
     ValueError
         If two columns have the same name.
     """
-    parts = [(group.numbers(), _part(topic, group)) for group in series.groups]
+    parts = [(np.concatenate(group.numbers), _part(topic, group)) for group in messages.groups]
     return in_order(_joined(parts))
 
 
-def _part(topic: str, group: Group) -> pd.DataFrame:
+def _part(topic: str, group: LayoutRecords) -> pd.DataFrame:
     """Return the table of the messages of one layout, with contiguous columns."""
     import pandas as pd
 
-    owners = _owners(group.layout)
-    leaves = {leaf.path: leaf for leaf in group.leaves if leaf.dtype is not None}
-    stamps = next(nanoseconds(group.values(leaves[path])) for path in STAMPS if path in leaves) - EPOCH_NS
-    names = {path: _names(topic, leaf, owners) for path, leaf in leaves.items() if has_column(topic, path)}
-    block = np.empty((sum(map(len, names.values())), group.size))
+    owners, leaves = _owners(group.layout), _columns_of(topic, group.layout)
+    stamps = next(nanoseconds(group.values(path)) for path in STAMPS if path in group.layout.names) - EPOCH_NS
+    names = [_names(topic, leaf, owners) for leaf in leaves]
+    block = np.empty((sum(map(len, names)), group.size))
     row = 0
-    for path, columns in names.items():
+    for leaf, columns in zip(leaves, names, strict=True):
         out = block[row : row + len(columns)]
-        if path in STAMPS:
+        if leaf.path in STAMPS:
             out[0] = seconds(stamps)
-        elif leaves[path].is_time:
-            out[0] = seconds(nanoseconds(group.values(leaves[path])) + stamps)
+        elif leaf.is_time:
+            out[0] = seconds(nanoseconds(group.values(leaf.path)) + stamps)
         else:
-            group.fill(leaves[path], out if leaves[path].count is not None else out[0])
+            group.fill(leaf.path, out.T if leaf.count is not None else out[0])
         row += len(columns)
     index = pd.Index(seconds(stamps), name=TIME)
-    titles = _unique([name for columns in names.values() for name in columns])
+    titles = _unique([name for columns in names for name in columns])
     return pd.DataFrame(block.T, index=index, columns=titles, copy=False)
 
 
@@ -136,7 +135,7 @@ def in_order(table: pd.DataFrame) -> pd.DataFrame:
     return table if table.index.is_monotonic_increasing else table.sort_index(kind="stable")
 
 
-def foreign_table(series: TopicColumns) -> pd.DataFrame:
+def foreign_table(messages: TopicMessages) -> pd.DataFrame:
     """Return the table of a topic that is not in the topic table, over publish time [ns since 1970].
 
     Nested fields are joined by ``_``; entries of arrays are numbered, those of a JointState have their names; stamps
@@ -144,15 +143,15 @@ def foreign_table(series: TopicColumns) -> pd.DataFrame:
 
     Parameters
     ----------
-    series
+    messages
         Messages of the topic.
     """
     import pandas as pd
 
-    publish = series.publish_ns
+    publish = np.array(messages.publish_ns, dtype=np.int64)
     found: dict[str, NDArray[Any]] = {}
-    for group in series.groups:
-        numbers = group.numbers()
+    for group in messages.groups:
+        numbers = np.concatenate(group.numbers)
         for name, values in _foreign_columns(group):
             if numbers.size == publish.size:
                 found[name] = values
@@ -161,20 +160,20 @@ def foreign_table(series: TopicColumns) -> pd.DataFrame:
     return in_order(pd.DataFrame(found, index=pd.Index(publish, name=TIME), copy=False))
 
 
-def _foreign_columns(group: Group) -> Iterator[tuple[str, NDArray[Any]]]:
+def _foreign_columns(group: LayoutRecords) -> Iterator[tuple[str, NDArray[Any]]]:
     owners = _owners(group.layout)
-    for leaf in group.leaves:
+    for leaf in group.layout.leaves:
         name = _plain(leaf.path)
         if leaf.dtype is None:
             if not (owners and leaf.path.startswith("name[")):
                 yield name, np.full(group.size, leaf.text, dtype=object)
         elif leaf.is_time:
-            yield f"{name}_ns", nanoseconds(group.values(leaf))
+            yield f"{name}_ns", nanoseconds(group.values(leaf.path))
         elif leaf.count is None:
-            yield name, group.values(leaf)
+            yield name, group.values(leaf.path)
         else:
             named = len(owners) == leaf.count and "." not in leaf.path
-            for index, row in enumerate(group.values(leaf)):
+            for index, row in enumerate(np.ascontiguousarray(group.values(leaf.path).T)):
                 yield f"{owners[index]}_{name}" if named else f"{name}_{index}", row
 
 

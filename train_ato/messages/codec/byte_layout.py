@@ -108,14 +108,10 @@ class Layout:
                 fields[leaf.path] = kind, leaf.start
         return structure(fields, self.length)
 
-    def read(self, rows: NDArray[np.uint8], leaf: Leaf) -> NDArray[Any]:
-        """Return one part of n messages as a view: shape (n,), for an array (count, n)."""
-        assert leaf.dtype is not None
-        stride = rows.strides[0]
-        if leaf.count is None:
-            return np.ndarray((len(rows),), leaf.dtype, rows.data, leaf.start, (stride,))
-        shape = (leaf.count, len(rows))
-        return np.ndarray(shape, leaf.dtype, rows.data, leaf.start, (leaf.dtype.itemsize, stride))
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Paths of the numbers and times."""
+        return self.dtype.names or ()
 
 
 def layout_of(types: Typestore, type_name: str, data: bytes) -> Layout:
