@@ -17,7 +17,7 @@ from waiting import LIMIT_S, wait_for
 
 import train_ato as ta
 from train_ato.apps.falsify import study_files
-from train_ato.apps.falsify.gaussian_process import GaussianProcess
+from train_ato.apps.falsify.proposals import GaussianProcess
 from train_ato.apps.falsify.search import FalsificationSearch
 from train_ato.apps.falsify.search_space import SearchSpace, search_space
 from train_ato.apps.falsify.study import Falsification

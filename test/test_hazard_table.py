@@ -13,8 +13,7 @@ from test_architecture import MODULES, imports, tree
 
 from msgs_docs.generate import hazard_page
 from msgs_docs.generate.fault_table import ROWS as FAULT_ROWS
-from msgs_docs.generate.hazard_page import read_pairs, run_open, unmeasured_hazards
-from msgs_docs.generate.hazard_rows import OPEN, ROWS
+from msgs_docs.generate.hazard_page import OPEN, ROWS, read_pairs, run_open, unmeasured_hazards
 from msgs_docs.generate.hazard_runs import MEASURES, run_pair
 from msgs_docs.generate.hazard_table import ACTIONS, GUIDES, HARMLESS, HAZARDS
 from msgs_docs.generate.monitor_removal import REMOVALS, monitor_part, removed_monitors

@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 from import_files import TRAIN, metro, recorded, take, text_of
 
-from train_ato.apps.import_csv.dates import moments
-from train_ato.apps.import_csv.headers import column_name, is_units_row
+from train_ato.apps.import_csv.table import column_name, is_units_row, moments
 from train_ato.cli.main import main
 
 ROOT = Path(__file__).resolve().parents[1]

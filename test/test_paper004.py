@@ -13,8 +13,8 @@ from train_ato.loop.setup import prepare
 from train_ato.papers.claims import Result, printed
 from train_ato.papers.p004_gpc import checks as gpc_judges
 from train_ato.papers.p004_gpc.cases import CASES, LAWS, TRAINS
+from train_ato.papers.p004_gpc.change_checks import command_oscillation
 from train_ato.papers.p004_gpc.claims import PAPER
-from train_ato.papers.p004_gpc.series import command_oscillation
 from train_ato.papers.tracking import largest_speed_error
 from train_ato.scenario.scenario import load_scenario
 

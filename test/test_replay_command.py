@@ -18,8 +18,8 @@ from recordings import message_counts
 from test_replay import COMMAND, PROFILE, domain, listen, recorded, run  # noqa: F401
 from waiting import LIMIT_S
 
-from train_ato.cli.keyboard import KEYS, pressed
 from train_ato.cli.main import main
+from train_ato.cli.replay import KEYS, pressed
 
 COMMAND_LINE = [sys.executable, "-m", "train_ato", "replay"]
 

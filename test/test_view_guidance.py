@@ -10,9 +10,8 @@ import pytest
 from train_ato.apps.view.facts import Facts, ProfileCurve
 from train_ato.apps.view.feed import Feed, Mark
 from train_ato.apps.view.guidance import delay_at, guidance, targets
-from train_ato.apps.view.messages import MOST_MESSAGES, message_rows
+from train_ato.apps.view.page import MOST_MESSAGES, message_rows, track_ahead
 from train_ato.apps.view.protection import ProtectionTracker
-from train_ato.apps.view.track_ahead import track_ahead
 from train_ato.messages.layout import TrainLayout
 from train_ato.messages.types import Diagnostic
 from train_ato.supervision.ceiling import ceiling_speeds

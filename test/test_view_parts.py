@@ -14,7 +14,7 @@ from waiting import wait_for
 
 from train_ato.apps.view.ending import Ending, ending_of
 from train_ato.apps.view.facts import Facts, ProfileCurve, facts_of
-from train_ato.apps.view.feed import KEPT_S, Feed
+from train_ato.apps.view.feed import KEPT_S, Feed, Strip
 from train_ato.apps.view.live import WAITING_RATE
 from train_ato.apps.view.recorded import MOST_POINTS, RecordedFeed
 from train_ato.apps.view.snapshot import (
@@ -29,7 +29,6 @@ from train_ato.apps.view.snapshot import (
     now,
     strip_row,
 )
-from train_ato.apps.view.strip import Strip
 from train_ato.apps.view.tuning import Tunable, coerced, slider_scale
 from train_ato.cli import main
 from train_ato.cli.main import command_line

@@ -1,7 +1,7 @@
 """Hazards, control actions and the form of the hazard table: data of ``msgs_docs/hazards.md``.
 
 The method is that of STPA (Leveson, Thomas, STPA Handbook, 2018, chapter 2, step 3): every control action can be unsafe
-in four ways.  Rows: :mod:`msgs_docs.generate.hazard_rows`.
+in four ways.  Rows: :mod:`msgs_docs.generate.hazard_page`.
 """
 
 from __future__ import annotations

@@ -5,9 +5,10 @@ from __future__ import annotations
 import argparse
 import math
 import os
+import select
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,8 +16,65 @@ from train_ato.arguments import parse_rate
 from train_ato.cli.screen import print_json, print_table
 
 if TYPE_CHECKING:
-    from train_ato.apps.replay.playback import ReplayState
+    from train_ato.apps.replay.playback import Playback, ReplayState
     from train_ato.apps.replay.publishing import Replayed
+
+RATE_STEP = 1.1
+
+
+KEYS: dict[bytes, Callable[[Playback], None]] = {
+    b" ": lambda playback: playback.toggle_paused(),
+    b"\x1b[C": lambda playback: playback.play_next(),
+    b"\x1b[A": lambda playback: playback.set_rate(playback.state.rate * RATE_STEP),
+    b"\x1b[B": lambda playback: playback.set_rate(playback.state.rate / RATE_STEP),
+}
+"""Terminal codes of space and the arrows right, up and down."""
+
+
+def pressed(text: bytes) -> Iterator[Callable[[Playback], None]]:
+    """Yield the actions of the keys in terminal input; other keys are ignored."""
+    while text:
+        for key, action in KEYS.items():
+            if text.startswith(key):
+                yield action
+                text = text[len(key) :]
+                break
+        else:
+            text = text[1:]
+
+
+@contextmanager
+def keyboard(wanted: bool) -> Iterator[Callable[[Playback], None] | None]:
+    """Read single keys from the terminal of this process; restore its settings on exit.
+
+    Yields
+    ------
+    callable or None
+        Function that performs the actions of the pressed keys; None without a terminal.
+    """
+    if not (wanted and sys.stdin and sys.stdin.isatty() and os.tcgetpgrp(sys.stdin.fileno()) == os.getpgrp()):
+        yield None
+        return
+    import termios
+    import tty
+
+    terminal = sys.stdin.fileno()
+    before = termios.tcgetattr(terminal)
+    tty.setcbreak(terminal)
+
+    def perform(playback: Playback) -> None:
+        while select.select([terminal], [], [], 0)[0]:
+            text = os.read(terminal, 64)
+            if not text:
+                return
+            for action in pressed(text):
+                with suppress(ValueError):  # play_next needs a pause
+                    action(playback)
+
+    try:
+        yield perform
+    finally:
+        termios.tcsetattr(terminal, termios.TCSADRAIN, before)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -121,7 +179,6 @@ def _publish(options: argparse.Namespace) -> int:
     )
     from train_ato.apps.replay.player import REPLAY_PROFILE
     from train_ato.apps.replay.publishing import replay
-    from train_ato.cli.keyboard import keyboard
     from train_ato.ros.graph.environment import middleware
 
     os.environ.update(middleware(REPLAY_PROFILE))

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import yaml
+
 from plant_sim.consist import Consist
+from plant_sim.data_text import TextDumper
 from plant_sim.line import Line
 from plant_sim.plant_setup import Jump
 from plant_sim.train import Train
@@ -22,12 +27,11 @@ from train_ato.control.planned_displacement import PlannedDisplacement
 from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS, Registry
 from train_ato.control.train_model import TrainModel
 from train_ato.loop.part_cache import PartCache
-from train_ato.loop.resolved_scenario import key_hashes, resolved_data, resolved_text
 from train_ato.loop.run_choices import RunChoices
 from train_ato.loop.run_parts import fitting_law, line_supervisor
-from train_ato.loop.scenario_checks import check_parameters, check_replan, check_requirements
 from train_ato.loop.scenario_data import (
     nominal_model,
+    profile_key,
     scenario_consist,
     scenario_layout,
     scenario_line,
@@ -35,17 +39,106 @@ from train_ato.loop.scenario_data import (
     with_departure,
     with_start_position,
 )
+from train_ato.loop.signal_check import unavailable_signal
 from train_ato.loop.supervised_plan import SpeedCeiling, profile_within
 from train_ato.messages.layout import TrainLayout
 from train_ato.messages.topics import BY_NAME
 from train_ato.messages.types import Array
 from train_ato.profile.profile import Profile
+from train_ato.scenario.formula import signals_of
+from train_ato.scenario.formula_parser import parse_formula
 from train_ato.scenario.interventions import Intervention, TrainJumpNow
 from train_ato.scenario.scenario import Scenario
 from train_ato.supervision.supervisor import Supervisor
 
 if TYPE_CHECKING:
     from train_ato.profile.planner.replanner import Replanner
+
+_texts = PartCache(256)
+"""Profiles and YAML of parts of resolved scenarios; the runs of a study have most of it in common."""
+
+
+def resolved_data(scenario: Scenario, folder: Path, consist: Consist, line: Line, model: TrainModel) -> dict[str, Any]:
+    """Return the plain data of a scenario in a folder, with its train, line and nominal model in place of files."""
+    data = scenario.model_dump(mode="json", by_alias=True, exclude_none=True, exclude_defaults=False)
+    data["plant"]["consist"] = consist.model_dump(mode="json", by_alias=True, exclude_defaults=True)
+    data["plant"]["line"] = line.model_dump(mode="json", by_alias=True, exclude_defaults=True)
+    for key in ("consist", "line"):
+        if getattr(scenario.model, key) is not None:
+            part = getattr(model, key)
+            data["model"][key] = part.model_dump(mode="json", by_alias=True, exclude_defaults=True)
+    if model.learned is not None:
+        data["model"]["learned"] = model.learned.model_dump(mode="json", by_alias=True)
+    if scenario.replan is not None:
+        data["replan"] = scenario.replan.model_dump(mode="json", by_alias=True, exclude_unset=True)
+    profile = scenario.profile
+    data["profile"] = _texts.get(profile_key(profile, folder), lambda: dict(sorted(profile.inlined(folder).items())))
+    return data
+
+
+def resolved_text(data: dict[str, Any]) -> str:
+    """Return the data of a resolved scenario as YAML."""
+    return "".join(_block_yaml(key, value) for key, value in data.items())
+
+
+def key_hashes(data: dict[str, Any]) -> dict[str, str]:
+    """Return a hash of every top-level key of a resolved scenario."""
+    texts = {key: json.dumps(value, sort_keys=True) for key, value in data.items()}
+    return {key: hashlib.sha256(text.encode()).hexdigest()[:8] for key, text in texts.items()}
+
+
+def _block_yaml(key: str, value: Any) -> str:
+    """Return a top-level key of a resolved scenario with its value as YAML."""
+    if not isinstance(value, dict) or not value:
+        return _yaml_of({key: value})
+    parts = [_yaml_of({key: {name: entry}}) for name, entry in value.items()]
+    return f"{key}:\n" + "".join(part.partition("\n")[2] for part in parts)
+
+
+def _yaml_of(value: dict[str, Any]) -> str:
+    """Return plain data as YAML, without anchors for shared parts."""
+    return _texts.get(value, lambda: _dumped(json.loads(json.dumps(value))))
+
+
+def _dumped(value: dict[str, Any]) -> str:
+    text: str = yaml.dump(value, Dumper=TextDumper, sort_keys=False, allow_unicode=True, width=120)
+    return text
+
+
+def check_replan(scenario: Scenario, layout: TrainLayout) -> None:
+    """Check that the scenario permits re-planning."""
+    if scenario.replan is None:
+        return
+    if scenario.brake.policy != "none":
+        events = " and remove brake.events" if scenario.brake.events else ""
+        raise ValueError(
+            f"replan: not possible with brake.policy {scenario.brake.policy}, because plans do not include its "
+            f"air brake; remove replan, or set brake.policy: none{events}"
+        )
+    if not layout.n_units:
+        raise ValueError("replan: the train has no power unit; remove replan")
+    plan = scenario.profile.plan
+    if scenario.replan.catch_up and (plan is None or (plan.time is None and plan.points is None)):
+        raise ValueError("replan: catch_up: true: the profile has no timetable; add profile.plan.time or .points")
+
+
+def check_requirements(scenario: Scenario, layout: TrainLayout, line: Line) -> None:
+    """Check that the run has the signals of its requirements."""
+    for name, text in (scenario.criteria.requirements or {}).items():
+        if reason := unavailable_signal(signals_of(parse_formula(text)), layout, line):
+            raise ValueError(f"criteria.requirements.{name}: {reason}")
+
+
+def check_parameters(scenario: Scenario) -> None:
+    """Check names and values of the parameters of all laws, observers and compensations at the start."""
+    blocks = {"laws": LAWS, "observers": OBSERVERS, "compensations": COMPENSATIONS}
+    for block, registry in blocks.items():
+        for name, values in getattr(scenario, block).items():
+            try:
+                registry.check_parameters(name, values)
+            except ValueError as error:
+                message = str(error)
+                raise ValueError(f"{block}.{message}" if message.startswith(f"{name}.") else message) from None
 
 
 @dataclass(frozen=True)

@@ -5,20 +5,157 @@ from __future__ import annotations
 import csv
 import math
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from train_ato.apps.import_csv.columns import TIMESTAMP, Column, column_of
-from train_ato.apps.import_csv.dates import DATE, TIME_OF_DAY, moments
+from train_ato.apps.import_csv.columns import QUANTITIES, TIMESTAMP, Column, column_of, plainly
 from train_ato.apps.import_csv.faults import FileFaults
-from train_ato.apps.import_csv.headers import column_name, is_time, is_units_row, with_units
 from train_ato.messages.types import Array
 
-__all__ = ["CsvTable", "read_table"]
+SYMBOLS: dict[str, tuple[str, ...]] = {
+    "time": ("t", "zeit"),
+    "speed": ("v", "velocity", "geschwindigkeit"),
+    "position": ("s", "x", "distance", "chainage", "location", "weg", "milepost", "mp", "km"),
+    "force": ("f", "wheel_force", "kraft"),
+    "traction_force": ("traction", "te", "tractive_effort", "tractive_force", "zugkraft"),
+    "brake_force": ("braking_force", "brake_effort", "electric_brake_force", "bremskraft"),
+    "reference_speed": ("v_ref", "v_target", "target_speed", "set_speed"),
+    "brake_pipe_pressure": ("p", "bp", "brake_pipe", "pressure", "hll", "hauptluftleitung"),
+    "timestamp": ("date", "datetime", "date_time", "date_and_time", "datum", "zeitstempel"),
+}
+"""Other names of a quantity in headers; all but ``timestamp`` need a unit."""
+CLOCKS = ("clock", "time_of_day", "uhrzeit", "utc", "utc_time", "local_time", "gps_time")
+"""Names of a column of times of day."""
+_QUANTITY = {quantity.name: quantity for quantity in QUANTITIES}
+_MEANT = {symbol: name for name, symbols in SYMBOLS.items() for symbol in (name, *symbols)} | {
+    name: name for name in _QUANTITY
+}
+_UNITS = {
+    "sec": "s", "seconds": "s", "kph": "kmh", "km_h": "kmh", "mps": "m_s", "hours": "h", "miles": "mi", "feet": "ft",
+    "lb": "lbf",
+}  # fmt: skip
+"""Unit suffix of the columns of train_ato by another spelling."""
+_KNOWN_UNITS = frozenset(unit for quantity in QUANTITIES for unit in quantity.units) | frozenset(_UNITS)
+_BRACKETS = re.compile(r"^(.*?)\s*[\[(]\s*([^\[\]()]*?)\s*[\])]\s*$")
+_IN = re.compile(r"^(.*\S)\s+in\s+(\S+)$")
+
+
+def column_name(title: str) -> str:
+    """Return the column name of train_ato for a title of a recorder; another title as it is.
+
+    Examples
+    --------
+    >>> column_name("V [km/h]"), column_name("Speed (m/s)"), column_name("brake pipe in bar"), column_name("Door")
+    ('speed_kmh', 'speed_m_s', 'brake_pipe_pressure_bar', 'Door')
+    """
+    parts = _BRACKETS.match(title) or _IN.match(title)
+    if parts is None:
+        return "timestamp" if _MEANT.get(plainly(title)) == "timestamp" else title
+    quantity = _QUANTITY.get(_MEANT.get(plainly(parts[1]), ""))
+    unit = _unit(parts[2])
+    return f"{quantity.name}_{unit}" if quantity is not None and unit in quantity.units else title
+
+
+def is_time(title: str) -> bool:
+    """Return True for a title of a column of times, with or without a date."""
+    plain = plainly(title)
+    return _MEANT.get(plain) in ("time", "timestamp") or plain in CLOCKS
+
+
+def is_units_row(cells: Sequence[str]) -> bool:
+    """Return True for a row whose cells are units, or empty, below the column names."""
+    units = [cell.strip().strip("[]()") for cell in cells]
+    named = [unit for unit in units if unit and unit != "-"]
+    return bool(named) and all(_unit(unit) in _KNOWN_UNITS for unit in named)
+
+
+def with_units(titles: Sequence[str], cells: Sequence[str]) -> list[str]:
+    """Return the titles with the units of a row of units in brackets."""
+    units = [cell.strip().strip("[]()").strip() for cell in cells]
+    return [
+        f"{title} [{unit}]" if unit and unit != "-" else title for title, unit in zip(titles, units, strict=False)
+    ] + list(titles[len(units) :])
+
+
+def _unit(text: str) -> str:
+    """Return the unit suffix of a unit."""
+    plain = plainly(text)
+    return _UNITS.get(plain, plain)
+
+
+_FRACTION = re.compile(r"[.,](\d+)$|[.,](\d+)(?=[Z+-])")
+_DAY_FIRST = re.compile(r"^(\d{1,2})\.(\d{1,2})\.(\d{4})(?:[ T]+|,\s*)(\d{1,2})(:\d{2}(?::\d{2}(?:[.,]\d+)?)?)$")
+_SLASHES = re.compile(r"^(\d{1,2})/(\d{1,2})/(\d{4})(?:[ T]+|,\s*)(\d{1,2})(:\d{2}(?::\d{2}(?:[.,]\d+)?)?)$")
+_HALF = re.compile(r"^(.*?)(\d{1,2})(:\d{2}(?::\d{2}(?:[.,]\d+)?)?)\s*([AaPp])\.?[Mm]\.?$")
+_UNIX = re.compile(r"^\d{10}(?:\d{3})?(?:[.,]\d+)?$")
+TIME_OF_DAY = re.compile(r"^\d{1,2}:\d{2}(?::\d{2}(?:[.,]\d+)?)?(?:\s*[AaPp]\.?[Mm]\.?)?$")
+"""Time of day without a date."""
+DATE = re.compile(r"^(?:\d{4}-\d{1,2}-\d{1,2}|\d{1,2}[./]\d{1,2}[./]\d{4})$")
+"""Date without a time of day."""
+DAY = 86_400_000_000
+"""Microseconds of a day."""
+_ZERO, _UNIT = datetime(2000, 1, 1, tzinfo=timezone.utc), timedelta(microseconds=1)
+MILLISECONDS = 1e11
+"""Unix times above it are in milliseconds."""
+
+
+def moments(texts: Sequence[str]) -> list[float | None]:
+    """Return the seconds of the moments of a column from the first one on; None for a text that is no date and time.
+
+    Times of day alone pass midnight where they fall by more than 12 h. The order of day and month in ``03/01/2026`` is
+    the one that all rows have; where both are possible, the one with the shorter run.
+    """
+    orders = [[_microseconds(text, first) for text in texts] for first in ("month", "day")]
+    best = min(orders, key=lambda found: (found.count(None), _length(found)))
+    clocks = all(TIME_OF_DAY.match(text) for text in texts)
+    found: list[float | None] = []
+    days, last = 0, None
+    zero = next((value for value in best if value is not None), 0)
+    for value in best:
+        if value is not None and clocks:
+            days += DAY if last is not None and value + days < last - DAY // 2 else 0
+            value += days  # the day of the value
+            last = value
+        found.append(None if value is None else (value - zero) / 1e6)
+    return found
+
+
+def _length(values: Sequence[int | None]) -> int:
+    known = [value for value in values if value is not None]
+    return max(known) - min(known) if known else 0
+
+
+def _microseconds(text: str, first: str) -> int | None:
+    """Return a moment in microseconds, in UTC without a zone; ``first`` of month and day in a date with slashes."""
+    if _UNIX.match(text):
+        value = float(text.replace(",", "."))
+        return round(value * (1e3 if value > MILLISECONDS else 1e6))
+    if (half := _HALF.match(text)) is not None:
+        before, hour, rest, letter = half.groups()
+        if not 1 <= int(hour) <= 12:
+            return None
+        text = f"{before}{int(hour) % 12 + (12 if letter in 'Pp' else 0)}{rest}"
+    if TIME_OF_DAY.match(text):
+        text = f"2000-01-01T{text.zfill(len(text) + 1) if text[1] == ':' else text}"
+    for pattern in (_DAY_FIRST, _SLASHES):
+        if (parts := pattern.match(text)) is not None:
+            day, month, year, hour, rest = parts.groups()
+            if pattern is _SLASHES and first == "month":
+                day, month = month, day
+            text = f"{year}-{int(month):02d}-{int(day):02d}T{int(hour):02d}{rest}"
+    plain = _FRACTION.sub(lambda match: "." + (match[1] or match[2])[:6].ljust(6, "0"), text).replace("Z", "+00:00")
+    plain = re.sub(r"([ T])(\d):", r"\g<1>0\2:", plain)
+    try:
+        moment = datetime.fromisoformat(plain)
+    except ValueError:
+        return None
+    return ((moment if moment.tzinfo is not None else moment.replace(tzinfo=timezone.utc)) - _ZERO) // _UNIT
+
 
 LARGEST_FILE = 512 * 2**20
 """Maximum size of a file [bytes]."""

@@ -4,30 +4,162 @@ from __future__ import annotations
 
 import html
 import time
+from collections.abc import Sequence
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any, cast
 
+import numpy as np
 from bokeh.core.properties import Bool, Int
 from bokeh.events import DocumentReady
 from bokeh.model import DataModel
-from bokeh.models import ColumnDataSource, CustomJS, RadioButtonGroup
+from bokeh.models import (
+    BasicTicker,
+    BasicTickFormatter,
+    ColumnDataSource,
+    CustomJS,
+    LinearColorMapper,
+    RadioButtonGroup,
+    Range1d,
+)
+from bokeh.plotting import figure
 from bokeh.themes import Theme
 from jinja2 import Template
 
+from plant_sim.units import KMH
+from train_ato.apps.report.writing import short_clock
 from train_ato.apps.view.ahead import Ahead
-from train_ato.apps.view.along import Along
 from train_ato.apps.view.dial import dial, force_bar, tick_columns
 from train_ato.apps.view.ending import Ending
-from train_ato.apps.view.feed import FRAMES_PER_SECOND, Feed
-from train_ato.apps.view.messages import message_rows
+from train_ato.apps.view.facts import Facts, ProfileCurve
+from train_ato.apps.view.feed import FRAMES_PER_SECOND, LEAST_REACH, LEAST_SHOE, Feed, Mark
+from train_ato.apps.view.hover import add_hover
 from train_ato.apps.view.snapshot import LIMIT_NAMES
 from train_ato.apps.view.strips import Strips
-from train_ato.apps.view.style import THEME, WIDGETS
-from train_ato.apps.view.track_ahead import track_ahead
+from train_ato.apps.view.style import BUFF, DRAFT, SHOE, SOFT, THEME, WIDGETS
+from train_ato.messages.types import Array
 
 if TYPE_CHECKING:
     from train_ato.apps.view.live import LiveFeed
     from train_ato.apps.view.recorded import RecordedFeed
+
+MOST_BRAKINGS = 400
+"""Largest number of planned brake applications that are sent."""
+
+
+def track_ahead(facts: Facts, profile: ProfileCurve | None) -> dict[str, list[Any]]:
+    """Return the lists of the display; places are those of the front of the train [m].
+
+    Returns
+    -------
+    dict
+        ``grades``: place, grade [‰] and elevation [m, 0 at the first place]; ``limits``: place and speed [km/h];
+        ``stops``: place; ``brakings``: begin and end of the planned brake applications; ``rear``: distance of the
+        centre of every vehicle behind the front; ``length`` of the train.
+    """
+    stops, brakings = (np.zeros(0), np.zeros((0, 2))) if profile is None else (profile.stops, profile.brakings)
+    rear = facts.rear + facts.nose if facts.rear.size else np.zeros(0)
+    elevations = _elevations(facts.grade_places, facts.grades)
+    return {
+        "grades": np.column_stack((facts.grade_places, facts.grades, elevations)).round(3).tolist(),
+        "limits": np.column_stack((facts.limit_places, KMH * facts.limit_speeds)).round(3).tolist(),
+        "stops": (stops + facts.nose).round(3).tolist(),
+        "brakings": (brakings[:MOST_BRAKINGS] + facts.nose).round(1).tolist(),
+        "rear": rear.round(2).tolist(),
+        "length": [facts.length],
+        "window": [facts.stop_window],
+    }
+
+
+def _elevations(places: Array, grades: Array) -> Array:
+    """Return the elevation [m] at the places where a grade [‰] begins."""
+    if not places.size:
+        return np.zeros(0)
+    return np.concatenate(([0.0], np.cumsum(np.diff(places) * grades[:-1] / 1e3)))
+
+
+MOST_MESSAGES = 5
+"""Largest number of messages on the page: lines of the message area of ERA_ERTMS_015560, 8.2.3.4."""
+
+
+def message_rows(
+    marks: Sequence[Mark], time: float, acknowledged: frozenset[int], *, live: bool
+) -> dict[str, list[Any]]:
+    """Return the messages up to a simulated time [s], newest first; those that need an acknowledgement lead.
+
+    Parameters
+    ----------
+    marks
+        Events of the run by rising time.
+    time
+        Simulated time on the page [s].
+    acknowledged
+        Numbers of the acknowledged events.
+    live
+        False: nothing waits for an acknowledgement, since a recorded run has no driver.
+    """
+    past = [(number, mark) for number, mark in enumerate(marks) if mark.text and mark.time <= time + 1e-9]
+    waiting = {number for number, mark in past if live and mark.acknowledge and number not in acknowledged}
+    newest = sorted(past, key=lambda entry: (entry[0] in waiting, entry[0]), reverse=True)[:MOST_MESSAGES]
+    return {
+        "number": [number for number, _ in newest],
+        "clock": [short_clock(mark.time) for _, mark in newest],
+        "text": [mark.text for _, mark in newest],
+        "waiting": [int(number in waiting) for number, _ in newest],
+    }
+
+
+class Along:
+    """Coupler and shoe forces of every vehicle.
+
+    Attributes
+    ----------
+    source
+        One row for each vehicle: ``vehicle``, ``coupler`` (kN, of the coupler behind it) and ``shoe`` (kN).
+    figures
+        Coupler force and, with an air brake, shoe force; the front of the train is on the right.
+    reach, shoe_reach : Range1d
+        Ranges of the force axes; the page widens them for larger forces.
+    """
+
+    def __init__(self, facts: Facts, tools: dict[str, Any]) -> None:
+        n = facts.layout.n_vehicles
+        zeros = np.zeros(n, dtype=np.float32)
+        self.source = ColumnDataSource({"vehicle": np.arange(n), "coupler": zeros, "shoe": zeros})
+        self._count = n
+        span = Range1d(n - 0.4, -0.6)
+        self.reach = Range1d(-LEAST_REACH, LEAST_REACH)
+        self.shoe_reach = Range1d(0.0, LEAST_SHOE)
+        coupler = figure(x_range=span, y_range=self.reach, y_axis_label="coupler kN", name="along", **tools)
+        sign = LinearColorMapper(palette=[BUFF, DRAFT], low=-1e-6, high=1e-6)
+        bars = coupler.vbar(
+            x="vehicle", top="coupler", width=0.86, source=self.source, line_color=None,
+            fill_color={"field": "coupler", "transform": sign},
+        )  # fmt: skip
+        add_hover(coupler, bars, [("vehicle", "@vehicle"), ("coupler behind it", "@coupler{+0} kN")])
+        coupler.hspan(y=0, line_color=SOFT, line_width=1)
+        coupler.yaxis.formatter = BasicTickFormatter(use_scientific=False)
+        coupler.yaxis.ticker.desired_num_ticks = 5
+        coupler.xgrid.visible = False
+        self.figures = [coupler]
+        if facts.layout.air_brake:
+            coupler.xaxis.visible = False
+            self.figures.append(self._shoes(span, tools))
+        self.figures[-1].xaxis.ticker = BasicTicker(min_interval=1, num_minor_ticks=0)
+        self.figures[-1].xaxis.axis_label = "vehicle (front of the train on the right)"
+
+    def _shoes(self, span: Range1d, tools: dict[str, Any]) -> Any:
+        plot = figure(x_range=span, y_range=self.shoe_reach, y_axis_label="shoes kN", name="shoes", **tools)
+        bars = plot.vbar(x="vehicle", top="shoe", width=0.86, source=self.source, fill_color=SHOE, line_color=None)
+        add_hover(plot, bars, [("vehicle", "@vehicle"), ("brake shoes", "@shoe{0} kN")])
+        plot.yaxis.ticker.desired_num_ticks = 3
+        plot.xgrid.visible = False
+        return plot
+
+    def show(self, along: dict[str, Any]) -> None:
+        """Show the forces of a snapshot."""
+        whole = slice(0, self._count)
+        self.source.patch({"coupler": [(whole, along["coupler"])], "shoe": [(whole, along["shoe"])]})
+
 
 VIEWS_KM = (1, 2, 4, 8)
 WINDOWS_S = (60, 180, 600)

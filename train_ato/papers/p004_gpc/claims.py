@@ -2,17 +2,83 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
-from train_ato.papers.claims import CaseTable, Paper, Results
+from train_ato.papers.checks import recording as series_of
+from train_ato.papers.claims import CaseTable, FigureFile, Paper, Results
 from train_ato.papers.p004_gpc import change_checks
 from train_ato.papers.p004_gpc import checks as judge
-from train_ato.papers.p004_gpc.cases import CASES, LAWS, PRINTED_FORMS, TRAINS
-from train_ato.papers.p004_gpc.figures import draw
+from train_ato.papers.p004_gpc.cases import CASES, JUMP, LAWS, PRINTED_FORMS, SAMPLINGS, TRAINS, WEIGHTS
+from train_ato.papers.p004_gpc.checks import speed_rms
 from train_ato.papers.printed_forms import printed_forms_table
+from train_ato.papers.sheets import COLOURS, Sheet
 from train_ato.papers.tracking import largest_position_error as unit_place
 from train_ato.papers.tracking import largest_speed_error as speed
+from train_ato.papers.tracking import position_error, speed_error
+
+
+def draw(results: Results, folder: Path) -> list[FigureFile]:
+    """Draw the figures of paper 004 into a folder and return them."""
+    normal = {"pid long": "PID", "gpc long": "gpc, Ts 1.2 s", "pid preview long": "PID + preview"}
+    jump = {
+        "pid jump": "PID",
+        "gpc absolute jump": "gpc as printed",
+        "gpc jump": "gpc on increments",
+        "pid preview jump": "PID + preview",
+    }
+    coupled = {"per unit": "three laws", "gpc normal": "one law on the mean speed"}
+    return [
+        _runs(results, normal, "normal, 286 km", folder / "paper004_normal.png", minutes=True),
+        _runs(results, jump, "gain 0.8, delay x1.3, lag 0.6 s from 100 s on (short run)", folder / "paper004_jump.png"),
+        _runs(results, coupled, "coupled units (short run)", folder / "paper004_coupled.png"),
+        _sampling(results, folder / "paper004_sampling.png"),
+    ]
+
+
+def _runs(results: Results, keys: Mapping[str, str], title: str, path: Path, minutes: bool = False) -> FigureFile:
+    """Draw figures 5 to 8: speed, error of the first unit, position error, force, couplers."""
+    sheet = Sheet(f"{title}", 5)
+    for index, (key, label) in enumerate(keys.items()):
+        recording = series_of(results[key])
+        t, colour = recording.time / (60.0 if minutes else 1.0), COLOURS[index]
+        if index == 0:
+            sheet.panel(0).plot(
+                t, 3.6 * recording.reference_velocity, color=COLOURS[5], lw=2.5, alpha=0.5, label="profile"
+            )
+        sheet.panel(0).plot(t, 3.6 * recording.front_velocity, color=colour, lw=0.9, label=label)
+        sheet.panel(1).plot(t, speed_error(recording)[:, 0], color=colour, lw=0.9, label=label)
+        sheet.panel(2).plot(t, position_error(recording)[:, 0], color=colour, lw=0.9, label=label)
+        sheet.panel(3).plot(t, recording.applied.sum(axis=1) / 1e3, color=colour, lw=0.9, label=label)
+        sheet.panel(4).plot(t, recording.coupler_draft_max / 1e3, color=colour, lw=0.8, label=label)
+        sheet.panel(4).plot(t, recording.coupler_buff_max / 1e3, color=colour, lw=0.8)
+        if "jump" in key and index == 0:
+            for row in range(5):
+                sheet.panel(row).axvline(JUMP, color=COLOURS[5], ls=":", lw=1.2)
+    labels = ("speed in km/h", "speed error of\nunit 1 in m/s", "position error of\nunit 1 in m",
+              "applied force of\nall units in kN", "coupler force in kN\n(draft > 0)")  # fmt: skip
+    for row, label in enumerate(labels):
+        sheet.panel(row).set_ylabel(label)
+    return sheet.save(path, "time in min" if minutes else "time in s")
+
+
+def _sampling(results: Results, path: Path) -> FigureFile:
+    """Draw the rms speed error over the sampling period and over lambda."""
+    sheet = Sheet("N = 3, Nu = 2 (short run)", 1, 2, height=4.0, share=False)
+    left, right = sheet.panel(0, 0), sheet.panel(0, 1)
+    for index, (suffix, label) in enumerate((("", "U = 0 beyond Nu (printed)"), (" held", "U held beyond Nu"))):
+        errors = [1e3 * speed_rms(results[f"Ts {period}{suffix}"]) for period in SAMPLINGS]
+        left.semilogy(SAMPLINGS, errors, "o-", color=COLOURS[index], label=label)
+    left.set_xlabel("sampling period in s")
+    weights = sorted((*WEIGHTS, 0.1))
+    keys = [f"Ts 0.4 lambda {weight}" if weight != 0.1 else "Ts 0.4" for weight in weights]
+    right.loglog(weights, [1e3 * speed_rms(results[key]) for key in keys], "o-", color=COLOURS[2], label="Ts 0.4 s")
+    right.set_xlabel("lambda in s²")
+    for panel in (left, right):
+        panel.axhline(1e3 * speed_rms(results["gpc normal"]), color=COLOURS[5], ls=":", label="Ts 1.2 s, lambda 0.1")
+        panel.set_ylabel("speed error in mm/s rms")
+    return sheet.save(path)
 
 
 def _rows(results: Results) -> Sequence[Sequence[Any]]:

@@ -19,18 +19,188 @@ from plant_sim.line import Line
 from plant_sim.summation import plain_sum
 from train_ato.control.air_brake.trip_policy import PlannedApplication
 from train_ato.control.force_distribution import SharesAt
+from train_ato.control.planned_displacement import DisplacementAt
+from train_ato.control.train_model import TrainModel
 from train_ato.profile.planner.line_tables import SpeedLimits
+from train_ato.profile.profile import Profile
 from train_ato.profile.trip.driven_run import TripRun, follow_journey
 from train_ato.profile.trip.fatigue import coupler_damage
-from train_ato.profile.trip.input_checks import check_final_part, journey_ends, permitted_reductions
 from train_ato.profile.trip.journey import QUASI_STATIC, Application, Journey, JourneySearch
 from train_ato.profile.trip.plan import JOULES_PER_KWH, TripPlan
 from train_ato.profile.trip.reduced_train import nominal_train_model, reduced_train
 from train_ato.profile.trip.run_profile import RunProfile
-from train_ato.profile.trip.running_time import plan_at_time
 from train_ato.profile.trip.settings import TripSettings
-from train_ato.profile.trip.unit_displacements import displacements_for_run
 from train_ato.profile.trip.unit_shares import shares_for_run
+
+TIME_TOLERANCE, LARGEST_DEVIATION = 1e-3, 0.01
+"""Relative deviation from the running time that ends the search, and that of a plan of the last round.
+
+The running time is not continuous in the price: an application moves by whole cells."""
+MAX_ROUNDS = 7
+"""Largest number of journeys for a running time."""
+PRICE_RANGE = (0.005, 20.0)
+"""Lowest and highest price of time [kWh/s]."""
+
+
+def plan_at_time(
+    at_price: Callable[[float], TripPlan], time: float, price: float, report: Callable[[TripPlan], None]
+) -> TripPlan:
+    """Return the plan with a running time [s]: secant of the logarithms of price and time.
+
+    Parameters
+    ----------
+    at_price
+        Plan for a price of time [kWh/s].
+    time
+        Running time [s].
+    price
+        First price of time [kWh/s].
+    report
+        Called with every plan of the search.
+
+    Raises
+    ------
+    ValueError
+        If the time is too short, or so long that the train would stop.
+    """
+    found: list[tuple[float, TripPlan]] = []
+    for _ in range(MAX_ROUNDS):
+        plan = at_price(price)
+        error = plan.running_time / time - 1.0
+        report(plan)
+        found.append((price, plan))
+        if abs(error) <= TIME_TOLERANCE:
+            return plan
+        price = _next_price(found, time)
+        if not PRICE_RANGE[0] <= price <= PRICE_RANGE[1]:
+            break
+    best = min((plan for _, plan in found), key=lambda plan: abs(plan.running_time - time))
+    if abs(best.running_time / time - 1.0) <= LARGEST_DEVIATION:
+        return best
+    raise ValueError(
+        f"time: {time:g} s: not possible with these limits, the nearest is {best.running_time:.0f} s; give a time "
+        "nearer to it, or permit more traction"
+    )
+
+
+def _next_price(found: list[tuple[float, TripPlan]], time: float) -> float:
+    """Return the next price of time [kWh/s] of the search for a running time [s]."""
+    ordered = sorted(found, key=lambda row: row[0])
+    long = [row for row in ordered if row[1].running_time > time]
+    short = [row for row in ordered if row[1].running_time <= time]
+    if not short:
+        return 3.0 * ordered[-1][0] if len(found) > 1 else _typical(found[0], time)
+    if not long:
+        return ordered[0][0] / 3.0 if len(found) > 1 else _typical(found[0], time)
+    (p0, a), (p1, b) = long[-1], short[0]
+    share = np.log(a.running_time / time) / np.log(a.running_time / b.running_time)
+    share = float(np.clip(share, 0.1, 0.9))
+    return float(p0 * (p1 / p0) ** share)
+
+
+def _typical(row: tuple[float, TripPlan], time: float) -> float:
+    """Return the price for a running time [s] if the price falls with its sixth power."""
+    return float(row[0] * np.clip((row[1].running_time / time) ** 6 * 1.1, 0.2, 5.0))
+
+
+SPACING = 50.0
+"""Distance between the places of the displacements [m]: 3 s at 60 km/h; the couplings move with periods above 30 s."""
+
+
+def displacements_for_run(run: TripRun, profile: Profile, until: float) -> tuple[DisplacementAt, ...]:
+    """Return the displacements of the power units against a profile by place; 0 at its end.
+
+    The profile of a train with several power units is the averaged speed of the whole train: the force of a rigid train
+    along it, M a + R(x, v) + shoes, is the planned force. Vehicle 0 and the other power units move by some metres
+    against this mean. As a part of the profile, their motion would be multiplied by the mass of the whole train;
+    therefore it is a table of its own (:mod:`train_ato.control.planned_displacement`).
+
+    Parameters
+    ----------
+    run
+        Run of the nominal train.
+    profile
+        Profile made from it.
+    until
+        Time from which the profile is not that of the run [s].
+    """
+    inside = run.time <= until
+    moved = run.units[inside] - profile.at_times(run.time[inside])[0][:, None]
+    position = np.maximum.accumulate(run.position[inside])
+    places = np.append(np.arange(position[0], position[-1], SPACING), profile.position[-1])
+    table = np.stack([np.interp(places, position, column) for column in moved.T], axis=1).round(3)
+    table[-1] = 0.0  # at the stop only the place of vehicle 0 counts, and the forces of the couplers are small
+    return tuple(
+        DisplacementAt(at=at, displacement=tuple(row))
+        for at, row in zip(places.round(1).tolist(), table.tolist(), strict=True)
+    )
+
+
+def journey_ends(line: Line, settings: TripSettings, half: float) -> tuple[float, float]:
+    """Return begin and stop of vehicle 0's centre [m].
+
+    Raises
+    ------
+    ValueError
+        If they are not on the line.
+    """
+    stops = [stop.at for stop in line.stops]
+    end = settings.end if settings.end is not None else (stops[-1] if stops else line.end)
+    begin = settings.begin - half if settings.begin is not None else line.begin
+    if not line.begin <= begin < end - half - 1000.0 or end > line.end:
+        raise ValueError(
+            f"begin, end: km {(begin + half) / 1e3:.3f} to km {end / 1e3:.3f}: not 1 km or more on line '{line.name}' "
+            f"(km {line.begin / 1e3:.3f} to km {line.end / 1e3:.3f}); correct them"
+        )
+    return begin, end - half
+
+
+def check_final_part(model: TrainModel, begin: float, stop: float) -> None:
+    """Check that the electric brake of every unit works in the last part of the braking.
+
+    Parameters
+    ----------
+    model
+        Nominal train on its line.
+    begin, stop
+        Places of vehicle 0's centre at the begin of the last part and at the stop [m].
+
+    Raises
+    ------
+    ValueError
+        With the key of the line and the place of the first section without electric brake.
+    """
+    line, vehicles = model.line, model.consist.vehicles
+    for unit, offset in zip(model.units, model.offsets.tolist(), strict=True):
+        for number, section in enumerate(line.neutral_sections):
+            if section.electric_brake or vehicles[unit].independent_power:
+                continue
+            if section.begin < stop - offset and section.end > begin - offset:
+                raise ValueError(
+                    f"line '{line.name}': neutral_sections[{number}]: km {section.begin / 1e3:.3f} to km "
+                    f"{section.end / 1e3:.3f}: the train brakes there to its stop, without electric brake; move end"
+                )
+
+
+def permitted_reductions(consist: Consist, settings: TripSettings) -> tuple[float, ...]:
+    """Return the reductions of the brake pipe that a plan may use [Pa]; none without an air brake.
+
+    Raises
+    ------
+    ValueError
+        If one is beyond the table of the train.
+    """
+    brake = consist.air_brake
+    if brake is None:
+        return ()
+    for reduction in settings.air_brake.reductions:
+        if not 0.0 < reduction <= brake.reduction[-1]:
+            raise ValueError(
+                f"air_brake.reductions: {reduction / 1e3:g} kPa: not in the table of train '{consist.name}' (up to "
+                f"{brake.reduction[-1] / 1e3:g} kPa); correct it"
+            )
+    return settings.air_brake.reductions or (brake.reduction[-1],)
+
 
 SHARE_ROUNDS = 2
 """Number of corrections of the shares of the power units; the second one corrects the first by a tenth."""
