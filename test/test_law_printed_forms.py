@@ -15,7 +15,7 @@ from train_ato.control.algorithms.rbf import RBF_CENTERS
 from train_ato.control.laws.fixed_time_smc import alternating
 from train_ato.control.laws.gpc import GpcParameters
 from train_ato.control.laws.rbf_switching_smc import identified_sign
-from train_ato.control.observers.cascaded import CascadedParameters, make_cascade
+from train_ato.control.observers.cascade import Cascade, CascadedParameters
 
 MASS = 80e3
 ERRORS = [(0.004, 0.002), (0.006, -0.001), (0.001, 0.003), (-0.002, 0.001)]
@@ -180,7 +180,7 @@ def test_law_of_paper_002_on_its_estimates():
     of, h, gain = model(FIVE), 1e-3, 0.3
     p = {"surface": gain, "reaching": gain, "unmatched": True, "states": "estimated"}
     law = printed_law("fixed_time_smc", p, of, h)
-    cascade, before = make_cascade(CascadedParameters(), h), None
+    cascade, before = Cascade(CascadedParameters(), h), None
     for step in range(400):
         place = 500.0 - of.offsets + 10.5 * h * step
         now = inputs(

@@ -244,12 +244,12 @@ def test_cascaded_by_hand_and_in_finite_time():
         found.append(float(observer.step(ObserverInput.of(seen))[0]))
         place += (speed + 0.5 * 0.5 * period + 0.4) * period
         speed += 0.5 * period
-    cascade = observer.cascades[0]
+    cascade = observer.state[0]
     assert found[0] == 0.0
     k3, k4 = 10.0, 100.0
     first_d1 = min(0.4, period * k3 * 0.4 + period * k4)
     assert found[1] == pytest.approx(MASS * (0.5 + first_d1 / period), rel=1e-3)
-    assert cascade.d1 == pytest.approx(0.4, rel=1e-3)
+    assert cascade["d1"] == pytest.approx(0.4, rel=1e-3)
     assert found[-1] == pytest.approx(MASS * 0.5, rel=1e-3)
 
 

@@ -1,20 +1,23 @@
-"""Laws over records: one function for Python and the compiled loop, checked by mypy, in the loop at once."""
+"""Laws and observers over records: one function for Python and compiled loop, checked by mypy, in the loop at once."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from law_trains import FIVE, SINGLE, inputs, model
+from law_trains import FIVE, SINGLE, inputs, measured, model
 from mypy import api
 from span_runs import assert_same_messages, compiled_part, messages_of, setup_of
 
 from plant_sim.compiled import compiled
 from plant_sim.record import Records, dtype_of, quantity, zeros
-from train_ato.control.contract import parameter
+from train_ato.control.contract import NoParameters, parameter
 from train_ato.control.law import GIVEN, STEPPED, LawForm, LawNow, LawUnit, RecordLaw
-from train_ato.control.registry import LAWS
+from train_ato.control.observers.contract import ObserverInput
+from train_ato.control.observers.force_balance import BalanceConstants, ForceBalance
+from train_ato.control.observers.record_observer import Body, ObserverForm, RecordObserver
+from train_ato.control.registry import LAWS, OBSERVERS
 from train_ato.loop.spans import kernel
 from train_ato.messages.types import Array
 
@@ -96,6 +99,55 @@ def test_every_input_is_the_same_in_the_compiled_loop(monkeypatch: pytest.Monkey
     assert setup.model.delay.min() > 0.0
     assert compiled_part(setup) > 0.8
     assert_same_messages(*(messages_of(setup, compiled=chosen) for chosen in (False, True)))
+
+
+@dataclass(frozen=True)
+class HeldConstants(BalanceConstants):
+    """Constants of :func:`held`: those of the balance and a part."""
+
+    part: float = quantity("1", "part of the unexplained acceleration")
+
+
+@compiled
+def held(p: HeldConstants, own: Body, position: float, speed: float, driven: float, resistance: float) -> float:
+    """Return a part of the acceleration that the model does not explain [m/s²]."""
+    return p.part * ((speed - own.speed) / p.period - driven + own.resistance) if own.known else 0.0
+
+
+class Held(RecordObserver):
+    """Observer of a user."""
+
+    Parameters = NoParameters
+    form = ObserverForm(held, HeldConstants, Body)
+
+    def __init__(self, parameters, model, period):
+        super().__init__(parameters, model, period, ForceBalance(model, "train", 0.0, period), part=0.05)
+
+
+def test_an_observer_of_a_user_is_in_the_compiled_loop(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Breaks if an observer over records is left to Python, or its estimates differ there in one bit."""
+    monkeypatch.setitem(OBSERVERS._loaded, "held", Held)
+    changes = {"supervision.enabled": False, "observer": "held", "laws.pid.disturbance": True, "duration": 20}
+    setup = setup_of("xuzhou_metro", changes)
+    assert compiled_part(setup) > 0.8
+    python, compiled_messages = (messages_of(setup, compiled=chosen) for chosen in (False, True))
+    assert_same_messages(python, compiled_messages)
+    assert python != messages_of(setup_of("xuzhou_metro", {**changes, "observer": "none"}), compiled=True)
+
+
+def test_an_observer_repeats_its_estimate_for_invalid_inputs() -> None:
+    """Breaks if the guard in the call of an observer lets a value through, or a difference bridges the sample."""
+    of = model(SINGLE)
+    observer = Held(NoParameters(), of, 0.1)
+    seen = [ObserverInput.of(measured(of, k * 100_000_000, 0.0, 10.0 + 0.1 * k, 0.0)) for k in range(4)]
+    estimates = [observer.step(each)[0] for each in seen[:2]]
+    assert estimates[0] == 0.0
+    assert estimates[1] > 0.04 * of.inertia
+    for field in ("position", "velocity", "applied", "shoe_force"):
+        assert observer.step(replace(seen[2], **{field: np.array([np.nan])}))[0] == estimates[1], field
+    assert observer.step(replace(seen[2], train_shoe_force=np.inf))[0] == estimates[1]
+    assert observer.step(replace(seen[2], coupler_force=np.array([np.nan])))[0] == estimates[1]
+    assert observer.step(seen[3])[0] == 0.0, "the first sample after a gap has no difference"
 
 
 def test_a_record_has_the_fields_of_its_class() -> None:

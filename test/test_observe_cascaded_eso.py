@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from law_trains import FIVE, PUSHED, SINGLE, measured, model
 
-from train_ato.control.observers.cascade import ImplicitCascade, LevantCascade
+from train_ato.control.observers.cascade import Cascade, CascadedParameters
 from train_ato.control.observers.contract import ObserverInput
 from train_ato.control.observers.force_balance import lag_weight
 from train_ato.control.registry import OBSERVERS
@@ -41,13 +41,13 @@ def follow(cascade, period, duration, amplitude=1.0):
 )
 def test_accuracy_over_the_period(period, levant, implicit):
     """Relative rms of d1, d1', d2: Levant's is best, but its d1' degrades from 4 to 36 % between 1 and 10 ms."""
-    assert (np.array(follow(LevantCascade(period, 100.0, 30.0), period, 6.0)) <= levant).all()
-    assert (np.array(follow(ImplicitCascade(period, 20, 20, 10, 100, 0.02), period, 6.0)) <= implicit).all()
+    assert (np.array(follow(Cascade(CascadedParameters(method="levant"), period), period, 6.0)) <= levant).all()
+    assert (np.array(follow(Cascade(CascadedParameters(), period), period, 6.0)) <= implicit).all()
 
 
 def test_implicit_signs_do_not_chatter():
     """For a constant disturbance the estimate is constant to rounding; explicit signs would ripple by k Tc."""
-    cascade = ImplicitCascade(0.01, 20, 20, 10, 100, 0.02)
+    cascade = Cascade(CascadedParameters(), 0.01)
     found = []
     for k in range(400):
         cascade.step(0.5 * 0.01 * k + 0.5 * 2.0 * (0.01 * k) ** 2, 2.0 * 0.01 * k, 0.0)

@@ -12,9 +12,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 from plant_sim.compiled import compiled
-from plant_sim.record import quantity
+from plant_sim.record import quantity, zeros
 
 
 @dataclass
@@ -45,8 +46,13 @@ def unknown_rate(own: Tracked, period: float, gain: float, rate_gain: float, mea
     return own.unknown_rate
 
 
+@compiled
+def _of_first(state: Any, period: float, gain: float, rate_gain: float, measured: float, rate: float) -> float:
+    return float(unknown_rate(state[0], period, gain, rate_gain, measured, rate))
+
+
 class LuenbergerObserver:
-    """Observer of one quantity.
+    """Observer of one quantity, called from Python.
 
     Parameters
     ----------
@@ -54,34 +60,15 @@ class LuenbergerObserver:
         Bandwidth [1/s].
     period
         Sampling period [s].
-
-    Attributes
-    ----------
-    unknown_rate : float
-        Estimate of d, in the unit of the quantity per second.
     """
 
     def __init__(self, omega: float, period: float) -> None:
-        self._period = period
-        self._gain, self._rate_gain = luenberger_gains(omega, period)
-        self.reset()
-
-    def reset(self) -> None:
-        """Restart at the next sample with an unknown rate of 0."""
-        self.unknown_rate = 0.0
-        self.restart()
+        self._gains, self._state = (period, *luenberger_gains(omega, period)), zeros(Tracked, 1)
 
     def restart(self) -> None:
         """Restart at the next sample with the present unknown rate."""
-        self._value: float | None = None
+        self._state["known"] = False
 
     def step(self, measured: float, known: float) -> float:
-        """Return :attr:`unknown_rate` for a sample and the known mean rate since the previous sample."""
-        if self._value is None:
-            self._value = measured
-            return self.unknown_rate
-        predicted = self._value + self._period * (known + self.unknown_rate)
-        miss = measured - predicted
-        self._value = predicted + self._gain * miss
-        self.unknown_rate += self._rate_gain * miss
-        return self.unknown_rate
+        """Return the unknown rate for a sample and the known mean rate since the previous sample."""
+        return float(_of_first(self._state, *self._gains, measured, known))

@@ -58,7 +58,7 @@ from train_ato.control.algorithms.sliding import sig
 from train_ato.control.contract import LawInput, parameter
 from train_ato.control.gains import gains_choice
 from train_ato.control.law import LawForm, LawNow, LawUnit, RecordLaw
-from train_ato.control.observers.cascaded import CascadedParameters, make_cascade
+from train_ato.control.observers.cascade import Cascade, CascadedParameters
 from train_ato.control.parameters import RefusedParameter
 
 if TYPE_CHECKING:
@@ -182,7 +182,7 @@ class FixedTimeSmc(RecordLaw):
                 f"drive every vehicle with linear draft gears between them, or {self._beside.sensors_text()}",
             )
         self.couplers = self._beside if measured else None
-        self._estimators = [make_cascade(CascadedParameters(), period) for _ in range(self.n)] if estimated else []
+        self._estimators = [Cascade(CascadedParameters(), period) for _ in range(self.n)] if estimated else []
         self.in_loop = not estimated
         self._modelled: list[float] | None = None
         self.state["mass"] = model.unit_inertia if measured else model.inertia * model.share

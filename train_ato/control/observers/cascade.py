@@ -7,158 +7,212 @@ Plant, with d1 unmatched (m/s) and d2 matched (m/s²)::
 The paper (7), (11): xh' = vh + phi1, phi1 = k1 sign(x - xh); vh' = a + phi2, phi2 = k2 sign(v - vh);
 d1h' = k3 (phi1 - d1h) - k4 sign(d1h - d1), d2h = LPF(phi2). Its e3 = d1h - d1 contains the unknown d1, which is
 replaced by the filtered phi1 here. The explicit form needs a very short step (10 % error after 0.02 s at 10 µs, useless
-at 50 ms), and is :class:`ExplicitCascade`. Two better sampled forms:
+at 50 ms), and is :func:`explicit_cascade`. Two better sampled forms:
 
-* :class:`ImplicitCascade`: the sign is the projection that brings the error to 0 within one sample, if k is sufficient;
-* :class:`LevantCascade`: robust exact differentiators of the same signals (d1 and d1' from x - int v, d2 from
+* :func:`implicit_cascade`: the sign is the projection that brings the error to 0 within one sample, if k is sufficient;
+* :func:`levant_cascade`: robust exact differentiators of the same signals (d1 and d1' from x - int v, d2 from
   v - int a), best up to 1 ms.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, fields
+from typing import Any
 
-from train_ato.control.algorithms.sliding import saturation
+from plant_sim.compiled import compiled
+from plant_sim.elementary import libm_pow
+from plant_sim.record import fill, quantity, zeros
+from train_ato.control.algorithms.sliding import clamped, saturation
+from train_ato.control.contract import parameter
+from train_ato.control.observers.force_balance import BalanceConstants
+from train_ato.control.observers.record_observer import Body
+
+
+@dataclass(frozen=True)
+class CascadedParameters:
+    """Parameters of :class:`Cascaded`."""
+
+    method: str = parameter(
+        "implicit",
+        "",
+        0,
+        0,
+        "implicit signs, Levant's differentiators, or explicit signs as in the paper",
+        choices=("implicit", "levant", "explicit"),
+    )
+    k1: float = parameter(20.0, "m/s", 0.0, 1e4, "gain of the position channel")
+    k2: float = parameter(20.0, "m/s²", 0.0, 1e4, "gain of the speed channel")
+    k3: float = parameter(10.0, "1/s", 0.0, 1e4, "gain of the second stage")
+    k4: float = parameter(100.0, "m/s²", 0.0, 1e5, "switching gain of the second stage")
+    filter_time: float = parameter(0.02, "s", 0.0, 10.0, "low-pass filter of the switching signals")
+    jerk_offset: float = parameter(100.0, "m/s³", 1e-6, 1e6, "bound of |d1''|, levant only")
+    jerk: float = parameter(30.0, "m/s³", 1e-6, 1e6, "bound of |d2'|, levant only")
+    unmatched: bool = parameter(True, "", 0, 1, "estimate the speed offset d1 as well")
+
+
+@dataclass(frozen=True)
+class CascadedConstants(CascadedParameters, BalanceConstants):
+    """Constants of a cascade: its parameters, those of the balance, and what follows from them."""
+
+    decay: float = quantity("1", "factor of the low-pass filters in a sample")
+    layer: float = quantity("m", "boundary layer of the position, levant only")
+    fast_layer: float = quantity("m/s", "boundary layer of the speed, levant only")
+    root: float = quantity("(m/s³)^(1/3)", "third root of the bound of d1''")
+    root_squared: float = quantity("(m/s³)^(2/3)", "its square")
+
+
+@dataclass
+class CascadeBody(Body):
+    """State of a cascade."""
+
+    position: float = quantity("m", "estimated position")
+    velocity: float = quantity("m/s", "estimated speed")
+    d1: float = quantity("m/s", "speed offset")
+    d1_rate: float = quantity("m/s²", "its rate")
+    d2: float = quantity("m/s²", "disturbance")
+    offset: float = quantity("m/s", "filtered signal of the position, printed forms only")
+
+
+@compiled
+def explicit_cascade(p: CascadedConstants, own: CascadeBody, x: float, v: float, acceleration: float) -> None:
+    """Update the observer (7), (11) as printed: explicit steps and sign functions."""
+    h, decay = p.period, p.decay
+    phi1, phi2 = p.k1 * saturation(x - own.position, 0.0), p.k2 * saturation(v - own.velocity, 0.0)
+    own.position += h * (own.velocity + phi1)
+    own.velocity += h * (acceleration + phi2)
+    own.offset = decay * own.offset + (1.0 - decay) * phi1
+    own.d2 = decay * own.d2 + (1.0 - decay) * phi2
+    rate = p.k3 * (phi1 - own.d1) - p.k4 * saturation(own.d1 - own.offset, 0.0)
+    own.d1 += h * rate
+    own.d1_rate = decay * own.d1_rate + (1.0 - decay) * rate
+
+
+@compiled
+def implicit_cascade(p: CascadedConstants, own: CascadeBody, x: float, v: float, acceleration: float) -> None:
+    """Update the observer (7), (11) with implicit signs."""
+    h, decay = p.period, p.decay
+    phi2 = clamped((v - own.velocity) / h - acceleration, -p.k2, p.k2)
+    mean = own.velocity + 0.5 * h * (acceleration + phi2)
+    phi1 = clamped((x - own.position) / h - mean, -p.k1, p.k1)
+    own.position += h * (mean + phi1)
+    own.velocity += h * (acceleration + phi2)
+    own.offset = decay * own.offset + (1.0 - decay) * phi1
+    own.d2 = decay * own.d2 + (1.0 - decay) * phi2
+    free = own.d1 + h * p.k3 * (phi1 - own.d1)
+    off = free - own.offset
+    beyond = abs(off) - h * p.k4
+    found = own.offset + (beyond if beyond > 0.0 else 0.0) * saturation(off, 0.0)
+    rate = (found - own.d1) / h
+    own.d1 = found
+    own.d1_rate = decay * own.d1_rate + (1.0 - decay) * rate
+
+
+@compiled
+def levant_cascade(p: CascadedConstants, own: CascadeBody, x: float, v: float, acceleration: float) -> None:
+    """Update robust exact differentiators of second and first order for the same quantities."""
+    h = p.period
+    mean = 0.5 * (v + own.speed)
+    own.position += h * (mean + own.d1 + 0.5 * h * own.d1_rate)
+    own.d1 += h * own.d1_rate
+    miss = x - own.position
+    size, direction = abs(miss), saturation(miss, p.layer)
+    own.position += h * 2.0 * p.root * libm_pow(size, 2.0 / 3.0) * direction
+    own.d1 += h * 2.12 * p.root_squared * libm_pow(size, 1.0 / 3.0) * direction
+    own.d1_rate += h * 1.1 * p.jerk_offset * direction
+    own.velocity += h * (acceleration + own.d2)
+    miss = v - own.velocity
+    direction = saturation(miss, p.fast_layer)
+    own.velocity += h * 1.5 * math.sqrt(p.jerk * abs(miss)) * direction
+    own.d2 += h * 1.1 * p.jerk * direction
+
+
+def cascade_constants(parameters: CascadedParameters, period: float) -> dict[str, float]:
+    """Return the constants that follow from the parameters and the sampling period [s]."""
+    p = parameters
+    root = p.jerk_offset ** (1.0 / 3.0)
+    decay = math.exp(-period / p.filter_time) if p.filter_time > 0.0 else 0.0
+    layers = {"layer": p.jerk_offset * period**3, "fast_layer": p.jerk * period * period}
+    return {"decay": decay, "root": root, "root_squared": root**2, **layers}
+
+
+def stepped(update: Any) -> Any:
+    """Return the compiled step of a cascade: an update, or at the first sample the start."""
+
+    @compiled
+    def step(p: CascadedConstants, own: CascadeBody, x: float, v: float, acceleration: float) -> None:
+        if own.known:
+            update(p, own, x, v, acceleration)
+        else:
+            own.position, own.velocity = x, v
+        own.speed, own.known = v, True
+
+    return step
+
+
+CASCADES = {
+    name: stepped(update)
+    for name, update in (
+        ("implicit", implicit_cascade),
+        ("levant", levant_cascade),
+        ("explicit", explicit_cascade),
+    )
+}
+"""Steps of the cascades by method."""
+
+
+def _alone(step: Any) -> Any:
+    @compiled
+    def first(p: Any, state: Any, x: float, v: float, acceleration: float) -> None:
+        step(p[0], state[0], x, v, acceleration)
+
+    return first
+
+
+_ALONE = {name: _alone(step) for name, step in CASCADES.items()}
+
+
+def _estimate(name: str, meaning: str) -> Any:
+    return property(lambda cascade: float(cascade.state[name][0]), doc=meaning)
 
 
 class Cascade:
-    """State of one vehicle's cascade; a subclass adds ``step()``.
+    """Cascade of one vehicle outside an observer.
+
+    Parameters
+    ----------
+    parameters
+        Method and gains.
+    period
+        Sampling period [s].
 
     Attributes
     ----------
-    d1, d1_rate, d2 : float
-        Speed offset [m/s], its rate and the disturbance [m/s²].
-    position, velocity : float
-        Estimated position [m] and speed [m/s], after the first ``step()``.
+    state : Records
+        State, one entry.
     """
 
-    def __init__(self, period: float) -> None:
-        self._period = period
-        self.reset()
+    position: float = _estimate("position", "Estimated position [m].")
+    velocity: float = _estimate("velocity", "Estimated speed [m/s].")
+    d1: float = _estimate("d1", "Speed offset [m/s].")
+    d1_rate: float = _estimate("d1_rate", "Rate of the speed offset [m/s²].")
+    d2: float = _estimate("d2", "Disturbance [m/s²].")
+
+    def __init__(self, parameters: CascadedParameters, period: float) -> None:
+        self._constants, self.state = zeros(CascadedConstants, 1), zeros(CascadeBody, 1)
+        balance = {field.name: 0.0 for field in fields(BalanceConstants)}
+        more = cascade_constants(parameters, period)
+        fill(self._constants, parameters, **{**balance, "period": period}, **more)
+        self._step = _ALONE[parameters.method]
 
     def reset(self) -> None:
         """Restart at the next sample with estimates of 0."""
-        self._x: float | None = None
-        self._v = 0.0
-        self.d1, self.d1_rate, self.d2 = 0.0, 0.0, 0.0
+        self.state[:] = 0
 
     def restart(self) -> None:
         """Restart at the next sample with the present estimates."""
-        self._x = None
-
-    @property
-    def position(self) -> float:
-        """Estimated position [m]; 0 before the first sample."""
-        return self._x or 0.0
-
-    @property
-    def velocity(self) -> float:
-        """Estimated speed [m/s]."""
-        return self._v
+        self.state["known"] = False
 
     def step(self, x: float, v: float, acceleration: float) -> None:
         """Update the estimates by position [m], speed [m/s] and mean modelled acceleration of the sample [m/s²]."""
-        raise TypeError(f"{type(self).__name__} has no step()")
-
-
-class ExplicitCascade(Cascade):
-    """Observer (7), (11) as printed: explicit steps and sign functions.
-
-    Parameters
-    ----------
-    period
-        Sampling period [s].
-    k1, k2, k3, k4
-        Gains of the paper [m/s, m/s², 1/s, m/s²].
-    filter_time
-        Time constant of the low-pass filters [s].
-    """
-
-    def __init__(self, period: float, k1: float, k2: float, k3: float, k4: float, filter_time: float) -> None:
-        super().__init__(period)
-        self._k1, self._k2, self._k3, self._k4 = k1, k2, k3, k4
-        self._decay = math.exp(-period / filter_time) if filter_time > 0.0 else 0.0
-
-    def reset(self) -> None:
-        """Restart at the next sample with estimates of 0."""
-        super().reset()
-        self._offset = 0.0
-
-    def step(self, x: float, v: float, acceleration: float) -> None:
-        """Update the estimates by position [m], speed [m/s] and mean modelled acceleration of the sample [m/s²]."""
-        if self._x is None:
-            self._x, self._v = x, v
-            return
-        h, decay = self._period, self._decay
-        phi1, phi2 = self._k1 * saturation(x - self._x, 0.0), self._k2 * saturation(v - self._v, 0.0)
-        self._x += h * (self._v + phi1)
-        self._v += h * (acceleration + phi2)
-        self._offset = decay * self._offset + (1.0 - decay) * phi1
-        self.d2 = decay * self.d2 + (1.0 - decay) * phi2
-        rate = self._k3 * (phi1 - self.d1) - self._k4 * saturation(self.d1 - self._offset, 0.0)
-        self.d1 += h * rate
-        self.d1_rate = decay * self.d1_rate + (1.0 - decay) * rate
-
-
-class ImplicitCascade(ExplicitCascade):
-    """Observer (7), (11) with implicit signs; parameters as for :class:`ExplicitCascade`."""
-
-    def step(self, x: float, v: float, acceleration: float) -> None:
-        """Update the estimates by position [m], speed [m/s] and mean modelled acceleration of the sample [m/s²]."""
-        if self._x is None:
-            self._x, self._v = x, v
-            return
-        h, decay = self._period, self._decay
-        phi2 = min(max((v - self._v) / h - acceleration, -self._k2), self._k2)
-        mean = self._v + 0.5 * h * (acceleration + phi2)
-        phi1 = min(max((x - self._x) / h - mean, -self._k1), self._k1)
-        self._x += h * (mean + phi1)
-        self._v += h * (acceleration + phi2)
-        self._offset = decay * self._offset + (1.0 - decay) * phi1
-        self.d2 = decay * self.d2 + (1.0 - decay) * phi2
-        free = self.d1 + h * self._k3 * (phi1 - self.d1)
-        off = free - self._offset
-        found = self._offset + max(0.0, abs(off) - h * self._k4) * saturation(off, 0.0)
-        rate = (found - self.d1) / h
-        self.d1 = found
-        self.d1_rate = decay * self.d1_rate + (1.0 - decay) * rate
-
-
-class LevantCascade(Cascade):
-    """Robust exact differentiators of second and first order for the same quantities.
-
-    Parameters
-    ----------
-    period
-        Sampling period [s].
-    jerk_offset
-        Bound of |d1''| [m/s³].
-    jerk
-        Bound of |d2'| [m/s³].
-    """
-
-    def __init__(self, period: float, jerk_offset: float, jerk: float) -> None:
-        super().__init__(period)
-        self._l1, self._l2 = jerk_offset, jerk
-
-    def step(self, x: float, v: float, acceleration: float) -> None:
-        """Update the estimates by position [m], speed [m/s] and mean modelled acceleration of the sample [m/s²]."""
-        if self._x is None:
-            self._x, self._v, self._measured = x, v, v
-            return
-        h = self._period
-        mean = 0.5 * (v + self._measured)
-        self._measured = v
-        self._x += h * (mean + self.d1 + 0.5 * h * self.d1_rate)
-        self.d1 += h * self.d1_rate
-        miss = x - self._x
-        size, scale = abs(miss), self._l1 ** (1.0 / 3.0)
-        direction = saturation(miss, self._l1 * h**3)
-        self._x += h * 2.0 * scale * size ** (2.0 / 3.0) * direction
-        self.d1 += h * 2.12 * scale**2 * size ** (1.0 / 3.0) * direction
-        self.d1_rate += h * 1.1 * self._l1 * direction
-        self._v += h * (acceleration + self.d2)
-        miss = v - self._v
-        direction = saturation(miss, self._l2 * h * h)
-        self._v += h * 1.5 * math.sqrt(self._l2 * abs(miss)) * direction
-        self.d2 += h * 1.1 * self._l2 * direction
+        self._step(self._constants, self.state, x, v, acceleration)

@@ -19,83 +19,46 @@ noise.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
-from train_ato.control.contract import parameter
-from train_ato.control.observers.cascade import Cascade, ExplicitCascade, ImplicitCascade, LevantCascade
-from train_ato.control.observers.contract import ObserverInput
-from train_ato.control.observers.force_balance import BalanceState, ForceBalance
-from train_ato.control.observers.guard import GuardedObserver
+from plant_sim.compiled import compiled
+from train_ato.control.observers.cascade import (
+    CASCADES,
+    CascadeBody,
+    CascadedConstants,
+    CascadedParameters,
+    cascade_constants,
+)
+from train_ato.control.observers.force_balance import ForceBalance
+from train_ato.control.observers.record_observer import ObserverForm, RecordObserver
 
 if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel
 
 
-@dataclass(frozen=True)
-class CascadedParameters:
-    """Parameters of :class:`Cascaded`."""
+def cascaded_form(cascade: Any) -> ObserverForm:
+    """Return the observer with a compiled step of a cascade."""
 
-    method: str = parameter(
-        "implicit",
-        "",
-        0,
-        0,
-        "implicit signs, Levant's differentiators, or explicit signs as in the paper",
-        choices=("implicit", "levant", "explicit"),
-    )
-    k1: float = parameter(20.0, "m/s", 0.0, 1e4, "gain of the position channel")
-    k2: float = parameter(20.0, "m/s²", 0.0, 1e4, "gain of the speed channel")
-    k3: float = parameter(10.0, "1/s", 0.0, 1e4, "gain of the second stage")
-    k4: float = parameter(100.0, "m/s²", 0.0, 1e5, "switching gain of the second stage")
-    filter_time: float = parameter(0.02, "s", 0.0, 10.0, "low-pass filter of the switching signals")
-    jerk_offset: float = parameter(100.0, "m/s³", 1e-6, 1e6, "bound of |d1''|, levant only")
-    jerk: float = parameter(30.0, "m/s³", 1e-6, 1e6, "bound of |d2'|, levant only")
-    unmatched: bool = parameter(True, "", 0, 1, "estimate the speed offset d1 as well")
+    @compiled
+    def cascaded(
+        p: CascadedConstants, own: CascadeBody, position: float, speed: float, driven: float, resistance: float
+    ) -> float:
+        cascade(p, own, position, speed, driven - 0.5 * (own.resistance + resistance))
+        return own.d2 + (1.0 if p.unmatched else 0.0) * own.d1_rate
+
+    return ObserverForm(cascaded, CascadedConstants, CascadeBody)
 
 
-def make_cascade(parameters: CascadedParameters, period: float) -> Cascade:
-    """Return the cascade of one vehicle."""
-    p = parameters
-    if p.method == "levant":
-        return LevantCascade(period, p.jerk_offset, p.jerk)
-    form = ExplicitCascade if p.method == "explicit" else ImplicitCascade
-    return form(period, p.k1, p.k2, p.k3, p.k4, p.filter_time)
+FORMS = {method: cascaded_form(step) for method, step in CASCADES.items()}
+"""The observer by method."""
 
 
-class Cascaded(GuardedObserver):
+class Cascaded(RecordObserver):
     """Cascaded observer of matched and unmatched disturbance (paper 002)."""
 
     Parameters: ClassVar[type] = CascadedParameters
 
     def __init__(self, parameters: CascadedParameters, model: TrainModel, period: float) -> None:
-        super().__init__(parameters, model, period)
-        self._balance = ForceBalance(model, "auto", 0.0, period)
-        self._unmatched = parameters.unmatched
-        self.cascades = [make_cascade(parameters, period) for _ in range(self._balance.count)]
-        self.clear_state()
-
-    def clear_state(self) -> None:
-        """Set the estimates to 0 and restart at the next sample."""
-        for cascade in self.cascades:
-            cascade.reset()
-        self._before: list[BalanceState] | None = None
-
-    def on_missed_sample(self) -> None:
-        """Handle a missed sample: restart at the next one with the present estimates."""
-        for cascade in self.cascades:
-            cascade.restart()
-        self._before = None
-
-    def estimate(self, inputs: ObserverInput) -> list[float]:
-        """Return the disturbance force of every unit [N]."""
-        now = self._balance.known(inputs)
-        places = inputs.position.tolist()
-        for index, (cascade, state) in enumerate(zip(self.cascades, now, strict=True)):
-            modelled = 0.0
-            if self._before is not None:
-                modelled = self._balance.known_rate(self._before[index], state)
-            cascade.step(places[index], state.speed, modelled)
-        self._before = now
-        offset = 1.0 if self._unmatched else 0.0
-        return self._balance.forces([cascade.d2 + offset * cascade.d1_rate for cascade in self.cascades])
+        self.form = FORMS[parameters.method]
+        balance = ForceBalance(model, "auto", 0.0, period)
+        super().__init__(parameters, model, period, balance, **cascade_constants(parameters, period))

@@ -21,11 +21,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from train_ato.control.algorithms.luenberger import LuenbergerObserver
+from plant_sim.compiled import compiled
+from plant_sim.record import quantity
+from train_ato.control.algorithms.luenberger import Tracked, luenberger_gains, unknown_rate
 from train_ato.control.contract import parameter
-from train_ato.control.observers.contract import ObserverInput
-from train_ato.control.observers.force_balance import BalanceState, ForceBalance, scope
-from train_ato.control.observers.guard import GuardedObserver
+from train_ato.control.observers.force_balance import BalanceConstants, ForceBalance, scope
+from train_ato.control.observers.record_observer import Body, ObserverForm, RecordObserver
 
 if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel
@@ -39,37 +40,33 @@ class EsoParameters:
     scope: str = scope()
 
 
-class Eso(GuardedObserver):
+@dataclass(frozen=True)
+class EsoConstants(EsoParameters, BalanceConstants):
+    """Constants of :func:`eso`: its parameters, the balance, and what follows from them."""
+
+    gain: float = quantity("1", "gain on the error of the speed")
+    rate_gain: float = quantity("1/s", "gain on the error of the disturbance")
+
+
+@dataclass
+class EsoBody(Tracked, Body):
+    """State of :func:`eso`: estimates of speed and disturbance, and the balance."""
+
+
+@compiled
+def eso(p: EsoConstants, own: EsoBody, position: float, speed: float, driven: float, resistance: float) -> float:
+    """Return the estimated disturbance [m/s²]."""
+    rate = driven - 0.5 * (own.resistance + resistance)
+    return float(unknown_rate(own, p.period, p.gain, p.rate_gain, speed, rate))
+
+
+class Eso(RecordObserver):
     """Discrete extended-state observer: speed and disturbance, one bandwidth."""
 
     Parameters: ClassVar[type] = EsoParameters
+    form = ObserverForm(eso, EsoConstants, EsoBody)
 
     def __init__(self, parameters: EsoParameters, model: TrainModel, period: float) -> None:
-        super().__init__(parameters, model, period)
-        self._balance = ForceBalance(model, parameters.scope, 0.0, period)
-        self._vehicles = [LuenbergerObserver(parameters.omega, period) for _ in range(self._balance.count)]
-        self.clear_state()
-
-    def clear_state(self) -> None:
-        """Set the estimate to 0 and restart at the next sample."""
-        self._before: list[BalanceState] | None = None
-        for vehicle in self._vehicles:
-            vehicle.reset()
-
-    def on_missed_sample(self) -> None:
-        """Handle a missed sample: restart at the next one with the present estimate."""
-        self._before = None
-        for vehicle in self._vehicles:
-            vehicle.restart()
-
-    def estimate(self, inputs: ObserverInput) -> list[float]:
-        """Return the disturbance force of every unit [N]."""
-        now = self._balance.known(inputs)
-        before = now if self._before is None else self._before
-        self._before = now
-        return self._balance.forces(
-            [
-                vehicle.step(state.speed, self._balance.known_rate(last, state))
-                for vehicle, last, state in zip(self._vehicles, before, now, strict=True)
-            ]
-        )
+        balance = ForceBalance(model, parameters.scope, 0.0, period)
+        gain, rate_gain = luenberger_gains(parameters.omega, period)
+        super().__init__(parameters, model, period, balance, gain=gain, rate_gain=rate_gain)

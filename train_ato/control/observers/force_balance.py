@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from plant_sim.compiled import compiled
+from plant_sim.railway import fading_resistance
+from plant_sim.record import Records, quantity, zeros
 from plant_sim.summation import plain_sum
 from train_ato.control.algorithms.couplers import UnitCouplers
-from train_ato.control.algorithms.force_shares import mean_over_units
+from train_ato.control.algorithms.guard import all_within
 from train_ato.control.contract import parameter
+from train_ato.control.law import LawNow, LawUnit
 from train_ato.control.observers.contract import ObserverInput
 from train_ato.control.parameters import RefusedParameter
+from train_ato.messages.validity import MAX_POSITION
 
 if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel
@@ -30,6 +36,43 @@ class BalanceState(NamedTuple):
     resistance: float
 
 
+@dataclass(frozen=True)
+class BalanceConstants:
+    """Constants of a balance."""
+
+    whole_train: bool = quantity("", "the train is one body")
+    inertia: float = quantity("kg", "mass of the train with its rotating masses")
+    running_0: float = quantity("N", "constant part of the running resistance of the train")
+    running_1: float = quantity("N s/m", "linear part")
+    running_2: float = quantity("N s²/m²", "quadratic part")
+    model_factor: float = quantity("1", "factor on coupler and resistance forces of a vehicle")
+    weight: float = quantity("1", "weight of the first driving force of a sample in its mean")
+    period: float = quantity("s", "tick")
+
+
+@compiled
+def balanced(
+    p: BalanceConstants, mass: float, index: int, now: LawNow, units: Records[LawUnit]
+) -> tuple[float, float, float]:
+    """Return speed [m/s], driving and resisting acceleration [m/s²] of a body by its number."""
+    x = units[index]
+    if not p.whole_train:
+        against = x.coupler_force + x.resistance + x.shoe_force
+        return x.velocity, x.applied / mass, against * p.model_factor / mass
+    speed, applied = 0.0, 0.0
+    for unit in units:
+        speed += unit.share * unit.velocity
+        applied += unit.applied
+    running = fading_resistance(p.running_0, p.running_1, p.running_2, speed)
+    return speed, applied / mass, (running + now.line_force + now.train_shoe_force) / mass
+
+
+@compiled
+def each_balanced(p: Any, mass: float, index: int, now: Any, units: Any) -> Any:
+    """Return :func:`balanced` from arrays of records."""
+    return balanced(p[0], mass, index, now[0], units)
+
+
 class ForceBalance:
     """Speed and modelled acceleration of every unit's vehicle, or of the train as one mass.
 
@@ -44,6 +87,19 @@ class ForceBalance:
     period
         Tick [s].
 
+    Attributes
+    ----------
+    whole_train : bool
+        The train is one body.
+    count : int
+        Number of bodies.
+    mass : list of float
+        Inertia of every body [kg].
+    couplers : UnitCouplers
+        Couplers beside the units.
+    constants, now, units : Records
+        Constants, and inputs of a sample.
+
     Raises
     ------
     ValueError
@@ -52,20 +108,45 @@ class ForceBalance:
 
     def __init__(self, model: TrainModel, scope: str, model_error: float, period: float) -> None:
         self._model = model
-        self._couplers = UnitCouplers(model)
-        if scope == "vehicle" and self._couplers.unknown:
-            reason = f"scope: vehicle needs the force of {self._couplers.unknown_names()}"
-            raise RefusedParameter(reason, "scope: train", self._couplers.sensors_text())
-        self.whole_train = scope == "train" or bool(self._couplers.unknown)
+        self.couplers = UnitCouplers(model)
+        if scope == "vehicle" and self.couplers.unknown:
+            reason = f"scope: vehicle needs the force of {self.couplers.unknown_names()}"
+            raise RefusedParameter(reason, "scope: train", self.couplers.sensors_text())
+        self.whole_train = scope == "train" or bool(self.couplers.unknown)
         self.count = 1 if self.whole_train else model.n_units
-        self._model_factor = 1.0 / (1.0 + model_error)
+        self.mass: list[float] = [model.inertia] if self.whole_train else model.unit_inertia.tolist()
         self._weight = lag_weight(period, model.lag)
-        self._mass: list[float] = model.unit_inertia.tolist()
-        self._share: list[float] = model.share.tolist()
+        self.constants, self.now, self.units = (
+            zeros(BalanceConstants, 1),
+            zeros(LawNow, 1),
+            zeros(LawUnit, model.n_units),
+        )
+        values = (self.whole_train, model.inertia, *model.running, 1.0 / (1.0 + model_error), self._weight, period)
+        self.constants[0] = values
+        self.units["share"] = model.share
+
+    def fill(self, inputs: ObserverInput) -> None:
+        """Set the inputs of a sample; line, resistance and couplers only for possible positions."""
+        units, line_force = self.units, 0.0
+        units["position"], units["velocity"], units["applied"] = inputs.position, inputs.velocity, inputs.applied
+        units["shoe_force"] = inputs.shoe_force
+        if all_within(inputs.position, MAX_POSITION):
+            if self.whole_train:
+                line_force = self._model.line_force(self._model.front(inputs.position))
+            else:
+                opposing = self.couplers.opposing(inputs)
+                units["coupler_force"] = [forces.couplers for forces in opposing]
+                units["resistance"] = [forces.resistance for forces in opposing]
+        sensed = plain_sum(map(abs, inputs.coupler_force.tolist())) if inputs.coupler_force.size else 0.0
+        self.now[0] = (inputs.t, 0.0, 0.0, 0.0, line_force, inputs.train_shoe_force, sensed)
 
     def known(self, inputs: ObserverInput) -> list[BalanceState]:
         """Return the state of every body of the balance."""
-        return [self._train(inputs)] if self.whole_train else self._vehicles(inputs)
+        self.fill(inputs)
+        return [
+            BalanceState(*each_balanced(self.constants, mass, i, self.now, self.units))
+            for i, mass in enumerate(self.mass)
+        ]
 
     def mean_drive(self, before: float, now: float) -> float:
         """Return the mean of an applied acceleration over a tick from its values at both ends [m/s²].
@@ -81,26 +162,8 @@ class ForceBalance:
 
     def forces(self, accelerations: list[float]) -> list[float]:
         """Return the force of every unit for the accelerations that the model does not explain [N]."""
-        if self.whole_train:
-            total = accelerations[0] * self._model.inertia
-            return [total * share for share in self._share]
-        return [mass * value for mass, value in zip(self._mass, accelerations, strict=True)]
-
-    def _vehicles(self, inputs: ObserverInput) -> list[BalanceState]:
-        speeds, applied = inputs.velocity.tolist(), inputs.applied.tolist()
-        return [
-            BalanceState(speed, force / mass, opposing.total * self._model_factor / mass)
-            for speed, force, opposing, mass in zip(
-                speeds, applied, self._couplers.opposing(inputs), self._mass, strict=True
-            )
-        ]
-
-    def _train(self, inputs: ObserverInput) -> BalanceState:
-        speeds = inputs.velocity.tolist()
-        speed = mean_over_units(self._share, speeds)
-        resisting = self._model.resisting_force(self._model.front(inputs.position), speed, inputs.train_shoe_force)
-        inertia = self._model.inertia
-        return BalanceState(speed, plain_sum(inputs.applied.tolist()) / inertia, resisting / inertia)
+        forces = [mass * value for mass, value in zip(self.mass, accelerations, strict=True)]
+        return [forces[0] * share for share in self._model.share.tolist()] if self.whole_train else forces
 
 
 def lag_weight(period: float, lag: float) -> float:

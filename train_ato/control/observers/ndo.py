@@ -36,10 +36,11 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
+from plant_sim.compiled import compiled
+from plant_sim.record import quantity
 from train_ato.control.contract import parameter
-from train_ato.control.observers.contract import ObserverInput
-from train_ato.control.observers.force_balance import BalanceState, ForceBalance, scope
-from train_ato.control.observers.guard import GuardedObserver
+from train_ato.control.observers.force_balance import BalanceConstants, ForceBalance, scope
+from train_ato.control.observers.record_observer import Body, ObserverForm, RecordObserver
 
 if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel
@@ -54,33 +55,28 @@ class NdoParameters:
     model_error: float = parameter(0.01, "1", -0.5, 10.0, "f_hat = f/(1 + model_error), vehicle scope only")
 
 
-class Ndo(GuardedObserver):
+@dataclass(frozen=True)
+class NdoConstants(NdoParameters, BalanceConstants):
+    """Constants of :func:`ndo`: its parameters, the balance, and what follows from them."""
+
+    decay: float = quantity("1", "factor on the estimate in a sample")
+
+
+@compiled
+def ndo(p: NdoConstants, own: Body, position: float, speed: float, driven: float, resistance: float) -> float:
+    """Return the filtered acceleration that the model does not explain [m/s²]."""
+    if not own.known:
+        return own.unexplained
+    found = (speed - own.speed) / p.period - driven + own.resistance
+    return p.decay * own.unexplained + (1.0 - p.decay) * found
+
+
+class Ndo(RecordObserver):
     """Nonlinear disturbance observer (paper 000), sampled exactly for any bandwidth."""
 
     Parameters: ClassVar[type] = NdoParameters
+    form = ObserverForm(ndo, NdoConstants, Body)
 
     def __init__(self, parameters: NdoParameters, model: TrainModel, period: float) -> None:
-        super().__init__(parameters, model, period)
-        self._balance = ForceBalance(model, parameters.scope, parameters.model_error, period)
-        self._decay = math.exp(-parameters.omega * period)
-        self.clear_state()
-
-    def clear_state(self) -> None:
-        """Set the estimate to 0."""
-        self._filtered = [0.0] * self._balance.count
-        self._before: list[BalanceState] | None = None
-
-    def on_missed_sample(self) -> None:
-        """Handle a missed sample: the difference quotient restarts."""
-        self._before = None
-
-    def estimate(self, inputs: ObserverInput) -> list[float]:
-        """Return the disturbance force of every unit [N]."""
-        now = self._balance.known(inputs)
-        if self._before is not None:
-            for index, (state, before) in enumerate(zip(now, self._before, strict=True)):
-                drive = self._balance.mean_drive(before.drive, state.drive)
-                unexplained = (state.speed - before.speed) / self.period - drive + before.resistance
-                self._filtered[index] = self._decay * self._filtered[index] + (1.0 - self._decay) * unexplained
-        self._before = now
-        return self._balance.forces(self._filtered)
+        balance = ForceBalance(model, parameters.scope, parameters.model_error, period)
+        super().__init__(parameters, model, period, balance, decay=math.exp(-parameters.omega * period))

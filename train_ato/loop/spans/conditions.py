@@ -11,12 +11,9 @@ from train_ato.control.compensation.predictor import Predictor
 from train_ato.control.compensation.preview import PreviewFeedforward
 from train_ato.control.compensation.twin import Twin
 from train_ato.control.compiled.law_call import RecordStep
-from train_ato.control.compiled.observer_packing import has_compiled_observer
 from train_ato.control.compiled.prediction_packing import has_compiled_prediction
-from train_ato.control.observers.cascaded import Cascaded
-from train_ato.control.observers.eso import Eso
-from train_ato.control.observers.ndo import Ndo
 from train_ato.control.observers.none import NoObserver
+from train_ato.control.observers.record_observer import RecordObserver
 from train_ato.control.registry import COMPENSATIONS, OBSERVERS
 from train_ato.control.stack import ControlStack
 from train_ato.loop.inputs import StageInputs
@@ -29,6 +26,8 @@ from train_ato.scenario.changes import requested_stamp
 
 LONGEST, BRAKED = 256, 128
 """Longest span, and longest one with forecasts of shoe forces, which cost more [ticks]."""
+_OBSERVER_STEP = RecordObserver.step
+"""Step of the observers over records: one that a program replaces has no compiled form."""
 UNRECORDED, BRIEF = 4, 16
 """Factor of both without a log and without disturbances, whose arrays are large, and with the series of the summary."""
 
@@ -36,9 +35,9 @@ UNRECORDED, BRIEF = 4, 16
 def spans_possible(setup: RunSetup) -> bool:
     """Return True for a run whose ticks can be compiled.
 
-    It has a shipped observer, the compensation `none`, `preview`, `predictor` or `twin`, no re-planning, no
-    shares or displacements of the power units by place, delays on the command only and without random parts, and no
-    sensor that freezes or slips.
+    It has an observer over records or `none`, the compensation `none`, `preview`, `predictor` or `twin`, no
+    re-planning, no shares or displacements of the power units by place, delays on the command only and without random
+    parts, and no sensor that freezes or slips.
     """
     scenario, links, sensors = setup.scenario, setup.links, setup.plant.sensors
     if scenario.replan or scenario.force_shares or scenario.unit_displacements:
@@ -53,7 +52,8 @@ def spans_possible(setup: RunSetup) -> bool:
     else:
         identifies = setup.compensation_parameters.get("identify", False)  # its twin depends on the measurements
         known = not identifies and compensation in (NoCompensation, PreviewFeedforward, Predictor, Twin)
-    return known and OBSERVERS.get(setup.observer) in (NoObserver, Eso, Ndo, Cascaded) and setup.model.n_units > 0
+    observer = OBSERVERS.get(setup.observer)
+    return known and (observer is NoObserver or issubclass(observer, RecordObserver)) and setup.model.n_units > 0
 
 
 def ticks_to_event(
@@ -117,7 +117,7 @@ def _observer_is_regular(stages: Stages, stack: ControlStack) -> bool:
     own = stages.observer._stack
     if type(own._observer) is NoObserver:
         return True
-    if not has_compiled_observer(own._observer) or own._policy.state.tobytes() != stack._policy.state.tobytes():
+    if type(own._observer).step is not _OBSERVER_STEP or own._policy.state.tobytes() != stack._policy.state.tobytes():
         return False
     return not own._shoes.fitted or own._shoes._pressure == stack._pressure
 

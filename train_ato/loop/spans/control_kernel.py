@@ -8,10 +8,9 @@ from plant_sim.compiled import compiled
 from plant_sim.railway import between_entries, envelope_force, fading_resistance, shoe_force
 from train_ato.control.air_brake.record_policy import electric_brake_available
 from train_ato.control.algorithms.force_shares import numpy_total
-from train_ato.control.compiled import observers as observers_code
 from train_ato.control.compiled import prediction as prediction_code
-from train_ato.control.law import limit_demands
-from train_ato.messages.validity import MAX_FORCE
+from train_ato.control.compiled.law_call import address
+from train_ato.control.law import STEPPED, limit_demands
 
 # Columns of `own`, one row per unit: constants of the vehicle and of the line of the model.
 MASS, C0, C1, C2, LINE_BEGIN, LINE_GRID, OFFSET = range(7)
@@ -62,20 +61,22 @@ def _observed_shoes(slow, vehicles, speed, shoes, forces):
 
 
 @compiled(alone=False)
-def observe(tick, coupler_forces, own, tables, observing, inputs, now):
+def observe(tick, coupler_forces, own, tables, observing, inputs, all_now):
     """Compute the estimate of a tick [N]; return False for one that is left to Python."""
-    observer, constant, state, estimates, (slow, vehicles, shoes, forces), beside, springs = observing
-    if observer == observers_code.NO_OBSERVER:
+    constants, state, bodies, call, estimates, (slow, vehicles, shoes, forces), beside, springs = observing
+    if bodies == 0:
         return True
     if len(slow):
         _observed_shoes(slow[tick], vehicles, inputs[0].velocity, shoes, forces)
-    now.line_force, now.train_shoe_force = _line_force(inputs, own, tables[1]), shoes[0]
+    now = all_now[0]
+    now.line_force, now.train_shoe_force, now.sensed_force = _line_force(inputs, own, tables[1]), shoes[0], 0.0
+    for force in coupler_forces:
+        now.sensed_force += abs(force)
     _opposing(coupler_forces, beside, springs, own, tables[0], tables[2], shoes, inputs)
-    observers_code.estimate(observer, constant, state, inputs, now, estimates[tick])
+    if call(address(constants), address(state), bodies, address(all_now), address(inputs), inputs.size) != STEPPED:
+        return False
     for u in range(inputs.size):
-        if not abs(estimates[tick, u]) < MAX_FORCE:
-            return False
-        inputs[u].disturbance = estimates[tick, u]
+        estimates[tick, u] = inputs[u].disturbance
     return True
 
 
@@ -87,7 +88,7 @@ def changes_brake(t, position, velocity, applied, braking):
     now.t, now.position, now.velocity, now.applied = t, position, velocity, numpy_total(applied)
     if len(segments):
         now.available = electric_brake_available(limits, segments, abs(velocity))
-    return charged - call(constants.ctypes, state.ctypes, rows.ctypes, count, measured.ctypes) != pressure
+    return charged - call(address(constants), address(state), address(rows), count, address(measured)) != pressure
 
 
 @compiled
@@ -130,7 +131,8 @@ def law_step(tick, t, coupler_forces, own, tables, shoes, law, predicting, histo
     for u in range(inputs.size):
         inputs[u].shoe_force = shoes[tick, 1 + u]
     _opposing(coupler_forces, beside, springs, own, tables[0], tables[2], shoes[tick], inputs)
-    if call(tick, constant.ctypes, state.ctypes, all_now.ctypes, inputs.ctypes, inputs.size, rows) != 0:
+    records = address(constant), address(state), address(all_now), address(inputs)
+    if call(tick, records[0], records[1], records[2], records[3], inputs.size, rows) != 0:
         return -1
     if not limit_demands(inputs):
         return -1

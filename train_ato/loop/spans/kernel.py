@@ -130,7 +130,7 @@ def run_span(
     outside, cubes, cubed = forces
     every, states, gears, unit_states, settings = reports
     n, steps, nu = vehicle.shape[1], newest.shape[1], len(units)
-    law_state, observer_state, policy_state = law[1], observing[2], braking[1]
+    law_state, observer_state, policy_state = law[1], observing[1], braking[1]
     saved, observed, kept = law_state.copy(), observer_state.copy(), inputs.copy()
     demanded = policy_state.copy()
     supervised = supervision.states.run[0].period > 0
@@ -156,7 +156,7 @@ def run_span(
             place, speed = measured[tick, MEASURED_POSITION, 0], measured[tick, MEASURED_VELOCITY, 0]
             usable = not changes_brake(t, place, speed, measured[tick, MEASURED_FORCE], braking)
         if usable:
-            usable = observe(tick, couplers[tick, COUPLER_FORCE], own, tables, observing, inputs, now[0])
+            usable = observe(tick, couplers[tick, COUPLER_FORCE], own, tables, observing, inputs, now)
         is_step = (count[FIRST_TICK] + tick) % count[EVERY] == 0
         if usable and is_step:
             set_inputs(tick, reference, feedforward, own, limits, segments, inputs, now[0])

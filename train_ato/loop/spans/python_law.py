@@ -78,7 +78,7 @@ class PythonLaw:
         if self._last is not None and self._last[0] == done:
             self._stack.answer = (self._last[1],)
 
-    def _called(self, tick: int) -> int:
+    def _called(self, tick: int, *_: Any) -> int:
         """Run the step of a tick; return 0, or ``LEFT`` for a tick that is left to Python."""
         begin = time.perf_counter_ns()
         self._begin = self._begin or begin

@@ -12,11 +12,11 @@ from plant_sim.plant_setup import Jump
 from plant_sim.record import zeros
 from train_ato.control.compensation.predictor import Predictor
 from train_ato.control.compensation.twin import Twin
-from train_ato.control.compiled.law_call import POLICY, LawCall, RecordStep, is_in_loop
-from train_ato.control.compiled.observer_packing import CompiledObserver
+from train_ato.control.compiled.law_call import LEFT, OBSERVER, POLICY, LawCall, RecordStep, is_in_loop
 from train_ato.control.compiled.prediction_packing import PackedPrediction, packed_prediction
 from train_ato.control.compiled.train_packing import coupler_arrays
 from train_ato.control.law import LawNow
+from train_ato.control.observers.record_observer import RecordObserver
 from train_ato.control.stack import ControlStack
 from train_ato.control.train_model import STANDSTILL_SPEED
 from train_ato.loop.recording_builder import RecordingBuilder
@@ -100,8 +100,8 @@ class CompiledSpans:
         self.shown: NDArray[np.int64] = np.array(shown, dtype=np.int64)
         self._prediction: PackedPrediction | None = None
         self.policy_call: LawCall | None = None
-        self.observer = CompiledObserver(stages.observer._stack._observer)
-        self.observer_couplers = coupler_arrays(self.observer.couplers)
+        self.observer: Any = stages.observer._stack._observer
+        self.observing = _call_of_observer(self.observer)
         values = stages.setup.plant.sensors
         self.sensor_errors = np.array(
             (values.position_bias, values.velocity_bias, values.position_quantum, values.velocity_quantum)
@@ -177,6 +177,18 @@ class CompiledSpans:
         return self._prediction
 
 
+def _call_of_observer(observer: Any) -> tuple[Any, ...]:
+    """Return records, number of bodies, call and couplers of an observer, of `none` without bodies."""
+    if not isinstance(observer, RecordObserver):
+        none = np.zeros(0, dtype=np.uint8)
+        return none, none, 0, LawCall(lambda *_: LEFT, None, OBSERVER), *coupler_arrays(None)
+    constants, state, balance = observer.constants, observer.state, observer.balance
+    step = observer.form.step
+    call = LawCall(lambda _p, _s, _b, now, units, _n: step(constants, state, now, units), observer.form.entry, OBSERVER)
+    couplers = coupler_arrays(None if balance.whole_train else balance.couplers)
+    return constants.view(np.uint8), state.view(np.uint8), balance.count, call, *couplers
+
+
 class _Span:
     """One span.
 
@@ -212,10 +224,9 @@ class _Span:
         )
         self.arrays.sent[0], self.arrays.at_limit[0] = stack._last, stack._saturated_steps
         self._inputs, self._now = law.units, zeros(LawNow, 1)
-        self._observed = spans.observer.state()
         self._policy: Any = stack._policy
         times = np.array(self._forecast.times)
-        used = bool(spans.observer.number)
+        used = isinstance(spans.observer, RecordObserver)
         self._observer_shoes = ObserverShoes(spans.stages.observer._stack, times, stack._pressure, used=used)
         self._counts = np.array((stack._ticks, stack._every, stack._saturated, 0), dtype=np.int64)
 
@@ -269,11 +280,11 @@ class _Span:
 
     def _observing(self) -> tuple[Any, ...]:
         """Return the arrays of the observer."""
-        observer, slow = self._spans.observer, self._observer_shoes.slow
+        slow = self._observer_shoes.slow
         units = self._spans.stages.observer._stack._shoes._units
         shoes = (slow, units, np.zeros(1 + len(units)), np.zeros(slow.shape[1]))
-        couplers = self._spans.observer_couplers
-        return (observer.number, observer.constant, self._observed, self.arrays.estimates, shoes, *couplers)
+        *records, beside, springs = self._spans.observing
+        return *records, self.arrays.estimates, shoes, beside, springs
 
     def _braking(self) -> tuple[Any, ...]:
         """Return call and arrays of the policy of the air brake."""
@@ -281,7 +292,7 @@ class _Span:
         if spans.policy_call is None:
             step = policy.form.step
             spans.policy_call = LawCall(
-                lambda _: step(policy.constants, policy.state, policy.rows, policy.now), policy.form.entry, POLICY
+                lambda *_: step(policy.constants, policy.state, policy.rows, policy.now), policy.form.entry, POLICY
             )
         records = (policy.constants.view(np.uint8), policy.state.view(np.uint8), policy.rows.view(np.uint8))
         pressure = policy.charged if self._stack._pressure is None else self._stack._pressure
@@ -299,7 +310,8 @@ class _Span:
         """Set the states of stages, stack, law, link and sensors to those after the span."""
         stack, train, sensors, out = self._stack, self._train, self._train._sensors, self.arrays
         observer = self._spans.stages.observer._stack
-        self._spans.observer.take_state(self._observed, out.estimates[done - 1].tolist())
+        if isinstance(self._spans.observer, RecordObserver):
+            self._spans.observer.balance.units["disturbance"] = out.estimates[done - 1]
         observer._policy.state[:] = self._policy.state
         stack._ticks += done
         stack._last = out.sent[done].tolist()

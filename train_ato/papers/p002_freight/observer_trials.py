@@ -15,8 +15,7 @@ import numpy as np
 
 from plant_sim.disturbances import Paper002
 from train_ato.control.algorithms.luenberger import LuenbergerObserver
-from train_ato.control.observers.cascade import Cascade
-from train_ato.control.observers.cascaded import CascadedParameters, make_cascade
+from train_ato.control.observers.cascade import Cascade, CascadedParameters
 from train_ato.control.observers.contract import ObserverInput
 from train_ato.control.observers.force_balance import BalanceState, ForceBalance
 from train_ato.control.train_model import TrainModel
@@ -60,9 +59,9 @@ class EsoPair:
 Observer = Cascade | EsoPair
 
 FORMS: Mapping[str, Callable[[float], Observer]] = {
-    "printed": lambda period: make_cascade(CascadedParameters(method="explicit"), period),
-    "implicit": lambda period: make_cascade(PARAMETERS, period),
-    "levant": lambda period: make_cascade(CascadedParameters(method="levant"), period),
+    "printed": lambda period: Cascade(CascadedParameters(method="explicit"), period),
+    "implicit": lambda period: Cascade(PARAMETERS, period),
+    "levant": lambda period: Cascade(CascadedParameters(method="levant"), period),
     "eso": lambda period: EsoPair(period, min(500.0, 1.0 / period)),
 }
 """Compared forms; `eso` has the bandwidth 1/sampling time, at most 500 1/s."""
