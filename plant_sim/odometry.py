@@ -15,7 +15,7 @@ from typing import Any
 
 from plant_sim.compiled import compiled
 from plant_sim.plant_setup import OdometrySpec, WheelSlip
-from plant_sim.record import Records, quantity, zeros
+from plant_sim.record import Records, quantity, records_of, zeros
 from plant_sim.states import Array, Odometry
 from plant_sim.streams import random_stream
 
@@ -32,8 +32,9 @@ class OdometryReading:
 
 @dataclass
 class SlipRecord:
-    """Wheel slip of the first power unit."""
+    """Wheel slip of one power unit."""
 
+    unit: int = quantity("", "number of the unit")
     begin: float = quantity("s", "begin")
     end: float = quantity("s", "end")
     slip: float = quantity("1", "relative difference of the wheel speed")
@@ -57,7 +58,7 @@ def wheel_ratio(own: OdometerState, slips: Records[SlipRecord], time: float) -> 
     """Return the ratio of counted to true distance of the wheel at a time [s], with its slip."""
     total = 0.0
     for slip in slips:
-        if slip.begin <= time < slip.end:
+        if slip.unit == 0 and slip.begin <= time < slip.end:
             total += slip.slip
     return own.wheel * (1.0 + total)
 
@@ -124,7 +125,7 @@ class Odometers:
     spec
         Errors and balises.
     slips
-        Wheel slips of the first power unit.
+        Wheel slips of the power units, of which those of the first act.
     front
         Front position at the start [m], known exactly.
     seed
@@ -135,7 +136,7 @@ class Odometers:
     state : Array of :class:`OdometerState`, shape (1,)
         Errors and counted distances.
     slips : Array of :class:`SlipRecord`
-        Slips of the first unit.
+        Slips of all units.
     """
 
     def __init__(self, spec: OdometrySpec, slips: Sequence[WheelSlip], front: float, seed: int) -> None:
@@ -144,10 +145,7 @@ class Odometers:
         self.state["wheel"], self.state["radar"] = 1.0 + wheel * spec.wheel_error, 1.0 + radar * spec.radar_error
         self.state["spacing"] = spec.balise_spacing
         self.state["front"] = self.state["origin"] = front
-        own = [slip for slip in slips if slip.unit == 0]
-        self.slips = zeros(SlipRecord, len(own))
-        for record, slip in zip(self.slips, own, strict=True):
-            record["begin"], record["end"], record["slip"] = slip.begin, slip.end, slip.slip
+        self.slips = records_of(SlipRecord, slips)
         self._reading = zeros(OdometryReading, 1)
 
     def move(self, stamp: int, front: float) -> None:

@@ -9,7 +9,7 @@ wrong field name. In Python the fields are columns: ``units["position"]``.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cache
 from typing import Any, Generic, TypeVar, cast, overload
 
@@ -78,6 +78,14 @@ def zeros(record: type[Fields], count: int) -> Any:
     """Return an array of records with zeros and false flags, shape (count,)."""
     found = np.zeros(count, dtype_of(cast(type, record)))
     return found.view(np.recarray) if config.DISABLE_JIT else found  # without the compiler an entry has no attributes
+
+
+def records_of(record: type, values: Sequence[Any]) -> Any:
+    """Return an array of records with the attributes of the same names of some objects."""
+    found = zeros(record, len(values))
+    for name in found.dtype.names:
+        found[name] = [getattr(value, name) for value in values]
+    return found
 
 
 def fill(records: Any, values: Any, **more: float) -> None:

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from plant_sim.compiled import compiled
 from plant_sim.input_error import one_of
+from plant_sim.odometry import SlipRecord
 from plant_sim.plant_setup import Freeze, Sensors
+from plant_sim.record import Records, quantity, records_of, zeros
 from plant_sim.states import Array, Measurement, VehicleStates
 from plant_sim.streams import random_stream
 
@@ -58,8 +63,109 @@ class _Noise:
         self._next += count
 
 
-def _rounded(values: Array, quantum: float) -> Array:
-    return np.asarray(quantum * np.round(values / quantum)) if quantum > 0.0 else values
+@dataclass
+class SensorConstants:
+    """Errors of the sensors of all units."""
+
+    position_bias: float = quantity("m", "bias of the positions")
+    velocity_bias: float = quantity("m/s", "bias of the speeds")
+    position_quantum: float = quantity("m", "resolution of the positions, 0: exact")
+    velocity_quantum: float = quantity("m/s", "resolution of the speeds, 0: exact")
+    tick: float = quantity("s", "time between measurements")
+
+
+@dataclass
+class UnitSensor:
+    """Sensors of one power unit, with the last measurement."""
+
+    vehicle: int = quantity("", "number of the vehicle")
+    slipped: float = quantity("m", "distance counted by slips")
+    position: float = quantity("m", "measured position")
+    velocity: float = quantity("m/s", "measured speed")
+    known: bool = quantity("", "there is a measurement")
+
+
+@dataclass
+class FreezeRecord:
+    """Time in which channels of a unit keep their last values."""
+
+    unit: int = quantity("", "number of the unit")
+    begin: float = quantity("s", "begin")
+    end: float = quantity("s", "end")
+    keeps_position: bool = quantity("", "the position is frozen")
+    keeps_velocity: bool = quantity("", "the speed is frozen")
+
+
+class SensorRecords(NamedTuple):
+    """Sensors of a train: errors, units, faults, and the vehicles before the couplers with their gaps [m]."""
+
+    constants: Records[SensorConstants]
+    units: Records[UnitSensor]
+    slips: Records[SlipRecord]
+    freezes: Records[FreezeRecord]
+    couplers: NDArray[np.int64]
+    gaps: Array
+
+
+@compiled
+def rounded(value: float, quantum: float) -> float:
+    """Return a value at a resolution; 0 is exact."""
+    return quantum * float(np.rint(value / quantum)) if quantum > 0.0 else value
+
+
+@compiled
+def measure_unit(
+    p: SensorConstants, own: UnitSensor, u: int, slips: Records[SlipRecord], freezes: Records[FreezeRecord],
+    time: float, x: float, v: float, noise: float, speed_noise: float,
+) -> None:  # fmt: skip
+    """Measure true position [m] and speed [m/s] of a unit at a time [s], with the noise of both."""
+    for slip in slips:
+        if slip.unit == u and slip.begin <= time < slip.end:
+            own.slipped += slip.slip * v * p.tick
+            v *= 1.0 + slip.slip
+    x, v = x + own.slipped, v + p.velocity_bias
+    if p.position_bias != 0.0:
+        x += p.position_bias
+    x, v = rounded(x + noise, p.position_quantum), rounded(v + speed_noise, p.velocity_quantum)
+    for freeze in freezes:
+        if own.known and freeze.unit == u and freeze.begin <= time < freeze.end:
+            x = own.position if freeze.keeps_position else x
+            v = own.velocity if freeze.keeps_velocity else v
+    own.position, own.velocity, own.known = x, v, True
+
+
+@compiled
+def measure_train(
+    sensors: SensorRecords, time: float, x: Array, v: Array, force: Array, noise: Array, speed_noise: Array,
+    coupler_noise: Array, couplers: Array,
+) -> None:  # fmt: skip
+    """Measure all units and couplers at a time [s].
+
+    Parameters
+    ----------
+    sensors
+        The sensors.
+    time
+        Time [s].
+    x, v, force : Array, shape (vehicles,)
+        Positions [m], speeds [m/s] and forces of the couplers behind the vehicles [N].
+    noise, speed_noise : Array, shape (units,)
+        Noise of positions [m] and speeds [m/s].
+    coupler_noise : Array, shape (2, couplers)
+        Noise of deflections [m] and forces [N].
+    couplers : Array, shape (3, couplers)
+        Measured deflections [m], rates [m/s] and forces [N], written here.
+    """
+    for u in range(sensors.units.size):
+        own, p = sensors.units[u], sensors.constants[0]
+        i = own.vehicle
+        measure_unit(p, own, u, sensors.slips, sensors.freezes, time, x[i], v[i], noise[u], speed_noise[u])
+    deflections, rates, forces = couplers
+    for j in range(sensors.couplers.size):
+        i = sensors.couplers[j]
+        deflections[j] = x[i] - x[i + 1] - sensors.gaps[j] + coupler_noise[0, j]
+        rates[j] = v[i] - v[i + 1]
+        forces[j] = force[i] + coupler_noise[1, j]
 
 
 class SensorSet:
@@ -79,6 +185,11 @@ class SensorSet:
     seed : int
         Seed of the run.
 
+    Attributes
+    ----------
+    records : SensorRecords
+        Errors and states of the sensors.
+
     Raises
     ------
     ValueError
@@ -94,13 +205,16 @@ class SensorSet:
         for unit in (*(freeze.unit for freeze in sensors.freeze), *(slip.unit for slip in sensors.wheel_slip)):
             if unit >= len(units):
                 raise ValueError(f"a sensor fault names unit {unit}: not in the train; {one_of(len(units))}")
-        self._front: NDArray[np.int64] = np.array(sensors.couplers, dtype=np.int64)
-        self._rear = self._front + 1
-        self._gaps = gaps[self._front]
-        self._no_couplers = np.zeros(0)
-        self._sensors = sensors
-        self._units: NDArray[np.int64] = np.array(units, dtype=np.int64)
-        self._tick = tick
+        front: NDArray[np.int64] = np.array(sensors.couplers, dtype=np.int64)
+        constants, own = zeros(SensorConstants, 1), zeros(UnitSensor, len(units))
+        for name in constants.dtype.names[:-1]:
+            constants[name] = getattr(sensors, name)
+        constants["tick"], own["vehicle"] = tick, units
+        slips, freezes = records_of(SlipRecord, sensors.wheel_slip), zeros(FreezeRecord, 0)
+        self.records = SensorRecords(constants, own, slips, freezes, front, gaps[front])
+        self._freezes: tuple[Freeze, ...] = ()
+        self._add_freezes(sensors.freeze)
+        self._none = np.zeros(len(units))
         self._position_noise, self._velocity_noise = (
             _Noise(random_stream(seed, f"sensor/{name}"), np.full(len(units), deviation)) if deviation else None
             for name, deviation in (("position", sensors.position_noise), ("velocity", sensors.velocity_noise))
@@ -109,15 +223,20 @@ class SensorSet:
         self._coupler_noise = _Noise(
             random_stream(seed, "sensor/coupler"), deviations.repeat(len(sensors.couplers), axis=1)
         )
-        self._odometer = np.zeros(len(units))
-        self._velocity_bias = np.full(len(units), sensors.velocity_bias)
-        self._last: tuple[Array, Array] | None = None
-        self._freezes = sensors.freeze
+
+    def _add_freezes(self, added: Sequence[Freeze]) -> None:
+        """Add frozen channels."""
+        self._freezes = (*self._freezes, *added)
+        freezes = zeros(FreezeRecord, len(self._freezes))
+        for record, freeze in zip(freezes, self._freezes, strict=True):
+            record["unit"], record["begin"], record["end"] = freeze.unit, freeze.begin, freeze.end
+            record["keeps_position"] = freeze.quantity != "velocity"
+            record["keeps_velocity"] = freeze.quantity != "position"
+        self.records = self.records._replace(freezes=freezes)
 
     def freeze(self, begin: float, end: float) -> None:
         """Freeze the measurement of all units from a time to another one [s]."""
-        added = tuple(Freeze(unit=unit, begin=begin, end=end) for unit in range(len(self._units)))
-        self._freezes = (*self._freezes, *added)
+        self._add_freezes([Freeze(unit=unit, begin=begin, end=end) for unit in range(self._none.size)])
 
     def measure(self, vehicles: VehicleStates, applied: Array) -> Measurement:
         """Return the measurement of one tick.
@@ -131,45 +250,28 @@ class SensorSet:
         applied : Array, shape (units,)
             True force of every unit [N].
         """
-        sensors, stamp = self._sensors, vehicles.stamp
-        position, velocity = vehicles.position[self._units], vehicles.velocity[self._units]
-        if sensors.wheel_slip:
-            self._slip(stamp * 1e-9, velocity)
-        x, v = position + self._odometer, velocity + self._velocity_bias
-        if sensors.position_bias != 0.0:
-            x += sensors.position_bias
-        if self._position_noise is not None:
-            x += self._position_noise.of_tick()
-        if self._velocity_noise is not None:
-            v += self._velocity_noise.of_tick()
-        x, v = _rounded(x, sensors.position_quantum), _rounded(v, sensors.velocity_quantum)
-        if self._freezes:
-            self._keep_frozen(stamp * 1e-9, x, v)
-        self._last = x, v
-        return Measurement(stamp, x, v, applied, *self._at_couplers(vehicles))
+        noises = (self._position_noise, self._velocity_noise)
+        noise, speed_noise = (self._none if one is None else one.of_tick() for one in noises)
+        couplers = np.empty((3, self.records.couplers.size))
+        measure_train(
+            self.records, vehicles.stamp * 1e-9, vehicles.position, vehicles.velocity, vehicles.coupler_force, noise,
+            speed_noise, self._coupler_noise.of_tick() if couplers.size else couplers, couplers,
+        )  # fmt: skip
+        units: Any = self.records.units
+        return Measurement(vehicles.stamp, units["position"].copy(), units["velocity"].copy(), applied, *couplers)
 
-    def _at_couplers(self, vehicles: VehicleStates) -> tuple[Array, Array, Array]:
-        """Return the measured deflection [m], rate [m/s] and force [N] of the couplers with a sensor."""
-        if not self._sensors.couplers:
-            return self._no_couplers, self._no_couplers, self._no_couplers
-        x, v, front, rear = vehicles.position, vehicles.velocity, self._front, self._rear
-        noise = self._coupler_noise.of_tick()  # also with a deviation of 0: its sign is that of a force of 0
-        deflection = x[front] - x[rear] - self._gaps
-        return deflection + noise[0], v[front] - v[rear], vehicles.coupler_force[front] + noise[1]
+    def noise_ahead(self, count: int) -> tuple[Array, Array, Array]:
+        """Return the noise of positions, speeds and couplers of the next ticks without use of them."""
+        none = np.zeros((count, self._none.size))
+        noises = (self._position_noise, self._velocity_noise)
+        position, velocity = (none if one is None else one.ahead(count) for one in noises)
+        couplers = self._coupler_noise.ahead(count) if self.records.couplers.size else np.zeros((count, 2, 0))
+        return position, velocity, couplers
 
-    def _slip(self, time: float, velocity: Array) -> None:
-        """Make the speeds [m/s] those of the wheels at a time [s]; count the distance of slipping ones."""
-        for slip in self._sensors.wheel_slip:
-            if slip.begin <= time < slip.end:
-                self._odometer[slip.unit] += slip.slip * velocity[slip.unit] * self._tick
-                velocity[slip.unit] *= 1.0 + slip.slip
-
-    def _keep_frozen(self, time: float, x: Array, v: Array) -> None:
-        """Replace the channels that are frozen at a time [s] by their last values."""
-        last_x, last_v = self._last or (x, v)
-        for freeze in self._freezes:
-            if freeze.begin <= time < freeze.end:
-                if freeze.quantity != "velocity":
-                    x[freeze.unit] = last_x[freeze.unit]
-                if freeze.quantity != "position":
-                    v[freeze.unit] = last_v[freeze.unit]
+    def skip_noise(self, count: int) -> None:
+        """Use the noise of some ticks."""
+        for noise in (self._position_noise, self._velocity_noise):
+            if noise is not None:
+                noise.skip(count)
+        if self.records.couplers.size:
+            self._coupler_noise.skip(count)

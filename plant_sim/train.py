@@ -45,6 +45,8 @@ class Train(KernelState):
         Numbers of the vehicles that are power units, front first.
     sensors : tuple of int
         Numbers of the vehicles with a coupler sensor behind them.
+    sensor_set : SensorSet
+        Sensors of power units and couplers.
     substeps : int
         Plant steps per tick.
     stamp : int
@@ -77,7 +79,7 @@ class Train(KernelState):
         self._pressure = (
             None if consist.air_brake is None else PipePressure(consist.air_brake, self.arrays.vehicle, (0, self.n - 1))
         )
-        self._sensors = SensorSet(setup.sensors, self.units, self.arrays.vehicle[k.GAP], tick_ns * 1e-9, seed)
+        self.sensor_set = SensorSet(setup.sensors, self.units, self.arrays.vehicle[k.GAP], tick_ns * 1e-9, seed)
         sources = [random_stream(seed, f"disturbance/{i}") for i in range(len(setup.disturbances))]
         masses = self.arrays.vehicle[k.MASS]
         self._outside = OutsideForces(setup.disturbances, masses, step_ns, tick_ns, sources)
@@ -105,7 +107,7 @@ class Train(KernelState):
     def observe(self) -> Observation:
         """Return true state and measurement at the present stamp; draws sensor noise, so call it once per tick."""
         vehicles = VehicleStates(self.stamp, self.position, self.velocity, self.coupler_force)
-        measured = self._sensors.measure(vehicles, self.arrays.unit[k.APPLIED].copy())
+        measured = self.sensor_set.measure(vehicles, self.arrays.unit[k.APPLIED].copy())
         if self._pipe is None or self._pressure is None:
             return Observation(vehicles, measured, None, None, None)
         head, tail = self.pipe_pressures(self.time)
@@ -232,7 +234,7 @@ class Train(KernelState):
 
     def freeze_measurement(self, begin: float, end: float) -> None:
         """Freeze the measured positions and speeds of all units from a time to another one [s]."""
-        self._sensors.freeze(begin, end)
+        self.sensor_set.freeze(begin, end)
 
     def _drop_gusts(self) -> None:
         """Remove gusts that have ended, and their forces on vehicles without another disturbance."""

@@ -90,6 +90,13 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
             {"at": 40, "what": "coupler", "vehicles": [50]},
         ]},
     ),
+    "sensors that freeze and slip": (
+        "crh380a_gpc:short",
+        {**FREE, "duration": 60, "law": "pid", "compensation": "preview", "plant.sensors": {
+            "freeze": [{"begin": 20, "end": 21, "quantity": "velocity"}, {"begin": 30, "end": 31, "unit": 1}],
+            "wheel_slip": [{"begin": 10, "end": 12, "slip": 0.1}, {"begin": 11, "end": 13, "slip": -0.2, "unit": 2}],
+        }},
+    ),
     "to the stop": ("xuzhou_metro", {"law": "pid"}),
 }  # fmt: skip
 """Scenario and changes; together they contain every kind of event that ends a span."""
@@ -128,7 +135,6 @@ def test_the_kernel_is_compiled_once() -> None:
         {"compensation": "pade"},
         {"links.command.jitter": 0.1},
         {"links.measurement.delay": 0.1},
-        {"plant.sensors.freeze": [{"unit": 0, "begin": 5, "end": 6}]},
         {"links.brake_release.delay": 0.1},
     ],
 )

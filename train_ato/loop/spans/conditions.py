@@ -36,15 +36,15 @@ def spans_possible(setup: RunSetup) -> bool:
     """Return True for a run whose ticks can be compiled.
 
     It has an observer over records or `none`, the compensation `none`, `preview`, `predictor` or `twin`, no
-    re-planning, no shares or displacements of the power units by place, delays on the command only and without random
-    parts, and no sensor that freezes or slips.
+    re-planning, no shares or displacements of the power units by place, and delays on the command only and without
+    random parts.
     """
-    scenario, links, sensors = setup.scenario, setup.links, setup.plant.sensors
+    scenario, links = setup.scenario, setup.links
     if scenario.replan or scenario.force_shares or scenario.unit_displacements:
         return False
     others = (links.measurement, links.reference, links.estimate, links.brake_pipe, links.brake_release)
     delayed = any(link != LinkSpec() for link in others)
-    if delayed or links.command.jitter or links.command.loss or sensors.freeze or sensors.wheel_slip:
+    if delayed or links.command.jitter or links.command.loss:
         return False
     compensation = COMPENSATIONS.get(setup.compensation)
     if compensation is PreviewFeedforward and setup.layout.air_brake:  # its shoe forces are those of one time
@@ -87,8 +87,6 @@ def is_regular(stages: Stages, supervised: SupervisedTicks, stack: ControlStack,
     """Return True if train, control stack and receiving ends are in a state that the compiled ticks contain."""
     setup, train, controller, stamp = stages.setup, stages.plant.train, stages.controller, stages.plant.stamp
     if not supervised.is_quiet or not all(inputs.is_regular(stamp) for inputs in _inputs(stages)):
-        return False
-    if any(stamp * 1e-9 < freeze.end for freeze in train._sensors._freezes):
         return False
     if stack.holding or stack.law_brakes or stack.in_transition:
         return False

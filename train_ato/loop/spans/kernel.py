@@ -8,6 +8,7 @@ import numpy as np
 
 from plant_sim import kernel as k
 from plant_sim.compiled import compiled
+from plant_sim.sensors import measure_train
 from train_ato.loop.spans.control_kernel import changes_brake, law_step, observe, set_inputs
 from train_ato.loop.spans.supervision_kernel import copy_states, supervised_tick
 
@@ -15,38 +16,10 @@ from train_ato.loop.spans.supervision_kernel import copy_states, supervised_tick
 MEASURED_POSITION, MEASURED_VELOCITY, MEASURED_FORCE = range(3)
 # Rows of `couplers` (ticks, rows, sensors).
 DEFLECTION, RATE, COUPLER_FORCE = range(3)
-# Entries of `sensor`: errors of the sensors.
-POSITION_BIAS, VELOCITY_BIAS, POSITION_QUANTUM, VELOCITY_QUANTUM = range(4)
 # Entries of `bound`: values outside which a tick is left to Python.
 MAX_POSITION, MAX_SPEED, MAX_FORCE, STANDSTILL_SPEED, NEXT_JUMP_PLACE = range(5)
 # Entries of `count`: first tick, ticks between the steps of the law, 1 if the last step was at a limit, reports.
 FIRST_TICK, EVERY, AT_LIMIT, REPORTS = range(4)
-
-
-@compiled
-def _measure(tick, arrays, noise, sensor, units, sensors, gaps, measured, couplers):
-    """Write the measurement of a tick."""
-    state, unit = arrays
-    for u in range(len(units)):
-        x, v = state[k.X, units[u]] + 0.0, state[k.V, units[u]] + sensor[VELOCITY_BIAS]
-        if sensor[POSITION_BIAS] != 0.0:
-            x += sensor[POSITION_BIAS]
-        if noise[0].shape[0]:
-            x += noise[0][tick, u]
-        if noise[1].shape[0]:
-            v += noise[1][tick, u]
-        if sensor[POSITION_QUANTUM] > 0.0:
-            x = sensor[POSITION_QUANTUM] * np.rint(x / sensor[POSITION_QUANTUM])
-        if sensor[VELOCITY_QUANTUM] > 0.0:
-            v = sensor[VELOCITY_QUANTUM] * np.rint(v / sensor[VELOCITY_QUANTUM])
-        measured[tick, MEASURED_POSITION, u], measured[tick, MEASURED_VELOCITY, u] = x, v
-        measured[tick, MEASURED_FORCE, u] = unit[k.APPLIED, u]
-    for j in range(len(sensors)):
-        front = sensors[j]
-        deflection = state[k.X, front] - state[k.X, front + 1] - gaps[j]
-        couplers[tick, DEFLECTION, j] = deflection + noise[2][tick, 0, j]
-        couplers[tick, RATE, j] = state[k.V, front] - state[k.V, front + 1]
-        couplers[tick, COUPLER_FORCE, j] = state[k.COUPLER, front + 1] + noise[2][tick, 1, j]
 
 
 @compiled
@@ -109,7 +82,7 @@ def _arrived(newest, due, value, bounds, held, window):
 
 @compiled
 def run_span(
-    stamp, tick_ns, dt, train, event, events, forces, vehicles, setting, noise, sensor, units, sensors, gaps,
+    stamp, tick_ns, dt, train, event, events, forces, vehicles, setting, noise, sensors,
     law, observing, predicting, braking, inputs, reference, feedforward, shoes, own, tables, limits, segments,
     bound, count, delays, newest, due, value, bounds, held, history, shown, truth, measured, couplers, sent, at_limit,
     reports, supervision, at_rest,
@@ -129,17 +102,25 @@ def run_span(
     state, vehicle, vehicle_index, gear, gear_table, run, body, unit, unit_index, envelope, piece = train
     outside, cubes, cubed = forces
     every, states, gears, unit_states, settings = reports
-    n, steps, nu = vehicle.shape[1], newest.shape[1], len(units)
+    n, steps, nu = vehicle.shape[1], newest.shape[1], sensors.units.size
     law_state, observer_state, policy_state = law[1], observing[1], braking[1]
     saved, observed, kept = law_state.copy(), observer_state.copy(), inputs.copy()
-    demanded = policy_state.copy()
+    demanded, seen = policy_state.copy(), sensors.units.copy()
     supervised = supervision.states.run[0].period > 0
     now, window = law[3], np.zeros((steps, nu))
     for tick in range(len(newest)):
-        _measure(tick, (state, unit), noise, sensor, units, sensors, gaps, measured, couplers)
         at = stamp + tick * tick_ns
-        t = at * 1e-9
+        t, seen[:] = at * 1e-9, sensors.units
+        measure_train(
+            sensors, t, state[k.X], state[k.V], state[k.COUPLER, 1:], noise[0][tick], noise[1][tick], noise[2][tick],
+            couplers[tick],
+        )  # fmt: skip
+        for u in range(nu):
+            measured[tick, MEASURED_POSITION, u] = sensors.units[u].position
+            measured[tick, MEASURED_VELOCITY, u] = sensors.units[u].velocity
+            measured[tick, MEASURED_FORCE, u] = unit[k.APPLIED, u]
         if _must_leave(tick, measured, couplers, state[k.X, 0], bound, event, events, n, at_rest):
+            sensors.units[:] = seen
             return tick
         if supervised:
             copy_states(supervision.states, supervision.kept)
@@ -167,6 +148,7 @@ def run_span(
         if not usable or limited < 0:
             law_state[:], observer_state[:], inputs[:], policy_state[:] = saved, observed, kept, demanded
             copy_states(supervision.kept, supervision.states)
+            sensors.units[:] = seen
             return tick
         if is_step:
             if at_rest[tick] and _stands(tick, measured, bound):

@@ -102,10 +102,6 @@ class CompiledSpans:
         self.policy_call: LawCall | None = None
         self.observer: Any = stages.observer._stack._observer
         self.observing = _call_of_observer(self.observer)
-        values = stages.setup.plant.sensors
-        self.sensor_errors = np.array(
-            (values.position_bias, values.velocity_bias, values.position_quantum, values.velocity_quantum)
-        )
 
     def run(self) -> int:
         """Run the ticks up to the next event; return their number, 0 if the next tick is left to Python."""
@@ -236,7 +232,7 @@ class _Span:
         newest = link.newest_due(self._stamp, self._count * train.substeps).reshape(self._count, train.substeps)
         queues, a, events = link.packed(self._count), train.arrays, train._brake.propagating()
         cubed = np.arange(train._outside.vehicles.size if out.cubes.shape[2] else 0)
-        sensors, law = train._sensors, self._law
+        law = self._law
         if isinstance(law, PythonLaw):
             arrays = (self._inputs, self._now, out.couplers, self._counts)
             law.begin_span(self._stamp, self._forecast, *arrays)
@@ -245,7 +241,7 @@ class _Span:
             (a.state, a.vehicle, a.vehicle_index, a.gear, a.table, a.run, a.body, a.unit, a.unit_index, a.envelope,
              a.piece),
             train._brake.array, events, (out.outside, out.cubes, cubed), train._outside.vehicles, a.setting,
-            self._noise(), spans.sensor_errors, sensors._units, sensors._front, sensors._gaps,
+            train.sensor_set.noise_ahead(self._count), train.sensor_set.records,
             (law.constant.view(np.uint8), law.state.view(np.uint8), law.state.size, self._now, law.call,
              *coupler_arrays(law.couplers)),
             self._observing(), tuple(spans.prediction), self._braking(), self._inputs, self._forecast.expected,
@@ -269,14 +265,6 @@ class _Span:
         compensation = self._stack._compensation
         used = self._law.uses_shoes or isinstance(compensation, Predictor)
         return bool(self._setup.law_changes or used or (uses_feedforward and not isinstance(compensation, Twin)))
-
-    def _noise(self) -> tuple[Array, Array, Array]:
-        """Return the noise of positions, speeds and couplers of the ticks; empty without noise."""
-        sensors, none = self._train._sensors, np.zeros((0, len(self._train.units)))
-        noises = (sensors._position_noise, sensors._velocity_noise)
-        position, velocity = (none if noise is None else noise.ahead(self._count) for noise in noises)
-        couplers = sensors._coupler_noise.ahead(self._count) if self._train.sensors else np.zeros((0, 2, 0))
-        return position, velocity, couplers
 
     def _observing(self) -> tuple[Any, ...]:
         """Return the arrays of the observer."""
@@ -308,7 +296,7 @@ class _Span:
 
     def _store(self, done: int, queues: PackedQueues, newest_due: int) -> None:
         """Set the states of stages, stack, law, link and sensors to those after the span."""
-        stack, train, sensors, out = self._stack, self._train, self._train._sensors, self.arrays
+        stack, train, out = self._stack, self._train, self.arrays
         observer = self._spans.stages.observer._stack
         if isinstance(self._spans.observer, RecordObserver):
             self._spans.observer.balance.units["disturbance"] = out.estimates[done - 1]
@@ -319,11 +307,6 @@ class _Span:
         stack._saturated = bool(self._counts[kernel.AT_LIMIT])
         self._spans.supervised.store(out.supervision, self._stamp, done)
         self._plant._link.take_packed(queues, newest_due)
-        for noise in (sensors._position_noise, sensors._velocity_noise):
-            if noise is not None:
-                noise.skip(done)
-        if train.sensors:
-            sensors._coupler_noise.skip(done)
-        sensors._last = (out.measured[done - 1, 0].copy(), out.measured[done - 1, 1].copy())
+        train.sensor_set.skip_noise(done)
         train.stamp += done * train.tick_ns
         self._plant.tick += done
