@@ -119,6 +119,24 @@ class CouplerModes:
         chosen = np.sort(chosen[(size[chosen] > 0.0) & (size[chosen] >= least)])
         return cls(omega[chosen], damping[chosen], mobility[chosen], compliance)
 
+    def outlast(self, gain: float, inertia: float, lag: float) -> bool:
+        """Return True if a feedback of the waves can excite a mode at some phase, so at some delay.
+
+        The force g M through the lag on the speed of the units changes the damping rate zeta omega of a mode by at most
+        g M b² A/2, A = 1/sqrt(1 + omega² Ta²).
+
+        Parameters
+        ----------
+        gain
+            g, gain on the speed error [1/s].
+        inertia
+            M [kg].
+        lag
+            Ta [s].
+        """
+        passed = 1.0 / np.sqrt(1.0 + (self.omega * lag) ** 2)
+        return bool(np.any(0.5 * gain * inertia * self.mobility * passed > self.damping * self.omega))
+
 
 def _bodies(model: TrainModel) -> tuple[Array, Array, Array, Array, Array]:
     """Return mass [kg], stiffness [N/m], damping [N s/m], friction damping ratio, and share of the force of bodies."""

@@ -38,8 +38,8 @@ class MeasuredMotion:
         The nominal train.
     period
         Control period [s].
-    bandwidth
-        Bandwidth of the observer [rad/s].
+    omega, ratio
+        Half of the gain on the speed error [rad/s], and the bandwidth of the observer over it.
     weight
         Weight of the former force in the mean force of a period.
     speed_noise
@@ -61,9 +61,10 @@ class MeasuredMotion:
     """
 
     def __init__(
-        self, model: TrainModel, period: float, bandwidth: float, weight: float, speed_noise: float, use_mass: bool
-    ) -> None:
-        vehicles = len(model.consist.vehicles)
+        self, model: TrainModel, period: float, omega: float, ratio: float, weight: float, speed_noise: float,
+        use_mass: bool,
+    ) -> None:  # fmt: skip
+        vehicles, bandwidth = len(model.consist.vehicles), ratio * omega
         waves = wave_time(model) if vehicles > model.n_units else 0.0
         self._model, self._period, self._use_mass = model, period, use_mass
         self._share: list[float] = model.share.tolist()
@@ -72,7 +73,10 @@ class MeasuredMotion:
         )
         self._new_simulated = self._new_observer
         if waves > 0.0 and (modes := CouplerModes.of(model)).omega.size:
-            self._new_observer = partial(ModalObserver, period, bandwidth, waves, speed_noise, modes, dead_time(model))
+            outlast = modes.outlast(2.0 * omega, model.inertia, model.lag)
+            self._new_observer = partial(
+                ModalObserver, period, bandwidth, waves, speed_noise, modes, dead_time(model), outlast
+            )
         self._weight = weight
         self._fade = 1.0 - math.exp(-period / MEAN_TIME)
         self.drag_slope = drag_slope(model)

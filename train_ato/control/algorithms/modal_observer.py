@@ -10,7 +10,9 @@ and the modes receive F - F_s. F_s is F through two lags, each of the time 2/ome
 
 With a random speed in place of the modes, the speed error by a wave is fed back a delay later. If the delay is a
 quarter of the period of the wave or more, the loop excites it, up to a limit cycle in the slack. Therefore the error
-that is fed back has e and only those modes that the loop damps: with omega_r (tau + Ta) < pi/2.
+that is fed back has e and only those modes that the loop damps: with omega_r (tau + Ta) < pi/2. If an error of the
+delay could excite a mode (`CouplerModes.outlast`), it has e alone, and little of the waves is in e: ``LIGHT_WAVES``
+replaces ``OTHER_WAVES``.
 
 The noise of the modes gives them a standard deviation of together ``WAVE_SPEED`` in a train without a change of the
 force, divided in proportion to b_r². ``OTHER_WAVES`` is that of the speed by the other modes, for which e_v has a
@@ -35,6 +37,8 @@ WAVE_SPEED = 0.05
 """Standard deviation of the speed of the units by the modes [m/s]."""
 OTHER_WAVES = 0.02
 """Standard deviation of the speed of the units by other modes [m/s]."""
+LIGHT_WAVES = 0.003
+"""The same where the waves outlast the feedback [m/s]: e does not follow a wave of another frequency."""
 STEADY_PERIODS = 2.0
 """Time of a lag of the steady force over 1/omega of the slowest mode."""
 MOTION = 3
@@ -151,17 +155,20 @@ class ModalObserver(MotionObserver):
         Modes of the couplers, at least one.
     dead_time
         tau + Ta, from a measurement to its effect [s].
+    outlast
+        True if the feedback of a mode could excite it.
     """
 
     def __init__(
         self, period: float, bandwidth: float, wave_time: float, speed_noise: float, modes: CouplerModes,
-        dead_time: float,
+        dead_time: float, outlast: bool = False,
     ) -> None:  # fmt: skip
         self._modes = modes
+        self._other_waves = LIGHT_WAVES if outlast else OTHER_WAVES
         self._not_fed_back = [
             MOTION + 2 * number
             for number, omega in enumerate(modes.omega.tolist())
-            if omega * dead_time >= 0.5 * math.pi
+            if outlast or omega * dead_time >= 0.5 * math.pi
         ]
         self._transition, self._gains = _motion(modes, period)
         self._steady = SteadyForce(STEADY_PERIODS / float(modes.omega[0]), period)
@@ -171,7 +178,7 @@ class ModalObserver(MotionObserver):
         """Restart at the next sample without a disturbance and with the prior noise."""
         super().reset()
         count, size = self._filters.walks.size, MOTION + 2 * self._modes.omega.size
-        self._waves = 2.0 * OTHER_WAVES**2 / self._wave_time * self._period
+        self._waves = 2.0 * self._other_waves**2 / self._wave_time * self._period
         wave = _waves(self._modes)
         self._random = wave - _sandwich(self._transition, wave)
         prior = np.zeros((size, size))

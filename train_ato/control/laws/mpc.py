@@ -47,7 +47,8 @@ add to C_j; the shoe force and the disturbance count as proportional to the mass
 mass, with measured noise from ``speed_noise`` on (`motion_observer.py`): offset-free. With couplers there are three,
 with bandwidths of ``observer_ratio`` omega and its fourth and sixteenth part. With hauled vehicles up to four modes of
 the couplers (`coupler_modes.py`, by Hankel singular values) are in these filters, and only the modes that the loop
-damps after its delay are fed back (`modal_observer.py`). Without couplers there is one for a
+damps after its delay are fed back, none if one has less damping than an error of the delay could take from it
+(`modal_observer.py`). Without couplers there is one for a
 gust, and one for a steady rate of d, as of a grade under a train of some length: d at the time of effect is d + T_r r
 (1 - e^(-s/T_r)), and the command gives d + Ta d' there (`disturbance_filters.py`). M/(1 + k theta) replaces M, with k
 = 1 - P/P_0 from the variance P of theta.
@@ -188,8 +189,8 @@ class Mpc(GuardedLaw):
         self._deviations = UnitDeviations.of(model, period, weight) if soft else None
         free = len(model.consist.vehicles) == 1
         ratio = HAULED_RATIO if hauls else SOFT_RATIO if self._deviations else FREE_RATIO if free else 5.0
-        bandwidth = (p.observer_ratio or ratio) * self.omega
-        self._motion = MeasuredMotion(model, period, bandwidth, weight, p.speed_noise, p.identify)
+        ratio = p.observer_ratio or ratio
+        self._motion = MeasuredMotion(model, period, self.omega, ratio, weight, p.speed_noise, p.identify)
         self._standstill = StandstillForce(model, period)
         self._sections = limits_force(model.line)
         self.clear_state()
