@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from train_ato.messages.topics import BY_NAME
 
 Values = dict[str, NDArray[Any]]
 """Values of the messages of a topic by field, each of shape (ticks, n); durations [ns] as integers."""
@@ -30,3 +33,19 @@ class TickBlock:
     stamps: NDArray[np.int64]
     rows: list[tuple[str, Values]]
     between: dict[int, list[tuple[int, str, Any]]]
+
+    def messages(self) -> Iterator[tuple[int, list[tuple[str, Any]]]]:
+        """Yield the stamp [ns] of every tick, and its messages with their topics in the order of publication."""
+        for tick, stamp in enumerate(self.stamps.tolist()):
+            found = [(topic, message_at(topic, stamp, values, tick)) for topic, values in self.rows]
+            for number, topic, message in reversed(self.between.get(tick, ())):
+                found.insert(number, (topic, message))
+            yield stamp, found
+
+
+def message_at(topic: str, stamp: int, values: Values, tick: int) -> Any:
+    """Return the message of a tick from the values of its topic."""
+    entry = BY_NAME[topic]
+    row = {place.field: values[place.field][tick] for place in entry.places if place.field != "stamp"}
+    single = {place.field: row[place.field].item() for place in entry.places if place.field in row and not place.owner}
+    return entry.message(stamp, **row | single)

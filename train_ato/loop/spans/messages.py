@@ -33,20 +33,11 @@ from train_ato.loop.spans.stages import Stages
 from train_ato.loop.spans.supervision_kernel import SupervisionArrays
 from train_ato.loop.spans.supervision_messages import BRAKE_RELEASE, ODOMETRY, PROTECTION, SupervisionMessages
 from train_ato.loop.stage_messages import SECOND_NS, Published
-from train_ato.messages.tick_block import TickBlock, Values
+from train_ato.messages.tick_block import TickBlock, Values, message_at
 from train_ato.messages.types import (
     Array,
     AtoReport,
-    BrakeShoes,
-    Command,
     Diagnostic,
-    Disturbance,
-    DisturbanceEstimate,
-    Measurement,
-    Pipe,
-    Reference,
-    Tick,
-    VehicleStates,
 )
 
 Publish = Callable[[int, Published], None]
@@ -134,7 +125,7 @@ class SpanMessages:
     def _rows(self) -> list[tuple[str, Values]]:
         """Topic and values of the messages of every tick, in the order of publication."""
         a, done, stamps, disturbed = self._arrays, self._done, self._stamps, self._stages.setup.layout.disturbed
-        truth, measured, couplers = a.truth[:done], a.measured[:done], a.couplers[:done]
+        truth = a.truth[:done]
         rows: list[tuple[str, Values]] = [("/clock", {})]
         rows.append((TRUTH, {"position": truth[:, 0], "velocity": truth[:, 1], "coupler_force": truth[:, 2]}))
         if self._train._pipe is not None:
@@ -143,16 +134,23 @@ class SpanMessages:
             rows.append((BRAKE_SHOES, {"shoe_force": truth[:, 3]}))
         if disturbed:
             rows.append((DISTURBANCE, {"force": np.array([self._next_disturbance(index) for index in range(done)])}))
+        return [*rows, *self._exchanged.items()]
+
+    @cached_property
+    def _exchanged(self) -> dict[str, Values]:
+        """Values of the messages of every tick between the stages, in the order of publication."""
+        a, done = self._arrays, self._done
+        measured, couplers = a.measured[:done], a.couplers[:done]
         seen = {"position": measured[:, 0], "velocity": measured[:, 1], "applied": measured[:, 2]}
         seen |= {"deflection": couplers[:, 0], "rate": couplers[:, 1], "force": couplers[:, 2]}
         reference = dict(zip(("position", "velocity", "acceleration"), a.reference[:, :done, None], strict=True))
         planned = np.full((done, 1), self._stages.profile.planned)
-        rows += [(MEASUREMENT, seen), (REFERENCE, {**reference, "planned": planned})]
-        rows.append((ESTIMATE, {"force": a.estimates[:done]}))
+        found: dict[str, Values] = {MEASUREMENT: seen, REFERENCE: {**reference, "planned": planned}}
+        found[ESTIMATE] = {"force": a.estimates[:done]}
         if self._pressure is not None:
-            rows.append((BRAKE_PIPE_COMMAND, {"pressure": np.full((done, 1), self._pressure)}))
-        rows.append((COMMAND, {"force": a.sent[1 : done + 1]}))
-        return rows
+            found[BRAKE_PIPE_COMMAND] = {"pressure": np.full((done, 1), self._pressure)}
+        found[COMMAND] = {"force": a.sent[1 : done + 1]}
+        return found
 
     def record(self, recording: RecordingBuilder) -> None:
         """Add the messages to a recording as arrays."""
@@ -210,27 +208,7 @@ class SpanMessages:
 
     def publish(self, publish: Publish) -> None:
         """Publish the messages tick by tick, in the order of the loop."""
-        diagnostics = self._reports_by_tick()
-        numbers = {} if self._supervision is None else dict(self._supervision.numbers)
-        for index, stamp in enumerate(self._stamps.tolist()):
-            reports = diagnostics.get(index, {})
-            plant, supervisor, profile, observer, controller = (
-                [(DIAGNOSTICS, reports[node])] if node in reports else () for node in NODES
-            )
-            step = None if self._supervision is None or index not in numbers else self._supervision.at(numbers[index])
-            messages = [*self._of_train(stamp, index), *plant]
-            if step is not None:
-                messages += [(ODOMETRY, step.odometry), (PROTECTION, step.protection)]
-            messages.append((MEASUREMENT, self._measurement(index)))
-            if step is not None:
-                messages += [(SUPERVISED_SPEEDS, step.speeds), *supervisor, (BRAKE_RELEASE, step.release)]
-            messages += [*profile, (REFERENCE, self._reference(index))]
-            messages += [*observer, (ESTIMATE, self._estimate(index))]
-            if self._pressure is not None:
-                messages.append((BRAKE_PIPE_COMMAND, Pipe(stamp, self._pressure)))
-            if step is not None:
-                messages.append((ATO_STATE, step.ato))
-            messages += [*controller, (COMMAND, self._command(index))]
+        for stamp, messages in self.block().messages():
             publish(stamp, messages)
 
     def store(self, ato: AtoReport | None) -> AtoReport | None:
@@ -250,41 +228,17 @@ class SpanMessages:
         if not stages.setup.layout.supervised and not stages.setup.has_faults:
             return ato
         last = range(max(done - 2, 0), done)
-        measurements = [self._measurement(index) for index in last]
+        messages = {
+            topic: [message_at(topic, int(self._stamps[index]), values, index) for index in last]
+            for topic, values in self._exchanged.items()
+        }
         for stage in (stages.profile, stages.observer, stages.controller):
-            stage._inputs.accept(MEASUREMENT, done, measurements)
-        stages.controller._inputs.accept(REFERENCE, done, [self._reference(index) for index in last])
-        stages.controller._inputs.accept(ESTIMATE, done, [self._estimate(index) for index in last])
-        stages.plant._inputs.accept(COMMAND, done, [self._command(index) for index in last])
-        if self._pressure is not None:
-            pipes = [Pipe(int(self._stamps[index]), self._pressure) for index in last]
-            stages.plant._inputs.accept(BRAKE_PIPE_COMMAND, done, pipes)
+            stage._inputs.accept(MEASUREMENT, done, messages[MEASUREMENT])
+        for topic in (REFERENCE, ESTIMATE):
+            stages.controller._inputs.accept(topic, done, messages[topic])
+        for topic in messages.keys() & {COMMAND, BRAKE_PIPE_COMMAND}:
+            stages.plant._inputs.accept(topic, done, messages[topic])
         return ato if supervision is None else supervision.store(ato)
-
-    def _of_train(self, stamp: int, index: int) -> Published:
-        """Return the truth of a tick; the disturbance is the mean over the tick before."""
-        position, velocity, coupler, shoe = self._arrays.truth[index]
-        messages: Published = [("/clock", Tick(stamp)), (TRUTH, VehicleStates(stamp, position, velocity, coupler))]
-        if self._train._pipe is not None:
-            head, tail = self._train.pipe_pressures(stamp * 1e-9)
-            messages += [(BRAKE_PIPE, Pipe(stamp, head)), (BRAKE_PIPE_TAIL, Pipe(stamp, tail))]
-            messages.append((BRAKE_SHOES, BrakeShoes(stamp, shoe)))
-        if self._stages.setup.layout.disturbed:
-            messages.append((DISTURBANCE, Disturbance(stamp, self._next_disturbance(index))))
-        return messages
-
-    def _measurement(self, index: int) -> Measurement:
-        return Measurement(int(self._stamps[index]), *self._arrays.measured[index], *self._arrays.couplers[index])
-
-    def _reference(self, index: int) -> Reference:
-        position, velocity, acceleration = self._arrays.reference[:, index].tolist()
-        return Reference(int(self._stamps[index]), position, velocity, acceleration, self._stages.profile.planned)
-
-    def _estimate(self, index: int) -> DisturbanceEstimate:
-        return DisturbanceEstimate(int(self._stamps[index]), self._arrays.estimates[index])
-
-    def _command(self, index: int) -> Command:
-        return Command(int(self._stamps[index]), self._arrays.sent[index + 1])
 
     def _next_disturbance(self, index: int) -> Array:
         """Return the disturbance to publish at a tick [N], and keep the mean over this tick for the next one."""
