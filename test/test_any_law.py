@@ -11,6 +11,8 @@ from msgs_docs.generate import any_law_page as table
 from msgs_docs.generate.__main__ import main
 from train_ato.control.gains import PRINTED
 from train_ato.control.registry import LAWS
+from train_ato.loop.setup import prepare
+from train_ato.scenario.scenario import load_scenario
 
 ROOT = Path(__file__).resolve().parents[1]
 ROWS = json.loads((ROOT / table.MEASURED).read_text(encoding="utf-8"))
@@ -78,3 +80,15 @@ def test_the_page_has_every_cell_and_a_reason_for_every_miss() -> None:
     assert len(missed) <= 5
     assert sorted(missed) == sorted(table.REASONS)
     assert all(row["choice"] != "nearest choice: " for row in ROWS if row["outcome"] == "refused")
+
+
+@pytest.mark.campaign
+def test_the_page_has_the_nominal_scenarios_that_are_shipped_and_the_gains_of_their_runs() -> None:
+    """Breaks if a new nominal scenario has no rows, or a row says `fitted` for gains of the rule."""
+    assert list(dict.fromkeys(row["scenario"] for row in ROWS)) == table.nominal_names()
+    setups = {name: prepare(*load_scenario(name)) for name in table.nominal_names()}
+    for row in ROWS:
+        if "source" in row:
+            taken = PRINTED if row["gains"] == PRINTED else setups[row["scenario"]].gains(row["law"]).source
+            assert row["source"] == taken, row
+            assert table.gains_text(row) == (taken if row["gains"] else "own")

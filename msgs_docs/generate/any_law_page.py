@@ -55,7 +55,8 @@ no rows. The freight train of paper 002 has no nominal scenario: `freight_consen
 `freight_consensus:realistic`, with noise and small disturbances.
 
 The default gains of a law are those fitted to the train, in `train_ato/control/fitted_gains.yaml`
-([tuning.md](tuning.md)); the gains that a scenario gives remain. `mpc` computes its own gains. The outcome is that of
+([tuning.md](tuning.md)), which are for some laws those of the rule: `model`. The gains that a scenario gives remain.
+`mpc` computes its own gains. The outcome is that of
 [tracking.md](tracking.md), with the criteria of the scenario that are not met. *refused*: before the run, with the
 reason and the nearest choice.
 """
@@ -89,6 +90,11 @@ def shipped_names() -> list[str]:
         variants, own = [f"{name}:{variant}" for variant in variants_of(path)], _without_gains(name)
         found += [name, *(variant for variant in variants if _without_gains(variant) != own)]
     return found
+
+
+def nominal_names() -> list[str]:
+    """Return the names of the shipped scenarios that have rows."""
+    return [name for name in shipped_names() if name == FREIGHT or is_nominal(name)]
 
 
 def _without_gains(name: str) -> dict[str, Any]:
@@ -150,7 +156,7 @@ def measure_any_law(root: Path, scenarios: Sequence[str] = ()) -> None:
     for name in scenarios:
         if name not in names or not (name == FREIGHT or is_nominal(name)):
             raise ValueError(f"--measure {NAME}:{name}: not a nominal scenario that is shipped; see {PAGE}")
-    for name in scenarios or [name for name in names if name == FREIGHT or is_nominal(name)]:
+    for name in scenarios or nominal_names():
         rows = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else []
         rows = [found for found in rows if found["scenario"] in names and found["scenario"] != name]
         for law in LAWS.names():
@@ -166,14 +172,15 @@ def outcome(name: str, law: str, gains: str) -> dict[str, Any]:
     if gains == PRINTED:
         changes["laws"] = {law: {"gains": PRINTED}}
     try:
-        summary = run_engine(prepare(*load_scenario(name, changes=changes)), summary_only=True).summary
+        setup = prepare(*load_scenario(name, changes=changes))
+        summary = run_engine(setup, summary_only=True).summary
     except ValueError as error:
         text = str(error).partition(f"law '{law}'")[2].lstrip(":, ") or str(error)
         reason, _, choice = text.rpartition("; ")
         return {"outcome": "refused", "reason": reason, "choice": f"nearest choice: {choice}"}
     except RunFailed as error:
         return {"outcome": "failed", "reason": str(error)}
-    return summary_figures(summary)
+    return {"source": setup.gains(law).source} | summary_figures(summary)
 
 
 def summary_figures(summary: Mapping[str, Any]) -> dict[str, Any]:
@@ -231,9 +238,15 @@ def _table(rows: list[dict[str, Any]]) -> list[str]:
         figures = [found.get(key) for key in KEPT]
         cells = ["-" if value is None else number_text(value, 3) for value in figures]
         couplers = f"{cells[2]} ... {cells[3]}" if figures[2] or figures[3] else "-"
-        shown = [found["law"], found["gains"] or "own", verdict(found), cells[0], cells[1], couplers, cells[4]]
+        shown = [found["law"], gains_text(found), verdict(found), cells[0], cells[1], couplers, cells[4]]
         lines.append(f"| {' | '.join(shown)} |")
     return lines
+
+
+def gains_text(found: Mapping[str, Any]) -> str:
+    """Return the gains of a row: those that its run took, or for a law without printed ones `own`."""
+    text: str = found["gains"] and found.get("source", found["gains"])
+    return text or "own"
 
 
 def verdict(found: dict[str, Any]) -> str:
