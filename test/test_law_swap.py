@@ -14,7 +14,7 @@ from law_trains import FIVE, asked, inputs, measured, model, profile, stack
 
 from train_ato.control.laws.pid import Pid
 from train_ato.control.registry import LAWS
-from train_ato.control.takeover import JoinedReference
+from train_ato.control.takeover import JoinedReference, lasting_force
 from train_ato.loop.engine import run_engine
 from train_ato.loop.recording import Recording
 from train_ato.loop.setup import RunSetup, prepare
@@ -52,6 +52,8 @@ SAMPLE = [
     ("daqin_heavy_haul", "cruising", "pid", "fixed_time_smc"),
     ("demo", "last 200 m", "fixed_time_smc", "funnel"),
 ]
+NONE = np.zeros(5)
+"""No force that lasts [N]."""
 DRAWN = 4
 """Pairs that the campaign draws for a place of a scenario."""
 
@@ -199,7 +201,7 @@ def test_the_reference_of_a_new_law_begins_in_the_state_of_the_train_and_joins_t
     errors, more = np.array([0.9, 1.0, 1.1, 1.0, 1.0]), 0.05
     seen = inputs(of, t=60.0, position=place + errors, reference_position=np.broadcast_to(place, 5))
     seen = replace(seen, velocity=seen.reference_velocity + more)
-    joined = JoinedReference(seen, share, along)
+    joined = JoinedReference(seen, share, along, NONE)
     first = joined.of(seen, 0.1, None)
     assert first.reference_position == pytest.approx(seen.position)
     assert first.reference_velocity == pytest.approx(seen.velocity)
@@ -208,11 +210,42 @@ def test_the_reference_of_a_new_law_begins_in_the_state_of_the_train_and_joins_t
     assert np.abs(speeds - seen.reference_velocity).max() < 0.14
     assert not joined.has_joined(79.9)
     assert joined.has_joined(80.0)
-    late = JoinedReference(replace(seen, t=rest - 10.0), share, along)
+    late = JoinedReference(replace(seen, t=rest - 10.0), share, along, NONE)
     assert late.has_joined(rest - 1.9)
-    assert JoinedReference(replace(seen, t=rest + 10.0), share, along).has_joined(rest + 10.0)
-    far = JoinedReference(replace(seen, position=place + 44.0), share, along)
+    assert JoinedReference(replace(seen, t=rest + 10.0), share, along, NONE).has_joined(rest + 10.0)
+    far = JoinedReference(replace(seen, position=place + 44.0), share, along, NONE)
     assert far.of(seen, 0.1, None).reference_position == pytest.approx(np.full(5, place + 28.0 / 15.0))
+
+
+def test_the_force_that_the_old_law_had_found_is_handed_over_and_fades() -> None:
+    """Breaks if the new law begins without it, or keeps it after the errors have come back, or noise counts as one.
+
+    By hand: commands of 30, 34, 26, 30 kN at 10 kN nominal last with 20 kN (1 - 8/400); half of it is left after half
+    of the time.
+    """
+    nominal = np.full((4, 1), 10e3)
+    commands = 1e3 * np.array([[30.0], [34.0], [26.0], [30.0]])
+    assert lasting_force(commands, nominal) == pytest.approx([19.6e3])
+    assert lasting_force(nominal + np.array([[9e3], [-9e3], [9e3], [-8e3]]), nominal) == pytest.approx([0.0])
+    assert lasting_force(commands[:3], nominal[:3]) == pytest.approx([0.0])
+    of, along = model(FIVE), profile()
+    seen = inputs(of, t=60.0, disturbance=np.full(5, 1e3))
+    joined = JoinedReference(seen, np.asarray(of.share), along, np.full(5, 4e3))
+    left = [joined.of(replace(seen, t=t), 0.1, None).disturbance[0] for t in (60.0, 70.0, 80.0)]
+    assert left == pytest.approx([-3e3, -1e3, 1e3])
+
+
+def test_a_swap_under_an_unknown_force_does_not_lose_it() -> None:
+    """Breaks if the error of the old law, which holds ten times the resistance, ends without its force.
+
+    The laws alone have up to 0.074 m/s after this time; without the force the swap has 0.12 to 0.15 m/s.
+    """
+    for old, new in (("mpc", "pid"), ("smc", "rbf_smc")):
+        setup, recording = driven(
+            "xuzhou_metro:mismatch", f"law={old}", f"law_changes=[{{at: 224, law: {new}}}]", "duration=244"
+        )
+        assert (change(recording, 224.0, setup.tick) <= bound(setup)).all(), (old, new)
+        assert errors(setup, recording, 224.0)[0] <= 0.08, (old, new)
 
 
 @pytest.mark.parametrize(("new", "joins"), [("smc", True), ("pid", False)])

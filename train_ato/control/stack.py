@@ -33,6 +33,7 @@ from train_ato.control.takeover import (
     LawTransition,
     TakeoverRamp,
     largest_change,
+    lasting_force,
     transition_jerk,
 )
 from train_ato.messages.types import Array, DisturbanceEstimate, Measurement, Reference
@@ -394,13 +395,23 @@ class ControlStack:
     def _on_joined_reference(self, inputs: LawInput) -> LawInput:
         """Return the inputs with the reference of a new law, see :class:`JoinedReference`."""
         if self._joins and is_valid(inputs):
-            self._joins, self._joined = False, JoinedReference(inputs, self.model.share, self._profile)
+            self._joins = False
+            self._joined = JoinedReference(inputs, self.model.share, self._profile, self._lasting_force(inputs))
         if self._joined is None:
             return inputs
         if self._joined.has_joined(inputs.t):
             self._joined = None
             return inputs
         return self._joined.of(inputs, self.period, getattr(self._law, "lookahead_times", None))
+
+    def _lasting_force(self, inputs: LawInput) -> Array:
+        """Return the force that the old law added lastingly [N]; 0 with an air brake in action or a simulated train."""
+        model, commands = self.model, inputs.commands_in_flight
+        if inputs.train_shoe_force != 0.0 or getattr(self._compensation, "simulates_train", False):
+            return 0.0 * self._no_disturbance
+        times = inputs.t + model.tick * np.arange(-len(commands), 0.0)[:, None] + model.delay
+        nominal = self._rigid.aheads(times.ravel(), model.lag).reshape(commands.shape) * model.share
+        return lasting_force(commands, nominal) + inputs.disturbance
 
     def _taken_over(self, inputs: LawInput, transition: LawTransition) -> LawInput:
         """Return the inputs of a law in its transition, whose force limits are those that its demand can reach.

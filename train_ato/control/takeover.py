@@ -25,6 +25,8 @@ JOINING_TIME = 20.0
 """Time in which the errors at a change of the law are removed [s]."""
 JOINING_SPEED = 0.14
 """Largest speed error of this motion [m/s]: 0.5 km/h, the excess speed that the shipped scenarios permit."""
+LEAST_COMMANDS = 4
+"""Least number of commands with a mean that lasts."""
 _AGREED = 0.999
 """Part of the largest change within which a demand is reached: a law that obeys its limits can be at the whole."""
 
@@ -188,6 +190,9 @@ class JoinedReference:
     alone. The difference from the profile is a cubic of the time, with the errors of position and speed at its begin,
     up to the size that keeps ``JOINING_SPEED``, and 0 with slope 0 at its end.
 
+    With its errors the new law would lose the force that the old law had found in them, for example against a wind. It
+    is in the disturbance of the inputs, and fades as the errors come back.
+
     Parameters
     ----------
     inputs
@@ -196,9 +201,12 @@ class JoinedReference:
         Part of a total force for every unit.
     profile
         The speed profile: the difference ends before its next standstill.
+    lasting : Array, shape (units,)
+        Force that the old law added lastingly to that of the nominal train and to that of the observer [N].
     """
 
-    def __init__(self, inputs: LawInput, share: Array, profile: ProfileLike) -> None:
+    def __init__(self, inputs: LawInput, share: Array, profile: ProfileLike, lasting: Array) -> None:
+        self._force = lasting
         _, speeds, _ = profile.at_times(inputs.t + np.arange(JOINING_TIME / 0.8 + 1.0))
         rests = np.flatnonzero(speeds == 0.0)
         left = 0.8 * float(rests[0]) if rests.size else JOINING_TIME
@@ -232,7 +240,26 @@ class JoinedReference:
             ahead = replace(
                 ahead, position=ahead.position + places @ self._share, velocity=ahead.velocity + speeds @ self._share
             )
+        s = min(max((inputs.t - self._begin) / self._lasting, 0.0), 1.0)
         return replace(
             inputs, reference_position=inputs.reference_position + place,
             reference_velocity=inputs.reference_velocity + speed, preview=preview, lookahead=ahead,
+            disturbance=inputs.disturbance - (1.0 - s) ** 2 * (1.0 + 2.0 * s) * self._force,
         )  # fmt: skip
+
+
+def lasting_force(commands: Array, nominal: Array) -> Array:
+    """Return the part of the last commands that lasts [N], shape (units,): their mean beyond the nominal force.
+
+    It is reduced by the part that noise or chattering explains, (1 - variance/mean²).
+
+    Parameters
+    ----------
+    commands, nominal : Array, shape (ticks, units)
+        Last commands, and force of the nominal train at their effects [N].
+    """
+    beyond = commands - nominal
+    if len(beyond) < LEAST_COMMANDS:
+        return np.zeros(commands.shape[1])
+    mean, spread = beyond.mean(axis=0), beyond.var(axis=0)
+    return np.asarray(mean * np.clip(1.0 - spread / np.maximum(mean * mean, 1e-9), 0.0, 1.0))
