@@ -132,7 +132,7 @@ def test_the_kernel_is_compiled_once() -> None:
 @pytest.mark.parametrize(
     "changes",
     [
-        {"compensation": "pade"},
+        {"compensation": "train_predictor"},
         {"links.command.jitter": 0.1},
         {"links.measurement.delay": 0.1},
         {"links.brake_release.delay": 0.1},

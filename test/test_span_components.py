@@ -90,6 +90,7 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
          "laws.rbf_switching_smc": {"objective": "printed_acceleration", "rbfi_input": "command", "clip": False,
                                     "sensitivity": "value", "alpha": 0.0}},
     ),
+    "pade, air brake": ("daqin_heavy_haul", {**FREE, "duration": 130, **BRAKE, "compensation": "pade"}),
     "policy trip": ("daqin_heavy_haul", {**FREE, "duration": 160, **TRIP, "observer": "ndo", **WHOLE}),
     "policy trigger": ("daqin_heavy_haul", {**FREE, "duration": 130, **TRIGGER}),
     "policy blend": ("demo", {**FREE, "duration": 470, **BLEND}),

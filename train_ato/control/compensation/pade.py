@@ -28,6 +28,7 @@ import numpy as np
 from train_ato.control.compensation.base import CompensationBase
 from train_ato.control.compensation.contract import CompensationInput
 from train_ato.control.contract import LawInput, NoParameters
+from train_ato.messages.types import Array
 
 if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel
@@ -53,14 +54,27 @@ class Pade(CompensationBase):
 
     def step(self, inputs: CompensationInput) -> LawInput:
         """Return the measured state with the feed-forward through delay and lag."""
-        t, h, lag = inputs.t, self._spacing, self.model.lag
+        t = inputs.t
         self.shoes.demand(t, inputs.pressure)
         shoes = self.shoes.at(t, inputs.reference.velocity)
-        before, force, after = (self.rigid.total(t + k * h) for k in (-1.0, 0.0, 1.0))
+        return self.law_input(inputs, t, self.feedforwards(np.array([t]), np.array([shoes.total]))[0], shoes)
+
+    def feedforwards(self, t: Array, shoes: Array) -> Array:
+        """Return the feed-forward at many times [N], shape (times, units).
+
+        Parameters
+        ----------
+        t : Array, shape (times,)
+            Times at which the commands are sent [s].
+        shoes : Array, shape (times,)
+            Shoe force of the train at these times [N].
+        """
+        h, lag, rigid = self._spacing, self.model.lag, self.rigid
+        before, force, after = rigid.totals(t - h), rigid.totals(t), rigid.totals(t + h)
         slope, bend = (after - before) / (2.0 * h), (after - 2.0 * force + before) / (h * h)
-        coefficients = self._forward if force + shoes.total >= 0.0 else self._backward
-        wanted = [
-            share * (force + shoes.total - b1 * bend - b2 * slope - b3 * (slope + lag * bend))
-            for share, (b1, b2, b3) in zip(self._share, coefficients, strict=True)
-        ]
-        return self.law_input(inputs, t, np.array(wanted), shoes)
+        found = np.empty((t.size, self.model.n_units))
+        for unit, share in enumerate(self._share):
+            kinds = zip(self._forward[unit], self._backward[unit], strict=True)
+            b1, b2, b3 = (np.where(force + shoes >= 0.0, forward, backward) for forward, backward in kinds)
+            found[:, unit] = share * (force + shoes - b1 * bend - b2 * slope - b3 * (slope + lag * bend))
+        return found

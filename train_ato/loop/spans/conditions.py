@@ -7,6 +7,7 @@ import numpy as np
 from plant_sim.brake_events import PipeEvents
 from train_ato.control.air_brake.predictive_policy import PredictiveBrake
 from train_ato.control.compensation.none import NoCompensation
+from train_ato.control.compensation.pade import Pade
 from train_ato.control.compensation.predictor import Predictor
 from train_ato.control.compensation.preview import PreviewFeedforward
 from train_ato.control.compensation.twin import Twin
@@ -35,7 +36,7 @@ UNRECORDED, BRIEF = 4, 16
 def spans_possible(setup: RunSetup) -> bool:
     """Return True for a run whose ticks can be compiled.
 
-    It has an observer over records or `none`, the compensation `none`, `preview`, `predictor` or `twin`, no
+    It has an observer over records or `none`, the compensation `none`, `pade`, `preview`, `predictor` or `twin`, no
     re-planning, no shares or displacements of the power units by place, and delays on the command only and without
     random parts.
     """
@@ -51,7 +52,7 @@ def spans_possible(setup: RunSetup) -> bool:
         known = np.array_equal(setup.model.delay, setup.model.delay_brake)
     else:
         identifies = setup.compensation_parameters.get("identify", False)  # its twin depends on the measurements
-        known = not identifies and compensation in (NoCompensation, PreviewFeedforward, Predictor, Twin)
+        known = not identifies and compensation in (NoCompensation, Pade, PreviewFeedforward, Predictor, Twin)
     observer = OBSERVERS.get(setup.observer)
     return known and (observer is NoObserver or issubclass(observer, RecordObserver)) and setup.model.n_units > 0
 

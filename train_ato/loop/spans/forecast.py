@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from train_ato.control.air_brake.shoes import ShoeForecast
 from train_ato.control.algorithms.force_shares import mean_over_units
 from train_ato.control.compensation.base import CompensationBase
+from train_ato.control.compensation.pade import Pade
 from train_ato.control.compensation.predictor import Predictor
 from train_ato.control.compensation.preview import PreviewFeedforward
 from train_ato.control.compensation.twin import Twin
@@ -97,6 +98,9 @@ class Forecast:
                 index += run
         if isinstance(self._compensation, Twin):
             forecast.feedforward = self._compensation.feedforwards(forecast.times)
+            return forecast
+        if isinstance(self._compensation, Pade):
+            forecast.feedforward = self._compensation.feedforwards(self._times[part], totals[:, 0])
             return forecast
         forward, backward = self._force[0, part] + totals, self._force[1, part] + totals
         braking = np.where(backward < 0.0, backward, 0.0)
