@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from train_ato.apps.report.curves import curves_of
 from train_ato.apps.report.events import detect_events
+from train_ato.apps.report.page_data import downsampled
 from train_ato.apps.report.print_parts import SCREEN_DPI, over_time, save_figure, styled
 from train_ato.apps.report.words import ENDS, MODES, driven_laws, evaluation_note
 from train_ato.loop.recording import Recording
@@ -20,6 +21,8 @@ LONG_RUN_S = 600.0
 """Minimum duration for a time axis in minutes [s]."""
 PANELS = ("speed", "speed_error", "forces", "coupler_extremes", "pipe", "shoe_force")
 """Panels of the figure; panels without data are omitted."""
+POINTS = 400_000
+"""Numbers in one panel, with the times; a long run has more, which the figure cannot show."""
 MARKED = ("law", "protection", "outside", "scored", "end")
 """Kinds of event marked in the figure."""
 
@@ -41,7 +44,7 @@ def draw_run(recording: Recording, path: Path) -> None:
 def run_figure(recording: Recording) -> Figure | None:
     """Return the figure of one run with setup and summary; None without data."""
     recording = recording.within_span()
-    curves, _ = curves_of(recording, PANELS)
+    curves, _ = curves_of(recording, PANELS, lambda lines: downsampled(lines, POINTS))
     events = [event for event in detect_events(recording) if event.kind in MARKED]
     note = evaluation_note(recording.setup.scenario.evaluation) if recording.setup is not None else ""
     lines = [*titles(recording.summary), *([note] if note else [])]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -33,7 +34,8 @@ class TableParts:
     def __init__(self, path: Path, *, sorted_: bool = True) -> None:
         self._path, self._sorted = path, sorted_
         self._places: list[int] = []
-        self._columns: dict[str, list[pa.DataType]] = {}
+        self._columns: dict[str, set[pa.DataType]] = {}
+        self._filled: Counter[str] = Counter()
         self._numbers: dict[str, bool] = {}
         self._last: tuple[float, str] | None = None
         self._in_order = True
@@ -54,7 +56,8 @@ class TableParts:
         self._last = _key(part, -1)
         table = pa.Table.from_pandas(part, preserve_index=True)
         for field in table.schema:
-            self._columns.setdefault(field.name, []).append(field.type)
+            self._columns.setdefault(field.name, set()).add(field.type)
+            self._filled[field.name] += 1
         with writing(self._path), self._path.open("ab") as file:
             self._places.append(file.tell())
             with pa.ipc.new_stream(file, table.schema, options=LZ4) as stream:
@@ -73,12 +76,12 @@ class TableParts:
         if name == TIME or self._numbers.get(name):
             return pa.float64()
         kinds = self._columns[name]
-        known = set(kinds) - {pa.null()}
+        known = kinds - {pa.null()}
         if len(known) != 1:
             return pa.string() if known else pa.null()
         (kind,) = known
         numbers = pa.types.is_integer(kind) or pa.types.is_boolean(kind)
-        return pa.float64() if numbers and len(kinds) < len(self._places) else kind
+        return pa.float64() if numbers and self._filled[name] < len(self._places) else kind
 
     def parts(self, schema: pa.Schema, since_begin: Callable[[pd.DataFrame], pd.DataFrame]) -> Iterator[pa.Table]:
         """Yield the parts with all columns, in the order of time.
