@@ -24,7 +24,6 @@ EXACT = {
     "plant_sim/consist.py": {"sum((part.count for part in self.train))"},
     "plant_sim/formats/railtoolkit.py": {"sum((vehicle.powered for vehicle in vehicles))"},
     "plant_sim/warm_up.py": {"sum(stats.cache_misses.values())"},
-    "train_ato/control/air_brake/policy.py": {"sum((length > self._rules.min_length for length in inside))"},
     "train_ato/control/algorithms/train_constants.py": {"sum((sides for _, sides in groups))"},
     "train_ato/loop/kept_samples.py": {
         "sum((values.nbytes for values in samples.values.values()))",
@@ -37,6 +36,7 @@ EXACT = {
     },
     "train_ato/loop/recording.py": {"sum((part.nbytes for part in parts if part is not None))"},
     "train_ato/loop/train_protection.py": {"sum((age > bound for bound in self._bounds))"},
+    "train_ato/supervision/track_supervision.py": {"sum((limits.arcs.size for limits in self.targets))"},
 }  # fmt: skip
 """Sums of integers and of truth values."""
 ARRAYS = {
