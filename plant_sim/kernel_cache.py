@@ -14,6 +14,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from enum import EnumMeta
 from functools import cache, cached_property
 from pathlib import Path
 from types import BuiltinFunctionType, CodeType, FunctionType, ModuleType
@@ -241,6 +242,11 @@ def _text_of(value: Any) -> str:
         return f"symbol {value.symbol}{value.sig}"
     if isinstance(value, (type, BuiltinFunctionType, np.ufunc)) and _is_foreign(getattr(value, "__module__", "numpy")):
         return f"{type(value).__name__} {value.__name__}"
+    if isinstance(value, EnumMeta):
+        members: dict[str, Any] = dict(value.__members__)
+        return repr((value.__name__, [(name, _text_of(entry.value)) for name, entry in members.items()]))
+    if isinstance(value, type) and issubclass(value, tuple) and hasattr(value, "_fields"):
+        return repr((value.__name__, value._fields))
     if isinstance(value, np.ndarray):
         return repr((value.dtype.str, value.shape, value.tobytes()))
     if isinstance(value, tuple):

@@ -91,6 +91,11 @@ def test_a_kernel_is_found_by_its_content(tmp_path: Path, kernels: Path) -> None
     assert law_of(tmp_path / "a", callee=part.replace("+ 1", "+ 2")) == (7.0, True)
     assert law_of(tmp_path / "a", callee=part) == (5.0, False)
     assert law_of(tmp_path / "a", 1) == (4.0, True)  # other types
+    state, caller = "from enum import IntEnum\n\n\nclass FACTOR(IntEnum):\n    A = 2\n", PACKAGE["caller"]
+    enumerated = {"caller": caller.replace("FACTOR *", "FACTOR.A.value *")}
+    assert law_of(tmp_path / "a", **enumerated, constants=state) == (5.0, True)
+    assert law_of(tmp_path / "a", **enumerated, constants=state) == (5.0, False)
+    assert law_of(tmp_path / "a", **enumerated, constants=state.replace("= 2", "= 3")) == (7.5, True)
 
 
 def test_a_kernel_of_another_processor_or_version_is_not_used(

@@ -61,7 +61,7 @@ def test_events_of_a_run_are_found_at_their_times(eventful: Path) -> None:
         ("outside", 66.2, None),
         ("protection", 66.3, 70.0),
         ("ato", 66.4, None),
-        ("ato", 68.8, None),
+        ("ato", 69.2, None),
     }
     texts = " | ".join(event.text for event in detect_events(open_recording(eventful)))
     for words in (
