@@ -14,6 +14,7 @@ import train_ato
 from train_ato.cli import main
 from train_ato.ros.graph.domain_lock import DomainLock
 from train_ato.ros.graph.environment import check_domain, claim_domain, domain_of_environment, held_domains, opened_by
+from train_ato.ros.graph.remote import resolve_domain
 
 CLAIM = """
 import sys
@@ -38,6 +39,22 @@ def test_runs_with_another_tmpdir_find_the_lock(tmp_path: Path) -> None:
         assert f"--domain {domain}: another run holds it" in done.stderr
         assert domain in held_domains()
     assert domain not in held_domains()
+
+
+def test_of_several_runs_the_one_of_the_environment_is_meant(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Breaks if a command in a shell with ROS_DOMAIN_ID does not reach the run of this domain."""
+    with claim_domain() as domain, claim_domain() as another:
+        for own in (domain, another):
+            monkeypatch.setenv("ROS_DOMAIN_ID", str(own))
+            assert resolve_domain(None) == own
+        assert resolve_domain(domain) == domain
+        free = next(number for number in range(102) if number not in held_domains())
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(free))
+        with pytest.raises(ValueError, match="several runs are in progress"):
+            resolve_domain(None)
+        monkeypatch.delenv("ROS_DOMAIN_ID")
+        with pytest.raises(ValueError, match="several runs are in progress"):
+            resolve_domain(None)
 
 
 def test_a_domain_is_locked_until_the_last_node_of_a_killed_run_has_ended(tmp_path: Path) -> None:

@@ -58,7 +58,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME=VALUE",
         help="parameter of a gust, a delay jump or a fault; kept for the next call",
     )
-    parser.add_argument("--domain", type=int, metavar="N", help="ROS domain of the run (default: that of the only run)")
+    parser.add_argument(
+        "--domain", type=int, metavar="N", help="ROS domain of the run (default: ROS_DOMAIN_ID, or the only run)"
+    )
 
 
 def execute(options: argparse.Namespace) -> int:

@@ -17,7 +17,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--node", default="controller", metavar="NAME", help="node of the parameter (default: controller)"
     )
-    parser.add_argument("--domain", type=int, metavar="N", help="ROS domain of the run (default: that of the only run)")
+    parser.add_argument(
+        "--domain", type=int, metavar="N", help="ROS domain of the run (default: ROS_DOMAIN_ID, or the only run)"
+    )
 
 
 def execute(options: argparse.Namespace) -> int:

@@ -23,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="RUN",
         help="run or log of a replay (default: the running simulation)",
     )
-    parser.add_argument("--domain", type=int, metavar="N", help="ROS domain (default: that of the only run)")
+    parser.add_argument("--domain", type=int, metavar="N", help="ROS domain (default: ROS_DOMAIN_ID, or the only run)")
     parser.add_argument(
         "--rate", type=float, default=5.0, metavar="HZ", help="messages per simulated second (default: 5)"
     )

@@ -37,7 +37,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     what.add_argument("run", nargs="?", type=Path, metavar="RUN", help="recorded run: run folder or log")
     what.add_argument("--scenario", metavar="NAME", help="start this scenario and show its run")
     what.add_argument(
-        "--domain", type=int, metavar="N", help="ROS domain of a running simulation (default: that of the only run)"
+        "--domain",
+        type=int,
+        metavar="N",
+        help="ROS domain of a running simulation (default: ROS_DOMAIN_ID, or the only run)",
     )
     add_rate(parser, 1.0)
     parser.add_argument("--processes", action="store_true", help="one process per node for the started run")

@@ -10,14 +10,14 @@ from typing import Any
 
 from plant_sim.input_error import close_match
 from train_ato.ros import require_ros
-from train_ato.ros.graph.environment import applied, held_domains, variables
+from train_ato.ros.graph.environment import applied, domain_of_environment, held_domains, variables
 
 WAIT_S = 30.0
 """Maximum wall time to find a node, and to receive its answer [s]."""
 
 
 def resolve_domain(wanted: int | None) -> int:
-    """Return the wanted domain, or that of the only run on this machine.
+    """Return the wanted domain, or that of the run on ``ROS_DOMAIN_ID`` or of the only run on this machine.
 
     Raises
     ------
@@ -30,6 +30,9 @@ def resolve_domain(wanted: int | None) -> int:
         if wanted not in held:
             raise ValueError(f"--domain {wanted}: no run holds it; running: {_listed(held)}")
         return wanted
+    own = domain_of_environment()
+    if own is not None and own in held:
+        return own
     if len(held) != 1:
         raise ValueError(
             f"{'no run is' if not held else 'several runs are'} in progress ({_listed(held)}); give --domain N"
