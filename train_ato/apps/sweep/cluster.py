@@ -139,8 +139,8 @@ def _local(jobs: int, dashboard: bool) -> Iterator[Any]:
             with dask.config.set({"temporary-directory": scratch, **pages}):
                 cluster = LocalCluster(
                     n_workers=jobs, threads_per_worker=1, processes=True, host=LOOPBACK, protocol="tls://",
-                    security=Security.temporary(), dashboard_address=f"{LOOPBACK}:0" if dashboard else None,
-                    worker_dashboard_address=None,
+                    security=Security.temporary(), dashboard_address=f"{LOOPBACK}:0",
+                    worker_dashboard_address=None, scheduler_kwargs={"dashboard": dashboard},
                     local_directory=scratch, memory_limit=0, silence_logs=logging.CRITICAL,
                 )  # fmt: skip
         finally:
