@@ -123,7 +123,7 @@ def run_span(
             sensors.units[:] = seen
             return tick
         if supervised:
-            copy_states(supervision.states, supervision.kept)
+            copy_states(supervision.states, supervision.kept, at)
         saved[:], observed[:], kept[:], demanded[:] = law_state, observer_state, inputs, policy_state
         usable, limited = True, 0
         if supervised:
@@ -147,7 +147,7 @@ def run_span(
             )  # fmt: skip
         if not usable or limited < 0:
             law_state[:], observer_state[:], inputs[:], policy_state[:] = saved, observed, kept, demanded
-            copy_states(supervision.kept, supervision.states)
+            copy_states(supervision.kept, supervision.states, at)
             sensors.units[:] = seen
             return tick
         if is_step:

@@ -60,13 +60,17 @@ class SupervisionArrays(NamedTuple):
 
 
 @compiled
-def copy_states(source: SupervisionStates, target: SupervisionStates) -> None:
-    """Copy all records; the speeds of the averages stay, because an older state does not read the newest ones."""
-    target.run[:] = source.run
-    target.odometers[:] = source.odometers
-    target.last[:] = source.last
-    target.supervisor[:] = source.supervisor
-    target.assurance[:] = source.assurance
+def copy_states(source: SupervisionStates, target: SupervisionStates, stamp: int) -> None:
+    """Copy the records that a tick changes: between two steps of the supervisor only those of the odometers.
+
+    The speeds of the averages stay, because an older state does not read the newest ones.
+    """
+    target.odometers[0] = source.odometers[0]
+    if stamp % source.run[0].period == 0:
+        target.run[0] = source.run[0]
+        target.last[0] = source.last[0]
+        target.supervisor[0] = source.supervisor[0]
+        target.assurance[0] = source.assurance[0]
 
 
 @compiled
