@@ -174,10 +174,11 @@ def _digest(text: str) -> str:
 
 
 def _reached(first: Called) -> set[Called]:
-    """Return the compiled functions that a function calls, directly or not, with itself."""
+    """Return the compiled functions that a function calls, directly or not, with itself, without foreign ones."""
     found, rest = {first}, [first]
     while rest:
         called = {value for _, value in _read_values(_plain(rest.pop())) if isinstance(value, Called)}
+        called = {value for value in called if not _is_foreign(value.__module__)}
         rest.extend(called - found)
         found |= called
     return found
@@ -247,6 +248,8 @@ def _text_of(value: Any) -> str:
         return repr((value.__name__, [(name, _text_of(entry.value)) for name, entry in members.items()]))
     if isinstance(value, type) and issubclass(value, tuple) and hasattr(value, "_fields"):
         return repr((value.__name__, value._fields))
+    if isinstance(value, np.dtype):
+        return repr((value, value.itemsize))
     if isinstance(value, np.ndarray):
         return repr((value.dtype.str, value.shape, value.tobytes()))
     if isinstance(value, tuple):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import importlib
 import json
 import os
@@ -13,7 +14,7 @@ from pathlib import Path
 import numba
 import pytest
 from numba.core.codegen import CPUCodegen
-from numba.core.dispatcher import Dispatcher
+from numba.core.registry import CPUDispatcher
 from waiting import LIMIT_S
 
 import plant_sim
@@ -152,8 +153,9 @@ def test_every_kernel_of_the_program_can_be_kept() -> None:
     for file in (path for package in ("plant_sim", "train_ato") for path in (root / package).rglob("*.py")):
         if "import compiled\n" in file.read_text(encoding="utf-8"):
             importlib.import_module(".".join(file.relative_to(root).with_suffix("").parts))
-    modules = [module for name, module in sys.modules.items() if name.startswith(("plant_sim", "train_ato"))]
-    kernels = {value for module in modules for value in vars(module).values() if isinstance(value, Dispatcher)}
+    existing = [value for value in gc.get_objects() if type(value) is CPUDispatcher]  # also those in a class
+    kernels = {kernel for kernel in existing if kernel.py_func.__module__.startswith(("plant_sim.", "train_ato."))}
+    assert any("<locals>" in kernel.py_func.__qualname__ for kernel in kernels)
     assert len(kernels) > 200
     assert [kernel for kernel in kernels if kernel._cache._stamp is None] == []
     assert len({kernel._cache._stamp for kernel in kernels}) == len(kernels)
