@@ -10,8 +10,6 @@ from pathlib import Path
 YAML_KINDS = ("train", "line", "journey", "scenario")
 CODE_KINDS = {"law": "MyLaw", "observer": "MyObserver", "compensation": "MyCompensation"}
 """Kinds in Python, with the class of their template."""
-PLANT_FILES = ("train", "line")
-"""Files that the template of a scenario names."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

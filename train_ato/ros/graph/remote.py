@@ -33,10 +33,10 @@ def resolve_domain(wanted: int | None) -> int:
     own = domain_of_environment()
     if own is not None and own in held:
         return own
-    if len(held) != 1:
-        raise ValueError(
-            f"{'no run is' if not held else 'several runs are'} in progress ({_listed(held)}); give --domain N"
-        )
+    if not held:
+        raise ValueError("no run is in progress on this machine; start one with `train-ato run SCENARIO`")
+    if len(held) > 1:
+        raise ValueError(f"several runs are in progress ({_listed(held)}); give --domain N")
     return held[0]
 
 
