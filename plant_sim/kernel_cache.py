@@ -2,7 +2,7 @@
 
 numba finds a kernel by the path of its source file and compares that file only.  A kernel here is one file, whose name
 has a hash of all that the compiled code depends on: copies of the source share it, a change in a called function of
-another file gives another name, and two processes that write at the same time write the same content.
+another file gives another name, and two processes that write at the same time write kernels of one meaning.
 """
 
 from __future__ import annotations
@@ -10,12 +10,13 @@ from __future__ import annotations
 import hashlib
 import os
 import pickle
+import secrets
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
 from enum import EnumMeta
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from pathlib import Path
 from types import BuiltinFunctionType, CodeType, FunctionType, ModuleType
 from typing import Any
@@ -24,6 +25,7 @@ import llvmlite
 import numba
 import numpy as np
 from numba import config, types
+from numba.core.bytecode import FunctionIdentity
 from numba.core.caching import _Cache
 from numba.core.compiler import CompileResult
 from numba.core.dispatcher import Dispatcher
@@ -38,6 +40,11 @@ Called = Dispatcher | FunctionType
 """Functions of compiled code: compiled alone, or with their callers (:func:`plant_sim.compiled.also_compiled`)."""
 _CHECKSUM = 32
 """Length of the checksum at the begin of a file [bytes]."""
+_FORM = 2
+"""Form of the kernels: 1 had numbers of functions that two processes could share."""
+FunctionIdentity._unique_ids = iter(partial(secrets.randbits, 60), None)
+"""Numbers in the names of machine code.  numba counts functions and records from 1 in every process, so kernels of two
+processes can have one name for different records, and a third process would call the first it has loaded for both."""
 
 
 def cache_folders() -> tuple[Path, ...]:
@@ -129,7 +136,7 @@ class KernelCache(_Cache):  # type: ignore[misc]
         if not self._enabled or self._stamp is None:
             return None
         versions = numba.__version__, llvmlite.__version__, np.__version__, sys.version, getattr(sys, "abiflags", "")
-        key = _digest(repr((str(sig), codegen.magic_tuple(), versions, self._stamp)))
+        key = _digest(repr((_FORM, str(sig), codegen.magic_tuple(), versions, self._stamp)))
         return f"{self._name}-{key[:32]}.nbc"
 
     def _remove_unused(self) -> None:

@@ -9,7 +9,9 @@ import os
 import subprocess
 import sys
 import sysconfig
+import types
 from pathlib import Path
+from typing import Any
 
 import numba
 import pytest
@@ -97,6 +99,46 @@ def test_a_kernel_is_found_by_its_content(tmp_path: Path, kernels: Path) -> None
     assert law_of(tmp_path / "a", **enumerated, constants=state) == (5.0, True)
     assert law_of(tmp_path / "a", **enumerated, constants=state) == (5.0, False)
     assert law_of(tmp_path / "a", **enumerated, constants=state.replace("= 2", "= 3")) == (7.5, True)
+
+
+STEPS = "\n".join(f"    x = {k} - x / (own.value + {k})" for k in range(1, 60))
+"""Code of a function that is too long for a copy in its callers."""
+RECORDS = f"""
+import sys
+import numpy as np
+from plant_sim.compiled import compiled
+
+@compiled
+def value(own):
+    x = own.value
+{STEPS}
+    return x
+
+@compiled
+def of_first(records):
+    return value(records[0])
+
+@compiled
+def of_second(records):
+    return value(records[0])
+
+first = np.array([(2.0, 3.0)], dtype=[("value", float), ("other", float)])
+second = np.array([(5.0, 2.0)], dtype=[("other", float), ("value", float)])
+given = dict(first=lambda: of_first(first), second=lambda: of_second(second))
+print(*(given[name]() for name in sys.argv[1:]))
+"""
+
+
+@pytest.mark.parametrize("order", [["first", "second"], ["second", "first"]])
+def test_kernels_of_two_processes_are_told_apart(tmp_path: Path, order: list[str]) -> None:
+    """Breaks if a function of one record runs on another: wrong numbers, as its machine code has the same name."""
+    (tmp_path / "records.py").write_text(RECORDS, encoding="utf-8")
+    own = types.SimpleNamespace(value=2.0)
+    scope: dict[str, Any] = {}
+    exec(f"def value(own):\n    x = own.value\n{STEPS}\n    return x", scope)
+    for names in ([order[0]], [order[1]], order):
+        done = run([str(tmp_path / "records.py"), *names], NUMBA_CACHE_DIR=str(tmp_path / "kernels"))
+        assert [float(text) for text in done.stdout.split()] == [scope["value"](own)] * len(names), done.stderr
 
 
 def test_a_kernel_of_another_processor_or_version_is_not_used(
