@@ -20,8 +20,6 @@ from train_ato.messages.topics import Role, Topic
 _NAMING_S = 0.3
 """Maximum wall time until the name of a new node arrives, after its endpoints [s]."""
 _UNKNOWN = "_NODE_NAME_UNKNOWN_"
-_LOOKS = 50
-"""Number of looks for the name of a new node; a program without a ROS node has none."""
 
 
 def wait_for_names(read: Callable[[], list[str]], least: int = 0) -> list[str]:
@@ -197,7 +195,7 @@ class NamedSenders:
         self._subscription = subscription
         self._own = {(role.value, node.get_namespace()) for role in topic.publishers}
         self._next: dict[str, set[int]] = {}
-        self._count = self._looks = 0
+        self._count = 0
         self._named: set[str] = set()
 
     def take(self, data: bytes, number: int, *, lossy: bool = False) -> bool:
@@ -235,10 +233,9 @@ class NamedSenders:
         count = self._subscription.get_publisher_count()
         if count == self._count:
             return []
-        names, self._looks = self._others(), self._looks + 1
-        complete = len(self._publishers()) >= count and _UNKNOWN not in names  # names arrive after the endpoints
-        if complete or self._looks > _LOOKS:
-            self._count, self._looks = count, 0
+        names = self._others()
+        if len(self._publishers()) >= count and _UNKNOWN not in names:  # names arrive after the endpoints, in any time
+            self._count = count
         found = sorted({*names} - self._named - {_UNKNOWN})
         self._named.update(found)
         return found
