@@ -9,24 +9,9 @@ from typing import Any
 
 from msgs_docs.generate.fault_runs import run_row
 from msgs_docs.generate.fault_table import BASES, FaultRow
-from msgs_docs.generate.hazard_commands import BRAKE, DEMAND, EMERGENCY, TRACTION
-from msgs_docs.generate.hazard_inputs import MANAGEMENT, REPORTS
 from msgs_docs.generate.hazard_runs import MEASURES, fault_of, run_pair
-from msgs_docs.generate.hazard_table import ACTIONS, GUIDES, HARMLESS, HAZARDS, HazardRow, OpenHazard
+from msgs_docs.generate.hazard_table import ACTIONS, GUIDES, HARMLESS, HAZARDS, OPEN, ROWS, HazardRow, OpenHazard
 from msgs_docs.generate.monitor_removal import REMOVALS
-
-ROWS: tuple[HazardRow, ...] = (*TRACTION, *BRAKE, *DEMAND, *EMERGENCY, *REPORTS, *MANAGEMENT)
-"""Rows of the table."""
-
-OPEN: tuple[OpenHazard, ...] = (
-    OpenHazard(
-        "H2",
-        "The emergency brake has half its force and the electric brake none: less than the factor Kdry covers.",
-        ("plant.mismatch={electric_brake_scale: 0, brake_scale: 0.5}",),
-    ),
-)
-"""Hazards without a monitor, found in this analysis."""
-
 
 PAGE = Path("msgs_docs", "hazards.md")
 """Path of the page in the repository."""
@@ -43,9 +28,9 @@ INTRODUCTION = """# Hazards and requirements
 Made by `python -m msgs_docs.generate`; do not edit by hand.
 
 Hazard, unsafe control action, requirement, monitor and test as one table. The data are in
-`msgs_docs/generate/hazard_commands.py` and `hazard_inputs.py`; `test/test_hazard_table.py` runs the rows. The words are
-those of EN 50126, the method is that of STPA (Leveson, Thomas, STPA Handbook, 2018, chapter 2): a control action is
-unsafe if it is not provided, provided wrongly, provided too early or late, or applied too long or too short.
+`msgs_docs/generate/hazards.yaml`; `test/test_hazard_table.py` runs the rows. The words are those of EN 50126, the
+method is that of STPA (Leveson, Thomas, STPA Handbook, 2018, chapter 2): a control action is unsafe if it is not
+provided, provided wrongly, provided too early or late, or applied too long or too short.
 Supervisor, train protection and states of the ATO: [supervision.md](supervision.md); faults: [faults.md](faults.md).
 
 **No safety integrity level (SIL) is claimed**; the limits of this analysis are [below](#limits-and-assumptions-of-use).
@@ -259,7 +244,7 @@ def _pair(row: HazardRow, found: dict[str, Any]) -> str:
     assert row.pair is not None
     fault = fault_of(row.pair)
     scenario = f"{row.pair.fault} (fault table)" if row.pair.fault else _scenario(fault.base, row.pair.sets)
-    removed = "; ".join(REMOVALS[name].text for name in row.pair.without)
+    removed = "; ".join(REMOVALS[name].removed for name in row.pair.without)
     values = " | ".join(_figure(found.get(key), row.hazard) for key in ("with", "without", "bound"))
     return f"| {row.requirement}, {row.hazard} | {scenario} | {removed} | {values} |"
 

@@ -1,15 +1,16 @@
 """Hazards, control actions and the form of the hazard table: data of ``msgs_docs/hazards.md``.
 
 The method is that of STPA (Leveson, Thomas, STPA Handbook, 2018, chapter 2, step 3): every control action can be unsafe
-in four ways.  Rows: :mod:`msgs_docs.generate.hazard_page`.
+in four ways.  The rows are in ``hazards.yaml``.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from pathlib import Path
+from typing import Any, Literal
 
-from msgs_docs.generate.fault_table import BEGIN
+from plant_sim.library import read_yaml
 
 Guide = Literal["not provided", "provided wrongly", "too early or late", "too long or too short"]
 """Way in which a control action is unsafe."""
@@ -37,84 +38,26 @@ class Hazard:
     bound: str
 
 
-HAZARDS: tuple[Hazard, ...] = (
-    Hazard(
-        "H1",
-        "The train exceeds a speed limit.",
-        "largest speed above the highest limit of the line",
-        "km/h",
-        "margin of the emergency brake, and the speed gained until the traction is off",
-    ),
-    Hazard(
-        "H2",
-        "The train passes the supervised location.",
-        "foremost place of the front behind the supervised location",
-        "m",
-        "0",
-    ),
-    Hazard(
-        "H3",
-        "The train rolls back.",
-        "largest distance backwards",
-        "m",
-        "`roll_away`, and the distance until the emergency brake stops the full traction",
-    ),
-    Hazard(
-        "H4",
-        "The train departs after an emergency brake without a request.",
-        "distance after the first standstill with the emergency brake",
-        "m",
-        "`roll_away`, as a train at standstill",
-    ),
-    Hazard(
-        "H5",
-        "The ATO commands traction while a brake is in effect.",
-        "largest traction command two supervision periods after the begin of a brake",
-        "kN",
-        "0",
-    ),
-    Hazard("H6", "The train moves on without control.", "speed at the end of the run", "km/h", "standstill"),
-    Hazard(
-        "H7",
-        "The emergency brake ends while the train moves.",
-        "speed at the end of an emergency brake",
-        "km/h",
-        "standstill",
-    ),
-    Hazard(
-        "H8",
-        "The train runs past its stop.",
-        "foremost place of the front behind the planned stop",
-        "m",
-        "stopping error",
-    ),
-    Hazard(
-        "H9",
-        "Brakes act without need: a train on the open line, and forces in the couplers.",
-        "interventions of the supervisor and reactions of the train",
-        "",
-        "0",
-    ),
-)
+@dataclass(frozen=True)
+class Monitor:
+    """Part that meets a requirement, and one way to remove it.
 
-ACTIONS: dict[str, str] = {
-    "traction command": "controller to drives",
-    "brake command": "controller to drives and brake pipe",
-    "brake demand": "supervisor to train, as a brake release that is withdrawn",
-    "emergency brake": "train protection to the brakes of the train",
-    "odometry": "odometers to supervisor",
-    "measurement": "sensors to profile, observer and controller",
-    "profile and reference": "profile to controller",
-    "takeover": "braking law in place of the law",
-    "engagement": "request to the ATO",
-}
-"""Control action, or feedback it is based on, with sender and receiver."""
+    Attributes
+    ----------
+    part
+        Name of the part, ``module:name``.
+    removed
+        Condition of the run without the monitor; "": no row removes it.
+    sets
+        Assignments to the scenario that remove it.
+    place
+        Name to be replaced, ``module:name``; "": that of the monitor.
+    """
 
-HARMLESS: dict[tuple[str, Guide], str] = {
-    ("traction command", "not provided"): "the train coasts or remains at standstill: a delay, no hazard",
-    ("engagement", "not provided"): "the train remains at standstill with its holding brake: a delay, no hazard",
-}
-"""Control actions and ways that lead to no hazard, with the reason."""
+    part: str
+    removed: str = ""
+    sets: tuple[str, ...] = ()
+    place: str = ""
 
 
 @dataclass(frozen=True)
@@ -124,7 +67,7 @@ class RemovalPair:
     Attributes
     ----------
     without
-        Monitors to be removed: keys of :data:`msgs_docs.generate.monitor_removal.REMOVALS`.
+        Monitors to be removed, ``module:name``.
     fault
         Row of the fault table; "" with ``sets``.
     sets
@@ -189,12 +132,31 @@ class OpenHazard:
     sets: tuple[str, ...]
 
 
-FULL_TRACTION = f"{{topic: ato/command, begin: {BEGIN}, do: freeze}}"
-"""Fault that keeps the full traction of the metro train."""
-SUPERVISOR_TEST, ENGAGEMENT_TEST = "test/test_supervisor.py::", "test/test_ato_engagement.py::"
-"""Begin of the names of tests."""
+def _with_tuples(row: dict[str, Any]) -> dict[str, Any]:
+    return {key: tuple(value) if isinstance(value, list) else value for key, value in row.items()}
 
 
-def with_full_traction(fault: str) -> tuple[str, ...]:
-    """Return the assignment of a fault that begins with the full traction."""
-    return (f"faults=[{FULL_TRACTION}, {{begin: {BEGIN}, {fault}}}]",)
+def _parts(names: list[str]) -> tuple[str, ...]:
+    return tuple(MONITORS[name].part for name in names)
+
+
+def _hazard_row(requirement: str, row: dict[str, Any]) -> HazardRow:
+    """Return a row of the file, with the names of the parts in place of the short names of the monitors."""
+    pair = row.get("pair")
+    if pair is not None:
+        pair = RemovalPair(**_with_tuples({**pair, "without": _parts(pair["without"])}))
+    return HazardRow(requirement, **_with_tuples({**row, "monitors": _parts(row["monitors"]), "pair": pair}))
+
+
+TABLE: dict[str, Any] = read_yaml(Path(__file__).with_name("hazards.yaml"))
+HAZARDS = tuple(Hazard(key, **row) for key, row in TABLE["hazards"].items())
+ACTIONS: dict[str, str] = TABLE["actions"]
+"""Control action, or feedback it is based on, with sender and receiver."""
+HARMLESS: dict[tuple[str, Guide], str] = {(row["action"], row["guide"]): row["reason"] for row in TABLE["harmless"]}
+"""Control actions and ways that lead to no hazard, with the reason."""
+MONITORS = {name: Monitor(**_with_tuples(row)) for name, row in TABLE["monitors"].items()}
+"""Monitors by their short name."""
+ROWS = tuple(_hazard_row(name, row) for name, row in TABLE["requirements"].items())
+"""Rows of the table."""
+OPEN = tuple(OpenHazard(**_with_tuples(row)) for row in TABLE["open"])
+"""Hazards without a monitor, found in this analysis."""

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from importlib import import_module
 from operator import attrgetter
 from typing import Any
 
+from msgs_docs.generate.hazard_table import MONITORS, Monitor
 from train_ato.loop.train_protection import Protection, TrainProtection
 from train_ato.messages.receiver import Receiver
 from train_ato.messages.types import Odometry
@@ -19,31 +20,8 @@ from train_ato.supervision.plant_line import line_supervision
 from train_ato.supervision.supervisor import SupervisionDecision, Supervisor
 from train_ato.supervision.track_supervision import TrackSupervision
 
-SUPERVISOR = "train_ato.supervision.supervisor:Supervisor.step"
-TRACK = "train_ato.supervision.track_supervision:TrackSupervision.evaluate"
-BRAKE_DATA = "train_ato.supervision.plant_line:line_supervision"
-SETTINGS = "train_ato.supervision.settings:SupervisionSpec"
-TIME_LIMITS = "train_ato.supervision.settings:FailsafeSpec"
-ESTIMATOR = "train_ato.supervision.position_estimate:estimate_motion"
-ODOMETRY_CHECK = "train_ato.supervision.odometry_check:OdometryCheck.problem"
-COMMAND_AGE = "train_ato.loop.train_protection:TrainProtection.on_command"
-RELEASE_AGE = "train_ato.loop.train_protection:TrainProtection.on_release"
-PROTECTION = "train_ato.loop.train_protection:TrainProtection.step"
-SEPARATION = "plant_sim.train:Train.separation_noticed"
-MEASUREMENT_CHECK = "train_ato.control.plausibility:MeasurementCheck.step"
-ASSURANCE = "train_ato.control.assurance:AssuranceMonitor.step"
-COMMAND_HOLD = "train_ato.control.command_hold:CommandHold.check_limit"
-ATO_STATE = "train_ato.control.ato_state:AtoStateMachine.update"
-ATO_REQUEST = "train_ato.control.ato_state:AtoStateMachine.check"
-ATO_BRAKE = "train_ato.control.ato_state:AtoStateMachine.brakes"
-RECEIVER = "train_ato.messages.receiver:Receiver.receive"
-VALIDITY = "train_ato.messages.validity:validity_check"
-ALIVE = "train_ato.messages.validity:AliveCheck.problem"
-
 UNLIMITED = 900.0
 """Speed limit without effect [m/s], within the valid values of a message."""
-TIMES = ("hold", "coast", "service")
-"""Keys of the reactions to missing commands."""
 _protect, _receive, _supervise = TrainProtection.step, Receiver.receive, Supervisor.step
 
 
@@ -67,63 +45,28 @@ def _wheel_alone(self: Supervisor, odometry: Odometry | None) -> SupervisionDeci
     return _supervise(self, Odometry(odometry.stamp, *wheel))
 
 
-@dataclass(frozen=True)
-class MonitorRemoval:
-    """One way to remove a monitor.
-
-    Attributes
-    ----------
-    text
-        Condition of the run without the monitor.
-    sets
-        Assignments to the scenario.
-    replacement
-        Part in place of the monitor; None: the assignments are sufficient.
-    place
-        Name to be replaced, ``module:name``; "": that of the monitor.
-    """
-
-    text: str
-    sets: tuple[str, ...] = ()
-    replacement: object = None
-    place: str = ""
-
-
-REMOVALS: dict[str, MonitorRemoval] = {
-    SUPERVISOR: MonitorRemoval("no limit of the movement backwards", ("supervision.roll_away=100000",)),
-    TRACK: MonitorRemoval(
-        "no speed limits and no supervised location",
-        replacement=_without_limits,
-        place="train_ato.loop.run_parts:line_supervision",
-    ),
-    BRAKE_DATA: MonitorRemoval("full braking ability assumed", ("supervision.kdry=1",)),
-    SETTINGS: MonitorRemoval("supervised location at the stop", ("supervision.overlap=0",)),
-    TIME_LIMITS: MonitorRemoval(
-        "no time in which the last command is held", tuple(f"supervision.failsafe.{key}=0" for key in TIMES)
-    ),
-    ESTIMATOR: MonitorRemoval("wheel odometer alone", replacement=_wheel_alone, place=SUPERVISOR),
-    ODOMETRY_CHECK: MonitorRemoval("no check of the odometry", replacement=lambda *_: ""),
-    COMMAND_AGE: MonitorRemoval(
-        "no limit of the age of the commands", tuple(f"supervision.failsafe.{key}=3600" for key in TIMES)
-    ),
-    RELEASE_AGE: MonitorRemoval("no limit of the age of the brake release", ("supervision.failsafe.release=3600",)),
-    PROTECTION: MonitorRemoval("the emergency brake ends at any speed", replacement=_ends_at_any_speed),
-    SEPARATION: MonitorRemoval("separation not noticed", replacement=property(lambda _: False)),
-    ALIVE: MonitorRemoval("no check of the alive counter", replacement=lambda *_: ""),
-    MEASUREMENT_CHECK: MonitorRemoval("no comparison with the odometry", replacement=lambda *_: ""),
-    ASSURANCE: MonitorRemoval("no braking law", replacement=lambda *_: False),
-    COMMAND_HOLD: MonitorRemoval("no limit of the held commands", replacement=lambda *_: None),
-    ATO_STATE: MonitorRemoval("the ATO remains engaged", replacement=lambda *_, **__: False),
-    ATO_REQUEST: MonitorRemoval("every request accepted", replacement=lambda *_, **__: None),
-    ATO_BRAKE: MonitorRemoval("a disengaged ATO coasts", replacement=lambda *_: False),
-    RECEIVER: MonitorRemoval("the newest arrival is used as it is", replacement=_newest_arrival),
-    VALIDITY: MonitorRemoval(
-        "no check of the values",
-        replacement=lambda _: lambda _: "",
-        place="train_ato.messages.receiver:validity_check",
-    ),
-}  # fmt: skip
-"""Removal of every monitor that a pair removes."""
+REMOVALS: dict[str, Monitor] = {monitor.part: monitor for monitor in MONITORS.values() if monitor.removed}
+"""Monitors that a pair removes, by the name of the part."""
+REPLACEMENTS: dict[str, object] = {
+    MONITORS[name].part: replacement
+    for name, replacement in {
+        "track": _without_limits,
+        "estimator": _wheel_alone,
+        "odometry_check": lambda *_: "",
+        "protection": _ends_at_any_speed,
+        "separation": property(lambda _: False),
+        "alive": lambda *_: "",
+        "measurement_check": lambda *_: "",
+        "assurance": lambda *_: False,
+        "command_hold": lambda *_: None,
+        "ato_state": lambda *_, **__: False,
+        "ato_request": lambda *_, **__: None,
+        "ato_brake": lambda *_: False,
+        "receiver": _newest_arrival,
+        "validity": lambda _: lambda _: "",
+    }.items()
+}
+"""Part in place of a monitor whose removal needs more than assignments."""
 
 
 def monitor_part(name: str) -> object:
@@ -156,7 +99,6 @@ def removed_monitors(names: Sequence[str]) -> Iterator[tuple[str, ...]]:
     """Remove monitors for the time of a run; yield the assignments to its scenario."""
     with ExitStack() as stack:
         for name in names:
-            removal = REMOVALS[name]
-            if removal.replacement is not None:
-                stack.enter_context(_replaced(removal.place or name, removal.replacement))
+            if name in REPLACEMENTS:
+                stack.enter_context(_replaced(REMOVALS[name].place or name, REPLACEMENTS[name]))
         yield tuple(text for name in names for text in REMOVALS[name].sets)
