@@ -1,43 +1,95 @@
-"""All benchmarks in one command, with a history.
+"""All benchmarks in one command.
 
-    python -m bench [--only NAME[,NAME...]] [--quick] [--history FILE] [--json]
-    python -m bench --compare COMMIT_A COMMIT_B [--history FILE] [--json]
+    python -m bench [--only NAME[,NAME...]] [--quick] [--json]
     python -m bench --list
 
-Every benchmark is a script of this folder in a process of its own (``registry.py``).  Its figures, each beside its
-floor or peer, the facts of the machine and the commit are appended to the history (default
-``runs/bench_history.jsonl``, not committed).  A missed goal is printed and does not change the exit status; it is 1 if
-a script failed.
+Every benchmark is a script of this folder in a process of its own.  Its figures are printed, each beside its floor or
+peer: the ratio is that of the program, the value also that of the machine.  A missed goal is printed and does not
+change the exit status; it is 1 if a script failed.  A new benchmark is a script ``bench/NAME.py`` that gives its
+figures to ``figures.publish`` or ``figures.judge``, and a row here.
 """
 
 from __future__ import annotations
 
 import argparse
-import datetime
 import importlib.util
 import json
 import os
+import platform
 import shutil
 import subprocess
 import sys
 import tempfile
-import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))
 from figures import FILE, published  # noqa: E402
-from history import append_entry, compare_entries, entry_of, other_machine  # noqa: E402
-from machine import commit_facts, git, machine_facts  # noqa: E402
-from registry import BENCHMARKS, Benchmark  # noqa: E402
-from table import print_comparison, print_entry, print_rows  # noqa: E402
 
-HISTORY = HERE.parent / "runs" / "bench_history.jsonl"
 LIMIT_S = 3600.0
 LEFT_OUT = "left out: "
 """Begin of the output of a script without figures on a machine that cannot run it."""
+
+
+@dataclass(frozen=True)
+class Benchmark:
+    """One script.
+
+    Attributes
+    ----------
+    name : str
+        Name of the script, without ``.py``.
+    summary : str
+        Measured quantity and its floor or peer.
+    arguments : tuple of str
+        Arguments of a full run.
+    quick : tuple of str or None
+        Arguments of a run with ``--quick``; None: left out.
+    needs : tuple of str
+        Python packages and programs without which it is left out; a program has a leading ``/``.
+    """
+
+    name: str
+    summary: str
+    arguments: tuple[str, ...] = ()
+    quick: tuple[str, ...] | None = ()
+    needs: tuple[str, ...] = ()
+
+
+BENCHMARKS = (
+    Benchmark("startup", "start of the command and of a run; beside an empty Python and numpy"),
+    Benchmark("memory", "largest memory of a simulated hour; beside the imports alone", quick=("--hours", "0.1")),
+    Benchmark("kernel", "plant; beside plain numpy"),
+    Benchmark("kernel_cycles", "cycles and instructions of the kernel; beside bare loops"),
+    Benchmark("tick", "tick of the engine by scenario; beside its kernel", quick=("daqin_heavy_haul", "xuzhou_metro")),
+    Benchmark("tick_parts", "parts of a tick in Python and in spans; beside the kernel", quick=("xuzhou_metro",)),
+    Benchmark("laws", "step of every law; beside a law without computation", quick=("pid", "smc", "funnel")),
+    Benchmark("codec", "messages; beside rosbags"),
+    Benchmark("curves", "braking curves; beside a pass over the vehicles, and two searches"),
+    Benchmark("planner", "planner", quick=None),
+    Benchmark("plan_optimum", "timetabled plans; beside an independent optimum", quick=None, needs=("scipy",)),
+    Benchmark("scene", "scene of the train; beside rosbags"),
+    Benchmark(
+        "composed", "lockstep graph; beside a bare rclpy ring", quick=("--ticks", "500", "--rounds", "2"),
+        needs=("rclpy",),
+    ),
+    Benchmark(
+        "recorder", "recorder; beside the mcap package",
+        quick=("--seconds", "5", "--ticks", "1000", "--rounds", "1"), needs=("rclpy",),
+    ),
+    Benchmark("frames", "tables of an hour; beside rosbags", quick=None),
+    Benchmark("report", "report of an hour; beside reading alone", quick=None),
+    Benchmark(
+        "sweep", "sweep on Dask: two workers beside one, overhead of a run, a killed worker",
+        quick=("--runs", "30", "--duration", "60"), needs=("distributed",),
+    ),
+    Benchmark("view", "live page", quick=None, needs=("rclpy", "/chromium")),
+)  # fmt: skip
+"""Benchmarks in the order of their runs."""
 
 
 def chosen(only: str | None, quick: bool) -> list[Benchmark]:
@@ -95,45 +147,61 @@ def measured(benchmark: Benchmark, quick: bool) -> tuple[list[dict[str, Any]], s
     return figures, "" if figures else "no figures", ""
 
 
-def run_benchmarks(benchmarks: Sequence[Benchmark], quick: bool, entry: dict[str, Any]) -> None:
-    """Run benchmarks and add their figures to an entry of the history, also before an interruption."""
+def run_benchmarks(benchmarks: Sequence[Benchmark], quick: bool, run: dict[str, Any]) -> None:
+    """Run benchmarks and add their figures to those of a run, also before an interruption."""
     for number, benchmark in enumerate(benchmarks, 1):
         sys.stderr.write(f"[{number}/{len(benchmarks)}] {benchmark.name}: {benchmark.summary}\n")
-        lacking = missing(benchmark)
-        if lacking:
-            entry["left_out"][benchmark.name] = f"not installed: {', '.join(lacking)}"
+        if lacking := missing(benchmark):
+            run["left_out"][benchmark.name] = f"not installed: {', '.join(lacking)}"
             continue
-        begin = time.perf_counter()
         try:
             figures, failure, unable = measured(benchmark, quick)
         except subprocess.TimeoutExpired:
             figures, failure, unable = [], f"not finished after {LIMIT_S:g} s", ""
-        entry["figures"] += figures
-        entry["wall_s"][benchmark.name] = round(time.perf_counter() - begin, 1)
-        if failure:
-            entry["failed"][benchmark.name] = failure
-        if unable:
-            entry["left_out"][benchmark.name] = unable
+        run["figures"] += figures
+        for kind, reason in (("failed", failure), ("left_out", unable)):
+            if reason:
+                run[kind][benchmark.name] = reason
 
 
-def new_entry(quick: bool) -> dict[str, Any]:
-    """Return an entry of the history without figures."""
-    now = datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds")
-    facts = {"date": now, **commit_facts(), "quick": quick, "machine": machine_facts()}
-    return {**facts, "figures": [], "wall_s": {}, "left_out": {}, "failed": {}}
+def machine() -> str:
+    """Return processor cores, load and versions as text."""
+    packages = ", ".join(f"{name} {version(name)}" for name in ("numpy", "numba", "rosbags"))
+    cores, load = len(os.sched_getaffinity(0)), os.getloadavg()[0]
+    return f"{platform.platform()}, {cores} cores, load {load:.2f}, Python {platform.python_version()}, {packages}"
 
 
-def compare(history: Path, names: Sequence[str], as_json: bool) -> int:
-    """Print the figures of two commits side by side; return the exit status."""
-    one, other = (entry_of(history, git("rev-parse", "--verify", "--quiet", name) or name) for name in names)
-    rows = compare_entries(one, other)
-    if as_json:
-        sys.stdout.write(json.dumps({"one": one["commit"], "other": other["commit"], "rows": rows}, indent=2) + "\n")
-        return 0
-    for line in other_machine(one, other):
-        sys.stdout.write(f"not the same machine: {line}\n")
-    print_comparison(rows, one["commit"][:10], other["commit"][:10])
-    return 0
+def print_rows(titles: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+    """Print a table: the first two columns to the left."""
+    table = [list(titles), *(list(row) for row in rows)]
+    widths = [max(len(row[column]) for row in table) for column in range(len(titles))]
+    for row in table:
+        pairs = enumerate(zip(row, widths, strict=True))
+        cells = [text.ljust(width) if column < 2 else text.rjust(width) for column, (text, width) in pairs]
+        sys.stdout.write("  ".join(cells).rstrip() + "\n")
+
+
+def _row(figure: dict[str, Any]) -> list[str]:
+    beside = "" if figure["beside_value"] is None else f"{figure['beside_value']:.4g} ({figure['beside']})"
+    ratio = "" if figure["ratio"] is None else f"{figure['ratio']:.4g}"
+    sign = "at least" if figure["at_least"] else "at most"
+    goal = "" if figure["bound"] is None else f"{sign} {figure['bound']:.4g}"
+    value = f"{figure['value']:.4g} {figure['unit']}".rstrip()
+    return [figure["benchmark"], figure["what"], value, beside, ratio, goal, figure["verdict"]]
+
+
+def print_run(run: dict[str, Any]) -> None:
+    """Print the table of a run, then missed goals, left-out and failed benchmarks."""
+    sys.stdout.write(run["machine"] + "\n")
+    print_rows(("benchmark", "figure", "value", "beside", "ratio", "goal", ""), map(_row, run["figures"]))
+    missed = [figure for figure in run["figures"] if figure["verdict"].startswith("missed")]
+    goals = sum(figure["bound"] is not None for figure in run["figures"])
+    for figure in missed:
+        sys.stdout.write(f"{figure['verdict']}: {figure['benchmark']}: {figure['what']}\n")
+    for kind in ("left_out", "failed"):
+        for name, reason in run[kind].items():
+            sys.stdout.write(f"{kind.replace('_', ' ')}: {name}: {reason}\n")
+    sys.stdout.write(f"{goals - len(missed)} of {goals} goals met\n")
 
 
 def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
@@ -142,40 +210,34 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     )
     parser.add_argument("--only", metavar="NAME[,NAME...]", help="some benchmarks")
     parser.add_argument("--quick", action="store_true", help="shorter runs, and without the longest benchmarks")
-    parser.add_argument("--history", type=Path, default=HISTORY, metavar="FILE", help="default: %(default)s")
-    parser.add_argument("--compare", nargs=2, metavar=("COMMIT_A", "COMMIT_B"), help="compare two commits")
     parser.add_argument("--list", action="store_true", help="print names and summaries")
     parser.add_argument("--json", action="store_true", help="print one JSON value and nothing else")
     return parser.parse_args(arguments)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run or compare benchmarks; return the exit status: 0 also for missed goals, 1 for a failure, 2 for bad input."""
+    """Run benchmarks; return the exit status: 0 also for missed goals, 1 for a failure, 2 for bad input."""
     options = _options(arguments)
+    if options.list:
+        print_rows(("name", "figures"), ((entry.name, entry.summary) for entry in BENCHMARKS))
+        return 0
     try:
-        if options.list:
-            print_rows(("name", "figures"), ((entry.name, entry.summary) for entry in BENCHMARKS))
-            return 0
-        if options.compare:
-            return compare(options.history, options.compare, options.json)
         benchmarks = chosen(options.only, options.quick)
     except ValueError as error:
         sys.stderr.write(f"bench: {error}\n")
         return 2
-    entry = new_entry(options.quick)
+    run: dict[str, Any] = {"machine": machine(), "figures": [], "left_out": {}, "failed": {}}
     interrupted = False
     try:
-        run_benchmarks(benchmarks, options.quick, entry)
+        run_benchmarks(benchmarks, options.quick, run)
     except KeyboardInterrupt:
         interrupted = True
         sys.stderr.write("bench: interrupted\n")
-    if entry["figures"]:
-        append_entry(options.history, entry)
     if options.json:
-        sys.stdout.write(json.dumps(entry, indent=2) + "\n")
+        sys.stdout.write(json.dumps(run, indent=2) + "\n")
     else:
-        print_entry(entry)
-    return int(interrupted or bool(entry["failed"]))
+        print_run(run)
+    return int(interrupted or bool(run["failed"]))
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@
 
 A row is one topic of a train with 106 vehicles, one power unit and an air brake: microseconds for a message with the
 codec of the topic table and with the serialiser of ``rosbags``, and their ratio.  Both are timed in turns; the best
-time counts.  The exit status is 1 if the ratio of ``train/vehicles`` is far below its goal (see goals.py).
+time counts.  The exit status is 1 if the ratio of ``train/vehicles`` is far below its goal (see figures.py).
 """
 
 from __future__ import annotations
@@ -16,8 +16,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from figures import Figure, publish
-from goals import Goal, judge
+from figures import Figure, Goal, judge, publish
 
 from train_ato.messages.codec.cdr import typestore
 from train_ato.messages.codec.codec import Wire

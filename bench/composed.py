@@ -13,7 +13,7 @@ The goals: the ratio is below 1.5, the recorded run is 150 times as fast as the 
 line with speed limits) takes at most 8 % longer than the same run without, in turns too.  The floor of the last one is
 the ring with a supervisor and the five topics of the supervision, compared with the ring without.  Runs with clocks
 around the parts give the share of each part in the time without clocks.  The exit status is 1 if a goal is missed
-widely (see goals.py).
+widely (see figures.py).
 """
 
 from __future__ import annotations
@@ -31,8 +31,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from figures import Figure, publish
-from goals import Goal, judge
+from figures import Figure, Goal, judge, publish
 
 from plant_sim.warm_up import compile_kernel
 from train_ato.loop.setup import RunSetup, prepare

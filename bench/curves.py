@@ -5,7 +5,7 @@
 The curves are those of the HXD1 + 105 C80 train on the section with the long downhill grades, with its speed limits and
 an end of authority.  The evaluation moves the train through the braking area with another acceleration and odometry
 error at every tick.  Floors in the same run: a pass over the vehicles for the computation; two searches in the speed
-limits and a new record for the tick.  The exit status is 1 if a goal is missed widely (see goals.py).
+limits and a new record for the tick.  The exit status is 1 if a goal is missed widely (see figures.py).
 """
 
 from __future__ import annotations
@@ -15,8 +15,7 @@ import time
 from bisect import bisect_right
 from collections.abc import Callable
 
-from figures import Figure
-from goals import Goal, judge
+from figures import Figure, Goal, judge
 
 from plant_sim.library import load_consist, load_line
 from plant_sim.plant_setup import PlantSetup

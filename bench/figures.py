@@ -1,6 +1,8 @@
-"""A figure of a benchmark beside its floor or peer, and the file that collects the figures of a script.
+"""A figure of a benchmark beside its floor or peer, its goal, and the file that collects the figures of a script.
 
 ``python -m bench`` names the file in the environment variable :data:`FILE`; a script that is started alone has none.
+Times on a shared machine are upper bounds: a goal missed by less than the margin is reported and passes; a goal missed
+by more gives exit status 1.
 """
 
 from __future__ import annotations
@@ -8,6 +10,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import sys
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -73,11 +76,37 @@ class Figure:
         return {**asdict(self), "ratio": self.ratio, "verdict": self.verdict}
 
 
+def Goal(  # noqa: N802  (a figure with a bound)
+    what: str,
+    value: float,
+    bound: float,
+    unit: str = "",
+    at_least: bool = False,
+    *,
+    beside: str = "",
+    beside_value: float | None = None,
+) -> Figure:
+    """Return a figure with an upper or lower bound."""
+    return Figure(what, value, unit, beside, beside_value, bound, at_least)
+
+
 def publish(*figures: Figure) -> None:
     """Append figures to the file of ``python -m bench``; nothing without it."""
     if name := os.environ.get(FILE):
         with Path(name).open("a", encoding="utf-8") as file:
             file.writelines(json.dumps(figure.as_data()) + "\n" for figure in figures)
+
+
+def judge(goals: Iterable[Figure], *, quiet: bool = False) -> int:
+    """Publish figures and print a line for each goal; return the exit status, 1 if one is missed widely."""
+    status = 0
+    for goal in goals:
+        publish(goal)
+        status = max(status, int(goal.verdict == "missed widely"))
+        if goal.bound is not None and not quiet:
+            bound = f"{'at least' if goal.at_least else 'at most'} {goal.bound:g} {goal.unit}".rstrip()
+            sys.stdout.write(f"goal: {goal.what}: {bound}: {goal.value:.3g}, {goal.verdict}\n")
+    return status
 
 
 def published(path: Path) -> list[dict[str, Any]]:

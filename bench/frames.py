@@ -6,7 +6,7 @@ Without RUN an hour of the heavy-haul train is simulated first (36 000 ticks, 10
 opened in a new process on one core, without the time of the imports; the best of several counts.  The other readers
 make message objects, not tables, so their time is a lower bound.  Times are processor times of that core, independent
 of other load; the wall time is given beside them.  The goal: below 3 s.  The exit status is 1 if it is missed widely
-(see goals.py).
+(see figures.py).
 """
 
 from __future__ import annotations
@@ -22,8 +22,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from figures import Figure, publish
-from goals import Goal, judge
+from figures import Figure, Goal, judge, publish
 
 MOST_S = 3.0
 REPEATS = 5

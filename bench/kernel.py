@@ -5,7 +5,7 @@
 The figures are nanoseconds per vehicle and plant step (5 ms, ticks of 0.1 s), the best of several runs.  `tick` calls
 `Train.advance` for every tick; `batch` calls `advance_trains` for 100 ticks of one train in one thread.  A bare loop
 has the loads, stores and divisions of a loop of the kernel and no other work than sums.  The exit status is 1 if a goal
-is missed widely (see goals.py).
+is missed widely (see figures.py).
 """
 
 from __future__ import annotations
@@ -17,8 +17,7 @@ from collections.abc import Callable
 
 import kernel_loops
 import numpy as np
-from figures import Figure, publish
-from goals import Goal, judge
+from figures import Figure, Goal, judge, publish
 from plain_numpy_train import PlainTrain
 
 from plant_sim import kernel as k

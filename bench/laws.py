@@ -5,7 +5,7 @@
 Every law first controls a suitable train; its inputs there are stored and used again in several rounds.  The time of a
 step is the best of these rounds, because other load on the machine only adds time.  Median and 99th percentile are over
 the steps, so a longer step (a new identification of a model) is included.  The goals are medians; the exit status is 1
-if one is missed widely (see goals.py).
+if one is missed widely (see figures.py).
 """
 
 from __future__ import annotations
@@ -18,8 +18,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from figures import Figure
-from goals import judge
+from figures import Figure, judge
 
 from train_ato.control.contract import LawInput, LawOutput
 from train_ato.control.registry import LAWS

@@ -5,7 +5,7 @@
 The command is ``train-ato run daqin_heavy_haul --engine``, 106 vehicles, every topic, with the log, the summary and the
 figure.  The memory is the largest resident size of its process.  The floor is a run of ten seconds: interpreter,
 packages and compiled kernels.  The goal is at most 400 MB for an hour; the exit status is 1 if it is missed widely (see
-goals.py).
+figures.py).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import sys
 import tempfile
 
 from child import python_command
-from goals import Goal, judge
+from figures import Goal, judge
 
 MOST_MB = 400.0
 SCENARIO = "daqin_heavy_haul"

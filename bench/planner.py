@@ -2,7 +2,7 @@
 
 Run: ``python bench/planner.py``; the first line includes the compilation (cached by numba for later runs).  The goals
 for plans of least time, after the compilation: 286 km in about 0.5 s, 48 km of the freight line in about 0.1 s.  The
-exit status is 1 if one is missed widely (see goals.py).
+exit status is 1 if one is missed widely (see figures.py).
 """
 
 from __future__ import annotations
@@ -12,8 +12,7 @@ import time
 from collections.abc import Callable
 from functools import partial
 
-from figures import Figure, publish
-from goals import Goal, judge
+from figures import Figure, Goal, judge, publish
 
 from plant_sim.consist import Consist
 from plant_sim.library import load_consist, load_line

@@ -15,7 +15,7 @@ share in the graph's thread must be below a fifth.
 with the same checksums: time of a message and size of the log of a simulated hour.  ``with disturbances`` is the size
 of the same run with the true disturbances, a topic of some runs only.
 
-The exit status is 1 if a message is lost or a goal is missed widely (see goals.py).
+The exit status is 1 if a message is lost or a goal is missed widely (see figures.py).
 """
 
 from __future__ import annotations
@@ -33,8 +33,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from figures import Figure, publish
-from goals import Goal, judge
+from figures import Figure, Goal, judge, publish
 from graph_share import TIMES, one_process
 from log_writers import HOUR, compared
 

@@ -4,7 +4,7 @@
 
 Without RUN an hour of the heavy-haul train is simulated first (36 000 ticks, 106 vehicles, every topic).  The time of a
 report is that of the command in a new process with its imports; the best of several counts.  The goals: below 6 s and
-below 3 MB.  The exit status is 1 if one is missed widely (see goals.py).
+below 3 MB.  The exit status is 1 if one is missed widely (see figures.py).
 """
 
 from __future__ import annotations
@@ -15,9 +15,8 @@ import sys
 import time
 from pathlib import Path
 
-from figures import Figure, publish
+from figures import Figure, Goal, judge, publish
 from frames import measured, run_of_an_hour
-from goals import Goal, judge
 
 MOST_S, MOST_MB = 6.0, 3.0
 REPEATS = 3

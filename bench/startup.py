@@ -5,7 +5,7 @@
 Every round runs each command once in a new process, in turns; the best round of each counts, because other load only
 adds time.  The floors are an interpreter without a program and one that imports numpy.  A run stops at its first step
 of the plant; the kernels are in the cache from a first run.  The goals: help in 0.2 s; the first tick in 1.5 s, with
-ROS nodes in one process (default) and in the engine.  The exit status is 1 if one is missed widely (see goals.py).
+ROS nodes in one process (default) and in the engine.  The exit status is 1 if one is missed widely (see figures.py).
 """
 
 from __future__ import annotations
@@ -15,8 +15,7 @@ import sys
 import tempfile
 
 from child import python_command
-from figures import Figure
-from goals import Goal, judge
+from figures import Figure, Goal, judge
 
 HELP_S, TICK_S = 0.2, 1.5
 FIRST_TICK = """

@@ -8,7 +8,7 @@ transfer, waiting), with one worker.  On a busy machine the wall times contain t
 also given as processor time: of the worker's part in this process, and of this process during the sweep.  Start and
 metrics of the engine are part of every run and are given beside it.  Goals for 1 000 runs: two workers at least 1.8
 times as fast as one, overhead at most 5 ms of processor time, no run lost or doubled.  The exit status is 1 if a goal
-is missed widely (see goals.py).
+is missed widely (see figures.py).
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from goals import Goal, judge
+from figures import Goal, judge
 
 from plant_sim.warm_up import compile_kernel
 from train_ato.apps.sweep import row

@@ -5,7 +5,7 @@
 The times are medians over the ticks of a run of 60 s, without the log. The floor is the time of the kernel for the
 steps of a tick. Some runs are also measured whole, in Python and in compiled spans (:mod:`train_ato.loop.spans`), with
 equal numbers; ``bench/tick_parts.py`` has the parts of a span. One of them has a law in Python, ``examples/my_law.py``;
-its goal is 1500 times real time. The exit status is 1 if it is missed widely (see goals.py). The messages of a
+its goal is 1500 times real time. The exit status is 1 if it is missed widely (see figures.py). The messages of a
 tick are dataclasses without the run-time check of frozen fields (:func:`plant_sim.states.frozen_for_types`); the last
 line compares one of them with the frozen form.
 """
@@ -22,8 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from figures import Figure, publish
-from goals import Goal, judge
+from figures import Figure, Goal, judge, publish
 
 from plant_sim import kernel
 from plant_sim.states import Measurement

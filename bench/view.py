@@ -23,7 +23,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from goals import Goal, judge
+from figures import Goal, judge
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "test"))
 

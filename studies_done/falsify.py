@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 sys.path.insert(0, str(Path(__file__).parent.parent / "bench"))
-from goals import Goal, judge
+from figures import Goal, judge
 from planted_faults import BASE, FAULTS
 
 import train_ato as ta

@@ -17,7 +17,7 @@ import time
 from typing import Any, NamedTuple
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "bench"))
-from goals import Goal, judge
+from figures import Goal, judge
 from kernel import RELEASED
 from kernel_cycles import tick_cycles
 from processor_counters import ProcessorCounters

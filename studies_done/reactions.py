@@ -4,7 +4,7 @@
 
 A graph with one process per node runs at the rate 1, so that simulated time is wall time.  A node is killed; the time
 to the first brake of the train counts from the stamp of its first missing message.  The goal is 0.6 s at 10 and 50 Hz;
-the exit status is 1 if it is missed widely (see goals.py).  ``test/test_reaction_times.py`` has the reactions to lost
+the exit status is 1 if it is missed widely (see figures.py).  ``test/test_reaction_times.py`` has the reactions to lost
 messages in simulated time.
 """
 
@@ -17,7 +17,7 @@ import tempfile
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "bench"))
-from goals import Goal, judge
+from figures import Goal, judge
 
 from msgs_docs.generate.fault_table import BASES
 from plant_sim.warm_up import compile_kernel

@@ -2,7 +2,7 @@
 
 Run: ``python studies_done/requirements.py`` (``--json`` for data); rtamt is a dependency of the tests, ``pip install rtamt``.
 The signals are random walks; the times do not depend on their values.  The goal: at most 2 ms per formula and hour.
-The exit status is 1 if it is missed widely (see goals.py).
+The exit status is 1 if it is missed widely (see figures.py).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 sys.path.insert(0, str(Path(__file__).parent.parent / "bench"))
-from goals import Goal, judge
+from figures import Goal, judge
 
 from train_ato.loop.robustness import robustness_at_start, robustness_bounds, robustness_series
 from train_ato.scenario.formula import signals_of

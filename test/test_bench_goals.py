@@ -13,9 +13,19 @@ import pytest
 BENCH = Path(__file__).resolve().parents[1] / "bench"
 sys.path.insert(0, str(BENCH))
 import figures  # noqa: E402
-import goals  # noqa: E402
-import history  # noqa: E402
-import registry  # noqa: E402
+
+
+def loaded(path: Path, name: str) -> ModuleType:
+    """Return the module of a script."""
+    spec = importlib.util.spec_from_file_location(name, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = sys.modules[name] = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+command = loaded(BENCH / "__main__.py", "bench_command")
 
 
 @pytest.mark.parametrize(
@@ -33,16 +43,16 @@ def test_verdict_and_exit_status(
     value: float, at_least: bool, verdict: str, status: int, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Breaks if an upper bound counts as a lower one, or a wide miss gives exit status 0."""
-    goal = goals.Goal("something", value, 100.0, "us", at_least)
-    assert goals.judge([goals.Goal("else", 1.0, 2.0), goal]) == status
+    goal = figures.Goal("something", value, 100.0, "us", at_least)
+    assert figures.judge([figures.Goal("else", 1.0, 2.0), goal]) == status
     assert capsys.readouterr().out.splitlines()[1].endswith(f"100 us: {value:.3g}, {verdict}")
 
 
 def test_figures_of_a_script_are_collected(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Breaks if a figure loses its floor, its ratio or its verdict on the way to the history."""
+    """Breaks if a figure loses its floor, its ratio or its verdict on the way to the command."""
     file = tmp_path / "figures.jsonl"
     monkeypatch.setenv(figures.FILE, str(file))
-    goals.judge([goals.Goal("a", 3.0, 4.0, "s", beside="floor", beside_value=1.5)], quiet=True)
+    figures.judge([figures.Goal("a", 3.0, 4.0, "s", beside="floor", beside_value=1.5)], quiet=True)
     figures.publish(figures.Figure("lost", 1.0, bound=0.0), figures.Figure("plain", 2.0, "us"))
     a, lost, plain = figures.published(file)
     assert (a["ratio"], a["verdict"], a["beside"]) == (2.0, "met", "floor")
@@ -50,30 +60,8 @@ def test_figures_of_a_script_are_collected(tmp_path: Path, monkeypatch: pytest.M
     assert plain["verdict"] == ""
 
 
-def entry(commit: str, value: float, floor: float | None, **machine: str) -> dict[str, object]:
-    figure = figures.Figure("tick", value, "us", "kernel", floor)
-    return {"commit": commit, "machine": machine, "figures": [{"benchmark": "tick", **figure.as_data()}]}
-
-
-def test_two_commits_are_compared_by_their_ratio_to_the_floor(tmp_path: Path) -> None:
-    """Breaks if a slower machine looks like a slower program, or an older run of a commit replaces the latest."""
-    file = tmp_path / "runs" / "history.jsonl"
-    for one in (entry("aaaa", 1.0, 1.0), entry("aaaa", 100.0, 20.0, python="3.11"), entry("bbbb", 300.0, 50.0)):
-        history.append_entry(file, one)
-    a, b = history.entry_of(file, "aa"), history.entry_of(file, "bbbb")
-    (row,) = history.compare_entries(a, b)
-    assert (row["one"], row["other"], row["compared"]) == (100.0, 300.0, "ratio")
-    assert row["change"] == pytest.approx(6.0 / 5.0)
-    assert history.other_machine(a, b) == ["python: 3.11 and None"]
-    with pytest.raises(ValueError, match=r"--compare cc: no run of this commit in .*; commits: aaaa, bbbb"):
-        history.entry_of(file, "cc")
-    file.write_text("{")
-    with pytest.raises(ValueError, match="line 1: not JSON"):
-        list(history.entries(file))
-
-
-@pytest.mark.parametrize("benchmark", registry.BENCHMARKS, ids=lambda benchmark: benchmark.name)
-def test_every_benchmark_is_a_script_that_publishes(benchmark: registry.Benchmark) -> None:
+@pytest.mark.parametrize("benchmark", command.BENCHMARKS, ids=lambda benchmark: benchmark.name)
+def test_every_benchmark_is_a_script_that_publishes(benchmark: command.Benchmark) -> None:
     """Breaks if a row of the registry has no script, its script reports no figure, or needs a name that is gone."""
     path = BENCH / f"{benchmark.name}.py"
     text = path.read_text(encoding="utf-8")
@@ -84,37 +72,24 @@ def test_every_benchmark_is_a_script_that_publishes(benchmark: registry.Benchmar
     loaded(path, f"bench_{benchmark.name}")
 
 
-def loaded(path: Path, name: str) -> ModuleType:
-    """Return the module of a script."""
-    spec = importlib.util.spec_from_file_location(name, path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = sys.modules[name] = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 def test_a_missed_goal_has_exit_status_0_and_a_failed_script_1(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Breaks if a missed goal fails the command or is not printed, or a failed script passes."""
-    command = loaded(BENCH / "__main__.py", "bench_command")
     (tmp_path / "slow.py").write_text(
         f"import sys; sys.path.insert(0, {str(BENCH)!r})\n"
-        "from goals import Goal, judge\nsys.exit(judge([Goal('time', 9.0, 1.0, 's')]))\n"
+        "from figures import Goal, judge\nsys.exit(judge([Goal('time', 9.0, 1.0, 's')]))\n"
     )
     (tmp_path / "broken.py").write_text("raise RuntimeError('no')\n")
     monkeypatch.setattr(command, "HERE", tmp_path)
-    rows = tuple(registry.Benchmark(name, "made up") for name in ("slow", "broken"))
+    rows = tuple(command.Benchmark(name, "made up") for name in ("slow", "broken"))
     monkeypatch.setattr(command, "BENCHMARKS", rows)
-    saved = tmp_path / "history.jsonl"
-    assert command.main(["--only", "slow", "--history", str(saved)]) == 0
+    assert command.main(["--only", "slow"]) == 0
     out = capsys.readouterr().out
     assert "missed widely: slow: time" in out
     assert "0 of 1 goals met" in out
-    assert command.main(["--only", "slow,broken", "--history", str(saved), "--json"]) == 1
+    assert command.main(["--only", "slow,broken", "--json"]) == 1
     found = json.loads(capsys.readouterr().out)
     assert found["failed"] == {"broken": "exit status 1: RuntimeError: no"}
     assert [figure["what"] for figure in found["figures"]] == ["time"]
-    assert command.main(["--only", "none", "--history", str(saved)]) == 2
-    assert len(list(history.entries(saved))) == 2
+    assert command.main(["--only", "none"]) == 2
