@@ -7,7 +7,8 @@ from itertools import pairwise
 from pydantic import Field, model_validator
 
 from plant_sim.number_text import number_text
-from plant_sim.units import Acceleration, Force, Pressure, Ratio, SiModel, Speed, Time
+from plant_sim.si_model import SiModel
+from plant_sim.units import Acceleration, Force, Pressure, Ratio, Speed, Time
 
 
 class Shoes(SiModel):

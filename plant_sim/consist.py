@@ -14,8 +14,9 @@ from plant_sim.brake_data import AirBrake, EmergencyBrake, Shoes
 from plant_sim.formats.notes import print_assumption
 from plant_sim.gears import DraftGear
 from plant_sim.number_text import number_text
+from plant_sim.si_model import SiModel
 from plant_sim.summation import plain_sum
-from plant_sim.units import GRAVITY, Force, Length, Mass, Power, SiModel, Speed
+from plant_sim.units import GRAVITY, Force, Length, Mass, Power, Speed
 
 SCHEMA = "train_ato/consist/1"
 MIN_VEHICLE_MASS = 500.0

@@ -14,8 +14,9 @@ from pydantic import Field, model_validator
 
 from plant_sim.elementary import cos_each, sin_each
 from plant_sim.line import check_grade
+from plant_sim.si_model import SiModel
 from plant_sim.states import Array
-from plant_sim.units import Acceleration, Force, Length, SiModel, Slope, Time
+from plant_sim.units import Acceleration, Force, Length, Slope, Time
 
 Vehicles = tuple[int, ...]
 

@@ -8,7 +8,8 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from plant_sim.number_text import number_text
-from plant_sim.units import Damping, Force, Length, SiModel, Speed, Stiffness
+from plant_sim.si_model import SiModel
+from plant_sim.units import Damping, Force, Length, Speed, Stiffness
 
 
 class GearCurve(SiModel):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, get_args
 if TYPE_CHECKING:
     from pydantic import BaseModel, ValidationError
 
-    from plant_sim.units import SiModel
+    from plant_sim.si_model import SiModel
 
 
 _Model = TypeVar("_Model", bound="SiModel")
@@ -172,7 +172,7 @@ def _has_value(model: type[BaseModel], value: Any) -> bool:
 
 def _keys_of(models: set[type[BaseModel]]) -> set[str]:
     """Return the keys of models, including those with unit suffixes."""
-    from plant_sim.units import SiModel
+    from plant_sim.si_model import SiModel
 
     keys: set[str] = set()
     for entry in models:

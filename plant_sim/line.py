@@ -10,7 +10,8 @@ from pydantic import Field, model_validator
 
 from plant_sim.line_sections import AdhesionSection, NeutralSection, PowerLimit, TemporaryRestriction
 from plant_sim.number_text import number_text
-from plant_sim.units import Length, SiModel, Slope, Speed
+from plant_sim.si_model import SiModel
+from plant_sim.units import Length, Slope, Speed
 
 SCHEMA = "train_ato/line/1"
 MAX_GRADE = 0.5

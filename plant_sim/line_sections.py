@@ -9,7 +9,8 @@ from __future__ import annotations
 from pydantic import Field, model_validator
 
 from plant_sim.number_text import number_text
-from plant_sim.units import Length, Power, Ratio, SiModel, Speed
+from plant_sim.si_model import SiModel
+from plant_sim.units import Length, Power, Ratio, Speed
 
 
 class LineSection(SiModel):

@@ -12,7 +12,8 @@ from pydantic import Field, model_validator
 
 from plant_sim.disturbances import DisturbanceSource
 from plant_sim.gears import DraftGear
-from plant_sim.units import Force, ForceRate, Length, Ratio, SiModel, Speed, Time
+from plant_sim.si_model import SiModel
+from plant_sim.units import Force, ForceRate, Length, Ratio, Speed, Time
 
 MAX_START_SPEED = 300.0
 """Largest initial speed [m/s]."""

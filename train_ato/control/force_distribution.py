@@ -15,8 +15,9 @@ from collections.abc import Sequence
 
 from pydantic import Field, model_validator
 
+from plant_sim.si_model import SiModel
 from plant_sim.summation import plain_sum
-from plant_sim.units import Length, Ratio, SiModel
+from plant_sim.units import Length, Ratio
 from train_ato.control.rows_by_place import check_rows, row_at
 
 SUM_TOLERANCE = 0.005

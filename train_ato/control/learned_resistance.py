@@ -23,7 +23,8 @@ from plant_sim.consist import Consist
 from plant_sim.input_error import build_model
 from plant_sim.library import read_yaml
 from plant_sim.line import Line
-from plant_sim.units import Acceleration, Length, SiModel
+from plant_sim.si_model import SiModel
+from plant_sim.units import Acceleration, Length
 from train_ato.messages.types import Array
 
 SCHEMA = "train_ato/learned/1"

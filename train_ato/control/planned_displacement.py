@@ -19,7 +19,8 @@ from collections.abc import Sequence
 import numpy as np
 from pydantic import Field
 
-from plant_sim.units import Length, SiModel
+from plant_sim.si_model import SiModel
+from plant_sim.units import Length
 from train_ato.control.rows_by_place import check_rows
 from train_ato.messages.types import Measurement
 

@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from plant_sim.elementary import sin_each
+from plant_sim.si_model import SiModel
 from plant_sim.streams import random_stream
-from plant_sim.units import Ratio, SiModel, Time
+from plant_sim.units import Ratio, Time
 from train_ato.messages.types import Array
 
 MAX_DELAY = 600.0

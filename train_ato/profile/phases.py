@@ -12,9 +12,10 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from plant_sim.consist import Consist
+from plant_sim.si_model import SiModel
 from plant_sim.summation import plain_sum
 from plant_sim.traction import Envelope
-from plant_sim.units import Acceleration, Jerk, Length, SiModel, Speed, Time
+from plant_sim.units import Acceleration, Jerk, Length, Speed, Time
 from train_ato.messages.types import Array
 from train_ato.profile.motion import Motion, Piece, change_of_speed
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from pydantic import Field, model_validator
 
-from plant_sim.units import Length, SiModel, Speed, Time
+from plant_sim.si_model import SiModel
+from plant_sim.units import Length, Speed, Time
 from train_ato.messages.types import Array
 from train_ato.profile.knots import knot_count
 from train_ato.profile.profile import Profile

@@ -10,7 +10,8 @@ from typing import Literal, get_args
 
 from pydantic import Field
 
-from plant_sim.units import SiModel, Time
+from plant_sim.si_model import SiModel
+from plant_sim.units import Time
 
 KEY = "ato_request"
 """Key of the controller's diagnostics that contains an accepted request."""

@@ -6,7 +6,8 @@ from typing import Annotated
 
 from pydantic import AfterValidator, Field
 
-from plant_sim.units import Acceleration, Force, Jerk, Length, Ratio, SiModel, Speed, Time
+from plant_sim.si_model import SiModel
+from plant_sim.units import Acceleration, Force, Jerk, Length, Ratio, Speed, Time
 from train_ato.scenario.formula_parser import parse_formula
 
 

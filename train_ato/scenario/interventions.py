@@ -14,7 +14,8 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, TypeAdapter, ValidationError
 
 from plant_sim.number_text import number_text
-from plant_sim.units import Acceleration, SiModel, Time
+from plant_sim.si_model import SiModel
+from plant_sim.units import Acceleration, Time
 from train_ato.messages.faults import MAX_FAULT_TIME
 from train_ato.messages.links import MAX_DELAY
 

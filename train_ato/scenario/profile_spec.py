@@ -9,7 +9,8 @@ from pydantic import Field, model_validator
 
 from plant_sim.consist import Consist
 from plant_sim.line import Line
-from plant_sim.units import Length, SiModel, Time
+from plant_sim.si_model import SiModel
+from plant_sim.units import Length, Time
 from train_ato.messages.types import Array
 from train_ato.profile.file import csv_text, parse_csv, read_profile
 from train_ato.profile.motion import Motion

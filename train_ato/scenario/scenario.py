@@ -20,7 +20,8 @@ from plant_sim.library import read_yaml, split_name
 from plant_sim.line import Line
 from plant_sim.number_text import number_text
 from plant_sim.plant_setup import PlantSetup
-from plant_sim.units import Length, SiModel, Time
+from plant_sim.si_model import SiModel
+from plant_sim.units import Length, Time
 from train_ato.control.air_brake.policy import BrakeSpec
 from train_ato.control.force_distribution import SharesAt
 from train_ato.control.learned_resistance import LearnedResistance

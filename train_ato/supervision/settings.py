@@ -6,7 +6,8 @@ from typing import Literal
 
 from pydantic import Field
 
-from plant_sim.units import Length, Ratio, SiModel, Speed, Time
+from plant_sim.si_model import SiModel
+from plant_sim.units import Length, Ratio, Speed, Time
 
 
 class FailsafeSpec(SiModel):

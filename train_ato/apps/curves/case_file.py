@@ -13,7 +13,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from plant_sim.data_text import parse_json
 from plant_sim.input_error import build_model, kind_of
-from plant_sim.units import SiModel
+from plant_sim.si_model import SiModel
 from train_ato.apps.curves.case_inputs import CurveInputs
 
 MAX_FILE_SIZE = 16 * 2**20

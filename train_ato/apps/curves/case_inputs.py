@@ -11,7 +11,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from plant_sim.units import KMH, SiModel
+from plant_sim.si_model import SiModel
+from plant_sim.units import KMH
 from train_ato.supervision.fixed_values import FixedValues
 from train_ato.supervision.gradient import gradient_acceleration
 from train_ato.supervision.limits import BrakingTarget, TargetLimits

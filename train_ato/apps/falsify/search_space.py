@@ -12,7 +12,7 @@ from pydantic import BaseModel
 
 from plant_sim.input_error import close_match
 from plant_sim.library import read_yaml
-from plant_sim.units import SiModel
+from plant_sim.si_model import SiModel
 from train_ato.apps.runs.scenario_choice import ScenarioChoice
 from train_ato.apps.sweep.dimensions import Dimension, read_dimensions
 from train_ato.messages.types import Array

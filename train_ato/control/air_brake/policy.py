@@ -15,7 +15,8 @@ from pydantic import Field, model_validator
 from plant_sim.compiled import compiled
 from plant_sim.line import Line
 from plant_sim.record import Records, quantity
-from plant_sim.units import Length, Pressure, SiModel, Slope, Speed, Time
+from plant_sim.si_model import SiModel
+from plant_sim.units import Length, Pressure, Slope, Speed, Time
 from train_ato.control.air_brake.blending import BlendedBrake, BlendRules
 from train_ato.control.air_brake.predictive_policy import PredictiveBrake, SpeedProfile
 from train_ato.control.air_brake.predictive_rules import PredictiveRules

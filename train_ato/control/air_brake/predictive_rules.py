@@ -6,7 +6,8 @@ from itertools import pairwise
 
 from pydantic import Field, field_validator, model_validator
 
-from plant_sim.units import Force, Pressure, Ratio, SiModel, Speed, Time
+from plant_sim.si_model import SiModel
+from plant_sim.units import Force, Pressure, Ratio, Speed, Time
 
 
 class PredictiveRules(SiModel):

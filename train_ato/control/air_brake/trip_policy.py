@@ -20,7 +20,8 @@ from pydantic import Field, model_validator
 
 from plant_sim.compiled import compiled
 from plant_sim.record import Records, quantity
-from plant_sim.units import Length, Pressure, Ratio, SiModel, Speed, Time
+from plant_sim.si_model import SiModel
+from plant_sim.units import Length, Pressure, Ratio, Speed, Time
 from train_ato.control.air_brake.record_policy import BrakeNow, BrakePolicy, PolicyForm, lasts, used_share
 from train_ato.control.train_model import STANDSTILL_SPEED
 

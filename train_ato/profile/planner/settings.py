@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from pydantic import Field, model_validator
 
-from plant_sim.units import Acceleration, Jerk, Length, Power, SiModel, Speed, Time
+from plant_sim.si_model import SiModel
+from plant_sim.units import Acceleration, Jerk, Length, Power, Speed, Time
 from train_ato.profile.planner.timing_points import TimingPoint, check_points
 
 

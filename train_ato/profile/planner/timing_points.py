@@ -11,7 +11,8 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
-from plant_sim.units import Length, SiModel, Speed, Time
+from plant_sim.si_model import SiModel
+from plant_sim.units import Length, Speed, Time
 
 
 class TimeWindow(SiModel):

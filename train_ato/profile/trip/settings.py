@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from pydantic import Field, model_validator
 
-from plant_sim.units import Acceleration, Force, ForceRate, Length, Pressure, Ratio, SiModel, Speed, Time
+from plant_sim.si_model import SiModel
+from plant_sim.units import Acceleration, Force, ForceRate, Length, Pressure, Ratio, Speed, Time
 
 
 class AirBrakeRules(SiModel):

@@ -1,0 +1,173 @@
+"""Base of the models of data files: keys with the suffix of another unit, strict types, no unknown keys.
+
+The JSON Schema of a model contains the keys with and without suffix, so that editors complete and check them.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any, get_args
+
+from pydantic import BaseModel, ConfigDict, GetJsonSchemaHandler, ValidationError, model_validator
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError
+
+from plant_sim.units import Unit, unit_symbol
+
+
+def _unit_of(metadata: list[Any], annotation: Any) -> Unit | None:
+    """Return the Unit of a field, also inside list[...], tuple[...] and X | None; None without one."""
+    for entry in metadata:
+        if isinstance(entry, Unit):
+            return entry
+    for argument in get_args(annotation):
+        found = _unit_of(list(getattr(argument, "__metadata__", ())), argument)
+        if found is not None:
+            return found
+    return None
+
+
+def _types_in(annotation: Any) -> set[Any]:
+    """Return the plain types of an annotation, also inside list[...], tuple[...] and X | None."""
+    arguments = get_args(annotation)
+    return set().union(*(_types_in(argument) for argument in arguments)) if arguments else {annotation}
+
+
+def _scalars(value: Any) -> list[Any]:
+    """Return the scalars of a value or of nested lists of values."""
+    return [scalar for entry in value for scalar in _scalars(entry)] if isinstance(value, (list, tuple)) else [value]
+
+
+def _type_mismatch(kinds: set[Any], value: Any) -> str | None:
+    """Return the error text for a value that pydantic would convert (true to 1, '5' to 5); None for others."""
+    scalars = _scalars(value)
+    if kinds & {int, float}:
+        if bool not in kinds and any(isinstance(scalar, bool) for scalar in scalars):
+            return "input should be a number, not true or false"
+        if str not in kinds and any(isinstance(scalar, str) for scalar in scalars):
+            return f"input should be a number, not text{_decimal_comma(scalars)}"
+    elif bool in kinds and not isinstance(value, bool):
+        return "input should be true or false"
+    elif kinds <= {str, type(None)} and any(isinstance(scalar, (bool, int, float)) for scalar in scalars):
+        return "input should be text; write it in quotes"
+    return None
+
+
+def _decimal_comma(scalars: list[Any]) -> str:
+    """Return the remedy for a number with a decimal comma; empty for other texts."""
+    whole, comma, part = next((scalar for scalar in scalars if isinstance(scalar, str)), "").partition(",")
+    number = comma and whole.lstrip("+-").isdigit() and part.isdigit()
+    return f"; write {whole}.{part} with a decimal point" if number else ""
+
+
+def _divide(value: Any, divisor: float) -> Any:
+    if isinstance(value, bool) or not isinstance(value, (int, float, list, tuple)):
+        return value
+    if isinstance(value, (list, tuple)):
+        return [_divide(entry, divisor) for entry in value]
+    return value / divisor
+
+
+_BOUNDS = frozenset({"minimum", "maximum", "exclusiveMinimum", "exclusiveMaximum"})
+
+
+def _scaled(part: Any, divisor: float) -> Any:
+    """Return the JSON Schema of a quantity with bounds in another unit and without default."""
+    if isinstance(part, list):
+        return [_scaled(entry, divisor) for entry in part]
+    if not isinstance(part, dict):
+        return part
+    return {
+        key: float(f"{value * divisor:.12g}") if key in _BOUNDS else _scaled(value, divisor)
+        for key, value in part.items()
+        if key != "default"
+    }
+
+
+def _described(part: dict[str, Any], unit: str) -> dict[str, Any]:
+    """Return the JSON Schema of a quantity with the unit after its description."""
+    return {**part, "description": f"{part.get('description', '')} [{unit}]".strip()}
+
+
+@cache
+def _suffixed_keys(model: type[BaseModel]) -> dict[str, tuple[str, float]]:
+    """Return the field and the divisor of every key with a suffix; every validation of the model needs them."""
+    keys: dict[str, tuple[str, float]] = {}
+    for name, field in model.model_fields.items():
+        unit = _unit_of(list(field.metadata), field.annotation)
+        for suffix, divisor in unit.suffixes if unit else ():
+            keys[f"{name}_{suffix}"] = (name, divisor)
+    return keys
+
+
+@cache
+def _types_by_key(model: type[BaseModel]) -> dict[str, set[Any]]:
+    """Return the plain types of every key, with and without a suffix; every validation of the model needs them."""
+    types = {name: _types_in(field.annotation) for name, field in model.model_fields.items()}
+    found = {field.alias or name: types[name] for name, field in model.model_fields.items()}
+    return found | {key: types[name] for key, (name, _) in _suffixed_keys(model).items()}
+
+
+class SiModel(BaseModel):
+    """Base of the models of data files: no unknown keys, finite numbers, unit suffixes."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True, populate_by_name=True)
+
+    @classmethod
+    def suffixed_keys(cls) -> dict[str, tuple[str, float]]:
+        """Return the field and the divisor of every key with a suffix."""
+        return dict(_suffixed_keys(cls))
+
+    @model_validator(mode="before")
+    @classmethod
+    def _to_si(cls, data: Any) -> Any:
+        if not isinstance(data, dict):
+            return data
+        suffixed = _suffixed_keys(cls)
+        result = dict(data)
+        for key in data:
+            if key in suffixed and key not in cls.model_fields:
+                name, divisor = suffixed[key]
+                if name in data:
+                    raise ValueError(f"{name} and {key} are the same quantity; keep one of them")
+                result[name] = _divide(result.pop(key), divisor)
+        cls._check_types(data)
+        return result
+
+    @classmethod
+    def _check_types(cls, data: dict[Any, Any]) -> None:
+        """Raise ValidationError for values of another type than that of their key."""
+        known = _types_by_key(cls)
+        errors: list[InitErrorDetails] = []
+        for key, value in data.items():
+            wanted = _type_mismatch(known[key], value) if key in known else None
+            if wanted:
+                errors.append({"type": PydanticCustomError("type_mismatch", wanted), "loc": (key,), "input": value})
+        if errors:
+            raise ValidationError.from_exception_data(cls.__name__, errors)
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        """Add the keys with suffixes to the properties; a required field accepts one of its keys."""
+        schema = handler(core_schema)
+        target = handler.resolve_ref_schema(schema)
+        properties = target.get("properties", {})
+        required = list(target.get("required", ()))
+        alternatives = []
+        for key, (name, divisor) in cls.suffixed_keys().items():
+            if name in properties:
+                sign = unit_symbol(key.removeprefix(f"{name}_"))
+                properties[key] = _described(_scaled(properties[name], divisor), sign)
+        for name, field in cls.model_fields.items():
+            unit = _unit_of(list(field.metadata), field.annotation)
+            if unit is not None and name in properties:
+                properties[name] = _described(properties[name], unit.si)
+        for name in list(required):
+            spellings = [name, *(key for key, (field, _) in cls.suffixed_keys().items() if field == name)]
+            if len(spellings) > 1:
+                required.remove(name)
+                alternatives.append({"oneOf": [{"required": [key]} for key in spellings]})
+        if alternatives:
+            target["allOf"] = [*target.get("allOf", ()), *alternatives]
+        target["required"] = required
+        return schema
