@@ -1,8 +1,8 @@
 """Trips of random trains under a law with the gains of their models.
 
-A law fits a train if the run is tracked, without a takeover by the braking law or a brake intervention of the
-supervisor, and stops within :data:`STOP_WINDOW`. Plant and model are equal, there is no observer. The compensation is
-`preview` for a law that uses the feed-forward, `none` for one that predicts over the delay, else `predictor`.
+A law fits a train if the run is tracked, meets :data:`CRITERIA`, and has no takeover by the braking law. Plant and
+model are equal, there is no observer. The compensation is `preview` for a law that uses the feed-forward, `none` for
+one that predicts over the delay, else `predictor`.
 """
 
 from __future__ import annotations
@@ -18,12 +18,14 @@ from train_ato.errors import RunFailed
 from train_ato.loop.engine import run_engine
 from train_ato.loop.part_cache import PartCache
 from train_ato.loop.setup import prepare
-from train_ato.loop.tracking import TRACKED
+from train_ato.loop.verdict import is_tracked, verdict_line
 from train_ato.scenario.overlays import overlay
 from train_ato.scenario.scenario import check_scenario
 
 STOP_WINDOW = 0.5
 """Largest stop error [m]."""
+CRITERIA = {"stop_window": STOP_WINDOW, "brake_interventions": 0}
+"""Criteria of a trip; outcome of tracking and verdict are judged by them."""
 FITTING_SHARE = 0.95
 """Least part of the trips that fit."""
 AFTER = 30.0
@@ -45,7 +47,7 @@ class Trip:
     stop : float
         Stop error [m], infinite without a stop.
     result : str
-        Outcome as text.
+        Outcome of tracking and verdict as text.
     """
 
     train: str
@@ -77,8 +79,8 @@ def drive_random_trip(name: str, seed: int, number: int, values: Mapping[str, An
         given = {"gains": MODEL, **(values or {})}
         compensation = _compensation(nominal.law(name, nominal.gains(name, given).values))
         end = round(float(nominal.profile.time[-1]) + AFTER, 1)
-        change = {"law": name, "laws": {name: given}, "compensation": compensation, "duration": end}
-        setup = prepare(check_scenario(overlay(data, change), path), path, parts)
+        change = {"law": name, "laws": {name: given}, "compensation": compensation, "criteria": CRITERIA}
+        setup = prepare(check_scenario(overlay(data, change | {"duration": end}), path), path, parts)
     except ValueError as error:
         return Trip(train, True, False, float("inf"), f"refused: {error}")
     try:
@@ -98,9 +100,8 @@ def _compensation(law: Any) -> str:
 def _trip(train: str, summary: Mapping[str, Any]) -> Trip:
     beyond = [row["beyond_m"] for row in summary["stops"]]
     stop = max((abs(value) if value is not None else float("inf") for value in beyond), default=float("inf"))
-    calm = not summary["takeovers"] and not summary["brake_interventions"]
-    text = f"{summary['tracking']}, stop error {stop:.2f} m, {summary['takeovers']} takeovers"
-    return Trip(train, False, summary["tracking"] == TRACKED and calm and stop <= STOP_WINDOW, stop, text)
+    fits = is_tracked(summary) and summary["verdict"] == "passed" and not summary["takeovers"]
+    return Trip(train, False, fits, stop, verdict_line(summary))
 
 
 def random_trips(name: str, count: int, seed: int = 1, values: Mapping[str, Any] | None = None) -> list[Trip]:
@@ -115,4 +116,4 @@ def trips_text(trips: list[Trip]) -> tuple[bool, str]:
     passed = bool(driven) and fitting >= FITTING_SHARE * len(driven)
     refused = f", {len(trips) - len(driven)} refused" if len(driven) < len(trips) else ""
     worst = min(driven or trips, key=lambda trip: (trip.fits, -trip.stop))
-    return passed, f"{fitting} of {len(driven)} within {STOP_WINDOW} m{refused}; worst: {worst.train}: {worst.result}"
+    return passed, f"{fitting} of {len(driven)} fit{refused}; worst: {worst.train}: {worst.result}"
