@@ -177,9 +177,9 @@ def _cost(
 @compiled
 def _least_cost(
     price: float, step: float, speed: float, ends: tuple[float, float], range_: tuple[float, float, float],
-    weights: tuple[float, float], values: Array, energies: Array,
+    weights: tuple[float, float], values: Array, energies: Array, speeds: Array,
 ) -> Any:  # fmt: skip
-    """Return the least cost of a step to an energy between two ends."""
+    """Return the least cost of a step to an energy between two ends; ``speeds`` are those of the energies [m/s]."""
     spacing = energies[1]
     best = min(
         _cost(price, step, speed, ends[0], range_, weights, values, spacing),
@@ -191,7 +191,7 @@ def _least_cost(
     for q in range(max(int(ends[0] / spacing) + 1, 1), min(int(ends[1] / spacing), energies.size - 1) + 1):
         end = energies[q]
         work = weights[0] * max(end - coast, 0.0) - weights[1] * min(max(slow - end, 0.0), slow - low)
-        best = min(best, work + price * 2.0 * step / (speed + np.sqrt(2.0 * end)) + values[q])
+        best = min(best, work + price * 2.0 * step / (speed + speeds[q]) + values[q])
     return min(best, UNREACHABLE)
 
 
@@ -215,6 +215,7 @@ def _curves(
     """Return both switching curves; ``service`` are the acceleration and deceleration limits [m/s²]."""
     n, m = steps.size, energies.size
     spacing, gap = energies[1], weights[0] - weights[1]
+    speeds = np.sqrt(2.0 * energies)
     values, new, marginal, ends = np.zeros(m), np.empty(m), np.empty(m), np.empty(m)
     curve, onset = np.empty(n + 1), np.empty(n + 1)
     for k in range(n - 1, -1, -1):
@@ -240,11 +241,11 @@ def _curves(
                 new[i] = price * 2.0 * step / max(speed, MIN_SPEED) + weights[0] * max(-coast, 0.0)
                 new[i] -= weights[1] * min(max(slow, 0.0), slow - low)
             elif fast > slow:
-                new[i] = _least_cost(price, step, speed, (low, fast), range_, weights, values, energies)
+                new[i] = _least_cost(price, step, speed, (low, fast), range_, weights, values, energies, speeds)
             else:  # braking to the ceiling, or no traction
                 end = min(slow, ceiling)
                 if low < end:
-                    new[i] = _least_cost(price, step, speed, (low, end), range_, weights, values, energies)
+                    new[i] = _least_cost(price, step, speed, (low, end), range_, weights, values, energies, speeds)
                 else:
                     new[i] = _cost(price, step, speed, end, range_, weights, values, spacing)
             if slow < ceiling:
