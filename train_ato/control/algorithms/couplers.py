@@ -5,9 +5,15 @@ from __future__ import annotations
 from operator import add
 from typing import NamedTuple, Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
 from plant_sim.gears import LinearGear
 from train_ato.control.train_model import TrainModel
 from train_ato.messages.types import Array
+
+NO_COUPLERS = np.zeros((0, 2), dtype=np.int64), np.zeros((0, 4))
+"""Arrays of a law or observer that uses no coupler forces."""
 
 
 class UnitForces(Protocol):
@@ -87,6 +93,24 @@ class UnitCouplers:
                 else:
                     unknown.add(coupler)
         self.unknown = tuple(sorted(unknown))
+
+    @property
+    def arrays(self) -> tuple[NDArray[np.int64], Array]:
+        """Couplers beside the units as arrays, if all forces are available.
+
+        Returns
+        -------
+        beside : Array of int, shape (units, 2)
+            Coupler in front of and behind every unit: number of its sensor, or number of sensors plus that of its
+            spring; -1 for none.
+        springs : Array, shape (springs, 4)
+            Units in front of and behind a spring, its stiffness [N/m] and damping [N s/m].
+        """
+        first = len(self._model.sensors)
+        number = {coupler: first + index for index, coupler in enumerate(self._spring)} | self._sensor
+        beside = [[-1 if coupler is None else number[coupler] for coupler in pair] for pair in self._beside]
+        springs = np.array(list(self._spring.values()), dtype=np.float64).reshape(-1, 4)
+        return np.array(beside, dtype=np.int64).reshape(-1, 2), springs
 
     def unknown_names(self) -> str:
         """Return the names of the unknown couplers: ``coupler_0, coupler_7``."""

@@ -14,23 +14,12 @@ from plant_sim.compiled import compiled
 from plant_sim.elementary import libm_exp
 from plant_sim.railway import between_entries
 from train_ato.control.algorithms.quadratic_program import multipliers
+from train_ato.control.command_history import newest_arrived
 
 SPEED_STEP = 0.05
 """Spacing of the tables of force limits [m/s]."""
 FAR = 1e4
 """Distance in place of no limit [m]: the programme permits a violation in proportion to its largest entry."""
-
-
-@compiled
-def newest_arrived(sent, unit, later, tick, forward, backward):
-    """Return the newest command of a unit that has arrived ``later`` seconds from now [N]; the oldest if none has."""
-    count = sent.shape[0]
-    for back in range(1, count + 1):
-        command = sent[count - back, unit]
-        delay = backward if command < 0.0 else forward
-        if delay - back * tick <= later + 1e-9:
-            return command
-    return sent[0, unit] if count else 0.0
 
 
 @compiled

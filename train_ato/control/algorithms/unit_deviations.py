@@ -31,8 +31,8 @@ from plant_sim.compiled import compiled
 from plant_sim.summation import plain_dot, plain_sum
 from train_ato.control.algorithms.coupled_units import CoupledUnits
 from train_ato.control.algorithms.disturbance_lines import DisturbanceLines
-from train_ato.control.algorithms.predictive_plan import newest_arrived
 from train_ato.control.algorithms.riccati import filter_gain, regulator_gain
+from train_ato.control.command_history import newest_arrived
 from train_ato.control.parameters import RefusedParameter
 
 if TYPE_CHECKING:

@@ -23,23 +23,28 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from plant_sim.compiled import compiled
+from plant_sim.elementary import libm_exp
+from plant_sim.railway import between_entries
+from plant_sim.record import Records, quantity, zeros
 from train_ato.control.algorithms.coupled_units import CoupledUnits
-from train_ato.control.algorithms.force_shares import mean_over_units, total_of_units
+from train_ato.control.algorithms.force_shares import numpy_total, total_of_units
+from train_ato.control.command_history import newest_arrived
 from train_ato.control.compensation.base import UnitState
 from train_ato.control.compensation.contract import CompensationInput
 from train_ato.control.compensation.delay_estimate import DelayEstimate
-from train_ato.control.compensation.preview import PreviewFeedforward, PreviewParameters
+from train_ato.control.compensation.preview import Actuator, PreviewFeedforward, PreviewParameters, mean_delay
 from train_ato.control.contract import LawInput, parameter
+from train_ato.control.law import LawNow, LawUnit, TrainConstants, train_resistance
 from train_ato.control.parameters import RefusedParameter
 from train_ato.messages.types import Array
 
 if TYPE_CHECKING:
+    from train_ato.control.compensation.rigid import RigidForce
     from train_ato.control.train_model import TrainModel
 
 
@@ -53,6 +58,179 @@ class PredictorParameters(PreviewParameters):
     disturbance: bool = parameter(True, "", 0, 1, "use the estimate of the observer in the prediction")
 
 
+@dataclass(frozen=True)
+class PredictionConstants(TrainConstants):
+    """Constants of :func:`predict`."""
+
+    tick: float = quantity("s", "time between two commands in flight")
+    lag: float = quantity("s", "lag of the actuators")
+    disturbance: bool = quantity("", "the estimate of the observer acts over the delay")
+    begin: float = quantity("s", "time of the first entry of the resistance along the profile")
+    spacing: float = quantity("s", "time between its entries")
+
+
+class Chain(NamedTuple):
+    """Units coupled by springs; without entries for a rigid train.
+
+    Attributes
+    ----------
+    step : Array, shape (2 units, 3 units)
+        Map of positions, speeds and constant forces to positions and speeds a sub-interval later.
+    offsets, weights : Array, shape (units,)
+        Distance behind the first vehicle [m], and part of the inertia of the train.
+    """
+
+    step: Array
+    offsets: Array
+    weights: Array
+
+
+NONE_SENT = np.zeros((0, 0))
+RIGID = Chain(np.zeros((0, 0)), np.zeros(0), np.zeros(0))
+
+
+@compiled
+def mean_speed(units: Records[LawUnit]) -> float:
+    """Return the mean speed of the units [m/s], weighted by their shares."""
+    speed: float = 0.0
+    for x in units:
+        speed += x.share * x.velocity
+    return speed
+
+
+@compiled
+def sub_intervals(delay: float, tick: float) -> tuple[int, float]:
+    """Return number and length [s] of the sub-intervals of a delay [s]."""
+    count = max(1, math.ceil(delay / tick - 1e-9))
+    return count, delay / count
+
+
+@compiled
+def predict_train(
+    p: PredictionConstants,
+    delay: float,
+    actuators: Records[Actuator],
+    sent: Array,
+    along: Array,
+    now: LawNow,
+    units: Records[LawUnit],
+) -> None:
+    """Move all units like one rigid mass over a delay [s]; arguments as in :func:`predict`."""
+    count, h = sub_intervals(delay, p.tick)
+    decay = libm_exp(-h / p.lag) if p.lag > 0.0 else 0.0
+    lasting = (1.0 - decay) * p.lag / h
+    forces, start, push = np.empty(units.size), mean_speed(units), 0.0
+    if p.disturbance:
+        for u in range(units.size):
+            forces[u] = units[u].disturbance
+        push = numpy_total(forces)
+    for u in range(units.size):
+        forces[u] = units[u].applied
+    force = numpy_total(forces)
+    base = train_resistance(p, now, start) - between_entries(along, (now.t - p.begin) / p.spacing)
+    speed, moved = 0.0, 0.0
+    for k in range(count):
+        for u in range(units.size):
+            a = actuators[u]
+            due = newest_arrived(sent, u, (k + 0.5) * h, p.tick, a.forward, a.backward)
+            forces[u] = due
+            units[u].applied = due + (units[u].applied - due) * decay
+        command = numpy_total(forces)
+        resistance = base + between_entries(along, (now.t + (k + 0.5) * h - p.begin) / p.spacing)
+        pull = (command + (force - command) * lasting + push - resistance) / p.inertia
+        moved += (start + speed + 0.5 * pull * h) * h
+        speed += pull * h
+        force = command + (force - command) * decay
+    if start >= 0.0 > start + speed:
+        moved, speed = max(moved, 0.0), -start
+    for x in units:
+        x.position += moved
+        x.velocity += speed
+
+
+@compiled
+def predict_chain(
+    p: PredictionConstants,
+    delay: float,
+    chain: Chain,
+    actuators: Records[Actuator],
+    sent: Array,
+    along: Array,
+    now: LawNow,
+    units: Records[LawUnit],
+) -> None:
+    """Move the units and the springs between them over a delay [s]; arguments as in :func:`predict`."""
+    n, step = units.size, chain.step
+    count, h = sub_intervals(delay, p.tick)
+    decay = libm_exp(-h / p.lag) if p.lag > 0.0 else 0.0
+    lasting = (1.0 - decay) * p.lag / h
+    base = train_resistance(p, now, mean_speed(units)) - between_entries(along, (now.t - p.begin) / p.spacing)
+    origin = units[0].position + chain.offsets[0]
+    state, moved = np.empty(3 * n), np.empty(2 * n)
+    for u in range(n):
+        state[2 * n + u] = units[u].resistance
+        state[u], state[n + u] = units[u].position + chain.offsets[u] - origin, units[u].velocity
+    own = numpy_total(state[2 * n :])
+    for k in range(count):
+        more = base + between_entries(along, (now.t + (k + 0.5) * h - p.begin) / p.spacing) - own
+        for u in range(n):
+            x = units[u]
+            a = actuators[u]
+            due = newest_arrived(sent, u, (k + 0.5) * h, p.tick, a.forward, a.backward)
+            others = (x.disturbance if p.disturbance else 0.0) - x.resistance - more * chain.weights[u]
+            state[2 * n + u] = due + (x.applied - due) * lasting + others
+            x.applied = due + (x.applied - due) * decay
+        for row in range(2 * n):
+            moved[row] = 0.0
+            for column in range(3 * n):
+                moved[row] += step[row, column] * state[column]
+        state[: 2 * n] = moved
+    for u in range(n):
+        units[u].position, units[u].velocity = state[u] + origin - chain.offsets[u], state[n + u]
+
+
+@compiled
+def predict(
+    p: PredictionConstants,
+    chain: Chain,
+    actuators: Records[Actuator],
+    sent: Array,
+    along: Array,
+    now: LawNow,
+    units: Records[LawUnit],
+) -> None:
+    """Replace measured position, speed and force of the units by those at the effect of the command.
+
+    Parameters
+    ----------
+    p, actuators
+        Constants and delays.
+    chain
+        Springs between the units, empty for one rigid mass.
+    sent : Array, shape (d, units)
+        Commands in flight, oldest first [N].
+    along : Array, shape (times,)
+        Resistance along the profile [N].
+    now
+        Time, line force at the measured position and shoe force at the effect.
+    units
+        Measured state, resistance and disturbance of the units.
+    """
+    delay = mean_delay(actuators, sent)
+    if delay <= 0.0:
+        return
+    if len(chain.weights):
+        predict_chain(p, delay, chain, actuators, sent, along, now, units)
+    else:
+        predict_train(p, delay, actuators, sent, along, now, units)
+
+
+@compiled
+def _predict(all_p, chain, actuators, sent, along, all_now, units):  # type: ignore[no-untyped-def]
+    """Call :func:`predict` from Python."""
+    predict(all_p[0], chain, actuators, sent, along, all_now[0], units)
+
+
 class Predictor(PreviewFeedforward):
     """State, reference and feed-forward of the time of effect, from the commands in flight."""
 
@@ -61,6 +239,15 @@ class Predictor(PreviewFeedforward):
 
     def __init__(self, parameters: PredictorParameters, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)
+        c0, c1, c2 = model.running
+        self.constants, self.now, self.units = (
+            zeros(PredictionConstants, 1),
+            zeros(LawNow, 1),
+            zeros(LawUnit, model.n_units),
+        )
+        self.units["share"] = model.share
+        self.constants[0] = (model.inertia, c0, c1, c2, model.tick, model.lag, parameters.disturbance, 0.0, 1.0)
+        self.along: Array = np.zeros(0)
         self._coupled_units = CoupledUnits(model) if parameters.train == "chain" else None
         self._estimate = None
         self._last_step: float | None = None
@@ -69,6 +256,12 @@ class Predictor(PreviewFeedforward):
                 reason = "delay: estimated needs an initial delay"
                 raise RefusedParameter(reason, "delay: model", "give model.delay a value above 0")
             self._estimate = DelayEstimate(model, parameters.longest)
+
+    def set_profile(self, rigid: RigidForce) -> None:
+        """Set the profile."""
+        super().set_profile(rigid)
+        self.constants["begin"], self.constants["spacing"] = rigid.begin, rigid.spacing
+        self.along = np.frombuffer(rigid.resisting)
 
     def reset(self) -> None:
         """Clear the brake events and the estimated delay."""
@@ -86,79 +279,35 @@ class Predictor(PreviewFeedforward):
             ticks = 1 if self._last_step is None else max(1, round((now - self._last_step) / self.model.tick))
             self._last_step = now
             sent = self._estimate.step(inputs.commands_in_flight, total_of_units(measured.applied), ticks)
-            self.forward = self.backward = [self._estimate.delay] * self.model.n_units
-        delay = self.mean_delay(inputs.commands_in_flight)
+            self.actuators["forward"] = self.actuators["backward"] = self._estimate.delay
+        delay = mean_delay(self.actuators, sent)
         effect = now + delay
         shoes = self.shoes_along(effect)
         state = UnitState(measured.position, measured.velocity, measured.applied)
         if delay > 0.0:
-            state = self._predict(inputs, state, sent, delay, shoes.total)
+            state = self._predict(inputs, sent, delay, shoes.total)
         return self.law_input(inputs, effect, self.feedforward(now, shoes.total), shoes, state)
 
-    def _predict(self, inputs: CompensationInput, now: UnitState, sent: Array, delay: float, shoes: float) -> UnitState:
+    def _predict(self, inputs: CompensationInput, sent: Array, delay: float, shoes: float) -> UnitState:
         """Return the state of the units after the delay [s]."""
-        count = max(1, math.ceil(delay / self.model.tick - 1e-9))
-        h = delay / count
-        due = self._due(sent, count, h)
-        decay = math.exp(-h / self.model.lag) if self.model.lag > 0.0 else 0.0
-        lasting = (1.0 - decay) * self.model.lag / h
-        disturbance = inputs.disturbance if self.parameters.disturbance else 0.0 * inputs.disturbance
-        resisting = self._resistance(inputs.t, now, count, h, shoes)
+        measured, units, model = inputs.measurement, self.units, self.model
+        units["position"], units["velocity"] = measured.position, measured.velocity
+        units["applied"], units["disturbance"] = measured.applied, inputs.disturbance
         if self._coupled_units is not None:
-            own = self.model.own_resistance(now.velocity, now.position)
-            more = np.array(resisting) - float(own.sum())
-            others = disturbance - own - more[:, None] * self._coupled_units.weight
-            return UnitState(*self._coupled_units.predict(*now, due, h, decay, lasting, others))
-        force, wanted = total_of_units(now.applied), due.sum(axis=1).tolist()
-        push, mass = float(disturbance.sum()), self.model.inertia
-        speed, moved = 0.0, 0.0
-        start = mean_over_units(self._share, now.velocity.tolist())
-        for command, resistance in zip(wanted, resisting, strict=True):
-            mean = command + (force - command) * lasting
-            pull = (mean + push - resistance) / mass
-            moved += (start + speed + 0.5 * pull * h) * h
-            speed += pull * h
-            force = command + (force - command) * decay
-        applied = now.applied
-        for row in due:
-            applied = row + (applied - row) * decay
-        if start >= 0.0 > start + speed:
-            moved, speed = max(moved, 0.0), -start
-        return UnitState(now.position + moved, now.velocity + speed, np.asarray(applied))
+            units["resistance"] = model.own_resistance(measured.velocity, measured.position)
+        self.now["t"], self.now["train_shoe_force"] = inputs.t, shoes
+        self.now["line_force"] = model.line_force(model.front(measured.position))
+        _predict(self.constants, self.chain(delay), self.actuators, sent, self.along, self.now, units)
+        return UnitState(units["position"].copy(), units["velocity"].copy(), units["applied"].copy())
 
-    def _resistance(self, t: float, now: UnitState, count: int, h: float, shoes: float) -> list[float]:
-        """Return the resisting force of the train in the middle of every sub-interval [N]."""
-        model, rigid = self.model, self.rigid
-        speed = mean_over_units(self._share, now.velocity.tolist())
-        base = model.resisting_force(model.front(now.position), speed, shoes) - rigid.resistance(t)
-        return [base + rigid.resistance(t + (k + 0.5) * h) for k in range(count)]
+    def chain(self, delay: float) -> Chain:
+        """Return the springs between the units for a delay [s]."""
+        if self._coupled_units is None:
+            return RIGID
+        coupled, (_, h) = self._coupled_units, sub_intervals(delay, self.model.tick)
+        return Chain(coupled.step_matrix(h), self.model.offsets, coupled.weight)
 
-    def _due(self, sent: Array, count: int, h: float) -> Array:
-        """Return the commands that are due in the middle of every sub-interval [N], shape (count, units)."""
-        tick = self.model.tick
-        oldest = sent.shape[0]
-        if oldest == 0:
-            return np.zeros((count, self.model.n_units))
-        if self.forward == self.backward and min(self.forward) == max(self.forward):
-            return np.asarray(sent[_rows_due(oldest, count, self.forward[0], h, tick)])
-        due = np.empty((count, self.model.n_units))
-        for unit, column in enumerate(sent.T.tolist()):
-            forward, backward = self.forward[unit], self.backward[unit]
-            for k in range(count):
-                due[k, unit] = _newest_arrived(column, (k + 0.5) * h, tick, forward, backward)
-        return due
-
-
-@lru_cache(maxsize=16)  # the same in every tick of a constant delay: 5 us
-def _rows_due(oldest: int, count: int, delay: float, h: float, tick: float) -> NDArray[np.intp]:
-    """Return the rows of ``oldest`` commands in flight that are due in the middle of every sub-interval."""
-    ages = [delay - (k + 0.5) * h for k in range(count)]
-    return np.array([oldest - min(max(math.ceil(age / tick - 1e-9), 1), oldest) for age in ages], dtype=np.intp)
-
-
-def _newest_arrived(column: list[float], later: float, tick: float, forward: float, backward: float) -> float:
-    """Return the newest command that has arrived ``later`` seconds from now; the oldest if none has arrived."""
-    for back, command in enumerate(reversed(column), start=1):
-        if (backward if command < 0.0 else forward) - back * tick <= later + 1e-9:
-            return command
-    return column[0]
+    @property
+    def known_delay(self) -> float | None:
+        """Mean delay of the model [s]; None for one that is estimated or depends on the sign of the commands."""
+        return None if self._estimate or self.forward != self.backward else mean_delay(self.actuators, NONE_SENT)

@@ -23,7 +23,8 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from train_ato.control.algorithms.force_shares import mean_over_units
+from plant_sim.compiled import compiled
+from plant_sim.record import Records, quantity, zeros
 from train_ato.control.compensation.base import CompensationBase
 from train_ato.control.compensation.contract import CompensationInput
 from train_ato.control.contract import LawInput, parameter
@@ -41,6 +42,25 @@ class PreviewParameters:
     delay_factor: float = parameter(1.0, "1", 0.0, 10.0, "factor on the delay of the model")
 
 
+@dataclass
+class Actuator:
+    """Delays of one power unit."""
+
+    share: float = quantity("1", "part of a force of the train")
+    forward: float = quantity("s", "delay of a command forwards")
+    backward: float = quantity("s", "delay of a command backwards")
+
+
+@compiled
+def mean_delay(actuators: Records[Actuator], sent: Array) -> float:
+    """Return the mean delay of the units [s], by the signs of the last command sent, shape (d, units)."""
+    delay: float = 0.0
+    for u in range(actuators.size):
+        braking = len(sent) > 0 and sent[len(sent) - 1, u] < 0.0
+        delay += actuators[u].share * (actuators[u].backward if braking else actuators[u].forward)
+    return delay
+
+
 class PreviewFeedforward(CompensationBase):
     """Feed-forward of the time at which the command takes effect, through delay and lag."""
 
@@ -48,16 +68,16 @@ class PreviewFeedforward(CompensationBase):
 
     def __init__(self, parameters: PreviewParameters, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)
-        factor = parameters.delay_factor
-        self.forward = [factor * delay for delay in model.delay.tolist()]
-        self.backward = [factor * delay for delay in model.delay_brake.tolist()]
+        factor, self.actuators = parameters.delay_factor, zeros(Actuator, model.n_units)
+        self.actuators["share"] = model.share
+        self.actuators["forward"], self.actuators["backward"] = factor * model.delay, factor * model.delay_brake
         self.lag = model.lag if parameters.lag else 0.0
 
     def step(self, inputs: CompensationInput) -> LawInput:
         """Return the measured state with the feed-forward of the time of effect."""
         t = inputs.t
         self.shoes.demand(t, inputs.pressure)
-        effect = t + self.mean_delay(inputs.commands_in_flight)
+        effect = t + mean_delay(self.actuators, inputs.commands_in_flight)
         feedforward = self.feedforward(t, self.shoes_along(effect).total)
         return self.law_input(inputs, effect, feedforward, self.shoes.at(t, inputs.reference.velocity))
 
@@ -83,11 +103,14 @@ class PreviewFeedforward(CompensationBase):
             wanted.append(force * share)
         return np.array(wanted)
 
-    def mean_delay(self, commands_in_flight: Array) -> float:
-        """Return the mean delay of the units [s], by the signs of the last command sent."""
-        if self.forward == self.backward or commands_in_flight.shape[0] == 0:
-            delays = self.forward
-        else:
-            last = commands_in_flight[-1].tolist()
-            delays = [b if u < 0 else f for f, b, u in zip(self.forward, self.backward, last, strict=True)]
-        return mean_over_units(self._share, delays)
+    @property
+    def forward(self) -> list[float]:
+        """Delay of a command forwards of every unit [s]."""
+        delays: list[float] = self.actuators["forward"].tolist()
+        return delays
+
+    @property
+    def backward(self) -> list[float]:
+        """Delay of a command backwards of every unit [s]."""
+        delays: list[float] = self.actuators["backward"].tolist()
+        return delays

@@ -58,6 +58,8 @@ class RigidForce:
     ----------
     inertial, resisting : array of float
         Inertial force M a, and running plus line resistance, at the knots of the profile [N].
+    begin, spacing : float
+        Time of the first knot, and time between knots [s].
     """
 
     def __init__(self, model: TrainModel, profile: ProfileLike) -> None:
@@ -67,37 +69,37 @@ class RigidForce:
         resisting = model.resisting_forces(profile.position, profile.velocity)
         self.inertial, self.resisting = array("d", inertial.tobytes()), array("d", resisting.tobytes())
         self._total = array("d", (inertial + resisting).tobytes())
-        self._begin = float(profile.time[0])
+        self.begin = float(profile.time[0])
         last = len(self._total) - 1
-        self._spacing = float(profile.time[-1] - profile.time[0]) / last if last else 1.0
+        self.spacing = float(profile.time[-1] - profile.time[0]) / last if last else 1.0
 
     def total(self, t: float) -> float:
         """Return the total force at a time [s] in N."""
-        return float(between_entries(self._total, (t - self._begin) / self._spacing))
+        return float(between_entries(self._total, (t - self.begin) / self.spacing))
 
     def totals(self, t: Array) -> Array:
         """Return :meth:`total` at many times [s] in N, equal bit for bit."""
-        return np.asarray(each_between_entries(np.frombuffer(self._total), (t - self._begin) / self._spacing))
+        return np.asarray(each_between_entries(np.frombuffer(self._total), (t - self.begin) / self.spacing))
 
     def aheads(self, t: Array, lag: float) -> Array:
         """Return :meth:`ahead` at many times [s] in N, equal bit for bit."""
         if lag <= 0.0:
             return self.totals(t)
-        h = 0.5 * self._spacing
-        return self.totals(t) + lag * ((self.totals(t + h) - self.totals(t - h)) / self._spacing)
+        h = 0.5 * self.spacing
+        return self.totals(t) + lag * ((self.totals(t + h) - self.totals(t - h)) / self.spacing)
 
     def resistances(self, t: Array) -> Array:
         """Return :meth:`resistance` at many times [s] in N."""
-        return np.asarray(each_between_entries(np.frombuffer(self.resisting), (t - self._begin) / self._spacing))
+        return np.asarray(each_between_entries(np.frombuffer(self.resisting), (t - self.begin) / self.spacing))
 
     def resistance(self, t: float) -> float:
         """Return running and line resistance at a time [s] in N."""
-        return float(between_entries(self.resisting, (t - self._begin) / self._spacing))
+        return float(between_entries(self.resisting, (t - self.begin) / self.spacing))
 
     def slope(self, t: float) -> float:
         """Return the central difference quotient of :meth:`total` at a time [s] in N/s."""
-        h = 0.5 * self._spacing
-        return (self.total(t + h) - self.total(t - h)) / self._spacing
+        h = 0.5 * self.spacing
+        return (self.total(t + h) - self.total(t - h)) / self.spacing
 
     def ahead(self, t: float, lag: float) -> float:
         """Return the demand F + lag F' that gives :meth:`total` at a time [s] through a first-order lag [s], in N."""

@@ -41,7 +41,7 @@ from train_ato.control.algorithms.force_shares import mean_over_units, total_of_
 from train_ato.control.algorithms.train_identification import WEAR, TrainIdentification
 from train_ato.control.compensation.ahead_train import AheadTrain, TwinParameters
 from train_ato.control.compensation.contract import CompensationInput
-from train_ato.control.compensation.preview import PreviewFeedforward
+from train_ato.control.compensation.preview import PreviewFeedforward, mean_delay
 from train_ato.control.contract import LawInput, Lookahead
 from train_ato.messages.types import Array
 
@@ -92,7 +92,7 @@ class Twin(PreviewFeedforward):
         force = self._read(t)
         if self._identification is not None:
             self._identify(self._identification, inputs, shoes.total)
-        return self.law_input(inputs, t + self.mean_delay(inputs.commands_in_flight), force, shoes)
+        return self.law_input(inputs, t + mean_delay(self.actuators, inputs.commands_in_flight), force, shoes)
 
     def _identify(self, identification: TrainIdentification, inputs: CompensationInput, shoes: float) -> None:
         """Compare train and twin now, and correct the twin once a ``CORRECTION_TIME``."""

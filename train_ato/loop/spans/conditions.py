@@ -12,7 +12,6 @@ from train_ato.control.compensation.predictor import Predictor
 from train_ato.control.compensation.preview import PreviewFeedforward
 from train_ato.control.compensation.twin import Twin
 from train_ato.control.compiled.law_call import RecordStep
-from train_ato.control.compiled.prediction_packing import has_compiled_prediction
 from train_ato.control.observers.none import NoObserver
 from train_ato.control.observers.record_observer import RecordObserver
 from train_ato.control.registry import COMPENSATIONS, OBSERVERS
@@ -27,8 +26,8 @@ from train_ato.scenario.changes import requested_stamp
 
 LONGEST, BRAKED = 256, 128
 """Longest span, and longest one with forecasts of shoe forces, which cost more [ticks]."""
-_OBSERVER_STEP = RecordObserver.step
-"""Step of the observers over records: one that a program replaces has no compiled form."""
+_OBSERVER_STEP, _PREDICTOR_STEP = RecordObserver.step, Predictor.step
+"""Steps over records: one that a program replaces has no compiled form."""
 UNRECORDED, BRIEF = 4, 16
 """Factor of both without a log and without disturbances, whose arrays are large, and with the series of the summary."""
 
@@ -86,7 +85,7 @@ def ticks_to_event(
 
 def is_regular(stages: Stages, supervised: SupervisedTicks, stack: ControlStack, law: RecordStep | PythonLaw) -> bool:
     """Return True if train, control stack and receiving ends are in a state that the compiled ticks contain."""
-    setup, train, controller, stamp = stages.setup, stages.plant.train, stages.controller, stages.plant.stamp
+    train, controller, stamp = stages.plant.train, stages.controller, stages.plant.stamp
     if not supervised.is_quiet or not all(inputs.is_regular(stamp) for inputs in _inputs(stages)):
         return False
     if stack.holding or stack.law_brakes or stack.in_transition:
@@ -98,7 +97,8 @@ def is_regular(stages: Stages, supervised: SupervisedTicks, stack: ControlStack,
         return False
     if isinstance(compensation, Twin) and not compensation.started:
         return False
-    if isinstance(compensation, Predictor) and not has_compiled_prediction(compensation, setup.model.n_units):
+    replaced = isinstance(compensation, Predictor) and type(compensation).step is not _PREDICTOR_STEP
+    if replaced or (isinstance(compensation, Predictor) and compensation.known_delay is None):
         return False
     if (
         isinstance(compensation, PreviewFeedforward)

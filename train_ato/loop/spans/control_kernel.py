@@ -8,12 +8,24 @@ from plant_sim.compiled import compiled
 from plant_sim.railway import between_entries, envelope_force, fading_resistance, shoe_force
 from train_ato.control.air_brake.record_policy import electric_brake_available
 from train_ato.control.algorithms.force_shares import numpy_total
-from train_ato.control.compiled import prediction as prediction_code
+from train_ato.control.compensation.predictor import predict
 from train_ato.control.compiled.law_call import address
 from train_ato.control.law import STEPPED, limit_demands
 
 # Columns of `own`, one row per unit: constants of the vehicle and of the line of the model.
 MASS, C0, C1, C2, LINE_BEGIN, LINE_GRID, OFFSET = range(7)
+
+
+@compiled
+def _write_resistances(own, table, learned, inputs):
+    """Write running, line and learned resistance of every unit's vehicle [N], for position and speed of the inputs."""
+    for u in range(inputs.size):
+        running = fading_resistance(own[u, C0], own[u, C1], own[u, C2], inputs[u].velocity)
+        place = (inputs[u].position - own[u, LINE_BEGIN]) / own[u, LINE_GRID]
+        inputs[u].resistance = running + own[u, MASS] * between_entries(table, place)
+        if len(learned):
+            place = (inputs[u].position + own[u, OFFSET] - own[u, LINE_BEGIN]) / own[u, LINE_GRID]
+            inputs[u].resistance += own[u, MASS] * between_entries(learned, place)
 
 
 @compiled
@@ -33,14 +45,9 @@ def _opposing(measured, beside, springs, own, table, learned, shoes, inputs):
             elif number >= 0:
                 force = measured[number]
             pull = force if side == 1 else pull - force
-        running = fading_resistance(own[u, C0], own[u, C1], own[u, C2], inputs[u].velocity)
-        place = (inputs[u].position - own[u, LINE_BEGIN]) / own[u, LINE_GRID]
-        inputs[u].coupler_force = pull
-        inputs[u].resistance = running + own[u, MASS] * between_entries(table, place)
-        if len(learned):
-            place = (inputs[u].position + own[u, OFFSET] - own[u, LINE_BEGIN]) / own[u, LINE_GRID]
-            inputs[u].resistance += own[u, MASS] * between_entries(learned, place)
-        inputs[u].shoe_force = shoes[1 + u]
+        inputs[u].coupler_force, inputs[u].shoe_force = pull, shoes[1 + u]
+    if len(beside):
+        _write_resistances(own, table, learned, inputs)
 
 
 @compiled
@@ -122,11 +129,12 @@ def law_step(tick, t, coupler_forces, own, tables, shoes, law, predicting, histo
     now.t, now.train_shoe_force, now.sensed_force = t, shoes[tick, 0], 0.0
     for force in coupler_forces:
         now.sensed_force += abs(force)
-    if len(predicting[0]):
-        line_force = _line_force(inputs, own, tables[1])
-        prediction_code.predict(
-            t, predicting[0], predicting[1], predicting[2], history, line_force, shoes[tick, 0], inputs
-        )
+    constants, chain, actuators, along = predicting
+    if len(constants):
+        now.line_force = _line_force(inputs, own, tables[1])
+        if len(chain.weights):
+            _write_resistances(own, tables[0], tables[2], inputs)
+        predict(constants[0], chain, actuators, history, along, now, inputs)
     now.line_force = _line_force(inputs, own, tables[1])
     for u in range(inputs.size):
         inputs[u].shoe_force = shoes[tick, 1 + u]

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from plant_sim.plant_setup import Jump
 from plant_sim.record import zeros
-from train_ato.control.compensation.predictor import Predictor
+from train_ato.control.algorithms.couplers import NO_COUPLERS
+from train_ato.control.compensation.predictor import RIGID, PredictionConstants, Predictor
+from train_ato.control.compensation.preview import Actuator
 from train_ato.control.compensation.twin import Twin
 from train_ato.control.compiled.law_call import LEFT, OBSERVER, POLICY, LawCall, RecordStep, is_in_loop
-from train_ato.control.compiled.prediction_packing import PackedPrediction, packed_prediction
-from train_ato.control.compiled.train_packing import coupler_arrays
 from train_ato.control.law import LawNow
 from train_ato.control.observers.record_observer import RecordObserver
 from train_ato.control.stack import ControlStack
@@ -98,7 +98,6 @@ class CompiledSpans:
         units, vehicles = stages.plant.train.units, stages.plant.train.n
         shown = (0, *units, vehicles - 1) if self.brief else range(vehicles)
         self.shown: NDArray[np.int64] = np.array(shown, dtype=np.int64)
-        self._prediction: PackedPrediction | None = None
         self.policy_call: LawCall | None = None
         self.observer: Any = stages.observer._stack._observer
         self.observing = _call_of_observer(self.observer)
@@ -163,25 +162,18 @@ class CompiledSpans:
         profile = self.stages.profile.profile
         if self._forecast is None or not self._forecast.is_of(profile, stack, first, count):
             self._forecast = Forecast(self.stages.setup, profile, stack, first)
-            self._prediction = packed_prediction(stack._compensation, len(stack._history._commands))
         return self._forecast
-
-    @property
-    def prediction(self) -> PackedPrediction:
-        """Prediction of the last :meth:`forecast`."""
-        assert self._prediction is not None
-        return self._prediction
 
 
 def _call_of_observer(observer: Any) -> tuple[Any, ...]:
     """Return records, number of bodies, call and couplers of an observer, of `none` without bodies."""
     if not isinstance(observer, RecordObserver):
         none = np.zeros(0, dtype=np.uint8)
-        return none, none, 0, LawCall(lambda *_: LEFT, None, OBSERVER), *coupler_arrays(None)
+        return none, none, 0, LawCall(lambda *_: LEFT, None, OBSERVER), *NO_COUPLERS
     constants, state, balance = observer.constants, observer.state, observer.balance
     step = observer.form.step
     call = LawCall(lambda _p, _s, _b, now, units, _n: step(constants, state, now, units), observer.form.entry, OBSERVER)
-    couplers = coupler_arrays(None if balance.whole_train else balance.couplers)
+    couplers = balance.couplers.arrays if balance.couplers and not balance.whole_train else NO_COUPLERS
     return constants.view(np.uint8), state.view(np.uint8), balance.count, call, *couplers
 
 
@@ -243,8 +235,8 @@ class _Span:
             train._brake.array, events, (out.outside, out.cubes, cubed), train._outside.vehicles, a.setting,
             train.sensor_set.noise_ahead(self._count), train.sensor_set.records,
             (law.constant.view(np.uint8), law.state.view(np.uint8), law.state.size, self._now, law.call,
-             *coupler_arrays(law.couplers)),
-            self._observing(), tuple(spans.prediction), self._braking(), self._inputs, self._forecast.expected,
+             *(law.couplers.arrays if law.couplers else NO_COUPLERS)),
+            self._observing(), self._predicting(), self._braking(), self._inputs, self._forecast.expected,
             self._forecast.feedforward, self._forecast.shoes, *spans.model,
             self._bounds(), self._counts, link.delays(self._stamp), newest, *queues, self._stack._history._commands,
             spans.shown, out.truth, out.measured, out.couplers, out.sent, out.at_limit, (SECOND_NS, *out.reports),
@@ -265,6 +257,13 @@ class _Span:
         compensation = self._stack._compensation
         used = self._law.uses_shoes or isinstance(compensation, Predictor)
         return bool(self._setup.law_changes or used or (uses_feedforward and not isinstance(compensation, Twin)))
+
+    def _predicting(self) -> tuple[Any, ...]:
+        """Return the records of the compensation `predictor`, empty ones for another."""
+        known = self._stack._compensation
+        if not isinstance(known, Predictor):
+            return zeros(PredictionConstants, 0), RIGID, zeros(Actuator, 0), np.zeros(0)
+        return known.constants, known.chain(known.known_delay or 0.0), known.actuators, known.along
 
     def _observing(self) -> tuple[Any, ...]:
         """Return the arrays of the observer."""
