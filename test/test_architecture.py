@@ -32,6 +32,7 @@ LAYERS = (
 CONTROL_LAYERS = (
     (
         "contract",
+        "command_history",
         "component_fault",
         "parameters",
         "learned_resistance",
@@ -52,7 +53,6 @@ CONTROL_LAYERS = (
         "force_distribution",
         "planned_displacement",
         "command_hold",
-        "command_history",
         "stack",
         "ato_state",
         "assurance",
