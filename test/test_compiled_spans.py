@@ -15,7 +15,6 @@ from plant_sim.states import VehicleStates
 from train_ato.loop.engine import COMPILED_FROM, run_engine
 from train_ato.loop.spans import kernel
 from train_ato.loop.spans.conditions import spans_possible
-from train_ato.messages.links import DelayJump, Link, LinkSpec, VaryingDelay
 
 FREE = {"supervision.enabled": False}
 HEAVY = {**FREE, "duration": 60, "tick": 0.05}
@@ -97,6 +96,11 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
             "wheel_slip": [{"begin": 10, "end": 12, "slip": 0.1}, {"begin": 11, "end": 13, "slip": -0.2, "unit": 2}],
         }},
     ),
+    "commands late and lost at random": (
+        "crh380a_gpc:short",
+        {**FREE, "duration": 60, "law": "pid", "compensation": "preview",
+         "links.command": {"delay": [0.3, 0.5, 0.4], "delay_brake": 0.1, "jitter": 0.3, "loss": 0.2}},
+    ),
     "to the stop": ("xuzhou_metro", {"law": "pid"}),
 }  # fmt: skip
 """Scenario and changes; together they contain every kind of event that ends a span."""
@@ -133,7 +137,6 @@ def test_the_kernel_is_compiled_once() -> None:
     "changes",
     [
         {"compensation": "train_predictor"},
-        {"links.command.jitter": 0.1},
         {"links.measurement.delay": 0.1},
         {"links.brake_release.delay": 0.1},
     ],
@@ -150,24 +153,6 @@ def test_a_long_run_is_compiled_by_default_and_has_no_step_time() -> None:
     short = run_engine(setup_of(name, {**changes, "duration": 10}))
     assert long.summary.get("step_time_us_median") is None
     assert short.summary["step_time_us_median"] > 0.0
-
-
-@pytest.mark.parametrize("spec", [
-    LinkSpec(delay=(0.3, 0.5), delay_brake=0.1),
-    LinkSpec(delay=0.2, varying=VaryingDelay(amplitude=0.5, omega=3.0)),
-    LinkSpec(delay=0.4, jump=DelayJump(at=2.0, factor=0.25)),
-], ids=["by sign", "varying", "jump"])  # fmt: skip
-def test_packed_queues_continue_a_link(spec: LinkSpec) -> None:
-    """Breaks if queues lose a value, its order or the held value on their way through arrays."""
-    links = [Link(spec, 2, 10_000_000, 1, "command") for _ in range(2)]
-    force = np.random.default_rng(1).normal(size=(80, 2))
-    for tick, value in enumerate(force):
-        for link in links:
-            link.push(tick * 50_000_000, value)
-        windows = [link.window(tick * 50_000_000, 5) for link in links]
-        assert windows[0].tobytes() == windows[1].tobytes()
-        queues = links[1].packed(3)
-        links[1].take_packed(queues, int(links[1].newest_due(tick * 50_000_000, 5)[-1]))
 
 
 def test_noise_ahead_is_the_noise_of_the_ticks() -> None:

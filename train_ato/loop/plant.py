@@ -73,6 +73,8 @@ class PlantStage:
         Number of restarts after which a node has answered again, by its name.
     alive_check : AliveCheck
         Check of the alive counter of the brake releases.
+    link : Link
+        Link of the commands.
     odometers : Odometers or None
         Odometers of the supervisor.
     """
@@ -92,8 +94,8 @@ class PlantStage:
         self._reported = Protection.NONE
         self._service_brake = FullServiceBrake(setup.consist, setup.plant)
         self.train = setup.train()
-        self._link = Link(setup.links.command, setup.layout.n_units, setup.step_ns, setup.seed, "command")
-        self._interventions = TrainInterventions(setup, self.train, self._link, self.protection, self._inputs)
+        self.link = Link(setup.links.command, setup.layout.n_units, setup.step_ns, setup.seed, "command")
+        self._interventions = TrainInterventions(setup, self.train, self.link, self.protection, self._inputs)
         pipe = setup.links.brake_pipe
         self._pipe_link: Link | None = None
         if setup.consist.air_brake is not None and pipe != LinkSpec():
@@ -201,7 +203,7 @@ class PlantStage:
         forces = inputs.receive("ato/command", stamp, command)
         pressure = inputs.receive("ato/brake_pipe_command", stamp, pipe)
         if inputs.fresh("ato/command"):
-            self._link.push(stamp, forces.force)
+            self.link.push(stamp, forces.force)
             piped = forces.stamp if not self.setup.layout.air_brake else 0 if pressure is None else pressure.stamp
             self.protection.on_command(min(forces.stamp, piped), stamp)
         if not inputs.fresh("ato/brake_pipe_command"):
@@ -217,7 +219,7 @@ class PlantStage:
         The emergency brake has a path of its own; the electric brake of locomotives acts beside it and counts nowhere.
         """
         stamp, protection = self.stamp, self.protection
-        demand: Array = self._link.window(stamp, self._substeps)
+        demand: Array = self.link.window(stamp, self._substeps)
         before = protection.level
         level = protection.step(
             stamp,
@@ -251,7 +253,7 @@ class PlantStage:
     def diagnostic_at(self, stamp: int, totals: Mapping[str, float], taken: Sequence[Intervention] = ()) -> Diagnostic:
         """Return the diagnostics of a stamp with the totals up to it by name."""
         values = {key: repr(totals[name]) for key, name in TOTALS}
-        values["commands_lost"] = str(self._link.lost)
+        values["commands_lost"] = str(self.link.lost)
         values |= self._inputs.diagnostics()
         if taken:
             values[KEY] = interventions_to_json(taken)

@@ -10,12 +10,16 @@ The highest demand of these sources is in effect:
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import IntEnum
-from itertools import pairwise
 
+import numpy as np
+
+from plant_sim.compiled import compiled
+from plant_sim.record import Records, quantity, zeros
 from train_ato.loop.setup import RunSetup
-from train_ato.messages.links import DelayJump, Link, MessageLink
-from train_ato.messages.types import BrakeRelease
+from train_ato.messages.links import DelayJump, DelayLine, Link, MessageLink, Stamps, UnitQueue, arrive
+from train_ato.messages.types import Array, BrakeRelease
 
 REQUESTED, SUPERVISOR = "emergency brake requested", "supervisor"
 """Reasons of a reaction: an intervention, and the brake release of the supervisor."""
@@ -40,6 +44,30 @@ class Protection(IntEnum):
         return self >= Protection.COAST, self is Protection.SERVICE_BRAKE, self is Protection.EMERGENCY_BRAKE
 
 
+@dataclass
+class CommandAge:
+    """Age of the newest command that has arrived at the train."""
+
+    newest: int = quantity("ns", "stamp of the command")
+    nominal: int = quantity("ns", "age of a command in time")
+    shortest: int = quantity("ns", "largest age beyond the nominal one without a reaction")
+
+
+@compiled
+def command_age(
+    ages: Records[CommandAge], lines: Records[DelayLine], units: Records[UnitQueue], due: Stamps, value: Array,
+    stamp: int, arrived: Array,
+) -> int:  # fmt: skip
+    """Return the age beyond the nominal one of the newest command at a stamp [ns].
+
+    The link has the stamps of the commands as values; ``arrived`` has the place for the newest, shape (1, 1).
+    """
+    age = ages[0]
+    arrive(lines, units, due, value, stamp, arrived)
+    age.newest = max(age.newest, int(arrived[0, 0]))
+    return stamp - age.newest - age.nominal
+
+
 class TrainProtection:
     """Reaction of the train at every tick.
 
@@ -56,32 +84,36 @@ class TrainProtection:
         Reason of the reaction, "" without one.
     requested : bool
         True if an intervention has applied the emergency brake.
+    stamps : Link
+        Link of the commands, with their stamps as values.
+    age : Records of CommandAge
+        Age of the newest command.
     """
 
     def __init__(self, setup: RunSetup) -> None:
         self.level = Protection.NONE
         self.reason = ""
         self.requested = False
-        self._supervised, self._tick = setup.layout.supervised, setup.tick_ns
+        self._supervised = setup.layout.supervised
         spec, link = setup.scenario.supervision.failsafe, setup.links.command
-        self._stamps = Link(link.newest(), 1, setup.step_ns, setup.seed, "command")
-        self._nominal = round(link.longest * 1e9) + setup.tick_ns
+        self.stamps, self._arrived = Link(link.newest(), 1, setup.step_ns, setup.seed, "command"), np.zeros((1, 1))
+        self.age = zeros(CommandAge, 1)
         self._bounds = tuple(round(bound * 1e9) for bound in (spec.hold, spec.coast, spec.service))
         release = setup.links.brake_release
         self._shortest = min(self._bounds)
+        self.age["nominal"], self.age["shortest"] = round(link.longest * 1e9) + setup.tick_ns, self._shortest
         self._release_link = MessageLink(release, setup.step_ns, setup.seed, "brake_release")
         allowed = (setup.supervision_ticks + 1) * setup.tick_ns if spec.release is None else round(spec.release * 1e9)
         self._release_age = allowed + round(release.longest * 1e9)
         self._release: BrakeRelease | None = None
         self._decision = Protection.NONE
-        self._newest = 0
         self._lost = ""
         self._silent = Protection.NONE
         self._unreleased = False
 
     def jump(self, change: DelayJump) -> None:
         """Add a change of the command delays."""
-        self._stamps.jump(change)
+        self.stamps.jump(change)
 
     def lose(self, reason: str) -> None:
         """Apply the service brake from the next step on, because a node has ended and does not return."""
@@ -90,7 +122,7 @@ class TrainProtection:
     def on_command(self, stamp: int, received: int | None = None) -> None:
         """Take the stamp of a command of the ATO and the time of its reception [ns], by default its stamp."""
         if self._supervised:
-            self._stamps.push(stamp if received is None else received, (float(stamp),))
+            self.stamps.push(stamp if received is None else received, (float(stamp),))
 
     def on_release(self, release: BrakeRelease, received: int | None = None) -> None:
         """Take a brake release of the supervisor and the time of its reception [ns], by default its stamp."""
@@ -103,34 +135,16 @@ class TrainProtection:
         return self._unreleased or self._silent is Protection.EMERGENCY_BRAKE
 
     def is_idle(self, stamp: int, period_ns: int) -> bool:
-        """Return True if the ticks from a stamp [ns] on have no reaction, as long as the brakes are released.
+        """Return True if only a late command makes a reaction in the ticks from a stamp [ns] on.
 
-        Every command then arrives in time with the delays so far, and a release after every period [ns].
+        The brakes stay released then, and a release arrives after every period [ns].
         """
-        release, tick = self._release, self._tick
+        release = self._release
         if release is None or not self._release_link.is_idle or self._lost or self._unreleased:
             return False
         if self._silent is not Protection.NONE or self._decision is not Protection.NONE:
             return False
-        if max(stamp - release.stamp, period_ns) > min(period_ns, self._release_age):
-            return False
-        sent = [self._newest, *map(int, self._stamps.in_flight(0)), stamp]
-        if any(after - before > tick for before, after in pairwise(sent)):  # a command is missing
-            return False
-        return self._stamps.longest_ns(stamp) + tick <= self._nominal + self._shortest
-
-    def pass_ticks(self, first: int, ticks: int) -> None:
-        """Take the commands of ticks without a reaction, from the stamp of the first one [ns] on.
-
-        With a constant delay only those that can be in flight after the last tick are queued.
-        """
-        tick, varying = self._tick, self._stamps.spec.varying is not None
-        last = first + (ticks - 1) * tick
-        queued = ticks if varying else min(ticks, self._stamps.longest_ns(last) // tick + 3)
-        for stamp in range(last - (queued - 1) * tick, last + tick, tick):
-            self._stamps.push(stamp, (float(stamp),))
-            if varying or stamp == last:
-                self._newest = max(self._newest, int(self._stamps.pop(stamp)[0]))
+        return max(stamp - release.stamp, period_ns) <= min(period_ns, self._release_age)
 
     def step(self, stamp: int, *, standstill: bool, separated: bool = False) -> Protection:
         """Return the reaction of the tick at ``stamp`` [ns].
@@ -175,15 +189,14 @@ class TrainProtection:
 
     def _of_command(self, stamp: int, standstill: bool) -> tuple[Protection, str]:
         """Return the reaction to the age of the newest command; an emergency brake lasts until standstill."""
-        self._newest = max(self._newest, int(self._stamps.pop(stamp)[0]))
-        age = stamp - self._newest - self._nominal
+        age = int(command_age(self.age, *self.stamps.records(stamp, 0), stamp, self._arrived))
         emergency = self._silent is Protection.EMERGENCY_BRAKE and not standstill
         if age <= self._shortest and not emergency:
             self._silent = Protection.NONE
             return Protection.NONE, ""
         late = Protection(sum(age > bound for bound in self._bounds))
         self._silent = Protection.EMERGENCY_BRAKE if emergency else late
-        return self._silent, f"no command for {(age + self._nominal) * 1e-9:.1f} s"
+        return self._silent, f"no command for {(stamp - int(self.age['newest'][0])) * 1e-9:.1f} s"
 
 
 def _decision(release: BrakeRelease) -> Protection:

@@ -2,21 +2,23 @@
 
 A value arrives one delay after its stamp.  The delay is constant per unit and per sign of the command (traction and
 brake may differ), or varies with time at the receiver (paper 003: u(t - tau(t)), tau = 0.2 |sin t|).  Jitter and loss
-use a seeded random stream.  A newer value that arrives first replaces older values in flight.  Engine and nodes use the
-same class, so that every mode of running gives the same numbers.
+use a seeded random stream.  A newer value that arrives first replaces older values in flight.  Nodes and
+compiled ticks call :func:`push` and :func:`arrive` with the records of a link.
 """
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from plant_sim.elementary import sin_each
+from plant_sim.compiled import compiled
+from plant_sim.elementary import libm_sin
+from plant_sim.record import Records, fill, quantity, zeros
 from plant_sim.si_model import SiModel
 from plant_sim.streams import random_stream
 from plant_sim.units import Ratio, Time
@@ -24,12 +26,19 @@ from train_ato.messages.types import Array
 
 MAX_DELAY = 600.0
 """Maximum delay of a topic [s]."""
-BLOCK = 64
-"""Number of calls for which a varying delay is computed at once."""
+ROOM, DRAWN = 16, 64
+"""First room of a queue, and number of values for which random numbers are drawn at once: a draw of one costs 1 us."""
+NO_CHANCE = (0.0, 1.0)
+"""Random numbers of a value without jitter and loss."""
 NO_JUMP = 2**62
 """Time of a jump that does not happen [ns]."""
 NEVER = 1e6
 """Delay of a command that does not arrive in any run [s]; a product of factors can exceed every number."""
+
+
+Stamps = NDArray[np.int64]
+LinkRecords = tuple[Any, Any, Stamps, Array]
+"""Records of the delay and of the units, due times [ns] and values of the entries of the queues."""
 
 
 class VaryingDelay(SiModel):
@@ -98,16 +107,93 @@ def _for_units(value: float | tuple[float, ...], width: int, key: str) -> Array:
     return np.array(values, dtype=np.float64)
 
 
-class PackedQueues(NamedTuple):
-    """Queues of a link as arrays: stamps of arrival [ns] and values, shape (width, room); see :meth:`Link.packed`.
+@dataclass
+class DelayLine:
+    """Delay of all values of a link."""
 
-    ``bounds`` are first entry and end of every queue, shape (2, width); ``held`` are the values that arrived last.
+    step: int = quantity("ns", "grid of the delays")
+    factor: float = quantity("", "product of the factors of all changes so far")
+    add: float = quantity("s", "sum of the additions of all changes so far")
+    jitter: float = quantity("s", "upper bound of the additional random delay")
+    loss: float = quantity("", "probability of losing a value")
+    amplitude: float = quantity("s", "largest additional delay at the receiver")
+    omega: float = quantity("rad/s", "angular frequency of the delay at the receiver")
+    phase: float = quantity("rad", "phase of the delay at the receiver")
+    newest: int = quantity("ns", "due time of the newest values that have arrived, with a delay at the receiver")
+    lost: int = quantity("", "values lost so far")
+
+
+@dataclass
+class UnitQueue:
+    """Values in flight to one unit: the entries from ``first`` to before ``end`` of its row."""
+
+    forward: float = quantity("s", "delay in traction")
+    backward: float = quantity("s", "delay in braking")
+    first: int = quantity("", "number of the first entry")
+    end: int = quantity("", "number behind the last entry")
+    held: float = quantity("", "value that arrived last")
+
+
+@compiled
+def delay_ns(line: DelayLine, delay: float, late: float) -> int:
+    """Return a delay with all changes and an additional delay [s] on the grid of the link [ns]."""
+    changed = delay * line.factor + line.add + late
+    if not changed > 0.0:
+        changed = 0.0
+    if changed > NEVER:
+        changed = NEVER
+    return int(np.rint(changed * 1e9 / line.step)) * line.step
+
+
+@compiled
+def push(
+    lines: Records[DelayLine], units: Records[UnitQueue], due: Stamps, value: Array,
+    stamp: int, sent: Array, late: float, chance: float,
+) -> None:  # fmt: skip
+    """Queue the values of a stamp, or lose them.
+
+    Parameters
+    ----------
+    lines, units, due, value
+        Records of the link; every queue has room for one more value.
+    stamp
+        Time of the values [ns].
+    sent
+        Values, shape (units,); one below 0 has the delay in braking.
+    late, chance
+        Random numbers in [0, 1): part of the jitter, and loss if below its probability.
     """
+    line = lines[0]
+    if chance < line.loss:
+        line.lost += 1
+        return
+    for u in range(units.size):
+        queue = units[u]
+        arrival = stamp + delay_ns(line, queue.backward if sent[u] < 0.0 else queue.forward, late * line.jitter)
+        while queue.end > queue.first and due[u, queue.end - 1] >= arrival:
+            queue.end -= 1
+        due[u, queue.end], value[u, queue.end] = arrival, sent[u]
+        queue.end += 1
 
-    due: NDArray[np.int64]
-    value: Array
-    bounds: NDArray[np.int64]
-    held: Array
+
+@compiled
+def arrive(
+    lines: Records[DelayLine], units: Records[UnitQueue], due: Stamps, value: Array, start: int, acting: Array
+) -> None:
+    """Write the values that act at ``start``, ``start + step``, ... [ns], shape (steps, units)."""
+    line = lines[0]
+    for row in range(acting.shape[0]):
+        due_by = start + row * line.step
+        if line.amplitude > 0.0:
+            late = line.amplitude * abs(libm_sin(line.omega * (due_by * 1e-9) + line.phase))
+            line.newest = max(line.newest, due_by - int(np.rint(late * 1e9 / line.step)) * line.step)
+            due_by = line.newest
+        for u in range(units.size):
+            queue = units[u]
+            while queue.first < queue.end and due[u, queue.first] <= due_by:
+                queue.held = value[u, queue.first]
+                queue.first += 1
+            acting[row, u] = queue.held
 
 
 class Link:
@@ -128,151 +214,101 @@ class Link:
     """
 
     def __init__(self, spec: LinkSpec, width: int, step_ns: int, seed: int, name: str, *, initial: float = 0.0) -> None:
-        self.spec = spec
-        self._step = step_ns
-        traction, brake = spec.per_unit(width, f"links.{name}")
-        self._forward = [float(delay) for delay in traction]
-        self._backward = [float(delay) for delay in brake]
-        self._in_flight: list[deque[tuple[int, float]]] = [deque() for _ in range(width)]
-        self._held = np.full(width, initial)
+        self._line, self._units = zeros(DelayLine, 1), zeros(UnitQueue, width)
+        varying = VaryingDelay(amplitude=0.0) if spec.varying is None else spec.varying
+        fill(self._line, varying, step=step_ns, jitter=spec.jitter, loss=spec.loss, factor=1.0, add=0.0,
+             newest=-NO_JUMP, lost=0)  # fmt: skip
+        self._units["forward"], self._units["backward"] = spec.per_unit(width, f"links.{name}")
+        self._units["held"] = initial
+        self._due: Stamps = np.zeros((width, ROOM), dtype=np.int64)
+        self._value, self._free = np.zeros((width, ROOM)), ROOM
+        self._sent = np.zeros(width)
         self._random = random_stream(seed, f"link/{name}") if spec.jitter > 0 or spec.loss > 0 else None
-        self._latest_limit = -(2**62)
-        self._block: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
-        self._block_start = 0
-        self._jumps = () if spec.jump is None else (spec.jump,)
-        self._constant = self._delays(0, 0.0)
-        self.lost = 0
+        self._drawn, self._next = np.zeros((0, 2)), 0
+        self._jumps: list[DelayJump] = []
+        self._changes_at = NO_JUMP
+        if spec.jump is not None:
+            self.jump(spec.jump)
 
-    def _delays(self, stamp: int, late: float) -> tuple[list[int], list[int]]:
-        """Return the delays of every unit in traction and in braking [ns] with an additional one [s] at a time [ns]."""
-        factor, add = 1.0, 0.0
-        for jump in self._jumps:
-            if stamp >= round(jump.at * 1e9):
-                factor, add = factor * jump.factor, add + jump.add
-
-        def rounded(delay: float) -> int:
-            return round(min(max(0.0, delay * factor + add + late), NEVER) * 1e9 / self._step) * self._step
-
-        return [rounded(delay) for delay in self._forward], [rounded(delay) for delay in self._backward]
+    @property
+    def lost(self) -> int:
+        """Number of values lost so far."""
+        return int(self._line["lost"][0])
 
     def jump(self, change: DelayJump) -> None:
         """Add a change: the delay is multiplied by the product of all factors, then the sum of all ``add`` is added."""
-        self._jumps = (*self._jumps, change)
-
-    def push(self, stamp: int, value: Array | Sequence[float]) -> None:
-        """Queue ``value``, shape (width,), at ``stamp`` [ns]."""
-        late = 0.0
-        if self._random is not None:
-            draws = self._random.random(2)
-            late = float(draws[0]) * self.spec.jitter
-            if draws[1] < self.spec.loss:
-                self.lost += 1
-                return
-        changing = self._jumps or self._random is not None
-        forward, backward = self._delays(stamp, late) if changing else self._constant
-        commands = value.tolist() if isinstance(value, np.ndarray) else value
-        for queue, command, in_traction, in_braking in zip(self._in_flight, commands, forward, backward, strict=True):
-            due = stamp + (in_braking if command < 0 else in_traction)
-            while queue and queue[-1][0] >= due:
-                queue.pop()
-            queue.append((due, command))
-
-    def window(self, start: int, count: int) -> Array:
-        """Return the arrived values at ``start``, ``start + step``, ... [ns], shape (count, width)."""
-        due_by = self._due_by(start, count) if self.spec.varying is not None else None
-        last = start + (count - 1) * self._step if due_by is None else int(due_by[-1])
-        result = np.empty((count, self._held.size))
-        result[:] = self._held
-        for unit, queue in enumerate(self._in_flight):
-            while queue and queue[0][0] <= last:
-                due, value = queue.popleft()
-                steps_to_go = -((start - due) // self._step)
-                first = max(0, steps_to_go) if due_by is None else int(np.searchsorted(due_by, due))
-                result[first:, unit] = value
-                self._held[unit] = value
-        return result
-
-    def _due_by(self, start: int, count: int) -> NDArray[np.int64]:
-        """Return the stamps of the newest values that have arrived at every step under a varying delay [ns].
-
-        They are computed for :data:`BLOCK` calls at once: 2.3 instead of 15.6 us a call. Times must not decrease.
-        """
-        first = (start - self._block_start) // self._step
-        if not 0 <= first <= self._block.size - count:
-            now = start + self._step * np.arange(BLOCK * count, dtype=np.int64)
-            limit = np.maximum.accumulate(now - self._late(now))
-            self._block, self._block_start, first = np.maximum(limit, self._latest_limit), start, 0
-        due = self._block[first : first + count]
-        self._latest_limit = int(due[-1])
-        return due
-
-    def _late(self, now: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the varying delay at the receiver at times [ns]."""
-        varying = self.spec.varying
-        assert varying is not None
-        late = varying.amplitude * np.abs(sin_each(varying.omega * (now * 1e-9) + varying.phase))
-        delay: NDArray[np.int64] = np.rint(late * 1e9 / self._step).astype(np.int64) * self._step
-        return delay
-
-    @property
-    def is_random(self) -> bool:
-        """True with jitter or loss."""
-        return self._random is not None
+        self._jumps.append(change)
+        self._changes_at = min(self._changes_at, _stamp_of(change))
 
     def next_jump(self, stamp: int) -> int:
         """Return the time of the next jump after a stamp [ns], :data:`NO_JUMP` without one."""
-        times = (round(jump.at * 1e9) for jump in self._jumps)
-        return min((time for time in times if time > stamp), default=NO_JUMP)
+        return min((time for time in map(_stamp_of, self._jumps) if time > stamp), default=NO_JUMP)
 
-    def delays(self, stamp: int) -> NDArray[np.int64]:
-        """Return the delays in traction and in braking at a stamp [ns], shape (2, width)."""
-        return np.array(self._delays(stamp, 0.0) if self._jumps else self._constant, dtype=np.int64)
+    def push(self, stamp: int, value: Array | Sequence[float]) -> None:
+        """Queue ``value``, shape (width,), at ``stamp`` [ns]."""
+        lines, units, due, values = self.records(stamp, 1)
+        self._sent[:] = value
+        late, chance = NO_CHANCE
+        if self._random is not None:
+            late, chance = self.draws(1)[0].tolist()
+            self._next += 1
+        push(lines, units, due, values, stamp, self._sent, late, chance)
 
-    def longest_ns(self, stamp: int) -> int:
-        """Return an upper bound of the delays of values sent and received up to a stamp [ns], without jitter [ns]."""
-        times = [0, *(round(jump.at * 1e9) for jump in self._jumps)]
-        longest = max(max(max(kind, default=0) for kind in self._delays(at, 0.0)) for at in times if at <= stamp)
-        varying = self.spec.varying
-        return longest + (0 if varying is None else round(varying.amplitude * 1e9) + self._step)
-
-    def in_flight(self, unit: int) -> list[float]:
-        """Return the values of a unit that have not arrived, in the order of their arrival."""
-        return [value for _, value in self._in_flight[unit]]
-
-    def newest_due(self, start: int, count: int) -> NDArray[np.int64]:
-        """Return the stamps of the newest values that have arrived at ``start``, ``start + step``, ... [ns]."""
-        now = start + self._step * np.arange(count, dtype=np.int64)
-        if self.spec.varying is None:
-            return now
-        return np.maximum(np.maximum.accumulate(now - self._late(now)), self._latest_limit)
-
-    def packed(self, room: int) -> PackedQueues:
-        """Return the queues as arrays with room for more values in every queue."""
-        width, longest = self._held.size, max(map(len, self._in_flight), default=0)
-        due, value = np.zeros((width, longest + room), dtype=np.int64), np.zeros((width, longest + room))
-        bounds: NDArray[np.int64] = np.zeros((2, width), dtype=np.int64)
-        for unit, queue in enumerate(self._in_flight):
-            bounds[1, unit] = len(queue)
-            if queue:
-                due[unit, : len(queue)], value[unit, : len(queue)] = zip(*queue, strict=True)
-        return PackedQueues(due, value, bounds, self._held)
-
-    def take_packed(self, queues: PackedQueues, newest_due: int) -> None:
-        """Replace the queues by packed ones, whose values up to a stamp [ns] have arrived."""
-        for unit, (first, end) in enumerate(queues.bounds.T.tolist()):
-            entries = zip(queues.due[unit, first:end].tolist(), queues.value[unit, first:end].tolist(), strict=True)
-            self._in_flight[unit] = deque(entries)
-        if self.spec.varying is not None:
-            self._latest_limit = newest_due
+    def window(self, start: int, count: int) -> Array:
+        """Return the arrived values at ``start``, ``start + step``, ... [ns], shape (count, width)."""
+        acting = np.empty((count, self._sent.size))
+        arrive(self._line, self._units, self._due, self._value, start, acting)
+        return acting
 
     def pop(self, now: int) -> Array:
         """Return the newest value that has arrived at ``now`` [ns], shape (width,)."""
-        if self.spec.varying is not None:
-            return np.asarray(self.window(now, 1)[0])
-        for unit, queue in enumerate(self._in_flight):
-            while queue and queue[0][0] <= now:
-                self._held[unit] = queue.popleft()[1]
-        return self._held.copy()
+        return np.asarray(self.window(now, 1)[0])
+
+    def records(self, stamp: int, count: int) -> LinkRecords:
+        """Return the records at a stamp [ns], with the changes up to it and room for ``count`` more values."""
+        if stamp >= self._changes_at:
+            factor, add = 1.0, 0.0
+            for jump in self._jumps:
+                if stamp >= _stamp_of(jump):
+                    factor, add = factor * jump.factor, add + jump.add
+            self._line["factor"], self._line["add"] = factor, add
+            self._changes_at = self.next_jump(stamp)
+        self._free -= count
+        if self._free < 0:
+            self._make_room(count)
+        return self._line, self._units, self._due, self._value
+
+    def _make_room(self, count: int) -> None:
+        """Move the queues to the first columns, in longer arrays if necessary."""
+        first, end = self._units["first"], self._units["end"]
+        longest = int((end - first).max(initial=0))
+        room = self._due.shape[1]
+        while room < 2 * (longest + count):
+            room *= 2
+        due, value = np.zeros((first.size, room), dtype=np.int64), np.zeros((first.size, room))
+        for unit, (begin, behind) in enumerate(zip(first.tolist(), end.tolist(), strict=True)):
+            due[unit, : behind - begin] = self._due[unit, begin:behind]
+            value[unit, : behind - begin] = self._value[unit, begin:behind]
+        self._units["end"], self._units["first"] = end - first, 0
+        self._due, self._value, self._free = due, value, room - longest - count
+
+    def draws(self, count: int) -> Array:
+        """Return the random numbers of the next values without use of them, shape (count, 2)."""
+        if self._random is None:
+            return np.tile(NO_CHANCE, (count, 1))
+        while len(self._drawn) < self._next + count:
+            more = self._random.random((DRAWN, 2))
+            self._drawn, self._next = np.concatenate((self._drawn[self._next :], more)), 0
+        return self._drawn[self._next : self._next + count]
+
+    def skip_draws(self, count: int) -> None:
+        """Use the random numbers of some values, which compiled code has queued."""
+        self._next += count
+
+
+def _stamp_of(jump: DelayJump) -> int:
+    """Return the time of a jump [ns]."""
+    return round(jump.at * 1e9)
 
 
 class MessageLink:

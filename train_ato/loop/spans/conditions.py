@@ -36,15 +36,13 @@ def spans_possible(setup: RunSetup) -> bool:
     """Return True for a run whose ticks can be compiled.
 
     It has an observer over records or `none`, the compensation `none`, `pade`, `preview`, `predictor` or `twin`, no
-    re-planning, no shares or displacements of the power units by place, and delays on the command only and without
-    random parts.
+    re-planning, no shares or displacements of the power units by place, and delays on the command only.
     """
     scenario, links = setup.scenario, setup.links
     if scenario.replan or scenario.force_shares or scenario.unit_displacements:
         return False
     others = (links.measurement, links.reference, links.estimate, links.brake_pipe, links.brake_release)
-    delayed = any(link != LinkSpec() for link in others)
-    if delayed or links.command.jitter or links.command.loss:
+    if any(link != LinkSpec() for link in others):
         return False
     compensation = COMPENSATIONS.get(setup.compensation)
     if compensation is PreviewFeedforward and setup.layout.air_brake:  # its shoe forces are those of one time
@@ -72,7 +70,7 @@ def ticks_to_event(
     if not (logged or plant.train._outside.acts):
         longest *= BRIEF if brief else UNRECORDED
     longest = min(longest, plant.train.ticks_before_section)
-    ends = [stamp + longest * tick, setup.ticks * tick, plant._link.next_jump(stamp)]
+    ends = [stamp + longest * tick, setup.ticks * tick, plant.link.next_jump(stamp)]
     ends += [requested_stamp(change) for change in controller._planned]
     ends += plant._interventions.due_stamps
     ends += [inputs.next_fault(stamp) for inputs in _inputs(stages)]

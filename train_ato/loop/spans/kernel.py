@@ -11,6 +11,8 @@ from plant_sim.compiled import compiled
 from plant_sim.sensors import measure_train
 from train_ato.loop.spans.control_kernel import changes_brake, law_step, observe, set_inputs
 from train_ato.loop.spans.supervision_kernel import copy_states, supervised_tick
+from train_ato.loop.train_protection import command_age
+from train_ato.messages.links import arrive, push
 
 # Rows of `measured` (ticks, rows, units).
 MEASURED_POSITION, MEASURED_VELOCITY, MEASURED_FORCE = range(3)
@@ -54,38 +56,11 @@ def _stands(tick, measured, bound):
 
 
 @compiled
-def _push(stamp, sent, delays, due, value, bounds):
-    """Queue the commands of a stamp, as :meth:`train_ato.messages.links.Link.push`."""
-    for u in range(len(sent)):
-        arrival = stamp + (delays[1, u] if sent[u] < 0 else delays[0, u])
-        while bounds[1, u] > bounds[0, u] and due[u, bounds[1, u] - 1] >= arrival:
-            bounds[1, u] -= 1
-        due[u, bounds[1, u]], value[u, bounds[1, u]] = arrival, sent[u]
-        bounds[1, u] += 1
-
-
-@compiled
-def _arrived(newest, due, value, bounds, held, window):
-    """Write the arrived commands at every plant step, as :meth:`train_ato.messages.links.Link.window`."""
-    steps = len(newest)
-    for u in range(len(held)):
-        for step in range(steps):
-            window[step, u] = held[u]
-        while bounds[1, u] > bounds[0, u] and due[u, bounds[0, u]] <= newest[steps - 1]:
-            head = bounds[0, u]
-            for step in range(steps):
-                if newest[step] >= due[u, head]:
-                    window[step, u] = value[u, head]
-            held[u] = value[u, head]
-            bounds[0, u] += 1
-
-
-@compiled
 def run_span(
     stamp, tick_ns, dt, train, event, events, forces, vehicles, setting, noise, sensors,
     law, observing, predicting, braking, inputs, reference, feedforward, shoes, own, tables, limits, segments,
-    bound, count, delays, newest, due, value, bounds, held, history, shown, truth, measured, couplers, sent, at_limit,
-    reports, supervision, at_rest,
+    bound, count, link, stamps, history, shown, truth, measured, couplers, sent, at_limit, reports, supervision,
+    at_rest,
 ):  # fmt: skip
     """Run consecutive ticks until a tick that is left to Python; return the number of ticks run.
 
@@ -97,18 +72,22 @@ def run_span(
     delay of the commands. ``law``, ``observing`` and ``predicting`` have
     number, constants, state and couplers of the law and of the observer, and the arrays of the prediction; ``law`` also
     has the inputs for all units, the demand, and the call of a law in Python. ``braking`` has records and call of the
-    policy of the air brake, the envelopes of the electric brake, and the pressures charged and demanded.
+    policy of the air brake, the envelopes of the electric brake, and the pressures charged and demanded. ``link`` and
+    ``stamps`` have the records of the link of the commands and of that of their stamps, with the random numbers of
+    every tick; ``stamps`` begins with the age of the newest command.
     """
     state, vehicle, vehicle_index, gear, gear_table, run, body, unit, unit_index, envelope, piece = train
     outside, cubes, cubed = forces
-    every, states, gears, unit_states, settings = reports
-    n, steps, nu = vehicle.shape[1], newest.shape[1], sensors.units.size
+    every, states, gears, unit_states, settings, lost = reports
+    lines, queues, due, value, draws = link
+    ages, stamp_lines, stamp_queues, stamp_due, stamp_value, stamp_draws = stamps
+    n, steps, nu = vehicle.shape[1], outside.shape[2], sensors.units.size
     law_state, observer_state, policy_state = law[1], observing[1], braking[1]
     saved, observed, kept = law_state.copy(), observer_state.copy(), inputs.copy()
     demanded, seen = policy_state.copy(), sensors.units.copy()
     supervised = supervision.states.run[0].period > 0
-    now, window = law[3], np.zeros((steps, nu))
-    for tick in range(len(newest)):
+    now, window, own_stamp, newest = law[3], np.zeros((steps, nu)), np.zeros(1), np.zeros((1, 1))
+    for tick in range(len(measured)):
         at = stamp + tick * tick_ns
         t, seen[:] = at * 1e-9, sensors.units
         measure_train(
@@ -123,6 +102,10 @@ def run_span(
             sensors.units[:] = seen
             return tick
         if supervised:
+            age = command_age(ages, stamp_lines, stamp_queues, stamp_due, stamp_value, at, newest)
+            if age > ages[0].shortest:
+                sensors.units[:] = seen
+                return tick
             copy_states(supervision.states, supervision.kept, at)
         saved[:], observed[:], kept[:], demanded[:] = law_state, observer_state, inputs, policy_state
         usable, limited = True, 0
@@ -160,7 +143,7 @@ def run_span(
         if at % every < tick_ns:
             last = min(count[REPORTS], len(states) - 1)
             states[last], gears[last], unit_states[last] = state, gear, unit
-            settings[count[REPORTS]] = setting
+            settings[count[REPORTS]], lost[count[REPORTS]] = setting, lines[0].lost
             count[REPORTS] += 1
         for j in range(len(shown)):
             i = shown[j]
@@ -170,8 +153,12 @@ def run_span(
             history[row] = history[row + 1]
         if len(history):
             history[len(history) - 1] = sent[tick + 1]
-        _push(at, sent[tick + 1], delays, due, value, bounds)
-        _arrived(newest[tick], due, value, bounds, held, window)
+        push(lines, queues, due, value, at, sent[tick + 1], draws[tick, 0], draws[tick, 1])
+        arrive(lines, queues, due, value, at, window)
+        if supervised:
+            own_stamp[0] = at
+            push(stamp_lines, stamp_queues, stamp_due, stamp_value, at, own_stamp, stamp_draws[tick, 0],
+                 stamp_draws[tick, 1])  # fmt: skip
         for j in range(len(cubed)):
             speed = state[k.V, vehicles[cubed[j]]]
             for step in range(steps):
@@ -180,4 +167,4 @@ def run_span(
             t, dt, state, vehicle, vehicle_index, gear, gear_table, run, body, unit, unit_index, envelope, piece,
             event, events, window, outside[tick], vehicles, setting,
         )  # fmt: skip
-    return len(newest)
+    return len(measured)

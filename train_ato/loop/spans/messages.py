@@ -66,7 +66,7 @@ class SpanArrays:
     outside, cubes, means : Array
         Disturbances, see :meth:`plant_sim.outside_forces.OutsideForces.ahead`.
     reports : list of Array
-        State, gear, unit and setting of the kernel at the ticks with diagnostics.
+        State, gear, unit and setting of the kernel, and number of commands lost, at the ticks with diagnostics.
     supervision : SupervisionArrays
         Results of the steps of the supervisor.
     estimates : Array, shape (ticks, units)
@@ -263,11 +263,14 @@ class SpanMessages:
         if not due.any():
             return reports
         stamps, first = self._stamps[due].tolist(), int(self._stamps[due][0])
-        totals = self._train.totals_at_each(*(values[: len(stamps)] for values in arrays.reports))
+        *states, lost = (values[: len(stamps)] for values in arrays.reports)
+        totals = self._train.totals_at_each(*states)
         numbers = {key: totals[attribute] for key, attribute in TOTALS}
         remaining = {} if self._brief else {"remaining": [stages.profile.remaining(stamp) for stamp in stamps]}
         if self._brief:
             numbers = {SATURATED: numbers[SATURATED]}
+        if stages.plant.link.lost:
+            numbers["commands_lost"] = lost.tolist()
         plant = stages.plant.diagnostic_at(first, {attribute: column[0] for attribute, column in totals.items()})
         profile, observer = stages.profile.diagnostic(first), stages.observer.diagnostic(first)
         controller = stages.controller.diagnostic(first)

@@ -30,7 +30,6 @@ from train_ato.loop.spans.python_law import PythonLaw
 from train_ato.loop.spans.stages import Stages
 from train_ato.loop.spans.supervised import SupervisedTicks
 from train_ato.loop.stage_messages import SECOND_NS
-from train_ato.messages.links import PackedQueues
 from train_ato.messages.tick_block import TickBlock
 from train_ato.messages.types import Array, AtoReport
 
@@ -206,7 +205,8 @@ class _Span:
             [
                 spans.empty(name, 1 if spans.brief and name != "setting" else most, *getattr(changing, name).shape)
                 for name in REPORTED
-            ],
+            ]
+            + [np.zeros(most, dtype=np.int64)],
             spans.supervised.arrays(count),
             np.zeros((count, units)),
         )
@@ -220,9 +220,9 @@ class _Span:
 
     def run(self) -> int:
         """Run the ticks; return the number of them that were run."""
-        train, link, out, spans = self._train, self._plant._link, self.arrays, self._spans
-        newest = link.newest_due(self._stamp, self._count * train.substeps).reshape(self._count, train.substeps)
-        queues, a, events = link.packed(self._count), train.arrays, train._brake.propagating()
+        train, out, spans = self._train, self.arrays, self._spans
+        link, protection, stamps = self._plant.link, self._plant.protection, self._plant.protection.stamps
+        a, events = train.arrays, train._brake.propagating()
         cubed = np.arange(train._outside.vehicles.size if out.cubes.shape[2] else 0)
         law = self._law
         if isinstance(law, PythonLaw):
@@ -238,9 +238,11 @@ class _Span:
              *(law.couplers.arrays if law.couplers else NO_COUPLERS)),
             self._observing(), self._predicting(), self._braking(), self._inputs, self._forecast.expected,
             self._forecast.feedforward, self._forecast.shoes, *spans.model,
-            self._bounds(), self._counts, link.delays(self._stamp), newest, *queues, self._stack._history._commands,
-            spans.shown, out.truth, out.measured, out.couplers, out.sent, out.at_limit, (SECOND_NS, *out.reports),
-            out.supervision, self._forecast.at_rest,
+            self._bounds(), self._counts,
+            (*link.records(self._stamp, self._count), link.draws(self._count)),
+            (protection.age, *stamps.records(self._stamp, self._count), stamps.draws(self._count)),
+            self._stack._history._commands, spans.shown, out.truth, out.measured, out.couplers, out.sent, out.at_limit,
+            (SECOND_NS, *out.reports), out.supervision, self._forecast.at_rest,
         ))  # fmt: skip
         if isinstance(law, PythonLaw):
             law.end_span(done)
@@ -248,7 +250,7 @@ class _Span:
         self._forecast.take_back(done)
         self._observer_shoes.take_back(done, float(out.measured[done - 1, 1, 0]) if done else None)
         if done:
-            self._store(done, queues, int(newest[done - 1, -1]))
+            self._store(done)
         return done
 
     def _uses_shoes(self) -> bool:
@@ -293,7 +295,7 @@ class _Span:
         jump_place = min((at for at in jumps if at is not None), default=FAR)
         return np.array((*LIMITS, STANDSTILL_SPEED, jump_place))
 
-    def _store(self, done: int, queues: PackedQueues, newest_due: int) -> None:
+    def _store(self, done: int) -> None:
         """Set the states of stages, stack, law, link and sensors to those after the span."""
         stack, train, out = self._stack, self._train, self.arrays
         observer = self._spans.stages.observer._stack
@@ -304,8 +306,8 @@ class _Span:
         stack._last = out.sent[done].tolist()
         stack._saturated_steps = int(out.at_limit[done])
         stack._saturated = bool(self._counts[kernel.AT_LIMIT])
-        self._spans.supervised.store(out.supervision, self._stamp, done)
-        self._plant._link.take_packed(queues, newest_due)
+        self._spans.supervised.store(done)
+        self._plant.link.skip_draws(done)
         train.sensor_set.skip_noise(done)
         train.stamp += done * train.tick_ns
         self._plant.tick += done

@@ -78,11 +78,11 @@ class SupervisedTicks:
             zeros(OdometryReading, most),
         )  # fmt: skip
 
-    def store(self, arrays: SupervisionArrays, first: int, ticks: int) -> None:
-        """Set the states of train protection and ATO to those after some ticks from a stamp [ns] on."""
+    def store(self, ticks: int) -> None:
+        """Set the states of train protection and ATO to those after some ticks."""
         if self._stages.supervisor is None:
             return
-        self._stages.plant.protection.pass_ticks(first, ticks)
+        self._stages.plant.protection.stamps.skip_draws(ticks)
         if self._run["steps"][0]:
             speed = self._stages.supervisor.supervisor.state["speed"]
             self._stages.controller.ato.take_speed(float(speed[0]))
