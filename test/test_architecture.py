@@ -58,6 +58,7 @@ CONTROL_LAYERS = (
         "assurance",
         "plausibility",
         "takeover",
+        "caller",
     ),
 )
 """Modules and packages of ``train_ato.control`` from lowest to highest; those of one layer may import each other."""

@@ -5,10 +5,10 @@
 >>> run.metrics["controller"]
 'smc'
 
-``run`` runs a scenario, ``compare`` runs it with several laws, ``sweep`` at many points, ``tune`` searches for the
-gains of a law, ``learn`` learns from run to run, ``falsify`` searches for a break of a requirement, ``open_run`` opens
-a run folder, ``load`` returns its tables, ``scenario`` returns a scenario that can be changed, ``laws`` and
-``scenarios`` list the names.
+``run`` runs a scenario, ``Env`` drives it step by step, ``compare`` runs it with several laws, ``sweep`` at many
+points, ``tune`` searches for the gains of a law, ``learn`` learns from run to run, ``falsify`` searches for a break of
+a requirement, ``open_run`` opens a run folder, ``load`` returns its tables, ``scenario`` returns a scenario that can be
+changed, ``laws`` and ``scenarios`` list the names.
 """
 
 import importlib
@@ -20,6 +20,8 @@ import train_ato.scenario  # noqa: F401 - made callable below
 from train_ato.version import VERSION
 
 if TYPE_CHECKING:
+    from train_ato.apps.env.env import Env as Env
+    from train_ato.apps.env.env import EnvState as EnvState
     from train_ato.apps.falsify.study import falsify as falsify
     from train_ato.apps.learn.learn import LearnResult as LearnResult
     from train_ato.apps.learn.learn import learn as learn
@@ -42,6 +44,8 @@ if TYPE_CHECKING:
 
 _PLACES = {
     "Comparison": "train_ato.apps.runs.comparison",
+    "Env": "train_ato.apps.env.env",
+    "EnvState": "train_ato.apps.env.env",
     "Frames": "train_ato.log.tables.loading",
     "LearnResult": "train_ato.apps.learn.learn",
     "Run": "train_ato.apps.runs.run",
@@ -64,6 +68,8 @@ _PLACES = {
 
 __all__ = [
     "Comparison",
+    "Env",
+    "EnvState",
     "Frames",
     "LearnResult",
     "Run",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 from train_ato.control.assurance import BRAKING_LAW
 from train_ato.control.component_fault import ComponentFailed
@@ -25,6 +25,7 @@ from train_ato.messages.links import MessageLink
 from train_ato.messages.topics import Role
 from train_ato.messages.types import (
     Array,
+    AtoReport,
     AtoState,
     Command,
     Diagnostic,
@@ -42,6 +43,17 @@ MAX_REFERENCE_SHIFT = 1.0
 """Largest difference of a reference from the profile at its stamp [m]."""
 
 
+class Received(NamedTuple):
+    """Messages of a step as they have arrived, at a step of the supervisor with the last three."""
+
+    measurement: Measurement
+    reference: Reference | None
+    estimate: DisturbanceEstimate | None
+    report: AtoReport | None = None
+    protection: ProtectionState | None = None
+    speeds: SupervisedSpeeds | None = None
+
+
 class ControllerStage:
     """Control stack of law, compensation and brake policy, with changes by parameter during a run.
 
@@ -51,6 +63,8 @@ class ControllerStage:
         Current law.
     changed : dict
         Parameters applied at the last step, planned in the scenario or set during the run.
+    received : Received
+        Messages of the last :meth:`receive`.
     """
 
     role = Role.CONTROLLER
@@ -78,6 +92,8 @@ class ControllerStage:
         self._call = ComponentCall(f"law '{setup.controller}'")
         self.controller = setup.controller
         self.changed: Changes = {}
+        self.received: Received
+        self._received_ns = 0
         self._error: ComponentFailed | None = None
         self._failed: ComponentFailed | None = None
         self.ato = AtoMode(setup)
@@ -102,6 +118,12 @@ class ControllerStage:
                 self._take(name, value)
         self.ato.forget_requests(stamp)
         self.follow_outage("node controller restarted")
+
+    @property
+    def in_flight(self) -> Array:
+        """Commands sent and not yet in effect [N], oldest first, shape (d, units)."""
+        assert self._stack is not None
+        return self._stack._history.in_flight()
 
     @property
     def has_answer(self) -> bool:
@@ -257,6 +279,18 @@ class ControllerStage:
         protection, speeds
             At a step of the supervisor: fail-safe state of the train, and limits.
         """
+        self.receive(measurement, reference, estimate, protection, speeds)
+        return self.command()
+
+    def receive(
+        self,
+        measurement: Measurement,
+        reference: Reference,
+        estimate: DisturbanceEstimate,
+        protection: ProtectionState | None = None,
+        speeds: SupervisedSpeeds | None = None,
+    ) -> None:
+        """Take the messages of a step as :meth:`step` does, without a command."""
         assert self._stack is not None, "the profile comes before the first step"
         begin = time.perf_counter_ns()
         stamp = measurement.stamp
@@ -266,22 +300,29 @@ class ControllerStage:
         disturbance = self._estimate_link.pass_on(stamp, receive("ato/estimate", stamp, estimate))
         self.ato.begin_step()
         resumed = self._end_outage(stamp)
-        report = None
+        received = Received(seen, expected, disturbance)
         if protection is not None and speeds is not None:
-            report = self.ato.update(
-                seen, receive("train/protection", stamp, protection), receive("atp/speeds", stamp, speeds)
-            )
+            state, limits = receive("train/protection", stamp, protection), receive("atp/speeds", stamp, speeds)
+            received = received._replace(report=self.ato.update(seen, state, limits), protection=state, speeds=limits)
         self.ato.changed |= resumed
         if self._failed is not None:
             self._brake(stamp, self._failed)
             self._failed = None
+        self.received = received
+        self._received_ns = time.perf_counter_ns() - begin
+
+    def command(self) -> ControllerMessages:
+        """Return the command for the messages of :meth:`receive`."""
+        begin = time.perf_counter_ns() - self._received_ns
+        seen, report = self.received.measurement, self.received.report
+        stamp = seen.stamp
         if self._error is not None and self._has_ended(seen):
             raise self._error
         with self._call:
             self._change(stamp)
             if self.ato.drives:
                 self._takeover = None
-                force, pressure = self._engaged_step(seen, expected, disturbance)
+                force, pressure = self._engaged_step(seen, self.received.reference, self.received.estimate)
             else:
                 force, pressure = self.ato.command(seen)
             if self._takeover is not None:

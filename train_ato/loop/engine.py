@@ -22,7 +22,7 @@ from train_ato.loop.stage_messages import Published
 from train_ato.loop.step_times import StepTimes
 from train_ato.loop.supervisor import SupervisorStage
 from train_ato.loop.trajectories import profile_of
-from train_ato.messages.types import AtoReport
+from train_ato.messages.types import AtoReport, BrakeRelease
 
 if TYPE_CHECKING:
     from train_ato.loop.spans.span import CompiledSpans
@@ -138,6 +138,7 @@ class TickLoop:
         self.supervisor = SupervisorStage(setup) if setup.layout.supervised else None
         self.recording = RecordingBuilder(setup, summary_only)
         self._ato: AtoReport | None = None
+        self._release: BrakeRelease | None = None
         self.ticks = 0
         self.active = "engine"
         self._sink = sink
@@ -159,18 +160,23 @@ class TickLoop:
 
     def tick(self) -> None:
         """Run one tick."""
+        self.observe()
+        self.act()
+
+    def observe(self) -> None:
+        """Run the stages of a tick up to the inputs of the law."""
         stamp = self.plant.stamp
         self.active = "plant"
         plant = self.plant.observe()
         self._publish(stamp, plant.published())
-        release = speeds = None
+        self._release = speeds = None
         if self.supervisor is not None and plant.odometry is not None:
             self.active = "supervisor"
             supervisor = self.supervisor.step(plant.odometry)
             self._publish(stamp, supervisor.published())
-            release, speeds = supervisor.release, supervisor.speeds
+            self._release, speeds = supervisor.release, supervisor.speeds
         self.active = "profile"
-        profile = self.profile.on_measurement(plant.measurement, None if release is None else self._ato)
+        profile = self.profile.on_measurement(plant.measurement, None if self._release is None else self._ato)
         self._publish(stamp, profile.published())
         if profile.profile is not None:
             self.controller.set_profile(profile_of(profile.profile))
@@ -178,12 +184,15 @@ class TickLoop:
         observer = self.observer.on_measurement(plant.measurement)
         self._publish(stamp, observer.published())
         self.active = "controller"
-        controller = self.controller.step(
-            plant.measurement, profile.reference, observer.estimate, plant.protection, speeds
-        )
-        self._publish(stamp, controller.published())
+        self.controller.receive(plant.measurement, profile.reference, observer.estimate, plant.protection, speeds)
+
+    def act(self) -> None:
+        """Run the law and the train of a tick after :meth:`observe`."""
+        self.active = "controller"
+        controller = self.controller.command()
+        self._publish(self.plant.stamp, controller.published())
         self.active = "plant"
-        self.plant.act(controller.command, controller.brake_pipe_command, release)
+        self.plant.act(controller.command, controller.brake_pipe_command, self._release)
         self._ato = controller.state or self._ato
         self.ticks += 1
 

@@ -1,0 +1,303 @@
+"""The environment drives the run of the engine step by step: the same bits, its states, its refusals."""
+
+from __future__ import annotations
+
+import pickle
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import train_ato as ta
+from train_ato.apps.env.observation import DISTANCES
+from train_ato.apps.env.reward import COSTS
+from train_ato.cli.main import main
+
+FREE = {"supervision.enabled": False}
+RUNS: dict[str, tuple[str, dict[str, Any]]] = {
+    "demo, supervised": ("demo", {"duration": 40}),
+    "demo": ("demo", {"duration": 20, **FREE}),
+    "metro, supervised": ("xuzhou_metro", {"duration": 20, "supervision.enabled": True}),
+    "metro": ("xuzhou_metro", {"duration": 20}),
+    "slow control": ("xuzhou_metro", {"duration": 30, "control_period": 0.2}),
+    "three units, a shared force": ("crh380a_gpc:short", {"duration": 10}),
+    "faults and delays": ("xuzhou_metro:disturbed", {
+        "duration": 30, "supervision.enabled": True, "links.measurement.delay": 0.15, "links.command.jitter": 0.05,
+        "observer": "cascaded", "faults": [{"topic": "train/measurement", "do": "drop", "begin": 10, "end": 11}]}),
+}  # fmt: skip
+"""Scenario and changes."""
+
+
+def commands(run: ta.Run, env: ta.Env) -> np.ndarray:
+    """Return the commands of a run at the steps of an environment."""
+    return run.recording.command[:: round(env.period / env.setup.tick)]
+
+
+def assert_same_arrays(one: ta.Run, other: ta.Run) -> None:
+    a, b = one.recording.topics, other.recording.topics
+    assert a.keys() == b.keys()
+    for topic, samples in a.items():
+        assert samples.time.tobytes() == b[topic].time.tobytes(), topic
+        for name, values in samples.values.items():
+            assert values.tobytes() == b[topic][name].tobytes(), (topic, name)
+
+
+@pytest.mark.parametrize("case", RUNS)
+def test_the_commands_of_a_run_give_the_same_run(case):
+    """Breaks if the environment calls a stage in another order, twice or not at all, or loses a message."""
+    name, changes = RUNS[case]
+    recorded = ta.run(name, set=changes, seed=5)
+    env = ta.Env(name, set=changes)
+    env.reset(seed=5)
+    for force in commands(recorded, env):
+        _, _, ended, truncated, info = env.step(force)
+    assert ended and not truncated
+    assert info["metrics"]["verdict"] == recorded.metrics["verdict"] == info["verdict"]
+    assert_same_arrays(env.run, recorded)
+
+
+@pytest.mark.parametrize("case", ["demo, supervised", "metro", "faults and delays"])
+def test_a_state_continues_bit_for_bit(case):
+    """Breaks if a state lacks a part of a stage, shares one with the run that goes on, or cuts a view of an array."""
+    name, changes = RUNS[case]
+    env, random = ta.Env(name, set=changes, flat=True), np.random.default_rng(3)
+    env.reset(seed=4)
+    low, high = env.setup.model.force_limits(np.zeros(env.n_units))
+    forces = iter(random.uniform(low, high, (250, env.n_units)))
+    for steps in random.integers(1, 25, 4):
+        for _ in range(steps):
+            env.step(next(forces))
+        state = env.save()
+        ahead = [next(forces) for _ in range(20)]
+        first = [_outcome(env.step(force)) for force in ahead]
+        assert _flat(env.restore(state)[0]) == _flat(env.restore(pickle.loads(pickle.dumps(state)))[0])
+        assert [_outcome(env.step(force)) for force in ahead] == first
+        other = ta.Env(name, set=changes, flat=True)
+        other.restore(state)
+        assert [_outcome(other.step(force)) for force in ahead] == first
+        assert_same_arrays(other.run, env.run)
+
+
+def _outcome(step: Any) -> tuple[Any, ...]:
+    observation, reward, ended, _, info = step
+    return _flat(observation), reward, ended, info["command"].tobytes(), info["brake"]
+
+
+def _flat(observation: Any) -> bytes:
+    return observation.tobytes()
+
+
+OTHER = """
+import pickle, sys
+import train_ato as ta
+name, changes, state, forces = pickle.load(sys.stdin.buffer)
+env = ta.Env(name, set=changes, flat=True)
+env.restore(state)
+found = [env.step(force)[0].tobytes() for force in forces]
+sys.stdout.buffer.write(pickle.dumps(found))
+"""
+
+
+def test_another_process_continues_a_state():
+    """Breaks if a state contains an address, an id or an object of its process."""
+    name, changes = RUNS["demo, supervised"]
+    changes = {**changes, "observer": "eso"}
+    env = ta.Env(name, set=changes, flat=True)
+    env.reset(seed=9)
+    for _ in range(60):
+        env.step(4e5)
+    state, forces = env.save(), [3e5, -1e5, 2e5] * 10
+    here = [env.step(force)[0].tobytes() for force in forces]
+    given = pickle.dumps((name, changes, state, forces))
+    there = subprocess.run([sys.executable, "-c", OTHER], input=given, capture_output=True, check=True).stdout
+    assert pickle.loads(there) == here
+
+
+def test_states_do_not_grow_with_the_run():
+    """Breaks if a state contains the history of the run."""
+    env = ta.Env("xuzhou_metro", set={"duration": 60})
+    env.reset()
+    sizes = []
+    for _ in range(3):
+        for _ in range(300):
+            env.step(1e5)
+        sizes.append(len(env.save().data))
+    assert max(sizes[1:]) <= sizes[0] + 100
+
+
+def test_a_saved_run_is_verified_and_continues(tmp_path, capsys):
+    """Breaks if the folder lacks the forces of the caller, also those that the stack does not use at standstill."""
+    env = ta.Env("demo", set={"duration": 12})
+    _, info = env.reset(seed=2)
+    for step in range(60):
+        env.step(9e5 if step % 7 else -5e5)
+    half = env.run
+    assert (half.metrics["status"], half.metrics["ticks"]) == ("interrupted", 60)
+    ended = False
+    while not ended:
+        _, _, ended, _, info = env.step(9e5)
+    assert info["metrics"]["ticks"] == 120 and env.run is env.run
+    assert main(["verify", str(env.run.save(tmp_path / "run"))]) == 0
+    assert "bit for bit" in capsys.readouterr().out
+    part = half.recording.front_position
+    assert part.tobytes() == env.run.recording.front_position[: part.size].tobytes()
+
+
+def test_costs_are_those_of_the_metrics():
+    """Breaks if a cost has another unit, another sign or another interval than the metric."""
+    changes = {"duration": 50, "criteria.stop_window": 5}
+    law = ta.run("demo", set=changes)
+    env = ta.Env("demo", set=changes, reward={cost.name: 2.0 for cost in COSTS})
+    env.reset()
+    sums, total = dict.fromkeys([cost.name for cost in COSTS], 0.0), 0.0
+    for force in law.recording.command:
+        _, reward, _, _, info = env.step(force)
+        total += reward
+        for name, cost in info["costs"].items():
+            sums[name] += cost
+    metrics, recording = info["metrics"], env.run.recording
+    assert total == pytest.approx(-2.0 * sum(sums.values()))
+    assert sums["energy"] == pytest.approx(metrics["energy_traction_kwh"] - metrics["energy_regenerated_kwh"])
+    assert sums["couplers"] == pytest.approx(max(metrics["coupler_draft_max_kn"], -metrics["coupler_buff_max_kn"]))
+    error = recording.velocity[:, 0] - recording.reference_velocity
+    assert sums["tracking"] == pytest.approx(0.1 * (error**2).sum())
+    jerk = np.diff(recording.front_velocity, 2, prepend=[recording.front_velocity[0]] * 1) / 0.01
+    assert sums["comfort"] == pytest.approx(0.1 * (jerk**2).sum(), rel=1e-2)
+    assert sums["stop"] == pytest.approx(abs(env.run.recording.final[0] - env.setup.profile.position[-1]))
+
+
+def test_the_observation_is_the_knowledge_of_the_ato():
+    """Breaks if an observation is the truth, is of another tick, or lacks the delay of its message."""
+    changes = {"duration": 20, "supervision.enabled": True, "links.measurement.delay": 0.25,
+               "plant.sensors.velocity_noise": 0.1}  # fmt: skip
+    env = ta.Env("xuzhou_metro", set=changes, normalised=True)
+    first, _ = env.reset(seed=3)
+    seen = [first] + [env.step(0.5)[0] for _ in range(200)]
+    measured, sent = env.run["train/measurement"], env.run["ato/command"]
+    late = 5
+    speed = np.array([obs["speed"][0] for obs in seen])
+    assert speed[late:].tolist() == measured["unit_0_speed_m_s"].to_numpy()[: speed.size - late].tolist()
+    assert np.array_equal(seen[60]["commands_in_flight"], sent["unit_0_force_n"].to_numpy()[54:60])
+    assert seen[60]["supervised_limits"][0] == env.run["atp/speeds"].iloc[15]["permitted_speed_m_s"]
+    front = seen[60]["position"][0] + env.setup.model.offsets[0]
+    weight = env.setup.model.mass * env.setup.consist.gravity
+    gradient = 1e3 * env.setup.model.line_force(front + 200.0) / weight
+    assert seen[60]["gradients_ahead"][3] == pytest.approx(gradient, rel=1e-12)
+    for name, quantity in env.quantities.items():
+        values = np.array([obs[name] for obs in seen])
+        assert values.shape[1:] == quantity.low.shape, name
+        assert (quantity.low <= values).all() and (values <= quantity.high).all(), name
+
+
+OWN_LIMITS = [(-1000.0, 80.0), (250.0, 40.0), (320.0, 60.0)]
+
+
+def own_line(folder: Path) -> str:
+    """Return the file of a line with these limits [m, km/h]."""
+    rows = "".join(f"\n  - {{at: {at}, speed_kmh: {speed}}}" for at, speed in OWN_LIMITS)
+    line = folder / "line.yaml"
+    line.write_text(f"schema: train_ato/line/1\nname: own\nbegin: -1000\nend: 8000\nspeed_limits:{rows}\n")
+    return str(line)
+
+
+def test_limits_ahead_are_those_of_the_line(tmp_path):
+    """Breaks if a limit is not that of the whole train, or its place not the distance ahead."""
+    changes = {"plant.line": own_line(tmp_path), "duration": 2}
+    env = ta.Env("xuzhou_metro", set=changes, observe=("position", "limits_ahead"))
+    obs, _ = env.reset()
+    vehicle, length = env.setup.consist.vehicles[0], env.setup.consist.length
+    for distance, found in zip(DISTANCES, obs["limits_ahead"], strict=True):
+        front = obs["position"][0] + env.setup.model.offsets[0] + distance + vehicle.length / 2
+        ends = [at for at, _ in OWN_LIMITS[1:]] + [np.inf]
+        rear, rows = front - length, zip(OWN_LIMITS, ends, strict=True)
+        over = [speed for (at, speed), end in rows if at <= front and end > rear]
+        assert found == pytest.approx(min(over) / 3.6), distance
+
+
+@pytest.mark.parametrize("assured", [True, False])
+def test_the_supervisor_brakes_in_spite_of_the_caller(assured, tmp_path):
+    """Breaks if the force of the caller reaches the train against the supervisor, or ``info`` does not say so."""
+    changes = {"supervision.enabled": True, "supervision.assurance": assured, "plant.line": own_line(tmp_path)}
+    names = ("speed", "brakes", "ato_engaged", "supervised_limits")
+    env = ta.Env("xuzhou_metro", set={"duration": 45, **changes}, normalised=True, observe=names)
+    env.reset()
+    for _ in range(800):
+        obs, _, _, _, info = env.step(1.0)
+        assert obs["speed"][0] < obs["supervised_limits"][3]
+        if not info["engaged"]:
+            break
+    if assured:
+        assert info["takeover"] and info["brake"] == "none" and info["interventions"] == 0
+    else:
+        assert (info["reason"], info["brake"], info["interventions"]) == ("supervisor", "service brake", 1)
+        assert obs["brakes"].tolist() == [1.0, 1.0, 0.0] and info["ato_state"] != "engaged"
+    assert obs["ato_engaged"][0] == 0.0
+    speed = obs["speed"][0]
+    for _ in range(100):
+        obs, _, _, _, info = env.step(1.0)
+    assert obs["speed"][0] < speed - 1.0
+
+
+def test_options_and_seeds_of_a_reset():
+    """Breaks if an option stays for the next run, or equal seeds give other runs."""
+    env = ta.Env("xuzhou_metro:disturbed", set={"duration": 10}, flat=True, seed=11)
+
+    def rolled(**given: Any) -> tuple[int, bytes]:
+        first, _ = env.reset(**given)
+        return env.setup.seed, b"".join([first.tobytes(), *(env.step(1e5)[0].tobytes() for _ in range(30))])
+
+    first, drawn, again = rolled(), rolled(), rolled(seed=11)
+    assert first == again and first[0] == 11
+    assert drawn == rolled() and drawn[0] != 11 and drawn[1] != first[1]
+    assert rolled(seed=11, options={"duration": 5})[1] != b"" and env.setup.ticks == 100
+    assert rolled(seed=11) == first and env.setup.ticks == 200
+
+
+@pytest.mark.parametrize(
+    ("force", "text"),
+    [
+        ([np.nan], "not finite"), (np.inf, "not finite"), ([1.0, 2.0], r"shape \(2,\); give \(1,\)"),
+        ([[1.0]], "shape"), ("full", "not a number"), (None, "not finite"), ([], "shape"),
+    ],
+)  # fmt: skip
+def test_a_wrong_force_is_refused_before_the_step(force, text):
+    """Breaks if a wrong force reaches the stack, or the run cannot go on after the refusal."""
+    env = ta.Env("xuzhou_metro", set={"duration": 5})
+    env.reset()
+    with pytest.raises(ValueError, match=text) as refused:
+        env.step(force)
+    assert "\n" not in str(refused.value)
+    assert env.step(0.0)[4]["time"] == pytest.approx(0.05)
+
+
+def test_wrong_uses_are_refused_in_one_line():
+    """Breaks if a step outside of a run, a foreign state, or an unknown name is accepted."""
+    env = ta.Env("xuzhou_metro", set={"duration": 1})
+    other = ta.Env("xuzhou_metro", set={"duration": 2})
+    for wrong, text in (
+        (lambda: env.step(0.0), "call reset"), (env.save, "call reset"), (lambda: env.run, "call reset"),
+        (lambda: env.reset(seed=-1), "seed -1"), (lambda: env.reset(seed=1.5), "seed 1.5"),
+        (lambda: env.reset(options={"durration": 3}), "durration"),
+        (lambda: ta.Env("xuzhou_metro", observe=("sped",)), "did you mean 'speed'"),
+        (lambda: ta.Env("xuzhou_metro", reward={"enrgy": 1.0}), "did you mean 'energy'"),
+        (lambda: ta.Env("xuzhou_metro", reward={"energy": np.nan}), "not finite"),
+        (lambda: env.restore(3), "not a state"),
+    ):  # fmt: skip
+        with pytest.raises(ValueError, match=text) as refused:
+            wrong()
+        assert "\n" not in str(refused.value)
+    env.reset()
+    other.reset()
+    with pytest.raises(ValueError, match=r"another scenario.*duration"):
+        other.restore(env.save())
+    for _ in range(20):
+        env.step(0.0)
+    with pytest.raises(ValueError, match="has ended"):
+        env.step(0.0)
+    env.restore(other_state := env.save())
+    with pytest.raises(ValueError, match="has ended"):
+        env.step(0.0)
+    assert other_state.seed == env.setup.seed

@@ -1,0 +1,72 @@
+"""Law of :class:`train_ato.Env`: the caller of the environment gives the force of every step."""
+
+from __future__ import annotations
+
+import base64
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from train_ato.control.contract import LawInput, LawOutput, parameter
+from train_ato.messages.types import Array
+
+NAME = "train_ato.control.caller:Caller"
+"""Name of this law in a scenario."""
+
+
+@dataclass
+class Caller:
+    """Force given by the caller of the environment, or the recorded forces of such a run.
+
+    Attributes
+    ----------
+    force : Array, shape (units,), or None
+        Force demand of every unit in the next step [N].
+    """
+
+    forces: str = parameter("", "", 0.0, 0.0, "recorded forces of all steps, see forces_text(); empty: from the caller")
+
+    def bind(self, model: Any, period: float) -> None:
+        """Take the number of units and the control period [s].
+
+        Raises
+        ------
+        ValueError
+            For a text that is not one of recorded forces of this train.
+        """
+        self._period, self._recorded = period, _forces_of(self.forces, model.n_units)
+
+    def reset(self) -> None:
+        """Forget the force of the caller."""
+        self.force: Array | None = None
+
+    def step(self, inputs: LawInput) -> LawOutput:
+        """Return the force of the caller, or the recorded one.
+
+        Raises
+        ------
+        ValueError
+            Without a caller, and after the recorded forces.
+        """
+        if self.force is not None:
+            return LawOutput(self.force)
+        step = round(inputs.t / self._period)
+        if step >= len(self._recorded):
+            raise ValueError(f"no force for {inputs.t:g} s: the law is the caller of train_ato.Env; choose another law")
+        return LawOutput(self._recorded[step])
+
+
+def forces_text(forces: Sequence[Array]) -> str:
+    """Return the forces of all steps as text of a scenario: their bytes (float64, step by step), zlib, base64."""
+    return base64.b64encode(zlib.compress(np.array(forces, dtype="<f8").tobytes())).decode("ascii")
+
+
+def _forces_of(text: str, units: int) -> Array:
+    try:
+        found = np.frombuffer(zlib.decompress(base64.b64decode(text, validate=True)) if text else b"", dtype="<f8")
+        return found.astype(np.float64).reshape(-1, units)
+    except (ValueError, zlib.error) as error:
+        raise ValueError(f"forces: not the recorded forces of {units} units ({error}); record the run again") from None
