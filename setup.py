@@ -97,10 +97,12 @@ setup(
     extras_require={
         "sweep": SWEEP,
         "tune": ["cma>=3.3"],
+        "gymnasium": ["gymnasium>=1.0"],
         "rerun": ["rerun-sdk>=0.24; python_version >= '3.11'"],
         "test": [
             *SWEEP,
             "cma>=3.3",
+            "gymnasium>=1.0",
             "rtamt>=0.3.5; python_version < '3.13'",
             "pytest>=8",
             "pytest-xdist>=3.5",

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from train_ato.apps.env.history import History, Past
-from train_ato.apps.env.observation import Known, Quantity, flat, observed
+from train_ato.apps.env.observation import Known, Quantity, flat_vector, observed
 from train_ato.apps.env.reward import CostCounter, end_costs, weights_of
 from train_ato.apps.env.stage_state import SharedParts
 from train_ato.apps.env.stepped_loop import SteppedLoop
@@ -113,6 +113,8 @@ class Env:
         Name, unit, meaning and bounds of the observed quantities.
     setup : RunSetup
         Prepared run: scenario, train, line, nominal model, profile.
+    flat, normalised : bool
+        As given.
     n_units : int
         Number of power units.
     period : float
@@ -148,7 +150,7 @@ class Env:
     ) -> None:
         self._choice = choose_scenario(scenario).changed(set, seed)
         self._parts = PartCache()
-        self._names, self._flat, self._normalised = observe, flat, normalised
+        self._names, self.flat, self.normalised = observe, flat, normalised
         self._weights = weights_of(reward)
         self._caller = Caller()
         self._seeds: np.random.Generator | None = None
@@ -169,6 +171,15 @@ class Env:
     def n_units(self) -> int:
         """Number of power units."""
         return self.setup.layout.n_units
+
+    @property
+    def force_bounds(self) -> tuple[Array, Array]:
+        """Smallest and largest force of a step [N], or -1 and 1, shape (units,) each."""
+        model = self.setup.model
+        if self.normalised:
+            return -np.ones(self.n_units), np.ones(self.n_units)
+        least = np.array([-envelope.largest() for envelope in model.brake])
+        return least, np.array([envelope.largest() for envelope in model.traction])
 
     @property
     def period(self) -> float:
@@ -299,7 +310,7 @@ class Env:
             raise ValueError(f"step: force has the shape {force.shape}; give ({self.n_units},), one per power unit")
         if not np.isfinite(force).all():
             raise ValueError(f"step: force {force.tolist()} is not finite; give numbers")
-        if not self._normalised:
+        if not self.normalised:
             return force
         assert self._episode is not None
         low, high = self.setup.model.force_limits(self._episode.known.measurement.velocity)
@@ -314,7 +325,7 @@ class Env:
         assert self._episode is not None
         known = self._episode.known
         found = {name: np.array(quantity.read(known)) for name, quantity in self.quantities.items()}
-        return flat(found) if self._flat else found
+        return flat_vector(found) if self.flat else found
 
     def _info(self, costs: dict[str, float]) -> dict[str, Any]:
         loop, episode = self._started(), self._episode

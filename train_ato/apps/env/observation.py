@@ -215,6 +215,6 @@ def _of_supervisor(setup: RunSetup) -> Iterator[Quantity]:
                    fastest * limits, lambda k: k.limits)  # fmt: skip
 
 
-def flat(values: dict[str, Array]) -> Array:
+def flat_vector(values: dict[str, Array]) -> Array:
     """Return an observation as one vector."""
     return np.concatenate(list(values.values()))

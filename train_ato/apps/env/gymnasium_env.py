@@ -1,0 +1,89 @@
+"""Environments of Gymnasium, one for every shipped scenario; the import of this module registers them.
+
+>>> import gymnasium, train_ato.apps.env.gymnasium_env  # doctest: +SKIP
+>>> env = gymnasium.make("train_ato/XuzhouMetro-v0", set={"duration": 60})  # doctest: +SKIP
+
+Without the import: ``gymnasium.make("train_ato.apps.env.gymnasium_env:train_ato/XuzhouMetro-v0")``. Gymnasium since
+1.0 looks up no entry points. A vector environment of Gymnasium has its default autoreset mode, ``NEXT_STEP``: the step
+after the end of a run is its reset.
+"""
+
+from __future__ import annotations
+
+from importlib.resources import files
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+
+if TYPE_CHECKING:
+    from train_ato.apps.env.env import Observation
+
+VERSION = 0
+"""Version of the environments in their names."""
+
+
+class GymnasiumEnv(gymnasium.Env):  # type: ignore[misc]  # without types where it is not installed
+    """The environment of a scenario with the spaces and the seeds of Gymnasium.
+
+    The force of a step is relative to the envelope, from -1 to 1 for every power unit. The observation has the bounds
+    of train and line. ``reset(seed=7)`` drives the run with the seed 7; without a seed the next one of ``np_random``.
+
+    Parameters
+    ----------
+    scenario
+        As for :class:`train_ato.apps.env.env.Env`.
+    **choices
+        Other arguments of it: ``set``, ``observe``, ``flat``, ``normalised``, ``reward``.
+
+    Attributes
+    ----------
+    run_env : Env
+        The environment, with ``run``, ``save()`` and ``restore()``.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 - the declaration of Gymnasium
+
+    def __init__(self, scenario: str, render_mode: str | None = None, **choices: Any) -> None:
+        from train_ato.apps.env.env import Env  # a late import: the registration needs no compiler
+
+        self.render_mode = render_mode
+        self.run_env = env = Env(scenario, **{"normalised": True, **choices})
+        self.action_space = spaces.Box(*env.force_bounds, dtype=np.float64)
+        boxes = {name: spaces.Box(entry.low, entry.high, dtype=np.float64) for name, entry in env.quantities.items()}
+        self.observation_space = spaces.Dict(boxes) if not env.flat else spaces.Box(
+            np.concatenate([entry.low for entry in env.quantities.values()]),
+            np.concatenate([entry.high for entry in env.quantities.values()]), dtype=np.float64,
+        )  # fmt: skip
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin a run; ``options`` as in :meth:`train_ato.apps.env.env.Env.reset`, with the spaces of the first run."""
+        super().reset(seed=seed)
+        return self.run_env.reset(seed=int(self.np_random.integers(2**31)) if seed is None else seed, options=options)
+
+    def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Drive one step; see :meth:`train_ato.apps.env.env.Env.step`."""
+        return self.run_env.step(action)
+
+    def close(self) -> None:
+        """End the run."""
+        self.run_env.close()
+
+
+def env_id(scenario: str) -> str:
+    """Return the name of the environment of a shipped scenario."""
+    return f"train_ato/{''.join(part.capitalize() for part in scenario.split('_'))}-v{VERSION}"
+
+
+def _register() -> None:
+    """Register the shipped scenarios, without an import of their model, which needs the compiler."""
+    for path in sorted((Path(str(files("train_ato"))) / "scenario" / "shipped").glob("*.yaml")):
+        if (name := env_id(path.stem)) not in gymnasium.registry:
+            gymnasium.register(name, entry_point=f"{__name__}:GymnasiumEnv", kwargs={"scenario": path.stem})
+
+
+_register()
