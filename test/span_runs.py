@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from typing import Any
+from unittest.mock import patch
 
 from train_ato.apps.runs.scenario_choice import choose_scenario
 from train_ato.apps.sweep.row import WALL_TIMES
+from train_ato.loop import engine
 from train_ato.loop.engine import TickLoop, run_engine
 from train_ato.loop.result import RunResult
 from train_ato.loop.series import DiagnosticSeries
@@ -26,6 +28,46 @@ class Messages:
 
 def setup_of(name: str, changes: dict[str, Any]) -> RunSetup:
     return choose_scenario(name).changed(changes, None).prepare()
+
+
+class Both:
+    """One case in Python and in compiled spans, each driven once with messages and recording.
+
+    Attributes
+    ----------
+    python, compiled
+        Topic, stamp and content of all messages, in order.
+    recording
+        Recording of the ticks in Python.
+    part
+        Part of the ticks that are compiled.
+    """
+
+    def __init__(self, setup: RunSetup) -> None:
+        self.python, self._one, _ = _driven(setup, compiled=False)
+        self.compiled, self._other, loop = _driven(setup, compiled=True)
+        assert self._one.recording is not None
+        self.recording = self._one.recording
+        self.part = loop._spans.ticks / loop.ticks if loop._spans is not None else 0.0
+
+    def assert_equal(self, least: float = 0.0) -> None:
+        """Compare messages and recordings; at least this part of the ticks must be compiled."""
+        assert_same_messages(self.python, self.compiled)
+        assert_same_recording(self._one, self._other)
+        assert self.part >= least
+
+
+def _driven(setup: RunSetup, *, compiled: bool) -> tuple[list[tuple[str, int, bytes]], RunResult, TickLoop]:
+    sink, loops = Messages(setup), []
+
+    def kept(*given: Any, **named: Any) -> TickLoop:
+        loops.append(TickLoop(*given, **named))
+        return loops[-1]
+
+    with patch.object(engine, "TickLoop", kept):
+        result = run_engine(setup, sink=sink, compiled=compiled)
+    assert result.failure is None, result.failure
+    return sink.rows, result, loops[0]
 
 
 def compiled_part(setup: RunSetup) -> float:

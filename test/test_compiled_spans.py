@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from case_costs import sampled
-from span_runs import assert_same_messages, assert_same_recording, compiled_part, messages_of, setup_of
+from span_runs import Both, setup_of
 
 from plant_sim.plant_setup import Sensors
 from plant_sim.sensors import SensorSet
@@ -107,22 +106,13 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_compiled_ticks_send_the_messages_of_python(case: str) -> None:
-    """Breaks if law, sensor, delay line, disturbance, brake or diagnostics of compiled ticks differ in one bit."""
-    assert_same_messages(*(messages_of(setup_of(*CASES[case]), compiled=chosen) for chosen in (False, True)))
+def test_compiled_ticks_give_messages_and_recording_of_python(case: str) -> None:
+    """Breaks if law, sensor, delay line, disturbance, brake or diagnostics of compiled ticks differ in one bit.
 
-
-@pytest.mark.parametrize("case", sampled(CASES, every=3))
-def test_compiled_ticks_give_the_recording_of_python(case: str) -> None:
-    """Breaks if an array of a span is added in another order, shape or reduction than the messages."""
-    python, compiled = (run_engine(setup_of(*CASES[case]), compiled=chosen) for chosen in (False, True))
-    assert_same_recording(python, compiled)
-
-
-@pytest.mark.parametrize("case", CASES)
-def test_most_ticks_are_compiled(case: str) -> None:
-    """Breaks if a condition leaves a whole run to Python: the tests above would then compare it with itself."""
-    assert compiled_part(setup_of(*CASES[case])) > 0.4
+    An array of a span in another order, shape or reduction than the messages does too, and a condition that leaves a
+    whole run to Python, which would be compared with itself.
+    """
+    Both(setup_of(*CASES[case])).assert_equal(least=0.4)
 
 
 def test_the_kernel_is_compiled_once() -> None:

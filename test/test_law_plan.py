@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 from engine_runs import record_run
-from span_runs import assert_same_messages, assert_same_recording, compiled_part, messages_of, setup_of
+from span_runs import Both, setup_of
 
 from plant_sim.units import KMH
 from train_ato.apps.view.planned import PLAN_LASTS, plan_columns, plan_words
@@ -78,12 +78,9 @@ def test_an_invalid_plan_is_not_read(spoilt) -> None:
 def test_a_plan_in_compiled_ticks_is_that_of_python(changes) -> None:
     """Breaks if a report of a compiled span has the plan of another tick, or none."""
     case = "demo", {**FREE, "duration": 30, "law": f"{HERE}:Planner", **changes}
-    runs = [run_engine(setup_of(*case), compiled=chosen) for chosen in (False, True)]
-    assert_same_recording(*runs)
-    assert_same_messages(*(messages_of(setup_of(*case), compiled=chosen) for chosen in (False, True)))
-    if "control_period" not in changes:
-        assert compiled_part(setup_of(*case)) > 0.4
-    status = runs[0].recording.diagnostics["controller"].texts(STATUS)
+    both = Both(setup_of(*case))
+    both.assert_equal(least=0.0 if "control_period" in changes else 0.4)
+    status = both.recording.diagnostics["controller"].texts(STATUS)
     assert status[0] is None
     assert len({text for text in status if text is not None}) > 20
 

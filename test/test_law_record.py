@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from law_trains import FIVE, SINGLE, inputs, measured, model
 from mypy import api
-from span_runs import assert_same_messages, compiled_part, messages_of, setup_of
+from span_runs import Both, compiled_part, messages_of, setup_of
 
 from plant_sim.compiled import compiled
 from plant_sim.record import Records, dtype_of, quantity, zeros
@@ -85,9 +85,8 @@ def test_a_law_of_a_user_is_in_the_compiled_loop(monkeypatch: pytest.MonkeyPatch
     setup = setup_of("crh380a_gpc:short", changes)
     assert compiled_part(setup_of("crh380a_gpc:short", {**changes, "law": "pid"})) > 0.8
     before = len(getattr(kernel.run_span, "signatures", []))  # missing with NUMBA_DISABLE_JIT
-    assert compiled_part(setup) > 0.8
+    Both(setup).assert_equal(least=0.8)
     assert len(getattr(kernel.run_span, "signatures", [])) == before
-    assert_same_messages(*(messages_of(setup, compiled=chosen) for chosen in (False, True)))
 
 
 def test_every_input_is_the_same_in_the_compiled_loop(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -97,8 +96,7 @@ def test_every_input_is_the_same_in_the_compiled_loop(monkeypatch: pytest.Monkey
     changes = {"supervision.enabled": False, "law": "curious", "compensation": "preview", "tick": 0.05}
     setup = setup_of("daqin_heavy_haul", {**changes, "duration": 30, "brake": brake})
     assert setup.model.delay.min() > 0.0
-    assert compiled_part(setup) > 0.8
-    assert_same_messages(*(messages_of(setup, compiled=chosen) for chosen in (False, True)))
+    Both(setup).assert_equal(least=0.8)
 
 
 @dataclass(frozen=True)
@@ -129,10 +127,9 @@ def test_an_observer_of_a_user_is_in_the_compiled_loop(monkeypatch: pytest.Monke
     monkeypatch.setitem(OBSERVERS._loaded, "held", Held)
     changes = {"supervision.enabled": False, "observer": "held", "laws.pid.disturbance": True, "duration": 20}
     setup = setup_of("xuzhou_metro", changes)
-    assert compiled_part(setup) > 0.8
-    python, compiled_messages = (messages_of(setup, compiled=chosen) for chosen in (False, True))
-    assert_same_messages(python, compiled_messages)
-    assert python != messages_of(setup_of("xuzhou_metro", {**changes, "observer": "none"}), compiled=True)
+    both = Both(setup)
+    both.assert_equal(least=0.8)
+    assert both.python != messages_of(setup_of("xuzhou_metro", {**changes, "observer": "none"}), compiled=True)
 
 
 def test_an_observer_repeats_its_estimate_for_invalid_inputs() -> None:

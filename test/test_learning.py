@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from span_runs import assert_same_messages, compiled_part, messages_of, setup_of
+from span_runs import Both, messages_of, setup_of
 
 import train_ato as ta
 from train_ato.apps.learn.average import RunAverage
@@ -113,11 +113,12 @@ def test_compiled_ticks_have_the_learned_resistance(stack: str, learned: Learned
     changes = {"duration": 60, "model.learned": learned.model_dump(by_alias=True)}
     names = {key: STACKS[stack].get(key, "none") for key in ("law", "compensation", "observer")}
     setup = setup_of(METRO, {**changes, **names})
-    assert compiled_part(setup) > 0.8
-    compiled = messages_of(setup, compiled=True)
-    assert_same_messages(messages_of(setup, compiled=False), compiled)
+    both = Both(setup)
+    both.assert_equal(least=0.8)
     without = messages_of(setup_of(METRO, {"duration": 60, **names}), compiled=True)
-    assert [row for row in without if row[0] == "ato/command"] != [row for row in compiled if row[0] == "ato/command"]
+    assert [row for row in without if row[0] == "ato/command"] != [
+        row for row in both.compiled if row[0] == "ato/command"
+    ]
 
 
 def test_several_units_have_the_learned_force_at_the_front(tmp_path: Path) -> None:
@@ -127,7 +128,7 @@ def test_several_units_have_the_learned_force_at_the_front(tmp_path: Path) -> No
     waves = tuple((0.02 * np.sin(np.arange(len(run.learned.resistance)) / 6.0)).tolist())
     learned = run.learned.model_copy(update={"resistance": waves})
     setup = setup_of("freight_consensus:realistic", {**base, "model.learned": learned.model_dump(by_alias=True)})
-    assert_same_messages(messages_of(setup, compiled=False), messages_of(setup, compiled=True))
+    Both(setup).assert_equal()
     model, bare = setup.model, setup.model.without_learned
     front = float(learned.places[20])
     position, speed = front - model.offsets, np.full(model.n_units, 10.0)

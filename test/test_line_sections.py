@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from plant_trains import plain_line, train
-from span_runs import assert_same_messages, compiled_part, messages_of, setup_of
+from span_runs import Both, setup_of
 
 from plant_sim import kernel as k
 from plant_sim.batch import advance_trains
@@ -257,5 +257,6 @@ def test_compiled_ticks_of_a_run_stop_at_sections() -> None:
     line |= {"neutral_sections": [{"begin": 700, "end": 760}]}
     setup = setup_of("xuzhou_metro", {"duration": 70, "law": "pid", "compensation": "none", "plant.line": line})
     assert setup.train()._sections.exist
-    assert_same_messages(messages_of(setup, compiled=True), messages_of(setup, compiled=False))
-    assert 0.2 < compiled_part(setup) < 1.0
+    both = Both(setup)
+    both.assert_equal(least=0.2)
+    assert both.part < 1.0

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from case_costs import sampled
-from span_runs import assert_same_messages, assert_same_recording, compiled_part, messages_of, setup_of
+from span_runs import Both, compiled_part, setup_of
 from test_compiled_spans import CASES as LAWS
 from test_span_components import CASES as COMPONENTS
 
@@ -96,8 +96,7 @@ def every_law_in_python(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("every_law_in_python")
 def test_a_law_in_python_sends_the_messages_of_python(case: str) -> None:
     """Breaks if an input of the law, its order in the tick or its output differs in one bit, or no tick is compiled."""
-    assert_same_messages(*(messages_of(setup_of(*CASES[case]), compiled=chosen) for chosen in (False, True)))
-    assert compiled_part(setup_of(*CASES[case])) > 0.4
+    Both(setup_of(*CASES[case])).assert_equal(least=0.4)
 
 
 def _received(name: str, changes: dict[str, Any], *, compiled: bool) -> Observed:
@@ -136,9 +135,7 @@ def test_an_unusual_output_has_the_effect_of_python(unusual: str) -> None:
     name = "daqin_heavy_haul" if unusual == "pipe" else "demo"
     law = {"law": f"{HERE}:Observed", f"laws.{HERE}:Observed.unusual": unusual}
     changes = {**FREE, "duration": 60, **law}
-    runs = [run_engine(setup_of(name, changes), compiled=chosen) for chosen in (False, True)]
-    assert_same_recording(*runs)
-    assert_same_messages(*(messages_of(setup_of(name, changes), compiled=chosen) for chosen in (False, True)))
+    Both(setup_of(name, changes)).assert_equal()
 
 
 def test_an_error_of_the_law_names_the_controller() -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from case_costs import sampled
-from span_runs import Messages, assert_same_messages, compiled_part, messages_of, setup_of
+from span_runs import Both, compiled_part, setup_of
 
 from train_ato.control.compiled.law_call import is_in_loop
 from train_ato.loop.engine import TickLoop, run_engine
@@ -107,15 +107,7 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
 @pytest.mark.parametrize("case", sampled(CASES, every=2))
 def test_compiled_components_send_the_messages_of_python(case: str) -> None:
     """Breaks if an observer, a prediction, a law or a policy differs in one bit, or runs in Python after all."""
-    sink = Messages(setup_of(*CASES[case]))
-    loop = TickLoop(setup_of(*CASES[case]), sink, compiled=True)
-    loop.start()
-    while not loop.plant.finished:
-        loop.advance()
-    loop.conclude()
-    assert loop._spans is not None
-    assert loop._spans.ticks > 0.7 * loop.ticks
-    assert_same_messages(messages_of(setup_of(*CASES[case]), compiled=False), sink.rows)
+    Both(setup_of(*CASES[case])).assert_equal(least=0.7)
 
 
 def test_policies_of_the_cases_change_the_pressure() -> None:
@@ -154,4 +146,4 @@ def test_laws_without_a_compiled_step_are_called_in_python(name: str, changes: d
     loop.start()
     assert loop.controller._stack is not None
     assert not is_in_loop(loop.controller._stack._law)
-    assert_same_messages(*(messages_of(setup_of(name, changes), compiled=chosen) for chosen in (False, True)))
+    Both(setup_of(name, changes)).assert_equal()

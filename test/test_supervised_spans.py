@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 from case_costs import sampled
-from span_runs import assert_same_messages, assert_same_recording, compiled_part, messages_of, setup_of
+from span_runs import Both, setup_of
 
-from train_ato.loop.engine import TickLoop, run_engine
+from train_ato.loop.engine import TickLoop
 from train_ato.loop.train_protection import TrainProtection, command_age
 from train_ato.messages.links import DelayJump
 
@@ -82,33 +82,25 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
 FULL = ("daqin_heavy_haul", "daqin_heavy_haul:twin", "daqin_heavy_haul:disturbed+mismatch")
 
 
+MOSTLY = ("heavy haul", "balises", "gust", "varying delay", "commands late and lost at random")
+"""Cases in which most ticks are compiled: a run left to Python would be compared with itself."""
+
+
 @pytest.mark.parametrize("case", sampled(CASES, every=2))
-def test_supervised_ticks_send_the_messages_of_python(case: str) -> None:
+def test_supervised_ticks_give_messages_and_recording_of_python(case: str) -> None:
     """Breaks if limits, odometry, state, brake release or report of a compiled step differ in one bit.
 
-    A fault or an intervention that begins inside a span, or a state of a stage that a span does not continue, does too.
+    A fault or an intervention that begins inside a span, a state of a stage that a span does not continue, or a topic
+    of the supervisor with another shape in the recording does too.
     """
-    assert_same_messages(*(messages_of(setup_of(*CASES[case]), compiled=chosen) for chosen in (False, True)))
-
-
-@pytest.mark.parametrize("case", ["heavy haul", "overspeed on a line with limits", "faults without a supervisor"])
-def test_supervised_ticks_give_the_recording_of_python(case: str) -> None:
-    """Breaks if a topic of the supervisor is missing in the recording of a span or has another shape."""
-    python, compiled = (run_engine(setup_of(*CASES[case]), compiled=chosen) for chosen in (False, True))
-    assert_same_recording(python, compiled)
-
-
-@pytest.mark.parametrize("case", ["heavy haul", "balises", "gust", "varying delay", "commands late and lost at random"])
-def test_most_supervised_ticks_are_compiled(case: str) -> None:
-    """Breaks if a condition leaves a whole run to Python: the tests above would then compare it with itself."""
-    assert compiled_part(setup_of(*CASES[case])) > 0.8
+    Both(setup_of(*CASES[case])).assert_equal(least=0.8 if case in MOSTLY else 0.0)
 
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("name", FULL)
 def test_a_whole_supervised_run_is_equal(name: str) -> None:
     """Breaks if a state drifts over a long run: brake applications, indication and stop at the end of authority."""
-    assert_same_messages(*(messages_of(setup_of(name, {}), compiled=chosen) for chosen in (False, True)))
+    Both(setup_of(name, {})).assert_equal()
 
 
 def test_a_train_above_its_limit_is_left_to_the_supervisor() -> None:
