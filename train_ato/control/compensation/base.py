@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from plant_sim.compiled import compiled
+from plant_sim.record import Records, quantity, zeros
 from train_ato.control.air_brake.shoes import ShoeForces, ShoeForecast
 from train_ato.control.algorithms.limits_ahead import LimitsAhead
 from train_ato.control.compensation.contract import CompensationInput
+from train_ato.control.compensation.rigid import RigidForce, demand_ahead
 from train_ato.control.contract import NO_LOOKAHEAD, LawInput, Lookahead, Preview
 from train_ato.messages.types import Array
 
 if TYPE_CHECKING:
-    from train_ato.control.compensation.rigid import RigidForce
     from train_ato.control.train_model import TrainModel
 
 NO_PREVIEW = Preview(np.zeros(0), np.zeros(0), np.zeros(0))
@@ -26,6 +29,56 @@ class UnitState(NamedTuple):
     position: Array
     velocity: Array
     applied: Array
+
+
+@dataclass
+class AlongProfile:
+    """Constants of the feed-forward, for the forces of a profile."""
+
+    begin: float = quantity("s", "time of the first force")
+    spacing: float = quantity("s", "time between two forces")
+    lag: float = quantity("s", "lag that the feed-forward compensates")
+
+
+@dataclass
+class Actuator:
+    """Delays of one power unit."""
+
+    share: float = quantity("1", "part of a force of the train")
+    forward: float = quantity("s", "delay of a command forwards")
+    backward: float = quantity("s", "delay of a command backwards")
+
+
+@compiled
+def feedforwards(
+    all_p: Records[AlongProfile], actuators: Records[Actuator], forces: Array, times: Array, shoes: Array
+) -> Array:
+    """Return the feed-forward of all units at the times of their commands [N], shape (times, units).
+
+    The delay is that of the sign of the force.
+
+    Parameters
+    ----------
+    all_p, actuators
+        Constants and delays.
+    forces : Array, shape (knots,)
+        Force of the nominal train along the profile [N].
+    times, shoes : Array, shape (times,)
+        Times of the commands [s] and shoe force of the train at their effect [N].
+    """
+    p, found = all_p[0], np.empty((times.size, actuators.size))
+    for i in range(times.size):
+        force, forward, backward = 0.0, -1.0, -1.0
+        for u in range(actuators.size):
+            a = actuators[u]
+            if a.forward != forward or a.backward != backward:  # mostly the same for all units
+                forward, backward = a.forward, a.backward
+                force = demand_ahead(forces, p.begin, p.spacing, p.lag, times[i] + forward) + shoes[i]
+                if force < 0.0 and backward != forward:
+                    force = demand_ahead(forces, p.begin, p.spacing, p.lag, times[i] + backward) + shoes[i]
+                    force = min(force, 0.0)
+            found[i, u] = a.share * force
+    return found
 
 
 class CompensationBase:
@@ -49,7 +102,8 @@ class CompensationBase:
         """Take the model of the train and the control period [s], the start of one with keyword parameters."""
         self.model = model
         self.period = period
-        self._share = model.share.tolist()
+        self._along, self.actuators = zeros(AlongProfile, 1), zeros(Actuator, model.n_units)
+        self.actuators["share"] = model.share
         self._rigid: RigidForce | None = None
         self._limits: LimitsAhead | None = None
         self.shoes = ShoeForecast(model)
@@ -63,6 +117,7 @@ class CompensationBase:
     def set_profile(self, rigid: RigidForce) -> None:
         """Set the profile."""
         self._rigid = rigid
+        self._along["begin"], self._along["spacing"] = rigid.begin, rigid.spacing
 
     def reset(self) -> None:
         """Clear the brake events."""
@@ -74,7 +129,24 @@ class CompensationBase:
 
     def shared(self, force: float) -> Array:
         """Return a total force split over the units by their shares [N], shape (units,)."""
-        return np.array([force * share for share in self._share])
+        return force * self.model.share
+
+    def feedforwards(self, times: Array, shoes: Array) -> Array:
+        """Return the feed-forward of the units [N], shape (times, units).
+
+        Parameters
+        ----------
+        times : Array, shape (times,)
+            Times at which the commands are sent [s].
+        shoes : Array, shape (times,)
+            Shoe force of the train when they take effect [N].
+        """
+        return np.asarray(feedforwards(self._along, self.actuators, self.rigid.forces, times, shoes))
+
+    def feedforward(self, t: float, shoes: float) -> Array:
+        """Return :meth:`feedforwards` at one time, shape (units,)."""
+        found: Array = self.feedforwards(np.array([t]), np.array([shoes]))[0]
+        return found
 
     def law_input(
         self,

@@ -24,5 +24,4 @@ class NoCompensation(CompensationBase):
         """Return measured state, reference and feed-forward of the present time."""
         self.shoes.demand(inputs.t, inputs.pressure)
         shoes = self.shoes.at(inputs.t, inputs.reference.velocity)
-        force = self.rigid.total(inputs.t) + shoes.total
-        return self.law_input(inputs, inputs.t, self.shared(force), shoes)
+        return self.law_input(inputs, inputs.t, self.feedforward(inputs.t, shoes.total), shoes)

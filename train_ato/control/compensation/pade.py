@@ -25,8 +25,11 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from train_ato.control.compensation.base import CompensationBase
+from plant_sim.compiled import compiled
+from plant_sim.record import Records
+from train_ato.control.compensation.base import Actuator, AlongProfile, CompensationBase
 from train_ato.control.compensation.contract import CompensationInput
+from train_ato.control.compensation.rigid import demand_ahead
 from train_ato.control.contract import LawInput, NoParameters
 from train_ato.messages.types import Array
 
@@ -34,10 +37,38 @@ if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel
 
 
+@compiled
 def pade_coefficients(lag: float, delay: float) -> tuple[float, float, float]:
     """Return the corrected b1, b2, b3 of (5) [s², s, s] for a lag and a delay [s]."""
     half = delay / 2.0
     return -lag * half, -(lag + half), -half
+
+
+@compiled
+def pade_feedforwards(
+    all_p: Records[AlongProfile], actuators: Records[Actuator], h: float, forces: Array, times: Array, shoes: Array
+) -> Array:
+    """Return the feed-forward through delay and lag [N], shape (times, units).
+
+    Parameters
+    ----------
+    all_p, actuators, forces, times, shoes
+        See :func:`train_ato.control.compensation.base.feedforwards`; shoe forces at the times.
+    h
+        Time from one force to the next in the difference quotients [s].
+    """
+    p, found = all_p[0], np.empty((times.size, actuators.size))
+    for i in range(times.size):
+        before = demand_ahead(forces, p.begin, p.spacing, 0.0, times[i] - h)
+        force = demand_ahead(forces, p.begin, p.spacing, 0.0, times[i])
+        after = demand_ahead(forces, p.begin, p.spacing, 0.0, times[i] + h)
+        slope, bend = (after - before) / (2.0 * h), (after - 2.0 * force + before) / (h * h)
+        force += shoes[i]
+        for u in range(actuators.size):
+            a = actuators[u]
+            b1, b2, b3 = pade_coefficients(p.lag, a.forward if force >= 0.0 else a.backward)
+            found[i, u] = a.share * (force - b1 * bend - b2 * slope - b3 * (slope + p.lag * bend))
+    return found
 
 
 class Pade(CompensationBase):
@@ -48,33 +79,26 @@ class Pade(CompensationBase):
 
     def __init__(self, parameters: Any, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)
-        self._forward = [pade_coefficients(model.lag, delay) for delay in model.delay.tolist()]
+        self.actuators["forward"], self.actuators["backward"] = model.delay, model.delay_brake
+        self._along["lag"] = model.lag
         self._spacing = max(model.tick, 0.5 * (model.lag + float(model.delay.mean())))
-        self._backward = [pade_coefficients(model.lag, delay) for delay in model.delay_brake.tolist()]
 
     def step(self, inputs: CompensationInput) -> LawInput:
         """Return the measured state with the feed-forward through delay and lag."""
         t = inputs.t
         self.shoes.demand(t, inputs.pressure)
         shoes = self.shoes.at(t, inputs.reference.velocity)
-        return self.law_input(inputs, t, self.feedforwards(np.array([t]), np.array([shoes.total]))[0], shoes)
+        return self.law_input(inputs, t, self.feedforward(t, shoes.total), shoes)
 
-    def feedforwards(self, t: Array, shoes: Array) -> Array:
-        """Return the feed-forward at many times [N], shape (times, units).
+    def feedforwards(self, times: Array, shoes: Array) -> Array:
+        """Return the feed-forward of the units [N], shape (times, units).
 
         Parameters
         ----------
-        t : Array, shape (times,)
+        times : Array, shape (times,)
             Times at which the commands are sent [s].
         shoes : Array, shape (times,)
             Shoe force of the train at these times [N].
         """
-        h, lag, rigid = self._spacing, self.model.lag, self.rigid
-        before, force, after = rigid.totals(t - h), rigid.totals(t), rigid.totals(t + h)
-        slope, bend = (after - before) / (2.0 * h), (after - 2.0 * force + before) / (h * h)
-        found = np.empty((t.size, self.model.n_units))
-        for unit, share in enumerate(self._share):
-            kinds = zip(self._forward[unit], self._backward[unit], strict=True)
-            b1, b2, b3 = (np.where(force + shoes >= 0.0, forward, backward) for forward, backward in kinds)
-            found[:, unit] = share * (force + shoes - b1 * bend - b2 * slope - b3 * (slope + lag * bend))
-        return found
+        forces = self.rigid.forces
+        return np.asarray(pade_feedforwards(self._along, self.actuators, self._spacing, forces, times, shoes))

@@ -34,10 +34,10 @@ from plant_sim.record import Records, quantity, zeros
 from train_ato.control.algorithms.coupled_units import CoupledUnits
 from train_ato.control.algorithms.force_shares import numpy_total, total_of_units
 from train_ato.control.command_history import newest_arrived
-from train_ato.control.compensation.base import UnitState
+from train_ato.control.compensation.base import Actuator, UnitState
 from train_ato.control.compensation.contract import CompensationInput
 from train_ato.control.compensation.delay_estimate import DelayEstimate
-from train_ato.control.compensation.preview import Actuator, PreviewFeedforward, PreviewParameters, mean_delay
+from train_ato.control.compensation.preview import PreviewFeedforward, PreviewParameters, mean_delay
 from train_ato.control.contract import LawInput, parameter
 from train_ato.control.law import LawNow, LawUnit, TrainConstants, train_resistance
 from train_ato.control.parameters import RefusedParameter
@@ -261,7 +261,7 @@ class Predictor(PreviewFeedforward):
         """Set the profile."""
         super().set_profile(rigid)
         self.constants["begin"], self.constants["spacing"] = rigid.begin, rigid.spacing
-        self.along = np.frombuffer(rigid.resisting)
+        self.along = rigid.resisting
 
     def reset(self) -> None:
         """Clear the brake events and the estimated delay."""

@@ -21,11 +21,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-import numpy as np
-
 from plant_sim.compiled import compiled
-from plant_sim.record import Records, quantity, zeros
-from train_ato.control.compensation.base import CompensationBase
+from plant_sim.record import Records
+from train_ato.control.compensation.base import Actuator, CompensationBase
 from train_ato.control.compensation.contract import CompensationInput
 from train_ato.control.contract import LawInput, parameter
 from train_ato.messages.types import Array
@@ -40,15 +38,6 @@ class PreviewParameters:
 
     lag: bool = parameter(True, "", 0, 1, "compensate the lag of the actuators as well as the delay")
     delay_factor: float = parameter(1.0, "1", 0.0, 10.0, "factor on the delay of the model")
-
-
-@dataclass
-class Actuator:
-    """Delays of one power unit."""
-
-    share: float = quantity("1", "part of a force of the train")
-    forward: float = quantity("s", "delay of a command forwards")
-    backward: float = quantity("s", "delay of a command backwards")
 
 
 @compiled
@@ -68,10 +57,10 @@ class PreviewFeedforward(CompensationBase):
 
     def __init__(self, parameters: PreviewParameters, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)
-        factor, self.actuators = parameters.delay_factor, zeros(Actuator, model.n_units)
-        self.actuators["share"] = model.share
+        factor = parameters.delay_factor
         self.actuators["forward"], self.actuators["backward"] = factor * model.delay, factor * model.delay_brake
         self.lag = model.lag if parameters.lag else 0.0
+        self._along["lag"] = self.lag
 
     def step(self, inputs: CompensationInput) -> LawInput:
         """Return the measured state with the feed-forward of the time of effect."""
@@ -80,28 +69,6 @@ class PreviewFeedforward(CompensationBase):
         effect = t + mean_delay(self.actuators, inputs.commands_in_flight)
         feedforward = self.feedforward(t, self.shoes_along(effect).total)
         return self.law_input(inputs, effect, feedforward, self.shoes.at(t, inputs.reference.velocity))
-
-    def feedforward(self, t: float, shoes: float) -> Array:
-        """Return the feed-forward of every unit [N], shape (units,).
-
-        Parameters
-        ----------
-        t
-            Time at which the commands are sent [s].
-        shoes
-            Shoe force of the train at the time of effect [N].
-        """
-        wanted: list[float] = []
-        before: tuple[float, float] | None = None
-        force = 0.0
-        for share, forward, backward in zip(self._share, self.forward, self.backward, strict=True):
-            if before != (forward, backward):
-                before = (forward, backward)
-                force = self.rigid.ahead(t + forward, self.lag) + shoes
-                if force < 0.0 and backward != forward:
-                    force = min(0.0, self.rigid.ahead(t + backward, self.lag) + shoes)
-            wanted.append(force * share)
-        return np.array(wanted)
 
     @property
     def forward(self) -> list[float]:

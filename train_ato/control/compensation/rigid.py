@@ -2,14 +2,44 @@
 
 from __future__ import annotations
 
-from array import array
 from typing import Protocol
 
 import numpy as np
 
+from plant_sim.compiled import compiled
 from plant_sim.railway import between_entries, each_between_entries
 from train_ato.control.train_model import TrainModel
 from train_ato.messages.types import Array
+
+
+@compiled
+def demand_ahead(table: Array, begin: float, spacing: float, lag: float, t: float) -> float:
+    """Return the demand F + lag F' [N] that gives the force F of a table at a time [s] through a first-order lag [s].
+
+    Parameters
+    ----------
+    table : Array, shape (times,)
+        Force along the profile [N].
+    begin, spacing
+        Time of the first entry, and time between entries [s].
+    lag, t
+        s.
+    """
+    force = float(between_entries(table, (t - begin) / spacing))
+    if lag <= 0.0:
+        return force
+    h = 0.5 * spacing
+    after, before = between_entries(table, (t + h - begin) / spacing), between_entries(table, (t - h - begin) / spacing)
+    return float(force + lag * ((after - before) / spacing))
+
+
+@compiled
+def demands_ahead(table: Array, begin: float, spacing: float, lag: float, times: Array) -> Array:
+    """Return :func:`demand_ahead` at every time of an array."""
+    found = np.empty(times.size)
+    for i in range(times.size):
+        found[i] = demand_ahead(table, begin, spacing, lag, times[i])
+    return found
 
 
 class ProfileLike(Protocol):
@@ -56,8 +86,8 @@ class RigidForce:
 
     Attributes
     ----------
-    inertial, resisting : array of float
-        Inertial force M a, and running plus line resistance, at the knots of the profile [N].
+    forces, resisting : Array, shape (knots,)
+        Total force, and running plus line resistance in it, at the knots of the profile [N].
     begin, spacing : float
         Time of the first knot, and time between knots [s].
     """
@@ -65,42 +95,24 @@ class RigidForce:
     def __init__(self, model: TrainModel, profile: ProfileLike) -> None:
         self.model = model
         self.profile = profile
-        inertial = model.inertia * profile.acceleration
-        resisting = model.resisting_forces(profile.position, profile.velocity)
-        self.inertial, self.resisting = array("d", inertial.tobytes()), array("d", resisting.tobytes())
-        self._total = array("d", (inertial + resisting).tobytes())
+        self.resisting: Array = model.resisting_forces(profile.position, profile.velocity)
+        self.forces: Array = model.inertia * profile.acceleration + self.resisting
         self.begin = float(profile.time[0])
-        last = len(self._total) - 1
+        last = self.forces.size - 1
         self.spacing = float(profile.time[-1] - profile.time[0]) / last if last else 1.0
 
-    def total(self, t: float) -> float:
-        """Return the total force at a time [s] in N."""
-        return float(between_entries(self._total, (t - self.begin) / self.spacing))
-
     def totals(self, t: Array) -> Array:
-        """Return :meth:`total` at many times [s] in N, equal bit for bit."""
-        return np.asarray(each_between_entries(np.frombuffer(self._total), (t - self.begin) / self.spacing))
+        """Return the total force at many times [s] in N, shape (times,)."""
+        return self.aheads(t, 0.0)
 
     def aheads(self, t: Array, lag: float) -> Array:
-        """Return :meth:`ahead` at many times [s] in N, equal bit for bit."""
-        if lag <= 0.0:
-            return self.totals(t)
-        h = 0.5 * self.spacing
-        return self.totals(t) + lag * ((self.totals(t + h) - self.totals(t - h)) / self.spacing)
+        """Return :meth:`ahead` at many times [s] in N, shape (times,)."""
+        return np.asarray(demands_ahead(self.forces, self.begin, self.spacing, lag, t))
 
     def resistances(self, t: Array) -> Array:
-        """Return :meth:`resistance` at many times [s] in N."""
-        return np.asarray(each_between_entries(np.frombuffer(self.resisting), (t - self.begin) / self.spacing))
+        """Return running and line resistance at many times [s] in N."""
+        return np.asarray(each_between_entries(self.resisting, (t - self.begin) / self.spacing))
 
-    def resistance(self, t: float) -> float:
-        """Return running and line resistance at a time [s] in N."""
-        return float(between_entries(self.resisting, (t - self.begin) / self.spacing))
-
-    def slope(self, t: float) -> float:
-        """Return the central difference quotient of :meth:`total` at a time [s] in N/s."""
-        h = 0.5 * self.spacing
-        return (self.total(t + h) - self.total(t - h)) / self.spacing
-
-    def ahead(self, t: float, lag: float) -> float:
-        """Return the demand F + lag F' that gives :meth:`total` at a time [s] through a first-order lag [s], in N."""
-        return self.total(t) if lag <= 0.0 else self.total(t) + lag * self.slope(t)
+    def ahead(self, t: float, lag: float = 0.0) -> float:
+        """Return the demand F + lag F' that gives the force F at a time [s] through a first-order lag [s], in N."""
+        return float(demand_ahead(self.forces, self.begin, self.spacing, lag, t))

@@ -97,7 +97,7 @@ class TrainPredictor(CompensationBase):
         forces = copy.shoe_force
         shoes = ShoeForces(float(forces.sum()), forces[self._units])
         effect = t + self._lead
-        feedforward = self.shared(self.rigid.total(effect) + shoes.total)
+        feedforward = self.shared(self.rigid.ahead(effect) + shoes.total)
         couplers = copy.coupler_force[self._couplers]
         return self.law_input(inputs, effect, feedforward, shoes, state, couplers)
 

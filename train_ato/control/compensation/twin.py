@@ -30,7 +30,6 @@ effect on them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, ClassVar
 
@@ -100,7 +99,7 @@ class Twin(PreviewFeedforward):
         model, t, now = self.model, inputs.t, inputs.reference
         if abs(t - self._last - self.period) > 0.5 * self.period:
             identification.miss()
-        speed = mean_over_units(self._share, inputs.measurement.velocity.tolist())
+        speed = mean_over_units(self.model.share.tolist(), inputs.measurement.velocity.tolist())
         running = model.running_resistance(now.velocity)
         change, wave = self._ahead.by_wear(t)
         known = [model.inertia * now.acceleration + model.line_force(now.position), running, shoes, change]
@@ -128,12 +127,12 @@ class Twin(PreviewFeedforward):
         force = np.array([total_of_units(self._forces_at(inputs.t + time)) for time in times])
         return replace(found, simulated_force=force)
 
-    def feedforwards(self, times: Sequence[float]) -> Array:
+    def feedforwards(self, times: Array, shoes: Array) -> Array:
         """Return the feed-forward at consecutive times [N], shape (times, units); :meth:`rewind` makes some unread."""
         assert self._ahead is not None
         self._ahead.begin_record()
-        found = np.empty((len(times), self.model.n_units))
-        for index, t in enumerate(times):
+        found = np.empty((times.size, self.model.n_units))
+        for index, t in enumerate(times.tolist()):
             self._ahead.mark()
             found[index] = self._read(t)
         return found
@@ -166,5 +165,5 @@ class Twin(PreviewFeedforward):
         force: float = self._ahead.force(unit, t)
         if self.model.learned is None:
             return force
-        share: float = self._share[unit]
+        share = self.model.share.item(unit)
         return force + share * self.model.learned_force(self.rigid.profile.at(t)[0])

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from train_ato.control.air_brake.shoes import ShoeForecast
 from train_ato.control.algorithms.force_shares import mean_over_units
 from train_ato.control.compensation.base import CompensationBase
-from train_ato.control.compensation.pade import Pade
 from train_ato.control.compensation.predictor import Predictor
 from train_ato.control.compensation.preview import PreviewFeedforward
 from train_ato.control.compensation.twin import Twin
@@ -45,19 +44,12 @@ class Forecast:
         stamps = effects = setup.tick_ns * np.arange(first, self._end, dtype=np.int64)
         self._times: Array = np.asarray(stamps * 1e-9, dtype=np.float64)
         now = effect = profile._evaluate(stamps)
-        units, rigid = setup.model.n_units, compensation.rigid
         if isinstance(compensation, PreviewFeedforward):
-            delays = (compensation.forward, compensation.backward)
             mean = mean_over_units(setup.model.share.tolist(), compensation.forward)
             effects = np.rint((self._times + mean) * 1e9).astype(np.int64)
             effect = profile._evaluate(effects)
-            parts = [[rigid.aheads(self._times + delay, compensation.lag) for delay in kind] for kind in delays]
-            self._force = np.array(parts).swapaxes(1, 2)
-            self._differ = np.array([a != b for a, b in zip(*delays, strict=True)])
             self._effects = self._times + mean
         else:
-            self._force = np.repeat(np.repeat(rigid.totals(self._times)[None, :, None], units, axis=2), 2, axis=0)
-            self._differ = np.zeros(units, dtype=np.bool_)
             self._effects = self._times
         self._reference: Array = np.array(now)
         self._predicts = isinstance(compensation, Predictor)
@@ -84,7 +76,7 @@ class Forecast:
         forecast.expected = np.ascontiguousarray(self._expected[:, part])
         forecast.at_rest = self._at_rest[part]
         forecast.effects, forecast.predicts = self._effects[part].tolist(), self._predicts
-        forecast.shoes, totals = np.zeros((count, 1 + units)), np.zeros((count, 1))
+        forecast.shoes, totals = np.zeros((count, 1 + units)), np.zeros(count)
         if shoes_used and not self._compensation.shoes.idle:
             forecast.keep_shoes()
             index, known = 0, self._compensation.shoes
@@ -94,18 +86,9 @@ class Forecast:
                 known.skip(run - 1)
                 ticks, rows = slice(first + index, first + index + run), slice(index, index + run)
                 found = known.at_each(self._shoe_times[:, ticks].ravel(), self._shoe_speeds[:, ticks].ravel())
-                forecast.shoes[rows], totals[rows] = found[-run:], found[:run, :1]
+                forecast.shoes[rows], totals[rows] = found[-run:], found[:run, 0]
                 index += run
-        if isinstance(self._compensation, Twin):
-            forecast.feedforward = self._compensation.feedforwards(forecast.times)
-            return forecast
-        if isinstance(self._compensation, Pade):
-            forecast.feedforward = self._compensation.feedforwards(self._times[part], totals[:, 0])
-            return forecast
-        forward, backward = self._force[0, part] + totals, self._force[1, part] + totals
-        braking = np.where(backward < 0.0, backward, 0.0)
-        force = np.where((forward < 0.0) & self._differ, braking, forward) * self._setup.model.share
-        forecast.feedforward = np.ascontiguousarray(force)  # another layout would be compiled again
+        forecast.feedforward = self._compensation.feedforwards(self._times[part], totals)
         return forecast
 
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from plant_sim.plant_setup import Jump
 from plant_sim.record import zeros
 from train_ato.control.algorithms.couplers import NO_COUPLERS
+from train_ato.control.compensation.base import Actuator
 from train_ato.control.compensation.predictor import RIGID, PredictionConstants, Predictor
-from train_ato.control.compensation.preview import Actuator
 from train_ato.control.compensation.twin import Twin
 from train_ato.control.compiled.law_call import LEFT, OBSERVER, POLICY, LawCall, RecordStep, is_in_loop
 from train_ato.control.law import LawNow
