@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -24,10 +25,11 @@ def listed(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, dic
 def test_every_name_has_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     """Breaks if a shipped name is missing or has no summary."""
     found = listed(capsys)
-    assert list(found) == ["scenarios", "laws", "observers", "compensations", "consists", "lines"]
+    assert list(found) == ["scenarios", "laws", "observers", "compensations", "consists", "lines", "expected"]
     assert all(summary and "\n" not in summary for entries in found.values() for summary in entries.values())
     assert main(["list"]) == 0
     table = capsys.readouterr().out
+    assert re.search(r"crh380a_gpc:light +failed +train mass", table)
     assert [name for name in NAMES if name not in table] == []
 
 

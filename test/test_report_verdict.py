@@ -81,7 +81,8 @@ def test_failed_criteria_are_first_with_time_and_place(capsys: pytest.CaptureFix
     places = {"at_s": 1234.56, "km": 123.4567}
     page = judged("one", 0.1, "failed", criteria=[kept, {**broken, **places}])
     first, second = criterion_cells([page, judged("other", 0.2)])[:2]
-    assert first.words == "jerk over 1 s" and first.cells[0] == ("0.2 m/s³", "failed", " at 1234.6 s, km 123.457")
+    assert first.words == "jerk over 1 s, largest"
+    assert first.cells[0] == ("0.2 m/s³", "failed", " at 1234.6 s, km 123.457")
     assert second.cells[0] == ("0.1 m", "passed", "")
     print_summary({**page.summary, "stops": []}, "one")
     printed = capsys.readouterr().out

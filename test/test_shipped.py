@@ -17,11 +17,13 @@ import yaml
 from case_costs import sampled
 from jsonschema.validators import validator_for
 
+import train_ato as ta
 from msgs_docs.generate import topic_page as topic_docs
 from msgs_docs.generate.schemas import MODELS, schema_path, schema_text
 from plant_sim.library import consist_names, consist_path, line_names, line_path
 from train_ato.loop.setup import prepare
-from train_ato.scenario.scenario import load_scenario, shipped_scenarios, variants_of
+from train_ato.scenario.criteria import Expectation
+from train_ato.scenario.scenario import expectation_of, load_scenario, shipped_scenarios, variants_of
 from train_ato.version import VERSION
 
 REPO = Path(__file__).resolve().parents[1]
@@ -93,6 +95,64 @@ def test_every_shipped_scenario_can_start(name: str) -> None:
     setup = prepare(*load_scenario(name))
     assert setup.scenario.name == name
     assert setup.scenario.summary
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_every_shipped_scenario_states_its_verdict(name: str) -> None:
+    """Breaks if a scenario or variant states no verdict, or one by criteria that it does not have."""
+    expected, criteria = expectation_of(name), load_scenario(name)[0].criteria
+    assert expected is not None
+    stated = criteria.model_dump(exclude_defaults=True)
+    stated = {*stated, *(stated.pop("requirements", None) or {})} - {"tracking"}
+    assert {*expected.criteria} <= stated
+    assert (expected.verdict == "none") == (not stated)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_a_shipped_scenario_has_its_expected_verdict(name: str) -> None:
+    """Breaks if a run as shipped fails without a word, or passes although its file says that it fails."""
+    expected = expectation_of(name)
+    assert expected is not None
+    try:
+        metrics = ta.run(name, progress=False).metrics
+    except ta.RunFailed:
+        metrics = {"verdict": "aborted"}
+    failed = [row["criterion"] for row in metrics.get("criteria", ()) if row["passed"] is False]
+    assert (metrics.get("verdict", "none"), failed) == (expected.verdict, [*expected.criteria])
+
+
+@pytest.mark.parametrize(
+    ("text", "refusal"),
+    [
+        ("lost", "expect: verdict = 'lost'"),
+        ("{verdict: failed, because: light}", "name the criteria that fail"),
+        ("{verdict: failed, criteria: [jerk]}", "give the cause with because"),
+        ("{verdict: passed, because: light}", "remove because"),
+        ("{verdict: passed, criteria: [jerk]}", "remove criteria"),
+        ("{verdict: none}", "give the cause with because"),
+        ("{verdikt: passed}", "unknown key; did you mean 'verdict'?"),
+        ("[passed]", "holds a list in place of keys and values"),
+    ],
+)
+def test_a_bad_expected_verdict_is_refused(text: str, refusal: str, tmp_path: Path) -> None:
+    """Breaks if ``expect`` of a file or variant is not checked before the run, or its refusal does not name it."""
+    path = tmp_path / "own.yaml"
+    path.write_text(f"schema: train_ato/scenario/1\nbase: demo\nexpect: {text}\nvariants: {{a: {{expect: {text}}}}}\n")
+    for name in (str(path), f"{path}:a"):
+        with pytest.raises(ValueError, match=re.escape(refusal)) as refused:
+            load_scenario(name)
+        assert str(path) in str(refused.value)
+        assert "expect" in str(refused.value)
+
+
+def test_an_expected_verdict_is_that_of_one_file_or_variant(tmp_path: Path) -> None:
+    """Breaks if a scenario has the verdict of its base, two variants that of the last, or a run depends on the key."""
+    path = tmp_path / "own.yaml"
+    path.write_text("schema: train_ato/scenario/1\nbase: demo:tuned\nvariants: {a: {seed: 2}, b: {expect: passed}}\n")
+    assert [expectation_of(f"{path}{part}") for part in ("", ":a", ":tuned", ":a+b")] == [None] * 4
+    assert expectation_of(f"{path}:b") == Expectation(verdict="passed")
+    assert load_scenario(f"{path}:b")[0] == load_scenario(str(path))[0].model_copy(update={"name": "demo:b"})
 
 
 @pytest.mark.parametrize("name", sampled(SCENARIOS, every=2))

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 from pydantic import BaseModel
 
@@ -15,6 +16,7 @@ from plant_sim.consist import Consist
 from plant_sim.line import Line
 from train_ato.control.learned_resistance import LearnedResistance
 from train_ato.profile.planner.timing_points import JourneyFile
+from train_ato.scenario.criteria import Expectation
 from train_ato.scenario.scenario import Scenario
 
 MODELS: dict[str, type[BaseModel]] = {
@@ -33,12 +35,20 @@ def schema_text(name: str) -> str:
     if name == "scenario":
         # Keys of files only; they are resolved before validation.
         schema["properties"]["base"] = {"type": "string", "description": "scenario that this one is laid over"}
+        schema["properties"]["expect"] = _expectation(schema["$defs"])
         schema["properties"]["variants"] = {"type": ["object", "null"], "description": "overlays by name; null: none"}
         # The base of a scenario may have all other keys.
         schema["required"] = ["schema"]
         schema.pop("allOf", None)
         schema["$defs"]["PlantBlock"].pop("required", None)
     return json.dumps(schema, indent=1, ensure_ascii=False) + "\n"
+
+
+def _expectation(definitions: dict[str, Any]) -> dict[str, Any]:
+    """Return the schema of ``expect``, whose block is added to the definitions: ``passed`` is short for a block."""
+    definitions["Expectation"] = Expectation.model_json_schema()
+    forms = [{"const": "passed"}, {"$ref": "#/$defs/Expectation"}]
+    return {"anyOf": forms, "description": "expected verdict without changes; every variant states its own"}
 
 
 def schema_path(name: str) -> Path:

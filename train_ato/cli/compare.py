@@ -19,7 +19,7 @@ COLUMNS: tuple[tuple[str, str], ...] = (
     ("controller", "law"),
     ("speed_rmse_kmh", "rms km/h"),
     ("speed_error_max_kmh", "max"),
-    ("stop_error_m", "stop m"),
+    ("stop_error_m", "stop error m"),
     ("coupler_draft_max_kn", "draft kN"),
     ("coupler_buff_max_kn", "buff"),
     ("command_variation_kn_per_s", "kN/s"),

@@ -67,7 +67,7 @@ def _file(name: str) -> dict[str, Facts]:
 
 def _scenario(name: str) -> Facts:
     from plant_sim.library import split_name
-    from train_ato.scenario.scenario import find, load_scenario, variants_of
+    from train_ato.scenario.scenario import expectation_of, find, load_scenario, variants_of
 
     scenario, path = load_scenario(name)
     stem = split_name(name)[0]
@@ -83,6 +83,8 @@ def _scenario(name: str) -> Facts:
         "observer": scenario.observer,
         "compensation": scenario.compensation,
     }
+    if expected := expectation_of(name):
+        facts["expected verdict"] = expected.text
     facts |= _gains(scenario, path)
     return facts | {f"{stem}:{variant}": summary for variant, summary in variants_of(find(stem)[0]).items()}
 

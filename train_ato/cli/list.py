@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterable
 
 from plant_sim.input_error import close_match
 from train_ato.cli.details import details
@@ -42,12 +43,25 @@ def catalogue() -> dict[str, dict[str, str]]:
 def execute(options: argparse.Namespace) -> int:
     """Print the catalogue, or the details of one name."""
     found = catalogue() if options.name is None else _details_of(options.name)
+    expected = expected_verdicts(found.get("scenarios", {}))
     if options.json:
-        print_json(found)
+        print_json({**found, "expected": expected} if expected else found)
         return 0
     for kind, entries in found.items():
-        print_names(kind, entries.items())
+        if kind == "scenarios":
+            rows = [(name, expected[name].partition(" ")[0], summary) for name, summary in entries.items()]
+            print_names("scenarios, with expected verdict (`train-ato list NAME` has its cause)", rows)
+        else:
+            print_names(kind, entries.items())
     return 0
+
+
+def expected_verdicts(names: Iterable[str]) -> dict[str, str]:
+    """Return the expected verdict of every scenario, with failed criteria and cause; "" for a scenario without."""
+    from train_ato.scenario.scenario import expectation_of
+
+    found = {name: expectation_of(name) for name in names}
+    return {name: "" if expected is None else expected.text for name, expected in found.items()}
 
 
 def _details_of(name: str) -> dict[str, dict[str, str]]:

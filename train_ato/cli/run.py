@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from train_ato.apps.runs.drive import RunMode
     from train_ato.apps.runs.run import Run
     from train_ato.loop.setup import RunSetup
+    from train_ato.scenario.criteria import Expectation
 
 LIMIT = 3
 """Default of the restarts of each node."""
@@ -111,15 +112,24 @@ def execute(options: argparse.Namespace) -> int:
 
         setup, run_mode, out = prepared(options)
     with compilation_noted(COMPILE_NOTE):
-        run = drive(setup, run_mode, out=out, option="--out", ended=partial(_print_end, options.json))
+        ended = partial(_print_end, options.json, expected_verdict(options))
+        run = drive(setup, run_mode, out=out, option="--out", ended=ended)
     if options.strict and (unmet := unmet_requirements(run.metrics)):
         raise RunFailed(f"{run.path}: {unmet}")
     return 0
 
 
-def _print_end(as_json: bool, run: Run, failure: RunFailed | None) -> None:
+def expected_verdict(options: argparse.Namespace) -> Expectation | None:
+    """Return the expected verdict of a scenario that no option changes, else None."""
+    from train_ato.scenario.scenario import expectation_of
+
+    changes = (options.law, options.observer, options.compensation, options.seed)
+    return None if options.assignments or any(changes) else expectation_of(options.scenario)
+
+
+def _print_end(as_json: bool, expected: Expectation | None, run: Run, failure: RunFailed | None) -> None:
     """Print result and failure of a run before its figure is drawn."""
-    print_run(run, as_json, "" if failure is None else str(failure))
+    print_run(run, as_json, "" if failure is None else str(failure), expected)
     sys.stdout.flush()
     if failure is not None:
         from train_ato.cli.main import FAILED, print_error
@@ -145,8 +155,11 @@ def long_lived_objects() -> Iterator[None]:
             gc.enable()
 
 
-def print_run(run: Run, as_json: bool, failure: str = "") -> None:
-    """Print the result, a failure first; brake interventions, takeovers or a disengaged ATO have a line on stderr."""
+def print_run(run: Run, as_json: bool, failure: str = "", expected: Expectation | None = None) -> None:
+    """Print the result, a failure first; brake interventions, takeovers or a disengaged ATO have a line on stderr.
+
+    An expected verdict has a line if it is not ``passed``, or not the verdict of the run.
+    """
     from train_ato.apps.report.words import driven_laws
     from train_ato.apps.runs.protection_note import protection_note
     from train_ato.apps.runs.summary_table import result_rows
@@ -163,6 +176,8 @@ def print_run(run: Run, as_json: bool, failure: str = "") -> None:
         return
     if line := verdict_line(summary):
         sys.stdout.write(f"{line}\n")
+    if expected is not None and (expected.verdict, summary.get("verdict")) != ("passed", "passed"):
+        sys.stdout.write(f"expected verdict of this scenario: {expected.text}\n")
     head = f"{summary['scenario']}  {driven_laws(summary)} / {summary['observer']} / {summary['compensation']}"
     print_table(("metric", "value"), result_rows(summary), head)
     if held := summary.get("held_steps"):

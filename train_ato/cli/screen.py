@@ -34,15 +34,16 @@ def print_json(value: Any) -> None:
     sys.stdout.write(json.dumps(value, indent=2, ensure_ascii=not unicode, allow_nan=False) + "\n")
 
 
-def print_names(title: str, entries: Iterable[tuple[str, str]]) -> None:
-    """Print names with their one-line summaries under a title."""
+def print_names(title: str, entries: Iterable[tuple[str, ...]]) -> None:
+    """Print names with their one-line summaries, and further columns, under a title."""
     from rich.table import Table
 
     result = Table(box=None, show_header=False, pad_edge=False)
-    result.add_column(overflow="fold")
-    result.add_column(overflow="fold")
-    for name, meaning in entries:
-        result.add_row(f"  {name}", meaning)
+    rows = list(entries)
+    for _ in rows[0] if rows else ():
+        result.add_column(overflow="fold")
+    for name, *columns in rows:
+        result.add_row(f"  {name}", *columns)
     _print(result, title)
 
 

@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from train_ato.loop.metric_names import metric_name, metric_unit
+
 if TYPE_CHECKING:
     from train_ato.scenario.criteria import Criteria
 
@@ -25,32 +27,38 @@ class Criterion:
         Field of :class:`~train_ato.scenario.criteria.Criteria`.
     metric
         Key of the metric in ``summary.json``.
-    words, unit
-        Name of the criterion, unit of metric and limit.
     factor
         Limit in this unit over the SI value.
     """
 
     key: str
     metric: str
-    words: str
-    unit: str
     factor: float = 1.0
+
+    @property
+    def words(self) -> str:
+        """Name of the metric."""
+        return metric_name(self.metric)
+
+    @property
+    def unit(self) -> str:
+        """Unit of metric and limit."""
+        return metric_unit(self.metric)
 
 
 CRITERIA: tuple[Criterion, ...] = (
-    Criterion("stop_window", "stop_error_max_m", "stop window", "m"),
-    Criterion("arrival_delay", "arrival_delay_max_s", "delay of arrival", "s"),
-    Criterion("overspeed", "overspeed_max_kmh", "overspeed", "km/h", 3.6),
-    Criterion("speed_error_rms", "speed_rmse_kmh", "speed error, rms", "km/h", 3.6),
-    Criterion("speed_error", "speed_error_run_max_kmh", "speed error, largest", "km/h", 3.6),
-    Criterion("position_error", "position_error_max_m", "position error, largest", "m"),
-    Criterion("coupler_draft", "coupler_draft_max_kn", "coupler draft", "kN", 1e-3),
-    Criterion("coupler_buff", "coupler_buff_max_kn", "coupler buff", "kN", 1e-3),
-    Criterion("acceleration", "acceleration_max", "acceleration", "m/s²"),
-    Criterion("jerk", "jerk_1s_max", "jerk over 1 s", "m/s³"),
-    Criterion("real_time", "lateness_max_s", "lateness of a tick, largest", "s"),
-    Criterion("brake_interventions", "brake_interventions", "interventions of the supervisor", ""),
+    Criterion("stop_window", "stop_error_max_m"),
+    Criterion("arrival_delay", "arrival_delay_max_s"),
+    Criterion("overspeed", "overspeed_max_kmh", 3.6),
+    Criterion("speed_error_rms", "speed_rmse_kmh", 3.6),
+    Criterion("speed_error", "speed_error_run_max_kmh", 3.6),
+    Criterion("position_error", "position_error_max_m"),
+    Criterion("coupler_draft", "coupler_draft_max_kn", 1e-3),
+    Criterion("coupler_buff", "coupler_buff_max_kn", 1e-3),
+    Criterion("acceleration", "acceleration_max"),
+    Criterion("jerk", "jerk_1s_max"),
+    Criterion("real_time", "lateness_max_s"),
+    Criterion("brake_interventions", "brake_interventions"),
 )
 """All criteria, in the order of the verdict."""
 AT_STOPS = ("stop_error_max_m", "arrival_delay_max_s")
@@ -258,7 +266,8 @@ def _failure_text(row: CriterionRow, summary: Metrics) -> str:
     if criterion.metric == AT_STOPS[0] and (stop := _stop_text(summary)):
         return f"{stop} (limit {three_digits(row['limit'])}){place_text(row)}"
     value = "none" if row["value"] is None else f"{three_digits(row['value'])}{unit}"
-    return f"{criterion.words} {value} (limit {three_digits(row['limit'])}){place_text(row)}"
+    words = criterion.words.removesuffix(", largest")
+    return f"{words} {value} (limit {three_digits(row['limit'])}){place_text(row)}"
 
 
 def requirement_text(row: CriterionRow) -> str:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, model_validator
 
 from plant_sim.si_model import SiModel
 from plant_sim.units import Acceleration, Force, Jerk, Length, Ratio, Speed, Time
@@ -91,3 +91,30 @@ class Criteria(SiModel):
         None, description="formulas in signal temporal logic by name, for example 'G (speed <= limit + 1 km/h)'"
     )
     tracking: TrackingLimits = Field(TrackingLimits(), description="limits of the outcome of tracking")
+
+
+class Expectation(SiModel):
+    """Expected verdict of a scenario as it is, without changes: the key ``expect`` of a file or a variant."""
+
+    verdict: Literal["passed", "failed", "aborted", "none"] = Field(
+        description="verdict of the run; aborted: a node fails during the run; none: the scenario has no criteria"
+    )
+    criteria: tuple[str, ...] = Field((), description="criteria and requirements that fail")
+    because: str = Field("", description="cause of a failed or missing verdict, in one sentence")
+
+    @model_validator(mode="after")
+    def _has_its_cause(self) -> Expectation:
+        """Check that a failed verdict names its criteria, and that every other verdict but passed has a cause."""
+        if (self.verdict == "failed") != bool(self.criteria):
+            remedy = "name the criteria that fail" if self.verdict == "failed" else "remove criteria"
+            raise ValueError(f"expected verdict {self.verdict}: {remedy}")
+        if (self.verdict == "passed") == bool(self.because):
+            remedy = "remove because" if self.because else "give the cause with because"
+            raise ValueError(f"expected verdict {self.verdict}: {remedy}")
+        return self
+
+    @property
+    def text(self) -> str:
+        """Verdict, failed criteria and cause in one line."""
+        names = f" ({', '.join(self.criteria)})" if self.criteria else ""
+        return f"{self.verdict}{names}{': ' if self.because else ''}{self.because}"

@@ -15,7 +15,7 @@ from typing import Any, Literal
 from pydantic import Field, ValidationError, model_validator
 
 from plant_sim.consist import Consist
-from plant_sim.input_error import close_match, explain, kind_of
+from plant_sim.input_error import build_model, close_match, explain, kind_of
 from plant_sim.library import read_yaml, split_name
 from plant_sim.line import Line
 from plant_sim.number_text import number_text
@@ -30,13 +30,15 @@ from train_ato.messages.faults import Fault
 from train_ato.messages.links import LinkSpec
 from train_ato.profile.planner.settings import ReplanSpec
 from train_ato.scenario.ato_requests import AtoRequest
-from train_ato.scenario.criteria import Criteria
+from train_ato.scenario.criteria import Criteria, Expectation
 from train_ato.scenario.interventions import Intervention
 from train_ato.scenario.overlays import assign, caused_by, overlay, with_absolute_files
 from train_ato.scenario.profile_spec import ProfileSpec
 from train_ato.supervision.settings import SupervisionSpec
 
 SCHEMA = "train_ato/scenario/1"
+OF_FILES = ("summary", "expect")
+"""Keys of a variant that describe it and are no change of the run."""
 LARGEST_FILE = 64 * 2**20
 """Maximum size of a scenario file [bytes]."""
 
@@ -226,6 +228,8 @@ def _with_base(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
     if below in (path, *above):
         raise ValueError(f"{path}: base: {base}: a scenario is its own base; name another base")
     found = _with_variants(below, _with_base(below, (path, *above)), variant)
+    for block in (found, *(found.get("variants") or {}).values()):
+        block.pop("expect", None)
     if below.parent != path.parent:
         found = with_absolute_files(found, below.parent)
     return overlay(found, data)
@@ -238,18 +242,43 @@ def _with_variants(path: Path, data: dict[str, Any], variant: str | None) -> dic
         if part not in variants:
             known = ", ".join(sorted(variants)) or "none"
             raise ValueError(f"{path}: no variant '{part}'{close_match(part, variants)}; use one of: {known}")
-        data = overlay(data, {key: value for key, value in variants[part].items() if key != "summary"})
+        data = overlay(data, {key: value for key, value in variants[part].items() if key not in OF_FILES})
     return data
 
 
 def raw_scenario(name: str) -> tuple[Path, dict[str, Any]]:
     """Return a scenario with its base and variants applied, not validated."""
     path, variant = find(name)
-    data = _with_variants(path, _with_base(path), variant)
-    data.pop("variants", None)
+    whole = _with_base(path)
+    _expectation_in(path, whole, variant)
+    data = _with_variants(path, whole, variant)
+    for key in ("variants", "expect"):
+        data.pop(key, None)
     if variant is not None:
         data["name"] = f"{data.get('name', path.stem)}:{variant}"
     return path, data
+
+
+def expectation_of(name: str) -> Expectation | None:
+    """Return the expected verdict of ``SCENARIO[:variant]``; None for a name without one, as with two variants.
+
+    Raises
+    ------
+    ValueError
+        For an unknown name or a bad block ``expect``, in one line.
+    """
+    path, variant = find(name)
+    return _expectation_in(path, _with_base(path), variant)
+
+
+def _expectation_in(path: Path, data: Mapping[str, Any], variant: str | None) -> Expectation | None:
+    """Return the checked block ``expect`` of a scenario, or of its variant: each states its own."""
+    block = data if variant is None else (data.get("variants") or {}).get(variant) or {}
+    given = block.get("expect")
+    if given is None:
+        return None
+    where = str(path) if variant is None else f"{path}: variants.{variant}"
+    return build_model(Expectation, {"verdict": given} if isinstance(given, str) else given, f"{where}: expect")
 
 
 def variants_of(path: Path) -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""Rows of the summary table: order, labels, units and meanings."""
+"""Rows of the summary table: order, decimals and meanings."""
 
 from __future__ import annotations
 
@@ -6,82 +6,92 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+from train_ato.loop.metric_names import metric_name, metric_unit
+
 
 @dataclass(frozen=True)
 class Row:
-    """One row of the summary: key in ``summary.json``, label, unit, decimals and meaning."""
+    """One row of the summary: key in ``summary.json``, decimals and meaning."""
 
     key: str
-    words: str
-    unit: str
     digits: int
     meaning: str
+
+    @property
+    def words(self) -> str:
+        """Name of the metric."""
+        return metric_name(self.key)
+
+    @property
+    def unit(self) -> str:
+        """Unit of the metric."""
+        return metric_unit(self.key)
 
 
 GROUPS: tuple[tuple[str, tuple[Row, ...]], ...] = (
     (
         "Stops and speed limit",
         (
-            Row("stop_error_m", "stopping error", "m", 3, "at the last stop: front minus target at standstill"),
-            Row("stop_error_max_m", "stopping error, worst of all stops", "m", 3, "front minus target at standstill"),
-            Row("overspeed_max_kmh", "overspeed, maximum", "km/h", 2, "above the lowest limit under the train"),
-            Row("running_time_s", "running time", "s", 1, "from the first motion to the arrival at the last stop"),
-            Row("arrival_delay_max_s", "delay of arrival, maximum", "s", 1, "at a stop, against the profile"),
+            Row("stop_error_m", 3, "at the last stop: front minus target at standstill"),
+            Row("stop_error_max_m", 3, "front minus target at standstill"),
+            Row("overspeed_max_kmh", 2, "above the lowest limit under the train"),
+            Row("running_time_s", 1, "from the first motion to the arrival at the last stop"),
+            Row("arrival_delay_max_s", 1, "at a stop, against the profile"),
         ),
     ),
     (
         "Tracking",
         (
-            Row("tracking", "outcome of tracking", "", 0, "tracked, or the worst deviation from the reference"),
-            Row("speed_rmse_kmh", "speed error, rms", "km/h", 3, "over the evaluation; mean of the power units"),
-            Row("speed_error_max_kmh", "speed error, maximum", "km/h", 3, "over the evaluation; of all power units"),
-            Row("speed_rmse_run_kmh", "speed error of the run, rms", "km/h", 3, "with the final braking"),
-            Row("speed_error_run_max_kmh", "speed error of the run, maximum", "km/h", 3, "with the final braking"),
-            Row("position_rmse_m", "position error, rms", "m", 2, "over the evaluation"),
-            Row("position_error_max_m", "position error, maximum", "m", 2, "over the evaluation"),
+            Row("tracking", 0, "tracked, or the worst deviation from the reference"),
+            Row("speed_rmse_kmh", 3, "over the evaluation; mean of the power units"),
+            Row("speed_error_max_kmh", 3, "over the evaluation; of all power units"),
+            Row("speed_rmse_run_kmh", 3, "with the final braking"),
+            Row("speed_error_run_max_kmh", 3, "with the final braking"),
+            Row("position_rmse_m", 2, "over the evaluation"),
+            Row("position_error_max_m", 2, "over the evaluation"),
         ),
     ),
     (
         "Forces in the train and comfort",
         (
-            Row("coupler_draft_max_kn", "coupler force, maximum draft", "kN", 0, "all couplers, all plant steps"),
-            Row("coupler_buff_max_kn", "coupler force, maximum buff", "kN", 0, "all couplers, all plant steps"),
-            Row("coupler_damage", "coupler fatigue, all couplers", "", 3, "rainflow; 1 per cycle of 1 MN, slope 5"),
-            Row("coupler_damage_worst", "coupler fatigue, worst coupler", "", 4, "of one coupler"),
-            Row("acceleration_max", "acceleration of vehicle 0, maximum", "m/s²", 3, "differences over 0.1 s"),
-            Row("jerk_max", "jerk of vehicle 0, maximum", "m/s³", 2, "over 0.1 s, with the capture at standstill"),
-            Row("jerk_1s_max", "jerk of vehicle 0 over 1 s, maximum", "m/s³", 3, "of the mean acceleration"),
+            Row("coupler_draft_max_kn", 0, "of all couplers, at every step of the plant"),
+            Row("coupler_buff_max_kn", 0, "of all couplers, at every step of the plant"),
+            Row("coupler_damage", 3, "rainflow; 1 per cycle of 1 MN, slope 5"),
+            Row("coupler_damage_worst", 4, "of one coupler"),
+            Row("acceleration_max", 3, "of vehicle 0, over 0.1 s"),
+            Row("jerk_max", 2, "of vehicle 0 over 0.1 s, with the capture at standstill"),
+            Row("jerk_1s_max", 3, "of the mean acceleration of vehicle 0"),
         ),
     ),
     (
         "Command",
         (
-            Row("command_variation_kn_per_s", "variation of the command", "kN/s", 1, "sum of its changes, per second"),
-            Row("saturated_s", "time at a force limit", "s", 1, "demand at or beyond it, clipped by law or train"),
-            Row("held_steps", "steps with the last command repeated", "", 0, "no new command arrived in time"),
-            Row("commands_lost", "commands lost", "", 0, "on the link to the train"),
-            Row("commands_missed", "ticks without a new command", "", 0, "at the train"),
-            Row("commands_refused", "commands refused", "", 0, "by the train: invalid or too old"),
-            Row("commands_late", "commands late", "", 0, "after their tick, in real time without lockstep"),
-            Row("unsound_measurements", "invalid measurements", "", 0, "not finite or physically impossible; not used"),
-            Row("replans", "re-planned profiles", "", 0, "after a shortfall of the force"),
+            Row("command_variation_kn_per_s", 1, "sum of its changes, per second"),
+            Row("saturated_s", 1, "demand at or beyond it, clipped by law or train"),
+            Row("held_steps", 0, "no new command arrived in time"),
+            Row("commands_lost", 0, "on the link to the train"),
+            Row("commands_missed", 0, "at the train"),
+            Row("commands_refused", 0, "by the train: invalid or too old"),
+            Row("commands_late", 0, "after their tick, in real time without lockstep"),
+            Row("unsound_measurements", 0, "not finite or physically impossible; not used"),
+            Row("replans", 0, "after a shortfall of the force"),
         ),
     ),
     (
         "Energy",
         (
-            Row("energy_traction_kwh", "traction", "kWh", 1, "work of the traction forces"),
-            Row("energy_regenerated_kwh", "regenerated", "kWh", 1, "work of the electric brake"),
+            Row("energy_traction_kwh", 1, "work of the traction forces"),
+            Row("energy_regenerated_kwh", 1, "work of the electric brake"),
         ),
     ),
     (
         "Run",
         (
-            Row("simulated_s", "simulated time", "s", 1, ""),
-            Row("wall_s", "wall time", "s", 1, ""),
-            Row("real_time_factor", "simulated over wall time", "", 0, ""),
-            Row("step_time_us_median", "controller step, median", "µs", 0, "wall time of one step of the law"),
-            Row("step_time_us_p99", "controller step, 99th percentile", "µs", 0, "wall time of one step of the law"),
+            Row("simulated_s", 1, ""),
+            Row("wall_s", 1, ""),
+            Row("real_time_factor", 0, ""),
+            Row("step_time_us_median", 0, "wall time of one step of the law"),
+            Row("step_time_us_p99", 0, "wall time of one step of the law"),
         ),
     ),
 )
@@ -136,17 +146,11 @@ def _supervision_rows(summary: dict[str, Any]) -> list[Row]:
     disengaged = "" if ended is None else f"disengaged at {ended:.1f} s: {summary.get('ato_disengaged')}"
     first = str(summary.get("first_intervention") or "")
     return [
-        Row("brake_interventions", "interventions of the supervisor", "", 0, "service or emergency brake"),
-        Row("first_intervention_s", "first intervention", "s", 1, first),
-        Row("strongest_reaction", "strongest reaction of the train", "", 0, "of the train protection, for any reason"),
-        Row(
-            "takeovers",
-            "takeovers of the braking law",
-            "",
-            0,
-            str(summary.get("first_takeover") or "the law was near the warning speed"),
-        ),
-        Row("ato_state", "ATO at the end", "", 0, disengaged),
+        Row("brake_interventions", 0, "service or emergency brake"),
+        Row("first_intervention_s", 1, first),
+        Row("strongest_reaction", 0, "of the train protection, for any reason"),
+        Row("takeovers", 0, str(summary.get("first_takeover") or "the law was near the warning speed")),
+        Row("ato_state", 0, disengaged),
     ]
 
 

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from train_ato.apps.runs.ranking import rank_of
-from train_ato.apps.runs.summary_table import RESULT_ROWS, html_table
+from train_ato.apps.runs.summary_table import RESULTS, html_table
+from train_ato.loop.metric_names import metric_heading
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 
     from train_ato.apps.report.page_data import PageData
 
-SHOWN = tuple(key for key, _ in RESULT_ROWS if key not in ("real_time_factor", "step_time_us_median"))
+SHOWN = tuple(key for key in RESULTS if key not in ("real_time_factor", "step_time_us_median"))
 """Metrics of the table."""
 OWN = "own"
 """Source of the gains of a law without the choice."""
@@ -156,6 +157,5 @@ class Comparison:
 
     def _repr_html_(self) -> str:
         keys = [key for key in SHOWN if any(key in law.metrics for law in self.laws)]
-        words = dict(RESULT_ROWS)
         rows = [[law.label, *(law.metrics.get(key) for key in keys), law.reason or law.status] for law in self.laws]
-        return html_table(self.scenario, ["law", *(words[key] for key in keys), "end"], rows)
+        return html_table(self.scenario, ["law", *(metric_heading(key) for key in keys), "end"], rows)

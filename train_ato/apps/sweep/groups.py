@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from train_ato.apps.runs.summary_table import RESULT_ROWS
+from train_ato.loop.metric_names import METRICS, metric_heading
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -107,4 +107,4 @@ def metric_words(table: pd.DataFrame, metric: str) -> str:
         raise ValueError(
             f"metric '{metric}': is no numeric column{close_match(metric, known)}; use one of: {', '.join(known)}"
         )
-    return dict(RESULT_ROWS).get(metric, metric)
+    return metric_heading(metric) if metric in METRICS else metric

@@ -1,0 +1,73 @@
+"""Name and unit of the metrics of a run: every table, page and message has these."""
+
+from __future__ import annotations
+
+METRICS: dict[str, tuple[str, str]] = {
+    "stop_error_m": ("stop error", "m"),
+    "stop_error_max_m": ("stop error, largest", "m"),
+    "overspeed_max_kmh": ("overspeed, largest", "km/h"),
+    "running_time_s": ("running time", "s"),
+    "arrival_delay_max_s": ("delay of arrival, largest", "s"),
+    "tracking": ("outcome of tracking", ""),
+    "speed_rmse_kmh": ("speed error, rms", "km/h"),
+    "speed_error_max_kmh": ("speed error, largest", "km/h"),
+    "speed_rmse_run_kmh": ("speed error of the run, rms", "km/h"),
+    "speed_error_run_max_kmh": ("speed error of the run, largest", "km/h"),
+    "position_rmse_m": ("position error, rms", "m"),
+    "position_error_max_m": ("position error, largest", "m"),
+    "coupler_draft_max_kn": ("coupler draft, largest", "kN"),
+    "coupler_buff_max_kn": ("coupler buff, largest", "kN"),
+    "coupler_damage": ("coupler fatigue, all couplers", ""),
+    "coupler_damage_worst": ("coupler fatigue, worst coupler", ""),
+    "acceleration_max": ("acceleration, largest", "m/s²"),
+    "jerk_max": ("jerk, largest", "m/s³"),
+    "jerk_1s_max": ("jerk over 1 s, largest", "m/s³"),
+    "command_variation_kn_per_s": ("command variation", "kN/s"),
+    "saturated_s": ("time at a force limit", "s"),
+    "held_steps": ("steps with the last command repeated", ""),
+    "commands_lost": ("commands lost", ""),
+    "commands_missed": ("ticks without a new command", ""),
+    "commands_refused": ("commands refused", ""),
+    "commands_late": ("commands late", ""),
+    "unsound_measurements": ("invalid measurements", ""),
+    "replans": ("re-planned profiles", ""),
+    "energy_traction_kwh": ("traction energy", "kWh"),
+    "energy_regenerated_kwh": ("regenerated energy", "kWh"),
+    "simulated_s": ("simulated time", "s"),
+    "wall_s": ("wall time", "s"),
+    "real_time_factor": ("simulated over wall time", ""),
+    "step_time_us_median": ("controller step, median", "µs"),
+    "step_time_us_p99": ("controller step, 99th percentile", "µs"),
+    "brake_interventions": ("interventions of the supervisor", ""),
+    "first_intervention_s": ("first intervention", "s"),
+    "strongest_reaction": ("strongest reaction of the train", ""),
+    "ato_state": ("ATO at the end", ""),
+    "lateness_max_s": ("lateness of a tick, largest", "s"),
+    "first_intervention": ("reason of the first intervention", ""),
+    "first_takeover_s": ("first takeover", "s"),
+    "first_takeover": ("reason of the first takeover", ""),
+    "takeovers": ("takeovers of the braking law", ""),
+}
+"""Name and unit by key of ``summary.json``."""
+
+
+def metric_name(key: str) -> str:
+    """Return the name of a metric."""
+    return METRICS[key][0]
+
+
+def metric_unit(key: str) -> str:
+    """Return the unit of a metric, "" without one."""
+    return METRICS[key][1]
+
+
+def metric_heading(key: str) -> str:
+    """Return name and unit of a metric as the head of a column or row.
+
+    Examples
+    --------
+    >>> metric_heading("stop_error_m"), metric_heading("takeovers")
+    ('stop error in m', 'takeovers of the braking law')
+    """
+    name, unit = METRICS[key]
+    return f"{name} in {unit}" if unit else name
