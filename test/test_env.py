@@ -301,3 +301,46 @@ def test_wrong_uses_are_refused_in_one_line():
     with pytest.raises(ValueError, match="has ended"):
         env.step(0.0)
     assert other_state.seed == env.setup.seed
+
+
+def test_own_signals_are_in_the_log_and_verified(tmp_path, capsys):
+    """Breaks if a signal is in another tick, changes the run, or is missing in the repeated run."""
+
+    def ahead(obs: dict[str, np.ndarray]) -> dict[str, float]:
+        return {"ahead": obs["position_error"][0]}
+
+    run, plain = ta.run("demo", set={"duration": 12}, on_tick=ahead), ta.run("demo", set={"duration": 12})
+    assert_same_arrays(run, plain)
+    time, found = run.recording.reported("signals", "ahead")
+    error = run.recording.position[:, 0] + run.setup.model.offsets[0] - run.recording.reference_position
+    assert time.tolist() == run.recording.time.tolist() and found == pytest.approx(error, abs=1e-9)
+    assert main(["verify", str(run.save(tmp_path / "run"))]) == 0
+    env = ta.Env("xuzhou_metro", set={"duration": 1})
+    env.reset()
+    for step in range(20):
+        info = env.step(0.0, signals={"my_signal": step})[4]
+    assert info["my_signal"] == 19
+    assert env.run.recording.reported("signals", "my_signal")[1].tolist() == [float(step) for step in range(20)]
+    assert main(["verify", str(env.run.save(tmp_path / "env"))]) == 0
+    assert capsys.readouterr().out.count("bit for bit") == 2
+
+
+def test_a_run_ends_when_its_caller_says_so():
+    """Breaks if the run goes on, loses its last tick, or counts as done or as an error."""
+    run = ta.run("demo", stop_when=lambda obs: obs["time"][0] > 2.95)
+    assert (run.metrics["status"], run.metrics["ticks"]) == ("interrupted", 31)
+    assert run.metrics["interruption"] == "stop_when ended it after 31 of 8000 ticks"
+
+
+@pytest.mark.parametrize(
+    ("on_tick", "text"),
+    [(lambda obs: 1 / 0, "ZeroDivisionError"), (lambda obs: [1.0], "not numbers by name"),
+     (lambda obs: {"x": "y"}, "not numbers by name")],
+)  # fmt: skip
+def test_a_failure_of_on_tick_is_named(on_tick, text):
+    """Breaks if the failure names a law, or the record up to it is lost."""
+    with pytest.raises(ta.RunFailed, match=f"node on_tick failed: .*{text}") as failed:
+        ta.run("demo", set={"duration": 5}, on_tick=on_tick)
+    assert failed.value.run.metrics["status"] == "failed"
+    with pytest.raises(ValueError, match="mode 'composed': on_tick"):
+        ta.run("demo", mode="composed", on_tick=on_tick)

@@ -6,6 +6,7 @@ import argparse
 import dataclasses
 import sys
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,6 +15,7 @@ from train_ato.errors import RunFailed
 
 if TYPE_CHECKING:
     from train_ato.log.difference import LogComparison
+    from train_ato.loop.engine import TickLoop
     from train_ato.loop.setup import RunSetup
 
 
@@ -88,11 +90,29 @@ def compare_with_new(run: Path, setup: RunSetup, relative: float = 0.0) -> LogCo
     from train_ato.messages.codec.codec import Wire
 
     note_compilation()
+    on_tick = _noted_signals(run)
     with tempfile.TemporaryDirectory(prefix="train_ato_verify_") as scratch:
         again = RunFolder.make(Path(scratch) / "again", setup.scenario.name)
         with progress_bar(f"again: {setup.scenario.name}") as progress, again.sink(setup) as sink:
-            outcome = run_engine(setup, sink=sink, progress=progress, messages_only=True)
+            outcome = run_engine(setup, sink=sink, progress=progress, messages_only=True, on_tick=on_tick)
         if outcome.failure:
             raise RunFailed(outcome.failure)
         with share_bar("comparing") as update:
             return compare_logs(run, again.path, Wire(setup.layout), relative, lambda share: update(share, ""))
+
+
+def _noted_signals(run: Path) -> Callable[[TickLoop], bool] | None:
+    """Return a function that sends the own signals of a run again in every tick; None for a run without any."""
+    from train_ato.log.recorded import read_recording, read_reports
+    from train_ato.loop.engine import SIGNALS
+
+    if all(report.node != SIGNALS for report in read_reports(run)):
+        return None
+    noted = {report.stamp: report.values for report in read_recording(run).reports if report.node == SIGNALS}
+
+    def note(loop: TickLoop) -> bool:
+        if loop.plant.stamp in noted:
+            loop.note(noted[loop.plant.stamp])
+        return False
+
+    return note

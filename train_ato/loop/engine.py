@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
@@ -22,13 +22,17 @@ from train_ato.loop.stage_messages import Published
 from train_ato.loop.step_times import StepTimes
 from train_ato.loop.supervisor import SupervisorStage
 from train_ato.loop.trajectories import profile_of
-from train_ato.messages.types import AtoReport, BrakeRelease
+from train_ato.messages.types import AtoReport, BrakeRelease, Diagnostic
 
 if TYPE_CHECKING:
     from train_ato.loop.spans.span import CompiledSpans
 
 COMPILED_FROM = 2000
 """Number of ticks from which a run uses compiled ticks: loading them takes as long as some hundred ticks."""
+
+
+SIGNALS = "signals"
+"""Name of the node in the diagnostics with own signals of the user."""
 
 
 class Sink(Protocol):
@@ -53,6 +57,7 @@ def run_engine(
     compiled: bool | None = None,
     summary_only: bool = False,
     messages_only: bool = False,
+    on_tick: Callable[[TickLoop], bool] | None = None,
 ) -> RunResult:
     """Run a scenario to its end.
 
@@ -77,6 +82,8 @@ def run_engine(
         Return no recording; the series that the same summary does not need are not made.
     messages_only
         Return neither recording nor metrics, whose memory grows with the length of the run.
+    on_tick
+        Called in every tick before the law; True ends the run after this tick. No tick is then compiled.
 
     Returns
     -------
@@ -93,11 +100,12 @@ def run_engine(
             result = run_engine(
                 setup, sink=sink, progress=progress, rate=rate, log_folder=log_folder, interrupt=asked,
                 compiled=compiled, summary_only=summary_only,
-                messages_only=messages_only,
+                messages_only=messages_only, on_tick=on_tick,
             )  # fmt: skip
         asked.pass_on()
         return result
     wanted = setup.ticks >= COMPILED_FROM and not rate if compiled is None else compiled
+    stopped = False
     brief = summary_only and sink is None and not setup.scenario.criteria.requirements
     loop = TickLoop(setup, sink, compiled=wanted, summary_only=brief)
     begin = time.perf_counter()
@@ -106,8 +114,11 @@ def run_engine(
     next_report = begin
     try:
         loop.start()
-        while not (loop.plant.finished or interrupt.asked):
-            loop.advance()
+        while not (loop.plant.finished or interrupt.asked or stopped):
+            if on_tick is None:
+                loop.advance()
+            else:
+                stopped = loop.tick(on_tick)
             clock.wait(loop.ticks)
             if progress is not None and (now := time.perf_counter()) >= next_report:
                 progress(Progress(loop.ticks * setup.tick, setup.ticks * setup.tick, now - begin))
@@ -118,9 +129,11 @@ def run_engine(
     wall = time.perf_counter() - begin
     times = StepTimes([]) if loop.compiled else loop.controller.step_times
     published, recording = loop.recording.counts, loop.recording.finish()
+    interrupted = interrupt.asked or stopped
+    reason = f"stop_when ended it after {loop.ticks} of {setup.ticks} ticks" if stopped else ""
     if messages_only:
-        return RunResult.without_metrics(recording, interrupt.asked, watch.failure, published)
-    result = RunResult.of(setup, recording, wall, loop.ticks, times, interrupt.asked, watch.failure, published)
+        return RunResult.without_metrics(recording, interrupted, watch.failure, published)
+    result = RunResult.of(setup, recording, wall, loop.ticks, times, interrupted, watch.failure, published, reason)
     return replace(result, recording=None, published={}) if summary_only else result
 
 
@@ -158,10 +171,19 @@ class TickLoop:
         self._publish(0, start.published())
         self.controller.set_profile(profile_of(start.profile))
 
-    def tick(self) -> None:
-        """Run one tick."""
+    def tick(self, on_tick: Callable[[TickLoop], bool] | None = None) -> bool:
+        """Run one tick; return the result of ``on_tick``, which is called before the law, False without it."""
         self.observe()
+        stops = False
+        if on_tick is not None:
+            self.active = "on_tick"
+            stops = on_tick(self)
         self.act()
+        return stops
+
+    def note(self, signals: Mapping[str, str]) -> None:
+        """Send own signals of the user at the stamp of this tick."""
+        self._publish(self.plant.stamp, [("/diagnostics", Diagnostic(self.plant.stamp, SIGNALS, 0, "", dict(signals)))])
 
     def observe(self) -> None:
         """Run the stages of a tick up to the inputs of the law."""

@@ -15,6 +15,7 @@ from train_ato.apps.env.observation import Known, Quantity, flat_vector, observe
 from train_ato.apps.env.reward import CostCounter, end_costs, weights_of
 from train_ato.apps.env.stage_state import SharedParts
 from train_ato.apps.env.stepped_loop import SteppedLoop
+from train_ato.apps.env.tick_calls import signal_texts
 from train_ato.apps.runs.record import RunRecord
 from train_ato.apps.runs.run import Run
 from train_ato.apps.runs.scenario_choice import Changes, ScenarioChoice, choose_scenario
@@ -233,14 +234,13 @@ class Env:
         """Run the stages before the law."""
         loop = self._started()
         loop.observe()
-        controller = loop.controller
         if self._episode is None:
-            known = Known(controller.received, controller.in_flight)
-            self._episode = _Episode(known, CostCounter(loop.plant.train.velocity.item(0)))
-        drives = controller.ato.drives and not controller.ato.assured
-        self._episode.known.take(controller.received, controller.in_flight, engaged=drives)
+            self._episode = _Episode(Known.of(loop.controller), CostCounter(loop.plant.train.velocity.item(0)))
+        self._episode.known.take(loop.controller)
 
-    def step(self, force: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+    def step(
+        self, force: Any, signals: Mapping[str, float] | None = None
+    ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Drive one control period with a force and return observation, reward, terminated, truncated, ``info``.
 
         Parameters
@@ -248,6 +248,8 @@ class Env:
         force : float or array, shape (units,)
             Force demand of every unit [N], > 0 forward, or relative to its envelope; a number for a train with one
             unit. The stack limits it to the envelope as the demand of a law.
+        signals
+            Own numbers by name, for ``info``, the log and the report: the diagnostics ``signals``.
 
         Returns
         -------
@@ -268,6 +270,8 @@ class Env:
         if episode.ended:
             raise ValueError("step: the run has ended; call reset()")
         self._caller.force = self._force(force)
+        if signals:
+            loop.note(signal_texts(signals, "step"))
         loop.note_force(self._caller.force)
         costs: dict[str, float] = {}
         for _ in range(round(self.period / self.setup.tick)):
@@ -278,7 +282,7 @@ class Env:
             front = float(loop.plant.train.position[0])
             costs |= end_costs(self.setup, self.run.metrics, front)
         reward = -sum(weight * costs.get(name, 0.0) for name, weight in self._weights.items())
-        return self._observation(), reward, episode.ended, False, self._info(costs)
+        return self._observation(), reward, episode.ended, False, {**(signals or {}), **self._info(costs)}
 
     def _tick(self, loop: SteppedLoop, episode: _Episode, costs: dict[str, float]) -> None:
         """Run law and train of a tick and add its costs."""

@@ -13,7 +13,7 @@ import numpy as np
 from train_ato.control.algorithms.limits_ahead import LimitsAhead
 from train_ato.control.command_history import CommandHistory
 from train_ato.control.parameters import closest
-from train_ato.loop.controller import Received
+from train_ato.loop.controller import ControllerStage, Received
 from train_ato.loop.setup import RunSetup
 from train_ato.messages.layout import FIXED_NAMES, Owner
 from train_ato.messages.types import Array, Measurement
@@ -70,9 +70,16 @@ class Known:
         found = self.received.reference
         return UNKNOWN if found is None else np.array((found.position, found.velocity, found.acceleration))
 
-    def take(self, received: Received, in_flight: Array, *, engaged: bool) -> None:
+    @classmethod
+    def of(cls, controller: ControllerStage) -> Known:
+        """Return the knowledge at the first step."""
+        return cls(controller.received, controller.in_flight)
+
+    def take(self, controller: ControllerStage) -> None:
         """Take the messages of a step; those of the supervisor are kept between its steps."""
-        self.received, self.in_flight, self.engaged = received, in_flight, engaged
+        received = self.received = controller.received
+        self.in_flight = controller.in_flight
+        self.engaged = controller.ato.drives and not controller.ato.assured
         if received.protection is not None:
             self.brakes = received.protection.active
         if received.speeds is not None:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from train_ato.apps.runs.component_choice import given_objects, put_components
 from train_ato.apps.runs.progress import progress_bar
@@ -23,6 +23,9 @@ from train_ato.loop.engine import run_engine
 from train_ato.loop.result import RunResult
 from train_ato.loop.setup import RunSetup
 from train_ato.ros import require_ros
+
+if TYPE_CHECKING:
+    from train_ato.apps.env.tick_calls import OnTick, StopWhen, TickCalls
 
 Mode = Literal["engine", "composed", "processes"]
 MODES = ("engine", "composed", "processes")
@@ -43,6 +46,8 @@ def run(
     lockstep: bool = True,
     restarts: int = 0,
     domain: int | None = None,
+    on_tick: OnTick | None = None,
+    stop_when: StopWhen | None = None,
 ) -> Run:
     """Run a scenario and return the run.
 
@@ -76,6 +81,11 @@ def run(
         With a process for each node: maximum number of restarts of each node; default: none, the run fails with a node.
     domain
         ROS domain of a graph; default: that of ``ROS_DOMAIN_ID``, without it a free one.
+    on_tick
+        Called in every tick before the law with the observation of :class:`train_ato.Env` by name; the numbers by name
+        that it returns are in the log, as diagnostics ``signals``. Only in the engine.
+    stop_when
+        Called with the same; True ends the run after this tick, with the status ``interrupted``. Only in the engine.
 
     Returns
     -------
@@ -100,6 +110,10 @@ def run(
     ('smc', 20.0)
     >>> run["ato/command"].columns.tolist()
     ['unit_0_force_n']
+    >>> signals = lambda obs: {"ahead": obs["position_error"][0]}
+    >>> run = ta.run("demo", on_tick=signals, stop_when=lambda obs: obs["time"] > 1)
+    >>> run.metrics["ticks"], run.recording.reported("signals", "ahead")[0].size
+    (12, 12)
     """
     run_mode = RunMode(mode, rate, lockstep, domain, restarts=restarts)
     run_mode.check()
@@ -119,7 +133,14 @@ def run(
         )
         objects = {}
     setup = replace(choice.prepare(checked), given=objects)
-    return drive(setup, run_mode, out=None if out is None else Path(out), shown=progress)
+    calls = None
+    if on_tick is not None or stop_when is not None:
+        if mode != "engine":
+            raise ValueError(f"mode '{mode}': on_tick and stop_when need the engine; remove them or the mode")
+        from train_ato.apps.env.tick_calls import TickCalls
+
+        calls = TickCalls(setup, on_tick, stop_when)
+    return drive(setup, run_mode, out=None if out is None else Path(out), shown=progress, calls=calls)
 
 
 @dataclass(frozen=True)
@@ -200,6 +221,7 @@ def drive(
     title: str = "",
     option: str = "out",
     ended: Callable[[Run, RunFailed | None], None] | None = None,
+    calls: TickCalls | None = None,
 ) -> Run:
     """Execute a prepared run and return it.
 
@@ -219,6 +241,8 @@ def drive(
         Name of ``out`` in messages.
     ended
         Called with the run and its failure when log and summary are written, before the figure is drawn.
+    calls
+        Functions called in every tick of the engine.
 
     Raises
     ------
@@ -232,12 +256,13 @@ def drive(
         from plant_sim.warm_up import compile_kernel
 
         compile_kernel()
-        outcome = _driven(setup, run_mode, record, shown, title or setup.scenario.name)
+        outcome = _driven(setup, run_mode, record, shown, title or setup.scenario.name, calls)
         if folder is not None and not (folder.path / SCENARIO).is_file():
             raise FileNotFoundError(folder.path)
         outcome = replace(outcome, summary={**outcome.summary, "mode": run_mode.mode, **_reach(run_mode)})
         result = Run(outcome.summary, record=record, setup=setup, outcome=outcome)
-        failure = _failure(result, outcome, folder)
+        stopped = calls is not None and calls.stopped
+        failure = None if stopped and not outcome.failure else _failure(result, outcome, folder)
         if folder is not None:
             finish(result, outcome, None if ended is None else partial(ended, result, failure))
     except ValueError as error:
@@ -312,7 +337,9 @@ def _discard(folder: RunFolder | None) -> None:
         folder.discard()
 
 
-def _driven(setup: RunSetup, run_mode: RunMode, record: RunRecord, shown: bool | None, title: str) -> RunResult:
+def _driven(
+    setup: RunSetup, run_mode: RunMode, record: RunRecord, shown: bool | None, title: str, calls: TickCalls | None
+) -> RunResult:
     """Execute the run in its mode; the log is closed however the run ends."""
     with progress_bar(title, shown) as progress:
         if run_mode.mode == "engine":
@@ -327,6 +354,7 @@ def _driven(setup: RunSetup, run_mode: RunMode, record: RunRecord, shown: bool |
                         rate=run_mode.rate or 0.0,
                         log_folder=record.log_folder,
                         interrupt=interrupt,
+                        on_tick=calls,
                     )
             finally:
                 record.close_log()
