@@ -11,10 +11,9 @@ from plant_sim.brake_events import PipeEvents, friction_brake_events
 from plant_sim.consist import Consist
 from plant_sim.disturbances import Gust
 from plant_sim.jumps import Jumps
-from plant_sim.kernel_state import KernelState
 from plant_sim.line import Line
 from plant_sim.outside_forces import OutsideForces
-from plant_sim.packing import pack
+from plant_sim.packing import Arrays, pack
 from plant_sim.parted_couplers import PartedCouplers
 from plant_sim.pipe_pressure import PipePressure
 from plant_sim.plant_setup import Jump, PlantSetup
@@ -22,7 +21,57 @@ from plant_sim.section_effects import MANY_TICKS, SectionEffects, with_adhesion_
 from plant_sim.sensors import SensorSet
 from plant_sim.states import Array, BrakeShoes, Observation, Pipe, VehicleStates
 from plant_sim.streams import random_stream
-from plant_sim.totals import Totals, kinetic_energy_of_each, total_numbers, totals_of
+from plant_sim.totals import Totals, kinetic_energy, kinetic_energy_of_each, total_numbers, totals_of
+
+
+class KernelState:
+    """Present state of a train.
+
+    Parameters
+    ----------
+    arrays
+        Arrays of the kernel; every call of the kernel changes them.
+    n
+        Number of vehicles.
+    """
+
+    def __init__(self, arrays: Arrays, n: int) -> None:
+        self.arrays, self.n = arrays, n
+
+    @property
+    def position(self) -> Array:
+        """Centre of every vehicle [m], shape (n,)."""
+        return self.arrays.state[k.X, : self.n].copy()
+
+    @property
+    def velocity(self) -> Array:
+        """Speed of every vehicle [m/s], shape (n,)."""
+        return self.arrays.state[k.V, : self.n].copy()
+
+    @property
+    def coupler_force(self) -> Array:
+        """Force of the coupler behind every vehicle [N], shape (n,); the last is 0."""
+        return self.arrays.state[k.COUPLER, 1 : self.n + 1].copy()
+
+    @property
+    def applied(self) -> Array:
+        """Force of every power unit after delay, lag and limit [N], shape (units,)."""
+        return np.array(self.arrays.unit[k.APPLIED])
+
+    @property
+    def shoe_force(self) -> Array:
+        """Shoe force of every vehicle [N], >= 0, shape (n,)."""
+        return self.arrays.state[k.SHOE_FORCE, : self.n].copy()
+
+    @property
+    def kinetic_energy(self) -> float:
+        """Kinetic energy, rotating masses included [J]."""
+        return kinetic_energy(self.arrays, self.n)
+
+    @property
+    def momentum(self) -> float:
+        """Momentum, rotating masses included [kg m/s]."""
+        return float((self.arrays.vehicle[k.MASS] * self.arrays.state[k.V, : self.n]).sum())
 
 
 class Train(KernelState):

@@ -14,10 +14,10 @@ from plant_sim.line import SpeedLimit
 from train_ato.cli import main
 from train_ato.loop.metrics import evaluated_ticks, excess_speed, mean_jerk_1s, summarise
 from train_ato.loop.recording import Recording
+from train_ato.loop.result import worst_places
 from train_ato.loop.setup import RunSetup, prepare
 from train_ato.loop.stops import planned_stops, stops_of_run
 from train_ato.loop.verdict import CRITERIA, judge_run, verdict_line
-from train_ato.loop.worst_values import worst_places
 from train_ato.scenario.criteria import Criteria
 from train_ato.scenario.scenario import load_scenario, shipped_scenarios
 

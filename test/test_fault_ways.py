@@ -16,9 +16,9 @@ import numpy as np
 from remains import check_nothing_left
 from waiting import LIMIT_S
 
+from msgs_docs.generate.fault_page import RECORDER_ROWS, ends_process, ways_of
 from msgs_docs.generate.fault_runs import STANDSTILL, FaultRun, setup_of
 from msgs_docs.generate.fault_table import ROWS
-from msgs_docs.generate.fault_ways import RECORDER_ROWS, ends_process, ways_of
 from train_ato.log.difference import compare_logs
 from train_ato.log.reading import iter_raw
 from train_ato.log.recover import recover

@@ -18,9 +18,8 @@ from msgs_docs.generate.__main__ import LAWS as FOLDER
 from msgs_docs.generate.__main__ import chosen, law_pages, read_measured, stale, unmeasured
 from msgs_docs.generate.law_pages.components import Component, components
 from msgs_docs.generate.law_pages.demo_runs import DEMO_RUNS, DemoRun, demo_of
-from msgs_docs.generate.law_pages.markup import sections
 from msgs_docs.generate.law_pages.measure import command, measure
-from msgs_docs.generate.law_pages.pages import parameter_table
+from msgs_docs.generate.law_pages.pages import parameter_table, sections
 from train_ato.cli import run as run_command
 from train_ato.cli.scenario_options import prepare_from
 from train_ato.control.registry import COMPENSATIONS, LAWS

@@ -11,7 +11,7 @@ import yaml
 from span_runs import Both, messages_of, setup_of
 
 import train_ato as ta
-from train_ato.apps.learn.average import RunAverage
+from train_ato.apps.learn.learn import RunAverage
 from train_ato.apps.learn.residual import Residual, residual_of, smoothed_resistance
 from train_ato.apps.runs.drive import drive
 from train_ato.cli import main

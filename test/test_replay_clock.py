@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from train_ato.apps.replay.clock import ReplayClock
+from train_ato.apps.replay.playback import ReplayClock
 
 
 class Wall:

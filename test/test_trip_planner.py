@@ -19,11 +19,11 @@ from train_ato.cli.plan_trip import trip_from_options
 from train_ato.errors import RunInterrupted
 from train_ato.interrupt import Interrupt, ending_like_ctrl_c
 from train_ato.profile.trip.fatigue import coupler_damage, reversals
-from train_ato.profile.trip.final_stop import braking_distance, final_deceleration, stop_knots
 from train_ato.profile.trip.journey import Journey, JourneySearch
 from train_ato.profile.trip.objective import TripSearch, plan_trip
 from train_ato.profile.trip.planner import TripPlanner
 from train_ato.profile.trip.reduced_train import nominal_train_model, reduced_train, shoe_response
+from train_ato.profile.trip.run_profile import braking_distance, final_deceleration, stop_knots
 from train_ato.profile.trip.settings import TripSettings
 from train_ato.scenario.scenario import load_scenario
 from train_ato.scenario.trip_scenario import FINAL_GAINS, final_gains

@@ -13,7 +13,6 @@ import yaml
 
 import train_ato as ta
 from train_ato.apps.tune.gain_runs import SEARCHED, gain_tasks
-from train_ato.apps.tune.gain_search import GainSearch
 from train_ato.apps.tune.gain_space import gain_space
 from train_ato.apps.tune.gain_workers import GainWorkers
 from train_ato.apps.tune.objective import (
@@ -26,6 +25,7 @@ from train_ato.apps.tune.objective import (
     score_of_run,
 )
 from train_ato.apps.tune.optimizers import CmaOptimizer
+from train_ato.apps.tune.tune_plan import GainSearch
 from train_ato.apps.tune.tune_spec import read_tune_spec
 from train_ato.cli.main import main
 from train_ato.loop.tracking import OUTCOMES

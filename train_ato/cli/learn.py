@@ -9,7 +9,7 @@ from pathlib import Path
 from train_ato.cli.scenario_options import add_change_options, prepare_from
 
 RUNS, SPACING, MEMORY = 5, 5.0, 20
-"""Defaults of the options; the last two are those of :mod:`train_ato.apps.learn.average`."""
+"""Defaults of the options; the last two are those of :mod:`train_ato.apps.learn.learn`."""
 OF_REPEATED_RUNS = ("runs", "law", "observer", "compensation", "seed", "gust_shift", "assignments")
 """Options without an effect on recorded runs."""
 

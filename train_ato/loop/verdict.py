@@ -88,7 +88,7 @@ def judge_run(
     requirements
         Rows of the requirements (:func:`train_ato.loop.requirements.requirement_rows`).
     places
-        ``at_s`` and ``km`` of the worst value by metric (:func:`train_ato.loop.worst_values.worst_places`).
+        ``at_s`` and ``km`` of the worst value by metric (:func:`train_ato.loop.result.worst_places`).
 
     Returns
     -------

@@ -2,17 +2,179 @@
 
 from __future__ import annotations
 
+import contextlib
+import functools
 import re
 from collections.abc import Mapping
 from typing import Any
 
-from msgs_docs.generate.law_pages.compatibility import companions, conflicts, on_trains, trains
+import numpy as np
+import yaml
+
 from msgs_docs.generate.law_pages.components import KIND, PLURAL, REGISTRIES, Component, components
 from msgs_docs.generate.law_pages.demo_runs import demo_of
-from msgs_docs.generate.law_pages.markup import sections
+from plant_sim.library import consist_names, load_consist, load_line
 from plant_sim.number_text import number_text
 from train_ato.apps.runs.summary_table import format_value
+from train_ato.control.compensation.compatibility import check_compatible
 from train_ato.control.contract import Parameter
+from train_ato.control.gains import TABLE
+from train_ato.control.registry import COMPENSATIONS, LAWS
+from train_ato.control.train_model import TrainModel
+
+NEEDS = "Needs: "
+
+
+def sections(text: str, pages: Mapping[str, str]) -> tuple[str, str, str, str]:
+    """Split a component's docstring.
+
+    Parameters
+    ----------
+    text
+        The docstring, cleaned: a title, what the component does, the law itself, ``Needs: ...``.
+    pages
+        Module to page, for links.
+
+    Returns
+    -------
+    title, does, law, needs : str
+        Markdown; ``law`` and ``needs`` may be empty.
+    """
+    paragraphs = re.split(r"\n\n+(?! )", text.strip())
+    title, rest = " ".join(paragraphs[0].split()), paragraphs[1:]
+    needs = [part for part in rest if part.startswith(NEEDS)]
+    body = [part for part in rest if not part.startswith(NEEDS)]
+    needed = needs[0].removeprefix(NEEDS) if needs else ""
+    does, law = (body[0], body[1:]) if body else ("", [])
+    return (
+        inline(title, pages),
+        markdown(does, pages),
+        "\n\n".join(markdown(part, pages) for part in law),
+        markdown(needed[:1].upper() + needed[1:], pages),
+    )
+
+
+def markdown(paragraph: str, pages: Mapping[str, str]) -> str:
+    """Return a paragraph in Markdown; an indented block after it becomes code."""
+    lines, result, code = paragraph.splitlines(), [], False
+    for line in lines:
+        indented = line.startswith("    ") or (code and not line.strip())
+        if indented and not code:
+            result += ["", "```text"]
+        elif code and not indented:
+            result += ["```", ""]
+        code = indented
+        result.append(line.removeprefix("    ") if indented else inline(line, pages))
+    if code:
+        result.append("```")
+    return re.sub(r"\n{3,}", "\n\n", "\n".join(result)).strip()
+
+
+def inline(line: str, pages: Mapping[str, str]) -> str:
+    """Return one line of text: code, links to other pages, no accidental emphasis."""
+    line = re.sub(r":mod:`([\w.]+)`", lambda found: _link(found.group(1), pages), line)
+    line = re.sub(r":\w+:`~?([\w.]+)`", r"`\1`", line)
+    line = re.sub(r"``(.+?)``", r"`\1`", line)
+    line = re.sub(r"(?<=\w)\*(?=[\w_])", r"\\*", line)
+    return re.sub(r"::$", ":", line)
+
+
+def _link(module: str, pages: Mapping[str, str]) -> str:
+    page = pages.get(module)
+    return f"`{module}`" if page is None else f"[`{module.rpartition('.')[2]}`]({page}.md)"
+
+
+OTHER = {"delay": 0.5, "lag": 0.4, "period": 0.1}
+"""Delay, lag and period of a shipped train without fitted gains [s]."""
+
+
+load = functools.cache(load_consist)
+
+
+@functools.cache
+def shipped(name: str, sensors: tuple[int, ...]) -> TrainModel:
+    """Return the model of a shipped train on a level line with the delay of its fitted gains, and coupler sensors."""
+    consist = load(name)
+    entries = yaml.safe_load(TABLE.read_text(encoding="utf-8"))
+    loop = next((entry for entry in entries if name in entry["trains"]), OTHER)
+    delay = np.full(len(consist.power_units), loop["delay"])
+    return TrainModel(consist, load_line("level"), delay, delay, loop["lag"], loop["period"], sensors)
+
+
+def refusal(component: Component, train: TrainModel) -> str:
+    """Return the reason for which a component with its defaults rejects a train; empty if it accepts it."""
+    try:
+        component.registry.make(component.name, {}, train, train.tick)
+    except ValueError as error:
+        return str(error).removeprefix(f"{component.kind} '{component.name}': ")
+    return ""
+
+
+def trains(component: Component) -> list[str]:
+    """Return lines with the shipped trains that a component accepts and the reasons for the others."""
+    taken, lines = [], []
+    for name in consist_names():
+        hauled = len(load(name).vehicles) > len(load(name).power_units)
+        reason = refusal(component, shipped(name, ()))
+        if not reason:
+            taken.append(f"`{name}`")
+        elif hauled and not refusal(component, shipped(name, (0,))):
+            lines.append(f"* `{name}` with a sensor at coupler_0; without: {reason}.")
+        else:
+            lines.append(f"* `{name}` is rejected: {reason}.")
+    everything = len(taken) == len(consist_names())
+    head = "Accepts every shipped train." if everything else f"Accepts the shipped trains {', '.join(taken)}."
+    return [head, *([""] if lines else []), *lines]
+
+
+@functools.cache
+def conflicts(law: str) -> tuple[tuple[str, str, list[str]], ...]:
+    """Return the compensations that reject a law with its default gains: name, reason, trains ([]: all)."""
+    made = {}
+    for train in consist_names():
+        hauled = len(load(train).vehicles) > len(load(train).power_units)
+        model = shipped(train, (0,) if hauled else ())
+        with contextlib.suppress(ValueError):
+            made[train] = LAWS.make(law, {}, model, model.tick)
+    found = []
+    for name in COMPENSATIONS.loadable():
+        reasons = {train: reason for train, each in made.items() if (reason := conflict(law, each, name))}
+        if reasons:
+            found.append((name, next(iter(reasons.values())), [] if len(reasons) == len(made) else list(reasons)))
+    return tuple(found)
+
+
+def conflict(law: str, made: Any, compensation: str) -> str:
+    """Return the reason of a compensation for the refusal of a law; "" if it accepts it."""
+    try:
+        check_compatible(law, made, compensation, COMPENSATIONS.get(compensation))
+    except ValueError as error:
+        return str(error).partition("': ")[2]
+    return ""
+
+
+def companions(component: Component) -> list[str]:
+    """Return lines with the incompatible components and the reasons."""
+    if component.kind == "law":
+        reasons: dict[str, list[str]] = {}
+        for name, reason, where in conflicts(component.name):
+            reasons.setdefault(reason.replace(f"'{name}'", "it"), []).append(f"`{name}`{on_trains(where)}")
+        return [f"Rejected with compensation {' or '.join(names)}: {reason}." for reason, names in reasons.items()]
+    if component.kind == "compensation":
+        found = [
+            f"`{law}`{on_trains(where)}"
+            for law in LAWS.loadable()
+            for name, _, where in conflicts(law)
+            if name == component.name
+        ]
+        return [f"Rejected with the laws {', '.join(found)} with their default gains."] if found else []
+    return []
+
+
+def on_trains(names: list[str]) -> str:
+    """Return a list of trains as text; "" for an empty list."""
+    return f" (on {', '.join(f'`{name}`' for name in names)})" if names else ""
+
 
 COLUMNS = (
     ("outcome", "outcome"),

@@ -12,8 +12,7 @@ from typing import Any
 from train_ato.apps.replay.log import ReplayLog
 from train_ato.apps.replay.options import ReplayOptions, chosen_topics
 from train_ato.apps.replay.playback import Playback, ReplayState
-from train_ato.apps.replay.rosbag2_services import Rosbag2Services, rosbag2_types
-from train_ato.apps.replay.trigger_services import offer_triggers
+from train_ato.apps.replay.rosbag2_services import Rosbag2Services, offer_triggers, rosbag2_types
 from train_ato.interrupt import interruptible
 from train_ato.ros import require_ros
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from plant_sim.plant_setup import Jump
 from plant_sim.record import zeros
+from train_ato.control.air_brake.shoes import ShoeForecast
 from train_ato.control.algorithms.couplers import NO_COUPLERS
 from train_ato.control.compensation.base import Actuator
 from train_ato.control.compensation.predictor import RIGID, PredictionConstants, Predictor
@@ -17,21 +18,100 @@ from train_ato.control.compensation.twin import Twin
 from train_ato.control.compiled.law_call import LEFT, OBSERVER, POLICY, LawCall, RecordStep, is_in_loop
 from train_ato.control.law import LawNow
 from train_ato.control.observers.record_observer import RecordObserver
+from train_ato.control.observers.stack import ObserverStack
 from train_ato.control.stack import ControlStack
-from train_ato.control.train_model import STANDSTILL_SPEED
+from train_ato.control.train_model import GRID, STANDSTILL_SPEED
 from train_ato.loop.recording_builder import RecordingBuilder
+from train_ato.loop.setup import RunSetup
 from train_ato.loop.spans import kernel
 from train_ato.loop.spans.conditions import is_regular, ticks_to_event
 from train_ato.loop.spans.forecast import Forecast
 from train_ato.loop.spans.messages import Publish, SpanArrays, SpanMessages
-from train_ato.loop.spans.model_arrays import model_arrays
-from train_ato.loop.spans.observer_shoes import ObserverShoes
 from train_ato.loop.spans.python_law import PythonLaw
 from train_ato.loop.spans.stages import Stages
 from train_ato.loop.spans.supervised import SupervisedTicks
 from train_ato.loop.stage_messages import SECOND_NS
 from train_ato.messages.tick_block import TickBlock
 from train_ato.messages.types import Array, AtoReport
+
+
+class ObserverShoes:
+    """Forecast of the shoe forces of an observer for the ticks of one span; ticks that were not run are taken back.
+
+    Parameters
+    ----------
+    stack
+        Observer with its forecast, in the state before the span.
+    times
+        Times of the ticks [s].
+    pressure
+        Pressure of the brake pipe demanded in the span [Pa]; None without an air brake.
+    used
+        False for an observer without a balance of forces.
+
+    Attributes
+    ----------
+    slow : Array, shape (ticks, vehicles)
+        Forces at standstill [N]; without rows for released brakes.
+    """
+
+    def __init__(self, stack: ObserverStack, times: Array, pressure: float | None, *, used: bool) -> None:
+        self._stack, self._times, self._pressure = stack, times, pressure
+        self._used = used and stack._shoes.fitted
+        self._kept: ShoeForecast | None = None
+        self.slow: Array = np.zeros((0, 0))
+        if not self._used or stack._shoes.idle:
+            return
+        known, self._kept = stack._shoes, stack._shoes.copy()
+        rows, index = [], 0
+        while index < len(times):
+            known.demand(float(times[index]), pressure)
+            run = min(len(times) - index, known.calls_to_restart())
+            known.skip(run - 1)
+            rows.append(known.slow_forces_at(times[index : index + run]))
+            index += run
+        self.slow = np.ascontiguousarray(np.concatenate(rows))
+
+    def take_back(self, done: int, speed: float | None) -> None:
+        """Set the forecast to its state after the first ``done`` ticks, with the last measured speed [m/s]."""
+        if not self._used:
+            return
+        if speed is not None:
+            self._stack._speed = speed
+        if self._kept is None:
+            self._stack._shoes.skip(done)
+        elif done < len(self._times):
+            self._stack._shoes = self._kept
+            for t in self._times[:done].tolist():
+                self._kept.demand(t, self._pressure)
+
+
+def model_arrays(setup: RunSetup) -> tuple[Array, tuple[Array, Array, Array], Array, Any]:
+    """Return the constants of the nominal model.
+
+    Returns
+    -------
+    own : Array, shape (units, 7)
+        Constants of every unit's vehicle and of the line, by the names in the kernel.
+    tables : tuple of Array
+        Line force per mass [N/kg], on the whole train [N], and its learned part per mass [N/kg], empty without one, on
+        the grid of the model.
+    segments : Array, shape (segments, 4)
+        Segments of all envelopes.
+    bounds : Array of int, shape (units, 4)
+        First segment and end of brake and of traction.
+    """
+    model = setup.model
+    rows = [(*own, model._begin, GRID, offset) for own, offset in zip(model._own, model.offsets.tolist(), strict=True)]
+    segments, bounds, end = [np.zeros((0, 4))], [], 0
+    for brake, traction in zip(model.brake, model.traction, strict=True):
+        middle, last = end + len(brake.rows), end + len(brake.rows) + len(traction.rows)
+        segments += [brake.rows, traction.rows]
+        bounds.append((end, middle, middle, last))
+        end = last
+    tables = (np.array(model._specific), np.array(model._total), np.array(model._learned))
+    return np.array(rows, dtype=np.float64), tables, np.concatenate(segments), np.array(bounds, dtype=np.int64)
+
 
 SHORTEST = 4
 """Shortest span that is worth its preparation [ticks]."""
