@@ -1,7 +1,8 @@
-"""Memory of the readers of a log: that of a window or a part, not that of the log."""
+"""Memory of a run and of the readers of its log: that of a window or a part, and of the profile."""
 
 from __future__ import annotations
 
+import functools
 import shutil
 import tracemalloc
 from collections.abc import Callable
@@ -10,27 +11,87 @@ from pathlib import Path
 import pytest
 from engine_runs import record_run
 
+from train_ato.apps.report.page_data import page_data
+from train_ato.cli.main import main
+from train_ato.log.changes import read_changes
 from train_ato.log.difference import compare_logs
 from train_ato.log.overview import log_overview
+from train_ato.log.recorded import open_recording
 from train_ato.log.recover import recover
-from train_ato.loop.setup import prepare
+from train_ato.log.run_folder import read_run_folder
+from train_ato.loop.engine import run_engine
+from train_ato.loop.setup import RunSetup, prepare
 from train_ato.messages.codec.codec import Wire
 from train_ato.scenario.scenario import load_scenario
 
-SHORT, LONG = 120, 480
-"""Durations of two runs [s]; the train is at rest at the end of both."""
-TICKS = (LONG - SHORT) * 10
-BYTES_PER_TICK = 300.0
-"""Bound: half of what a day of ticks of 0.05 s may need within 1 GB."""
-SETUP = prepare(*load_scenario("demo", (f"duration={SHORT}",)))
+TICK, TRIP = 0.1, 60
+"""Tick and duration of a trip from stop to stop [s]."""
+LENGTHS = (480, 960)
+"""Durations of two runs [s]; both fill some chunks of the log."""
+FEW = (120, 240)
+"""Durations of two runs [s] for a comparison, which is slow while memory is measured."""
+DAY = 24 * 3600 * 20
+PROGRAM = 2e8
+"""Memory of the program without a log [bytes]."""
+BYTES_PER_TICK = (1e9 - PROGRAM) / DAY
+"""Memory for a tick in a day of ticks of 0.05 s within 1 GB [bytes]."""
+WINDOWS = {
+    "log.difference.PORTION": 64,
+    "log.difference.WINDOW_NS": 10**10,
+    "log.tables.loading.PART": 2**14,
+    "log.tables.loading.REPORTS_OF_PART": 64,
+    "log.tables.portions.PORTION": 2**14,
+    "loop.kept_samples.CACHED": 2**14,
+    "loop.kept_samples.IN_MEMORY": 2**14,
+    "loop.spans.forecast.WINDOW": 2**10,
+}
+"""Windows in memory: messages, bytes, ticks."""
+TRIPS = """
+schema: train_ato/scenario/1
+name: shuttle
+duration: {seconds}
+tick: {tick}
+step: 0.05
+plant: {{consist: xuzhou_metro_3, line: line.yaml, lag: 0.4}}
+profile: {{limits: {{jerk: 0.6, acceleration: 0.8, deceleration: 0.8}}, phases: [{phases}]}}
+law: pid
+compensation: preview
+"""
+LINE = "{schema: train_ato/line/1, name: level, end_km: 6, source: chosen}"
+PHASES = "{{accelerate_to_kmh: 36}}, {{cruise_for: 10}}, {{brake_to: 0}}, {{cruise_until: {end}}}"
+
+
+def shuttle(folder: Path, seconds: int) -> RunSetup:
+    """Return a run of trips from its begin to its end: its profile grows with its duration."""
+    phases = ", ".join(PHASES.format(end=end) for end in range(TRIP, seconds + 1, TRIP))
+    path = folder / f"{seconds}.yaml"
+    (folder / "line.yaml").write_text(LINE)
+    path.write_text(TRIPS.format(seconds=seconds, tick=TICK, phases=phases))
+    return prepare(*load_scenario(str(path)))
 
 
 def info(run: Path, out: Path) -> None:
     log_overview(run / "run.mcap")
 
 
-def compare(run: Path, out: Path) -> None:
-    assert compare_logs(run, run, Wire(SETUP.layout)).equal
+def compared(run: Path, out: Path) -> None:
+    setup, _ = read_run_folder(run)
+    assert compare_logs(run, run, Wire(setup.layout)).equal
+
+
+def repeated(run: Path, out: Path) -> None:
+    """Run it again, as the command ``verify`` does before it compares; its log needs a few chunks."""
+    setup, _ = read_run_folder(run)
+    assert not read_changes(run).rows(setup.scenario)
+    assert run_engine(setup, messages_only=True).failure is None
+
+
+def exported(run: Path, out: Path) -> None:
+    assert main(["export", str(run), "--out", str(out / "tables")]) == 0
+
+
+def reported(run: Path, out: Path) -> None:
+    page_data(open_recording(run), share=0.01)  # the short run fills its curves, too
 
 
 def recovered(run: Path, out: Path) -> None:
@@ -40,29 +101,40 @@ def recovered(run: Path, out: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Path]:
-    """Record a short and a long run."""
+def runs(tmp_path_factory: pytest.TempPathFactory) -> Callable[[int], Path]:
+    """Return a function that records a run of a duration, once."""
     folder = tmp_path_factory.mktemp("runs")
-    return {
-        seconds: record_run(prepare(*load_scenario("demo", (f"duration={seconds}",))), folder / str(seconds))
-        for seconds in (SHORT, LONG)
-    }
+    return functools.cache(lambda seconds: record_run(shuttle(folder, seconds), folder / str(seconds)))
 
 
-@pytest.mark.parametrize("read", [info, compare, recovered])
-def test_the_memory_of_a_reader_does_not_grow_with_the_log(
-    read: Callable[[Path, Path], None], runs: dict[int, Path], tmp_path: Path
+@pytest.mark.parametrize(
+    ("read", "lengths"),
+    [(compared, FEW), *((read, LENGTHS) for read in (info, recovered, repeated, exported, reported))],
+)
+def test_a_day_needs_less_than_a_gigabyte(
+    read: Callable[[Path, Path], None],
+    lengths: tuple[int, int],
+    runs: Callable[[int], Path],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Fails if a reader keeps the stamps of all messages, or the messages."""
+    """Fails if a run or a reader keeps all messages or samples, or several copies of the profile.
+
+    The windows in memory are so small that the short run fills them, too.
+    """
+    for place, size in WINDOWS.items():
+        monkeypatch.setattr(f"train_ato.{place}", size)
+    short, long = lengths
     peaks = {}
-    for seconds in (SHORT, SHORT, LONG):  # the first reading imports modules and fills caches
-        out = tmp_path / f"{seconds}-{len(peaks)}"
+    for number, seconds in enumerate((short, short, long)):  # the first reading imports modules and fills caches
+        out = tmp_path / str(number)
         out.mkdir()
+        run = runs(seconds)
         tracemalloc.start()
         try:
-            read(runs[seconds], out)
+            read(run, out)
             peaks[seconds] = tracemalloc.get_traced_memory()[1]
         finally:
             tracemalloc.stop()
-    grown = (peaks[LONG] - peaks[SHORT]) / TICKS
+    grown = (peaks[long] - peaks[short]) / ((long - short) / TICK)
     assert grown < BYTES_PER_TICK, peaks

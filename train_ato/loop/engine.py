@@ -21,7 +21,6 @@ from train_ato.loop.setup import RunSetup
 from train_ato.loop.stage_messages import Published
 from train_ato.loop.step_times import StepTimes
 from train_ato.loop.supervisor import SupervisorStage
-from train_ato.loop.trajectories import profile_of
 from train_ato.messages.types import AtoReport, BrakeRelease, Diagnostic
 
 if TYPE_CHECKING:
@@ -169,7 +168,7 @@ class TickLoop:
         self.active = "profile"
         start = self.profile.start()
         self._publish(0, start.published())
-        self.controller.set_profile(profile_of(start.profile))
+        self.controller.set_profile(self.profile.profile)
 
     def tick(self, on_tick: Callable[[TickLoop], bool] | None = None) -> bool:
         """Run one tick; return the result of ``on_tick``, which is called before the law, False without it."""
@@ -201,7 +200,7 @@ class TickLoop:
         profile = self.profile.on_measurement(plant.measurement, None if self._release is None else self._ato)
         self._publish(stamp, profile.published())
         if profile.profile is not None:
-            self.controller.set_profile(profile_of(profile.profile))
+            self.controller.set_profile(self.profile.profile)
         self.active = "observer"
         observer = self.observer.on_measurement(plant.measurement)
         self._publish(stamp, observer.published())

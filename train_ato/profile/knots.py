@@ -10,6 +10,7 @@ between two knots, the state of the knot before continues at constant accelerati
 from __future__ import annotations
 
 import math
+from array import array
 from typing import Any
 
 import numpy as np
@@ -175,13 +176,20 @@ def even_grid(time: Array) -> tuple[int, int]:
     return int(stamps[0]), period
 
 
-def padded(position: Array, velocity: Array, acceleration: Array, tail: int) -> tuple[Array, Array, Array]:
-    """Return the knots followed by ``tail`` knots at rest."""
-    pads = (
-        np.concatenate((position, np.full(tail, position[-1]))),
-        np.concatenate((velocity, np.zeros(tail))),
-        np.concatenate((acceleration, np.zeros(tail))),
-    )
-    for pad in pads:
-        pad.flags.writeable = False
-    return pads
+def padded(
+    position: Array, velocity: Array, acceleration: Array, tail: int
+) -> tuple[array[float], array[float], array[float]]:
+    """Return the knots followed by ``tail`` knots at rest, as numbers of Python."""
+    pads = []
+    for column, rest in ((position, position[-1]), (velocity, 0.0), (acceleration, 0.0)):
+        pad = array("d", [rest]) * (column.size + tail)
+        np.frombuffer(pad)[: column.size] = column
+        pads.append(pad)
+    return pads[0], pads[1], pads[2]
+
+
+def read_only(numbers: array[float]) -> Array:
+    """Return the numbers as a read-only array, without a copy."""
+    found: Array = np.frombuffer(numbers)
+    found.flags.writeable = False
+    return found

@@ -9,6 +9,7 @@ piece of constant jerk and is integrated exactly.
 from __future__ import annotations
 
 import math
+from array import array
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -20,6 +21,8 @@ from train_ato.profile.profile import Profile
 
 CELLS = 1000
 """Number of speed cells of a change of speed."""
+SAMPLED_AT_ONCE = 65536
+"""Number of knots that are sampled at once: a day has 1.7 million."""
 MIN_SPEED_CHANGE = 1e-9
 """Changes of speed below this are ignored [m/s]."""
 
@@ -33,8 +36,7 @@ class Piece:
     jerk: float
 
 
-def _advance(x: float, v: float, piece: Piece) -> tuple[float, float]:
-    t, a, j = piece.duration, piece.acceleration, piece.jerk
+def _advance(x: float, v: float, t: float, a: float, j: float) -> tuple[float, float]:
     return x + t * (v + t * (a / 2 + t * j / 6)), v + t * (a + t * j / 2)
 
 
@@ -46,15 +48,15 @@ class Motion:
     ----------
     time, position, velocity, acceleration : float
         State at its present end: s, m, m/s, m/s².
-    pieces : list of Piece
-        Pieces so far.
+    pieces : array of float
+        Duration [s], initial acceleration [m/s²] and jerk [m/s³] of every piece so far, one after the other.
     """
 
     time: float
     position: float
     velocity: float = 0.0
     acceleration: float = 0.0
-    pieces: list[Piece] = field(default_factory=list)
+    pieces: array[float] = field(default_factory=lambda: array("d"))
 
     def __post_init__(self) -> None:
         self.begin = (self.time, self.position, self.velocity)
@@ -62,10 +64,11 @@ class Motion:
     def add(self, pieces: list[Piece]) -> None:
         """Append pieces."""
         for piece in pieces:
-            self.position, self.velocity = _advance(self.position, self.velocity, piece)
+            numbers = piece.duration, piece.acceleration, piece.jerk
+            self.position, self.velocity = _advance(self.position, self.velocity, *numbers)
             self.time += piece.duration
             self.acceleration = piece.acceleration + piece.jerk * piece.duration
-        self.pieces.extend(pieces)
+            self.pieces.extend(numbers)
 
     def hold(self, duration: float) -> None:
         """Append constant speed for a duration [s]."""
@@ -83,24 +86,28 @@ class Motion:
     def sampled(self, period: float) -> Profile:
         """Return the profile of the motion with knots every ``period`` seconds; the last knot may be after its end."""
         time, x, v = self.begin
-        states = np.empty((len(self.pieces) + 1, 5))
-        for row, piece in zip(states, self.pieces, strict=False):
-            row[:] = time, x, v, piece.acceleration, piece.jerk
-            x, v = _advance(x, v, piece)
+        pieces = len(self.pieces) // 3
+        states = np.empty((pieces + 1, 5))
+        for row, (duration, a, j) in zip(states, zip(*[iter(self.pieces)] * 3, strict=True), strict=False):
+            row[:] = time, x, v, a, j
+            x, v = _advance(x, v, duration, a, j)
             v = 0.0 if abs(v) < MIN_SPEED_CHANGE else v
-            time += piece.duration
+            time += duration
         states[-1] = time, x, v, self.acceleration, 0.0
         count = knot_count(max(2.0, float(np.ceil((time - self.begin[0]) / period - 1e-9)) + 1))
-        knots = self.begin[0] + period * np.arange(count)
-        index = np.clip(np.searchsorted(states[:, 0], knots + 1e-12, side="right") - 1, 0, len(self.pieces))
-        t0, x0, v0, a0, j0 = states[index].T
-        s = np.maximum(knots - t0, 0.0)
-        position = x0 + s * (v0 + s * (a0 / 2 + s * j0 / 6))
-        velocity = v0 + s * (a0 + s * j0 / 2)
-        acceleration = a0 + s * j0
-        resting = np.flatnonzero((index == len(self.pieces)) & (abs(v) < MIN_SPEED_CHANGE))
-        position[resting], velocity[resting], acceleration[resting] = x, 0.0, 0.0
-        return Profile.uniform(self.begin[0], period, position, velocity, acceleration)
+        found = np.empty((3, count))
+        for first in range(0, count, SAMPLED_AT_ONCE):
+            part = found[:, first : first + SAMPLED_AT_ONCE]
+            knots = self.begin[0] + period * np.arange(first, first + part.shape[1])
+            index = np.clip(np.searchsorted(states[:, 0], knots + 1e-12, side="right") - 1, 0, pieces)
+            t0, x0, v0, a0, j0 = states[index].T
+            s = np.maximum(knots - t0, 0.0)
+            part[0] = x0 + s * (v0 + s * (a0 / 2 + s * j0 / 6))
+            part[1] = v0 + s * (a0 + s * j0 / 2)
+            part[2] = a0 + s * j0
+            if abs(v) < MIN_SPEED_CHANGE:
+                part[:, index == pieces] = [[x], [0.0], [0.0]]
+        return Profile.uniform(self.begin[0], period, *found)
 
 
 def change_of_speed(start: float, target: float, limit: Callable[[Array], Array], jerk: float | None) -> list[Piece]:

@@ -18,6 +18,7 @@ from train_ato.profile.knots import (
     mean_jerk,
     padded,
     read_between,
+    read_only,
     stamps_to_seconds,
     whole_nanoseconds,
 )
@@ -47,22 +48,25 @@ class Profile:
     """
 
     __slots__ = (
-        "_a", "_j", "_pads", "_v", "_x", "acceleration", "period_ns", "position", "start_ns", "time", "velocity",
+        "_a", "_count", "_j", "_pads", "_v", "_x", "acceleration", "period_ns", "position", "start_ns", "time",
+        "velocity",
     )  # fmt: skip
 
     def __init__(self, time: Array, position: Array, velocity: Array, acceleration: Array) -> None:
-        columns = [np.array(column, dtype=np.float64) for column in (time, position, velocity, acceleration)]
+        columns = [np.asarray(column, dtype=np.float64) for column in (time, position, velocity, acceleration)]
         check_columns(columns)
         self.start_ns, self.period_ns = even_grid(columns[0])
-        count = columns[0].size
-        columns[0] = stamps_to_seconds(self.start_ns + self.period_ns * np.arange(count))
-        columns[0].flags.writeable = False
-        self.time = columns[0]
-        self._pads = padded(columns[1], columns[2], columns[3], TAIL)
-        self.position, self.velocity, self.acceleration = (pad[:count] for pad in self._pads)
-        # single values of an array are numbers of Python, and it needs a quarter of the memory of a list
-        self._x, self._v, self._a = (array("d", column.tobytes()) for column in columns[1:])
+        self._count = count = columns[0].size
+        self.time = stamps_to_seconds(self.start_ns + self.period_ns * np.arange(count))
+        self.time.flags.writeable = False
+        self._pad(columns[1], columns[2], columns[3], TAIL)
         self._j = array("d", mean_jerk(self.velocity, self.acceleration, self.period).tobytes())
+
+    def _pad(self, position: Array, velocity: Array, acceleration: Array, tail: int) -> None:
+        """Keep the knots, followed by ``tail`` knots at rest: once, as numbers of Python and as read-only arrays."""
+        self._x, self._v, self._a = numbers = padded(position, velocity, acceleration, tail)
+        self._pads = tuple(map(read_only, numbers))
+        self.position, self.velocity, self.acceleration = (pad[: self._count] for pad in self._pads)
 
     @classmethod
     def uniform(cls, start: float, period: float, position: Array, velocity: Array, acceleration: Array) -> Profile:
@@ -89,7 +93,7 @@ class Profile:
     @property
     def ends_rolling(self) -> bool:
         """True if the last knot is faster than 1 mm/s: the reference then steps to rest after it."""
-        return bool(abs(self._v[-1]) > 1e-3)
+        return bool(abs(self.velocity[-1]) > 1e-3)
 
     def at(self, t: float) -> tuple[float, float, float, float]:
         """Return position [m], speed [m/s], acceleration [m/s²] and jerk [m/s³] at a time [s]."""
@@ -98,7 +102,7 @@ class Profile:
     def at_stamp(self, stamp: int) -> tuple[float, float, float, float]:
         """Return the same at an integer stamp [ns]; at a knot equal to the knot bit for bit."""
         index, rest = divmod(stamp - self.start_ns, self.period_ns)
-        last = len(self._x) - 1
+        last = self._count - 1
         if index < 0:
             return self._x[0], 0.0, 0.0, 0.0
         if index >= last:
@@ -135,9 +139,9 @@ class Profile:
         if rest or uneven or first < 0 or step < 1:
             stamps = stamp + period_ns * np.arange(count)
             return self._evaluate(stamps)
-        if (count - 1) * step + 1 > self._pads[0].size - len(self._x):
-            self._pads = padded(self.position, self.velocity, self.acceleration, (count - 1) * step + 1)
-        first = min(first, len(self._x))
+        if (count - 1) * step + 1 > self._pads[0].size - self._count:
+            self._pad(self.position, self.velocity, self.acceleration, (count - 1) * step + 1)
+        first = min(first, self._count)
         part = slice(first, first + (count - 1) * step + 1, step)
         return self._pads[0][part], self._pads[1][part], self._pads[2][part]
 
@@ -167,7 +171,7 @@ class Profile:
         period_ns = whole_nanoseconds(period, "the period of a profile")
         if period_ns == self.period_ns:
             return self
-        last_ns = self.start_ns + self.period_ns * (len(self._x) - 1)
+        last_ns = self.start_ns + self.period_ns * (self._count - 1)
         count = knot_count(max(2, -((self.start_ns - last_ns) // period_ns) + 1))
         stamps = self.start_ns + period_ns * np.arange(count)
         x, v, a = self._evaluate(stamps)
@@ -181,7 +185,7 @@ class Profile:
 
     def until(self, t: float) -> Profile:
         """Return the part up to a time [s], at least two knots."""
-        count = max(2, min(len(self._x), (round(t * 1e9) - self.start_ns) // self.period_ns + 1))
+        count = max(2, min(self._count, (round(t * 1e9) - self.start_ns) // self.period_ns + 1))
         return Profile(self.time[:count], self.position[:count], self.velocity[:count], self.acceleration[:count])
 
     def followed_by(self, other: Profile) -> Profile:
@@ -197,9 +201,9 @@ class Profile:
             raise ValueError(
                 "the knots of two profiles do not coincide; resample one of them to the period of the other"
             )
-        pads = padded(self.position, self.velocity, self.acceleration, max(0, ahead - len(self._x)) + 1)
+        pads = padded(self.position, self.velocity, self.acceleration, max(0, ahead - self._count) + 1)
         parts = [
-            np.concatenate((before[:ahead], after))
+            np.concatenate((read_only(before)[:ahead], after))
             for before, after in zip(pads, (other.position, other.velocity, other.acceleration), strict=True)
         ]
         time = stamps_to_seconds(self.start_ns + self.period_ns * np.arange(parts[0].size))
@@ -223,8 +227,8 @@ class Profile:
         return hash(self.fingerprint())
 
     def __len__(self) -> int:
-        return len(self._x)
+        return self._count
 
     def __repr__(self) -> str:
-        length = self._x[-1] - self._x[0]
+        length = self.position[-1] - self.position[0]
         return f"Profile({len(self)} knots every {self.period:g} s, {self.end - self.start:g} s, {length:g} m)"

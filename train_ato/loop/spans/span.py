@@ -109,7 +109,7 @@ def model_arrays(setup: RunSetup) -> tuple[Array, tuple[Array, Array, Array], Ar
         segments += [brake.rows, traction.rows]
         bounds.append((end, middle, middle, last))
         end = last
-    tables = (np.array(model._specific), np.array(model._total), np.array(model._learned))
+    tables = (np.frombuffer(model._specific), np.frombuffer(model._total), np.asarray(model._learned))
     return np.array(rows, dtype=np.float64), tables, np.concatenate(segments), np.array(bounds, dtype=np.int64)
 
 
