@@ -43,3 +43,13 @@ def domain() -> Iterator[int]:
 
     with claim_domain() as held:
         yield held
+
+
+@pytest.fixture
+def without_figure(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave out ``figure.png``, most of the time of a short run, where a test is about other files."""
+    from train_ato.apps.report import run_figure
+    from train_ato.apps.runs.run import Run
+
+    monkeypatch.setattr(Run, "finish", Run.folder)
+    monkeypatch.setattr(run_figure, "write_run_figure", lambda *_: None)

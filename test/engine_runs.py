@@ -1,22 +1,20 @@
-"""Runs of the engine for tests, in the folder of the command ``run``."""
+"""Runs of the engine for tests, in the folder of the command ``run`` without its figure."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from train_ato.apps.report.run_figure import write_run_figure
 from train_ato.log.run_folder import RunFolder
 from train_ato.loop.engine import run_engine
 from train_ato.loop.setup import RunSetup
 
 
 def record_run(setup: RunSetup, path: Path) -> Path:
-    """Run a scenario to its end; return its folder with log, scenario, summary and figure."""
+    """Run a scenario to its end; return its folder with log, scenario and summary."""
     folder = RunFolder.make(path, setup.scenario.name)
     folder.begin(setup)
     with folder.sink(setup) as sink:
         outcome = run_engine(setup, sink=sink)
     assert outcome.failure is None
     folder.finish(setup, outcome)
-    write_run_figure(setup, outcome, folder.path)
     return folder.path

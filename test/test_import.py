@@ -16,6 +16,8 @@ from train_ato.apps.import_csv import run as measured_run
 from train_ato.cli.main import main
 from train_ato.profile.file import read_profile
 
+pytestmark = pytest.mark.usefixtures("without_figure")
+
 
 def test_a_run_of_ours_comes_back_the_same(tmp_path, capsys):
     """Breaks if export and import change speed, position or force, or the profile without averaging."""

@@ -16,6 +16,8 @@ from import_files import TRAIN, metro, recorded, take, text_of
 from train_ato.apps.import_csv.table import column_name, is_units_row, moments
 from train_ato.cli.main import main
 
+pytestmark = pytest.mark.usefixtures("without_figure")
+
 ROOT = Path(__file__).resolve().parents[1]
 FIGURES = ("measured_rows", "simulated_s", "distance_m", "speed_max_kmh", "energy_traction_kwh")
 

@@ -20,6 +20,8 @@ from train_ato.loop.setup import prepare
 from train_ato.messages.codec.codec import Wire
 from train_ato.scenario.scenario import load_scenario
 
+pytestmark = pytest.mark.usefixtures("without_figure")
+
 TICK = 100_000_000
 
 

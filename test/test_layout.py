@@ -17,6 +17,8 @@ from train_ato.cli import main
 from train_ato.log.reading import stream
 from train_ato.messages.codec.cdr import typestore
 
+pytestmark = pytest.mark.usefixtures("without_figure")
+
 TRAINS = {"heavy": ["demo", "--observer=ndo"], "one mass": ["crh380a_funnel"], "three units": ["crh380a_gpc"]}
 CASES = [*TRAINS, "commands only"]
 MULTIPLICATION = re.compile(r"\.@mul\([\d.]+\)$")

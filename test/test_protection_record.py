@@ -13,6 +13,8 @@ from train_ato.cli.main import main
 from train_ato.loop.protection_record import StateSpan, protection_summary, state_spans
 from train_ato.messages.types import Diagnostic
 
+pytestmark = pytest.mark.usefixtures("without_figure")
+
 SECOND = 1_000_000_000
 BLOWN = "interventions=[{at: 150, do: gust, acceleration: 0.5, duration: 60}]"
 """A gust that accelerates the demo train beyond its speed limit."""

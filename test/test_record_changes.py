@@ -26,6 +26,8 @@ from train_ato.ros.graph.recorded import complete_folder
 from train_ato.scenario.changes import GIVEN, RunChanges, change_at, changes_from_json, values_of
 from train_ato.scenario.scenario import LawChange, load_scenario
 
+pytestmark = pytest.mark.usefixtures("without_figure")
+
 SECOND = 1_000_000_000
 
 

@@ -20,6 +20,8 @@ from train_ato.loop.engine import run_engine
 from train_ato.messages.codec.codec import Wire
 from train_ato.messages.topics import topics_of
 
+pytestmark = pytest.mark.usefixtures("without_figure")
+
 CASES: dict[str, tuple[str, dict[str, Any]]] = {
     "supervisor, air brake, couplers": ("daqin_heavy_haul", {"duration": 90}),
     "disturbances, several units": (
