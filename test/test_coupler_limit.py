@@ -42,7 +42,8 @@ def test_range_on_a_change_of_grade() -> None:
             largest = 0.0
             for i, vehicle in enumerate(model.consist.vehicles[:-1]):
                 at = place - model.consist.offsets[i]
-                line = np.interp((at - model._begin), np.arange(len(model._specific)), model._specific)
+                specific, begin = model.specific_line_force()
+                line = np.interp(at - begin, np.arange(specific.size), specific)
                 polynomial = vehicle.resistance.polynomial(vehicle.mass, model.consist.gravity)
                 running = float(np.polyval(polynomial[::-1], 15.0))
                 front -= vehicle.mass * line + running + vehicle.mass * vehicle.rotating_mass_factor * acceleration

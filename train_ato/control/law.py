@@ -283,8 +283,7 @@ class RecordLaw(GuardedLaw):
             if self.uses_train_forces:
                 line_force = self.model.line_force(self.model.front(inputs.position))
             if self.couplers is not None:
-                for x, forces in zip(units, self.couplers.opposing(inputs), strict=True):
-                    x["coupler_force"], x["resistance"] = forces.couplers, forces.resistance
+                self.couplers.write(inputs.coupler_force, units)
         sensed = plain_sum(map(abs, inputs.coupler_force.tolist())) if inputs.coupler_force.size else 0.0
         _pack_now(
             self.now, 0, inputs.t, inputs.acceleration_at_effect, inputs.jerk_at_effect, inputs.delay_to_effect,

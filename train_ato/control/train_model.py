@@ -8,11 +8,13 @@ from __future__ import annotations
 import copy
 import math
 from array import array
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from plant_sim.air_brake import BrakeForecast
+from plant_sim.compiled import compiled
 from plant_sim.consist import Consist
 from plant_sim.line import Line
 from plant_sim.railway import (
@@ -22,6 +24,7 @@ from plant_sim.railway import (
     fading_resistance,
     running_resistance,
 )
+from plant_sim.record import Records, quantity, zeros
 from plant_sim.summation import plain_sum
 from plant_sim.track import Track
 from plant_sim.traction import Envelope
@@ -32,6 +35,39 @@ GRID = 1.0
 """Spacing of the table of line forces [m]."""
 STANDSTILL_SPEED = 0.05
 """Speed below which a train counts as standing [m/s]; the default of ``plant.holding_speed``."""
+
+
+@dataclass
+class UnitVehicle:
+    """Vehicle of one power unit in the nominal model."""
+
+    mass: float = quantity("kg", "mass")
+    c0: float = quantity("N", "running resistance c0 + c1 v + c2 v²")
+    c1: float = quantity("N s/m", "running resistance per speed")
+    c2: float = quantity("N s²/m²", "running resistance per squared speed")
+    offset: float = quantity("m", "distance behind the centre of vehicle 0")
+    line_begin: float = quantity("m", "position of the first entry of the tables of the line")
+
+
+@compiled
+def own_resistance(x: UnitVehicle, specific: Array, learned: Array, velocity: float, position: float) -> float:
+    """Return running and line resistance of a unit's own vehicle [N]; ``learned`` is empty without a learned part."""
+    line = between_entries(specific, (position - x.line_begin) / GRID)
+    resistance: float = fading_resistance(x.c0, x.c1, x.c2, velocity) + x.mass * line
+    if learned.size:
+        resistance += x.mass * between_entries(learned, (position + x.offset - x.line_begin) / GRID)
+    return resistance
+
+
+@compiled
+def own_resistances(
+    vehicles: Records[UnitVehicle], specific: Array, learned: Array, velocity: Array, position: Array
+) -> Array:
+    """Return :func:`own_resistance` of every unit [N], shape (units,)."""
+    found = np.empty(vehicles.size)
+    for u in range(vehicles.size):
+        found[u] = own_resistance(vehicles[u], specific, learned, velocity[u], position[u])
+    return found
 
 
 class LineForceTable:
@@ -48,7 +84,7 @@ class LineForceTable:
     ----------
     begin : float
         Position of the first entry [m]; the others follow at :data:`GRID`.
-    specific : array of float
+    specific : Array, shape (places,)
         Force per mass at a place [N/kg].
     totals : array of float
         Force on the train with vehicle 0's centre at a place [N].
@@ -57,11 +93,10 @@ class LineForceTable:
     """
 
     def __init__(self, consist: Consist, line: Line, *, over_length: bool = False) -> None:
-        specific, self.begin = _specific_line_force(consist, line, over_length)
+        self.specific, self.begin = _specific_line_force(consist, line, over_length)
         masses = np.array([vehicle.mass for vehicle in consist.vehicles])
-        self.totals = array("d", _over_train(specific, masses, np.array(consist.offsets)).tobytes())
+        self.totals = array("d", _over_train(self.specific, masses, np.array(consist.offsets)).tobytes())
         self.total: Array = np.frombuffer(self.totals)
-        self.specific = array("d", specific.tobytes())
 
 
 class TrainModel:
@@ -104,6 +139,11 @@ class TrainModel:
         c0, c1, c2 of the running resistance of the train c0 + c1 v + c2 v² [N, N s/m, N s²/m²].
     share : Array, shape (units,)
         Part of a total force for every unit, in proportion to its largest traction force; the sum is 1.
+    vehicles : Records of UnitVehicle, shape (units,)
+        Vehicles of the power units.
+    tables : tuple of Array
+        Line force per mass [N/kg], on the whole train [N], and its learned part per mass [N/kg], empty without one,
+        at every :data:`GRID` from the ``line_begin`` of the vehicles on.
     """
 
     def __init__(
@@ -144,19 +184,19 @@ class TrainModel:
         polynomials = np.array([vehicle.resistance.polynomial(vehicle.mass, consist.gravity) for vehicle in vehicles])
         self.running: tuple[float, ...] = tuple(polynomials.sum(axis=0).tolist())
         table = line_force or LineForceTable(consist, line, over_length=over_length)
-        self._begin, self._specific = table.begin, table.specific
-        self._line_force, self._total = table.total, table.totals
+        self._begin = table.begin
+        self.tables, self._total = (table.specific, table.total, np.zeros(0)), table.totals
         self.learned = learned
-        self._learned = array("d")
         if learned is not None:
             more = self.inertia * learned.at(
                 np.asarray(table.begin + GRID * np.arange(table.total.size), dtype=np.float64)
             )
-            self._line_force = table.total + more
-            self._total = array("d", self._line_force.tobytes())
-            self._learned = array("d", (more / self.mass).tobytes())
+            self._total = array("d", (table.total + more).tobytes())
+            self.tables = (table.specific, np.frombuffer(self._total), more / self.mass)
         self._table = table
-        self._own = [(vehicles[unit].mass, *polynomials[unit].tolist()) for unit in self.units]
+        self.vehicles = zeros(UnitVehicle, self.n_units)
+        for i, (unit, offset) in enumerate(zip(self.units, self.offsets.tolist(), strict=True)):
+            self.vehicles[i] = (vehicles[unit].mass, *polynomials[unit].tolist(), offset, table.begin)
 
     def _shares(self) -> Array:
         largest = np.array([envelope.largest() for envelope in self.traction])
@@ -183,11 +223,11 @@ class TrainModel:
         """Return :meth:`resisting_force` without shoes at many positions and speeds [N], equal to it bit for bit."""
         fading = np.array(list(map(math.tanh, (velocity / DRY_FRICTION_SPEED).tolist())))  # np.tanh has other bits
         running = running_resistance(*self.running, velocity) * fading
-        return np.asarray(running + each_between_entries(self._line_force, (position - self._begin) / GRID))
+        return np.asarray(running + each_between_entries(self.tables[1], (position - self._begin) / GRID))
 
     def specific_line_force(self) -> tuple[Array, float]:
         """Return the line force per mass at every :data:`GRID` [N/kg] and the position of the first one [m]."""
-        return np.array(self._specific), self._begin
+        return self.tables[0], self._begin
 
     def front(self, position: Array) -> float:
         """Return the position of vehicle 0's centre [m] for positions of the units, shape (units,)."""
@@ -195,32 +235,20 @@ class TrainModel:
 
     def own_resistance(self, velocity: Array, position: Array) -> Array:
         """Return running and line resistance of every unit's own vehicle [N], shape (units,)."""
-        return np.array(self.own_resistances(velocity.tolist(), position.tolist()))
-
-    def own_resistances(self, velocity: list[float], position: list[float]) -> list[float]:
-        """Return :meth:`own_resistance` for and as lists, for use in every tick."""
-        result = []
-        for v, place, (mass, c0, c1, c2) in zip(velocity, position, self._own, strict=True):
-            line = between_entries(self._specific, (place - self._begin) / GRID)
-            result.append(fading_resistance(c0, c1, c2, v) + mass * line)
-        if self._learned:
-            for unit, (place, offset) in enumerate(zip(position, self.offsets.tolist(), strict=True)):
-                learned = between_entries(self._learned, (place + offset - self._begin) / GRID)
-                result[unit] += self._own[unit][0] * learned
-        return result
+        specific, _, learned = self.tables
+        return np.asarray(own_resistances(self.vehicles, specific, learned, velocity, position))
 
     def learned_force(self, position: float) -> float:
         """Return the learned force on the train [N], > 0 resists, for vehicle 0's centre at a position."""
-        if not self._learned:
-            return 0.0
-        return float(self.mass * between_entries(self._learned, (position - self._begin) / GRID))
+        learned = self.tables[2]
+        return float(self.mass * between_entries(learned, (position - self._begin) / GRID)) if learned.size else 0.0
 
     @cached_property
     def without_learned(self) -> TrainModel:
         """The same model without the learned resistance."""
         bare = copy.copy(self)
-        bare.learned, bare._learned = None, array("d")
-        bare._line_force, bare._total = self._table.total, self._table.totals
+        bare.learned = None
+        bare.tables, bare._total = (self._table.specific, self._table.total, np.zeros(0)), self._table.totals
         return bare
 
     def force_limits(self, velocity: Array) -> tuple[Array, Array]:

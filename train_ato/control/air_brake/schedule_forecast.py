@@ -105,9 +105,9 @@ class ScheduleForecast:
 def _track(model: TrainModel) -> tuple[Array, float]:
     """Return line force [N] and speed limit [m/s] by the place of vehicle 0's centre, and the first place [m]."""
     _, begin = model.specific_line_force()
-    places = begin + GRID * np.arange(len(model._total))
+    places = begin + GRID * np.arange(model.tables[1].size)
     track = np.full((2, places.size), np.inf)
-    track[s.LINE_FORCE] = model._total
+    track[s.LINE_FORCE] = model.tables[1]
     front = 0.5 * model.consist.vehicles[0].length
     limits = [(entry.at, entry.speed) for entry in model.line.restricted_limits]
     for at, speed in limits_under_train(limits, model.consist.length):

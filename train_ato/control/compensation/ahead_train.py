@@ -175,4 +175,5 @@ class AheadTrain:
         force, shoes, kept = self._train.coupler_force, self._train.shoe_force, 1.0 - YIELD
         # item -1 is 0 N
         outside = [kept * (force.item(i) - force.item(i - 1)) + shoes.item(i) for i in self._model.units]
-        return list(map(add, outside, self._model.own_resistances(speeds, places)))
+        own = self._model.own_resistance(np.array(speeds), np.array(places))
+        return list(map(add, outside, own.tolist()))

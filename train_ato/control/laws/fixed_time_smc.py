@@ -212,8 +212,11 @@ class FixedTimeSmc(RecordLaw):
     def _estimated(self, inputs: LawInput) -> LawInput:
         """Return the inputs with the estimates of position, speed and disturbance of the cascades."""
         masses = self.model.unit_inertia.tolist()
-        known = zip(inputs.applied.tolist(), self._beside.opposing(inputs), masses, strict=True)
-        now = [(applied - opposing.total) / mass for applied, opposing, mass in known]
+        units = self.units
+        units["position"], units["velocity"] = inputs.position, inputs.velocity
+        self._beside.write(inputs.coupler_force, units)
+        opposing = units["coupler_force"] + units["resistance"] + inputs.shoe_force
+        now = ((inputs.applied - opposing) / self.model.unit_inertia).tolist()
         before = self._modelled or now
         self._modelled = now
         measured = zip(inputs.position.tolist(), inputs.velocity.tolist(), strict=True)

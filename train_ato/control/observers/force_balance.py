@@ -134,9 +134,7 @@ class ForceBalance:
             if self.whole_train:
                 line_force = self._model.line_force(self._model.front(inputs.position))
             else:
-                opposing = self.couplers.opposing(inputs)
-                units["coupler_force"] = [forces.couplers for forces in opposing]
-                units["resistance"] = [forces.resistance for forces in opposing]
+                self.couplers.write(inputs.coupler_force, units)
         sensed = plain_sum(map(abs, inputs.coupler_force.tolist())) if inputs.coupler_force.size else 0.0
         self.now[0] = (inputs.t, 0.0, 0.0, 0.0, line_force, inputs.train_shoe_force, sensed)
 

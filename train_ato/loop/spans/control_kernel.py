@@ -5,56 +5,20 @@
 from __future__ import annotations
 
 from plant_sim.compiled import compiled
-from plant_sim.railway import between_entries, envelope_force, fading_resistance, shoe_force
+from plant_sim.railway import between_entries, envelope_force, shoe_force
 from train_ato.control.air_brake.record_policy import electric_brake_available
+from train_ato.control.algorithms.couplers import opposing
 from train_ato.control.algorithms.force_shares import numpy_total
 from train_ato.control.compensation.predictor import predict
 from train_ato.control.compiled.law_call import address
 from train_ato.control.law import STEPPED, limit_demands
-
-# Columns of `own`, one row per unit: constants of the vehicle and of the line of the model.
-MASS, C0, C1, C2, LINE_BEGIN, LINE_GRID, OFFSET = range(7)
-
-
-@compiled
-def _write_resistances(own, table, learned, inputs):
-    """Write running, line and learned resistance of every unit's vehicle [N], for position and speed of the inputs."""
-    for u in range(inputs.size):
-        running = fading_resistance(own[u, C0], own[u, C1], own[u, C2], inputs[u].velocity)
-        place = (inputs[u].position - own[u, LINE_BEGIN]) / own[u, LINE_GRID]
-        inputs[u].resistance = running + own[u, MASS] * between_entries(table, place)
-        if len(learned):
-            place = (inputs[u].position + own[u, OFFSET] - own[u, LINE_BEGIN]) / own[u, LINE_GRID]
-            inputs[u].resistance += own[u, MASS] * between_entries(learned, place)
-
-
-@compiled
-def _opposing(measured, beside, springs, own, table, learned, shoes, inputs):
-    """Write the forces against the motion of every unit's vehicle [N], for position and speed of the inputs."""
-    sensors = len(measured)
-    for u in range(len(beside)):
-        pull = 0.0
-        for side in range(1, -1, -1):  # behind minus in front
-            number = beside[u, side]
-            force = 0.0
-            if number >= sensors:
-                spring = springs[number - sensors]
-                a, b = int(spring[0]), int(spring[1])
-                distance = (inputs[a].position + own[a, OFFSET]) - (inputs[b].position + own[b, OFFSET])
-                force = spring[2] * distance + spring[3] * (inputs[a].velocity - inputs[b].velocity)
-            elif number >= 0:
-                force = measured[number]
-            pull = force if side == 1 else pull - force
-        inputs[u].coupler_force, inputs[u].shoe_force = pull, shoes[1 + u]
-    if len(beside):
-        _write_resistances(own, table, learned, inputs)
+from train_ato.control.train_model import GRID, own_resistance
 
 
 @compiled
 def _line_force(inputs, own, table):
     """Return the line force on the train [N] for the position of its first unit."""
-    front = inputs[0].position + own[0, OFFSET]
-    return between_entries(table, (front - own[0, LINE_BEGIN]) / own[0, LINE_GRID])
+    return between_entries(table, (inputs[0].position + own[0].offset - own[0].line_begin) / GRID)
 
 
 @compiled
@@ -70,7 +34,7 @@ def _observed_shoes(slow, vehicles, speed, shoes, forces):
 @compiled(alone=False)
 def observe(tick, coupler_forces, own, tables, observing, inputs, all_now):
     """Compute the estimate of a tick [N]; return False for one that is left to Python."""
-    constants, state, bodies, call, estimates, (slow, vehicles, shoes, forces), beside, springs = observing
+    constants, state, bodies, call, estimates, (slow, vehicles, shoes, forces), couplers = observing
     if bodies == 0:
         return True
     if len(slow):
@@ -79,7 +43,9 @@ def observe(tick, coupler_forces, own, tables, observing, inputs, all_now):
     now.line_force, now.train_shoe_force, now.sensed_force = _line_force(inputs, own, tables[1]), shoes[0], 0.0
     for force in coupler_forces:
         now.sensed_force += abs(force)
-    _opposing(coupler_forces, beside, springs, own, tables[0], tables[2], shoes, inputs)
+    for u in range(inputs.size):
+        inputs[u].shoe_force = shoes[1 + u]
+    opposing(couplers, coupler_forces, own, tables[0], tables[2], inputs)
     if call(address(constants), address(state), bodies, address(all_now), address(inputs), inputs.size) != STEPPED:
         return False
     for u in range(inputs.size):
@@ -112,7 +78,7 @@ def set_inputs(tick, reference, feedforward, own, limits, segments, inputs, now)
     """Write reference, feed-forward and limits of a step of the law."""
     for u in range(inputs.size):
         speed = abs(inputs[u].velocity)
-        inputs[u].reference_position = reference[0, tick] - own[u, OFFSET]
+        inputs[u].reference_position = reference[0, tick] - own[u].offset
         inputs[u].feedforward = feedforward[tick, u]
         inputs[u].force_min = -envelope_force(limits, segments[u, 0], segments[u, 1], speed)
         inputs[u].force_max = envelope_force(limits, segments[u, 2], segments[u, 3], speed)
@@ -124,7 +90,7 @@ def set_inputs(tick, reference, feedforward, own, limits, segments, inputs, now)
 @compiled(alone=False)
 def law_step(tick, t, coupler_forces, own, tables, shoes, law, predicting, history, inputs, sent):
     """Compute the command of a tick from its inputs; return 1 at a limit, 0 inside, -1 for one left to Python."""
-    constant, state, rows, all_now, call, beside, springs = law
+    constant, state, rows, all_now, call, couplers = law
     now = all_now[0]
     now.t, now.train_shoe_force, now.sensed_force = t, shoes[tick, 0], 0.0
     for force in coupler_forces:
@@ -133,12 +99,14 @@ def law_step(tick, t, coupler_forces, own, tables, shoes, law, predicting, histo
     if len(constants):
         now.line_force = _line_force(inputs, own, tables[1])
         if len(chain.weights):
-            _write_resistances(own, tables[0], tables[2], inputs)
+            for u in range(inputs.size):
+                x = inputs[u]
+                x.resistance = own_resistance(own[u], tables[0], tables[2], x.velocity, x.position)
         predict(constants[0], chain, actuators, history, along, now, inputs)
     now.line_force = _line_force(inputs, own, tables[1])
     for u in range(inputs.size):
         inputs[u].shoe_force = shoes[tick, 1 + u]
-    _opposing(coupler_forces, beside, springs, own, tables[0], tables[2], shoes[tick], inputs)
+    opposing(couplers, coupler_forces, own, tables[0], tables[2], inputs)
     records = address(constant), address(state), address(all_now), address(inputs)
     if call(tick, records[0], records[1], records[2], records[3], inputs.size, rows) != 0:
         return -1

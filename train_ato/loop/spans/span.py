@@ -20,9 +20,8 @@ from train_ato.control.law import LawNow
 from train_ato.control.observers.record_observer import RecordObserver
 from train_ato.control.observers.stack import ObserverStack
 from train_ato.control.stack import ControlStack
-from train_ato.control.train_model import GRID, STANDSTILL_SPEED
+from train_ato.control.train_model import STANDSTILL_SPEED, TrainModel
 from train_ato.loop.recording_builder import RecordingBuilder
-from train_ato.loop.setup import RunSetup
 from train_ato.loop.spans import kernel
 from train_ato.loop.spans.conditions import is_regular, ticks_to_event
 from train_ato.loop.spans.forecast import Forecast
@@ -86,31 +85,18 @@ class ObserverShoes:
                 self._kept.demand(t, self._pressure)
 
 
-def model_arrays(setup: RunSetup) -> tuple[Array, tuple[Array, Array, Array], Array, Any]:
-    """Return the constants of the nominal model.
+def envelope_arrays(model: TrainModel) -> tuple[Array, Any]:
+    """Return the segments of all envelopes, shape (segments, 4), and those of every unit, shape (units, 4).
 
-    Returns
-    -------
-    own : Array, shape (units, 7)
-        Constants of every unit's vehicle and of the line, by the names in the kernel.
-    tables : tuple of Array
-        Line force per mass [N/kg], on the whole train [N], and its learned part per mass [N/kg], empty without one, on
-        the grid of the model.
-    segments : Array, shape (segments, 4)
-        Segments of all envelopes.
-    bounds : Array of int, shape (units, 4)
-        First segment and end of brake and of traction.
+    The latter are first segment and end of brake and of traction.
     """
-    model = setup.model
-    rows = [(*own, model._begin, GRID, offset) for own, offset in zip(model._own, model.offsets.tolist(), strict=True)]
     segments, bounds, end = [np.zeros((0, 4))], [], 0
     for brake, traction in zip(model.brake, model.traction, strict=True):
         middle, last = end + len(brake.rows), end + len(brake.rows) + len(traction.rows)
         segments += [brake.rows, traction.rows]
         bounds.append((end, middle, middle, last))
         end = last
-    tables = (np.frombuffer(model._specific), np.frombuffer(model._total), np.asarray(model._learned))
-    return np.array(rows, dtype=np.float64), tables, np.concatenate(segments), np.array(bounds, dtype=np.int64)
+    return np.concatenate(segments), np.array(bounds, dtype=np.int64)
 
 
 SHORTEST = 4
@@ -172,7 +158,8 @@ class CompiledSpans:
         self.ato: AtoReport | None = None
         self._memory: dict[str, Array] = {}
         self.supervised = SupervisedTicks(stages)
-        self.model = model_arrays(stages.setup)
+        model = stages.setup.model
+        self.model = model.vehicles, model.tables, *envelope_arrays(model)
         self.brief = recording.summary_only and not stages.setup.layout.disturbed
         units, vehicles = stages.plant.train.units, stages.plant.train.n
         shown = (0, *units, vehicles - 1) if self.brief else range(vehicles)
@@ -248,12 +235,12 @@ def _call_of_observer(observer: Any) -> tuple[Any, ...]:
     """Return records, number of bodies, call and couplers of an observer, of `none` without bodies."""
     if not isinstance(observer, RecordObserver):
         none = np.zeros(0, dtype=np.uint8)
-        return none, none, 0, LawCall(lambda *_: LEFT, None, OBSERVER), *NO_COUPLERS
+        return none, none, 0, LawCall(lambda *_: LEFT, None, OBSERVER), NO_COUPLERS
     constants, state, balance = observer.constants, observer.state, observer.balance
     step = observer.form.step
     call = LawCall(lambda _p, _s, _b, now, units, _n: step(constants, state, now, units), observer.form.entry, OBSERVER)
-    couplers = balance.couplers.arrays if balance.couplers and not balance.whole_train else NO_COUPLERS
-    return constants.view(np.uint8), state.view(np.uint8), balance.count, call, *couplers
+    couplers = balance.couplers.records if balance.couplers and not balance.whole_train else NO_COUPLERS
+    return constants.view(np.uint8), state.view(np.uint8), balance.count, call, couplers
 
 
 class _Span:
@@ -315,7 +302,7 @@ class _Span:
             train._brake.array, events, (out.outside, out.cubes, cubed), train._outside.vehicles, a.setting,
             train.sensor_set.noise_ahead(self._count), train.sensor_set.records,
             (law.constant.view(np.uint8), law.state.view(np.uint8), law.state.size, self._now, law.call,
-             *(law.couplers.arrays if law.couplers else NO_COUPLERS)),
+             law.couplers.records if law.couplers else NO_COUPLERS),
             self._observing(), self._predicting(), self._braking(), self._inputs, self._forecast.expected,
             self._forecast.feedforward, self._forecast.shoes, *spans.model,
             self._bounds(), self._counts,
@@ -352,8 +339,8 @@ class _Span:
         slow = self._observer_shoes.slow
         units = self._spans.stages.observer._stack._shoes._units
         shoes = (slow, units, np.zeros(1 + len(units)), np.zeros(slow.shape[1]))
-        *records, beside, springs = self._spans.observing
-        return *records, self.arrays.estimates, shoes, beside, springs
+        *records, couplers = self._spans.observing
+        return *records, self.arrays.estimates, shoes, couplers
 
     def _braking(self) -> tuple[Any, ...]:
         """Return call and arrays of the policy of the air brake."""
