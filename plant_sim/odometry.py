@@ -147,6 +147,7 @@ class Odometers:
         self.state["front"] = self.state["origin"] = front
         self.slips = records_of(SlipRecord, slips)
         self._reading = zeros(OdometryReading, 1)
+        self._values = [self._reading[name][0] for name in ("position", "speed", "since_balise")]
 
     def move(self, stamp: int, front: float) -> None:
         """Count the distance to a true front position [m] with the slips at a time [ns]."""
@@ -155,4 +156,4 @@ class Odometers:
     def observe(self, stamp: int, speed: float) -> Odometry:
         """Return the odometry at the present front position for a true speed [m/s] at a time [ns]."""
         _read(self.state, self.slips, stamp, speed, self._reading)
-        return odometry_of(self._reading[0])
+        return Odometry(stamp, *[values.copy() for values in self._values])

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from math import isfinite
 
 from plant_sim.compiled import compiled
-from plant_sim.record import quantity, zeros
+from plant_sim.record import Records, quantity, zeros
 from train_ato.messages.types import Measurement, SupervisedSpeeds
 from train_ato.supervision.odometry import speed_measurement_error
 from train_ato.supervision.settings import SupervisionSpec
@@ -26,13 +26,14 @@ class CheckConstants:
 
 @compiled
 def difference(
-    p: CheckConstants, position: float, speed: float, estimate: float, foremost: float, expected: float
+    constants: Records[CheckConstants], position: float, speed: float, estimate: float, foremost: float, expected: float
 ) -> int:
     """Return the implausible quantity of a measured position [m] and speed [m/s].
 
     ``estimate`` and ``foremost`` are the estimated front and the max safe front [m], ``expected`` is the estimated
     speed [m/s].
     """
+    p = constants[0]
     front = position + p.front_offset
     if not (isfinite(front) and isfinite(speed)):
         return NOT_FINITE
@@ -71,7 +72,7 @@ class MeasurementCheck:
         """Return the difference that has lasted for the time of confirmation as text, "" without one."""
         position, speed = measurement.position.item(0), measurement.velocity.item(0)
         estimate, foremost, expected = speeds.position.item(0), speeds.position.item(1), speeds.speed.item(0)
-        found = difference(self.constants[0], position, speed, estimate, foremost, expected)
+        found = difference(self.constants, position, speed, estimate, foremost, expected)
         if found == PLAUSIBLE:
             self.since = None
             return ""

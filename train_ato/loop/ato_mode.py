@@ -48,7 +48,7 @@ class AtoMode:
         self.machine = AtoStateMachine()
         self.awaits_profile = False
         self.changed = False
-        self._model = setup.model
+        self._model, self._offset = setup.model, setup.model.offsets[:1]
         spec, offset = setup.scenario.supervision, float(setup.model.offsets[0]) if setup.model.n_units else 0.0
         self.check = MeasurementCheck(spec, offset + setup.consist.vehicles[0].length / 2.0)
         self.assurance = AssuranceMonitor(setup.assurance_reaction, spec) if spec.assurance else None
@@ -119,7 +119,7 @@ class AtoMode:
         valid = is_valid_state(measurement)
         self.standstill = False
         if speeds is not None:
-            self.take_speed(float(speeds.speed[0]))
+            self.take_speed(speeds.speed.item(0))
         before = machine.state
         machine.update(stamp, valid=valid, standstill=self.standstill, locked=_lock(protection, speeds))
         if self.awaits_profile and stamp - machine.since > PLANNING_TIME * 1e9:
@@ -134,7 +134,7 @@ class AtoMode:
             self.changed, self.returned = True, not self.assurance.brakes
         return AtoReport(
             stamp,
-            measurement.position[:1] + self._model.offsets[:1],
+            measurement.position[:1] + self._offset,
             measurement.velocity[:1],
             np.array([float(machine.state)]),
         )
@@ -186,6 +186,8 @@ def _lock(protection: ProtectionState | None, speeds: SupervisedSpeeds | None) -
     """Return the traction cut-off or brake in effect, or a missing message, as text; "" without one."""
     if protection is None or speeds is None:
         return f"no valid {'train/protection' if protection is None else 'atp/speeds'}"
-    names = zip(FIXED_NAMES[Owner.BRAKE_LINE], protection.active.tolist(), strict=True)
-    active = [name.replace("_", " ") for name, value in names if value]
-    return f"{active[-1]} in effect" if active else ""
+    active = protection.active.tolist()
+    if not any(active):
+        return ""
+    names = [name for name, value in zip(FIXED_NAMES[Owner.BRAKE_LINE], active, strict=True) if value]
+    return f"{names[-1].replace('_', ' ')} in effect"

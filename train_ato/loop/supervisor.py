@@ -10,7 +10,6 @@ from train_ato.loop.stage_messages import SupervisorMessages, diagnostics_due
 from train_ato.messages.topics import Role
 from train_ato.messages.types import BrakeRelease, Diagnostic, Odometry, SupervisedSpeeds
 from train_ato.supervision.odometry_check import OdometryCheck
-from train_ato.supervision.position_estimate import TrainMotion
 from train_ato.supervision.supervisor import SupervisionDecision, SupervisionState
 
 
@@ -35,7 +34,6 @@ class SupervisorStage:
         self.supervisor = setup.supervisor()
         self._period_ns = setup.supervision_ticks * setup.tick_ns
         self._reported = SupervisionState.NORMAL
-        self._motion: TrainMotion | None = None
         self._count: int | None = None
 
     def join(self) -> None:
@@ -46,18 +44,20 @@ class SupervisorStage:
         """Return the decision for the stamp of the odometry; without a valid one, the motion is the last known."""
         stamp = odometry.stamp
         decision = self.supervisor.step(self._inputs.receive("train/odometry", stamp, odometry))
-        changed = self._inputs.take_changed() or decision.state is not self._reported
-        self._reported = decision.state
-        motion = self._motion = decision.motion or self._motion
+        own = decision.own
+        changed = self._inputs.take_changed() or own.state != self._reported
+        if changed:
+            self._reported = decision.state
         # after a restart of the node the alive counter goes on as if it had never stopped
         self._count = stamp // self._period_ns if self._count is None else self._count + 1
-        released = np.array(decision.released, dtype=np.float64)
-        speed, front, error = (
-            (0.0, 0.0, 0.0) if motion is None else (motion.speed, motion.front, motion.estimate.under_reading)
-        )
+        alive, foremost = float(self._count), own.front + own.position_error
         return SupervisorMessages(
-            BrakeRelease(stamp, released, np.full(released.size, float(self._count))),
-            SupervisedSpeeds(stamp, np.array([front, *[front + error] * 4]), np.array([speed, *decision.speeds])),
+            BrakeRelease(stamp, np.array(decision.released, dtype=np.float64), np.array([alive, alive, alive])),
+            SupervisedSpeeds(
+                stamp,
+                np.array([own.front, foremost, foremost, foremost, foremost]),
+                np.array([own.speed, *decision.speeds]),
+            ),
             self._diagnostic(stamp, decision) if changed or diagnostics_due(stamp, self._period_ns) else None,
         )
 

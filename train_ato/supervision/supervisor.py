@@ -6,15 +6,17 @@ monitoring) and 3.14 (roll away).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import namedtuple
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
 from math import inf
-from typing import Any
+from typing import Any, cast
 
 from plant_sim.compiled import compiled
 from plant_sim.odometry import OdometryReading, write_reading
-from plant_sim.record import Records, quantity, zeros
+from plant_sim.record import Records, dtype_of, quantity, zeros
+from plant_sim.units import KMH
 from train_ato.messages.types import Odometry
 from train_ato.supervision.ceiling import SupervisionSpeeds
 from train_ato.supervision.odometry import MotionEstimate
@@ -57,22 +59,6 @@ class SupervisionState(IntEnum):
     def text(self) -> str:
         """State in words."""
         return self.name.lower().replace("_", " ")
-
-
-@dataclass(frozen=True, slots=True)
-class SupervisionDecision:
-    """Result of one period: state, its reason, limits [m/s], estimated motion (None: no valid odometry)."""
-
-    state: SupervisionState
-    reason: str
-    speeds: SupervisionSpeeds
-    motion: TrainMotion | None
-
-    @property
-    def released(self) -> tuple[bool, bool, bool]:
-        """Release of traction, service brake and emergency brake."""
-        free = self.state < SupervisionState.SERVICE_BRAKE
-        return free, free, self.state < SupervisionState.EMERGENCY_BRAKE
 
 
 class Reason(IntEnum):
@@ -202,8 +188,8 @@ def supervise(
 
 
 @compiled
-def _supervise(p: Any, own: Any, past: Any, track: LineLimits, odometry: Any) -> bool:
-    return bool(supervise(p[0], own[0], past, track, odometry[0]))
+def _supervise(p: Any, own: Any, past: Any, ceilings: Any, targets: Any, arcs: Any, odometry: Any) -> bool:
+    return bool(supervise(p[0], own[0], past, LineLimits(ceilings, targets, arcs), odometry[0]))
 
 
 @compiled
@@ -213,18 +199,7 @@ def _brake(own: Any, reason: int) -> None:
     intervene(own[0], SupervisionState.EMERGENCY_BRAKE, reason, 0.0)
 
 
-def reason_text(own: Mapping[str, Any]) -> str:
-    """Return the reason in the values of a :class:`SupervisorState` as text, "" without one."""
-    reason = own["reason"]
-    if reason == Reason.ABOVE_LIMIT:
-        speed, limit = own["reason_speed"] * 3.6, own["reason_limit"] * 3.6
-        return f"{speed:.1f} km/h at {own['reason_front']:.0f} m, limit {limit:.1f} km/h"
-    if reason == Reason.ROLLED_BACK:
-        return f"the train rolled back {own['reason_rolled']:.1f} m"
-    return REASONS.get(reason, "")
-
-
-REASONS = {
+REASONS: dict[int, str] = {
     Reason.TARGET_NEAR: "a target is near",
     Reason.NO_ODOMETRY: "no valid odometry",
     Reason.RESTARTED: "node supervisor restarted",
@@ -232,16 +207,66 @@ REASONS = {
 """Reasons without numbers as text."""
 
 
-def decision_of(record: Any) -> SupervisionDecision:
-    """Return the decision in a :class:`SupervisorState`."""
-    own = dict(zip(record.dtype.names, record.item(), strict=True))  # 3 us; a field of a record costs 1 us
-    state, reason = SupervisionState(own["state"]), reason_text(own)
-    if not own["known"]:
-        return SupervisionDecision(state, reason, NO_SPEEDS, None)
-    speeds = SupervisionSpeeds(own["permitted"], own["warning"], own["service"], own["emergency"])
-    error = own["position_error"]
-    estimate = MotionEstimate(own["acceleration"], own["speed_error"], error, error)
-    return SupervisionDecision(state, reason, speeds, TrainMotion(own["stamp"], own["front"], own["speed"], estimate))
+_values_of: Callable[[Any], SupervisorState]
+_values_of = cast(Any, namedtuple)("SupervisorValues", dtype_of(SupervisorState).names)._make
+"""Return a tuple with the fields of a state, from their values."""
+
+
+class SupervisionDecision:
+    """Result of one period, the values of a :class:`SupervisorState`; texts are made at their use.
+
+    Parameters
+    ----------
+    record
+        Entry of an array of :class:`SupervisorState`.
+
+    Attributes
+    ----------
+    own : SupervisorState
+        Its values.
+    """
+
+    __slots__ = ("own",)
+
+    def __init__(self, record: Any) -> None:
+        self.own = _values_of(record.item())
+
+    @property
+    def state(self) -> SupervisionState:
+        """State of the supervision."""
+        return SupervisionState(self.own.state)
+
+    @property
+    def reason(self) -> str:
+        """Reason of the state as text, "" without one."""
+        own = self.own
+        if own.reason == Reason.ABOVE_LIMIT:
+            speed, limit = own.reason_speed * KMH, own.reason_limit * KMH
+            return f"{speed:.1f} km/h at {own.reason_front:.0f} m, limit {limit:.1f} km/h"
+        if own.reason == Reason.ROLLED_BACK:
+            return f"the train rolled back {own.reason_rolled:.1f} m"
+        return REASONS.get(own.reason, "")
+
+    @property
+    def speeds(self) -> SupervisionSpeeds:
+        """Limits [m/s], 0 without a valid odometry."""
+        own = self.own
+        return SupervisionSpeeds(own.permitted, own.warning, own.service, own.emergency) if own.known else NO_SPEEDS
+
+    @property
+    def motion(self) -> TrainMotion | None:
+        """Estimated motion; None without a valid odometry."""
+        own = self.own
+        if not own.known:
+            return None
+        estimate = MotionEstimate(own.acceleration, own.speed_error, own.position_error, own.position_error)
+        return TrainMotion(own.stamp, own.front, own.speed, estimate)
+
+    @property
+    def released(self) -> tuple[bool, bool, bool]:
+        """Release of traction, service brake and emergency brake."""
+        free = self.own.state < SupervisionState.SERVICE_BRAKE
+        return free, free, self.own.state < SupervisionState.EMERGENCY_BRAKE
 
 
 class Supervisor:
@@ -291,10 +316,10 @@ class Supervisor:
         """
         if odometry is None:
             _brake(self.state, int(Reason.NO_ODOMETRY))
-            return decision_of(self.state[0])
+            return SupervisionDecision(self.state[0])
         write_reading(self._reading, odometry)
-        within = _supervise(self.constants, self.state, self.past, self.track.records, self._reading)
-        decision = decision_of(self.state[0])
+        within = _supervise(self.constants, self.state, self.past, *self.track.records, self._reading)
+        decision = SupervisionDecision(self.state[0])
         if not within and decision.motion is not None:
             self.track.indicates(decision.motion.front, decision.motion.speed, decision.motion.estimate)
         return decision

@@ -112,7 +112,7 @@ def supervised_tick(
         if assured.brakes:
             return False
     foremost = own.front + own.position_error
-    if difference(arrays.check[0], position, velocity, own.front, foremost, own.speed) != PLAUSIBLE:
+    if difference(arrays.check, position, velocity, own.front, foremost, own.speed) != PLAUSIBLE:
         return False
     arrays.states.last[0] = reading
     arrays.steps[run.steps] = own

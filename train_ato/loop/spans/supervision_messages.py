@@ -26,7 +26,7 @@ from train_ato.messages.types import (
     SupervisedSpeeds,
 )
 from train_ato.supervision.ceiling import SupervisionSpeeds
-from train_ato.supervision.supervisor import decision_of
+from train_ato.supervision.supervisor import SupervisionDecision, SupervisionState
 
 ODOMETRY, PROTECTION, BRAKE_RELEASE = "train/odometry", "train/protection", "atp/brake_release"
 
@@ -156,10 +156,9 @@ class SupervisionMessages:
         self._stages.plant.alive_check.problem(last[-1].release)
         self._stages.profile._inputs.accept(ATO_STATE, count, [report for report in reports if report][-2:])
         stage._inputs.accept(ODOMETRY, count, [step.odometry for step in last])
-        decision = decision_of(self._steps[-1])
         assert stage._count is not None
         stage._count += count
-        stage._reported, stage._motion = decision.state, decision.motion
+        stage._reported = SupervisionState(self._steps["state"][-1])
         return last[-1].ato
 
     def _diagnostics(self, numbers: Sequence[str]) -> list[RepeatedReport]:
@@ -171,6 +170,6 @@ class SupervisionMessages:
         for _, group in groupby(steps, key=texts.__getitem__):
             same = list(group)
             stamps, rows = self._stamps[same].tolist(), self._steps[same]
-            first = self._stage._diagnostic(stamps[0], decision_of(rows[0]))
+            first = self._stage._diagnostic(stamps[0], SupervisionDecision(rows[0]))
             found.append(RepeatedReport(first, stamps, {key: rows[key].tolist() for key in numbers}))
         return found
