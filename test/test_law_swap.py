@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import lru_cache
-from itertools import permutations
+from itertools import pairwise, permutations
 from random import Random
 from typing import Any
 
@@ -14,7 +14,7 @@ from law_trains import FIVE, asked, inputs, measured, model, profile, stack
 
 from train_ato.control.laws.pid import Pid
 from train_ato.control.registry import LAWS
-from train_ato.control.takeover import JoinedReference, lasting_force
+from train_ato.control.takeover import JoinedReference, LawTransition, lasting_force
 from train_ato.loop.engine import run_engine
 from train_ato.loop.recording import Recording
 from train_ato.loop.setup import RunSetup, prepare
@@ -122,6 +122,28 @@ def test_drawn_swaps_keep_the_jerk_of_the_profile_and_the_error(scenario: str, p
         check(scenario, place, old, new)
 
 
+@pytest.mark.campaign
+def test_all_pairs_of_laws_swap_one_after_another_in_one_run() -> None:
+    """Breaks if a swap into a law that has not joined the profile yet jumps, or if the errors of swaps add up.
+
+    No swap is within 0.5 s before a corner of the profile, where the bound leaves no time for an early change.
+    """
+    laws: list[str] = []
+    left, on = {law: [other for other in LAWS.names() if other != law] for law in LAWS.names()}, [*LAWS.names()[:1]]
+    while on:  # Hierholzer: a closed walk along every ordered pair
+        if left[on[-1]]:
+            on.append(left[on[-1]].pop())
+        else:
+            laws.append(on.pop())
+    assert set(pairwise(laws)) == set(permutations(LAWS.names(), 2))
+    times = [13.3 + 5.0 * number for number in range(len(laws) - 1)]
+    swaps = ", ".join(f"{{at: {time:.1f}, law: {law}}}" for time, law in zip(times, laws[1:], strict=True))
+    setup, recording = driven("xuzhou_metro", f"law={laws[0]}", f"law_changes=[{swaps}]", "duration=380")
+    for time in times:
+        assert (change(recording, time, setup.tick) <= bound(setup)).all(), time
+    assert errors(setup, recording, times[0])[0] <= SPEED_FLOOR
+
+
 @pytest.mark.parametrize("waiting", [0.5, 1.5])
 def test_a_train_departs_in_time_after_a_swap(waiting: float) -> None:
     """Breaks if the force of the departure begins with that of the law: it rises five times as fast as the bound.
@@ -135,6 +157,34 @@ def test_a_train_departs_in_time_after_a_swap(waiting: float) -> None:
         )
         assert (change(recording, begin, setup.tick) <= bound(setup)).all(), (old, new)
         assert errors(setup, recording, begin)[0] <= SPEED_FLOOR, (old, new)
+
+
+@pytest.mark.parametrize(("corner", "before"), [(42.1, 0.8), (129.65, 1.6), (129.65, 2.9), (234.65, 0.5)])
+def test_a_swap_before_a_corner_of_the_profile_keeps_the_error(corner: float, before: float) -> None:
+    """Breaks if the command changes only at the corner: the lag of 0.4 s needs a step of eight times the bound there.
+
+    By hand: jerk and lag lack 0.6 x 0.4 = 0.24 m/s² for the 1.2 s of the jerk, less its begin: 0.19 m/s.
+    """
+    begin = round((corner - before) / 0.05) * 0.05
+    swap = f"law_changes=[{{at: {begin:.2f}, law: rbf_smc}}]"
+    setup, recording = driven("xuzhou_metro", "law=gpc", swap, f"duration={begin + 8:.2f}")
+    assert (change(recording, begin, setup.tick) <= bound(setup)).all()
+    assert errors(setup, recording, begin)[0] <= SPEED_FLOOR
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(("ticks", "changes"), [(5, 0.0), (4, 1.0), (0, 1.0)])
+def test_a_demand_changes_early_enough_for_a_corner(sign: float, ticks: int, changes: float) -> None:
+    """Breaks if the change begins too early or too late, for one sign only, or for a train that stays at rest.
+
+    By hand: a change of 1 N in a tick that begins n ticks before a step of 10 N gains n (n + 1)/2 N ticks before it and
+    lacks (9 - n)(10 - n)/2 afterwards: 15 and 10 for n = 5, 10 and 15 for n = 4.
+    """
+    transition = LawTransition(np.ones(1), 0.1)
+    wanted = np.where(np.arange(30) < ticks, 0.0, sign * 10.0)[:, None]
+    moves = np.ones((30, 1), dtype=bool)
+    assert transition.early(np.zeros(1), wanted, moves) == pytest.approx([sign * changes])
+    assert transition.early(np.zeros(1), wanted, ~moves) == pytest.approx([0.0])
 
 
 def test_a_brake_that_fades_at_standstill_is_no_jump() -> None:

@@ -28,6 +28,7 @@ from train_ato.control.plan_text import TimedPlan, plan_to_text
 from train_ato.control.registry import LAWS
 from train_ato.control.standstill import RELEASE_FORCE, held_by_holding_brake, needs_release
 from train_ato.control.takeover import (
+    AGREED,
     DEFAULT_JERK,
     JoinedReference,
     LawTransition,
@@ -436,7 +437,7 @@ class ControlStack:
         A limit of the speed that falls faster than the largest change does not cut it: the unit is at its limit then.
         """
         if decided and is_valid_state(measurement):
-            self._last = self._departing(transition, measurement.stamp * 1e-9)
+            self._last = self._before_corner(transition, measurement.stamp * 1e-9)
         sent = transition.step(self._last if decided else None, self._before, self._every)
         if transition.ended:
             self._transition = None
@@ -444,16 +445,26 @@ class ControlStack:
             self._saturated |= sent != self._last
         return sent
 
-    def _departing(self, transition: LawTransition, t: float) -> list[float]:
-        """Return the demand of the law, or before a departure the one that rises early enough for the profile [N]."""
-        if self._profile.at(t)[1] != 0.0:
+    def _before_corner(self, transition: LawTransition, t: float) -> list[float]:
+        """Return the demand of the law, or before a corner of the profile the one that changes early enough [N].
+
+        In motion the demand of the law keeps its difference from the force of the profile; one at the limit that it can
+        reach is not known beyond it. With an air brake the force of the profile is not that of the units alone.
+        """
+        rests = self._profile.at(t)[1] == 0.0
+        if self._air_brake and not rests:
             return self._last
         model, ticks, last = self.model, np.arange(transition.lasting)[:, None], np.array(self._before)
         effects = (t + model.tick * ticks + model.delay).ravel()
         required = self._rigid.aheads(effects, model.lag).reshape(-1, model.n_units) * model.share
-        departs = transition.departs(last, required, self._profile.at_times(effects)[1].reshape(-1, model.n_units))
-        rising = np.maximum(self._last, last + transition.reach(self._every))
-        return [float(force) for force in np.where(departs, rising, self._last)]
+        reach, demand = transition.reach(self._every), np.array(self._last)
+        least = np.where(demand >= last + AGREED * reach, 0.0, -np.inf)
+        most = np.where(demand <= last - AGREED * reach, 0.0, np.inf)
+        wanted = required if rests else required + np.clip(demand - required[0], least, most)
+        speeds = self._profile.at_times(effects)[1].reshape(-1, model.n_units)
+        signs = transition.early(last, wanted, speeds != 0.0)
+        changed = np.where(signs > 0.0, np.maximum(demand, last + reach), np.minimum(demand, last - reach))
+        return [float(force) for force in np.where(signs != 0.0, changed, demand)]
 
     def _law_input(
         self,

@@ -27,7 +27,7 @@ JOINING_SPEED = 0.14
 """Largest speed error of this motion [m/s]: 0.5 km/h, the excess speed that the shipped scenarios permit."""
 LEAST_COMMANDS = 4
 """Least number of commands with a mean that lasts."""
-_AGREED = 0.999
+AGREED = 0.999
 """Part of the largest change within which a demand is reached: a law that obeys its limits can be at the whole."""
 
 
@@ -101,8 +101,8 @@ class LawTransition:
     """Demand of the power units from the last command to the demand of a new law.
 
     The first demand is the last command. For ``TRANSITION_TIME`` the demand changes by at most the largest change, and
-    then until the law is reached; meanwhile the largest change doubles in every ``DOUBLING_TIME``. A departure in this
-    time begins earlier, see :meth:`departs`.
+    then until the law is reached; meanwhile the largest change doubles in every ``DOUBLING_TIME``. A corner of the
+    profile in this time begins earlier, see :meth:`early`.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ class LawTransition:
         self.lasting = round(TRANSITION_TIME / tick)
         self._ticks = 0
         self._aim: Array | None = None
-        self._departs = False
+        self._early = False
         self.ended = False
 
     def reach(self, ticks: int) -> Array:
@@ -134,28 +134,38 @@ class LawTransition:
         later = max(0.0, (self._ticks - self.lasting) * self._tick)
         return np.asarray(ticks * min(2.0 ** (later / DOUBLING_TIME), 1e6) * self._change)
 
-    def departs(self, last: Array, required: Array, speeds: Array) -> Array:
-        """Return the units whose demand rises from now on, before a departure, bool of shape (units,).
+    def early(self, last: Array, wanted: Array, moves: Array) -> Array:
+        """Return the sign with which a demand changes from now on, before a corner of the profile, shape (units,).
 
-        The required force rises faster than the largest change at a departure. The speed that a unit gains before its
-        departure by rising earlier is that which it lacks afterwards.
+        The wanted force changes faster than the largest change at a corner, for example at a departure. The speed that
+        a unit gains before the corner by an early change is that which it lacks afterwards, until it has caught up.
 
         Parameters
         ----------
         last : Array, shape (units,)
             Last command [N].
-        required : Array, shape (ticks, units)
-            Forces that the profile requires in the next ticks [N].
-        speeds : Array, shape (ticks, units)
-            Speeds of the profile at the effects of these forces [m/s].
+        wanted : Array, shape (ticks, units)
+            Demands of the next ticks [N].
+        moves : Array, shape (ticks, units)
+            True if the profile moves at the effect of the demand; a train at rest lacks no force.
         """
-        moves = speeds > 0.0
-        rising = last + np.arange(1.0, len(required) + 1.0)[:, None] * self._change
-        gained = np.where(moves, 0.0, np.maximum(rising - required, 0.0)).sum(axis=0)
-        lacking = np.where(moves, np.maximum(required - rising, 0.0), 0.0).sum(axis=0)
-        departs = (lacking > 0.0) & (lacking >= gained)
-        self._departs = bool(departs.any())
-        return np.asarray(departs)
+        rising, falling = (self._lacking(sign * (wanted - last), moves) for sign in (1.0, -1.0))
+        signs = np.where(np.maximum(rising, falling) < 0.0, 0.0, np.where(rising >= falling, 1.0, -1.0))
+        self._early = bool(signs.any())
+        return signs
+
+    def _lacking(self, wanted: Array, moves: Array) -> Array:
+        """Return the sum of the forces that a demand lacks which rises from 0 now, less the gained ones [N]; < 0: none.
+
+        The sum is from the next tick on until the demand has caught up.
+        """
+        lack = wanted - np.arange(1.0, len(wanted) + 1.0)[:, None] * self._change
+        behind = np.logical_and(moves, lack > 0.0)
+        begun = np.logical_or.accumulate(behind)
+        caught_up = np.logical_or.accumulate(begun & (lack <= 0.0))
+        lacking = np.where(behind & ~caught_up, lack, 0.0).sum(axis=0)
+        gained = np.where(~caught_up, np.maximum(-lack, 0.0), 0.0).sum(axis=0)
+        return np.asarray(np.where(lacking > 0.0, lacking - gained, -np.inf))
 
     def step(self, aim: list[float] | None, last: list[float], ticks: int) -> list[float]:
         """Return the demand of one tick [N].
@@ -172,9 +182,9 @@ class LawTransition:
         now = np.array(last)
         if aim is not None:
             self._aim = np.array(aim)
-            close = bool((np.abs(self._aim - now) <= _AGREED * self.reach(ticks)).all())
-            self.ended = close and self._ticks >= self.lasting and not self._departs
-            self._departs = False
+            close = bool((np.abs(self._aim - now) <= AGREED * self.reach(ticks)).all())
+            self.ended = close and self._ticks >= self.lasting and not self._early
+            self._early = False
         if self._aim is None or self.ended:
             return last if aim is None else aim
         change = self.reach(1)
