@@ -22,6 +22,7 @@ from statistics import median
 from typing import Any
 
 import train_ato as ta
+from train_ato.loop.verdict import outcomes_text
 
 GPC, FUNNEL, METRO = "crh380a_gpc:short", "crh380a_funnel:short", "xuzhou_metro"
 FREIGHT, TWIN = "freight_consensus:realistic", "daqin_heavy_haul:twin"
@@ -110,11 +111,11 @@ def row(scenario: str, changes: dict[str, Any], law: str, seeds: int) -> dict[st
             raise SystemExit(130) from None
         except (ValueError, ta.RunFailed) as error:
             return {"problem": str(error)}
-        found.append({name: run.metrics[name] for name in ("controller", *COLUMNS)})
+        found.append({name: run.metrics[name] for name in ("controller", "tracking", "tracking_findings", *COLUMNS)})
         if seed == 2 and found[0] == found[1]:
             del found[1]
             break
-    combined: dict[str, Any] = {"stack": found[0]["controller"], "seeds": len(found)}
+    combined: dict[str, Any] = {"stack": found[0]["controller"], "seeds": len(found), "outcome": outcomes_text(found)}
     for name, (_, factor, _) in COLUMNS.items():
         values = [factor * metrics[name] for metrics in found if metrics[name] is not None]
         complete = len(values) == len(found)
@@ -141,7 +142,7 @@ def line_of(result: dict[str, Any]) -> str:
         figures = (result[name] or [])[: 1 if result["seeds"] == 1 else 2]
         cells.append(" / ".join(format(figure, style) for figure in figures) or "-")
     best = BEST.get(result["scenario"], "-")
-    return f"{begin} {result['seeds']} | {' | '.join(cells)} | {best} | {result['goal']} |"
+    return f"{begin} {result['seeds']} | {result['outcome']} | {' | '.join(cells)} | {best} | {result['goal']} |"
 
 
 def page_of(results: list[dict[str, Any]]) -> str:
@@ -153,14 +154,15 @@ def page_of(results: list[dict[str, Any]]) -> str:
 
 
 HEAD = (
-    f"| scenario | law | seeds | {' | '.join(heading for heading, _, _ in COLUMNS.values())} | best so far | goal |\n"
-    f"{'|---' * (len(COLUMNS) + 5)}|\n"
+    f"| scenario | law | seeds | outcome | {' | '.join(heading for heading, _, _ in COLUMNS.values())} "
+    f"| best so far | goal |\n{'|---' * (len(COLUMNS) + 6)}|\n"
 )
 PAGE = Path(__file__).resolve().parents[1] / "msgs_docs" / "mpc_table.md"
 PAGE_HEAD = """# Law mpc beside the other laws
 
 Written by `python bench/mpc.py --page`, from `python bench/mpc.py --json`; goals and reasons for misses:
 [mpc_goals.md](mpc_goals.md). Rows with noise: median / largest over the seeds of the column `seeds`, from seed 1 on.
+`outcome`: that of [tracking.md](tracking.md), of different ones the number of runs with each.
 `pid`: under `preview`; `mpc`: under `none`; both under `twin` on `daqin_heavy_haul:twin`, `mpc` there with the variant
 `identified`; `pid_eso`: `pid` under `predictor` with the observer `eso`; `paper`: law of the paper of the scenario,
 under `twin` with fitted gains. A dash: the scenario does not have the figure.

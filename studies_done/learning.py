@@ -23,6 +23,7 @@ from train_ato.apps.runs.component_choice import put_components
 from train_ato.apps.runs.drive import RunMode, drive
 from train_ato.loop.part_cache import PartCache
 from train_ato.loop.setup import prepare
+from train_ato.loop.verdict import outcomes_text
 
 SCENARIO, LINE = "xuzhou_metro:disturbed", "xuzhou_metro_test"
 STACKS: dict[str, dict[str, str]] = {
@@ -39,7 +40,8 @@ FIRST_SEED = 1001
 PAGE = Path(__file__).resolve().parents[1] / "msgs_docs" / "learning.md"
 BEGIN, END = "<!-- table of studies_done/learning.py -->\n", "<!-- end of the table -->\n"
 HEAD = (
-    "| gusts | law | knowledge | rms, median | rms, largest | error, largest | stop, largest |\n" + "|---" * 7 + "|\n"
+    "| gusts | law | knowledge | outcome | rms, median | rms, largest | error, largest | stop, largest |\n"
+    f"{'|---' * 8}|\n"
 )
 
 
@@ -59,8 +61,9 @@ def rows(runs: int, seeds: int) -> Iterator[dict[str, Any]]:
                     metrics.append(drive(setup, RunMode(), shown=False).metrics)
                 rms = [one["speed_rmse_kmh"] / 3.6 for one in metrics]
                 yield {
-                    "gusts": gusts, "law": stack, "knowledge": knowledge, "rms_median": median(rms),
-                    "rms_max": max(rms), "error_max": max(one["speed_error_max_kmh"] for one in metrics) / 3.6,
+                    "gusts": gusts, "law": stack, "knowledge": knowledge, "outcome": outcomes_text(metrics),
+                    "rms_median": median(rms), "rms_max": max(rms),
+                    "error_max": max(one["speed_error_max_kmh"] for one in metrics) / 3.6,
                     "stop_max": max((one["stop_error_m"] for one in metrics), key=abs),
                 }  # fmt: skip
 
@@ -68,7 +71,7 @@ def rows(runs: int, seeds: int) -> Iterator[dict[str, Any]]:
 def line_of(row: dict[str, Any]) -> str:
     """Return a row as Markdown."""
     numbers = f"{row['rms_median']:.4f} | {row['rms_max']:.4f} | {row['error_max']:.3f} | {row['stop_max']:.3f}"
-    return f"| {row['gusts']} | {row['law']} | {row['knowledge']} | {numbers} |\n"
+    return f"| {row['gusts']} | {row['law']} | {row['knowledge']} | {row['outcome']} | {numbers} |\n"
 
 
 def write_table(text: str, runs: int, seeds: int) -> None:

@@ -16,7 +16,7 @@ from train_ato.loop.recording import ATO_STATE, Recording
 from train_ato.loop.series import TopicSamples
 from train_ato.loop.setup import RunSetup, prepare
 from train_ato.loop.tracking import OUTCOMES, TRACKED, tracking_summary
-from train_ato.loop.verdict import is_tracked, tracking_text, unmet_requirements, verdict_line
+from train_ato.loop.verdict import is_tracked, outcomes_text, tracking_text, unmet_requirements, verdict_line
 from train_ato.messages.types import AtoState, Diagnostic
 from train_ato.scenario.scenario import load_scenario
 
@@ -60,6 +60,15 @@ def outcome(setup: RunSetup, recording: Recording) -> str:
 
 def top_speed(setup: RunSetup) -> float:
     return float(np.abs(setup.profile.velocity).max())
+
+
+def test_outcomes_of_several_runs_are_counted_where_they_differ() -> None:
+    """Breaks if the outcome of one run of several is that of all, or if the figure of a single outcome is lost."""
+    good = {"tracking": TRACKED, "tracking_findings": []}
+    bad = {"tracking": "limit cycle", "tracking_findings": [{"outcome": "limit cycle", "text": "command ±88 kN"}]}
+    assert outcomes_text([good, good]) == TRACKED
+    assert outcomes_text([bad]) == "limit cycle: command ±88 kN"
+    assert outcomes_text([good, bad, good]) == "tracked 2, limit cycle 1"
 
 
 def test_a_train_on_its_reference_is_tracked() -> None:

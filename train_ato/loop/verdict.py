@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -130,6 +131,14 @@ def tracking_text(summary: Metrics) -> str:
     """Return outcome of tracking and deciding figure, ``tracked`` without a finding, "" without an outcome."""
     findings = summary.get("tracking_findings")
     return f"{findings[0]['outcome']}: {findings[0]['text']}" if findings else str(summary.get("tracking") or "")
+
+
+def outcomes_text(summaries: Sequence[Metrics]) -> str:
+    """Return the outcome of tracking of runs with equal ones, else every outcome with its number of runs."""
+    if len(texts := {tracking_text(summary) for summary in summaries}) == 1:
+        return texts.pop()
+    counts = Counter(summary["tracking"] for summary in summaries)
+    return ", ".join(f"{outcome} {count}" for outcome, count in counts.most_common())
 
 
 def is_tracked(summary: Metrics) -> bool:
