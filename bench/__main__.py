@@ -71,7 +71,6 @@ BENCHMARKS = (
     Benchmark("codec", "messages; beside rosbags"),
     Benchmark("curves", "braking curves; beside a pass over the vehicles, and two searches"),
     Benchmark("planner", "planner", quick=None),
-    Benchmark("plan_optimum", "timetabled plans; beside an independent optimum", quick=None, needs=("scipy",)),
     Benchmark("scene", "scene of the train; beside rosbags"),
     Benchmark(
         "composed", "lockstep graph; beside a bare rclpy ring", quick=("--ticks", "500", "--rounds", "2"),

@@ -64,13 +64,13 @@ def on_falls_to_a_limit(factor: float) -> Plan:
 def test_the_bound_on_falls_to_a_limit_is_below_an_independent_optimum() -> None:
     """Breaks if every slab of a price of time has free changes of force: the bound is 8 % below the optimum.
 
-    The optimum in kWh is that of ``bench/plan_optimum.py``.
+    The optimum in kWh is that of ``studies_done/plan_optimum.py``.
     """
     assert 0.95 * 17.625 <= net_energy_bound(on_falls_to_a_limit(1.1)) / 3.6e6 <= 17.625
 
 
 def test_the_linear_program_alone_is_below_an_independent_optimum(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Breaks if E may exceed the limit by the range of the line force; optimum of ``bench/plan_optimum.py``."""
+    """Breaks if E may exceed the limit by the range of the line force; optimum of ``studies_done/plan_optimum.py``."""
     monkeypatch.setattr(value_bound, "value_lower_bound", lambda *_: 0.0)
     assert 0.97 * 11.291 <= net_energy_bound(on_falls_to_a_limit(1.3)) / 3.6e6 <= 11.291
 

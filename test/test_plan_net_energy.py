@@ -16,7 +16,7 @@ NET = PlanSettings(jerk=None, force_margin=0.0, efficiency=0.85, recovered=0.7, 
 FACTOR = 1.1
 OPTIMUM_KWH = 36.032
 """Net energy of an independent optimum on the hills with 60 km/h: sequential linear programs over 500 cells, the
-functions of ``bench/plan_optimum.py``."""
+functions of ``studies_done/plan_optimum.py``."""
 
 
 def weak_electric_brake() -> Consist:

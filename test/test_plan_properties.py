@@ -308,7 +308,7 @@ def test_the_shortest_time_with_tunnels_dead_sections_and_steps_is_found(seed: i
 def test_the_energy_in_tunnels_is_that_of_an_independent_optimum(factor: float, least: float) -> None:
     """Breaks if the air of a tunnel has the speed of full traction: 1.7 to 2.6 % above the optimum.
 
-    The optima in kWh are those of linear programs in sequence with the tunnels of the line, ``bench/plan_optimum.py``.
+    The optima in kWh are those of linear programs in sequence with its tunnels, ``studies_done/plan_optimum.py``.
     """
     line, car = obstacles(0)
     line = line.model_copy(update={"neutral_sections": ()})
@@ -324,7 +324,7 @@ def test_the_energy_in_tunnels_is_that_of_an_independent_optimum(factor: float, 
 def test_the_energy_on_falls_to_a_limit_is_near_an_independent_optimum(factor: float, least: float) -> None:
     """Breaks if the curves of one price are used at other speeds: the train brakes on three falls, 2.9 and 1.7 % more.
 
-    The optima in kWh are those of linear programs in sequence with 500 cells, ``bench/plan_optimum.py``.
+    The optima in kWh are those of linear programs in sequence with 500 cells, ``studies_done/plan_optimum.py``.
     """
     line, consist = load_line("xuzhou_metro_test"), load_consist("xuzhou_metro_3")
     settings = PlanSettings(jerk=None)

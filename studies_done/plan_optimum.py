@@ -1,6 +1,6 @@
 """Timetabled plans beside an independent optimum: direct transcription, solved by linear programs in sequence.
 
-Run: ``python bench/plan_optimum.py [--cases N] [--first SEED] [--net]``, or ``--delays N``; needs scipy.  Lines and
+Run: ``python studies_done/plan_optimum.py [--cases N] [--first SEED] [--net]``, or ``--delays N``; needs scipy.  Lines and
 trains are those of ``test/plan_cases.py`` with one section and no jerk limit.  With ``--net`` the electric brake has a
 third of the brake force and an air brake the rest, the efficiency is 0.85 and 0.7 of the electric-brake work returns.
 
@@ -21,11 +21,11 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from figures import Figure, publish
 from scipy.optimize import linprog
 from scipy.sparse import csr_matrix, diags, hstack, vstack
 
-sys.path.insert(0, str(Path(__file__).parent.parent / "test"))
+sys.path[:0] = [str(Path(__file__).parent.parent / folder) for folder in ("bench", "test")]
+from figures import Figure, publish
 from plan_cases import random_case
 
 from plant_sim.consist import Consist
