@@ -1,9 +1,9 @@
-"""Conversion of a failed validation into one line with file, key, value and remedy."""
+"""Conversion of a failed validation into one line for each fault, with file, key, value and remedy."""
 
 from __future__ import annotations
 
 import reprlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, get_args
 
@@ -30,8 +30,42 @@ _PLAIN = {
     "string_pattern_mismatch": "use letters, digits, _ and - only, at most 60, a letter first",
 }
 """Errors of pydantic that name classes or patterns, in plain words."""
+MOST_FAULTS = 20
+"""Largest number of faults of one input in a message."""
 _SHORT = reprlib.Repr()
 _SHORT.maxother = _SHORT.maxstring = 60
+
+
+class InputFaults(ValueError):
+    """Faults of one input.
+
+    Parameters
+    ----------
+    message
+        One line for each fault: file, place, problem; fix.
+
+    Attributes
+    ----------
+    lines : tuple of str
+        The lines.
+
+    Examples
+    --------
+    >>> InputFaults.of(["a.yaml: mass: this key is missing; add it"]).lines
+    ('a.yaml: mass: this key is missing; add it',)
+    """
+
+    def __init__(self, message: str) -> None:
+        super().__init__(message)
+        self.lines = tuple(message.split("\n"))
+
+    @classmethod
+    def of(cls, faults: Sequence[str], source: str | Path = "") -> InputFaults:
+        """Return the faults of one source, at most ``MOST_FAULTS`` of them and the number of the others."""
+        lines = [" ".join(line.split("\n")) for line in faults[:MOST_FAULTS]]
+        if len(faults) > MOST_FAULTS:
+            lines.append(f"{source}: {len(faults) - MOST_FAULTS} more faults; correct these first")
+        return cls("\n".join(lines))
 
 
 def close_match(name: str, known: Iterable[str]) -> str:
@@ -77,8 +111,8 @@ def build_model(model: type[_Model], raw: Any, where: str) -> _Model:
 
     Raises
     ------
-    ValueError
-        One line with file, key, value and remedy.
+    InputFaults
+        One line for each fault, with file, key, value and remedy.
     """
     from pydantic import ValidationError
 
@@ -87,11 +121,11 @@ def build_model(model: type[_Model], raw: Any, where: str) -> _Model:
     try:
         return model.model_validate(raw)
     except ValidationError as error:
-        raise ValueError(explain(error, where, model)) from None
+        raise explain(error, where, model) from None
 
 
-def explain(error: ValidationError, source: str | Path, model: type[BaseModel]) -> str:
-    """Return one line for the first error of a validation.
+def explain(error: ValidationError, source: str | Path, model: type[BaseModel]) -> InputFaults:
+    """Return one line for each fault of a validation, unknown keys first.
 
     Parameters
     ----------
@@ -102,15 +136,23 @@ def explain(error: ValidationError, source: str | Path, model: type[BaseModel]) 
     model
         Model of the data; its keys are candidates for a misspelt key.
     """
-    errors = error.errors()
-    first = min(errors, key=lambda entry: entry["type"] != "extra_forbidden")
-    keys, models = _walk(model, first["loc"])
+    found: dict[tuple[str, ...], str] = {}
+    for entry in sorted(error.errors(), key=lambda entry: entry["type"] != "extra_forbidden"):
+        keys, models = _walk(model, entry["loc"])
+        found.setdefault(tuple(keys), _fault(entry, source, keys, models))
+    # A value that fits no type of a union has an error for each type; those with longer keys are nearer to the cause.
+    whole = {keys[:depth] for keys in found for depth in range(1, len(keys))}
+    return InputFaults.of([line for keys, line in found.items() if keys not in whole], source)
+
+
+def _fault(first: Mapping[str, Any], source: str | Path, keys: Sequence[str], models: set[type[BaseModel]]) -> str:
+    """Return one error of pydantic as a line; ``models`` have the last key of its place."""
     place = ".".join(keys)
     value = _SHORT.repr(first.get("input"))
     if first["type"] == "extra_forbidden":
         known = _keys_of(models)
         text = f"unknown key{close_match(str(first['loc'][-1]), known)}"
-        if known:
+        if known and "; " not in text:
             text += f" (known: {', '.join(sorted(known))})"
         text += "" if "; " in text else "; correct or remove it"
     elif first["type"] == "missing":
@@ -130,9 +172,8 @@ def explain(error: ValidationError, source: str | Path, model: type[BaseModel]) 
         text = first["msg"].removeprefix("Value error, ")
         text = text[0].lower() + text[1:]
         text += "" if "; " in text or first["type"] == "value_error" else "; correct it"
-    more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
     shown = f" = {value}" if value and first["type"] != "value_error" and first["type"] != "extra_forbidden" else ""
-    return f"{source}: {place}{shown}: {text}{more}" if place else f"{source}: {text}{more}"
+    return f"{source}: {place}{shown}: {text}" if place else f"{source}: {text}"
 
 
 def _branch_of_union(part: Any) -> bool:

@@ -10,7 +10,7 @@ from typing import Any, get_args
 
 from pydantic import BaseModel, ConfigDict, GetJsonSchemaHandler, ValidationError, model_validator
 from pydantic.json_schema import JsonSchemaValue
-from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError
+from pydantic_core import CoreSchema, ErrorDetails, InitErrorDetails, PydanticCustomError
 
 from plant_sim.units import Unit, unit_symbol
 
@@ -108,6 +108,12 @@ def _types_by_key(model: type[BaseModel]) -> dict[str, set[Any]]:
     return found | {key: types[name] for key, (name, _) in _suffixed_keys(model).items()}
 
 
+def _repeated(error: ErrorDetails) -> InitErrorDetails:
+    """Return an error of a validation for another one; its text is that of the error."""
+    kind = PydanticCustomError(error["type"], "{text}", {**error.get("ctx", {}), "text": error["msg"]})
+    return {"type": kind, "loc": error["loc"], "input": error["input"]}
+
+
 class SiModel(BaseModel):
     """Base of the models of data files: no unknown keys, finite numbers, unit suffixes."""
 
@@ -136,7 +142,7 @@ class SiModel(BaseModel):
 
     @classmethod
     def _check_types(cls, data: dict[Any, Any]) -> None:
-        """Raise ValidationError for values of another type than that of their key."""
+        """Raise ValidationError for values of another type than that of their key, with all other faults."""
         known = _types_by_key(cls)
         errors: list[InitErrorDetails] = []
         for key, value in data.items():
@@ -144,6 +150,15 @@ class SiModel(BaseModel):
             if wanted:
                 errors.append({"type": PydanticCustomError("type_mismatch", wanted), "loc": (key,), "input": value})
         if errors:
+            of_another_type = {str(entry["loc"][0]) for entry in errors}
+            fields = of_another_type | {_suffixed_keys(cls)[key][0] for key in of_another_type & {*_suffixed_keys(cls)}}
+            try:
+                cls.model_validate({key: value for key, value in data.items() if key not in of_another_type})
+            except ValidationError as others:
+                missing = [("missing", (name,)) for name in fields]
+                errors += [
+                    _repeated(entry) for entry in others.errors() if (entry["type"], entry["loc"]) not in missing
+                ]
             raise ValidationError.from_exception_data(cls.__name__, errors)
 
     @classmethod

@@ -164,7 +164,7 @@ def test_bad_consist_files(tmp_path: Path, old: str, new: str, names: str) -> No
     with pytest.raises(ValueError, match=r"own\.yaml") as caught:
         load_consist(str(file))
     assert names in str(caught.value)
-    assert "\n" not in str(caught.value)
+    assert all(line.startswith(f"{file}: ") for line in str(caught.value).split("\n"))
 
 
 def test_unknown_names() -> None:

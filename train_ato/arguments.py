@@ -16,20 +16,6 @@ BAD_INPUT = 2
 """Exit status of a command refused before its start."""
 
 
-class InputFaults(ValueError):
-    """Several faults of one input, one line each.
-
-    Parameters
-    ----------
-    lines
-        File, place, problem; fix.
-    """
-
-    def __init__(self, lines: Sequence[str]) -> None:
-        super().__init__("\n".join(lines))
-        self.lines = tuple(lines)
-
-
 def shortened(message: str) -> str:
     """Return a message as one line with the middle of every overlong word left out."""
     return " ".join(re.sub(r"\S{301,}", lambda word: f"{word[0][:60]}...{word[0][-60:]}", message).split())

@@ -10,7 +10,8 @@ import sys
 from collections.abc import Sequence
 from typing import Any
 
-from train_ato.arguments import BAD_INPUT, InputFaults, OneLineParser, prepare_streams, shortened
+from plant_sim.input_error import InputFaults
+from train_ato.arguments import BAD_INPUT, OneLineParser, prepare_streams, shortened
 from train_ato.errors import RunFailed
 from train_ato.interrupt import Interrupt, ending_like_ctrl_c
 from train_ato.version import VERSION
@@ -163,7 +164,7 @@ def _status_of(error: Exception) -> int:
 
 
 def print_error(error: object, status: int) -> int:
-    """Print an error as one line and return the exit status."""
+    """Print an error, one line for each fault of an input, and return the exit status."""
     if os.environ.get("TRAIN_ATO_DEBUG") and isinstance(error, Exception):
         raise error
     lines = error.lines if isinstance(error, InputFaults) else (str(error),)

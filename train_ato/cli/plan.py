@@ -203,7 +203,7 @@ def _settings(options: argparse.Namespace, settings: PlanSettings) -> PlanSettin
     try:
         return PlanSettings.model_validate(data)
     except ValidationError as error:
-        raise ValueError(explain(error, "options of plan", PlanSettings)) from None
+        raise explain(error, "options of plan", PlanSettings) from None
 
 
 def _with_journey(options: argparse.Namespace, settings: PlanSettings, line: Line) -> PlanSettings:

@@ -152,4 +152,4 @@ def _settings(options: argparse.Namespace) -> Any:
         return TripSettings.model_validate(data)
     except ValidationError as error:
         source = "options of plan" if options.trip == DEFAULTS else options.trip
-        raise ValueError(explain(error, source, TripSettings)) from None
+        raise explain(error, source, TripSettings) from None

@@ -61,5 +61,6 @@ def parse_summary(file: Path, text: bytes) -> dict[str, Any]:
     try:
         RecordedSummary.model_validate(summary)
     except ValidationError as error:
-        raise ValueError(f"{explain(error, file, RecordedSummary)}; remove the file; the log is complete") from None
+        fault = explain(error, file, RecordedSummary).lines[0]
+        raise ValueError(f"{fault}; remove the file; the log is complete") from None
     return {"mode" if key == "way" else key: value for key, value in summary.items()}

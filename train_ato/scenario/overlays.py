@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from plant_sim.input_error import InputFaults
 from plant_sim.library import split_name
 from train_ato.arguments import parse_yaml_value
 
@@ -106,7 +107,7 @@ def _put_entry(entries: list[Any], keys: list[str], value: Any, option: str) -> 
         raise ValueError(f"{option}: '{keys[0]}' is a value, not a block of keys; correct the key")
 
 
-class RefusedScenario(ValueError):
+class RefusedScenario(InputFaults):
     """Refusal of a scenario; ``problem`` is the message without the file or the changes that it names first."""
 
     def __init__(self, message: str, problem: str = "") -> None:
@@ -129,7 +130,12 @@ def caused_by(error: ValueError, file: Path, changes: Sequence[tuple[str, str]])
     >>> caused_by(ValueError("a.yaml: seed = -1: too small"), Path("a.yaml"), [("seed", "--seed -1")])
     RefusedScenario('--seed -1: seed = -1: too small')
     """
-    message = str(error)
+    found = [_line_caused_by(line, file, changes) for line in str(error).split("\n")]
+    return RefusedScenario(*("\n".join(dict.fromkeys(texts)) for texts in zip(*found, strict=True)))
+
+
+def _line_caused_by(message: str, file: Path, changes: Sequence[tuple[str, str]]) -> tuple[str, str]:
+    """Return a fault with the changes that caused it in place of its file, and without both."""
     problem = message.removeprefix(f"{file}: ")
     said = re.split(r"; | \(known", problem)[0].replace(": ", ".")  # `plant: jumps lists ...` names the key plant.jumps
     found = [
@@ -140,11 +146,11 @@ def caused_by(error: ValueError, file: Path, changes: Sequence[tuple[str, str]])
     if not found and file.parent.name == "shipped":  # the file alone is right
         found = list(changes)
     if not found or problem == message:
-        return RefusedScenario(message, problem)
+        return message, problem
     spelled = dict.fromkeys(text if len(text) <= 100 else f"{text[:100]}..." for _, text in found)
     value = _value_of(found[-1][1])
     short = problem.removeprefix(f"{value}: ") if found[-1][1].endswith(value) else problem
-    return RefusedScenario(f"{', '.join(spelled)}: {short}", problem)
+    return f"{', '.join(spelled)}: {short}", problem
 
 
 def _value_of(spelling: str) -> str:

@@ -6,11 +6,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
-from train_ato.arguments import InputFaults
+from plant_sim.input_error import InputFaults
 
 _Result = TypeVar("_Result")
-MOST = 20
-"""Maximum number of faults in a message."""
 
 
 class FileFaults:
@@ -55,9 +53,7 @@ class FileFaults:
         if not self._texts:
             return
         lines = []
-        for number, text in enumerate(self._texts[:MOST]):
+        for number, text in enumerate(self._texts):
             more = f" (and {self._more[number]} more of this kind)" if number in self._more else ""
             lines.append(f"{self.path}: {text}{more}")
-        if len(self._texts) > MOST:
-            lines.append(f"{self.path}: {len(self._texts) - MOST} more faults; correct these first")
-        raise InputFaults(lines)
+        raise InputFaults.of(lines, self.path)
