@@ -65,6 +65,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--dwell", type=least, metavar="S", help="dwell time at intermediate stops (default: that of the line)"
     )
     parser.add_argument("--through", action="store_true", help="pass the intermediate stops of the line")
+    _add_train_arguments(parser, least)
+    parser.add_argument(
+        "--period", type=least, default=0.1, metavar="S", help="time between the knots of the profile (default: 0.1)"
+    )
+    parser.add_argument(
+        "--out", type=Path, action="append", default=[], metavar="FILE",
+        help="profile (.csv, .yaml) or figure (.png, .pdf, .svg); may be repeated",
+    )  # fmt: skip
+    add_trip_arguments(parser)
+
+
+def _add_train_arguments(parser: argparse.ArgumentParser, least: Callable[[str], float]) -> None:
+    """Declare the options of comfort, forces and energy of the train."""
     parser.add_argument("--acceleration", type=_limit, metavar="A", help="maximum acceleration [m/s²], or none")
     parser.add_argument("--deceleration", type=_limit, metavar="A", help="maximum deceleration [m/s²], or none")
     parser.add_argument("--jerk", type=_limit, metavar="J", help="jerk limit [m/s³], or none")
@@ -91,14 +104,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="point mass at the front: speed limits and grades end where the front leaves them",
     )
-    parser.add_argument(
-        "--period", type=least, default=0.1, metavar="S", help="time between the knots of the profile (default: 0.1)"
-    )
-    parser.add_argument(
-        "--out", type=Path, action="append", default=[], metavar="FILE",
-        help="profile (.csv, .yaml) or figure (.png, .pdf, .svg); may be repeated",
-    )  # fmt: skip
-    add_trip_arguments(parser)
 
 
 def plan_from_options(options: argparse.Namespace) -> dict[str, Any]:

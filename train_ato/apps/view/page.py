@@ -404,6 +404,11 @@ class ViewPage:
         self._answer.js_on_change(
             "data", CustomJS(code="window.trainAto.say(cb_obj.data.text[0], cb_obj.data.done[0])")
         )
+        self._dress()
+
+    def _dress(self) -> None:
+        """Set theme, title and template of the document."""
+        document, facts = self._document, self._feed.facts
         document.theme = Theme(json=THEME)
         document.title = f"train_ato: {facts.title}"
         document.template = Template(_asset("page.html"))
