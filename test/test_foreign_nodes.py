@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import re
@@ -10,6 +11,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,6 +24,8 @@ from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterValue
 from rcl_interfaces.srv import SetParameters
 from rclpy.duration import Duration
+from rclpy.task import Future
+from std_srvs.srv import SetBool
 from test_standalone_nodes import terminals  # noqa: F401
 from waiting import LIMIT_S
 
@@ -36,6 +40,7 @@ from train_ato.ros.graph.composed import run_composed
 from train_ato.ros.graph.environment import applied, claim_domain, variables
 from train_ato.ros.graph.graph_result import GraphOptions, GraphResult
 from train_ato.ros.graph.recorded import recorded_result
+from train_ato.ros.standalone import discovery
 from train_ato.scenario.scenario import load_scenario
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -242,6 +247,29 @@ def test_nodes_of_unequal_scenarios_do_not_begin(change, differs, terminals):  #
     assert plant.returncode == 1
     text = f"it was started with another scenario than the plant: {differs} differ; give every node the same"
     assert f"node profile failed: {text}" in said
+
+
+def test_an_answer_that_comes_after_the_next_request_counts(monkeypatch):
+    """Fails if a plant waits for ever for nodes of a loaded machine, whose answers come after its next requests."""
+    sent = []
+
+    def request(_: SetBool.Request) -> Future:
+        sent.append(Future())
+        if len(sent) > 2:
+            sent[-3].set_result(SetBool.Response(success=True, message="ready; stamp -1; scenario {}"))
+        return sent[-1]
+
+    client = SimpleNamespace(service_is_ready=lambda: True, call_async=request)
+    ends = SimpleNamespace(
+        node=SimpleNamespace(create_client=lambda *_: client),
+        wire=Wire(prepare(*load_scenario("demo", ("duration=1", "supervision.enabled=false"))).layout),
+        senders=lambda topic: (),
+        missing=lambda roles: [],
+    )
+    clock = itertools.count()
+    monkeypatch.setattr(discovery.time, "monotonic", lambda: float(next(clock)))
+    found = discovery.Discovery(ends, {}, False, lambda: True)
+    assert any(found.complete() for _ in range(20)), found.missing_peers()
 
 
 @pytest.mark.graph

@@ -78,7 +78,7 @@ class Discovery:
         besides = (Role.PLANT, Role.RECORDER)
         self.others = [role for role in roles_of(endpoints.wire.layout) if role not in besides]
         self._clients = {role: endpoints.node.create_client(SetBool, f"{role.value}/ready") for role in self.others}
-        self._asked: dict[Role, tuple[Any, float]] = {}
+        self._asked: dict[Role, tuple[list[Any], float]] = {}
         self._missing = dict.fromkeys(self.others, "is not there")
 
     def complete(self) -> bool:
@@ -145,14 +145,16 @@ class Discovery:
 
     def _poll(self, role: Role) -> None:
         """Read the answer of a node; send a request if none is open."""
-        future, since = self._asked.get(role, (None, 0.0))
-        if future is not None and future.done():
+        open_, since = self._asked.get(role, ([], 0.0))
+        answered = next((future for future in open_ if future.done()), None)
+        if answered is not None:
             del self._asked[role]
-            if future.result() is not None:
-                text, _, theirs = future.result().message.partition(_SCENARIO)
-                self._missing[role] = "" if future.result().success else text.partition(_STAMP)[0]
+            if answered.result() is not None:
+                text, _, theirs = answered.result().message.partition(_SCENARIO)
+                self._missing[role] = "" if answered.result().success else text.partition(_STAMP)[0]
                 self._compare(role, theirs)
         elif self._clients[role].service_is_ready() and time.monotonic() - since > REQUEST_EVERY_S:
-            # A server that has not discovered the client yet loses its answer, so requests are repeated.
+            # A server that has not discovered the client yet loses its answer, so requests are repeated.  An answer to
+            # an earlier one counts too: that of a slow node comes after the next request, every time.
             request = SetBool.Request(data=self.recorded)
-            self._asked[role] = (self._clients[role].call_async(request), time.monotonic())
+            self._asked[role] = ([*open_, self._clients[role].call_async(request)], time.monotonic())
