@@ -22,9 +22,10 @@ import yaml
 from waiting import wait_for
 
 import train_ato as ta
+from train_ato.apps.sweep import execution
 from train_ato.apps.sweep import sweep as sweep_module
 from train_ato.apps.sweep.batch import run_batch
-from train_ato.apps.sweep.cluster import OWNER, SCRATCH, _scratch_folder, sweep_client
+from train_ato.apps.sweep.cluster import OWNER, SCRATCH, SETTINGS, _scratch_folder, sweep_client
 from train_ato.apps.sweep.folder import SweepFolder
 from train_ato.apps.sweep.groups import NotDrawable
 from train_ato.apps.sweep.rerun import run_row_again
@@ -41,6 +42,7 @@ LAWS = '''
 import os
 import signal
 from dataclasses import dataclass
+from pathlib import Path
 from train_ato.control.algorithms.guard import GuardedLaw
 
 
@@ -58,6 +60,18 @@ class Kills(GuardedLaw):
 
     def demand(self, inputs):
         os.kill(os.getpid(), signal.SIGKILL)
+
+
+@dataclass
+class Freezes(GuardedLaw):
+    """Law that freezes its process, the first time only."""
+
+    def demand(self, inputs):
+        frozen = Path(os.environ["FROZEN"])
+        if not frozen.exists():
+            frozen.touch()
+            os.kill(os.getpid(), signal.SIGSTOP)
+        raise RuntimeError("broken on purpose")
 '''
 SPEC: dict[str, Any] = {
     "scenario": "demo",
@@ -304,6 +318,24 @@ def test_only_the_figures_of_the_design_are_drawn(swept: tuple[Path, set[str], s
     with pytest.raises(NotDrawable, match="no run is tracked"):
         SweepResult(read_sweep(SPEC), lost).plot_pareto()
     assert SweepResult(read_sweep(SPEC), lost).plot_map() is not None
+
+
+@pytest.mark.graph
+def test_the_run_of_a_frozen_worker_is_named_and_runs_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Breaks if a sweep waits for ever for a frozen worker, or does not say which run it waits for."""
+    (tmp_path / "own_laws.py").write_text(LAWS)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.setenv("FROZEN", str(tmp_path / "frozen"))
+    monkeypatch.setitem(SETTINGS, "distributed.scheduler.worker-ttl", "15s")
+    monkeypatch.setattr(execution, "SILENT_S", 0.0)
+    spec = {"scenario": "demo", "over": {"law": ["pid", "own_laws:Freezes"]}, "set": {"duration": 20}}
+    said: list[str] = []
+    found = sweep_module.prepare_sweep(read_sweep(spec), jobs=2).run(announce=said.append)
+    assert (tmp_path / "frozen").exists()
+    assert found.table["status"].tolist() == ["done", "failed"]
+    assert "broken on purpose" in found.table["reason"][1]
+    assert said[-1].startswith("no run has ended for ") and said[-1].endswith("under way: run 2"), said
 
 
 @pytest.mark.graph

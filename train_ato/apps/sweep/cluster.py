@@ -31,6 +31,7 @@ CLOSE_S = 5.0
 """Longest wait for the end of the local workers [s]."""
 SETTINGS = {
     "distributed.scheduler.allowed-failures": 1,  # of the workers of a batch, before its points run alone
+    "distributed.scheduler.worker-ttl": "60s",  # a worker without a sign of life for longer is ended and replaced
     "distributed.deploy.lost-worker-timeout": "1 day",  # on a busy machine a new worker needs more than the default
     "distributed.comm.timeouts.connect": "120s",
     # without the profiler and the frequent checks of the event loop, which take processor time in every process

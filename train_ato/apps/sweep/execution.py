@@ -20,22 +20,32 @@ TASK_S = 8.0
 MAX_BATCH = 64
 QUEUED = 2
 """Batches for every worker, running and waiting."""
+SHOWN = 8
+"""Number of runs that are named."""
 LOST_TASKS = 3
 """Number of times that a batch is sent again after the loss of its result."""
 LOOK_S = 5.0
 """Wall time between two looks at the workers while no batch ends [s]."""
+SILENT_S = 60.0
+"""Wall time without the end of a batch after which the runs under way are named [s], at least."""
+SILENT_BATCHES = 10.0
+"""The same in durations of the longest batch so far."""
 NO_WORKER_S = 300.0
 """Wall time without a worker after which a sweep ends [s]; a worker that was killed starts again within seconds."""
 
 
 def execute_points(
-    client: Any, base: SweepBase, points: Sequence[tuple[int, Point]], take: Callable[[list[Row]], None]
+    client: Any,
+    base: SweepBase,
+    points: Sequence[tuple[int, Point]],
+    take: Callable[[list[Row]], None],
+    announce: Callable[[str], None] = lambda text: None,
 ) -> None:
     """Run points on the workers of a client.
 
-    A batch of a killed worker runs again on another one.  The points of a batch whose workers are killed again and
-    again run at the end, one at a time and nothing beside them: the row of a point whose workers are killed then, too,
-    has the status ``failed``.
+    A batch of a killed or frozen worker runs again on another one.  The points of a batch whose workers are killed
+    again and again run at the end, one at a time and nothing beside them: the row of a point whose workers are killed
+    then, too, has the status ``failed``.
 
     Parameters
     ----------
@@ -47,28 +57,35 @@ def execute_points(
         Number and values of every run.
     take
         Called with the rows of every finished batch, in the order of their ends.
+    announce
+        Called with a line that names the runs under way if none ends for long.
 
     Raises
     ------
     RunFailed
         If the scheduler is lost, or a worker cannot run any point.
     """
-    _Execution(client, base, points, take).run()
+    _Execution(client, base, points, take, announce).run()
 
 
 class _Execution:
     """Batches under way and points that wait."""
 
     def __init__(
-        self, client: Any, base: SweepBase, points: Sequence[tuple[int, Point]], take: Callable[[list[Row]], None]
+        self,
+        client: Any,
+        base: SweepBase,
+        points: Sequence[tuple[int, Point]],
+        take: Callable[[list[Row]], None],
+        announce: Callable[[str], None],
     ) -> None:
-        self._client, self._base, self._take = client, base, take
+        self._client, self._base, self._take, self._announce = client, base, take, announce
         self._waiting = deque(points)
         self._suspects: deque[tuple[int, Point]] = deque()
         self._alone = False
         self._running: dict[Any, Batch] = {}
         self._lost: dict[int, int] = {}
-        self._seconds, self._rows = 0.0, 0
+        self._seconds, self._rows, self._longest = 0.0, 0, 0.0
 
     def run(self) -> None:
         """Run all points."""
@@ -79,7 +96,8 @@ class _Execution:
                 rows = self._result(future, batch)
                 future.release()
                 if rows:
-                    self._seconds += sum(row[name] for row in rows for name in TIMES)
+                    seconds = sum(row[name] for row in rows for name in TIMES)
+                    self._seconds, self._longest = self._seconds + seconds, max(self._longest, seconds)
                     self._rows += len(rows)
                     self._take(rows)
             self._fill()
@@ -95,19 +113,29 @@ class _Execution:
         from distributed import CancelledError, wait
         from distributed import TimeoutError as NoneEnded  # in Python 3.10 not the TimeoutError of Python
 
-        last = time.monotonic() + NO_WORKER_S
+        begun = time.monotonic()
+        last, named = begun + NO_WORKER_S, False
         while True:
             try:
                 with self._client.as_current():
                     done: set[Any] = wait(list(self._running), timeout=LOOK_S, return_when="FIRST_COMPLETED").done
                 return done
             except NoneEnded:
+                if not named and time.monotonic() - begun > max(SILENT_S, SILENT_BATCHES * self._longest):
+                    named = True
+                    self._announce(f"no run has ended for {time.monotonic() - begun:.0f} s; {self._under_way()}")
                 if self._client.nthreads():
                     last = time.monotonic() + NO_WORKER_S
                 elif time.monotonic() > last:
                     raise RunFailed("no worker is left; start one and run the same command again") from None
             except CancelledError:
                 return {future for future in self._running if future.done()}
+
+    def _under_way(self) -> str:
+        """Return the numbers of the runs that the workers have, first those that were sent first."""
+        runs = [str(number) for batch in self._running.values() for number, _ in batch]
+        more = f" and {len(runs) - SHOWN} more" if len(runs) > SHOWN else ""
+        return f"under way: run {', '.join(runs[:SHOWN])}{more}"
 
     def _fill(self) -> None:
         """Submit batches until every worker has one that runs and one that waits; suspects last, one at a time."""

@@ -204,7 +204,7 @@ class PreparedSweep:
                 rows.extend(new)
                 self._report(bar, rows)
 
-            execute_points(client, self.base, missing, take)
+            execute_points(client, self.base, missing, take, announce)
 
     def _report(self, bar: Report, rows: list[Row]) -> None:
         """Show the number of finished runs, and of those that did not end regularly."""
