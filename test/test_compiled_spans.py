@@ -126,7 +126,6 @@ def test_the_kernel_is_compiled_once() -> None:
 @pytest.mark.parametrize(
     "changes",
     [
-        {"compensation": "train_predictor"},
         {"links.measurement.delay": 0.1},
         {"links.brake_release.delay": 0.1},
     ],

@@ -12,6 +12,8 @@ from span_runs import Both, compiled_part, setup_of
 from test_compiled_spans import CASES as LAWS
 from test_span_components import CASES as COMPONENTS
 
+from train_ato.control.compensation.base import CompensationBase
+from train_ato.control.compensation.contract import CompensationInput
 from train_ato.control.contract import LawInput, LawOutput, parameter
 from train_ato.loop.engine import TickLoop, run_engine
 from train_ato.loop.spans import python_law, span
@@ -70,6 +72,31 @@ class Observed:
     def diagnostics(self) -> dict[str, str]:
         """Return a text that differs in every report."""
         return {"steps": str(len(self.received))}
+
+
+class Counted(CompensationBase):
+    """Feed-forward of the present time, with its calls and the commands as they were sent."""
+
+    @dataclasses.dataclass
+    class Parameters:
+        """Parameters."""
+
+        fails_at: float = parameter(1e6, "s", 0.0, 1e6, "time of an exception")
+
+    def __init__(self, parameters: Any, model: Any, period: float) -> None:
+        super().__init__(parameters, model, period)
+        self.calls: list[tuple[float, bytes]] = []
+
+    def on_command_sent(self, force: np.ndarray) -> None:
+        self.calls.append((-1.0, force.tobytes()))
+
+    def step(self, inputs: CompensationInput) -> LawInput:
+        self.shoes.demand(inputs.t, inputs.pressure)
+        self.calls.append((inputs.t, inputs.measurement.velocity.tobytes() + bytes([inputs.saturated])))
+        if inputs.t >= self.parameters.fails_at:
+            raise ValueError("no input at this time")
+        shoes = self.shoes.at(inputs.t, inputs.reference.velocity)
+        return self.law_input(inputs, inputs.t, self.feedforward(inputs.t, shoes.total), shoes)
 
 
 def _fields(inputs: LawInput) -> dict[str, Any]:
@@ -136,6 +163,39 @@ def test_an_unusual_output_has_the_effect_of_python(unusual: str) -> None:
     law = {"law": f"{HERE}:Observed", f"laws.{HERE}:Observed.unusual": unusual}
     changes = {**FREE, "duration": 60, **law}
     Both(setup_of(name, changes)).assert_equal()
+
+
+@pytest.mark.parametrize("unusual", ["none", "held", "nan", "slow"])
+def test_an_own_compensation_is_called_as_in_python(unusual: str) -> None:
+    """Breaks if a compensation is called twice in a tick that is left to Python, or if a command is lost or doubled."""
+    law = {"law": f"{HERE}:Observed", f"laws.{HERE}:Observed.unusual": unusual}
+    if unusual == "slow":
+        law = {"law": "smc", "control_period": 0.3}
+    changes = {**FREE, **law, "duration": 30, "compensation": f"{HERE}:Counted"}
+    seen = []
+    for chosen in (False, True):
+        loop = TickLoop(setup_of("demo", changes), None, compiled=chosen)
+        loop.start()
+        while not loop.plant.finished:
+            loop.advance()
+        assert not chosen or (loop._spans is not None and loop._spans.ticks > 0.4 * loop.ticks)
+        assert loop.controller._stack is not None
+        compensation: Any = loop.controller._stack._compensation
+        seen.append(compensation.calls)
+    assert seen[0] == seen[1]
+
+
+def test_an_error_of_a_compensation_names_it() -> None:
+    """Breaks if compiled ticks drop the exception of a compensation, or name the law in its place."""
+    changes = {
+        **FREE,
+        "compensation": f"{HERE}:Counted",
+        f"compensations.{HERE}:Counted.fails_at": 5.05,
+        "duration": 20,
+    }
+    failures = [run_engine(setup_of("demo", changes), compiled=chosen).failure for chosen in (False, True)]
+    assert failures[0] == failures[1]
+    assert failures[0] is not None and "compensation Counted: ValueError: no input at this time" in failures[0]
 
 
 def test_an_error_of_the_law_names_the_controller() -> None:

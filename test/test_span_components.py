@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from case_costs import sampled
-from span_runs import Both, compiled_part, setup_of
+from span_runs import Both, setup_of
 
 from train_ato.control.compiled.law_call import is_in_loop
 from train_ato.loop.engine import TickLoop, run_engine
@@ -47,6 +47,7 @@ PREDICTIVE = {
 }  # fmt: skip
 LATER_BRAKE = {"brake": {"policy": "planned", "events": [{"time": 70, "reduction": 5e4}, {"time": 90, "reduction": 0}]}}
 """Not at 10 s: with gains that fit, a slow departure would end at a standstill, whose ticks are left to Python."""
+EARLY_BRAKE = {"brake": {"policy": "planned", "events": [{"time": 40, "reduction": 5e4}]}}
 WHOLE = {"observers.ndo": {"omega": 0.03, "scope": "train"}, "laws.pid.disturbance": True}
 CASES: dict[str, tuple[str, dict[str, Any]]] = {
     "eso of the train, pid": ("xuzhou_metro:disturbed", {**METRO, "observer": "eso", "laws.pid.disturbance": True}),
@@ -73,6 +74,23 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
          "compensations.predictor.disturbance": False},
     ),
     "predictor, chain of five units": ("freight_consensus:realistic", {"duration": 3}),
+    "predictor, estimated delay": (
+        "xuzhou_metro", {**METRO, "compensation": "predictor", "compensations.predictor.delay": "estimated"}
+    ),
+    "predictor, delays by sign": (
+        "crh380a_gpc:short", {**FREE, "duration": 40, "law": "lag_smc", "compensation": "predictor"}
+    ),
+    "preview, delays by sign, air brake": (
+        "daqin_heavy_haul", {**FREE, "duration": 60, "law": "smc", "compensation": "preview",
+                             "model.delay_brake": 0.6, **EARLY_BRAKE}
+    ),
+    "train_predictor, air brake": (
+        "daqin_heavy_haul", {**FREE, "duration": 60, "law": "smc", "compensation": "train_predictor", **EARLY_BRAKE}
+    ),
+    "twin that identifies the train": (
+        "demo", {**FREE, "duration": 40, "compensation": "twin", "compensations.twin.identify": True}
+    ),
+    "mpc, limits ahead": ("xuzhou_metro", {"duration": 20, "law": "mpc"}),
     "predictor, funnel": (
         "xuzhou_metro:tuned+disturbed", {**METRO, "law": "funnel", "compensation": "predictor", "observer": "eso"}
     ),
@@ -101,7 +119,7 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
         "demo", {**FREE, "duration": 610, **PREDICTIVE, "observer": "ndo", **WHOLE}
     ),
 }  # fmt: skip
-"""Scenario and changes, for every component with a compiled step."""
+"""Scenario and changes, for every component with a compiled step, and for compensations called in compiled ticks."""
 
 
 @pytest.mark.parametrize("case", sampled(CASES, every=2))
@@ -125,12 +143,6 @@ def test_components_do_not_compile_the_kernel_again() -> None:
         name, changes = CASES[case]
         run_engine(setup_of(name, {**changes, "duration": 5}), compiled=True)
     assert len(getattr(kernel.run_span, "signatures", [None])) == 1  # missing with NUMBA_DISABLE_JIT
-
-
-def test_forms_without_a_compiled_step_run_in_python() -> None:
-    """Breaks if a parameter that the compiled step lacks is accepted: the run would have the numbers of another one."""
-    changes = {"compensation": "predictor", "compensations.predictor.delay": "estimated", "duration": 10}
-    assert compiled_part(setup_of("xuzhou_metro", changes)) == 0.0
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import copy
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -47,6 +47,28 @@ if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel
 
 
+class StepAnswer(NamedTuple):
+    """Results of a step in a compiled tick that is run again in Python; an exception is raised there.
+
+    Attributes
+    ----------
+    inputs : LawInput or exception, optional
+        Result of the compensation; None if it has not been called.
+    output : LawOutput or exception, optional
+        Result of the law; None if it has not been called.
+    """
+
+    inputs: LawInput | BaseException | None
+    output: Any
+
+
+def _unless_raised(result: Any) -> Any:
+    """Return a result, or raise it if it is an exception."""
+    if isinstance(result, BaseException):
+        raise result
+    return result
+
+
 class ControlStack:
     """Computation of the command from a measurement.
 
@@ -81,8 +103,8 @@ class ControlStack:
 
     Attributes
     ----------
-    answer : tuple or None
-        Result of a step of the law in compiled ticks, an output or an exception, used in place of the next step.
+    answer : StepAnswer or None
+        Results of a step of compensation and law in compiled ticks, used in place of the next step.
     law_brakes : bool
         The law demanded the pressure of the last step in place of the policy.
     plan : TimedPlan or None
@@ -147,7 +169,7 @@ class ControlStack:
         self._fault: BaseException | None = None
         self._fault_text = ""
         self._no_disturbance = np.zeros(model.n_units)
-        self.answer: tuple[Any] | None = None
+        self.answer: StepAnswer | None = None
         self.plan: TimedPlan | None = None
         self.set_profile(profile)
         set_brake_policy = getattr(compensation, "set_brake_policy", None)
@@ -298,11 +320,16 @@ class ControlStack:
             decided = True
         if self._transition is not None:
             self._last = self._in_transition(self._transition, measurement, decided=decided)
-        if decided and self._on_command_sent is not None:
-            self._on_command_sent(np.array(self._last))
+        if decided:
+            self.report_command(np.array(self._last))
         force = np.array(self._last)
         self._history.append(force)
         return force, self._pressure
+
+    def report_command(self, force: Array) -> None:
+        """Give the command of a step of the law as it was sent [N], shape (units,), to a compensation that uses it."""
+        if self._on_command_sent is not None:
+            self._on_command_sent(np.array(force))
 
     def _miss_sample(self) -> None:
         if (on_missed := getattr(self._law, "on_missed_sample", None)) is not None:
@@ -355,17 +382,20 @@ class ControlStack:
 
         After an exception the state of the component is not known, so it gets no further step.
         """
+        answer, self.answer = self.answer or StepAnswer(None, None), None
         if self._fault is None:
             kind, name = "compensation", type(self._compensation).__name__
             try:
                 with step_limit(self._compensation):
-                    inputs = self._law_input(measurement, reference, estimate, low, high)
+                    given = _unless_raised(answer.inputs)
+                    inputs = self.law_input(measurement, reference, estimate, low, high) if given is None else given
                 inputs = self._on_joined_reference(inputs)
                 kind, name = "law", self._name
                 with step_limit(self._law):
                     if self._transition is not None:
                         inputs = self._taken_over(inputs, self._transition)
-                    output = self._law.step(inputs) if self.answer is None else self._take_answer(*self.answer)
+                    found = _unless_raised(answer.output)
+                    output = self._law.step(inputs) if found is None else found
                 self._fault_text = output_fault(name, self._law, output, self.model.n_units)
                 if not self._fault_text:
                     return inputs, output
@@ -374,12 +404,6 @@ class ControlStack:
                 self._fault, self._fault_text = error, fault_of_error(kind, name, error)
         self._hold.hold(self._fault_text, by_component=True)
         return None
-
-    def _take_answer(self, answer: Any) -> Any:
-        self.answer = None
-        if isinstance(answer, BaseException):
-            raise answer
-        return answer
 
     def _limited(self, wanted: list[float], low: list[float], high: list[float]) -> list[float]:
         """Return the force of every unit inside its limits [N]; ``_saturated`` is True if one is at a limit."""
@@ -466,7 +490,7 @@ class ControlStack:
         changed = np.where(signs > 0.0, np.maximum(demand, last + reach), np.minimum(demand, last - reach))
         return [float(force) for force in np.where(signs != 0.0, changed, demand)]
 
-    def _law_input(
+    def law_input(
         self,
         measurement: Measurement,
         reference: Reference,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
+from typing import Any
 
 from plant_sim.brake_events import PipeEvents
 from train_ato.control.air_brake.predictive_policy import PredictiveBrake
@@ -14,7 +14,7 @@ from train_ato.control.compensation.twin import Twin
 from train_ato.control.compiled.law_call import RecordStep
 from train_ato.control.observers.none import NoObserver
 from train_ato.control.observers.record_observer import RecordObserver
-from train_ato.control.registry import COMPENSATIONS, OBSERVERS
+from train_ato.control.registry import OBSERVERS
 from train_ato.control.stack import ControlStack
 from train_ato.loop.inputs import StageInputs
 from train_ato.loop.setup import RunSetup
@@ -26,8 +26,11 @@ from train_ato.scenario.changes import requested_stamp
 
 LONGEST, BRAKED = 256, 128
 """Longest span, and longest one with forecasts of shoe forces, which cost more [ticks]."""
-_OBSERVER_STEP, _PREDICTOR_STEP = RecordObserver.step, Predictor.step
-"""Steps over records: one that a program replaces has no compiled form."""
+_OBSERVER_STEP = RecordObserver.step
+_COMPENSATION_STEPS: dict[type, Any] = {
+    kind: kind.step for kind in (NoCompensation, Pade, PreviewFeedforward, Predictor, Twin)
+}
+"""Steps with a compiled form: one that a program replaces has none."""
 UNRECORDED, BRIEF = 4, 16
 """Factor of both without a log and without disturbances, whose arrays are large, and with the series of the summary."""
 
@@ -44,14 +47,28 @@ def spans_possible(setup: RunSetup) -> bool:
     others = (links.measurement, links.reference, links.estimate, links.brake_pipe, links.brake_release)
     if any(link != LinkSpec() for link in others):
         return False
-    compensation = COMPENSATIONS.get(setup.compensation)
-    if compensation is PreviewFeedforward and setup.layout.air_brake:  # its shoe forces are those of one time
-        known = np.array_equal(setup.model.delay, setup.model.delay_brake)
-    else:
-        identifies = setup.compensation_parameters.get("identify", False)  # its twin depends on the measurements
-        known = not identifies and compensation in (NoCompensation, Pade, PreviewFeedforward, Predictor, Twin)
     observer = OBSERVERS.get(setup.observer)
-    return known and (observer is NoObserver or issubclass(observer, RecordObserver)) and setup.model.n_units > 0
+    return (observer is NoObserver or issubclass(observer, RecordObserver)) and setup.model.n_units > 0
+
+
+def has_compiled_form(compensation: Any, law: Any, setup: RunSetup) -> bool:
+    """Return True for a compensation whose values compiled ticks compute; another one is called in every tick.
+
+    Computed are values that depend only on the time and, for `predictor`, on the state of the units.
+    """
+    kind = type(compensation)
+    if _COMPENSATION_STEPS.get(kind) is not getattr(kind, "step", None):
+        return False
+    if getattr(law, "lookahead_times", None) is not None:
+        return False
+    if isinstance(compensation, Predictor):
+        return compensation.known_delay is not None
+    if isinstance(compensation, Twin) and compensation.parameters.identify:
+        return False  # its twin depends on the measurements
+    if isinstance(compensation, PreviewFeedforward) and compensation.forward != compensation.backward:
+        shoes = setup.layout.air_brake and not isinstance(compensation, Twin)
+        return not (shoes or getattr(law, "uses_effect", True))  # the time of the effect depends on the last command
+    return True
 
 
 def ticks_to_event(
@@ -66,7 +83,8 @@ def ticks_to_event(
     tick, stamp = setup.tick_ns, plant.stamp
     if stamp == 0:
         return 0
-    longest = LONGEST if stack._compensation.shoes.idle else BRAKED  # type: ignore[attr-defined]
+    shoes = getattr(stack._compensation, "shoes", None)
+    longest = LONGEST if shoes is None or shoes.idle else BRAKED
     if not (logged or plant.train._outside.acts):
         longest *= BRIEF if brief else UNRECORDED
     longest = min(longest, plant.train.ticks_before_section)
@@ -95,15 +113,6 @@ def is_regular(stages: Stages, supervised: SupervisedTicks, stack: ControlStack,
         return False
     if isinstance(compensation, Twin) and not compensation.started:
         return False
-    replaced = isinstance(compensation, Predictor) and type(compensation).step is not _PREDICTOR_STEP
-    if replaced or (isinstance(compensation, Predictor) and compensation.known_delay is None):
-        return False
-    if (
-        isinstance(compensation, PreviewFeedforward)
-        and law.uses_effect
-        and compensation.forward != compensation.backward
-    ):
-        return False  # the time of the effect depends on the sign of the command
     if train._has_added_gusts:
         return False
     return _observer_is_regular(stages, stack)

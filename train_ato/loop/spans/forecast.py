@@ -67,16 +67,31 @@ class Forecast:
         inside = self._first <= first and first + count <= self._end
         return inside and self._profile is profile and self._compensation is stack._compensation
 
-    def of(self, first: int, count: int, stack: ControlStack, *, shoes_used: bool) -> SpanForecast:
-        """Return the values of some ticks from a tick on, with the events of the brake so far."""
+    def of(self, first: int, count: int, stack: ControlStack, *, used: bool, shoes_used: bool) -> SpanForecast:
+        """Return the values of some ticks from a tick on, with the events of the brake so far.
+
+        Parameters
+        ----------
+        first, count
+            Number of the first tick, and number of ticks.
+        stack
+            Control stack.
+        used
+            False if the compensation is called in every tick: then feed-forward and shoe forces are 0.
+        shoes_used
+            False if shoe forces are not used.
+        """
         first -= self._first
         part, units = slice(first, first + count), self._setup.model.n_units
-        forecast = SpanForecast(self._compensation, self._times[part], stack._pressure)
+        forecast = SpanForecast(self._compensation if used else None, self._times[part], stack._pressure)
         forecast.reference = np.ascontiguousarray(self._reference[:, part])
         forecast.expected = np.ascontiguousarray(self._expected[:, part])
         forecast.at_rest = self._at_rest[part]
         forecast.effects, forecast.predicts = self._effects[part].tolist(), self._predicts
         forecast.shoes, totals = np.zeros((count, 1 + units)), np.zeros(count)
+        if not used:
+            forecast.feedforward = np.zeros((count, units))
+            return forecast
         if shoes_used and not self._compensation.shoes.idle:
             forecast.keep_shoes()
             index, known = 0, self._compensation.shoes
@@ -122,17 +137,20 @@ class SpanForecast:
     effects: list[float]
     predicts: bool
 
-    def __init__(self, compensation: CompensationBase, times: Array, pressure: float | None) -> None:
+    def __init__(self, compensation: CompensationBase | None, times: Array, pressure: float | None) -> None:
         self._compensation, self._pressure = compensation, pressure
         self.times: list[float] = times.tolist()
         self._kept: ShoeForecast | None = None
 
     def keep_shoes(self) -> None:
         """Keep the state of the shoe forecast before the span."""
+        assert self._compensation is not None
         self._kept = self._compensation.shoes.copy()
 
     def take_back(self, done: int) -> None:
         """Set shoe forecast and twin to their states after the first ``done`` ticks."""
+        if self._compensation is None:
+            return
         if self._kept is None:
             self._compensation.shoes.skip(done)
         elif done < len(self.times):

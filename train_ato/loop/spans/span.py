@@ -23,7 +23,7 @@ from train_ato.control.stack import ControlStack
 from train_ato.control.train_model import STANDSTILL_SPEED, TrainModel
 from train_ato.loop.recording_builder import RecordingBuilder
 from train_ato.loop.spans import kernel
-from train_ato.loop.spans.conditions import is_regular, ticks_to_event
+from train_ato.loop.spans.conditions import has_compiled_form, is_regular, ticks_to_event
 from train_ato.loop.spans.forecast import Forecast
 from train_ato.loop.spans.messages import Publish, SpanArrays, SpanMessages
 from train_ato.loop.spans.python_law import PythonLaw
@@ -217,10 +217,14 @@ class CompiledSpans:
 
     def _step_of(self, stack: ControlStack) -> RecordStep | PythonLaw:
         """Return the compiled step of the present law, or its call in Python."""
-        if self._step is None or self._law is not stack._law:
-            law: Any = stack._law
+        law: Any = stack._law
+        compensates = not has_compiled_form(stack._compensation, law, self.stages.setup)
+        if self._step is None or self._law is not law or self._step.compensates != compensates:
             self._law = law
-            self._step = RecordStep(law) if is_in_loop(law) else PythonLaw(self.stages.controller, law)
+            if compensates or not is_in_loop(law):
+                self._step = PythonLaw(self.stages.controller, law, compensates=compensates)
+            else:
+                self._step = RecordStep(law)
         return self._step
 
     def forecast(self, stack: ControlStack, first: int, count: int) -> Forecast:
@@ -258,7 +262,7 @@ class _Span:
         self._train = train = self._plant.train
         self._first, self._stamp = self._plant.tick, self._plant.stamp
         forecast = spans.forecast(stack, self._first, count)
-        self._forecast = forecast.of(self._first, count, stack, shoes_used=self._uses_shoes())
+        self._forecast = forecast.of(self._first, count, stack, used=not law.compensates, shoes_used=self._uses_shoes())
         units, sensors = len(train.units), len(train.sensors)
         most, changing = count * train.tick_ns // SECOND_NS + 2, train.arrays
         self.arrays = SpanArrays(
@@ -293,7 +297,7 @@ class _Span:
         cubed = np.arange(train._outside.vehicles.size if out.cubes.shape[2] else 0)
         law = self._law
         if isinstance(law, PythonLaw):
-            arrays = (self._inputs, self._now, out.couplers, self._counts)
+            arrays = (self._inputs, self._now, out.couplers, out.sent, self._counts)
             law.begin_span(self._stamp, self._forecast, *arrays)
         done = int(kernel.run_span(
             self._stamp, train.tick_ns, train._step,
@@ -330,7 +334,7 @@ class _Span:
     def _predicting(self) -> tuple[Any, ...]:
         """Return the records of the compensation `predictor`, empty ones for another."""
         known = self._stack._compensation
-        if not isinstance(known, Predictor):
+        if self._law.compensates or not isinstance(known, Predictor):
             return zeros(PredictionConstants, 0), RIGID, zeros(Actuator, 0), np.zeros(0)
         return known.constants, known.chain(known.known_delay or 0.0), known.actuators, known.along
 
