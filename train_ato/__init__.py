@@ -7,8 +7,8 @@
 
 ``run`` runs a scenario, ``Env`` drives it step by step, ``compare`` runs it with several laws, ``sweep`` at many
 points, ``tune`` searches for the gains of a law, ``learn`` learns from run to run, ``falsify`` searches for a break of
-a requirement, ``open_run`` opens a run folder, ``load`` returns its tables, ``scenario`` returns a scenario that can be
-changed, ``laws`` and ``scenarios`` list the names.
+a requirement, ``linearise`` returns A, B, C and D, ``open_run`` opens a run folder, ``load`` returns its tables,
+``scenario`` returns a scenario that can be changed, ``laws`` and ``scenarios`` list the names.
 """
 
 import importlib
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from train_ato.apps.runs.compare import compare as compare
     from train_ato.apps.runs.comparison import Comparison as Comparison
     from train_ato.apps.runs.drive import run as run
+    from train_ato.apps.runs.linearise import linearise as linearise
     from train_ato.apps.runs.run import Run as Run
     from train_ato.apps.runs.run import open_run as open_run
     from train_ato.apps.runs.scenario_choice import choose_scenario as scenario
@@ -57,6 +58,7 @@ _PLACES = {
     "falsify": "train_ato.apps.falsify.study",
     "laws": "train_ato.apps.runs.catalogue",
     "learn": "train_ato.apps.learn.learn",
+    "linearise": "train_ato.apps.runs.linearise",
     "load": "train_ato.log.tables.loading",
     "open_run": "train_ato.apps.runs.run",
     "run": "train_ato.apps.runs.drive",
@@ -82,6 +84,7 @@ __all__ = [
     "falsify",
     "laws",
     "learn",
+    "linearise",
     "load",
     "open_run",
     "run",

@@ -58,6 +58,10 @@ class TrainModes:
         b² of the mean of the units [1/kg].
     units : Array, shape (modes,)
         Sum of s_i phi_r(i)², the mobility of units that feed back their own speeds [1/kg].
+    mass, stiffness, dampers : Array
+        Masses of the bodies [kg]; stiffness [N/m] and damping [N s/m] of the gears between them.
+    shapes : Array, shape (bodies, modes)
+        Modes phi_r [kg^-1/2].
     """
 
     omega: Array
@@ -65,13 +69,23 @@ class TrainModes:
     friction: Array
     mobility: Array
     units: Array
+    mass: Array
+    stiffness: Array
+    dampers: Array
+    shapes: Array
+
+    @property
+    def friction_matrix(self) -> Array:
+        """Damping matrix of the bodies with the damping ratios of the friction [N s/m]: 2 zeta omega M phi (M phi)'."""
+        moved = self.mass[:, np.newaxis] * self.shapes
+        return np.asarray((moved * (2.0 * self.friction * self.omega)) @ moved.T)
 
     @classmethod
     def of(cls, model: TrainModel) -> TrainModes:
         """Return the modes of a train; none if all couplers are rigid."""
         mass, stiffness, viscous, friction, share = _bodies(model)
         root = 1.0 / np.sqrt(mass)
-        squared, vectors = eigenvalues(_chain(stiffness) * np.outer(root, root))
+        squared, vectors = eigenvalues(chain(stiffness) * np.outer(root, root))
         order = np.argsort(squared, kind="stable")[1:]
         omega, shapes = np.sqrt(squared[order]), vectors[:, order] * root[:, np.newaxis]
         stretch = np.diff(shapes, axis=0) ** 2
@@ -81,6 +95,10 @@ class TrainModes:
             _ordered_product(friction * stiffness, stretch) / omega**2,
             _ordered_product(share, shapes) ** 2,
             _ordered_product(share, shapes**2),
+            mass,
+            stiffness,
+            viscous,
+            shapes,
         )
 
 
@@ -138,26 +156,28 @@ class CouplerModes:
         return bool(np.any(0.5 * gain * inertia * self.mobility * passed > self.damping * self.omega))
 
 
+def body_numbers(model: TrainModel) -> list[int]:
+    """Return the number of the body of every vehicle: vehicles with a rigid coupler between them are one."""
+    parted = [math.isfinite(mean_stiffness(gear)) for gear in model.consist.gears]
+    return [sum(parted[:number]) for number in range(len(model.consist.vehicles))]
+
+
 def _bodies(model: TrainModel) -> tuple[Array, Array, Array, Array, Array]:
     """Return mass [kg], stiffness [N/m], damping [N s/m], friction damping ratio, and share of the force of bodies."""
-    mass, share, gears = [0.0], [0.0], []
+    numbers = body_numbers(model)
+    gears = [gear for gear in model.consist.gears if math.isfinite(mean_stiffness(gear))]
+    mass, share = [0.0] * (len(gears) + 1), [0.0] * (len(gears) + 1)
     shares = dict(zip(model.units, model.share.tolist(), strict=True))
-    for number, vehicle in enumerate(model.consist.vehicles):
-        if number:
-            gear = model.consist.gears[number - 1]
-            if math.isfinite(mean_stiffness(gear)):
-                gears.append(gear)
-                mass.append(0.0)
-                share.append(0.0)
-        mass[-1] += vehicle.mass * vehicle.rotating_mass_factor
-        share[-1] += shares.get(number, 0.0)
+    for number, (vehicle, body) in enumerate(zip(model.consist.vehicles, numbers, strict=True)):
+        mass[body] += vehicle.mass * vehicle.rotating_mass_factor
+        share[body] += shares.get(number, 0.0)
     stiffness = np.array([mean_stiffness(gear) for gear in gears])
     viscous = np.array([gear.damping if gear.kind == "linear" else 0.0 for gear in gears])
     friction = np.array([friction_damping(gear) for gear in gears])
     return np.array(mass), stiffness, viscous, friction, np.array(share)
 
 
-def _chain(stiffness: Array) -> Array:
+def chain(stiffness: Array) -> Array:
     """Return the stiffness matrix of a chain of bodies [N/m], shape (bodies, bodies)."""
     ends = np.concatenate(([0.0], stiffness, [0.0]))
     return np.diag(ends[:-1] + ends[1:]) - np.diag(stiffness, 1) - np.diag(stiffness, -1)
