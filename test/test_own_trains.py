@@ -129,3 +129,21 @@ def test_takeovers_are_named_with_time_and_place(tmp_path: Path) -> None:
     assert f"{count} takeovers by the braking law, the first at {begin:.1f} s (" in note
     assert " km/h at 6" in note  # the place of the front
     assert "train-ato report runs/own-1" in note
+
+
+@pytest.mark.parametrize(("mass", "traction"), [(1.15, 0.8), (1.0, 0.7)])
+def test_a_train_that_catches_up_holds_the_speed_limit_without_chatter(
+    mass: float, traction: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Breaks if a speed limit is a deadbeat control through the lag: the command then turns more than 200 times.
+
+    The train is late at the speed limit after a rising grade that its traction cannot climb as planned.
+    """
+    monkeypatch.setitem(LINES, "late", ([(0, 0), (300, 25), (600, -5)], [(0, 50), (1500, 40)], [2500]))
+    wrong = (f"plant.mismatch.mass_scale={mass}", f"plant.mismatch.traction_scale={traction}")
+    recording = run_engine(prepared(write(tmp_path, "late", 4), "supervision.enabled=false", *wrong)).recording
+    changes = np.diff(np.asarray(recording.command).sum(axis=1))
+    large = np.sign(changes[np.abs(changes) > 2e3])  # [N] in a tick
+    assert np.count_nonzero(np.diff(large)) < 100  # one in 3 s; a chatter of .6 s has ten times as many
+    assert np.abs(recording.velocity[:, 0] - recording.reference_velocity).max() > 1.0  # it was late
+    assert recording.velocity.max() < (50 / 3.6 + 0.1) + 0.1  # overshoot

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from plant_sim.elementary import libm_exp
+from plant_sim.summation import plain_sum
 from train_ato.control.algorithms.coupler_limit import CouplerLimit
 from train_ato.control.algorithms.horizon_model import HorizonModel, horizon_model, node_times
 from train_ato.control.algorithms.limits_ahead import limits_force
@@ -26,7 +28,8 @@ PARTS = 4
 """Steps from node to node of the force that keeps the train on the reference."""
 POSITION_BAND = 2.0
 """Position error up to which the largest one has no cost of its own [m]."""
-
+APPROACH = 2.0
+"""Double pole with which a speed limit is approached, over the pole of the loop: its gain on the speed error."""
 PASSING_TIME = 5.0
 """Time constant with which a passing disturbance decays in the limits ahead [s]."""
 
@@ -45,6 +48,8 @@ class PlanStart:
         Acceleration that the force must compensate [m/s²].
     passing : float
         Part of it that does not last [m/s²].
+    gained : float
+        Error of the acceleration at the time of effect [m/s²].
     rise : float
         Demanded acceleration for z = 0 minus that which acts at the time of effect [m/s²].
     feedforward, last_force : float
@@ -65,6 +70,7 @@ class PlanStart:
     errors: Array
     disturbance: float
     passing: float
+    gained: float
     rise: float
     feedforward: float
     last_force: float
@@ -107,7 +113,7 @@ class ForcePlan:
         self, model: TrainModel, period: float, omega: float, lookahead: float, nodes: int, jerk: float,
         overspeed: float, coupler_limit: float,
     ) -> None:  # fmt: skip
-        self._model, self._period, self._jerk = model, period, jerk
+        self._model, self._period, self._jerk, self._omega = model, period, jerk, omega
         first = max(period, 0.1 / omega)
         self.nodes = node_times(first, max(lookahead, first * nodes), nodes)
         self.times = np.interp(np.arange(PARTS * (nodes - 1) + 1) / PARTS, np.arange(nodes), self.nodes)
@@ -155,6 +161,8 @@ class ForcePlan:
                 for delay in delays
             ]
         self._sides = self._models[key]
+        self._pole = APPROACH * self._omega
+        self._near = int(np.searchsorted(self.nodes, 1.0 / self._pole))
 
     def decide(self, start: PlanStart, ahead: Lookahead, simulated: bool) -> float:
         """Return the total force for now [N].
@@ -204,7 +212,33 @@ class ForcePlan:
             start.inertia, self._jerk, self._steps, disturbance, start.rise, float(start.required[self._ticks]),
             allowed,
         )  # fmt: skip
+        if self._model.lag > 0.0:
+            self._approach(start, ahead, reference[1], side, allowed)
         return allowed
+
+    def _approach(self, start: PlanStart, ahead: Lookahead, speeds: Array, side: HorizonModel, allowed: Array) -> None:
+        """Limit the first decision by an approach of the speed limit with a double pole.
+
+        With the distance m from the limit and its rate m' at the time of effect, the distance is at least
+        (m + (m' + pole m) t) e^(-pole t). The decision held up to the node at 1/pole has this speed there. At the nodes
+        before it a limit of the speed is a deadbeat control through the lag, which chatters. The motion on the
+        reference is always permitted, below the limit.
+        """
+        n, near = self.nodes.size, self._near
+        limits, errors = allowed[4 * n : 5 * n], start.errors[1]
+        speed = float(ahead.velocity[self._ticks] + errors[0])
+        change = float(ahead.acceleration[self._ticks]) + start.gained
+        now, then = float(limits[0] + speeds[0] + errors[0]), float(limits[near] + speeds[near] + errors[near])
+        margin = max(min(now, then) - speed, min(now - speed, 0.0))
+        time, follow = float(self.nodes[near]), float(errors[0])
+        left = libm_exp(-self._pole * time)
+        rest = margin + (self._pole * margin - change) * time
+        kept = follow + (self._pole * follow + start.gained) * time
+        top = then - float(speeds[near])
+        permitted = max(top - rest * left, min(top, kept * left)) - float(errors[near])
+        held = permitted / plain_sum(side.response_velocity[near].tolist())
+        limits[:near] = 1e3
+        allowed[0] = min(float(allowed[0]), max(held, -float(allowed[n]), -float(allowed[3 * n])))
 
     def _solve(self, errors: Array, side: HorizonModel, allowed: Array) -> str:
         """Solve the quadratic programme; without a solution the last plan goes on. Return the status."""

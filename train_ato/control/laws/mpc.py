@@ -25,7 +25,8 @@ little in gears with slack or friction over the dead time (`train_constants.py`)
 
 **Constraints**, all soft, so that the programme always has a solution: force of the envelopes at the speed of the last
 plan at every node, with the running resistance of that speed; |jerk| of the train at most ``jerk``; speed at most the
-limit of the line over the whole train plus ``overspeed``; coupler forces; |e_p| at most B + b, with the length T
+limit of the line over the whole train plus ``overspeed``, which is approached with a double pole of 2 omega through
+the lag; coupler forces; |e_p| at most B + b, with the length T
 of the horizon and B = 2 m or, if that is more, the largest |e_p| of about the last T. An error that a force limit
 makes unavoidable is divided over the horizon in this way. R between the nodes has its part in the
 limits: the nodes have the nearest function that is linear between them. Far ahead the limits have the mean of the
@@ -336,7 +337,7 @@ class Mpc(GuardedLaw):
             rise = (feedforward - gain * last) / inertia - disturbance
         limits = gain * np.array([float(inputs.force_min.sum()), float(inputs.force_max.sum())])
         start = PlanStart(
-            required, errors, disturbance, self._motion.passing, rise, feedforward, last, limits,
+            required, errors, disturbance, self._motion.passing, float(motion[3]), rise, feedforward, last, limits,
             self._motion.observer.position_error, self._motion.beyond_reference, inertia, inputs.train_shoe_force > 0.0,
         )  # fmt: skip
         return self._force_plan.decide(start, inputs.lookahead, self._simulated)
