@@ -21,6 +21,7 @@ import yaml
 
 import train_ato as ta
 from train_ato.apps.runs import progress, record
+from train_ato.cli.list import catalogue
 from train_ato.cli.main import main
 from train_ato.control.contract import LawOutput, parameter
 from train_ato.control.registry import LAWS
@@ -468,3 +469,26 @@ def test_a_run_in_a_thread(tmp_path):
     thread.start()
     thread.join(120)
     assert found[0].metrics["status"] == "done"
+
+
+def test_python_has_the_commands_of_the_shell(tmp_path: Path) -> None:
+    """Breaks if a function of Python has another result than its command, or accepts what the command refuses."""
+    found = ta.plan("xuzhou_metro_test", "xuzhou_metro_3", end_km=1, out=tmp_path / "profile.csv", period=1)
+    assert found.profile.position[-1] == pytest.approx(1000.0 - 118.0 / 2)  # centre of the train, front at km 1
+    assert (tmp_path / "profile.csv").is_file()
+    with pytest.raises(ValueError, match=r"jerkk: unknown key; did you mean 'jerk'"):
+        ta.plan("xuzhou_metro_test", "xuzhou_metro_3", jerkk=1)
+    with pytest.raises(ValueError, match="time with journey: the timing points have it"):
+        ta.plan("xuzhou_metro_test", "xuzhou_metro_3", journey="none.yaml", time=100)
+    assert ta.convert("level", tmp_path / "level.yaml")["kind"] == "line"
+    kinds = (ta.laws, ta.observers, ta.compensations, ta.trains, ta.lines)
+    assert [*catalogue().values()][1:] == [kind() for kind in kinds]
+
+
+def test_a_run_is_verified_from_python(tmp_path: Path) -> None:
+    """Breaks if ``ta.verify`` compares nothing, or accepts a tolerance that the command refuses."""
+    ta.run("demo", set={"duration": 5}, out=tmp_path / "run", progress=False)
+    found = ta.verify(tmp_path / "run")
+    assert found.equal and found.messages > 300
+    with pytest.raises(ValueError, match="relative 1: out of range"):
+        ta.verify(tmp_path / "run", 1)

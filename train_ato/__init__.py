@@ -8,7 +8,12 @@
 ``run`` runs a scenario, ``Env`` drives it step by step, ``compare`` runs it with several laws, ``sweep`` at many
 points, ``tune`` searches for the gains of a law, ``learn`` learns from run to run, ``falsify`` searches for a break of
 a requirement, ``linearise`` returns A, B, C and D, ``open_run`` opens a run folder, ``load`` returns its tables,
-``scenario`` returns a scenario that can be changed, ``laws`` and ``scenarios`` list the names.
+``scenario`` returns a scenario that can be changed.
+
+``plan`` plans a speed profile, ``verify`` repeats a run and compares every message, ``check_law`` runs the
+contract tests on a law, ``convert`` writes a line or train in another format. ``laws``, ``observers``,
+``compensations``, ``scenarios``, ``trains`` and ``lines`` list the names; a class with ``parameter`` fields and the
+methods of ``Law`` is a law.
 """
 
 import importlib
@@ -20,24 +25,34 @@ import train_ato.scenario  # noqa: F401 - made callable below
 from train_ato.version import VERSION
 
 if TYPE_CHECKING:
+    from train_ato.apps.check_component.checking import check_law as check_law
     from train_ato.apps.env.env import Env as Env
     from train_ato.apps.env.env import EnvState as EnvState
     from train_ato.apps.falsify.study import falsify as falsify
     from train_ato.apps.learn.learn import LearnResult as LearnResult
     from train_ato.apps.learn.learn import learn as learn
+    from train_ato.apps.runs.catalogue import compensations as compensations
     from train_ato.apps.runs.catalogue import laws as laws
+    from train_ato.apps.runs.catalogue import lines as lines
+    from train_ato.apps.runs.catalogue import observers as observers
     from train_ato.apps.runs.catalogue import scenarios as scenarios
+    from train_ato.apps.runs.catalogue import trains as trains
     from train_ato.apps.runs.compare import compare as compare
     from train_ato.apps.runs.comparison import Comparison as Comparison
+    from train_ato.apps.runs.converting import convert as convert
     from train_ato.apps.runs.drive import run as run
     from train_ato.apps.runs.linearise import linearise as linearise
+    from train_ato.apps.runs.planning import plan as plan
     from train_ato.apps.runs.run import Run as Run
     from train_ato.apps.runs.run import open_run as open_run
     from train_ato.apps.runs.scenario_choice import choose_scenario as scenario
+    from train_ato.apps.runs.verifying import verify as verify
     from train_ato.apps.sweep.result import SweepResult as SweepResult
     from train_ato.apps.sweep.sweep import sweep as sweep
     from train_ato.apps.tune.tune import tune as tune
     from train_ato.apps.tune.tune_result import TuneResult as TuneResult
+    from train_ato.control.contract import Law as Law
+    from train_ato.control.contract import parameter as parameter
     from train_ato.errors import RunFailed as RunFailed
     from train_ato.errors import RunInterrupted as RunInterrupted
     from train_ato.log.tables.loading import Frames as Frames
@@ -48,23 +63,33 @@ _PLACES = {
     "Env": "train_ato.apps.env.env",
     "EnvState": "train_ato.apps.env.env",
     "Frames": "train_ato.log.tables.loading",
+    "Law": "train_ato.control.contract",
     "LearnResult": "train_ato.apps.learn.learn",
     "Run": "train_ato.apps.runs.run",
     "RunFailed": "train_ato.errors",
     "RunInterrupted": "train_ato.errors",
     "SweepResult": "train_ato.apps.sweep.result",
     "TuneResult": "train_ato.apps.tune.tune_result",
+    "check_law": "train_ato.apps.check_component.checking",
     "compare": "train_ato.apps.runs.compare",
+    "compensations": "train_ato.apps.runs.catalogue",
+    "convert": "train_ato.apps.runs.converting",
     "falsify": "train_ato.apps.falsify.study",
     "laws": "train_ato.apps.runs.catalogue",
     "learn": "train_ato.apps.learn.learn",
     "linearise": "train_ato.apps.runs.linearise",
+    "lines": "train_ato.apps.runs.catalogue",
     "load": "train_ato.log.tables.loading",
+    "observers": "train_ato.apps.runs.catalogue",
     "open_run": "train_ato.apps.runs.run",
+    "parameter": "train_ato.control.contract",
+    "plan": "train_ato.apps.runs.planning",
     "run": "train_ato.apps.runs.drive",
     "scenarios": "train_ato.apps.runs.catalogue",
     "sweep": "train_ato.apps.sweep.sweep",
+    "trains": "train_ato.apps.runs.catalogue",
     "tune": "train_ato.apps.tune.tune",
+    "verify": "train_ato.apps.runs.verifying",
 }
 """Modules of the public names; they are imported on first use, so that ``import train_ato`` is fast."""
 
@@ -73,6 +98,7 @@ __all__ = [
     "Env",
     "EnvState",
     "Frames",
+    "Law",
     "LearnResult",
     "Run",
     "RunFailed",
@@ -80,18 +106,27 @@ __all__ = [
     "SweepResult",
     "TuneResult",
     "__version__",
+    "check_law",
     "compare",
+    "compensations",
+    "convert",
     "falsify",
     "laws",
     "learn",
     "linearise",
+    "lines",
     "load",
+    "observers",
     "open_run",
+    "parameter",
+    "plan",
     "run",
     "scenario",
     "scenarios",
     "sweep",
+    "trains",
     "tune",
+    "verify",
 ]
 __version__ = VERSION
 

@@ -10,9 +10,6 @@ import sys
 from train_ato.cli.screen import note_compilation, print_json
 from train_ato.errors import RunFailed
 
-RANDOM_TRAINS = 20
-"""Number of random trains that a law drives."""
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of a check."""
@@ -27,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Run the tests; a failed test ends with status 1."""
-    from train_ato.apps.check_component.checking import check_component, findings_table
+    from train_ato.apps.check_component.checking import RANDOM_TRAINS, check_component, findings_table
     from train_ato.apps.runs.progress import share_bar
 
     name, kind = options.component, options.command.removeprefix("check-")

@@ -22,21 +22,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def catalogue() -> dict[str, dict[str, str]]:
     """Return the names of every kind with their one-line summaries."""
-    from plant_sim.library import consist_names, line_names, load_consist, load_line
-    from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
-    from train_ato.scenario.scenario import raw_scenario, shipped_scenarios, variants_of
+    from train_ato.apps.runs import catalogue as shipped
+    from train_ato.scenario.scenario import shipped_scenarios, variants_of
 
     scenarios: dict[str, str] = {}
-    for name, path in shipped_scenarios().items():
-        scenarios[name] = str(raw_scenario(name)[1].get("summary", ""))
-        scenarios |= {f"{name}:{variant}": summary for variant, summary in variants_of(path).items()}
+    paths = shipped_scenarios()
+    for name, summary in shipped.scenarios().items():
+        scenarios |= {name: summary}
+        scenarios |= {f"{name}:{variant}": text for variant, text in variants_of(paths[name]).items()}
     return {
         "scenarios": scenarios,
-        "laws": {name: LAWS.summary(name) for name in LAWS.loadable()},
-        "observers": {name: OBSERVERS.summary(name) for name in OBSERVERS.loadable()},
-        "compensations": {name: COMPENSATIONS.summary(name) for name in COMPENSATIONS.loadable()},
-        "consists": {name: load_consist(name).summary for name in consist_names()},
-        "lines": {name: load_line(name).summary for name in line_names()},
+        "laws": shipped.laws(),
+        "observers": shipped.observers(),
+        "compensations": shipped.compensations(),
+        "consists": shipped.trains(),
+        "lines": shipped.lines(),
     }
 
 

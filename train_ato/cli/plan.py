@@ -9,18 +9,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from plant_sim.input_error import explain
-from train_ato.arguments import check_new_file
 from train_ato.cli.plan_trip import add_trip_arguments, execute_trip
 
 if TYPE_CHECKING:
-    from plant_sim.line import Line
     from train_ato.profile.planner.planner import Plan
-    from train_ato.profile.planner.settings import PlanSettings
 
 __all__ = ["add_arguments", "execute", "plan_from_options"]
-
-PROFILES, FIGURES = (".csv", ".yaml", ".yml"), (".png", ".pdf", ".svg")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -114,31 +108,25 @@ def plan_from_options(options: argparse.Namespace) -> dict[str, Any]:
     ValueError
         One line: option, problem; fix.
     """
-    from train_ato.apps.report.plan_figure import draw_plan
-    from train_ato.profile.file import write_profile
-    from train_ato.profile.planner.inputs import find_line, find_train
-    from train_ato.profile.planner.planner import plan
+    from train_ato.apps.runs.planning import plan
 
-    for path in options.out:
-        check_new_file(path, (*PROFILES, *FIGURES))
-    line = find_line(options.line)
-    consist, settings = find_train(options.consist, options.point_mass)
-    settings = _settings(options, settings)
     if options.journey is not None:
-        settings = _with_journey(options, settings, line)
+        _check_journey(options)
     if not 1e-3 <= options.period <= 10:
         raise ValueError(f"--period {options.period:g}: out of range; give 0.001 to 10 s")
-    result = plan(line, consist, settings, options.period)
-    for path in options.out:
-        if path.suffix.lower() in FIGURES:
-            draw_plan(result, path)
-        else:
-            write_profile(result.profile, path, _source(options, result))
+    result = plan(
+        options.line,
+        options.consist,
+        journey=options.journey,
+        period=options.period,
+        out=options.out,
+        **_settings(options),
+    )
     return (
         result.summary()
         | _certificate(result, options)
         | {
-            "settings": settings.model_dump(mode="json", exclude_none=True),
+            "settings": result.settings.model_dump(mode="json", exclude_none=True),
             "files": [str(path) for path in options.out],
         }
     )
@@ -181,11 +169,8 @@ def _certificate(result: Plan, options: argparse.Namespace) -> dict[str, float]:
     return found | ({"energy_gap_percent": round(100 * (energy / bound - 1), 2)} if bound > 0 else {})
 
 
-def _settings(options: argparse.Namespace, settings: PlanSettings) -> PlanSettings:
-    from pydantic import ValidationError
-
-    from train_ato.profile.planner.settings import PlanSettings
-
+def _settings(options: argparse.Namespace) -> dict[str, Any]:
+    """Return the given settings of the plan [SI]; None is a limit that does not apply."""
     given = {
         "begin": None if options.begin_km is None else 1e3 * options.begin_km,
         "end": None if options.end_km is None else 1e3 * options.end_km,
@@ -200,34 +185,21 @@ def _settings(options: argparse.Namespace, settings: PlanSettings) -> PlanSettin
         "air_brake": False if options.no_air_brake else None,
         "point_mass": True if options.point_mass else None,
     }
-    data = settings.model_dump() | {key: value for key, value in given.items() if value is not None}
+    data = {key: value for key, value in given.items() if value is not None}
     for key in ("acceleration", "deceleration", "jerk"):
         value = getattr(options, key)
         if value is not None:
             data[key] = None if math.isinf(value) else value
-    try:
-        return PlanSettings.model_validate(data)
-    except ValidationError as error:
-        raise explain(error, "options of plan", PlanSettings) from None
+    return data
 
 
-def _with_journey(options: argparse.Namespace, settings: PlanSettings, line: Line) -> PlanSettings:
-    """Return the settings with the timing points of ``--journey``."""
-    from train_ato.profile.planner.journey_file import read_journey
-
+def _check_journey(options: argparse.Namespace) -> None:
+    """Refuse options that the timing points of ``--journey`` have."""
     for name in ("time", "from_km", "to_km", "dwell", "through"):
         value = getattr(options, {"from_km": "begin_km", "to_km": "end_km"}.get(name, name))
         if value is not None and value is not False:
             option = "--" + name.replace("_", "-")
             raise ValueError(f"{option} with --journey: the timing points have it; remove {option}")
-    return settings.model_copy(update={"points": read_journey(options.journey, line).points})
-
-
-def _source(options: argparse.Namespace, result: Plan) -> str:
-    return (
-        f"train-ato plan {options.line} {options.consist}: {result.running_time:.2f} s, force margin "
-        f"{result.settings.force_margin:g}, jerk {result.settings.jerk} m/s3"
-    )
 
 
 def _number(low: float = -math.inf) -> Callable[[str], float]:

@@ -153,6 +153,33 @@ def check_component(
     return findings
 
 
+RANDOM_TRAINS = 20
+"""Number of random trains that a law drives."""
+
+
+def check_law(law: str | type, **values: Any) -> list[Finding]:
+    """Run the contract tests on a law, as ``train-ato check-law`` does.
+
+    Parameters
+    ----------
+    law
+        Registered name, ``module:Class``, or a class.
+    **values
+        Parameters that differ from the defaults.
+
+    Returns
+    -------
+    list of Finding
+        Results; the law passes if none has ``passed`` False.
+
+    Raises
+    ------
+    ValueError
+        If the class cannot be loaded, or the name is not registered.
+    """
+    return check_component("law", law, values, random_trains=RANDOM_TRAINS)
+
+
 def findings_table(findings: list[Finding]) -> str:
     """Return the findings as text, one per line."""
     words = {True: "ok", False: "FAILED", None: "note"}

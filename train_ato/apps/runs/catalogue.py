@@ -1,8 +1,9 @@
-"""Names of laws and scenarios with their descriptions."""
+"""Names of everything shipped with their descriptions."""
 
 from __future__ import annotations
 
-from train_ato.control.registry import LAWS
+from plant_sim.library import consist_names, line_names, load_consist, load_line
+from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
 from train_ato.scenario.scenario import raw_scenario, shipped_scenarios
 
 
@@ -28,3 +29,23 @@ def scenarios() -> dict[str, str]:
     True
     """
     return {name: str(raw_scenario(name)[1].get("summary", "")) for name in shipped_scenarios()}
+
+
+def observers() -> dict[str, str]:
+    """Return the registered disturbance observers and their descriptions."""
+    return {name: OBSERVERS.summary(name) for name in OBSERVERS.loadable()}
+
+
+def compensations() -> dict[str, str]:
+    """Return the registered delay compensations and their descriptions."""
+    return {name: COMPENSATIONS.summary(name) for name in COMPENSATIONS.loadable()}
+
+
+def trains() -> dict[str, str]:
+    """Return the shipped trains and their descriptions."""
+    return {name: load_consist(name).summary for name in consist_names()}
+
+
+def lines() -> dict[str, str]:
+    """Return the shipped lines and their descriptions."""
+    return {name: load_line(name).summary for name in line_names()}

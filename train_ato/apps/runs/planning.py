@@ -1,0 +1,101 @@
+"""Speed profile of a train on a line, planned from names or files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from plant_sim.input_error import explain
+from train_ato.arguments import check_new_file
+from train_ato.profile.file import write_profile
+from train_ato.profile.planner.inputs import find_line, find_train
+from train_ato.profile.planner.journey_file import read_journey
+from train_ato.profile.planner.planner import Plan
+from train_ato.profile.planner.planner import plan as planned
+from train_ato.profile.planner.settings import PlanSettings
+
+PROFILES, FIGURES = (".csv", ".yaml", ".yml"), (".png", ".pdf", ".svg")
+OF_THE_JOURNEY = ("time", "begin", "end", "dwell", "calling")
+"""Settings that timing points have."""
+
+
+def plan(
+    line: str | Path,
+    train: str | Path,
+    *,
+    journey: str | Path | None = None,
+    period: float = 0.1,
+    out: str | Path | Sequence[str | Path] = (),
+    **settings: Any,
+) -> Plan:
+    """Plan a speed profile, as ``train-ato plan`` does.
+
+    Parameters
+    ----------
+    line, train
+        Shipped name or file, in any format of ``train-ato convert``.
+    journey
+        File of timing points with windows; it replaces ``time``, ``begin``, ``end``, ``dwell`` and ``calling``.
+    period
+        Time between the knots of the profile [s].
+    out
+        New files: profile (.csv, .yaml) or figure (.png, .pdf, .svg).
+    **settings
+        Keys of :class:`~train_ato.profile.planner.settings.PlanSettings` [SI], also with the suffixes of the data
+        files, as ``time=120``, ``end_km=2``, ``jerk=None``.
+
+    Returns
+    -------
+    Plan
+        Profile, stops, energy; ``summary()`` has the figures of the command.
+
+    Raises
+    ------
+    ValueError
+        Bad input, one line for each fault; nothing was computed.
+
+    Examples
+    --------
+    >>> import train_ato as ta
+    >>> found = ta.plan("xuzhou_metro_test", "xuzhou_metro_3", end_km=2)
+    >>> found.summary()["stops"][-1]["place_m"]
+    2000.0
+    """
+    files = [Path(out)] if isinstance(out, (str, Path)) else [Path(path) for path in out]
+    for path in files:
+        check_new_file(path, (*PROFILES, *FIGURES))
+    if not 1e-3 <= period <= 10:
+        raise ValueError(f"period {period:g}: out of range; give 0.001 to 10 s")
+    suffixed = PlanSettings.suffixed_keys()
+    named = {suffixed[key][0] if key in suffixed else key for key in settings}
+    if journey is not None and (twice := sorted(named & {*OF_THE_JOURNEY})):
+        raise ValueError(f"{', '.join(twice)} with journey: the timing points have it; remove it")
+    on = find_line(str(line))
+    consist, usual = find_train(str(train), bool(settings.get("point_mass", False)))
+    data = {key: value for key, value in usual.model_dump().items() if key not in named}
+    try:
+        chosen = PlanSettings.model_validate({**data, **settings})
+    except ValidationError as error:
+        raise explain(error, "options of plan", PlanSettings) from None
+    if journey is not None:
+        chosen = chosen.model_copy(update={"points": read_journey(str(journey), on).points})
+    result = planned(on, consist, chosen, period)
+    for path in files:
+        if path.suffix.lower() in FIGURES:
+            from train_ato.apps.report.plan_figure import draw_plan
+
+            draw_plan(result, path)
+        else:
+            write_profile(result.profile, path, _source(line, train, result))
+    return result
+
+
+def _source(line: str | Path, train: str | Path, result: Plan) -> str:
+    """Return the command and the figures of a plan, for the head of its file."""
+    return (
+        f"train-ato plan {line} {train}: {result.running_time:.2f} s, force margin "
+        f"{result.settings.force_margin:g}, jerk {result.settings.jerk} m/s3"
+    )
