@@ -18,7 +18,7 @@ from plant_sim.consist import Consist
 from plant_sim.library import load_consist, load_line
 from plant_sim.line import Line
 from train_ato.profile.planner.plan_from_state import TrainState, replan
-from train_ato.profile.planner.planner import Plan, plan
+from train_ato.profile.planner.planner import Plan, plan_profile
 from train_ato.profile.planner.settings import PlanSettings
 from train_ato.profile.planner.train_tables import AvailableForce
 
@@ -54,19 +54,19 @@ def _replanned(line: Line, consist: Consist, first: Plan) -> Plan:
 def main() -> int:
     """Print a line for every case and the goals; return the exit status."""
     begin = time.perf_counter()
-    plan(load_line("level"), load_consist("xuzhou_metro_3"), PlanSettings(end=1000))
+    plan_profile(load_line("level"), load_consist("xuzhou_metro_3"), PlanSettings(end=1000))
     sys.stdout.write(
         f"{'first plan of this process, kernels loaded or compiled':58s} {time.perf_counter() - begin:8.3f} s\n"
     )
     seconds = {}
     for what, line_name, consist_name in CASES:
         line, consist = load_line(line_name), load_consist(consist_name)
-        least, seconds[line_name] = _timed(f"{what}: least time", partial(plan, line, consist))
+        least, seconds[line_name] = _timed(f"{what}: least time", partial(plan_profile, line, consist))
         slack = PlanSettings(time=1.05 * least.running_time)
-        _timed(f"{what}: 5 % more time", partial(plan, line, consist, slack))
+        _timed(f"{what}: 5 % more time", partial(plan_profile, line, consist, slack))
         _timed(f"{what}: the rest again", partial(_replanned, line, consist, least))
     line, consist, settings = load_line("daqin_section"), load_consist("hxd1_c80_105"), PlanSettings(end=FREIGHT_END)
-    _, freight = _timed("48 km of the heavy-haul line: least time", partial(plan, line, consist, settings))
+    _, freight = _timed("48 km of the heavy-haul line: least time", partial(plan_profile, line, consist, settings))
     return judge(
         (
             Goal("286 km high-speed line", seconds["highspeed_286km"], MOST_HIGH_SPEED_S, "s"),

@@ -34,7 +34,7 @@ from train_ato.messages.types import Array
 from train_ato.profile.planner.catch_up import catch_up, timetable_points
 from train_ato.profile.planner.line_tables import LineForce, SpeedLimits
 from train_ato.profile.planner.plan_from_state import TrainState
-from train_ato.profile.planner.planner import Plan, net_energy_bound, plan
+from train_ato.profile.planner.planner import Plan, net_energy_bound, plan_profile
 from train_ato.profile.planner.settings import PlanSettings
 from train_ato.profile.planner.timing_points import TimeWindow
 from train_ato.profile.planner.train_tables import TrainTables
@@ -214,8 +214,8 @@ def compared(seed: int, factor: float, net: bool) -> Comparison | None:
         consist = with_air_brake(consist)
     settings = settings.model_copy(update={"jerk": None, "calling": False} | (NET if net else {}))
     try:
-        least = plan(line, consist, settings)
-        result = plan(line, consist, settings.model_copy(update={"time": factor * least.running_time}))
+        least = plan_profile(line, consist, settings)
+        result = plan_profile(line, consist, settings.model_copy(update={"time": factor * least.running_time}))
     except ValueError as error:
         sys.stdout.write(f"{seed}: {str(error)[:100]}\n")
         return None
@@ -232,10 +232,10 @@ def caught_up(seed: int) -> tuple[float, float, float, str] | None:
     line, consist, settings = random_case(seed)
     settings = settings.model_copy(update={"jerk": None, "calling": False})
     try:
-        least = plan(line, consist, settings)
+        least = plan_profile(line, consist, settings)
         time = 1.25 * least.running_time
         timetabled = settings.model_copy(update={"time": time})
-        first = plan(line, consist, timetabled)
+        first = plan_profile(line, consist, timetabled)
     except ValueError:
         return None
     if least.running_time < 400.0:  # no reserve for such a delay

@@ -21,7 +21,7 @@ from plan_cases import broken_promises, random_case
 from plant_sim.consist import Consist
 from plant_sim.line import Line
 from train_ato.profile.planner.line_tables import LineForce, SpeedLimits
-from train_ato.profile.planner.planner import plan
+from train_ato.profile.planner.planner import plan_profile
 from train_ato.profile.planner.settings import PlanSettings
 from train_ato.profile.planner.stops import stops_of
 from train_ato.profile.planner.train_tables import TrainTables
@@ -73,13 +73,13 @@ def missed_times(seed: int) -> list[str] | None:
     """Return the running times that are missed or need more energy than the one before; None for a refused line."""
     line, consist, settings = random_case(seed)
     try:
-        least = plan(line, consist, settings).running_time
+        least = plan_profile(line, consist, settings).running_time
     except ValueError:
         return None
     found, before = [], np.inf
     for factor in FACTORS:
         try:
-            result = plan(line, consist, settings.model_copy(update={"time": factor * least}))
+            result = plan_profile(line, consist, settings.model_copy(update={"time": factor * least}))
         except ValueError as error:
             found.append(f"{factor}: {error}")
             continue
@@ -120,7 +120,7 @@ def main() -> int:
     for seed in range(options.first, options.first + options.plans):
         line, consist, settings = random_case(seed)
         try:
-            result = plan(line, consist, settings, PERIOD)
+            result = plan_profile(line, consist, settings, PERIOD)
         except ValueError as error:
             refused += 1
             if drivable(line, consist, settings):

@@ -19,7 +19,7 @@ from plant_sim.traction import Envelope
 from train_ato.cli.main import main
 from train_ato.loop.setup import prepare
 from train_ato.profile.planner.inputs import find_line, find_train
-from train_ato.profile.planner.planner import plan
+from train_ato.profile.planner.planner import plan_profile
 from train_ato.profile.planner.train_tables import TrainTables
 from train_ato.scenario.scenario import load_scenario
 
@@ -135,7 +135,7 @@ def test_a_point_mass_needs_no_length(tmp_path: Path) -> None:
     consist, settings = find_train(str(file), point_mass=True)
     whole = find_train(_written(tmp_path / "whole.json", UNIT_TRAIN), point_mass=True)[0]
     point = settings.model_copy(update={"point_mass": True, "end": 3000.0})
-    times = [plan(load_line("xuzhou_metro_test"), train, point).running_time for train in (consist, whole)]
+    times = [plan_profile(load_line("xuzhou_metro_test"), train, point).running_time for train in (consist, whole)]
     assert times[0] == times[1]
 
 

@@ -17,7 +17,7 @@ from plant_sim.line import Line
 from plant_sim.plant_setup import PlantSetup
 from plant_sim.section_effects import limited_segments
 from plant_sim.states import Array
-from train_ato.profile.planner.planner import Plan, plan
+from train_ato.profile.planner.planner import Plan, plan_profile
 from train_ato.profile.planner.settings import PlanSettings
 from train_ato.supervision.plant_line import line_supervision
 
@@ -151,7 +151,8 @@ def plans() -> dict[str, Plan]:
     }
     settings = PlanSettings(begin=50, end=2900)
     return {
-        name: plan(plain_line(speed_limits=limits, **entries), railcar(), settings) for name, entries in lines.items()
+        name: plan_profile(plain_line(speed_limits=limits, **entries), railcar(), settings)
+        for name, entries in lines.items()
     }
 
 
@@ -183,7 +184,7 @@ def test_a_plan_in_a_tunnel_is_within_the_traction() -> None:
     """Breaks if the tunnel air of a train that cannot keep the limit is not subtracted from its traction."""
     weak = railcar(traction=[{"to": 2.5, "force": FORCE}, {"to": 60, "power": 250e3}])
     line = plain_line(speed_limits=[{"at": 0, "speed_kmh": 100}], tunnels=[{**TUNNEL, "end": 3000}])
-    found = plan(line, weak, PlanSettings(begin=50, end=2900))
+    found = plan_profile(line, weak, PlanSettings(begin=50, end=2900))
     speed, power = np.array(found.profile.velocity), found.force * np.array(found.profile.velocity)
     balance = ((1 - found.settings.force_margin) * 500e3 / 34) ** (1 / 3)  # traction = 34 v² N
     assert power.max() <= 500e3 * (1 + 1e-6) and 0.95 * balance < speed.max() <= balance

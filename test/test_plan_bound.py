@@ -11,7 +11,7 @@ from plant_sim.library import load_consist, load_line
 from plant_sim.line import Line
 from train_ato.profile.planner import energy_bound, value_bound
 from train_ato.profile.planner.dynamic_programming import Resolution
-from train_ato.profile.planner.planner import Plan, net_energy_bound, plan
+from train_ato.profile.planner.planner import Plan, net_energy_bound, plan_profile
 from train_ato.profile.planner.settings import PlanSettings
 
 BARE = PlanSettings(jerk=None, point_mass=True, force_margin=0.0)
@@ -19,8 +19,8 @@ BARE = PlanSettings(jerk=None, point_mass=True, force_margin=0.0)
 
 def timetabled(line: Line, settings: PlanSettings, factor: float) -> Plan:
     """Return the plan of a running time relative to the minimum."""
-    least = plan(line, metro(), settings).running_time
-    return plan(line, metro(), settings.model_copy(update={"time": factor * least}))
+    least = plan_profile(line, metro(), settings).running_time
+    return plan_profile(line, metro(), settings.model_copy(update={"time": factor * least}))
 
 
 @pytest.mark.parametrize(("factor", "kwh"), SEARCHED)
@@ -43,8 +43,8 @@ def test_the_bound_of_a_level_line_without_slack_in_it() -> None:
 def short_section(seed: int, factor: float) -> Plan:
     line, consist, settings = random_case(seed)
     settings = settings.model_copy(update={"jerk": None, "calling": False})
-    time = factor * plan(line, consist, settings).running_time
-    return plan(line, consist, settings.model_copy(update={"time": time}))
+    time = factor * plan_profile(line, consist, settings).running_time
+    return plan_profile(line, consist, settings.model_copy(update={"time": time}))
 
 
 @pytest.mark.parametrize(("seed", "factor", "least"), [(2, 1.15, 0.95), (25, 1.05, 0.94)])
@@ -56,8 +56,8 @@ def test_the_bound_of_a_short_section_is_close(seed: int, factor: float, least: 
 
 def on_falls_to_a_limit(factor: float) -> Plan:
     line, consist = load_line("xuzhou_metro_test"), load_consist("xuzhou_metro_3")
-    fastest = plan(line, consist, PlanSettings(jerk=None)).running_time
-    return plan(line, consist, PlanSettings(jerk=None, time=factor * fastest))
+    fastest = plan_profile(line, consist, PlanSettings(jerk=None)).running_time
+    return plan_profile(line, consist, PlanSettings(jerk=None, time=factor * fastest))
 
 
 @pytest.mark.campaign
@@ -88,7 +88,7 @@ def test_the_value_of_a_price_alone_is_a_bound_on_a_coarse_grid(monkeypatch: pyt
 def test_no_random_plan_needs_less(seed: int) -> None:
     """Breaks for grades, lengths, margins or jerk that the bound counts as a cost but a run does not have."""
     line, consist, settings = random_case(seed)
-    least = plan(line, consist, settings.model_copy(update={"calling": False}))
+    least = plan_profile(line, consist, settings.model_copy(update={"calling": False}))
     asked = least.settings.model_copy(update={"time": 1.15 * least.running_time})
-    result = plan(line, consist, asked)
+    result = plan_profile(line, consist, asked)
     assert net_energy_bound(result) <= 3.6e6 * result.summary()["energy_kwh"] * (1 + 1e-6)

@@ -14,7 +14,7 @@ from plant_sim.consist import Consist
 from plant_sim.library import load_consist, load_line
 from plant_sim.line import Line
 from train_ato.profile.planner.inputs import find_line, find_train
-from train_ato.profile.planner.planner import Plan, plan
+from train_ato.profile.planner.planner import Plan, plan_profile
 from train_ato.profile.planner.settings import PlanSettings
 from train_ato.profile.planner.statics import balancing_speed, holding_force, steepest_start
 
@@ -45,7 +45,7 @@ def test_closed_form_of_constant_power() -> None:
     """300 m, a = +-3/v, 1 m/s at both ends: (1351^(2/3) - 1)/3 = 40.403 s."""
     power = [{"to": 100, "power": 3000}]
     asked = PlanSettings(begin_speed=1, end_speed=1, **BARE)
-    result = plan(line(300), train(traction=power, brake=power), asked)
+    result = plan_profile(line(300), train(traction=power, brake=power), asked)
     assert result.running_time == pytest.approx((1351 ** (2 / 3) - 1) / 3, abs=0.01)
     assert result.profile.velocity.max() == pytest.approx(1351 ** (1 / 3), abs=0.05)
 
@@ -53,7 +53,7 @@ def test_closed_form_of_constant_power() -> None:
 def test_closed_form_with_limited_jerk() -> None:
     """Level, no resistance, 1 m/s² and 0.5 m/s³ both ways, 20 m/s: s/v + v/a + a/j."""
     asked = PlanSettings(acceleration=1.0, deceleration=1.0, jerk=0.5, force_margin=0)
-    result = plan(line(2000, speed_limits=[{"at": 0, "speed": 20}]), STRONG, asked)
+    result = plan_profile(line(2000, speed_limits=[{"at": 0, "speed": 20}]), STRONG, asked)
     assert result.running_time == pytest.approx(2000 / 20 + 20 / 1.0 + 1.0 / 0.5, abs=0.02)
 
 
@@ -64,7 +64,7 @@ def test_railtoolkit_running_times(open_data: Path, name: str, time: float) -> N
     """Published times of the railtoolkit project on its 10 km level path, +-1 %."""
     consist, asked = find_train(str(open_data / f"{name}.yaml"))
     path = find_line(str(open_data / "level.yaml"))
-    assert plan(path, consist, asked).running_time == pytest.approx(time, rel=0.01)
+    assert plan_profile(path, consist, asked).running_time == pytest.approx(time, rel=0.01)
 
 
 @pytest.mark.parametrize(
@@ -74,7 +74,7 @@ def test_railtoolkit_times_of_a_fine_integration(open_data: Path, name: str, tim
     """A 1 ms integration of the same rules: +-0.1 %, tighter than the published 20 m steps."""
     consist, asked = find_train(str(open_data / f"{name}.yaml"))
     path = find_line(str(open_data / "level.yaml"))
-    assert plan(path, consist, asked).running_time == pytest.approx(time, rel=0.001)
+    assert plan_profile(path, consist, asked).running_time == pytest.approx(time, rel=0.001)
 
 
 @pytest.mark.parametrize(("grade", "kmh"), [(0, 110.0), (1, 94.0), (2, 79.9), (4, 52.5)])
@@ -92,7 +92,7 @@ def test_a_limit_holds_until_the_tail_has_left() -> None:
     """A 100 m train on a 10 m/s stretch of 300 m must keep it over 400 m of its front; a point mass over 300 m."""
     path = line(3000, speed_limits=[{"at": 0, "speed": 25}, {"at": 1000, "speed": 10}, {"at": 1300, "speed": 25}])
     for point, left in ((False, 1400.0), (True, 1300.0)):
-        result = plan(path, STRONG, PlanSettings(point_mass=point, **BARE), 0.01)
+        result = plan_profile(path, STRONG, PlanSettings(point_mass=point, **BARE), 0.01)
         slow = result.front[(result.profile.velocity <= 10 + 1e-9) & (result.front > 900) & (result.front < 1500)]
         assert slow.min() == pytest.approx(1000, abs=0.5)
         assert slow.max() == pytest.approx(left, abs=0.5)
@@ -116,7 +116,7 @@ def test_grade_counts_where_every_vehicle_is() -> None:
         }
     )  # fmt: skip
     path = line(2000, grades=[{"at": 1000, "grade": 0.01}], speed_limits=[{"at": 0, "speed": 10}])
-    result = plan(path, consist, PlanSettings())
+    result = plan_profile(path, consist, PlanSettings())
     for front, grade in ((1040, 0), (1060, 0.005), (1140, 0.005), (1160, 0.01)):
         knot = int(np.searchsorted(result.front, front))
         assert result.force[knot] == pytest.approx(100e3 * 9.81 * grade, abs=1.0)
@@ -124,7 +124,7 @@ def test_grade_counts_where_every_vehicle_is() -> None:
 
 def test_stops_with_dwell_and_front_convention() -> None:
     path = line(3000, stops=[{"at": 100, "name": "a"}, {"at": 1500, "dwell": 20}, {"at": 2900, "name": "b"}])
-    result = plan(path, STRONG, PlanSettings(departure=5))
+    result = plan_profile(path, STRONG, PlanSettings(departure=5))
     (_, _, departure), (middle, arrival, on), (end, last, _) = result.arrivals
     assert (departure, middle, end) == (5.0, 1500.0, 2900.0)
     assert on - arrival == pytest.approx(20) and last > on
@@ -132,7 +132,7 @@ def test_stops_with_dwell_and_front_convention() -> None:
     assert profile.at(0.0)[:2] == (50.0, 0.0)
     assert profile.at(arrival + 10)[:2] == (pytest.approx(1450, abs=1e-9), 0.0)
     assert profile.position[-1] == pytest.approx(2850, abs=1e-9)
-    through = plan(path, STRONG, PlanSettings(calling=False))
+    through = plan_profile(path, STRONG, PlanSettings(calling=False))
     assert len(through.arrivals) == 2 and through.running_time < result.running_time - 20
 
 
@@ -146,7 +146,7 @@ def test_stops_with_dwell_and_front_convention() -> None:
 )
 def test_shipped_trains_run_their_lines(consist: str, path: str) -> None:
     who, where, asked = load_consist(consist), load_line(path), PlanSettings()
-    result = plan(where, who, asked)
+    result = plan_profile(where, who, asked)
     assert broken_promises(where, who, asked, result, 0.1) == []
     assert result.profile.velocity.max() == pytest.approx(max(limit.speed for limit in where.speed_limits), rel=0.02)
 
@@ -156,8 +156,8 @@ def test_a_timetable_saves_energy_by_coasting(open_data: Path, slack: float) -> 
     """2, 10 and 30 % more time on St. Gallen - Wil save 25.7, 41.3 and 62.4 %; slower cruising alone 10 % at 2 %."""
     consist, _ = find_train(str(open_data / "longdistance.yaml"))
     path = find_line(str(open_data / "stgallen_wil.json"))
-    fastest = plan(path, consist)
-    slower = plan(path, consist, PlanSettings(time=slack * fastest.running_time))
+    fastest = plan_profile(path, consist)
+    slower = plan_profile(path, consist, PlanSettings(time=slack * fastest.running_time))
     assert slower.running_time == pytest.approx(slack * fastest.running_time, abs=0.1)
     saved = 1 - slower.summary()["energy_kwh"] / fastest.summary()["energy_kwh"]
     assert saved > {1.02: 0.25, 1.1: 0.40, 1.3: 0.61}[slack]
@@ -165,7 +165,7 @@ def test_a_timetable_saves_energy_by_coasting(open_data: Path, slack: float) -> 
 
 def test_grades_are_averaged_over_the_vehicle_length_on_request() -> None:
     path = line(3000, grades=[{"at": 1000, "grade": 0.01}], speed_limits=[{"at": 0, "speed": 10}])
-    result = plan(path, STRONG, PlanSettings(grade_over_length=True))
+    result = plan_profile(path, STRONG, PlanSettings(grade_over_length=True))
     knot = int(np.searchsorted(result.front, 1025))
     assert result.force[knot] == pytest.approx(100e3 * 9.81 * 0.0025, rel=0.05)
 
@@ -192,18 +192,18 @@ def test_an_impossible_plan_is_refused_with_place_and_reason(
     parts: dict[str, Any], asked: dict[str, Any], message: str
 ) -> None:
     with pytest.raises(ValueError, match=message) as caught:
-        plan(line(2000, **parts), STRONG, PlanSettings(**asked))
+        plan_profile(line(2000, **parts), STRONG, PlanSettings(**asked))
     assert "\n" not in str(caught.value)
 
 
 def test_a_train_without_brakes_is_refused() -> None:
     with pytest.raises(ValueError, match="neither an electric brake nor an air brake"):
-        plan(line(1000), train(traction=[{"to": 20, "force": 1000}]))
+        plan_profile(line(1000), train(traction=[{"to": 20, "force": 1000}]))
 
 
 def test_the_same_request_gives_the_same_bits() -> None:
     path, asked = line(3000, stops=[{"at": 0}, {"at": 1000, "dwell": 10}, {"at": 3000}]), PlanSettings(time=240)
-    first, second = (plan(path, STRONG, asked) for _ in range(2))
+    first, second = (plan_profile(path, STRONG, asked) for _ in range(2))
     assert isinstance(first, Plan) and first.profile == second.profile
 
 
@@ -217,7 +217,7 @@ def test_the_maximum_speed_is_below_the_end_of_the_brakes() -> None:
     for brake_to in (80, 100):
         ends["brake"] = [{"to_kmh": brake_to, "force_kn": 60}]
         consist = Consist.model_validate(data | {"vehicle_types": {"tram": tram | ends}})
-        fastest.append(3.6 * plan(line, consist, PlanSettings(end=line.begin + 3000)).profile.velocity.max())
+        fastest.append(3.6 * plan_profile(line, consist, PlanSettings(end=line.begin + 3000)).profile.velocity.max())
         assert 3.6 * balancing_speed(consist, 0.0) == pytest.approx(80.0, abs=0.1)
     assert fastest == pytest.approx([0.98 * 80, 80], abs=0.05)
 
@@ -229,4 +229,4 @@ def test_a_refusal_names_the_place_that_is_too_steep(grade: int) -> None:
     grades = [{"at": 0, "grade": 0.005}, {"at": 300, "grade": -0.025}, {"at": 1100, "grade": 1e-3 * grade}]
     stops = [{"at": 100}, {"at": 1300}, {"at": 2500}]
     with pytest.raises(ValueError, match=rf"cannot start at km 1\.300: grade and curves of {grade}\.0 per mille"):
-        plan(line(3000, grades=grades, stops=stops), weak)
+        plan_profile(line(3000, grades=grades, stops=stops), weak)

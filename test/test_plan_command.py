@@ -11,7 +11,7 @@ import pytest
 from plant_sim.library import load_consist, load_line
 from train_ato.cli.plan import add_arguments, execute, plan_from_options
 from train_ato.profile.file import read_profile
-from train_ato.profile.planner.planner import plan
+from train_ato.profile.planner.planner import plan_profile
 from train_ato.profile.planner.settings import PlanSettings
 from train_ato.scenario.profile_spec import ProfileSpec
 
@@ -74,7 +74,7 @@ def test_a_scenario_can_ask_for_a_plan() -> None:
     line, consist = load_line(METRO[0]), load_consist(METRO[1])
     block = ProfileSpec.model_validate({"plan": {"end_km": 2, "force_margin": 0.2}})
     profile = block.build(consist, line, 0.05)
-    assert profile == plan(line, consist, PlanSettings(end=2000, force_margin=0.2), 0.05).profile
+    assert profile == plan_profile(line, consist, PlanSettings(end=2000, force_margin=0.2), 0.05).profile
     assert ProfileSpec.model_validate(block.inlined()) == block
 
 

@@ -9,7 +9,7 @@ from plan_cases import random_case
 from plant_sim.consist import Consist
 from plant_sim.line import Line
 from train_ato.profile.planner.passes import flatten_peaks
-from train_ato.profile.planner.planner import Plan, plan
+from train_ato.profile.planner.planner import Plan, plan_profile
 from train_ato.profile.planner.settings import PlanSettings
 
 
@@ -65,16 +65,16 @@ because of its grid), point mass, no jerk limit, no margin.  Cruise with coastin
 def test_no_more_energy_than_a_search_over_all_runs(factor: float, kwh: float) -> None:
     """Breaks without coasting before the descent: the speed gained there is then braked."""
     settings = PlanSettings(jerk=None, point_mass=True, force_margin=0.0)
-    least = plan(hills(60), metro(), settings).running_time
-    kept = plan(hills(60), metro(), settings.model_copy(update={"time": factor * least}))
+    least = plan_profile(hills(60), metro(), settings).running_time
+    kept = plan_profile(hills(60), metro(), settings.model_copy(update={"time": factor * least}))
     assert kept.running_time == pytest.approx(factor * least, abs=0.03)
     assert kept.summary()["energy_kwh"] < kwh
 
 
 def test_coasting_starts_before_a_descent() -> None:
     """With jerk, lengths and margin: 55 km/h instead of 68 at the summit, nearly no braking on the descent."""
-    least = plan(hills(), metro()).running_time
-    kept = plan(hills(), metro(), PlanSettings(time=1.1 * least))
+    least = plan_profile(hills(), metro()).running_time
+    kept = plan_profile(hills(), metro(), PlanSettings(time=1.1 * least))
     at_top = kept.profile.velocity[np.searchsorted(kept.front, 2500.0)]
     assert 3.6 * at_top < 60.0
     assert braked_kwh(kept, 7000.0) < 0.35 * 6.5
@@ -86,8 +86,8 @@ def test_coasting_starts_before_a_descent() -> None:
 def test_a_timetable_near_the_least_time_is_kept(seed: int, factor: float) -> None:
     """Breaks if a larger averaging window of a strategy is not part of the running time: up to 9 s late, or refused."""
     line, consist, settings = random_case(seed)
-    asked = factor * plan(line, consist, settings).running_time
-    kept = plan(line, consist, settings.model_copy(update={"time": asked}))
+    asked = factor * plan_profile(line, consist, settings).running_time
+    kept = plan_profile(line, consist, settings.model_copy(update={"time": asked}))
     assert asked - 1.0 <= kept.running_time <= asked + 0.03
 
 

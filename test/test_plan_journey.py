@@ -18,7 +18,7 @@ from train_ato.messages.types import Measurement
 from train_ato.profile.planner.catch_up import catch_up, timetable_points
 from train_ato.profile.planner.journey_file import read_journey
 from train_ato.profile.planner.plan_from_state import TrainState
-from train_ato.profile.planner.planner import Plan, plan
+from train_ato.profile.planner.planner import Plan, plan_profile
 from train_ato.profile.planner.settings import PlanSettings
 from train_ato.profile.planner.timing_points import SpeedWindow, TimeWindow, TimingPoint, check_points
 from train_ato.scenario.scenario import load_scenario
@@ -32,7 +32,7 @@ LATEST = 452.4
 def journey(*between: TimingPoint, latest: float = LATEST, **settings: Any) -> Plan:
     """Return the plan of a journey over the hills."""
     points = (TimingPoint(at=0, stop=True), *between, TimingPoint(at=8000, arrival=TimeWindow(latest=latest)))
-    return plan(hills(), metro(), PlanSettings(points=points, **settings))
+    return plan_profile(hills(), metro(), PlanSettings(points=points, **settings))
 
 
 def passed(result: Plan, place: float) -> tuple[float, float]:
@@ -57,7 +57,7 @@ def test_a_timing_point_is_beyond_the_one_before_it(place: float) -> None:
 
 def test_a_journey_without_windows_has_the_energy_of_the_timetable(free: Plan) -> None:
     """Breaks if the prices of a journey differ without a reason: energy above that of --time."""
-    timetabled = plan(hills(), metro(), PlanSettings(time=LATEST))
+    timetabled = plan_profile(hills(), metro(), PlanSettings(time=LATEST))
     assert LATEST - 0.2 <= free.running_time <= LATEST + KEPT
     assert free.energy <= 1.005 * timetabled.energy
 
@@ -68,7 +68,7 @@ def test_a_passing_window_is_kept_and_costs_energy(free: Plan) -> None:
     held = journey(TimingPoint(at=4200, passing=TimeWindow(earliest=earliest)))
     assert passed(held, 4200)[0] >= earliest - KEPT
     assert held.arrivals[-1][1] <= LATEST + KEPT
-    assert free.energy < held.energy < plan(hills(), metro()).energy
+    assert free.energy < held.energy < plan_profile(hills(), metro()).energy
 
 
 def test_speed_windows_are_kept() -> None:

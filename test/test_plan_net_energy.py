@@ -9,7 +9,7 @@ from test_plan_energy import hills, metro
 
 from plant_sim.consist import Consist
 from train_ato.cli.plan import plan_from_options
-from train_ato.profile.planner.planner import Plan, net_energy_bound, plan
+from train_ato.profile.planner.planner import Plan, net_energy_bound, plan_profile
 from train_ato.profile.planner.settings import PlanSettings
 
 NET = PlanSettings(jerk=None, force_margin=0.0, efficiency=0.85, recovered=0.7, auxiliary=50e3)
@@ -34,13 +34,13 @@ def weak_electric_brake() -> Consist:
 @pytest.fixture(scope="module")
 def running_time() -> float:
     """Return the running time of the plans [s]."""
-    return FACTOR * plan(hills(60), weak_electric_brake(), NET).running_time
+    return FACTOR * plan_profile(hills(60), weak_electric_brake(), NET).running_time
 
 
 @pytest.fixture(scope="module")
 def frugal(running_time: float) -> Plan:
     """Return the plan of the least net energy."""
-    return plan(hills(60), weak_electric_brake(), NET.model_copy(update={"time": running_time}))
+    return plan_profile(hills(60), weak_electric_brake(), NET.model_copy(update={"time": running_time}))
 
 
 def test_net_energy_has_all_its_parts(frugal: Plan) -> None:
@@ -62,7 +62,7 @@ def test_the_electric_brake_acts_first_within_its_envelope(frugal: Plan) -> None
 def test_the_objective_saves_net_energy(frugal: Plan, running_time: float) -> None:
     """Breaks if the recovered share is not part of the search: the plan of least traction work needs more."""
     traction_only = NET.model_copy(update={"recovered": 0.0, "time": running_time})
-    other = plan(hills(60), weak_electric_brake(), traction_only).summary()
+    other = plan_profile(hills(60), weak_electric_brake(), traction_only).summary()
     auxiliary = 50.0 * running_time / 3600
     assert frugal.energy / 3.6e6 < other["energy_kwh"] / 0.85 - 0.7 * other["energy_electric_brake_kwh"] + auxiliary
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from plan_cases import broken_promises, limit_by_hand, random_case, resistance_by_hand
 
 from train_ato.profile.planner.plan_from_state import TrainState, replan
-from train_ato.profile.planner.planner import Plan, plan
+from train_ato.profile.planner.planner import Plan, plan_profile
 from train_ato.profile.planner.train_tables import AvailableForce
 
 PERIOD = 0.1
@@ -19,7 +19,7 @@ SEEDS = st.integers(0, 10**6)
 def planned(seed: int) -> Plan | None:
     line, consist, asked = random_case(seed)
     try:
-        return plan(line, consist, asked, PERIOD)
+        return plan_profile(line, consist, asked, PERIOD)
     except ValueError as error:
         assert "\n" not in str(error) and " km " in str(error)
         return None
@@ -105,7 +105,7 @@ def test_a_timetable_is_kept_with_no_more_energy(seed: int, slack: float) -> Non
         return
     time = slack * fastest.running_time
     try:
-        slower = plan(line, consist, asked.model_copy(update={"time": time}), PERIOD)
+        slower = plan_profile(line, consist, asked.model_copy(update={"time": time}), PERIOD)
     except ValueError as error:
         assert "too slack" in str(error)
         return

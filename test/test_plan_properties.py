@@ -14,7 +14,7 @@ from plant_sim.library import load_consist, load_line
 from plant_sim.line import Line
 from plant_sim.line_direction import reversed_line
 from train_ato.profile.planner.line_tables import SpeedLimits
-from train_ato.profile.planner.planner import net_energy_bound, plan
+from train_ato.profile.planner.planner import net_energy_bound, plan_profile
 from train_ato.profile.planner.settings import PlanSettings
 from train_ato.profile.planner.train_tables import TrainTables
 
@@ -73,7 +73,7 @@ def line_of(**keys: Any) -> Line:
 
 def never_slower(line: Line, trains: list[Consist], settings: PlanSettings) -> list[float]:
     """Return the running times of better and better trains [s], or fail."""
-    times = [plan(line, consist, settings).running_time for consist in trains]
+    times = [plan_profile(line, consist, settings).running_time for consist in trains]
     assert all(late <= early * ROUNDING for early, late in pairwise(times)), times
     return times
 
@@ -84,7 +84,7 @@ def test_a_step_of_the_traction_envelope_makes_no_train_slower(jerk: float) -> N
     line = line_of(grades=[{"at_km": 1, "grade_permille": 12}])
     settings = PlanSettings(jerk=jerk)
     times = never_slower(line, [metro(660e3 * factor) for factor in STEPS], settings)
-    free = [plan(line, metro(660e3 * factor), PlanSettings(jerk=None)).running_time for factor in STEPS]
+    free = [plan_profile(line, metro(660e3 * factor), PlanSettings(jerk=None)).running_time for factor in STEPS]
     late = np.array(times) / np.array(free) - 1.0
     assert late.max() < 0.03
 
@@ -109,17 +109,17 @@ def test_more_force_without_service_limits_is_never_slower(factors: tuple[float,
 def test_a_better_train_or_line_is_never_slower(seed: int) -> None:
     """Breaks if more traction, more brake, less mass, higher limits or more jerk lengthen a random run."""
     line, consist, settings = random_case(seed)
-    first = plan(line, consist, settings).running_time
+    first = plan_profile(line, consist, settings).running_time
     faster = line.model_copy(
         update={"speed_limits": tuple(e.model_copy(update={"speed": 1.1 * e.speed}) for e in line.speed_limits)}
     )
     looser = settings.model_copy(update={"jerk": None if settings.jerk is None else 1.3 * settings.jerk})
     found = {
-        "traction": plan(line, scaled(consist, traction=1.2), settings),
-        "brake": plan(line, scaled(consist, brake=1.2), settings),
-        "mass": plan(line, scaled(consist, mass=0.9), settings),
-        "limits": plan(faster, consist, settings),
-        "jerk": plan(line, consist, looser),
+        "traction": plan_profile(line, scaled(consist, traction=1.2), settings),
+        "brake": plan_profile(line, scaled(consist, brake=1.2), settings),
+        "mass": plan_profile(line, scaled(consist, mass=0.9), settings),
+        "limits": plan_profile(faster, consist, settings),
+        "jerk": plan_profile(line, consist, looser),
     }
     slower = {
         key: (result.running_time, first) for key, result in found.items() if result.running_time > first * ROUNDING
@@ -209,7 +209,7 @@ def test_cars_outside_a_dead_section_draw_the_train() -> None:
     """Breaks if a unit without power takes the force of all: no start with three of four cars outside."""
     line = line_of(neutral_sections=[{"begin": 5700, "end": 6300}])
     consist = train_of({"car": railcar()}, 4)
-    found = plan(line, consist, PlanSettings(begin=5720.0, jerk=None, force_margin=0.0))
+    found = plan_profile(line, consist, PlanSettings(begin=5720.0, jerk=None, force_margin=0.0))
     inside = found.front - CAR / 2 < 5700 + CAR
     moving = inside & (found.profile.velocity > 0.1)
     assert found.force[moving].max() == pytest.approx(150e3, rel=1e-3)
@@ -230,7 +230,7 @@ def test_a_stop_without_force_names_its_section(sections: dict[str, Any], words:
     """Breaks if the message has the force of the open line, or advises more traction: it needs 3 kN and has 180."""
     line = line_of(stops=[{"at": 500}, {"at": 6000}, {"at": 11000}], **sections)
     with pytest.raises(ValueError, match=words) as refused:
-        plan(line, train_of({"car": railcar()}, 4))
+        plan_profile(line, train_of({"car": railcar()}, 4))
     assert "need 3 kN" in str(refused.value)
     assert str(refused.value).endswith("; move the stop or the section")
 
@@ -240,7 +240,7 @@ def test_a_stall_in_a_dead_section_names_it() -> None:
     grades = [{"at": 0, "grade_permille": 30}]
     line = line_of(grades=grades, neutral_sections=[{"begin": 3000, "end": 5000}])
     with pytest.raises(ValueError, match=r"is 0 kN in the neutral section from km 3.000 to km 5.000; shorten the"):
-        plan(line, train_of({"car": railcar()}, 4))
+        plan_profile(line, train_of({"car": railcar()}, 4))
 
 
 def test_a_stall_at_the_end_of_a_dead_section_names_it() -> None:
@@ -252,7 +252,7 @@ def test_a_stall_at_the_end_of_a_dead_section_names_it() -> None:
         dead = [{"begin": 2800, "end": 3000}]
         line = line_of(grades=grades, neutral_sections=dead, end_km=4, stops=[{"at": 2600}, {"at": 3300}])
         try:
-            plan(line, train_of({"car": railcar()}, 1), PlanSettings(speed_max=3.0))
+            plan_profile(line, train_of({"car": railcar()}, 1), PlanSettings(speed_max=3.0))
             passes = permille
         except ValueError as error:
             stalls = permille
@@ -270,7 +270,7 @@ def test_the_energy_is_that_of_the_written_profile(seed: int, jerk: float | None
     """
     line, car = obstacles(seed)
     consist = train_of({"car": {**car, "tunnel_resistance": []}}, 4)
-    result = plan(line, consist, PlanSettings(jerk=jerk))
+    result = plan_profile(line, consist, PlanSettings(jerk=jerk))
     stamps = result.profile.start + 0.001 * np.arange(int(1000 * result.running_time))
     _, speed, _ = result.profile.at_times(stamps)
     resistance = 4 * (700 + 20 * speed + 2 * speed**2)
@@ -297,7 +297,7 @@ FREE = PlanSettings(jerk=None, force_margin=0.0)
 def test_the_shortest_time_with_tunnels_dead_sections_and_steps_is_found(seed: int) -> None:
     """Breaks if one car in a dead section takes the force of all, or the air of a tunnel counts at another speed."""
     line, car = obstacles(seed)
-    found = plan(line, train_of({"car": car}, 4), FREE).running_time
+    found = plan_profile(line, train_of({"car": car}, 4), FREE).running_time
     assert found == pytest.approx(shortest_time(line, car, 4, (1.0, 0.8)), rel=3e-3)
 
 
@@ -313,8 +313,8 @@ def test_the_energy_in_tunnels_is_that_of_an_independent_optimum(factor: float, 
     line, car = obstacles(0)
     line = line.model_copy(update={"neutral_sections": ()})
     consist = train_of({"car": railcar(tunnel_resistance=car["tunnel_resistance"])}, 4)
-    fastest = plan(line, consist, FREE).running_time
-    found = plan(line, consist, FREE.model_copy(update={"time": factor * fastest}))
+    fastest = plan_profile(line, consist, FREE).running_time
+    found = plan_profile(line, consist, FREE.model_copy(update={"time": factor * fastest}))
     assert found.energy / 3.6e6 == pytest.approx(least, rel=3e-3)
     if factor == 1.05:
         assert 0.98 * found.energy < net_energy_bound(found) <= 1.0005 * least * 3.6e6
@@ -328,8 +328,8 @@ def test_the_energy_on_falls_to_a_limit_is_near_an_independent_optimum(factor: f
     """
     line, consist = load_line("xuzhou_metro_test"), load_consist("xuzhou_metro_3")
     settings = PlanSettings(jerk=None)
-    fastest = plan(line, consist, settings).running_time
-    found = plan(line, consist, settings.model_copy(update={"time": factor * fastest}))
+    fastest = plan_profile(line, consist, settings).running_time
+    found = plan_profile(line, consist, settings.model_copy(update={"time": factor * fastest}))
     assert least * 0.995 <= found.energy / 3.6e6 <= 1.012 * least
 
 
@@ -338,9 +338,10 @@ def test_more_time_is_never_dearer(seed: int) -> None:
     """Breaks if a timetable with a larger reserve needs more energy."""
     line, car = obstacles(seed)
     consist = train_of({"car": car}, 4)
-    fastest = plan(line, consist)
+    fastest = plan_profile(line, consist)
     found = [
-        plan(line, consist, PlanSettings(time=factor * fastest.running_time)).energy for factor in (1.05, 1.15, 1.3)
+        plan_profile(line, consist, PlanSettings(time=factor * fastest.running_time)).energy
+        for factor in (1.05, 1.15, 1.3)
     ]
     assert all(more <= less * ROUNDING for less, more in pairwise([fastest.energy, *found]))
 
@@ -351,7 +352,9 @@ def test_the_reverse_of_the_reverse_is_the_line(seed: int) -> None:
     line, car = obstacles(seed)
     twice = reversed_line(reversed_line(line))
     consist = train_of({"car": car}, 4)
-    assert plan(twice, consist).running_time == pytest.approx(plan(line, consist).running_time, rel=1e-6)
+    assert plan_profile(twice, consist).running_time == pytest.approx(
+        plan_profile(line, consist).running_time, rel=1e-6
+    )
     grids = np.linspace(200, 4200, 400)
     limits = [SpeedLimits(entry, 60.0).at(grids + 0.01, 100.0) for entry in (line, twice)]
     assert limits[0] == pytest.approx(limits[1])
@@ -362,5 +365,5 @@ def test_a_jerk_limit_costs_three_percent_at_most(seed: int) -> None:
     """Breaks if the jerk limit loses time where the line leaves room: sections of 4 km with steps and obstacles."""
     line, car = obstacles(seed)
     consist = train_of({"car": car}, 4)
-    smooth, free = (plan(line, consist, PlanSettings(jerk=jerk)).running_time for jerk in (0.5, None))
+    smooth, free = (plan_profile(line, consist, PlanSettings(jerk=jerk)).running_time for jerk in (0.5, None))
     assert smooth <= 1.03 * free

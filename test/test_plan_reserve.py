@@ -12,7 +12,7 @@ from plant_sim.consist import Consist
 from plant_sim.line import Line
 from train_ato.profile.planner.inputs import find_train
 from train_ato.profile.planner.line_tables import PlaceGrid
-from train_ato.profile.planner.planner import plan
+from train_ato.profile.planner.planner import plan_profile
 from train_ato.profile.planner.section import ForceReserve
 from train_ato.profile.planner.settings import PlanSettings
 
@@ -41,8 +41,8 @@ def climb(at_km: float, permille: float, length_km: float = 12.0, end_km: float 
 @pytest.mark.parametrize("top_kmh", [42, 43, 44, 45, 52, 53, 54, 61, 62, 72])
 def test_a_climb_at_the_end_of_the_traction_envelope(top_kmh: float) -> None:
     """Breaks if a speed beyond the envelope by rounding has no traction: refused, "short by 1133522425 %"."""
-    fastest = plan(climb(3, 20), car(top_kmh), PlanSettings(jerk=None)).running_time
-    limited = plan(climb(3, 20), car(top_kmh)).running_time
+    fastest = plan_profile(climb(3, 20), car(top_kmh), PlanSettings(jerk=None)).running_time
+    limited = plan_profile(climb(3, 20), car(top_kmh)).running_time
     assert limited <= 1.03 * fastest
 
 
@@ -52,8 +52,8 @@ def test_random_climbs_at_random_top_speeds() -> None:
     for _ in range(25):
         consist, asked = car(float(rng.uniform(40, 120))), PlanSettings(jerk=float(rng.uniform(0.5, 2)))
         line = climb(float(rng.uniform(1, 8)), float(rng.uniform(-20, 25)))
-        fastest = plan(line, consist, asked.model_copy(update={"jerk": None})).running_time
-        limited = plan(line, consist, asked)
+        fastest = plan_profile(line, consist, asked.model_copy(update={"jerk": None})).running_time
+        limited = plan_profile(line, consist, asked)
         assert limited.running_time <= 1.03 * fastest
         assert broken_promises(line, consist, asked, limited, 0.1) == []
 
@@ -63,9 +63,9 @@ def test_traction_above_its_envelope_on_a_descent_before_a_climb() -> None:
     grades = [{"at": 0, "grade": 0}, {"at_km": 2, "grade_permille": -25}, {"at_km": 4, "grade_permille": 20}]
     line = Line.model_validate({"schema": "train_ato/line/1", "name": "dip", "end_km": 10, "grades": grades})
     asked = PlanSettings(speed_max=25)
-    result = plan(line, car(62), asked)
+    result = plan_profile(line, car(62), asked)
     assert broken_promises(line, car(62), asked, result, 0.1) == []
-    fastest = plan(line, car(62), asked.model_copy(update={"jerk": None})).running_time
+    fastest = plan_profile(line, car(62), asked.model_copy(update={"jerk": None})).running_time
     assert result.running_time <= 1.03 * fastest
 
 
@@ -74,14 +74,14 @@ def test_a_reserve_at_the_start_does_not_slow_the_climb(open_data: Path, jerk: f
     """A freight train near its limit on 18.6 per mille: 1 % of reserve everywhere takes 13 % more time (4768 s)."""
     consist, settings = find_train(str(open_data / "freight.yaml"))
     line = climb(6, 18.6, 3, 20)
-    fastest = plan(line, consist, settings.model_copy(update={"jerk": None})).running_time
-    assert plan(line, consist, settings.model_copy(update={"jerk": jerk})).running_time <= 1.03 * fastest
+    fastest = plan_profile(line, consist, settings.model_copy(update={"jerk": None})).running_time
+    assert plan_profile(line, consist, settings.model_copy(update={"jerk": jerk})).running_time <= 1.03 * fastest
 
 
 def times_over_jerk(line: Line, consist: Consist, settings: PlanSettings) -> list[float]:
     """Return the running times of increasing jerk limits, the last without a limit [s]."""
     limits = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, None)
-    return [plan(line, consist, settings.model_copy(update={"jerk": jerk})).running_time for jerk in limits]
+    return [plan_profile(line, consist, settings.model_copy(update={"jerk": jerk})).running_time for jerk in limits]
 
 
 def test_more_jerk_is_not_slower_on_the_climb(open_data: Path) -> None:

@@ -9,7 +9,7 @@ from plan_cases import random_case
 
 from plant_sim.consist import Consist
 from plant_sim.line import Line
-from train_ato.profile.planner.planner import plan
+from train_ato.profile.planner.planner import plan_profile
 from train_ato.profile.planner.settings import PlanSettings
 
 SLOW_GRADES = ((0, 20.0854), (140.006, -26.5103), (393.181, -19.196), (453.659, 18.6779), (581.36, 29.1787))
@@ -42,7 +42,7 @@ def energies(line: Line, consist: Consist, settings: PlanSettings, times: list[f
     """Return the traction energy of increasing running times [kWh]; each time is kept."""
     found = []
     for time in times:
-        result = plan(line, consist, settings.model_copy(update={"time": time}))
+        result = plan_profile(line, consist, settings.model_copy(update={"time": time}))
         assert time - 1.5 <= result.running_time <= time + 0.03
         found.append(result.summary()["energy_kwh"])
     return found
@@ -58,7 +58,7 @@ def test_more_time_needs_less_energy_on_the_slow_line() -> None:
 def test_more_time_needs_less_energy_on_random_lines(seed: int) -> None:
     """Breaks if the strategies of one time are not among those of the next."""
     line, consist, settings = random_case(seed)
-    least = plan(line, consist, settings).running_time
+    least = plan_profile(line, consist, settings).running_time
     found = energies(line, consist, settings, [factor * least for factor in (1.02, 1.1, 1.25, 1.5)])
     assert np.diff(found).max() <= 1e-4 * found[0] + ENERGY_STEP
 
@@ -67,8 +67,8 @@ def test_more_time_needs_less_energy_on_random_lines(seed: int) -> None:
 def test_a_longer_averaging_window_leaves_no_time_unused(factor: float) -> None:
     """Breaks if the time of a longer window is subtracted from the timetable twice: 9.3 and 4.1 s early."""
     line, consist, settings = random_case(89)
-    asked = factor * plan(line, consist, settings).running_time
-    kept = plan(line, consist, settings.model_copy(update={"time": asked}))
+    asked = factor * plan_profile(line, consist, settings).running_time
+    kept = plan_profile(line, consist, settings.model_copy(update={"time": asked}))
     assert asked - 0.2 <= kept.running_time <= asked + 0.03
 
 
@@ -84,7 +84,7 @@ def test_more_time_needs_less_energy_on_short_random_lines() -> None:
         if line.end > SHORT_LINE:
             continue
         try:
-            least = plan(line, consist, settings).running_time
+            least = plan_profile(line, consist, settings).running_time
         except ValueError:
             continue
         found = energies(line, consist, settings, [factor * least for factor in factors[seed % 4 :][:2]])
@@ -103,7 +103,7 @@ def test_a_fall_with_a_level_start_is_driven_in_any_time(time: float) -> None:
     }  # fmt: skip
     data = {"schema": "train_ato/consist/1", "name": "car117", "vehicle_types": {"car": vehicle}}
     consist = Consist.model_validate(data | {"train": [{"type": "car"}]})
-    assert plan(line, consist, PlanSettings(time=time)).running_time == pytest.approx(time, abs=0.1)
+    assert plan_profile(line, consist, PlanSettings(time=time)).running_time == pytest.approx(time, abs=0.1)
 
 
 @pytest.mark.parametrize("seed", sampled([1, 3, 7, 21], every=4))
@@ -111,8 +111,8 @@ def test_coasting_uphill_keeps_the_deceleration_limit(seed: int) -> None:
     """Breaks for coasting without traction on a climb: 0.11 to 0.29 m/s² with a limit of 0.07."""
     line, consist, settings = random_case(seed)
     asked = settings.model_copy(update={"deceleration": 0.07})
-    least = plan(line, consist, asked).running_time
-    result = plan(line, consist, asked.model_copy(update={"time": 1.08 * least}))
+    least = plan_profile(line, consist, asked).running_time
+    result = plan_profile(line, consist, asked.model_copy(update={"time": 1.08 * least}))
     assert result.profile.acceleration.min() >= -0.07 * (1 + 1e-9)
 
 

@@ -125,11 +125,11 @@ class ProfileSpec(SiModel):
             assert self.until is not None
             return from_steps(self.steps, self.until, start, period)
         from train_ato.profile.planner.planner import (
-            plan,  # a late import: it compiles kernels
+            plan_profile,  # a late import: it compiles kernels
         )
 
         assert self.plan is not None
-        return plan(line, consist, self.plan, period=period, reduction=reduction, ceiling=ceiling).profile
+        return plan_profile(line, consist, self.plan, period=period, reduction=reduction, ceiling=ceiling).profile
 
     def _move_to_start(self, profile: Profile) -> Profile:
         """Return a profile from a file, moved to ``start``."""

@@ -110,7 +110,7 @@ def refusal(component: Component, train: TrainModel) -> str:
     return ""
 
 
-def trains(component: Component) -> list[str]:
+def tried_trains(component: Component) -> list[str]:
     """Return lines with the shipped trains that a component accepts and the reasons for the others."""
     taken, lines = [], []
     for name in consist_names():
@@ -202,7 +202,7 @@ def page(component: Component, measured: Measured) -> str:
         parts.append(_figure(component, rows))
     parts += [f"## The {PLURAL[component.kind].rstrip('s')}", law] if law else []
     parts += ["## Parameters", parameter_table(component)]
-    parts += ["## Requirements", *([needs] if needs else []), "\n".join(trains(component))]
+    parts += ["## Requirements", *([needs] if needs else []), "\n".join(tried_trains(component))]
     if refused := companions(component):
         parts.append("\n".join(refused))
     if rows:

@@ -13,8 +13,7 @@ from train_ato.arguments import check_new_file
 from train_ato.profile.file import write_profile
 from train_ato.profile.planner.inputs import find_line, find_train
 from train_ato.profile.planner.journey_file import read_journey
-from train_ato.profile.planner.planner import Plan
-from train_ato.profile.planner.planner import plan as planned
+from train_ato.profile.planner.planner import Plan, plan_profile
 from train_ato.profile.planner.settings import PlanSettings
 
 PROFILES, FIGURES = (".csv", ".yaml", ".yml"), (".png", ".pdf", ".svg")
@@ -82,7 +81,7 @@ def plan(
         raise explain(error, "options of plan", PlanSettings) from None
     if journey is not None:
         chosen = chosen.model_copy(update={"points": read_journey(str(journey), on).points})
-    result = planned(on, consist, chosen, period)
+    result = plan_profile(on, consist, chosen, period)
     for path in files:
         if path.suffix.lower() in FIGURES:
             from train_ato.apps.report.plan_figure import draw_plan

@@ -21,7 +21,7 @@ from train_ato.profile.planner.stops import stops_of
 from train_ato.profile.planner.time_reserve import TIME_TOLERANCE, predicted_time, spread_time_reserve
 from train_ato.profile.planner.train_tables import AvailableForce, TrainTables
 
-__all__ = ["Plan", "net_energy_bound", "plan"]
+__all__ = ["Plan", "net_energy_bound", "plan_profile"]
 
 MAX_TIMETABLE_ROUNDS = 5
 """Searches for the strategies of a timetable, each with the windows and reserves of the previous plan."""
@@ -29,7 +29,7 @@ UNUSED_TIME = 0.1
 """Part of a timetable that may remain unused without another search [s]."""
 
 
-def plan(
+def plan_profile(
     line: Line,
     consist: Consist,
     settings: PlanSettings | None = None,
