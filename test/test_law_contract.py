@@ -230,7 +230,7 @@ def test_output_of_a_law_does_not_mix_with_the_findings(monkeypatch, tmp_path, c
     lines += ["        print('step')", "        return super().demand(given)"]
     (tmp_path / "loud_law.py").write_text("\n".join(lines), encoding="utf-8")
     monkeypatch.syspath_prepend(str(tmp_path))
-    monkeypatch.setattr("train_ato.cli.check.RANDOM_TRAINS", 1)
+    monkeypatch.setattr("train_ato.apps.check_component.checking.RANDOM_TRAINS", 1)
     assert main(["check-law", "loud_law:Loud", "--json"]) == 0
     out, err = capsys.readouterr()
     assert all(finding["passed"] is not False for finding in json.loads(out))

@@ -24,6 +24,7 @@ EXACT = {
     "plant_sim/consist.py": {"sum((part.count for part in self.train))"},
     "plant_sim/formats/railtoolkit.py": {"sum((vehicle.powered for vehicle in vehicles))"},
     "plant_sim/warm_up.py": {"sum(stats.cache_misses.values())"},
+    "train_ato/control/algorithms/coupler_modes.py": {"sum(parted[:number])"},
     "train_ato/control/algorithms/train_constants.py": {"sum((sides for _, sides in groups))"},
     "train_ato/loop/kept_samples.py": {
         "sum((values.nbytes for values in samples.values.values()))",

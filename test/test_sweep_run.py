@@ -402,7 +402,7 @@ def test_a_running_scheduler_is_used(tmp_path: Path) -> None:
 def test_ctrl_c_pressed_three_times_keeps_the_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Breaks if a second or third Ctrl-C, in the end of the workers or the writing, loses ``results.parquet``."""
 
-    def pressed(client: Any, base: Any, points: Any, take: Any) -> None:
+    def pressed(client: Any, base: Any, points: Any, take: Any, announce: Any) -> None:
         take(run_batch(base, points[:2]))
         try:
             signal.raise_signal(signal.SIGINT)
