@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from msgs_docs.generate.random_runs import NOT_MEASURED, SCENARIOS, SPREAD, Draw, Figures, draws, drive_draw, summary
+from msgs_docs.generate.random_runs import SCENARIOS, SPREAD, Draw, Figures, draws, drive_draw, summary, with_law
 from train_ato.control.registry import LAWS
 
 
@@ -15,9 +15,22 @@ def test_equal_seeds_give_equal_runs_over_all_laws_and_scenarios():
     chosen = list(draws(400, 7))
     assert chosen == list(draws(400, 7))
     assert chosen[:5] != list(draws(5, 8))
-    assert {draw.law for draw in chosen} == set(LAWS.names()) - set(NOT_MEASURED)
+    assert {draw.law for draw in chosen} == set(LAWS.names())
     assert {draw.base for draw in chosen} == set(SCENARIOS)
     assert "" in {draw.fault for draw in chosen}
+
+
+def test_a_new_law_changes_only_the_runs_that_it_takes(monkeypatch):
+    """Breaks if a draw depends on the number of laws: one more law then changes the law of nearly all runs."""
+    before, names = list(draws(400, 7)), LAWS.names()
+    monkeypatch.setattr(LAWS, "names", lambda: [*names, "new"])
+    after = list(draws(400, 7))
+    assert [replace(draw, law="new", sets=with_law(draw, "new").sets) for draw in after] == [
+        with_law(draw, "new") for draw in before
+    ]
+    changed = {new.law for old, new in zip(before, after, strict=True) if old != new}
+    assert changed == {"new"}
+    assert abs(sum(draw.law == "new" for draw in after) - 400 / (1 + len(names))) < 4 * (400 / len(names)) ** 0.5
 
 
 def test_no_fault_replaces_the_spread():

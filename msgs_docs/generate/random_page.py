@@ -63,8 +63,8 @@ an overrun.
 |---|---|---|
 """
 FAULTLESS = """
-Of the {runs} runs without a fault, {count} have an intervention: their gains are not those of the train, or the train
-differs more from its model than the law permits.
+Of the {runs} runs without a fault, {count} have an intervention. One would show gains that are not those of the
+train, or a train that differs more from its model than the law permits.
 """
 
 
