@@ -366,7 +366,7 @@ def test_a_file_has_one_line_for_each_of_its_faults(
 
 
 def told_in_plain_words(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    """Check status and text of a refusal: at most 20 faults and the number of the others, each with a remedy."""
+    """Check status and text of a refusal: one line with a remedy; a file has one for each of at most 20 faults."""
     before = sorted(Path().iterdir())
     try:
         status: object = main(words)
@@ -375,6 +375,9 @@ def told_in_plain_words(words: list[str], capsys: pytest.CaptureFixture[str]) ->
     lines = [line for line in capsys.readouterr().err.splitlines() if not line.startswith("note: ")]
     assert status == 2, (words, lines)
     assert 1 <= len(lines) <= 21, (words, lines)
+    places = {tuple(line.split(": ")[:2]) for line in lines}
+    assert len(places) == 1 or words[0] == "import", (words, lines)
+    assert len(lines) == 1 or words[0] == "import" or not places.pop()[1].startswith("-"), "an option has one fault"
     for line in lines:
         assert len(line) < 1200 and not re.search(PYTHON_WORDS, line), (words, line)
         assert re.search(r"; |must |did you mean|use one of|name one|give |see ", line), (words, line)
