@@ -1,6 +1,7 @@
 """Installs train_ato: with colcon as an ament_python package, or with pip on a machine that has only Python."""
 
 import os
+import sys
 from pathlib import Path
 
 from setuptools import find_packages, setup
@@ -9,6 +10,14 @@ HERE = Path(__file__).resolve().parent  # colcon build --symlink-install runs a 
 NAME = "train_ato"
 SWEEP = ["distributed>=2026.1", "scipy>=1.15", "cryptography>=46.0.7"]
 """Packages of the command sweep."""
+REPORT = ["bokeh>=3.9.2", "Jinja2>=3.1.6"]
+VIEW = [*REPORT, "tornado>=6.5.5", "foxglove-sdk>=0.30"]
+PLAN = ["scipy>=1.15"]
+"""Package of the lower bound of the energy of a plan."""
+PICTURES = ["pillow>=12.2"]
+"""Package of the figures of the law pages."""
+DOCS = ["sphinx>=8.1", "myst-parser>=4.0", "numpydoc>=1.8", "furo>=2024.8.6"]
+"""Packages that build the site."""
 
 
 def version() -> str:
@@ -28,6 +37,24 @@ def ros_wheels() -> list[str]:
 def examples(pattern: str) -> list[str]:
     """Name the templates of `train-ato new`, relative to this folder."""
     return sorted(str(path.relative_to(HERE)) for path in (HERE / "examples").glob(pattern))
+
+
+def site() -> list[tuple[str, list[str]]]:
+    """Name the files of the built site by their folder in an installation; none without a site."""
+    folders: dict[str, list[str]] = {}
+    for path in sorted(path.relative_to(HERE) for path in (HERE / "site").rglob("*") if path.is_file()):
+        folders.setdefault(f"share/{NAME}/{path.parent.as_posix()}", []).append(str(path))
+    return list(folders.items())
+
+
+def shared(folder: str, pattern: str) -> tuple[str, list[str]]:
+    """Name the files of a folder that ROS 2 reads from the share of the package."""
+    return f"share/{NAME}/{folder}", sorted(str(path.relative_to(HERE)) for path in (HERE / folder).glob(pattern))
+
+
+def on_path() -> list[tuple[str, list[str]]]:
+    """Name the command for the path of a colcon workspace; pip has one of its own."""
+    return [] if {"bdist_wheel", "editable_wheel"} & set(sys.argv) else [("bin", ["resource/bin/train-ato"])]
 
 
 def launchers() -> list[str]:
@@ -56,7 +83,9 @@ setup(
         "train_ato": [
             "py.typed",
             "control/*.yaml",
+            "apps/import_csv/layouts/*.yaml",
             "scenario/shipped/*",
+            "scenario/shipped/following/*",
             "scenario/schemas/*.json",
             "ros/graph/*.xml",
             "apps/report/page.*",
@@ -69,6 +98,12 @@ setup(
         (f"share/{NAME}", ["package.xml"]),
         (f"share/{NAME}/examples", examples("my_*.py")),
         (f"share/{NAME}/examples/metro", examples("metro/*.yaml")),
+        (f"share/{NAME}/examples/driver", examples("driver/*.yaml")),
+        (f"share/{NAME}/examples/ros", examples("ros/*.py")),
+        shared("launch", "*.launch.py"),
+        shared("config", "*.yaml"),
+        *site(),
+        *on_path(),
     ],
     # Every bound is a version that exists, passes .ci/lowest and is above the published security holes.
     install_requires=[
@@ -81,12 +116,6 @@ setup(
         "PyYAML>=6.0.1",
         "rich>=15",
         "matplotlib>=3.8",
-        "pillow>=12.2",
-        "bokeh>=3.9.2",
-        "Jinja2>=3.1.6",
-        "tornado>=6.5.5",
-        "foxglove-sdk>=0.30",
-        "scipy>=1.15",
         "pandas>=2.1",
         "pyarrow>=23.0.1",
         "pebble>=5.0.7",
@@ -95,14 +124,24 @@ setup(
         *ros_wheels(),
     ],
     extras_require={
+        "report": REPORT,
+        "view": VIEW,
+        "plan": PLAN,
         "sweep": SWEEP,
         "tune": ["cma>=3.3"],
+        "docs": [*DOCS, *VIEW, *PLAN, *PICTURES],
         "gymnasium": ["gymnasium>=1.0"],
+        "xarray": ["xarray>=2024.1"],
         "rerun": ["rerun-sdk>=0.24; python_version >= '3.11'"],
         "test": [
             *SWEEP,
+            *VIEW,
+            *PICTURES,
+            *DOCS,
             "cma>=3.3",
             "gymnasium>=1.0",
+            "xarray>=2024.1",
+            "control>=0.10",
             "rtamt>=0.3.5; python_version < '3.13'",
             "pytest>=8",
             "pytest-xdist>=3.5",

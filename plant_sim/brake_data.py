@@ -6,17 +6,18 @@ from itertools import pairwise
 
 from pydantic import Field, model_validator
 
-from plant_sim.number_text import number_text
 from plant_sim.si_model import SiModel
-from plant_sim.units import Acceleration, Force, Pressure, Ratio, Speed, Time
+from plant_sim.units import Acceleration, Force, Number, Pressure, Ratio, Speed, Time, number_text
 
 
 class Shoes(SiModel):
     """Air-brake shoes or pads of one vehicle: paper 000, eqs. (10)-(15) and table 1."""
 
-    count: int = Field(gt=0, description="number of shoes or pads of the vehicle")
-    force: Force = Field(gt=0, description="force K of one shoe at full cylinder pressure")
-    friction: float = Field(gt=0, description="factor of the friction coefficient: .481 (C80), .441 (HXD1)")
+    count: int = Field(gt=0, description="number of brake shoes or pads of the vehicle", examples=[16])
+    force: Force = Field(gt=0, description="force K of one shoe at full cylinder pressure", examples=[25e3])
+    friction: Number = Field(
+        gt=0, description="factor on the friction coefficient, 0.481 for C80 and 0.441 for HXD1", examples=[0.481]
+    )
 
     @property
     def standstill_force(self) -> float:
@@ -33,14 +34,22 @@ class AirBrake(SiModel):
     release_wave: Speed = Field(36.0, gt=0, description="speed of the release wave along the train")
     apply_time: Time = Field(4.0, gt=0, description="time constant of the cylinders filling")
     release_time: Time = Field(6.0, gt=0, description="time constant of the cylinders emptying")
-    pipe_apply_time: Time = Field(2.0, gt=0, description="time constant of the pipe pressure falling; published only")
-    pipe_release_time: Time = Field(6.0, gt=0, description="time constant of the pipe pressure rising; published only")
-    pipe_vent_time: Time = Field(1.0, gt=0, description="time constant of an open pipe; published only")
+    pipe_apply_time: Time = Field(
+        2.0, gt=0, description="time constant of the falling pipe pressure, which is published only"
+    )
+    pipe_release_time: Time = Field(
+        6.0, gt=0, description="time constant of the rising pipe pressure, which is published only"
+    )
+    pipe_vent_time: Time = Field(
+        1.0, gt=0, description="time constant of the pressure in an open pipe, which is published only"
+    )
     reduction: tuple[Pressure, ...] = Field(
         (0.0, 50e3), description="brake-pipe reductions of the table of the braking factor"
     )
-    braking_factor: tuple[Ratio, ...] = Field((0.0, 0.17), description="beta_c at those reductions")
-    reservoir_use: Ratio = Field(0.0, ge=0, le=1, description="part of a reservoir that one full application uses")
+    braking_factor: tuple[Ratio, ...] = Field((0.0, 0.17), description="braking factor at those reductions")
+    reservoir_use: Ratio = Field(
+        0.0, ge=0, le=1, description="part of a reservoir that one full application uses", examples=[0.3]
+    )
     recharge_time: Time = Field(60.0, gt=0, description="time constant of the reservoirs recharging while released")
 
     @model_validator(mode="after")

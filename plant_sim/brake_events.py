@@ -9,10 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from plant_sim import kernel as k
-from plant_sim.air_brake import MIN_PRESSURE_CHANGE, braking_factor
+from plant_sim.air_brake import MIN_PRESSURE_CHANGE, PressureChange, braking_factor
 from plant_sim.brake_data import AirBrake, EmergencyBrake
 from plant_sim.consist import Consist
-from plant_sim.pipe_pressure import PressureChange
 from plant_sim.states import Array
 
 ATMOSPHERE = 101_325.0

@@ -6,17 +6,30 @@ A consist file (YAML, ``schema: train_ato/consist/1``) contains all data of a tr
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from plant_sim.brake_data import AirBrake, EmergencyBrake, Shoes
-from plant_sim.formats.notes import print_assumption
+from plant_sim.elementary import plain_sum
+from plant_sim.formats.fields import print_assumption
 from plant_sim.gears import DraftGear
-from plant_sim.number_text import number_text
-from plant_sim.si_model import SiModel
-from plant_sim.summation import plain_sum
-from plant_sim.units import GRAVITY, Force, Length, Mass, Power, Speed
+from plant_sim.si_model import SiModel, Source, Summary
+from plant_sim.units import (
+    GRAVITY,
+    Acceleration,
+    Force,
+    ForceRate,
+    Length,
+    Mass,
+    Number,
+    Power,
+    Ratio,
+    Speed,
+    Time,
+    Unit,
+    number_text,
+)
 
 SCHEMA = "train_ato/consist/1"
 MIN_VEHICLE_MASS = 500.0
@@ -31,10 +44,12 @@ class EnvelopeSegment(SiModel):
     Segments are listed by rising speed and begin at the end of the previous one; the force is 0 beyond the last.
     """
 
-    to: Speed = Field(gt=0, description="speed at which the segment ends")
-    force: Force = Field(0.0, description="constant part")
-    slope_kn_per_kmh: float = Field(0.0, description="change of force with speed, kN per km/h")
-    power: Power = Field(0.0, ge=0, description="constant-power part, force = power / v")
+    to: Speed = Field(gt=0, description="speed at which the segment ends", examples=[10.0])
+    force: Force = Field(0.0, description="constant part of the force", examples=[60e3])
+    slope_kn_per_kmh: Annotated[float, Unit("kN/(km/h)")] = Field(
+        0.0, description="change of the force with speed", examples=[-0.5]
+    )
+    power: Power = Field(0.0, ge=0, description="power of the part power / v of the force", examples=[600e3])
 
     @property
     def row(self) -> tuple[float, float, float, float]:
@@ -47,6 +62,105 @@ class EnvelopeSegment(SiModel):
         return force + slope * speed + power / speed
 
 
+class ForcePoints(SiModel):
+    """Force over speed as points, linear between them; below the first speed its force holds."""
+
+    speed: tuple[Speed, ...] = Field(min_length=2, description="rising speeds", examples=[(0.0, 12.0, 40.0)])
+    force: tuple[Force, ...] = Field(
+        min_length=2, description="largest force at each speed", examples=[(200e3, 200e3, 60e3)]
+    )
+
+    @model_validator(mode="after")
+    def _as_many(self) -> ForcePoints:
+        if len(self.speed) != len(self.force):
+            raise ValueError(f"{len(self.speed)} speeds and {len(self.force)} forces; give as many of both")
+        if self.speed[0] < 0 or any(b <= a for a, b in pairwise(self.speed)):
+            raise ValueError("speeds must rise from 0 or more; correct them")
+        if min(self.force) < 0:
+            raise ValueError(f"force {number_text(min(self.force))} N is negative; give 0 or more")
+        if max(self.force) == 0:
+            raise ValueError("no force at any speed; give one above 0, or remove the curve")
+        return self
+
+    def segments(self, end: float = 0.0) -> tuple[EnvelopeSegment, ...]:
+        """Return the segments between the points; up to a later end [m/s] with the last force."""
+        rows = [(self.speed[0], self.force[0], 0.0)] if self.speed[0] > 0 else []
+        for (v0, f0), (v1, f1) in pairwise(zip(self.speed, self.force, strict=True)):
+            slope = (f1 - f0) / (v1 - v0)
+            rows.append((v1, f0 - slope * v0, slope))
+        if end > self.speed[-1]:
+            rows.append((end, self.force[-1], 0.0))
+        return tuple(EnvelopeSegment(to=to, force=force, slope_kn_per_kmh=s / 3600.0) for to, force, s in rows)
+
+
+class SupplyCurve(ForcePoints):
+    """Traction under a power supply, with the conditions under which it holds."""
+
+    mode: str = Field(description="kind of the supply", examples=["25000V"])
+    electric: bool = Field(True, description="power from the line; otherwise as independent_power")
+    comfort: str | None = Field(None, description="comfort of the train", examples=["AIR_CONDITIONING"])
+    electrical_level: str | None = Field(None, description="level of the supply at the train", examples=["22500V"])
+    power_restriction: str | None = Field(None, description="code of a power restriction", examples=["C1"])
+
+
+PLAIN_SUPPLY = {True: "electric", False: "thermal"}
+"""Mode of a traction without supply curves, by electric power."""
+
+
+def _segments(value: Any) -> Any:
+    """Return an envelope given as points as its segments."""
+    if not isinstance(value, dict):
+        return value
+    try:
+        return ForcePoints.model_validate(value).segments()
+    except ValidationError as error:
+        first = error.errors()[0]
+        text = first["msg"].removeprefix("Value error, ")
+        raise ValueError(" ".join([*(f"{part}:" for part in first["loc"]), text])) from None
+
+
+EnvelopeOfForce = Annotated[
+    tuple[EnvelopeSegment, ...],
+    BeforeValidator(_segments, json_schema_input_type=tuple[EnvelopeSegment, ...] | ForcePoints),
+]
+"""Segments, or points ``{speed_kmh: [...], force_kn: [...]}``."""
+
+
+class Notches(SiModel):
+    """Notches of throttle and dynamic brake, each with its force over speed, and limits of their changes."""
+
+    traction: tuple[EnvelopeOfForce, ...] = Field(
+        (),
+        description="force over speed of throttle notch 1, 2, ...",
+        examples=[[[{"to": 30.0, "force": 60e3}], [{"to": 30.0, "force": 120e3}]]],
+    )
+    brake: tuple[EnvelopeOfForce, ...] = Field(
+        (),
+        description="force over speed of dynamic-brake notch 1, 2, ..., a positive force",
+        examples=[[[{"to": 30.0, "force": 40e3}], [{"to": 30.0, "force": 80e3}]]],
+    )
+    rise: ForceRate | None = Field(
+        None, gt=0, description="largest growth of the force in one direction; default: no limit", examples=[20e3]
+    )
+    fall: ForceRate | None = Field(
+        None, gt=0, description="largest decrease of the force in one direction; default: no limit", examples=[40e3]
+    )
+    notch_time: Time = Field(
+        0.0, ge=0, le=60, description="time from one notch to the next one; 0: any notch at once", examples=[1.0]
+    )
+
+    @model_validator(mode="after")
+    def _curves(self) -> Notches:
+        for name, curves in (("traction", self.traction), ("brake", self.brake)):
+            for number, curve in enumerate(curves):
+                if not curve:
+                    raise ValueError(f"{name}[{number}] has no force over speed; give segments or points")
+                _check_envelope(f"{name}[{number}]", curve)
+        if not self.traction and not self.brake:
+            raise ValueError("no notch; give traction or brake")
+        return self
+
+
 class Resistance(SiModel):
     """Running resistance of one vehicle as a polynomial of speed, in exactly one of three forms.
 
@@ -54,11 +168,15 @@ class Resistance(SiModel):
     railways have; its former name ``n_per_kn`` is read with a note.
     """
 
-    n_per_kn_kmh: tuple[float, float, float] | None = Field(
-        None, description="A + B V + C V², V in km/h, N per kN of weight"
+    n_per_kn_kmh: Annotated[tuple[float, float, float], Unit("N/kN")] | None = Field(
+        None, description="A, B and C of A + B V + C V² per weight, V in km/h", examples=[(1.5, 0.0, 0.0003)]
     )
-    n: tuple[float, float, float] | None = Field(None, description="a + b v + c v², v in m/s, N")
-    n_per_kg: tuple[float, float, float] | None = Field(None, description="a + b v + c v², v in m/s, N per kg of mass")
+    n: Annotated[tuple[float, float, float], Unit("N")] | None = Field(
+        None, description="a, b and c of a + b v + c v², v in m/s", examples=[(560.0, 0.0, 1.4)]
+    )
+    n_per_kg: Annotated[tuple[float, float, float], Unit("N/kg")] | None = Field(
+        None, description="a, b and c of a + b v + c v² per mass, v in m/s", examples=[(0.0147, 0.0, 3.8e-5)]
+    )
 
     @model_validator(mode="before")
     @classmethod
@@ -97,35 +215,61 @@ class Resistance(SiModel):
 class TunnelResistance(SiModel):
     """Additional air resistance in a tunnel of a cross section: coefficient times v²."""
 
-    cross_section: float = Field(gt=0, description="of the tunnel [m²]")
-    coefficient: float = Field(ge=0, description="force over v² [N s²/m² = kg/m]")
+    cross_section: Annotated[float, Unit("m²")] = Field(
+        gt=0, description="cross section of the tunnel", examples=[45.0]
+    )
+    coefficient: Annotated[float, Unit("N s²/m²")] = Field(
+        ge=0, description="additional air resistance over v²", examples=[2.5]
+    )
 
 
 class VehicleType(SiModel):
     """Type of vehicle; one with a traction or brake envelope is a power unit."""
 
-    mass: Mass = Field(gt=0, description="mass on the rails")
-    length: Length = Field(gt=0, description="length over couplers")
-    rotating_mass_factor: float = Field(1.0, ge=1.0, description="inertial mass over mass")
+    mass: Mass = Field(gt=0, description="mass on the rails", examples=[38e3])
+    length: Length = Field(gt=0, description="length over couplers", examples=[19.5])
+    rotating_mass_factor: Number = Field(1.0, ge=1.0, description="inertial mass over mass", examples=[1.08])
     resistance: Resistance
-    traction: tuple[EnvelopeSegment, ...] = Field((), description="largest traction force over speed")
-    brake: tuple[EnvelopeSegment, ...] = Field((), description="largest electric brake force over speed, positive")
-    electric_brake: tuple[EnvelopeSegment, ...] = Field(
-        (), description="electric part of brake, which acts first; the rest is friction; default: all of it"
+    traction: EnvelopeOfForce = Field((), description="largest traction force over speed")
+    brake: EnvelopeOfForce = Field((), description="largest electric brake force over speed, a positive force")
+    electric_brake: EnvelopeOfForce = Field(
+        (), description="electric part of brake, which acts before the friction part; default: all of it"
+    )
+    notches: Notches | None = Field(
+        None,
+        description="notches of a driver; their last ones are traction and brake where these are not given",
+        examples=[{"traction": [[{"to": 30.0, "force": 60e3}], [{"to": 30.0, "force": 120e3}]]}],
     )
     shoes: Shoes | None = None
-    adhesive_mass: Mass | None = Field(None, gt=0, description="mass on driven axles; default: the whole mass")
+    adhesive_mass: Mass | None = Field(
+        None, gt=0, description="mass on driven axles; default: the whole mass", examples=[20e3]
+    )
     tunnel_resistance: tuple[TunnelResistance, ...] = Field(
-        (), description="by rising cross section; linear between them"
+        (), description="air resistance in tunnels by rising cross section, linear between them"
     )
     independent_power: bool = Field(
-        False, description="power without the line (diesel, battery): no effect of neutral sections and power limits"
+        False,
+        description="power without the line, as diesel or battery: neutral sections and power limits have no effect",
+    )
+    supply_curves: tuple[SupplyCurve, ...] = Field(
+        (), description="traction by power supply; FILE:MODE takes the first curve that holds as traction"
     )
 
     @property
     def inertia(self) -> float:
         """Inertial mass: mass including the rotating masses [kg]."""
         return self.mass * self.rotating_mass_factor
+
+    @model_validator(mode="before")
+    @classmethod
+    def _largest_notches(cls, data: Any) -> Any:
+        notches = data.get("notches") if isinstance(data, dict) else None
+        if not isinstance(notches, dict):
+            return data
+        curves = {key: notches.get(key) for key in ("traction", "brake") if not data.get(key)}
+        return data | {
+            key: listed[-1] for key, listed in curves.items() if isinstance(listed, (list, tuple)) and listed
+        }
 
     @model_validator(mode="after")
     def _plausible(self) -> VehicleType:
@@ -191,6 +335,20 @@ def _check_envelope(name: str, segments: tuple[EnvelopeSegment, ...]) -> None:
         raise ValueError(f"{name} has no force at any speed; write force, slope_kn_per_kmh or power, or remove it")
 
 
+class PlanLimits(SiModel):
+    """Limits and efficiencies of a plan; with them, the plan has no limit of the jerk and no margin of the force."""
+
+    speed: Speed | None = Field(None, gt=0, description="largest speed", examples=[44.4])
+    acceleration: Acceleration | None = Field(None, gt=0, description="largest acceleration", examples=[0.6])
+    deceleration: Acceleration | None = Field(None, gt=0, description="service deceleration", examples=[0.7])
+    traction_efficiency: Ratio | None = Field(
+        None, gt=0, le=1, description="wheel energy over line energy in traction", examples=[0.85]
+    )
+    recovery_efficiency: Ratio | None = Field(
+        None, ge=0, le=1, description="recovered line energy over wheel energy in braking", examples=[0.8]
+    )
+
+
 MAX_VEHICLES = 5000
 """Largest number of vehicles, seven times that of the longest train on record."""
 
@@ -198,33 +356,63 @@ MAX_VEHICLES = 5000
 class TrainPart(SiModel):
     """Consecutive vehicles of one type."""
 
-    type: str
-    count: int = Field(1, gt=0)
+    type: str = Field(description="name in vehicle_types", examples=["car"])
+    count: int = Field(1, gt=0, description="number of consecutive vehicles of this type", examples=[6])
 
 
 class Coupling(SiModel):
     """Draft gear behind some vehicles in place of the default one."""
 
-    behind: tuple[int, ...] = Field(description="numbers of the vehicles in front of the couplers, from 0")
-    gear: str
+    behind: tuple[int, ...] = Field(
+        description="numbers of the vehicles in front of the couplers, from 0", examples=[(0, 4)]
+    )
+    gear: str = Field(description="name in draft_gears", examples=["bar"])
 
 
 class Consist(SiModel):
     """Train, front first."""
 
-    schema_: Literal["train_ato/consist/1"] = Field(alias="schema")
-    name: str
-    summary: str = ""
-    source: str = ""
-    gravity: float = Field(GRAVITY, gt=0, description="m/s²; the papers use 9.8, 9.80665 and 9.81")
-    vehicle_types: dict[str, VehicleType]
-    train: tuple[TrainPart, ...] = Field(min_length=1)
-    draft_gears: dict[str, DraftGear] = Field(default_factory=dict)
-    default_gear: str | None = None
-    couplings: tuple[Coupling, ...] = ()
+    schema_: Literal["train_ato/consist/1"] = Field(alias="schema", description="kind and version of the file")
+    name: str = Field(description="name in lists, logs and reports", examples=["metro_6_cars"])
+    summary: Summary = ""
+    source: Source = ""
+    gravity: Acceleration = Field(
+        GRAVITY, gt=0, description="gravity of the data; the papers use 9.8, 9.80665 and 9.81"
+    )
+    vehicle_types: dict[str, VehicleType] = Field(
+        description="types of vehicle by name",
+        examples=[{"car": {"mass": 38e3, "length": 19.5, "resistance": {"n_per_kn_kmh": [1.5, 0.0, 0.0003]}}}],
+    )
+    train: tuple[TrainPart, ...] = Field(
+        min_length=1,
+        description="types and numbers of the vehicles, front first",
+        examples=[[{"type": "car", "count": 6}]],
+    )
+    draft_gears: dict[str, DraftGear] = Field(
+        default_factory=dict,
+        description="draft gears by name",
+        examples=[{"bar": {"kind": "linear", "stiffness": 20e6, "damping": 0.5e6}}],
+    )
+    default_gear: str | None = Field(
+        None, description="draft gear of every coupler that couplings does not list", examples=["bar"]
+    )
+    couplings: tuple[Coupling, ...] = Field(
+        (), description="couplers with another draft gear", examples=[[{"behind": [0], "gear": "bar"}]]
+    )
     air_brake: AirBrake | None = None
     emergency_brake: EmergencyBrake | None = Field(
-        None, description="only without air_brake, whose vented pipe is the emergency brake; default: its own defaults"
+        None, description="friction emergency brake of a train without air_brake; default: its own defaults"
+    )
+    plan_limits: PlanLimits | None = None
+    categories: tuple[str, ...] = Field(
+        (),
+        description="categories of the train for category_limits of a line; the first one that the line has",
+        examples=[["D4", "freight"]],
+    )
+    kept: dict[str, dict[str, Any]] = Field(
+        default_factory=dict,
+        description="keys of a foreign format without effect here, by format; convert writes them back",
+        examples=[{"osrd": {"startup_time": 10.0}}],
     )
 
     @model_validator(mode="after")

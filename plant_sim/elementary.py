@@ -4,16 +4,27 @@ numpy has variants of these functions for processors with AVX-512, with other la
 are those of the C library.  The functions here have the bits of the C library, those of ``math``, on every processor:
 the symbols of the library are called, so that neither LLVM nor the vector library of Intel (SVML, used by numba if
 installed) replaces them.
+
+Sums of floating-point numbers with the same bits in every version of Python.
+
+The built-in ``sum`` adds floats in order up to Python 3.11; from 3.12 it compensates the rounding errors (Neumaier), so
+that its last bits are different.  These functions add in order, without compensation, in every version: the bits are
+those of ``sum`` in Python 3.11.  ``math.fsum`` and ``numpy.sum`` have other bits.
+
+``test/test_summation.py`` refuses the built-in ``sum`` of floats in the layers of a run.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Sequence
+from operator import mul
 from typing import Any
 
 import numpy as np
 from numba import config, types
 from numba.extending import overload
+from numpy.typing import NDArray
 
 from plant_sim.compiled import compiled
 from plant_sim.states import Array
@@ -41,7 +52,7 @@ libm_sin, libm_cos = _of_library("sin"), _of_library("cos")
 
 
 @compiled
-def exp_each(values: Array) -> Array:
+def exp_each(values: NDArray[np.float64]) -> Array:
     """Return the exponential of every entry of a one-dimensional array."""
     found = np.empty(values.size)
     for i in range(values.size):
@@ -50,7 +61,7 @@ def exp_each(values: Array) -> Array:
 
 
 @compiled
-def sin_each(values: Array) -> Array:
+def sin_each(values: NDArray[np.float64]) -> Array:
     """Return the sine of every entry [rad] of a one-dimensional array."""
     found = np.empty(values.size)
     for i in range(values.size):
@@ -59,9 +70,79 @@ def sin_each(values: Array) -> Array:
 
 
 @compiled
-def cos_each(values: Array) -> Array:
+def cos_each(values: NDArray[np.float64]) -> Array:
     """Return the cosine of every entry [rad] of a one-dimensional array."""
     found = np.empty(values.size)
     for i in range(values.size):
         found[i] = libm_cos(values[i])
     return found
+
+
+def plain_sum(values: Iterable[float]) -> float:
+    """Return the sum of numbers, added in order from 0.0.
+
+    Parameters
+    ----------
+    values
+        Numbers, also those of an iterator; 0.0 is returned if there is none.
+    """
+    total = 0.0
+    for value in values:
+        total += value
+    return total
+
+
+def plain_dot(one: Iterable[float], other: Iterable[float]) -> float:
+    """Return the sum of the products of paired numbers, added in order from 0.0.
+
+    Parameters
+    ----------
+    one, other
+        Numbers; the shorter of the two ends the sum.
+    """
+    total = 0.0
+    for product in map(mul, one, other):
+        total += product
+    return total
+
+
+PAIRWISE = 8
+"""Number of entries from which numpy adds in pairs."""
+
+
+def total_of_units(values: NDArray[np.float64]) -> float:
+    """Return ``values.sum()``, for few units without its 1.4 us: numpy adds less than eight entries in order, too."""
+    if values.size >= PAIRWISE:
+        return float(values.sum())
+    total = 0.0
+    for value in values.tolist():
+        total += value
+    return total
+
+
+def mean_over_units(share: Sequence[float], values: Sequence[float]) -> float:
+    """Return sum share_i value_i; the shares sum to 1 (:attr:`train_ato.control.train_model.TrainModel.share`)."""
+    return plain_dot(share, values)
+
+
+@compiled
+def numpy_total(values: NDArray[np.float64]) -> float:
+    """Return the sum in the order of ``numpy.sum``: eight sums side by side, for more than 128 entries in two parts."""
+    n = len(values)
+    total: float = 0.0
+    if n < PAIRWISE:
+        for value in values:
+            total += value
+        return total
+    if n > 128:
+        half = n // 2 - n // 2 % 8
+        return float(numpy_total(values[:half]) + numpy_total(values[half:]))
+    sums = values[:8].copy()
+    whole = n - n % 8
+    for first in range(8, whole, 8):
+        for j in range(8):
+            sums[j] += values[first + j]
+    total = ((sums[0] + sums[1]) + (sums[2] + sums[3])) + ((sums[4] + sums[5]) + (sums[6] + sums[7]))
+    for i in range(whole, n):
+        total += values[i]
+    return float(total)

@@ -7,23 +7,24 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from plant_sim.number_text import number_text
 from plant_sim.si_model import SiModel
-from plant_sim.units import Damping, Force, Length, Speed, Stiffness
+from plant_sim.units import Damping, Force, Length, Number, Speed, Stiffness, number_text
 
 
 class GearCurve(SiModel):
     """Loading curve fl(d) = F0 d/(d + x0) + a1 d + a2 d² of one coupler (two gears in series), as in paper 000."""
 
-    stroke: Length = Field(gt=0, description="D, deflection at the stop")
-    force_at_stroke: Force = Field(gt=0, description="fl(D), determines a2")
-    preload: Force = Field(gt=0, description="F0")
-    preload_length: Length = Field(gt=0, description="x0")
-    stiffness: Stiffness = Field(gt=0, description="a1")
-    unloading_ratio: float = Field(gt=0, le=1, description="r: unloading force over loading force")
+    stroke: Length = Field(gt=0, description="D, deflection at the stop", examples=[0.166])
+    force_at_stroke: Force = Field(
+        gt=0, description="force at the end of the stroke, which determines a2 of the loading curve", examples=[2270e3]
+    )
+    preload: Force = Field(gt=0, description="force F0 of the loading curve", examples=[60e3])
+    preload_length: Length = Field(gt=0, description="length x0 of the loading curve", examples=[0.002])
+    stiffness: Stiffness = Field(gt=0, description="stiffness a1 of the loading curve", examples=[2.5e6])
+    unloading_ratio: Number = Field(gt=0, le=1, description="unloading force over loading force", examples=[0.25])
     slack: Length = Field(0.010, ge=0, description="free play from draft to buff")
-    damping: Damping = Field(1e5, ge=0, description="structural damping c in c x' d/(d + x0), in contact")
-    stop_stiffness: Stiffness = Field(200e6, gt=0, description="beyond the stroke")
+    damping: Damping = Field(1e5, ge=0, description="structural damping c in c x' d/(d + x0), with the gear in contact")
+    stop_stiffness: Stiffness = Field(200e6, gt=0, description="stiffness beyond the stroke")
 
     @model_validator(mode="after")
     def _rises(self) -> GearCurve:
@@ -51,9 +52,9 @@ class ClipGear(GearCurve):
 
     kind: Literal["clip"]
     transition_stiffness: Stiffness = Field(
-        60e6, gt=0, description="k between the branches; above the largest slope of fl"
+        60e6, gt=0, description="stiffness between the branches, above the largest slope of the loading curve"
     )
-    transition_damping: Damping = Field(0.0, ge=0, description="damping between the branches")
+    transition_damping: Damping = Field(0.0, ge=0, description="damping between the branches", examples=[5e6])
 
     @model_validator(mode="after")
     def _stiff_enough(self) -> ClipGear:
@@ -74,16 +75,16 @@ class SmoothedGear(GearCurve):
     """Draft gear of paper 000, eq. (6): branches joined over a switching speed (QKX100)."""
 
     kind: Literal["smoothed"]
-    switching_speed: Speed = Field(0.02, gt=0, description="ve")
+    switching_speed: Speed = Field(0.02, gt=0, description="speed over which the branches are joined")
 
 
 class LinearGear(SiModel):
     """Spring and damper with optional slack (papers 002 and 004)."""
 
     kind: Literal["linear"]
-    stiffness: Stiffness = Field(gt=0)
-    damping: Damping = Field(0.0, ge=0)
-    slack: Length = Field(0.0, ge=0)
+    stiffness: Stiffness = Field(gt=0, description="stiffness of the spring", examples=[20e6])
+    damping: Damping = Field(0.0, ge=0, description="damping of the damper", examples=[0.5e6])
+    slack: Length = Field(0.0, ge=0, description="free play from draft to buff", examples=[0.01])
 
 
 class RigidGear(SiModel):
@@ -92,21 +93,21 @@ class RigidGear(SiModel):
     kind: Literal["rigid"]
 
 
-class TableGear(SiModel):
-    """Tabulated loading and unloading force over the deflection, with transitions as in :class:`ClipGear`."""
+class GearTable(SiModel):
+    """Loading and unloading force over the deflection in one direction."""
 
-    kind: Literal["table"]
-    deflection: tuple[Length, ...] = Field(description="rising, from 0")
-    loading: tuple[Force, ...]
-    unloading: tuple[Force, ...]
-    slack: Length = Field(0.0, ge=0)
-    damping: Damping = Field(0.0, ge=0)
-    transition_stiffness: Stiffness = Field(60e6, gt=0)
-    transition_damping: Damping = Field(0.0, ge=0, description="damping between the branches")
-    stop_stiffness: Stiffness = Field(200e6, gt=0, description="beyond the last deflection")
+    deflection: tuple[Length, ...] = Field(
+        description="deflections of the table, rising from 0", examples=[(0.0, 0.05, 0.1)]
+    )
+    loading: tuple[Force, ...] = Field(
+        description="force at each deflection in loading", examples=[(0.0, 400e3, 1500e3)]
+    )
+    unloading: tuple[Force, ...] = Field(
+        description="force at each deflection in unloading", examples=[(0.0, 100e3, 1500e3)]
+    )
 
     @model_validator(mode="after")
-    def _curves(self) -> TableGear:
+    def _curves(self) -> GearTable:
         if not len(self.deflection) == len(self.loading) == len(self.unloading) >= 2:
             raise ValueError("deflection, loading and unloading need the same length of at least 2; correct them")
         if self.deflection[0] != 0 or any(b <= a for a, b in pairwise(self.deflection)):
@@ -121,11 +122,39 @@ class TableGear(SiModel):
         for name, force in (("loading", self.loading), ("unloading", self.unloading)):
             if any(b < a for a, b in pairwise(force)) or force[-1] <= 0:
                 raise ValueError(f"{name} must rise with the deflection; correct it")
-        slopes = [
-            (f1 - f0) / (d1 - d0) for (d0, f0), (d1, f1) in pairwise(zip(self.deflection, self.loading, strict=True))
-        ]
-        _check_transition(self.transition_stiffness, max(slopes))
         return self
+
+    @property
+    def steepest(self) -> float:
+        """Largest slope of the loading curve [N/m]."""
+        points = zip(self.deflection, self.loading, strict=True)
+        return max((f1 - f0) / (d1 - d0) for (d0, f0), (d1, f1) in pairwise(points))
+
+
+class TableGear(GearTable):
+    """Tabulated loading and unloading force over the deflection, with transitions as in :class:`ClipGear`."""
+
+    kind: Literal["table"]
+    buff: GearTable | None = Field(
+        None,
+        description="forces in buff, > 0, if they differ from those above, which then hold in draft",
+        examples=[{"deflection": (0.0, 0.08), "loading": (20e3, 2000e3), "unloading": (0.0, 2000e3)}],
+    )
+    slack: Length = Field(0.0, ge=0, description="free play from draft to buff", examples=[0.01])
+    damping: Damping = Field(0.0, ge=0, description="damping of the gear in contact", examples=[1e5])
+    transition_stiffness: Stiffness = Field(60e6, gt=0, description="stiffness between the branches")
+    transition_damping: Damping = Field(0.0, ge=0, description="damping between the branches", examples=[5e6])
+    stop_stiffness: Stiffness = Field(200e6, gt=0, description="stiffness beyond the last deflection")
+
+    @model_validator(mode="after")
+    def _stiff_enough(self) -> TableGear:
+        _check_transition(self.transition_stiffness, max(table.steepest for table in self.tables))
+        return self
+
+    @property
+    def tables(self) -> tuple[GearTable, GearTable]:
+        """Tables in draft and in buff."""
+        return self, self.buff or self
 
 
 DraftGear = Annotated[ClipGear | SmoothedGear | LinearGear | RigidGear | TableGear, Field(discriminator="kind")]

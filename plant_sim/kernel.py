@@ -42,11 +42,12 @@ VEHICLE_INDEX_ROWS = 4
 # Rows of `gear`; column i is the coupler behind vehicle i.
 # HYSTERESIS_FORCE, HYSTERESIS_DEFLECTION: force between the branches and deflection at the last step.
 # TRANSITION_DAMPING: damping between the branches. DRAFT, BUFF: extremes of the force.
+# TABLE, STROKE: of a tabulated gear in draft; BUFF_TABLE, BUFF_STROKE: in buff.
 (
     HALF_SLACK, STIFFNESS, DAMPING, F0, X0, A1, A2, RATIO, STROKE, STOP, INVERSE_VE, TABLE,
-    HYSTERESIS_FORCE, HYSTERESIS_DEFLECTION, DRAFT, BUFF, TRANSITION_DAMPING,
-) = range(17)  # fmt: skip
-GEAR_ROWS = 17
+    HYSTERESIS_FORCE, HYSTERESIS_DEFLECTION, DRAFT, BUFF, TRANSITION_DAMPING, BUFF_STROKE, BUFF_TABLE,
+) = range(19)  # fmt: skip
+GEAR_ROWS = 19
 # Kinds of draft gear; `run` lists (first, end, kind, equal) of consecutive ones of a kind. EQUAL: 1 if their constants
 # are equal.
 LINEAR, CLIP, SMOOTHED, TABULATED, RIGID = range(5)
@@ -176,13 +177,15 @@ def _smoothed(a, b, x, v, state, vehicle, gear):
 
 @compiled(into_caller=True, allocates=False)
 def _tabulated(a, b, x, v, state, vehicle, gear, table):
-    """Spring between tabulated loading and unloading curves, as in :func:`_clip`; the same usable step."""
+    """Spring between tabulated loading and unloading curves of draft or buff, as in :func:`_clip`; its usable step."""
     for i in range(uint64(a), uint64(b)):
         deflection = x[i] - x[i + ONE] - vehicle[GAP, i]
         side = copysign(1.0, deflection)
-        half_slack, which = gear[HALF_SLACK, i], int(gear[TABLE, i])
+        half_slack, which, stroke = gear[HALF_SLACK, i], int(gear[TABLE, i]), gear[STROKE, i]
+        if side < 0.0:
+            which, stroke = int(gear[BUFF_TABLE, i]), gear[BUFF_STROKE, i]
         beyond = max(side * deflection - half_slack, 0.0)
-        d = min(beyond, gear[STROKE, i])
+        d = min(beyond, stroke)
         j = 1
         while d > table[which, 0, j]:
             j += 1

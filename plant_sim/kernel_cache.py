@@ -104,7 +104,10 @@ class KernelCache(_Cache):  # type: ignore[misc]
         target_context.refresh()
         name = self._file_name(sig, target_context.codegen())
         content = name and next(filter(None, (_read(folder / name) for folder in cache_folders())), None)
-        return CompileResult._rebuild(target_context, *pickle.loads(content)) if content else None
+        try:
+            return CompileResult._rebuild(target_context, *pickle.loads(content)) if content else None
+        except (ImportError, AttributeError):  # a type that an earlier version had in another module
+            return None
 
     def save_overload(self, sig: Any, data: CompileResult) -> None:
         """Write the kernel of a signature; a full or removed folder costs later processes a compilation only."""
@@ -252,9 +255,10 @@ def _text_of(value: Any) -> str:
         return f"{type(value).__name__} {value.__name__}"
     if isinstance(value, EnumMeta):
         members: dict[str, Any] = dict(value.__members__)
-        return repr((value.__name__, [(name, _text_of(entry.value)) for name, entry in members.items()]))
+        entries = [(name, _text_of(entry.value)) for name, entry in members.items()]
+        return repr((value.__module__, value.__name__, entries))
     if isinstance(value, type) and issubclass(value, tuple) and hasattr(value, "_fields"):
-        return repr((value.__name__, value._fields))
+        return repr((value.__module__, value.__name__, value._fields))
     if isinstance(value, np.dtype):
         return repr((value, value.itemsize))
     if isinstance(value, np.ndarray):

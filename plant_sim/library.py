@@ -11,8 +11,7 @@ from plant_sim.consist import Consist
 from plant_sim.data_text import parse_yaml
 from plant_sim.formats.reading import ReadConsist, ReadLine, read_line, read_train
 from plant_sim.input_error import build_model, close_match
-from plant_sim.line import Line
-from plant_sim.line_direction import AGAINST
+from plant_sim.line import AGAINST, Line
 
 
 def _folder(kind: str) -> Path:
@@ -117,7 +116,7 @@ def split_name(name: str) -> tuple[str, str]:
     return stem, colon + selection
 
 
-def named_train(name: str, point_mass: bool = False) -> ReadConsist:
+def named_train(name: str, *, point_mass: bool = False) -> ReadConsist:
     """Return a train by name or path with its format and the keys that it does not carry.
 
     Parameters
@@ -133,7 +132,7 @@ def named_train(name: str, point_mass: bool = False) -> ReadConsist:
         One line with file, key, value and remedy.
     """
     stem, selection = split_name(name)
-    return read_train(consist_path(stem), point_mass, selection.removeprefix(":"))
+    return read_train(consist_path(stem), point_mass=point_mass, selection=selection.removeprefix(":"))
 
 
 def named_line(name: str) -> ReadLine:
@@ -154,7 +153,7 @@ def named_line(name: str) -> ReadLine:
     stem, selection = split_name(name)
     against = selection.endswith(f":{AGAINST}")
     selection = selection.removesuffix(f":{AGAINST}").removeprefix(":")
-    return read_line(line_path(stem), selection, against)
+    return read_line(line_path(stem), selection, against=against)
 
 
 def load_line(name: str) -> Line:

@@ -1,19 +1,107 @@
-"""Data model of a line: grades, curves, tunnels, speed limits and stops over the distance from km 0."""
+"""Data model of a line: grades, curves, tunnels, speed limits and stops over the distance from km 0.
+
+Sections of a line that limit a train: neutral sections, power limits, adhesion, temporary speed restrictions.
+
+Neutral sections, power limits and adhesion hold for every vehicle with its centre in the section; a temporary speed
+restriction holds for the whole length of the train.
+
+Line for a train that runs against its direction: every place mirrored between begin and end.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from plant_sim.line_sections import AdhesionSection, NeutralSection, PowerLimit, TemporaryRestriction
-from plant_sim.number_text import number_text
-from plant_sim.si_model import SiModel
-from plant_sim.units import Length, Slope, Speed
+from plant_sim.chainage import ChainageSection, place_of_post, post_at, with_places
+from plant_sim.si_model import SiModel, Source, Summary
+from plant_sim.units import Place, Power, Ratio, Slope, Speed, Unit, number_text
+
+Begin = Annotated[Place, Field(description="place at which it begins", examples=[1200.0])]
+End = Annotated[Place, Field(description="place at which it ends, beyond begin", examples=[1500.0])]
+
+
+class LineSection(SiModel):
+    """Section of a line from ``begin`` to ``end``."""
+
+    begin: Begin
+    end: End
+
+    @model_validator(mode="after")
+    def _extent(self) -> LineSection:
+        if self.end <= self.begin:
+            raise ValueError(
+                f"end {number_text(self.end)} m must be beyond begin {number_text(self.begin)} m; correct it"
+            )
+        return self
+
+
+class NeutralSection(LineSection):
+    """Neutral section of the overhead line: no traction power."""
+
+    electric_brake: bool = Field(False, description="electric brake that works without the line, as a rheostatic brake")
+
+
+class PowerLimit(LineSection):
+    """Limit of the traction power of the train, as power at the wheels or as line current.
+
+    The power units share it in proportion to their largest powers. The electric brake is not limited.
+    """
+
+    power: Power | None = Field(None, gt=0, description="largest power at the wheels", examples=[3e6])
+    current: Annotated[float, Unit("A")] | None = Field(
+        None, gt=0, description="largest line current, with voltage and efficiency", examples=[1200.0]
+    )
+    voltage: Annotated[float, Unit("V")] | None = Field(
+        None, gt=0, description="voltage of the line", examples=[3000.0]
+    )
+    efficiency: Ratio | None = Field(
+        None, gt=0, le=1, description="power at the wheels over power from the line", examples=[0.85]
+    )
+
+    @model_validator(mode="after")
+    def _one_form(self) -> PowerLimit:
+        electric = (self.current, self.voltage, self.efficiency)
+        missing = electric.count(None)
+        if missing not in (0, len(electric)) or (self.power is None) == (missing > 0):
+            raise ValueError("a power limit has power, or current with voltage and efficiency; give one of the two")
+        return self
+
+    @property
+    def wheel_power(self) -> float:
+        """Largest power at the wheels [W]."""
+        if self.power is not None:
+            return self.power
+        assert self.current is not None
+        assert self.voltage is not None
+        assert self.efficiency is not None
+        return self.current * self.voltage * self.efficiency
+
+
+class AdhesionSection(LineSection):
+    """Section with another adhesion, as a factor on that of the plant; without one, on Curtius and Kniffler, dry."""
+
+    factor: Ratio = Field(
+        gt=0, le=2, description="factor on the adhesion, about 0.5 for leaves on the rail", examples=[0.5]
+    )
+
+
+class TemporaryRestriction(LineSection):
+    """Temporary speed restriction, beside the speed limits of the line."""
+
+    speed: Speed = Field(gt=0, description="largest permitted speed", examples=[8.0])
+    reason: str = Field("", description="reason, for displays", examples=["track works"])
+
 
 SCHEMA = "train_ato/line/1"
+ROUNDING = 1e-6
+"""Rounding of places [m]."""
+ROUNDING_STEP = 0.25e-3
+"""Largest step of the grade within a vertical curve."""
 MAX_GRADE = 0.5
 """Largest plausible grade; a larger one is probably in per mille without the suffix."""
 
@@ -50,8 +138,8 @@ def order_fault(places: Sequence[float], start: float | None = None) -> str:
 class Grade(SiModel):
     """Grade from a position to the next entry; > 0 uphill."""
 
-    at: Length
-    grade: Slope = Field(description="for example 0.012, or grade_permille: 12")
+    at: Place = Field(description="place at which the grade begins", examples=[1200.0])
+    grade: Slope = Field(description="grade, > 0 uphill", examples=[0.012])
 
     @model_validator(mode="after")
     def _plausible(self) -> Grade:
@@ -59,22 +147,38 @@ class Grade(SiModel):
         return self
 
 
-class Curve(SiModel):
-    """Curve of constant radius R [m], with a resistance of 600/R N/kN."""
+class VerticalCurve(SiModel):
+    """Rounding of the change of grade at a place, with half of its length before the place and half behind it."""
 
-    begin: Length
-    end: Length
-    radius: Length = Field(ge=5)
-    side: Literal["left", "right"] | None = Field(None, description="turn, for displays; default: in turn")
+    at: Place = Field(description="place of the change, where an entry of grades begins", examples=[1200.0])
+    radius: Place = Field(ge=100, description="radius of the rounding", examples=[10e3])
+
+
+class Curve(SiModel):
+    """Curve of constant radius."""
+
+    begin: Begin
+    end: End
+    radius: Place = Field(ge=5, description="radius of the curve", examples=[400.0])
+    side: Literal["left", "right"] | None = Field(
+        None, description="direction of the curve in displays; default: left and right in turn"
+    )
+    resistance_n_per_kn: Annotated[float, Unit("N/kN")] | None = Field(
+        None, ge=0, description="resistance per weight; default: 600/R", examples=[1.2]
+    )
 
 
 class Tunnel(SiModel):
     """Tunnel with an additional resistance per weight, or with a cross section for that of the train."""
 
-    begin: Length
-    end: Length
-    resistance_n_per_kn: float = Field(0.0, ge=0)
-    cross_section: float | None = Field(None, gt=0, description="[m²], for tunnel_resistance of the consist")
+    begin: Begin
+    end: End
+    resistance_n_per_kn: Annotated[float, Unit("N/kN")] = Field(
+        0.0, ge=0, description="additional resistance per weight", examples=[1.5]
+    )
+    cross_section: Annotated[float, Unit("m²")] | None = Field(
+        None, gt=0, description="cross section, for tunnel_resistance of the consist", examples=[45.0]
+    )
 
     @model_validator(mode="after")
     def _has_resistance(self) -> Tunnel:
@@ -86,45 +190,109 @@ class Tunnel(SiModel):
 class SpeedLimit(SiModel):
     """Speed limit from a position to the next entry, for the whole length of the train."""
 
-    at: Length
-    speed: Speed = Field(gt=0)
+    at: Place = Field(description="place at which the limit begins", examples=[1200.0])
+    speed: Speed = Field(gt=0, description="largest permitted speed", examples=[20.0])
+
+
+class CategoryLimits(SiModel):
+    """Speed limits for trains of a category, in place of speed_limits."""
+
+    category: str = Field(description="name that the categories of a consist have", examples=["freight"])
+    speed_limits: tuple[SpeedLimit, ...] = Field(
+        min_length=1, description="speed limits by rising place", examples=[[{"at": 0.0, "speed": 22.0}]]
+    )
+
+    @model_validator(mode="after")
+    def _order(self) -> CategoryLimits:
+        if fault := order_fault([entry.at for entry in self.speed_limits]):
+            raise ValueError(f"speed_limits{fault}")
+        return self
 
 
 class Stop(SiModel):
     """Stopping point of the front of the train."""
 
-    at: Length
-    name: str = ""
-    dwell: float = Field(0.0, ge=0, description="dwell time [s]")
+    at: Place = Field(description="place of the front at standstill", examples=[1200.0])
+    name: str = Field("", description="name of the station", examples=["Market"])
+    dwell: Annotated[float, Unit("s")] = Field(
+        0.0, ge=0, description="time at rest at an intermediate stop", examples=[30.0]
+    )
 
 
 class Coordinate(SiModel):
     """Coordinate of a place of the line (WGS 84), for displays."""
 
-    at: Length
-    latitude: float = Field(ge=-90, le=90, description="[deg], > 0 north")
-    longitude: float = Field(ge=-180, le=180, description="[deg], > 0 east")
+    at: Place = Field(description="place on the line", examples=[1200.0])
+    latitude: Annotated[float, Unit("deg")] = Field(ge=-90, le=90, description="latitude, > 0 north", examples=[48.14])
+    longitude: Annotated[float, Unit("deg")] = Field(
+        ge=-180, le=180, description="longitude, > 0 east", examples=[11.56]
+    )
 
 
 class Line(SiModel):
     """Line; before ``begin`` and beyond ``end`` it continues level and straight."""
 
-    schema_: Literal["train_ato/line/1"] = Field(alias="schema")
-    name: str
-    summary: str = ""
-    source: str = ""
-    begin: Length = 0.0
-    end: Length
-    grades: tuple[Grade, ...] = ()
+    schema_: Literal["train_ato/line/1"] = Field(alias="schema", description="kind and version of the file")
+    name: str = Field(description="name in lists, logs and reports", examples=["metro_12_km"])
+    summary: Summary = ""
+    source: Source = ""
+    begin: Place = Field(0.0, description="place at which the line begins", examples=[100.0])
+    end: Place = Field(description="place at which the line ends", examples=[12e3])
+    chainage: tuple[ChainageSection, ...] = Field(
+        (),
+        description="kilometres of the posts along the line, in the order of running, also falling or with jumps; "
+        "places may then be written as 12+345, and are shown so",
+        examples=[[{"begin": 84500.0, "end": 80200.0}, {"begin": 80250.0, "end": 77000.0}]],
+    )
+    grades: tuple[Grade, ...] = Field((), description="grades by rising place; level before the first")
+    vertical_curves: tuple[VerticalCurve, ...] = Field(
+        (), description="roundings of changes of grade by rising place; default: a change is at once"
+    )
     curves: tuple[Curve, ...] = ()
-    tunnels: tuple[Tunnel, ...] = ()
-    speed_limits: tuple[SpeedLimit, ...] = ()
+    tunnels: tuple[Tunnel, ...] = Field(
+        (),
+        description="tunnels in any order",
+        examples=[[{"begin": 1200.0, "end": 1500.0, "resistance_n_per_kn": 1.5}]],
+    )
+    speed_limits: tuple[SpeedLimit, ...] = Field((), description="speed limits by rising place")
+    category_limits: tuple[CategoryLimits, ...] = Field(
+        (), description="speed limits by train category; a train takes those of the first of its categories"
+    )
     temporary_restrictions: tuple[TemporaryRestriction, ...] = ()
     neutral_sections: tuple[NeutralSection, ...] = ()
-    power_limits: tuple[PowerLimit, ...] = ()
+    power_limits: tuple[PowerLimit, ...] = Field(
+        (), description="limits of the traction power", examples=[[{"begin": 1200.0, "end": 1500.0, "power": 3e6}]]
+    )
     adhesion: tuple[AdhesionSection, ...] = ()
-    stops: tuple[Stop, ...] = ()
-    coordinates: tuple[Coordinate, ...] = Field((), description="at least two, by rising distance; for displays")
+    stops: tuple[Stop, ...] = Field((), description="stopping points by rising place")
+    coordinates: tuple[Coordinate, ...] = Field(
+        (),
+        description="coordinates by rising place, at least two, for displays",
+        examples=[
+            [{"at": 0.0, "latitude": 48.14, "longitude": 11.56}, {"at": 12e3, "latitude": 48.22, "longitude": 11.63}]
+        ],
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _posts(cls, data: Any) -> Any:
+        return with_places(data) if isinstance(data, dict) and data.get("chainage") else data
+
+    def post_at(self, place: float) -> str:
+        """Return the kilometre of a place [m] as the posts of the line show it, or with three decimals."""
+        return post_at(self.chainage, self.begin, place) if self.chainage else f"{place / 1e3:.3f}"
+
+    def place_of(self, text: str) -> float:
+        """Return the place of a post such as ``12+345`` [m].
+
+        Raises
+        ------
+        ValueError
+            If the line has no chainage, or this kilometre nowhere or twice.
+        """
+        if not self.chainage:
+            raise ValueError(f"'{text}': line '{self.name}' has no chainage; write the distance in kilometres")
+        return place_of_post(self.chainage, self.begin, text)
 
     @model_validator(mode="after")
     def _order(self) -> Line:
@@ -135,6 +303,7 @@ class Line(SiModel):
             )
         for name, places in (
             ("grades", [entry.at for entry in self.grades]),
+            ("vertical_curves", [entry.at for entry in self.vertical_curves]),
             ("speed_limits", [entry.at for entry in self.speed_limits]),
             ("stops", [entry.at for entry in self.stops]),
             ("coordinates", [entry.at for entry in self.coordinates]),
@@ -148,6 +317,56 @@ class Line(SiModel):
         if len(self.coordinates) == 1:
             raise ValueError("coordinates has one entry; give at least two, or none")
         return self
+
+    @model_validator(mode="after")
+    def _roundings(self) -> Line:
+        reached = self.begin
+        for number, (entry, (change, half)) in enumerate(
+            zip(self.vertical_curves, map(self._rounding, self.vertical_curves), strict=True)
+        ):
+            key = f"vertical_curves[{number}] at {number_text(entry.at)} m"
+            if change == 0.0:
+                raise ValueError(f"{key}: no grade changes there; give the place of an entry of grades")
+            if entry.at - half < reached - ROUNDING or entry.at + half > self.end + ROUNDING:
+                raise ValueError(
+                    f"{key}: its {number_text(2 * half)} m reach beyond the line or the rounding before; lower its "
+                    "radius"
+                )
+            reached = entry.at + half
+            inside = [grade.at for grade in self.grades if ROUNDING < abs(grade.at - entry.at) < half - ROUNDING]
+            if inside:
+                raise ValueError(
+                    f"{key}: its {number_text(2 * half)} m reach over the grade at {number_text(inside[0])} m; lower "
+                    "its radius"
+                )
+        return self
+
+    def _rounding(self, curve: VerticalCurve) -> tuple[float, float]:
+        """Return the change of grade at a vertical curve, and half of its length [m]."""
+        before, change = 0.0, 0.0
+        for entry in self.grades:
+            if abs(entry.at - curve.at) <= ROUNDING:
+                change = entry.grade - before
+                break
+            before = entry.grade
+        return change, curve.radius * abs(change) / 2
+
+    @property
+    def rounded_grades(self) -> tuple[Grade, ...]:
+        """Grades with every vertical curve in steps of at most 0.25 per mille, with the heights of the curve."""
+        if not self.vertical_curves:
+            return self.grades
+        roundings = [(entry.at, self._rounding(entry)) for entry in self.vertical_curves]
+        found: list[Grade] = []
+        for entry in self.grades:
+            here = (rounding for at, rounding in roundings if abs(entry.at - at) <= ROUNDING)
+            change, half = next(here, (0.0, 0.0))
+            steps = math.ceil(abs(change) / ROUNDING_STEP)
+            for step in range(steps):
+                at, part = entry.at - half + 2 * half * step / steps, (step + 0.5) / steps
+                found.append(Grade(at=at, grade=entry.grade - change * (1.0 - part)))
+            found.append(Grade(at=entry.at + half, grade=entry.grade))
+        return tuple(found)
 
     @model_validator(mode="after")
     def _restrictions_below_limits(self) -> Line:
@@ -175,3 +394,101 @@ class Line(SiModel):
             if not found or found[-1].speed != speed:
                 found.append(SpeedLimit(at=at, speed=speed))
         return tuple(found)
+
+
+AGAINST = "reverse"
+"""Selection of a line name for the other direction: ``LINE:reverse``."""
+ENDING = f":{AGAINST}"
+OTHER_SIDE = {"left": "right", "right": "left", None: None}
+
+
+def reversed_line(line: Line) -> Line:
+    """Return the line for the other direction of running: place x becomes begin + end - x.
+
+    Grades change their sign, curves their side. A grade, and a speed limit, that holds from its place on in one
+    direction holds up to that place in the other one.
+
+    Raises
+    ------
+    ValueError
+        If the line has speed limits, but none at its begin, which is the end of the reversed line.
+    """
+
+    def mirrored(place: float) -> float:
+        return line.begin + line.end - place
+
+    def stretch(entry: Any) -> dict[str, float]:
+        return {"begin": mirrored(entry.end), "end": mirrored(entry.begin)}
+
+    def stretches(entries: tuple[Any, ...]) -> tuple[Any, ...]:
+        return tuple(entry.model_copy(update=stretch(entry)) for entry in reversed(entries))
+
+    def points(entries: tuple[Any, ...]) -> tuple[Any, ...]:
+        return tuple(entry.model_copy(update={"at": mirrored(entry.at)}) for entry in reversed(entries))
+
+    if line.speed_limits and line.speed_limits[0].at > line.begin:
+        raise ValueError(
+            f"line '{line.name}': speed_limits: none before {number_text(line.speed_limits[0].at)} m, where a train "
+            f"in the other direction ends; begin them at {number_text(line.begin)} m"
+        )
+    curves = tuple(curve.model_copy(update={"side": OTHER_SIDE[curve.side]}) for curve in stretches(line.curves))
+
+    def limits(entries: tuple[SpeedLimit, ...]) -> list[dict[str, float]]:
+        pieces = [(mirrored(end), entry.speed) for entry, end in _pieces(line, entries)]
+        return [{"at": at, "speed": speed} for at, speed in reversed(pieces)]
+
+    update = {
+        "name": line.name.removesuffix(ENDING) if line.name.endswith(ENDING) else line.name + ENDING,
+        "grades": [{"at": at, "grade": grade} for at, grade in _mirrored_grades(line)],
+        "vertical_curves": points(line.vertical_curves),
+        "chainage": [{"begin": entry.end, "end": entry.begin} for entry in reversed(line.chainage)],
+        "curves": curves,
+        "tunnels": stretches(line.tunnels),
+        "speed_limits": limits(line.speed_limits),
+        "category_limits": [
+            {"category": entry.category, "speed_limits": limits(entry.speed_limits)} for entry in line.category_limits
+        ],
+        "temporary_restrictions": stretches(line.temporary_restrictions),
+        "neutral_sections": stretches(line.neutral_sections),
+        "power_limits": stretches(line.power_limits),
+        "adhesion": stretches(line.adhesion),
+        "stops": points(line.stops),
+        "coordinates": points(line.coordinates),
+    }
+    data = line.model_dump(by_alias=True, exclude_unset=True)
+    return Line.model_validate(data | update)
+
+
+def line_for(line: Line, categories: Sequence[str]) -> Line:
+    """Return a line with the speed limits of the first category of a train that it has.
+
+    Parameters
+    ----------
+    categories
+        Categories of the train in the order of their choice; none: the line as it is.
+    """
+    known = {entry.category: entry.speed_limits for entry in line.category_limits}
+    chosen = next((name for name in categories if name in known), None)
+    if chosen is None:
+        return line
+    data = line.model_dump(by_alias=True, exclude_unset=True)
+    return Line.model_validate(data | {"speed_limits": [entry.model_dump() for entry in known[chosen]]})
+
+
+def _pieces(line: Line, entries: tuple[Any, ...]) -> list[tuple[Any, float]]:
+    """Return every entry that holds on the line, with the end of its piece [m]."""
+    ends = [*(entry.at for entry in entries[1:]), line.end][: len(entries)]
+    return [
+        (entry, min(end, line.end))
+        for entry, end in zip(entries, ends, strict=True)
+        if end > line.begin and entry.at < line.end
+    ]
+
+
+def _mirrored_grades(line: Line) -> list[tuple[float, float]]:
+    """Return place [m] and grade of the pieces of the reversed line; level where the line has no grade."""
+    pieces = _pieces(line, line.grades) if line.grades else []
+    found = [(line.begin + line.end - end, 0.0 - entry.grade) for entry, end in reversed(pieces)]
+    if pieces and pieces[0][0].at > line.begin:
+        found.append((line.begin + line.end - pieces[0][0].at, 0.0))
+    return found

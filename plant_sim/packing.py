@@ -13,7 +13,7 @@ from plant_sim import kernel as k
 from plant_sim.consist import Consist, EnvelopeSegment, VehicleType
 from plant_sim.disturbances import UnmodelledGrade
 from plant_sim.elementary import exp_each
-from plant_sim.gears import ClipGear, DraftGear, LinearGear, RigidGear, SmoothedGear, TableGear
+from plant_sim.gears import ClipGear, DraftGear, GearTable, LinearGear, RigidGear, SmoothedGear, TableGear
 from plant_sim.line import Line
 from plant_sim.plant_setup import PlantSetup, SpeedAdhesion
 from plant_sim.states import Array
@@ -48,7 +48,7 @@ class Arrays:
     setting: Array
 
 
-def _gear_column(gear: DraftGear, column: Array, tables: list[TableGear]) -> int:
+def _gear_column(gear: DraftGear, column: Array, tables: list[GearTable]) -> int:
     """Fill one column of the gear array; return the kind of the gear."""
     if isinstance(gear, RigidGear):
         return k.RIGID
@@ -60,8 +60,8 @@ def _gear_column(gear: DraftGear, column: Array, tables: list[TableGear]) -> int
     column[k.STOP] = gear.stop_stiffness
     if isinstance(gear, TableGear):
         column[k.STIFFNESS], column[k.TRANSITION_DAMPING] = gear.transition_stiffness, gear.transition_damping
-        column[k.STROKE] = gear.deflection[-1]
-        column[k.TABLE] = tables.index(gear)
+        for table, stroke, of in zip((k.TABLE, k.BUFF_TABLE), (k.STROKE, k.BUFF_STROKE), gear.tables, strict=True):
+            column[stroke], column[table] = of.deflection[-1], tables.index(of)
         return k.TABULATED
     column[k.F0], column[k.X0], column[k.A1] = gear.preload, gear.preload_length, gear.stiffness
     column[k.A2], column[k.RATIO], column[k.STROKE] = gear.second_order, gear.unloading_ratio, gear.stroke
@@ -114,7 +114,7 @@ def pack_gears(gears: Sequence[DraftGear], vehicles: int) -> tuple[Array, Array,
     vehicles
         Number of vehicles.
     """
-    tables = list(dict.fromkeys(gear for gear in gears if isinstance(gear, TableGear)))
+    tables = list(dict.fromkeys(table for gear in gears if isinstance(gear, TableGear) for table in gear.tables))
     gear_array = np.zeros((k.GEAR_ROWS, whole_lines(max(vehicles - 1, 1))))
     gear_array[k.X0] = 1.0
     kinds = [_gear_column(gear, gear_array[:, i], tables) for i, gear in enumerate(gears)]

@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 from plant_sim.disturbances import DisturbanceSource
 from plant_sim.gears import DraftGear
 from plant_sim.si_model import SiModel
-from plant_sim.units import Force, ForceRate, Length, Ratio, Speed, Time
+from plant_sim.units import Force, ForceRate, Length, Number, Place, Ratio, Speed, Time
 
 MAX_START_SPEED = 300.0
 """Largest initial speed [m/s]."""
@@ -24,12 +24,18 @@ MAX_ODOMETER_ERROR = 0.05
 class Start(SiModel):
     """Initial state: by default one speed, and couplers unstretched behind vehicle 0."""
 
-    position: Length = Field(
-        0.0, description="centre of vehicle 0; default in a scenario: the beginning of the profile"
+    position: Place = Field(
+        0.0, description="centre of vehicle 0; default in a scenario: the begin of the profile", examples=[150.0]
     )
-    speed: Speed = Field(0.0, ge=-MAX_START_SPEED, le=MAX_START_SPEED)
-    positions: tuple[Length, ...] | None = Field(None, description="centre of every vehicle, in place of position")
-    speeds: tuple[Speed, ...] | None = Field(None, description="speed of every vehicle, in place of speed")
+    speed: Speed = Field(
+        0.0, ge=-MAX_START_SPEED, le=MAX_START_SPEED, description="speed of all vehicles", examples=[20.0]
+    )
+    positions: tuple[Place, ...] | None = Field(
+        None, description="centre of every vehicle, front first, in place of position", examples=[(150.0, 130.0)]
+    )
+    speeds: tuple[Speed, ...] | None = Field(
+        None, description="speed of every vehicle, front first, in place of speed", examples=[(20.0, 20.0)]
+    )
     any_order: bool = Field(False, description="accept any order of the vehicles, as points without length")
 
     @model_validator(mode="after")
@@ -47,14 +53,14 @@ class ConstantAdhesion(SiModel):
     """Wheel-rail adhesion coefficient that does not depend on the speed."""
 
     kind: Literal["constant"]
-    coefficient: float = Field(gt=0, le=1)
+    coefficient: Number = Field(gt=0, le=1, description="adhesion coefficient", examples=[0.2])
 
 
 class SpeedAdhesion(SiModel):
     """Adhesion after Curtius and Kniffler: factor (0.161 + 7.5/(V + 44)), V in km/h."""
 
     kind: Literal["curtius_kniffler"]
-    factor: float = Field(1.0, gt=0, description="1 dry, about 0.7 wet")
+    factor: Number = Field(1.0, gt=0, description="factor on the adhesion: 1 on dry rails, about 0.7 on wet ones")
 
 
 Adhesion = Annotated[ConstantAdhesion | SpeedAdhesion, Field(discriminator="kind")]
@@ -63,10 +69,10 @@ Adhesion = Annotated[ConstantAdhesion | SpeedAdhesion, Field(discriminator="kind
 class Freeze(SiModel):
     """Measurement of one unit that is constant for an interval."""
 
-    unit: int = Field(0, ge=0)
-    begin: Time
-    end: Time
-    quantity: Literal["position", "velocity", "both"] = "both"
+    unit: int = Field(0, ge=0, description="number of the power unit, from 0", examples=[1])
+    begin: Time = Field(description="begin of the interval", examples=[60.0])
+    end: Time = Field(description="end of the interval", examples=[70.0])
+    quantity: Literal["position", "velocity", "both"] = Field("both", description="measured quantity that is constant")
 
     @model_validator(mode="after")
     def _order(self) -> Freeze:
@@ -78,10 +84,12 @@ class Freeze(SiModel):
 class WheelSlip(SiModel):
     """Wheel slip (> 0) or slide (< 0) of one unit, with the error of its odometer."""
 
-    unit: int = Field(0, ge=0)
-    begin: Time
-    end: Time
-    slip: Ratio = Field(ge=-1, le=100, description="measured speed is (1 + slip) v; -1 for locked wheels")
+    unit: int = Field(0, ge=0, description="number of the power unit, from 0", examples=[1])
+    begin: Time = Field(description="begin of the interval", examples=[60.0])
+    end: Time = Field(description="end of the interval", examples=[70.0])
+    slip: Ratio = Field(
+        ge=-1, le=100, description="slip s in the measured speed (1 + s) v; -1 for locked wheels", examples=[0.1]
+    )
 
     @model_validator(mode="after")
     def _order(self) -> WheelSlip:
@@ -93,17 +101,25 @@ class WheelSlip(SiModel):
 class Sensors(SiModel):
     """Errors of the sensors, and couplers with a sensor."""
 
-    position_noise: Length = Field(0.0, ge=0, description="rms")
-    velocity_noise: Speed = Field(0.0, ge=0, description="rms")
-    position_quantum: Length = Field(0.0, ge=0, description="resolution; 0 for none")
-    velocity_quantum: Speed = Field(0.0, ge=0, description="resolution; 0 for none")
-    position_bias: Length = 0.0
-    velocity_bias: Speed = 0.0
+    position_noise: Length = Field(
+        0.0, ge=0, description="root mean square of the noise of the position", examples=[0.05]
+    )
+    velocity_noise: Speed = Field(0.0, ge=0, description="root mean square of the noise of the speed", examples=[0.02])
+    position_quantum: Length = Field(0.0, ge=0, description="resolution of the position; 0 for none", examples=[0.01])
+    velocity_quantum: Speed = Field(0.0, ge=0, description="resolution of the speed; 0 for none", examples=[0.01])
+    position_bias: Length = Field(0.0, description="constant error of the position", examples=[0.5])
+    velocity_bias: Speed = Field(0.0, description="constant error of the speed", examples=[0.05])
     freeze: tuple[Freeze, ...] = ()
     wheel_slip: tuple[WheelSlip, ...] = ()
-    couplers: tuple[int, ...] = Field((), description="vehicles with a coupler sensor behind them")
-    deflection_noise: Length = Field(0.0, ge=0, description="rms")
-    force_noise: Force = Field(0.0, ge=0, description="rms")
+    couplers: tuple[int, ...] = Field(
+        (), description="numbers of the vehicles with a coupler sensor behind them", examples=[(0, 1)]
+    )
+    deflection_noise: Length = Field(
+        0.0, ge=0, description="root mean square of the noise of a coupler deflection", examples=[0.001]
+    )
+    force_noise: Force = Field(
+        0.0, ge=0, description="root mean square of the noise of a coupler force", examples=[1e3]
+    )
 
 
 class OdometrySpec(SiModel):
@@ -113,29 +129,41 @@ class OdometrySpec(SiModel):
         0.003, ge=0, le=MAX_ODOMETER_ERROR, description="largest relative error of the wheel odometer"
     )
     radar_error: Ratio = Field(0.003, ge=0, le=MAX_ODOMETER_ERROR, description="largest relative error of the radar")
-    balise_spacing: Length = Field(500.0, ge=1, description="distance of the balises")
+    balise_spacing: Place = Field(500.0, ge=1, description="distance between the balises")
 
 
 class Mismatch(SiModel):
     """Difference between the plant and the data of the train."""
 
-    mass_scale: float = Field(1.0, gt=0)
-    resistance_scale: float = Field(1.0, ge=0, description="running resistance")
-    traction_scale: float = Field(1.0, ge=0, description="traction envelope")
-    electric_brake_scale: float = Field(1.0, ge=0, description="electric brake envelope")
-    brake_scale: float = Field(1.0, ge=0, description="forces of the shoes or of the friction emergency brake")
-    actuator_gain: float = Field(1.0, ge=0, description="force over command, every unit")
+    mass_scale: Number = Field(1.0, gt=0, description="mass of the plant over that of the data", examples=[1.1])
+    resistance_scale: Number = Field(
+        1.0, ge=0, description="running resistance of the plant over that of the data", examples=[1.1]
+    )
+    traction_scale: Number = Field(
+        1.0, ge=0, description="traction envelope of the plant over that of the data", examples=[1.1]
+    )
+    electric_brake_scale: Number = Field(
+        1.0, ge=0, description="electric brake envelope of the plant over that of the data", examples=[1.1]
+    )
+    brake_scale: Number = Field(
+        1.0,
+        ge=0,
+        description="forces of the shoes or of the friction emergency brake over those of the data",
+        examples=[1.1],
+    )
+    actuator_gain: Number = Field(1.0, ge=0, description="force over command of every unit", examples=[1.1])
     gears: dict[str, DraftGear | str] = Field(
         default_factory=dict,
         description="draft gears by name and their replacements: a gear, or the name of one of the consist",
+        examples=[{"bar": {"kind": "linear", "stiffness": 15e6}}],
     )
 
 
 class _Sudden(SiModel):
     """Change at a time or at a position of vehicle 0."""
 
-    at: Time | None = Field(None, ge=0)
-    place: Length | None = None
+    at: Time | None = Field(None, ge=0, description="time of the change", examples=[60.0])
+    place: Place | None = Field(None, description="position of vehicle 0's centre at the change", examples=[1200.0])
 
     @model_validator(mode="after")
     def _one_trigger(self) -> _Sudden:
@@ -151,12 +179,18 @@ class Jump(_Sudden):
     next tick on.
     """
 
-    what: Literal["mass", "gain", "lag", "resistance", "adhesion", "brake"]
-    factor: float = Field(ge=0, description="factor on the present value")
-    vehicles: tuple[int, ...] | None = Field(
-        None, description="vehicles of a mass, resistance or brake jump; default all"
+    what: Literal["mass", "gain", "lag", "resistance", "adhesion", "brake"] = Field(
+        description="quantity that is multiplied"
     )
-    units: tuple[int, ...] | None = Field(None, description="units of a gain, lag or adhesion jump; default all")
+    factor: Number = Field(ge=0, description="factor on the present value", examples=[0.8])
+    vehicles: tuple[int, ...] | None = Field(
+        None,
+        description="numbers of the vehicles of a jump of mass, resistance or brake; default: all",
+        examples=[(0, 1)],
+    )
+    units: tuple[int, ...] | None = Field(
+        None, description="numbers of the units of a jump of gain, lag or adhesion; default: all", examples=[(0,)]
+    )
 
     @model_validator(mode="after")
     def _listed(self) -> Jump:
@@ -173,24 +207,28 @@ class TrainSeparation(_Sudden):
     """Parting of couplers during the run, for its rest: no force, and the emergency brake on all parts of the train."""
 
     what: Literal["coupler"]
-    vehicles: tuple[int, ...] = Field(min_length=1, description="vehicles in front of the parting couplers, from 0")
+    vehicles: tuple[int, ...] = Field(
+        min_length=1, description="numbers of the vehicles in front of the parting couplers, from 0", examples=[(50,)]
+    )
 
 
 class PlantSetup(SiModel):
     """Block ``plant:`` of a scenario, without the names of train and line."""
 
     start: Start = Start()
-    lag: Time | tuple[Time, ...] = Field(0.0, description="time constant of the actuators: one, or one per unit")
+    lag: Time | tuple[Time, ...] = Field(
+        0.0, description="time constant of the actuators: one for all units, or one per unit", examples=[0.3]
+    )
     rate_limit: ForceRate | None = Field(
-        None, gt=0, description="largest rate of the force of each unit; default: none"
+        None, gt=0, description="largest rate of the force of each unit; default: none", examples=[200e3]
     )
-    dead_band: Force = Field(0.0, ge=0, description="commands below this have no effect")
+    dead_band: Force = Field(0.0, ge=0, description="force below which a command has no effect", examples=[500.0])
     force_limit: Force | None = Field(
-        None, gt=0, description="limit of the force of the train, split by the masses of the units"
+        None, gt=0, description="limit of the force of the train, divided by the masses of the units", examples=[400e3]
     )
-    ideal_actuator: bool = Field(False, description="ideal actuator of the papers, without envelope and limit")
-    reversing: bool = Field(False, description="a negative force also drives backwards (paper 002)")
-    adhesion: Adhesion | None = None
+    ideal_actuator: bool = Field(False, description="actuator of the papers without envelope and limit")
+    reversing: bool = Field(False, description="backwards motion by a negative force, as in paper 002")
+    adhesion: Adhesion | None = Field(None, description="adhesion between wheel and rail; default: no limit")
     holding_speed: Speed = Field(
         0.05, ge=0, description="mean speed of the train below which, with no demand, the holding brake acts"
     )
@@ -199,13 +237,19 @@ class PlantSetup(SiModel):
     )
     grade_over_length: bool = Field(
         False,
-        description="average grades, curves and tunnels over the length of each vehicle (for a train as one mass)",
+        description="averages of grades, curves and tunnels over the length of each vehicle, for a train as one mass",
     )
     sensors: Sensors = Sensors()
     odometry: OdometrySpec = OdometrySpec()
-    disturbances: tuple[DisturbanceSource, ...] = ()
+    disturbances: tuple[DisturbanceSource, ...] = Field(
+        (),
+        description="outside forces that the model does not have",
+        examples=[[{"kind": "gust", "begin": 60.0, "end": 80.0, "acceleration": -0.05}]],
+    )
     mismatch: Mismatch = Mismatch()
-    jumps: tuple[Annotated[Jump | TrainSeparation, Field(discriminator="what")], ...] = ()
+    jumps: tuple[Annotated[Jump | TrainSeparation, Field(discriminator="what")], ...] = Field(
+        (), description="changes of the train during the run", examples=[[{"at": 60.0, "what": "gain", "factor": 0.8}]]
+    )
 
     @model_validator(mode="after")
     def _lags_and_jumps(self) -> PlantSetup:

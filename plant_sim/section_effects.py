@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 
 from plant_sim import kernel as k
 from plant_sim.consist import Consist
-from plant_sim.formats.notes import print_assumption
-from plant_sim.line import Line, Tunnel
-from plant_sim.line_sections import LineSection
+from plant_sim.formats.fields import print_assumption
+from plant_sim.line import Line, LineSection, Tunnel
 from plant_sim.packing import Arrays
 from plant_sim.plant_setup import PlantSetup, SpeedAdhesion
 from plant_sim.railway import MIN_POWER_SPEED

@@ -6,13 +6,17 @@ The JSON Schema of a model contains the keys with and without suffix, so that ed
 from __future__ import annotations
 
 from functools import cache
-from typing import Any, get_args
+from typing import Annotated, Any, Literal, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, GetJsonSchemaHandler, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, GetJsonSchemaHandler, ValidationError, model_validator
+from pydantic.fields import FieldInfo
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, ErrorDetails, InitErrorDetails, PydanticCustomError
 
 from plant_sim.units import Unit, unit_symbol
+
+Summary = Annotated[str, Field(description="one line for lists", examples=["Metro, six cars, third rail"])]
+Source = Annotated[str, Field(description="origin of the data", examples=["data sheet of the operator, 2024"])]
 
 
 def _unit_of(metadata: list[Any], annotation: Any) -> Unit | None:
@@ -68,6 +72,13 @@ def _divide(value: Any, divisor: float) -> Any:
     return value / divisor
 
 
+def _in_unit(value: Any, divisor: float) -> Any:
+    """Return an SI value, or a list of them, in another unit."""
+    if isinstance(value, (list, tuple)):
+        return [_in_unit(entry, divisor) for entry in value]
+    return None if value is None else float(f"{value * divisor:.12g}")
+
+
 _BOUNDS = frozenset({"minimum", "maximum", "exclusiveMinimum", "exclusiveMaximum"})
 
 
@@ -78,15 +89,61 @@ def _scaled(part: Any, divisor: float) -> Any:
     if not isinstance(part, dict):
         return part
     return {
-        key: float(f"{value * divisor:.12g}") if key in _BOUNDS else _scaled(value, divisor)
+        key: _in_unit(value, divisor) if key in _BOUNDS else _scaled(value, divisor)
         for key, value in part.items()
         if key != "default"
     }
 
 
-def _described(part: dict[str, Any], unit: str) -> dict[str, Any]:
-    """Return the JSON Schema of a quantity with the unit after its description."""
-    return {**part, "description": f"{part.get('description', '')} [{unit}]".strip()}
+def blocks_of(annotation: Any) -> list[type[BaseModel]]:
+    """Return the models of an annotation in their order, also inside list[...], tuple[...] and X | None."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [block for argument in get_args(annotation) for block in blocks_of(argument)]
+
+
+def _choices(annotation: Any) -> list[Any]:
+    """Return the values of the Literals of an annotation in their order, and those of bool."""
+    if get_origin(annotation) is Literal:
+        return list(get_args(annotation))
+    found = [choice for argument in get_args(annotation) for choice in _choices(argument)]
+    return found or ([True, False] if annotation is bool else [])
+
+
+def _text_of(field: FieldInfo, owner: type[BaseModel]) -> str:
+    """Return the text of a key; of a key of one block, or of the kind of a block, the first line of its docstring."""
+    blocks = blocks_of(field.annotation)
+    kind = [owner] if get_origin(field.annotation) is Literal and len(get_args(field.annotation)) == 1 else []
+    of_block = next(((block.__doc__ or "").partition("\n")[0].rstrip(".:") for block in kind or blocks), "")
+    return field.description or (of_block if len(kind or blocks) == 1 else "")
+
+
+def example_of_key(field: FieldInfo) -> Any:
+    """Return the declared example of a key, else another choice than the default, that of its block, or the default."""
+    if field.examples:
+        return field.examples[0]
+    annotation, default = field.annotation, field.default
+    choices = [choice for choice in _choices(annotation) if choice != default]
+    if choices:
+        return choices[0]
+    blocks = blocks_of(annotation)
+    if blocks:
+        listed = tuple in (get_origin(annotation), *map(get_origin, get_args(annotation)))
+        return [example_of(blocks[0])] if listed else example_of(blocks[0])
+    return None if field.is_required() else (_choices(annotation) or [default])[0] or None
+
+
+def example_of(model: type[BaseModel]) -> dict[str, Any]:
+    """Return an example of a block: all required keys, or the first key of a block without."""
+    fields = {field.alias or name: field for name, field in model.model_fields.items()}
+    required = [key for key, field in fields.items() if field.is_required()] or list(fields)[:1]
+    return {key: example_of_key(fields[key]) for key in required}
+
+
+def _described(part: dict[str, Any], text: str, unit: str, example: Any) -> dict[str, Any]:
+    """Return the JSON Schema of a key with text, unit and example."""
+    examples = [] if example is None else [example]
+    return {**part, "description": f"{text} [{unit}]".strip() if unit else text, "examples": examples}
 
 
 @cache
@@ -163,20 +220,24 @@ class SiModel(BaseModel):
 
     @classmethod
     def __get_pydantic_json_schema__(cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
-        """Add the keys with suffixes to the properties; a required field accepts one of its keys."""
+        """Add text, unit and example of every key, and the keys with suffixes.
+
+        A required field accepts one of its keys.
+        """
         schema = handler(core_schema)
         target = handler.resolve_ref_schema(schema)
         properties = target.get("properties", {})
         required = list(target.get("required", ()))
         alternatives = []
-        for key, (name, divisor) in cls.suffixed_keys().items():
-            if name in properties:
-                sign = unit_symbol(key.removeprefix(f"{name}_"))
-                properties[key] = _described(_scaled(properties[name], divisor), sign)
         for name, field in cls.model_fields.items():
-            unit = _unit_of(list(field.metadata), field.annotation)
-            if unit is not None and name in properties:
-                properties[name] = _described(properties[name], unit.si)
+            unit, part = _unit_of(list(field.metadata), field.annotation), properties[field.alias or name]
+            text, example = _text_of(field, cls), example_of_key(field)
+            kinds = {type(kind) if isinstance(kind, int) else kind for kind in _types_in(field.annotation)}
+            si = unit.si if unit else "1" if int in kinds and str not in kinds else ""
+            properties[field.alias or name] = _described(part, text, si, example)
+            for suffix, divisor in unit.suffixes if unit else ():
+                scaled = _in_unit(example, divisor)
+                properties[f"{name}_{suffix}"] = _described(_scaled(part, divisor), text, unit_symbol(suffix), scaled)
         for name in list(required):
             spellings = [name, *(key for key, (field, _) in cls.suffixed_keys().items() if field == name)]
             if len(spellings) > 1:

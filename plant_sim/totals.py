@@ -94,7 +94,7 @@ def totals_of(arrays: Arrays, vehicles: int, kinetic: float, jump_energy: float)
         Part of it from jumps of mass [J].
     """
     state, gear, unit, setting = arrays.state[None], arrays.gear[None], arrays.unit[None], arrays.setting[None]
-    numbers = total_numbers(state, gear, unit, setting, vehicles, [kinetic], jump_energy)
+    numbers = total_numbers(state, gear, unit, setting, vehicles=vehicles, kinetic=[kinetic], jump_energy=jump_energy)
     return Totals(
         draft=arrays.gear[k.DRAFT, : vehicles - 1].copy(),
         buff=arrays.gear[k.BUFF, : vehicles - 1].copy(),
@@ -110,7 +110,14 @@ def kinetic_energy_of_each(mass: Array, states: Array) -> list[float]:
 
 
 def total_numbers(
-    states: Array, gears: Array, units: Array, settings: Array, vehicles: int, kinetic: list[float], jump_energy: float
+    states: Array,
+    gears: Array,
+    units: Array,
+    settings: Array,
+    *,
+    vehicles: int,
+    kinetic: list[float],
+    jump_energy: float,
 ) -> dict[str, list[float]]:
     """Return the totals of the whole train by name, with a number for each of several states of the kernel.
 

@@ -39,7 +39,8 @@ class Track:
     """
 
     def __init__(self, line: Line, extra: Sequence[ExtraGrade] = ()) -> None:
-        places = {line.begin, line.end, *(entry.at for entry in line.grades)}
+        grades = line.rounded_grades
+        places = {line.begin, line.end, *(entry.at for entry in grades)}
         for stretches in (line.curves, line.tunnels, extra):
             places |= {place for stretch in stretches for place in (stretch.begin, stretch.end)}
         self.breaks: Array = np.array(sorted(places))
@@ -49,14 +50,16 @@ class Track:
         self.grade: Array = np.zeros(len(middles))
         self.dry: Array = np.zeros(len(middles))
         inside = (middles > line.begin) & (middles < line.end)
-        if line.grades:
-            begins = np.array([entry.at for entry in line.grades])
-            values = np.array([0.0, *(entry.grade for entry in line.grades)])
+        if grades:
+            begins = np.array([entry.at for entry in grades])
+            values = np.array([0.0, *(entry.grade for entry in grades)])
             self.grade[inside] = values[np.searchsorted(begins, middles[inside], side="right")]
         for piece in extra:
             self.grade[(middles > piece.begin) & (middles < piece.end)] += piece.grade
         for curve in line.curves:
-            self.dry[(middles > curve.begin) & (middles < curve.end)] += 0.6 / curve.radius
+            own = curve.resistance_n_per_kn
+            dry = 0.6 / curve.radius if own is None else 1e-3 * own
+            self.dry[(middles > curve.begin) & (middles < curve.end)] += dry
         for tunnel in line.tunnels:
             self.dry[(middles > tunnel.begin) & (middles < tunnel.end)] += 1e-3 * tunnel.resistance_n_per_kn
 

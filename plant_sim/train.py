@@ -7,15 +7,14 @@ import math
 import numpy as np
 
 from plant_sim import kernel as k
+from plant_sim.air_brake import PipePressure
 from plant_sim.brake_events import PipeEvents, friction_brake_events
 from plant_sim.consist import Consist
-from plant_sim.disturbances import Gust
-from plant_sim.jumps import Jumps
+from plant_sim.disturbances import Gust, OutsideForces
+from plant_sim.jumps import Jumps, PartedCouplers
+from plant_sim.kernel_cache import kernels_are_kept
 from plant_sim.line import Line
-from plant_sim.outside_forces import OutsideForces
 from plant_sim.packing import Arrays, pack
-from plant_sim.parted_couplers import PartedCouplers
-from plant_sim.pipe_pressure import PipePressure
 from plant_sim.plant_setup import Jump, PlantSetup
 from plant_sim.section_effects import MANY_TICKS, SectionEffects, with_adhesion_of
 from plant_sim.sensors import SensorSet
@@ -108,7 +107,7 @@ class Train(KernelState):
     """
 
     def __init__(
-        self, consist: Consist, line: Line, setup: PlantSetup, step_ns: int, tick_ns: int, seed: int = 0
+        self, consist: Consist, line: Line, setup: PlantSetup, *, step_ns: int, tick_ns: int, seed: int = 0
     ) -> None:
         if step_ns <= 0 or tick_ns <= 0 or tick_ns % step_ns:
             raise ValueError(
@@ -120,28 +119,28 @@ class Train(KernelState):
         self.sensors = setup.sensors.couplers
         self.step_ns, self.tick_ns, self.substeps = step_ns, tick_ns, tick_ns // step_ns
         self.stamp = 0
-        self._step = step_ns * 1e-9
-        super().__init__(pack(consist, line, setup, self._step), len(consist.vehicles))
+        self.step = step_ns * 1e-9
+        super().__init__(pack(consist, line, setup, self.step), len(consist.vehicles))
         self._sections = SectionEffects(consist, line, setup, self.arrays)
-        self._brake = friction_brake_events(consist)
-        self._pipe = self._brake if isinstance(self._brake, PipeEvents) else None
+        self.brake = friction_brake_events(consist)
+        self.pipe = self.brake if isinstance(self.brake, PipeEvents) else None
         self._pressure = (
             None if consist.air_brake is None else PipePressure(consist.air_brake, self.arrays.vehicle, (0, self.n - 1))
         )
         self.sensor_set = SensorSet(setup.sensors, self.units, self.arrays.vehicle[k.GAP], tick_ns * 1e-9, seed)
         sources = [random_stream(seed, f"disturbance/{i}") for i in range(len(setup.disturbances))]
         masses = self.arrays.vehicle[k.MASS]
-        self._outside = OutsideForces(setup.disturbances, masses, step_ns, tick_ns, sources)
-        self.arrays.setting[k.HAS_DRIFT] = float(self._outside.has_drift)
-        if self._outside.has_drift and len(self.arrays.body) - 1 < self.n:
+        self.outside = OutsideForces(setup.disturbances, masses, step_ns, tick_ns, sources)
+        self.arrays.setting[k.HAS_DRIFT] = float(self.outside.has_drift)
+        if self.outside.has_drift and len(self.arrays.body) - 1 < self.n:
             raise ValueError(
                 "disturbance paper002: drift speeds cannot act on rigidly joined vehicles; choose other draft gears"
             )
-        self._parted = PartedCouplers(consist, self.arrays, self._brake)
-        self._jumps = Jumps(setup, consist, self.arrays, self._parted, step_ns, tick_ns)
+        self.parted = PartedCouplers(consist, self.arrays, self.brake)
+        self.jumps = Jumps(setup, consist, self.arrays, self.parted, step_ns=step_ns, tick_ns=tick_ns)
         self._kinetic_start = self.kinetic_energy
         self._outside_force = np.zeros(self.n)
-        self._has_added_gusts = False
+        self.has_added_gusts = False
 
     @property
     def time(self) -> float:
@@ -157,7 +156,7 @@ class Train(KernelState):
         """Return true state and measurement at the present stamp; draws sensor noise, so call it once per tick."""
         vehicles = VehicleStates(self.stamp, self.position, self.velocity, self.coupler_force)
         measured = self.sensor_set.measure(vehicles, self.arrays.unit[k.APPLIED].copy())
-        if self._pipe is None or self._pressure is None:
+        if self.pipe is None or self._pressure is None:
             return Observation(vehicles, measured, None, None, None)
         head, tail = self.pipe_pressures(self.time)
         shoes = BrakeShoes(self.stamp, self.shoe_force)
@@ -165,12 +164,12 @@ class Train(KernelState):
 
     def pipe_pressures(self, time: float) -> tuple[float, ...]:
         """Return the brake-pipe pressure at the first and the last vehicle [Pa]; times [s] must not decrease."""
-        assert self._pipe is not None
+        assert self.pipe is not None
         assert self._pressure is not None
-        if self._pipe.changes:
-            for change in self._pipe.changes:
+        if self.pipe.changes:
+            for change in self.pipe.changes:
                 self._pressure.add(change)
-            self._pipe.changes.clear()
+            self.pipe.changes.clear()
         return self._pressure.at(time)
 
     def pipe_pressures_at_each(self, times: Array) -> Array:
@@ -207,32 +206,32 @@ class Train(KernelState):
             raise ValueError(f"demand at {self.time:.3f} s is not finite; correct the law that sent it")
         time = self.time
         if brake_pipe_pa is not None:
-            if self._pipe is None:
+            if self.pipe is None:
                 raise ValueError(
                     f"brake-pipe pressure demanded, but train '{self.consist.name}' has no air brake; demand None"
                 )
-            self._pipe.demand(time, brake_pipe_pa)
-        if self._has_added_gusts:
+            self.pipe.demand(time, brake_pipe_pa)
+        if self.has_added_gusts:
             self._drop_gusts()
         if self._sections.exist:
             self._sections.apply(self.stamp, self.tick_ns)
-        outside = self._outside.tick(self.stamp, self.arrays.state[k.V, : self.n])
+        outside = self.outside.tick(self.stamp, self.arrays.state[k.V, : self.n])
         begin = 0
-        if self._jumps.waiting:
-            for step in self._jumps.steps(self.stamp):
+        if self.jumps.waiting:
+            for step in self.jumps.steps(self.stamp):
                 self._integrate(demand, outside, begin, step)
                 begin = step
-                self._jumps.apply(self.stamp, begin)
+                self.jumps.apply(self.stamp, begin)
         self._integrate(demand, outside, begin, self.substeps)
-        if self._outside.acts:
+        if self.outside.acts:
             self._keep_outside()
         self.stamp += self.tick_ns
 
     @property
     def is_quiet(self) -> bool:
         """True if ticks need no Python: no brake wave, jump, added gust, parted coupler or force by the cubed speed."""
-        changes = self._jumps.waiting or self._has_added_gusts or self._parted.parted or self._brake.propagating()
-        return not (changes or self._outside.has_cubes or self.ticks_before_section == 0)
+        changes = self.jumps.waiting or self.has_added_gusts or self.parted.parted or self.brake.propagating()
+        return not (changes or self.outside.has_cubes or self.ticks_before_section == 0)
 
     @property
     def ticks_before_section(self) -> int:
@@ -249,13 +248,13 @@ class Train(KernelState):
             earlier.
         """
         a, demand = self.arrays, demand[: self.ticks_before_section]
-        outside = np.ascontiguousarray(self._outside.rest_of_block(self.stamp, len(demand)))
+        outside = np.ascontiguousarray(self.outside.rest_of_block(self.stamp, len(demand)))
         k.advance_ticks(
-            self.stamp, self.tick_ns, self._step, a.state, a.vehicle, a.vehicle_index, a.gear,
+            self.stamp, self.tick_ns, self.step, a.state, a.vehicle, a.vehicle_index, a.gear,
             a.table, a.run, a.body, a.unit, a.unit_index, a.envelope, a.piece,
-            self._brake.array, demand[: len(outside)], outside, self._outside.vehicles, a.setting,
+            self.brake.array, demand[: len(outside)], outside, self.outside.vehicles, a.setting,
         )  # fmt: skip
-        if self._outside.acts:
+        if self.outside.acts:
             self._keep_outside()
         self.stamp += len(outside) * self.tick_ns
         return len(outside)
@@ -268,8 +267,8 @@ class Train(KernelState):
         ValueError
             If it lists a vehicle outside the train.
         """
-        self._outside.add(gust)
-        self._has_added_gusts = True
+        self.outside.add(gust)
+        self.has_added_gusts = True
 
     def add_jump(self, jump: Jump) -> None:
         """Add a jump that is not in the setup.
@@ -279,7 +278,7 @@ class Train(KernelState):
         ValueError
             If the train lacks the part that it changes.
         """
-        self._jumps.add(jump)
+        self.jumps.add(jump)
 
     def freeze_measurement(self, begin: float, end: float) -> None:
         """Freeze the measured positions and speeds of all units from a time to another one [s]."""
@@ -287,26 +286,26 @@ class Train(KernelState):
 
     def _drop_gusts(self) -> None:
         """Remove gusts that have ended, and their forces on vehicles without another disturbance."""
-        if self._outside.drop_over(self.time):
+        if self.outside.drop_over(self.time):
             self.arrays.state[k.DRIVE_FORCE] = 0.0
             self._outside_force[:] = 0.0
-            self._has_added_gusts = self._outside.gusty
+            self.has_added_gusts = self.outside.gusty
 
     def apply_emergency_brake(self) -> None:
         """Vent the brake pipe from now on, or without an air brake open the loop of the friction emergency brake.
 
         No drive and no command is part of this path. The demand of the drives stays that of :meth:`advance`.
         """
-        self._brake.apply_emergency(self.time)
+        self.brake.apply_emergency(self.time)
 
     def release_emergency_brake(self) -> None:
         """Close vent or loop; a brake pipe gets the pressure demanded last. No effect on a train that has parted."""
-        self._brake.release_emergency(self.time)
+        self.brake.release_emergency(self.time)
 
     @property
     def separation_noticed(self) -> bool:
         """True if the train has parted, and its head has the emergency brake for this reason."""
-        return self._parted.noticed(self.time)
+        return self.parted.noticed(self.time)
 
     def _integrate(self, demand: Array, outside: Array, begin: int, end: int) -> None:
         if end <= begin:
@@ -315,25 +314,25 @@ class Train(KernelState):
         time = (self.stamp + begin * self.step_ns) * 1e-9
         if end - begin < self.substeps:
             demand, outside = demand[begin:end], np.ascontiguousarray(outside[:, begin:end])
-        demand = self._parted.without_traction(time, demand)
-        events = self._brake.propagating()
+        demand = self.parted.without_traction(time, demand)
+        events = self.brake.propagating()
         k.advance(
-            time, self._step, a.state, a.vehicle, a.vehicle_index, a.gear,
+            time, self.step, a.state, a.vehicle, a.vehicle_index, a.gear,
             a.table, a.run, a.body, a.unit, a.unit_index, a.envelope, a.piece,
-            self._brake.array, events, demand,
-            outside, self._outside.vehicles, a.setting,
+            self.brake.array, events, demand,
+            outside, self.outside.vehicles, a.setting,
         )  # fmt: skip
 
     def _keep_outside(self) -> None:
-        listed = self._outside.listed
+        listed = self.outside.listed
         speed = self.arrays.state[k.V, listed]
-        force, per_speed = self._outside.mean
+        force, per_speed = self.outside.mean
         self._outside_force[listed] = force + per_speed * speed
 
     @property
     def totals(self) -> Totals:
         """Extremes and works since the start."""
-        return totals_of(self.arrays, self.n, self.kinetic_energy - self._kinetic_start, self._jumps.energy)
+        return totals_of(self.arrays, self.n, self.kinetic_energy - self._kinetic_start, self.jumps.energy)
 
     def totals_at_each(self, states: Array, gears: Array, units: Array, settings: Array) -> dict[str, list[float]]:
         """Return totals by name up to earlier states of the kernel, after the last jump.
@@ -345,4 +344,27 @@ class Train(KernelState):
         """
         energies = kinetic_energy_of_each(self.arrays.vehicle[k.MASS], states)
         changes = [energy - self._kinetic_start for energy in energies]
-        return total_numbers(states, gears, units, settings, self.n, changes, self._jumps.energy)
+        return total_numbers(
+            states, gears, units, settings, vehicles=self.n, kinetic=changes, jump_energy=self.jumps.energy
+        )
+
+
+def compile_kernel() -> bool:
+    """Load the compiled kernel by one step of a two-vehicle train; return True if it was compiled.
+
+    The first compilation on a machine takes some seconds; :mod:`plant_sim.compiled` describes the cache.
+    """
+    consist = Consist.model_validate(
+        {
+            "schema": "train_ato/consist/1",
+            "name": "warm-up",
+            "vehicle_types": {"car": {"mass": 1e5, "length": 10.0, "resistance": {"n": (1e3, 0.0, 0.0)}}},
+            "train": ({"type": "car", "count": 2},),
+            "draft_gears": {"spring": {"kind": "linear", "stiffness": 1e6}},
+            "default_gear": "spring",
+        }
+    )
+    line = Line.model_validate({"schema": "train_ato/line/1", "name": "level", "end": 1000.0})
+    Train(consist, line, PlantSetup(), step_ns=1_000_000, tick_ns=1_000_000).advance(np.zeros((1, 0)))
+    stats = getattr(k.advance, "stats", None)  # missing with NUMBA_DISABLE_JIT
+    return stats is not None and (not kernels_are_kept() or bool(sum(stats.cache_misses.values())))

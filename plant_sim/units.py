@@ -35,6 +35,7 @@ class Unit:
 
 Mass = Annotated[float, Unit("kg", (("t", 1e-3),))]
 Length = Annotated[float, Unit("m", (("km", 1e-3), ("mm", 1e3)))]
+Place = Annotated[float, Unit("m", (("km", 1e-3),))]
 Speed = Annotated[float, Unit("m/s", (("kmh", KMH),))]
 Acceleration = Annotated[float, Unit("m/s²")]
 Jerk = Annotated[float, Unit("m/s³")]
@@ -47,6 +48,7 @@ Slope = Annotated[float, Unit("1", (("permille", 1e3),))]
 Stiffness = Annotated[float, Unit("N/m", (("kn_per_m", 1e-3), ("mn_per_m", 1e-6)))]
 Damping = Annotated[float, Unit("N s/m", (("kns_per_m", 1e-3), ("mns_per_m", 1e-6)))]
 Ratio = Annotated[float, Unit("1", (("percent", 1e2),))]
+Number = Annotated[float, Unit("1")]
 QUANTITY_KINDS: tuple[Any, ...] = (
     Mass, Length, Speed, Acceleration, Jerk, Time, Force, ForceRate, Power, Pressure, Slope, Stiffness, Damping, Ratio,
 )  # fmt: skip
@@ -76,3 +78,26 @@ def unit_symbol(suffix: str) -> str:
     above, _, below = suffix.partition("_per_")
     above = {"kns": "kN s", "mns": "MN s"}.get(above, _SIGNS.get(above, above))
     return f"{above}/{below}" if below else above
+
+
+LARGEST_WRITTEN_OUT = 1e15
+"""Magnitude from which a number keeps its exponent: more digits than a float has."""
+
+
+def number_text(value: float, digits: int = 6) -> str:
+    """Return a number with its significant digits; all digits before the point are written.
+
+    Parameters
+    ----------
+    value
+        Number, also infinite or nan.
+    digits
+        Significant digits of a number with fewer digits before the point.
+
+    Examples
+    --------
+    >>> number_text(1e6), number_text(0.25), number_text(999.7, digits=3), number_text(1234.5, digits=3)
+    ('1000000', '0.25', '1000', '1234')
+    """
+    text = f"{value:.{digits}g}"
+    return f"{value:.0f}" if "e+" in text and abs(value) < LARGEST_WRITTEN_OUT else text

@@ -10,42 +10,55 @@ points, ``tune`` searches for the gains of a law, ``learn`` learns from run to r
 a requirement, ``linearise`` returns A, B, C and D, ``open_run`` opens a run folder, ``load`` returns its tables,
 ``scenario`` returns a scenario that can be changed.
 
-``plan`` plans a speed profile, ``verify`` repeats a run and compares every message, ``check_law`` runs the
-contract tests on a law, ``convert`` writes a line or train in another format. ``laws``, ``observers``,
+``plan`` plans a speed profile, ``curves`` computes braking curves, ``import_run`` converts a measured run, ``replay``
+evaluates a law on recorded inputs, ``difference`` compares two runs over time and place, ``verify`` repeats a run and
+compares every message, ``check_law`` runs the contract tests on a law, ``convert`` writes a line or train in another
+format. ``laws``, ``observers``,
 ``compensations``, ``scenarios``, ``trains`` and ``lines`` list the names; a class with ``parameter`` fields and the
 methods of ``Law`` is a law.
+
+Every error is an ``Error`` with one line for each fault: ``InputError`` before anything starts (also a ValueError),
+``RunFailed`` during a run, ``RunInterrupted`` after Ctrl-C.
 """
 
 import importlib
-import sys
-from types import ModuleType
+from types import FunctionType
 from typing import TYPE_CHECKING, Any
 
-import train_ato.scenario  # noqa: F401 - made callable below
+import train_ato.scenario as _package
+from train_ato.errors import refusing
 from train_ato.version import VERSION
 
 if TYPE_CHECKING:
     from train_ato.apps.check_component.checking import check_law as check_law
+    from train_ato.apps.curves.curves import curves as curves
     from train_ato.apps.env.env import Env as Env
     from train_ato.apps.env.env import EnvState as EnvState
+    from train_ato.apps.env.vector_env import VectorEnv as VectorEnv
+    from train_ato.apps.env.vector_env import vector_env as vector_env
     from train_ato.apps.falsify.study import falsify as falsify
     from train_ato.apps.learn.learn import LearnResult as LearnResult
     from train_ato.apps.learn.learn import learn as learn
+    from train_ato.apps.replay.replaying import replay as replay
     from train_ato.apps.runs.catalogue import compensations as compensations
     from train_ato.apps.runs.catalogue import laws as laws
     from train_ato.apps.runs.catalogue import lines as lines
     from train_ato.apps.runs.catalogue import observers as observers
     from train_ato.apps.runs.catalogue import scenarios as scenarios
     from train_ato.apps.runs.catalogue import trains as trains
+    from train_ato.apps.runs.compare import Comparison as Comparison
     from train_ato.apps.runs.compare import compare as compare
-    from train_ato.apps.runs.comparison import Comparison as Comparison
     from train_ato.apps.runs.converting import convert as convert
     from train_ato.apps.runs.drive import run as run
+    from train_ato.apps.runs.importing import import_run as import_run
     from train_ato.apps.runs.linearise import linearise as linearise
     from train_ato.apps.runs.planning import plan as plan
+    from train_ato.apps.runs.result import TypedResult as TypedResult
     from train_ato.apps.runs.run import Run as Run
     from train_ato.apps.runs.run import open_run as open_run
-    from train_ato.apps.runs.scenario_choice import choose_scenario as scenario
+    from train_ato.apps.runs.run_difference import RunDifference as RunDifference
+    from train_ato.apps.runs.run_difference import difference as difference
+    from train_ato.apps.runs.scenario_choice import choose_scenario
     from train_ato.apps.runs.verifying import verify as verify
     from train_ato.apps.sweep.result import SweepResult as SweepResult
     from train_ato.apps.sweep.sweep import sweep as sweep
@@ -53,28 +66,38 @@ if TYPE_CHECKING:
     from train_ato.apps.tune.tune_result import TuneResult as TuneResult
     from train_ato.control.contract import Law as Law
     from train_ato.control.contract import parameter as parameter
+    from train_ato.errors import Error as Error
+    from train_ato.errors import InputError as InputError
     from train_ato.errors import RunFailed as RunFailed
     from train_ato.errors import RunInterrupted as RunInterrupted
     from train_ato.log.tables.loading import Frames as Frames
     from train_ato.log.tables.loading import load as load
 
 _PLACES = {
-    "Comparison": "train_ato.apps.runs.comparison",
+    "Comparison": "train_ato.apps.runs.compare",
     "Env": "train_ato.apps.env.env",
     "EnvState": "train_ato.apps.env.env",
+    "Error": "train_ato.errors",
     "Frames": "train_ato.log.tables.loading",
+    "InputError": "train_ato.errors",
     "Law": "train_ato.control.contract",
     "LearnResult": "train_ato.apps.learn.learn",
+    "TypedResult": "train_ato.apps.runs.result",
     "Run": "train_ato.apps.runs.run",
+    "RunDifference": "train_ato.apps.runs.run_difference",
     "RunFailed": "train_ato.errors",
     "RunInterrupted": "train_ato.errors",
+    "VectorEnv": "train_ato.apps.env.vector_env",
     "SweepResult": "train_ato.apps.sweep.result",
     "TuneResult": "train_ato.apps.tune.tune_result",
     "check_law": "train_ato.apps.check_component.checking",
     "compare": "train_ato.apps.runs.compare",
     "compensations": "train_ato.apps.runs.catalogue",
     "convert": "train_ato.apps.runs.converting",
+    "curves": "train_ato.apps.curves.curves",
+    "difference": "train_ato.apps.runs.run_difference",
     "falsify": "train_ato.apps.falsify.study",
+    "import_run": "train_ato.apps.runs.importing",
     "laws": "train_ato.apps.runs.catalogue",
     "learn": "train_ato.apps.learn.learn",
     "linearise": "train_ato.apps.runs.linearise",
@@ -84,75 +107,44 @@ _PLACES = {
     "open_run": "train_ato.apps.runs.run",
     "parameter": "train_ato.control.contract",
     "plan": "train_ato.apps.runs.planning",
+    "replay": "train_ato.apps.replay.replaying",
     "run": "train_ato.apps.runs.drive",
     "scenarios": "train_ato.apps.runs.catalogue",
     "sweep": "train_ato.apps.sweep.sweep",
     "trains": "train_ato.apps.runs.catalogue",
     "tune": "train_ato.apps.tune.tune",
+    "vector_env": "train_ato.apps.env.vector_env",
     "verify": "train_ato.apps.runs.verifying",
 }
 """Modules of the public names; they are imported on first use, so that ``import train_ato`` is fast."""
 
-__all__ = [
-    "Comparison",
-    "Env",
-    "EnvState",
-    "Frames",
-    "Law",
-    "LearnResult",
-    "Run",
-    "RunFailed",
-    "RunInterrupted",
-    "SweepResult",
-    "TuneResult",
-    "__version__",
-    "check_law",
-    "compare",
-    "compensations",
-    "convert",
-    "falsify",
-    "laws",
-    "learn",
-    "linearise",
-    "lines",
-    "load",
-    "observers",
-    "open_run",
-    "parameter",
-    "plan",
-    "run",
-    "scenario",
-    "scenarios",
-    "sweep",
-    "trains",
-    "tune",
-    "verify",
-]
+__all__ = sorted([*_PLACES, "__version__", "scenario"])
 __version__ = VERSION
 
 
-class _Scenario(ModuleType):
-    """The package ``train_ato.scenario``, which is at the same time the function ``scenario()``."""
+if TYPE_CHECKING:
+    scenario = choose_scenario
+else:
 
-    def __call__(self, name: Any) -> Any:
-        """Return a scenario by its name or file, with ``with_()``, ``yaml`` and ``variants``.
+    def scenario(name: Any) -> Any:
+        """Return a scenario from its name, file, content or object, with ``with_()``, ``yaml`` and ``variants``.
 
         See :func:`train_ato.apps.runs.scenario_choice.choose_scenario`.
         """
         from train_ato.apps.runs.scenario_choice import choose_scenario
 
-        return choose_scenario(name)
+        return refusing(choose_scenario)(name)
 
-
-sys.modules["train_ato.scenario"].__class__ = _Scenario
+    scenario.__dict__ = vars(_package)  # the package of this name keeps its modules as attributes
 
 
 def __getattr__(name: str) -> Any:
     """Import the module of a public name."""
     if name not in _PLACES:
         raise AttributeError(f"module 'train_ato' has no attribute '{name}'")
-    found = globals()[name] = getattr(importlib.import_module(_PLACES[name]), name)
-    return found
+    found = getattr(importlib.import_module(_PLACES[name]), name)
+    globals()[name] = refusing(found) if isinstance(found, FunctionType) and name != "parameter" else found
+    return globals()[name]
 
 
 def __dir__() -> list[str]:

@@ -150,6 +150,11 @@ def parse_yaml_value(text: str, option: str) -> Any:
         ) from None
 
 
+def option_name(key: str, dash: str) -> str:
+    """Return the name of an option in messages: a keyword of Python, or with ``dash`` an option of the command."""
+    return dash + key.replace("_", "-") if dash else key
+
+
 def check_new_file(path: Path, endings: Sequence[str], option: str = "--out") -> None:
     """Refuse an output file that exists already, has a wrong ending or cannot be created.
 

@@ -3,11 +3,19 @@
 from __future__ import annotations
 
 import traceback
+from collections.abc import Callable
 from contextlib import suppress
+from functools import wraps
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar, cast
 
 _OWN = ("train_ato", "plant_sim")
+_PACKAGES = {
+    "bokeh": "bokeh", "jinja2": "Jinja2", "tornado": "tornado", "foxglove": "foxglove-sdk", "scipy": "scipy",
+}  # fmt: skip
+"""Packages of the extras by the name that Python imports."""
+_Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
 def of_own_code(error: BaseException) -> bool:
@@ -19,7 +27,15 @@ def of_own_code(error: BaseException) -> bool:
     return any(name.partition(".")[0] in _OWN for name in frames[1:])
 
 
-class RunFailed(Exception):
+class Error(Exception):
+    """Base of every error of the Python interface; its message has one line for each fault."""
+
+
+class InputError(Error, ValueError):
+    """Refusal of bad input before anything starts; each line has key, value, problem and remedy."""
+
+
+class RunFailed(Error):
     """Failure of a run; the message has node and reason in one line.
 
     Attributes
@@ -38,6 +54,35 @@ class RunFailed(Exception):
 
 class RunInterrupted(RunFailed, KeyboardInterrupt):
     """End of a run by Ctrl-C; ``run`` is its record up to the end."""
+
+
+def missing_packages(*modules: str) -> str:
+    """Return which packages of an extra are not installed and the pip command that installs them, else ""."""
+    missing = [_PACKAGES[name] for name in modules if find_spec(name) is None]
+    verb = "is" if len(missing) == 1 else "are"
+    return f"{', '.join(missing)} {verb} not installed; run `pip install {' '.join(missing)}`" if missing else ""
+
+
+def check_packages(user: str, *modules: str) -> None:
+    """Refuse missing packages of an extra before anything starts."""
+    if missing := missing_packages(*modules):
+        raise InputError(f"{user}: {missing}")
+
+
+def refusing(function: _Function) -> _Function:
+    """Return a function whose refusals are :class:`InputError`; a ValueError of a library or a user's law stays."""
+
+    @wraps(function)
+    def call(*given: Any, **named: Any) -> Any:
+        try:
+            return function(*given, **named)
+        except ValueError as error:
+            raised_in = [frame.f_globals.get("__name__", "") for frame, _ in traceback.walk_tb(error.__traceback__)][-1]
+            if isinstance(error, Error) or raised_in.partition(".")[0] not in _OWN:
+                raise
+            raise InputError(str(error)) from None
+
+    return cast("_Function", call)
 
 
 class NodeFault(ValueError):
@@ -61,9 +106,17 @@ class FirstFailure:
     ----------
     log_folder
         Folder of the traceback file for developers; None: no file.
+
+    Attributes
+    ----------
+    failure : str or None
+        Node and reason in one line.
+    of_component : bool
+        True for a failure of the control stack or one of its components, which has braked the train to a stop.
     """
 
     def __init__(self, log_folder: Path | None = None) -> None:
+        self.of_component = False
         self._log_folder = log_folder
         self.failure: str | None = None
 
@@ -72,6 +125,7 @@ class FirstFailure:
         if self.failure is not None:
             return
         node = getattr(reason, "node", node)
+        self.of_component = isinstance(reason, RunFailed)
         text = " ".join(str(reason).split()) or type(reason).__name__
         if isinstance(reason, BaseException) and not isinstance(reason, (ValueError, OSError, RunFailed)):
             text = f"{type(reason).__name__}: {text}"

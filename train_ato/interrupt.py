@@ -90,7 +90,7 @@ class StepLimit:
 
     def __enter__(self) -> None:
         self._until[get_ident()] = monotonic() + STEP_LIMIT_S
-        if StepLimit._watch is None or not StepLimit._watch.is_alive():  # not alive after a fork
+        if StepLimit._watch is None:
             StepLimit._watch = threading.Thread(target=self._look, name="step limit", daemon=True)
             StepLimit._watch.start()
         if not StepLimit._handled and threading.current_thread() is threading.main_thread():
@@ -123,6 +123,13 @@ class StepLimit:
                 else:
                     cls._until[thread] = monotonic() + _LOOK_S
                     ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), ctypes.py_object(TimedOut))
+
+
+def _forget_watch() -> None:
+    StepLimit._watch = None
+
+
+os.register_at_fork(after_in_child=_forget_watch)  # no thread lives on after a fork
 
 
 class Interrupt:

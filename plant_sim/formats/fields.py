@@ -3,13 +3,86 @@
 from __future__ import annotations
 
 import math
+import sys
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
-from plant_sim.data_text import parse_json, parse_yaml
-from plant_sim.formats.not_read import kind_by_ending, kind_by_keys
 from plant_sim.input_error import kind_of
-from plant_sim.number_text import number_text
+from plant_sim.units import number_text
+
+LINE_FORMATS = "train_ato YAML, CSV, GPX, GeoJSON, railtoolkit YAML, TTOBench JSON, OSRD JSON, ALTRIOS YAML, railML 3"
+TRAIN_FORMATS = "train_ato YAML, railtoolkit YAML, TTOBench JSON, OSRD JSON, ALTRIOS YAML"
+
+_BY_ENDING = {
+    ".kml": "KML", ".osm": "OpenStreetMap XML", ".xlsx": "a table (Excel)", ".ods": "a table (OpenDocument)",
+    ".txt": "plain text", ".pdf": "PDF",
+}  # fmt: skip
+_BY_KEYS: tuple[tuple[str, str, str], ...] = (
+    ("elev_meters", "a list of heights of ALTRIOS", "line"),
+    ("loco_vec", "a locomotive consist of ALTRIOS", "train"),
+    ("loco_type", "a locomotive of ALTRIOS", "train"),
+    ("car_type", "a rail vehicle of ALTRIOS", "train"),
+    ("loco_con", "a train simulation of ALTRIOS", "train"),
+    ("elements", "OpenStreetMap JSON", "line"),
+)
+"""Key that a format alone has, the format, and the content of the file."""
+_READ = {"train": (TRAIN_FORMATS, "consist"), "line": (LINE_FORMATS, "line")}
+
+
+def kind_by_ending(path: Path) -> str | None:
+    """Return the format of a file without keys and values, by its ending."""
+    return _BY_ENDING.get(path.suffix.lower())
+
+
+def kind_by_keys(data: Any) -> tuple[str, str]:
+    """Return the format of data that are not read, and ``train`` or ``line``; empty for an unknown one.
+
+    Examples
+    --------
+    >>> kind_by_keys([{"idx_curr": 1, "idx_next": 2}])
+    ('a network of ALTRIOS', 'line')
+    """
+    entries = data if isinstance(data, list) else [data]
+    if isinstance(data, dict) and len(data) == 1:  # the whole below one name
+        (below,) = data.values()
+        entries = [data, *(below if isinstance(below, list) else [below])]
+    keys = {str(key) for entry in entries[:3] if isinstance(entry, dict) for key in entry}
+    return next(((kind, what) for key, kind, what in _BY_KEYS if key in keys), ("", ""))
+
+
+def refuse_foreign(data: Mapping[str, Any], place: str, what: str, kinds: Mapping[str, str]) -> NoReturn:
+    """Refuse data that are no ``train`` or ``line`` of a supported format.
+
+    Parameters
+    ----------
+    kinds
+        Format of the data, as ``train`` or ``line``.
+
+    Raises
+    ------
+    ValueError
+        One line with file, format and remedy.
+    """
+    other = "train" if what == "line" else "line"
+    if other in kinds:
+        raise ValueError(f"{place}: holds a {other} ({kinds[other]}), no {what}; exchange them")
+    kind, held = kind_by_keys(data)
+    if kind:
+        raise ValueError(f"{place}: {kind} is not read; {formats_read(held)}")
+    schema = str(data.get("schema", ""))
+    formats, own = _READ[what]
+    raise ValueError(
+        f"{place}: schema = '{schema[:60]}': no supported {what} format ({formats}); "
+        f"begin a train_ato file with 'schema: train_ato/{own}/1'"
+    )
+
+
+def formats_read(what: str) -> str:
+    """Return the remedy for a ``train`` or ``line`` of another format."""
+    formats, own = _READ[what]
+    return f"a {what} is read from {formats}; write its figures in one of these (own format: train_ato/{own}/1)"
+
 
 MAX_FILE_SIZE = 64 * 2**20
 """Largest accepted file [bytes]."""
@@ -33,14 +106,16 @@ def read_bytes(path: Path) -> bytes:
         raise ValueError(f"{path}: cannot be read ({error.strerror}); give a readable text file") from None
 
 
-def read_data(path: Path) -> dict[str, Any]:
-    """Return the keys and values of a YAML or JSON file.
+def read_any(path: Path) -> Any:
+    """Return the data of a YAML or JSON file.
 
     Raises
     ------
     ValueError
         One line with file and reason.
     """
+    from plant_sim.data_text import parse_json, parse_yaml  # help of convert needs no YAML
+
     try:
         text = read_bytes(path).decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -51,9 +126,25 @@ def read_data(path: Path) -> dict[str, Any]:
         if kind_by_ending(path) or text.lstrip().startswith("<"):
             raise ValueError(f"{path}: {_kind_of(path, text)}; {_GIVE}") from None
         raise ValueError(f"{path}: not valid: {' '.join(str(error).split())[:200]}; correct it") from None
+    return data
+
+
+def keyed(data: Any, path: Path) -> dict[str, Any]:
+    """Return data that are keys and values; other data are refused by their kind."""
     if not isinstance(data, dict):
         raise ValueError(f"{path}: {_kind_of(path, data)}; {_GIVE}")
     return data
+
+
+def read_data(path: Path) -> dict[str, Any]:
+    """Return the keys and values of a YAML or JSON file.
+
+    Raises
+    ------
+    ValueError
+        One line with file and reason.
+    """
+    return keyed(read_any(path), path)
 
 
 def _kind_of(path: Path, data: Any) -> str:
@@ -64,7 +155,7 @@ def _kind_of(path: Path, data: Any) -> str:
         names = ", ".join(str(key) for key in data[0])[:80] if data and isinstance(data[0], dict) else ""
         return f"holds a list{f' of entries with {names}' if names else ''} in place of keys and values"
     if str(data).lstrip().startswith("<"):
-        return "XML is read as railML only, in a file that ends in .railml or .xml"
+        return "XML is read as railML, in a file that ends in .railml or .xml, and as GPX in .gpx"
     if data is None:
         return "is empty"
     return "not UTF-8 text" if data == "not UTF-8 text" else f"holds {kind_of(data)} in place of keys and values"
@@ -107,7 +198,8 @@ class Fields:
         """Return a list with a minimum number of entries."""
         value = self.required(key)
         if not isinstance(value, list) or len(value) < least:
-            raise ValueError(f"{self.place}: {key} = {_shown(value)}: must be a list of at least {least}")
+            size = f" of at least {least}" if least else ""
+            raise ValueError(f"{self.place}: {key} = {_shown(value)}: must be a list{size}")
         return value
 
     def rows(self, key: str, columns: int, least: int = 1) -> list[list[Any]]:
@@ -137,3 +229,46 @@ def finite_number(value: Any, place: str, low: float = -math.inf, high: float = 
 def _shown(value: Any) -> str:
     text = repr(value)
     return text if len(text) <= 60 else text[:60] + "..."
+
+
+_printed: set[str] = set()
+
+
+def print_assumption(text: str) -> None:
+    """Print an assumed figure, or data without effect, as one line on stderr, once per process."""
+    line = " ".join(f"note: {text}".split())
+    if line not in _printed:
+        _printed.add(line)
+        sys.stderr.write(line + "\n")
+
+
+def keys_not_carried(data: Any, carried: Iterable[str]) -> tuple[str, ...]:
+    """Return the keys of a file that a reader does not carry, in the order of the file.
+
+    Parameters
+    ----------
+    data
+        Data of the file.
+    carried
+        Carried keys, as ``vehicles[].mass``; a key carries all that is below it.
+
+    Examples
+    --------
+    >>> keys_not_carried({"a": 1, "b": [{"c": 2, "d": 3}]}, ["a", "b[].c"])
+    ('b[].d',)
+    """
+    known = tuple(carried)
+    return tuple(dict.fromkeys(_not_carried(data, "", known)))
+
+
+def _not_carried(data: Any, place: str, known: tuple[str, ...]) -> Iterator[str]:
+    if place in known:
+        return
+    if place and not any(entry.startswith((f"{place}.", f"{place}[")) for entry in known):
+        yield place
+    elif isinstance(data, dict):
+        for key, value in data.items():
+            yield from _not_carried(value, f"{place}.{key}" if place else str(key), known)
+    elif isinstance(data, list):
+        for value in data:
+            yield from _not_carried(value, f"{place}[]", known)

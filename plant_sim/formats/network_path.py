@@ -8,13 +8,14 @@ A path may pass a track twice (a balloon loop); its data then hold at both passa
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from plant_sim.formats.notes import print_assumption
-from plant_sim.number_text import number_text
+from plant_sim.formats.fields import print_assumption
+from plant_sim.units import number_text
 
 BEGIN, END = "begin", "end"
 TrackEnd = tuple[str, str]
@@ -55,14 +56,14 @@ class Network:
     joined: dict[TrackEnd, list[TrackEnd]] = field(default_factory=dict)
     named: dict[str, list[tuple[str, float]]] = field(default_factory=dict)
 
-    def join(self, one: TrackEnd, other: TrackEnd, both: bool = True) -> None:
+    def join(self, one: TrackEnd, other: TrackEnd, *, both: bool = True) -> None:
         """Join two ends; a train runs over the joint in both directions, or only from the first end to the other."""
         for here, there in ((one, other), (other, one))[: 2 if both else 1]:
             if there not in self.joined.setdefault(here, []):
                 self.joined[here].append(there)
 
-    def path(self, selection: str, against: bool = False) -> TrackPath:
-        """Return the path of a selection ``FROM..TO``, or of the whole network if it has no branch.
+    def path(self, selection: str, *, against: bool = False) -> TrackPath:
+        """Return the path of a selection ``FROM..TO`` or ``FROM..VIA..TO``, or of the whole network without a branch.
 
         Parameters
         ----------
@@ -77,10 +78,19 @@ class Network:
         if not selection:
             found = self._whole()
         else:
-            first, mark, last = selection.partition(BETWEEN)
-            if not mark or not first or not last:
-                raise ValueError(f"{self.place}: selection '{selection}': write FROM{BETWEEN}TO, tracks or stations")
-            found = self._shortest(self._tracks(first), self._tracks(last), selection)
+            names = selection.split(BETWEEN)
+            if len(names) < 2 or not all(names):
+                raise ValueError(
+                    f"{self.place}: selection '{selection}': write FROM{BETWEEN}TO, tracks or stations, or "
+                    f"FROM{BETWEEN}VIA{BETWEEN}TO"
+                )
+            first, last = names[0], names[-1]
+            found = self._shortest([self._tracks(name) for name in names], selection)
+            for name, verb, (track, _) in ((first, "begins", found.parts[0]), (last, "ends", found.parts[-1])):
+                if len(tracks := sorted(self._tracks(name))) > 1:
+                    print_assumption(
+                        f"{self.place}: '{name}' is on the tracks {', '.join(tracks[:8])}; the path {verb} on {track}"
+                    )
         return found.reversed() if against else found
 
     def _tracks(self, name: str) -> set[str]:
@@ -100,27 +110,36 @@ class Network:
                 f"{self.place}: a network of {len(self.lengths)} tracks with branches; name the line as "
                 f"FILE:FROM{BETWEEN}TO, tracks or stations, for example '{self.place}:{example}'"
             )
-        found = self._shortest({loose[0][0]}, {loose[1][0]}, "")
+        found = self._shortest([{loose[0][0]}, {loose[1][0]}], "")
         if len(found.parts) < len(self.lengths):
             raise ValueError(f"{self.place}: tracks without a connection to the others; name the line FROM{BETWEEN}TO")
         return found
 
-    def _shortest(self, first: Collection[str], last: Collection[str], selection: str) -> TrackPath:
-        """Return the shortest path over whole tracks (Dijkstra); states are tracks with the direction of running."""
-        waiting = [(self.lengths[track], track, forward, ()) for track in sorted(first) for forward in (True, False)]
-        waiting = [entry for entry in waiting if entry[1] not in last or entry[2]]
+    def _shortest(self, places: Sequence[Collection[str]], selection: str) -> TrackPath:
+        """Return the shortest path over whole tracks by places in their order (Dijkstra).
+
+        States are tracks with the direction of running and the number of places passed; a train does not turn.
+        """
+        waiting: list[tuple[float, str, bool, int, Any]] = [
+            (self.lengths[track], track, forward, 1, ())
+            for track in sorted(places[0])
+            for forward in (True, False)
+            if forward or len(places) > 2 or track not in places[-1]
+        ]
         heapq.heapify(waiting)
-        done: set[tuple[str, bool]] = set()
+        done: set[tuple[str, bool, int]] = set()
         while waiting:
-            length, track, forward, before = heapq.heappop(waiting)
-            if (track, forward) in done:
+            length, track, forward, passed, before = heapq.heappop(waiting)
+            while passed < len(places) and track in places[passed]:
+                passed += 1
+            if (track, forward, passed) in done:
                 continue
-            done.add((track, forward))
-            way: Any = (*before, (track, forward))
-            if track in last:
+            done.add((track, forward, passed))
+            way = (*before, (track, forward))
+            if passed == len(places):
                 return TrackPath(self, way)
             for other, end in self.joined.get((track, END if forward else BEGIN), ()):
-                heapq.heappush(waiting, (length + self.lengths[other], other, end == BEGIN, way))
+                heapq.heappush(waiting, (length + self.lengths[other], other, end == BEGIN, passed, way))
         raise ValueError(f"{self.place}: selection '{selection}': no path between these tracks; name others")
 
 
@@ -228,10 +247,12 @@ def line_data(
     path: TrackPath,
     name: str,
     source: str,
+    *,
     grades: Sequence[Range],
     radii: Sequence[Range],
     speeds: Sequence[Range],
     sections: dict[str, list[dict[str, Any]]],
+    by_category: Mapping[str, Sequence[Range]] = MappingProxyType({}),
 ) -> dict[str, Any]:
     """Return the data of an own line.
 
@@ -241,10 +262,13 @@ def line_data(
         Grades in running direction, curve radii [m] (> 0 to the right), permanent speed limits [m/s].
     sections
         Other sections by the key of the line.
+    by_category
+        Speed limits by train category [m/s].
     """
     _refuse_overlaps(grades, "grades")
-    curves = [row for row in radii if 0 < abs(row.value) < STRAIGHT]
-    _refuse_overlaps(curves, "radii")
+    bends = [row if 0 < abs(row.value) < STRAIGHT else row._replace(value=0.0) for row in radii]
+    _refuse_overlaps(bends, "radii")
+    curves = [row for row in bends if row.value]
     limits = steps(path.length, speeds, min, None)
     data: dict[str, Any] = {
         "schema": "train_ato/line/1",
@@ -259,6 +283,14 @@ def line_data(
             for begin, end, radius, _ in sorted(curves)
         ],
         "speed_limits": [{"at": at, "speed": speed} for at, speed in _without_gaps(limits, path)],
+        "category_limits": [
+            {
+                "category": category,
+                "speed_limits": [{"at": at, "speed": speed} for at, speed in _without_gaps(own, path)],
+            }
+            for category, ranges in by_category.items()
+            if (own := steps(path.length, ranges, min, None))
+        ],
         "stops": [{"at": at, "name": station} for at, station in path.stations()],
     }
     return data | sections

@@ -1,7 +1,7 @@
 """Lines in the infrastructure format of OSRD (RailJSON 3, Open Rail Association): a path through a network of tracks.
 
 Gradients are in per mille along a track, speeds in m/s, a radius > 0 turns to the right. Speed sections hold for all
-trains and routes; limits by train category are not read. Neutral sections are directional.
+routes; a limit by tag is one of the trains of that category, in place of the others. Neutral sections are directional.
 """
 
 from __future__ import annotations
@@ -10,20 +10,18 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from plant_sim.formats.fields import Fields
+from plant_sim.formats.fields import Fields, print_assumption
 from plant_sim.formats.network_path import BEGIN, END, ROUNDING, Network, Passage, Range, TrackPath, line_data
-from plant_sim.formats.notes import print_assumption
 from plant_sim.input_error import build_model
-from plant_sim.line import Line
-from plant_sim.line_direction import ENDING
-from plant_sim.number_text import number_text
+from plant_sim.line import ENDING, Line
+from plant_sim.units import number_text
 
 CARRIED_INFRA = (
     "track_sections[].id", "track_sections[].length",
     *(f"track_sections[].slopes[].{key}" for key in ("begin", "end", "start", "gradient")),
     *(f"track_sections[].curves[].{key}" for key in ("begin", "end", "start", "radius")),
     "switches[].switch_type", "switches[].ports", "track_nodes[].track_node_type", "track_nodes[].ports",
-    "speed_sections[].speed_limit",
+    "speed_sections[].speed_limit", "speed_sections[].speed_limit_by_tag",
     *(f"speed_sections[].track_ranges[].{key}" for key in ("track", "begin", "end", "start", "applicable_directions")),
     *(f"neutral_sections[].track_ranges[].{key}" for key in ("track", "begin", "end", "start", "direction")),
     "operational_points[].parts[].track", "operational_points[].parts[].position",
@@ -39,7 +37,7 @@ def is_osrd(data: dict[str, Any]) -> bool:
     return isinstance(data.get("track_sections"), list)
 
 
-def osrd_line(data: dict[str, Any], place: str, selection: str = "", against: bool = False) -> Line:
+def osrd_line(data: dict[str, Any], place: str, selection: str = "", *, against: bool = False) -> Line:
     """Return the line along a path of an infrastructure.
 
     Parameters
@@ -55,6 +53,8 @@ def osrd_line(data: dict[str, Any], place: str, selection: str = "", against: bo
         One line with location, key, value and remedy.
     """
     top = Fields(data, place)
+    if not data["track_sections"]:
+        raise ValueError(f"{place}: track_sections: empty; add the tracks")
     tracks: dict[str, Fields] = {}
     for fields in _each(top, "track_sections"):
         if (track := fields.text("id")) in tracks:
@@ -66,9 +66,14 @@ def osrd_line(data: dict[str, Any], place: str, selection: str = "", against: bo
             _join_ports(network, fields, fields.text(kind))
     for fields in _each(top, "operational_points"):
         _name_station(network, fields)
-    path = network.path(selection, against)
+    path = network.path(selection, against=against)
     grades, radii = _geometry(path, tracks)
-    speeds = [speed for fields in _each(top, "speed_sections") for speed in _speeds(path, fields)]
+    sections_of_speed = list(_each(top, "speed_sections"))
+    tags = dict.fromkeys(tag for fields in sections_of_speed for tag in fields.data.get("speed_limit_by_tag") or {})
+    speeds = [speed for fields in sections_of_speed for speed in _speeds(path, fields)]
+    by_category = {
+        str(tag): [speed for fields in sections_of_speed for speed in _speeds(path, fields, tag)] for tag in tags
+    }
     neutral = [
         {"begin": passage.begin, "end": passage.end}
         for fields in _each(top, "neutral_sections")
@@ -77,7 +82,13 @@ def osrd_line(data: dict[str, Any], place: str, selection: str = "", against: bo
     name = f"{Path(place).stem}{f' {selection}' if selection else ''}{ENDING if against else ''}"
     source = f"OSRD infrastructure {Path(place).name}"
     sections = {"neutral_sections": sorted(neutral, key=lambda entry: entry["begin"])}
-    return build_model(Line, line_data(path, name, source, grades, radii, speeds, sections), place)
+    return build_model(
+        Line,
+        line_data(
+            path, name, source, grades=grades, radii=radii, speeds=speeds, sections=sections, by_category=by_category
+        ),
+        place,
+    )
 
 
 def _each(fields: Fields, key: str) -> Iterator[Fields]:
@@ -118,8 +129,10 @@ def _name_station(network: Network, fields: Fields) -> None:
         track = part.text("track")
         if track not in network.lengths:
             raise ValueError(f"{part.place}: track '{track[:60]}' is not in track_sections; correct it")
-        position = part.number("position", None, 0, network.lengths[track] + ROUNDING)
-        spot = (track, min(position, network.lengths[track]))
+        length, position = network.lengths[track], part.number("position")
+        if not 0 <= position <= length + ROUNDING:
+            part.number("position", None, 0, length)
+        spot = (track, min(position, length))
         network.named.setdefault(name, []).append(spot)
 
 
@@ -137,12 +150,16 @@ def _geometry(path: TrackPath, tracks: dict[str, Fields]) -> tuple[list[Range], 
     return grades, radii
 
 
-def _speeds(path: TrackPath, fields: Fields) -> list[Range]:
-    """Return the speed limits of a speed section; none if it has limits by train category only."""
+def _speeds(path: TrackPath, fields: Fields, tag: str | None = None) -> list[Range]:
+    """Return the speed limits of a speed section for all trains, or for those of a category."""
     passages = list(_ranges(path, fields, "applicable_directions"))
+    tags = fields.below("speed_limit_by_tag") if "speed_limit_by_tag" in fields else Fields({}, fields.place)
+    if tag is not None and tag in tags:
+        speed = tags.number(tag, None, 0.1, 300.0)
+        return [Range(begin, end, speed, fields.place) for begin, end, _ in passages]
     if "speed_limit" not in fields:
-        if passages:
-            print_assumption(f"{fields.place}: no speed_limit; limits by train category are not read")
+        if passages and tag is None:
+            print_assumption(f"{fields.place}: no speed_limit; a train of no category has no limit of its own there")
         return []
     speed = fields.number("speed_limit", None, 0.1, 300.0)
     return [Range(begin, end, speed, fields.place) for begin, end, _ in passages]
@@ -165,6 +182,8 @@ def _extent(fields: Fields) -> tuple[float, float]:
 
 def _ranges(path: TrackPath, fields: Fields, key: str) -> Iterator[Passage]:
     """Yield the passages of the track ranges that hold in the direction of running."""
+    if "track_ranges" not in fields or not fields.entries("track_ranges", 0):
+        raise ValueError(f"{fields.place}: track_ranges: none, so its place is not known; add them or remove the entry")
     for part in _each(fields, "track_ranges"):
         track, direction = part.text("track"), part.text(key, "BOTH")
         if direction not in ("BOTH", "START_TO_STOP", "STOP_TO_START"):

@@ -18,23 +18,29 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from plant_sim.formats.fields import formats_read, keys_not_carried, print_assumption
 from plant_sim.formats.network_path import BEGIN, END, Network, Range, TrackPath, line_data
-from plant_sim.formats.not_read import formats_read
-from plant_sim.formats.notes import keys_not_carried, print_assumption
-from plant_sim.formats.railml_collection import NetElement, parts_of
-from plant_sim.formats.railml_geometry import grades, radii
-from plant_sim.formats.railml_location import Location
-from plant_sim.formats.railml_xml import elements_below, entry_of, names_below, number_of, read_root, tag_of
+from plant_sim.formats.railml_collection import (
+    NetElement,
+    elements_below,
+    entry_of,
+    flag_of,
+    names_below,
+    number_of,
+    parts_of,
+    read_root,
+    tag_of,
+)
+from plant_sim.formats.railml_location import Location, grades, radii
 from plant_sim.input_error import build_model
-from plant_sim.line import Line
-from plant_sim.line_direction import ENDING
+from plant_sim.line import ENDING, Line
 
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
 from typing import TYPE_CHECKING
 
 from plant_sim.formats.network_path import steps
-from plant_sim.number_text import number_text
+from plant_sim.units import number_text
 
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
@@ -74,8 +80,8 @@ def neutral_sections(infrastructure: Element, location: Location, path: TrackPat
     """Return the sections of a path without traction power by rising distance; none for a path without any data."""
     listed: list[Range] = []
     for section in elements_below(infrastructure, "electrificationSection"):
-        insulated = section.get("isInsulatedSection") in ("true", "1")
-        value = NO_POWER if insulated or section.get("contactLineType") == "none" else POWER
+        insulated = flag_of(section, "isInsulatedSection", location.place)
+        value = NO_POWER if insulated or section.get("contactLineType", "").lower() == "none" else POWER
         listed += [Range(begin, end, value) for begin, end, _ in location.ranges(section, path, directed=True)]
     pieces = steps(path.length, listed, min, NO_SECTION)
     has_power = any(value == POWER for _, value in pieces)
@@ -168,7 +174,7 @@ def refuse_railml_train(path: Path) -> None:
     raise ValueError(f"{path}: rollingstock of railML is not read; {formats_read('train')}")
 
 
-def railml_line(path: Path, selection: str = "", against: bool = False) -> tuple[Line, str, tuple[str, ...]]:
+def railml_line(path: Path, selection: str = "", *, against: bool = False) -> tuple[Line, str, tuple[str, ...]]:
     """Return the line along a path of an infrastructure, the format, and the names that the line does not carry.
 
     Parameters
@@ -184,13 +190,15 @@ def railml_line(path: Path, selection: str = "", against: bool = False) -> tuple
         One line with file, element, value and remedy.
     """
     place, root = str(path), read_root(path)
-    infrastructure = next(elements_below(root, "infrastructure"), None)
-    if infrastructure is None:
+    found = list(elements_below(root, "infrastructure"))
+    if len(found) > 1:
+        raise ValueError(f"{place}: infrastructure: {len(found)} elements of this name; keep one")
+    if not found:
         stock = next(elements_below(root, "rollingstock"), None) is not None
         if stock:
             raise ValueError(f"{place}: rollingstock of railML is not read; {formats_read('train')}")
         raise ValueError(f"{place}: infrastructure: this element is missing; give a railML 3 infrastructure")
-    units = _units(root, place)
+    infrastructure, units = found[0], _units(root, place)
     elements = _net_elements(infrastructure, units, place)
     higher = {entry.get("id", "") for part in elements_below(infrastructure, "topology") for entry in part.iter()}
     network = _network(infrastructure, elements, higher, place)
@@ -201,22 +209,22 @@ def railml_line(path: Path, selection: str = "", against: bool = False) -> tuple
             network.named.setdefault(_name_of(point), []).extend(spots)
         else:
             print_assumption(f"{entry_of(point, place)}: it has no spotLocation on a netElement and is left out")
-    found = network.path(selection, against)
-    speeds, restrictions = _speeds(infrastructure, location, found)
+    way = network.path(selection, against=against)
+    speeds, restrictions = _speeds(infrastructure, location, way)
     name = f"{path.stem}{f' {selection}' if selection else ''}{ENDING if against else ''}"
     sections = {
         "temporary_restrictions": restrictions,
-        "tunnels": tunnels(infrastructure, location, found),
-        "neutral_sections": neutral_sections(infrastructure, location, found),
+        "tunnels": tunnels(infrastructure, location, way),
+        "neutral_sections": neutral_sections(infrastructure, location, way),
     }
     data = line_data(
-        found,
+        way,
         name,
         f"railML 3 infrastructure {path.name}",
-        grades(infrastructure, location, found),
-        radii(infrastructure, location, found),
-        speeds,
-        sections,
+        grades=grades(infrastructure, location, way),
+        radii=radii(infrastructure, location, way),
+        speeds=speeds,
+        sections=sections,
     )
     return build_model(Line, data, place), "railML 3", _not_read(root)
 
@@ -236,7 +244,7 @@ def _speeds(infrastructure: Element, location: Location, path: TrackPath) -> tup
             continue
         speed = number_of(section, key, place, 0.1, 1000.0) / 3.6
         for begin, end, _ in passages:
-            if section.get("isTemporary") in ("true", "1"):
+            if flag_of(section, "isTemporary", place):
                 restrictions.append({"begin": begin, "end": end, "speed": speed})
             else:
                 speeds.append(Range(begin, end, speed, entry))
@@ -339,7 +347,7 @@ def _network(infrastructure: Element, elements: dict[str, NetElement], higher: C
             raise ValueError(f"{entry}: navigability = '{way[:20]}': must be one of {', '.join(NAVIGABILITY)}")
         if len(ends) == 2 and way != "None":
             one, other = ends if way != "BA" else ends[::-1]
-            network.join(one, other, way == "Both")
+            network.join(one, other, both=way == "Both")
     return network
 
 

@@ -10,16 +10,123 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+from plant_sim.elementary import plain_sum
+from plant_sim.formats.fields import finite_number, print_assumption, read_bytes
 from plant_sim.formats.network_path import BEGIN, END, ROUNDING, Network
-from plant_sim.formats.notes import print_assumption
-from plant_sim.formats.railml_xml import elements_below, number_of, tag_of
-from plant_sim.number_text import number_text
-from plant_sim.summation import plain_sum
+from plant_sim.units import number_text
 
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
+
+
+class _RefusedDocumentType(Exception):
+    """An XML file has a document type, which may declare entities."""
+
+
+def _refuse_document_type(*_: object) -> None:
+    raise _RefusedDocumentType
+
+
+def read_xml(path: Path) -> Element:
+    """Return the root of an XML file without document type and entities.
+
+    Raises
+    ------
+    ValueError
+        One line with file and reason.
+    """
+    from xml.etree.ElementTree import ParseError, fromstring
+    from xml.parsers.expat import ExpatError, ParserCreate
+
+    text = read_bytes(path)
+    try:
+        first = ParserCreate()  # entities need a document type, so this parser refuses them before they are expanded
+        first.StartDoctypeDeclHandler = _refuse_document_type
+        first.Parse(text, True)
+        return fromstring(text)
+    except _RefusedDocumentType:
+        raise ValueError(f"{path}: DOCTYPE: document types and entities are refused; remove them") from None
+    except (ExpatError, ParseError, LookupError, UnicodeError) as error:
+        raise ValueError(f"{path}: not valid XML: {' '.join(str(error).split())[:200]}; correct it") from None
+
+
+def read_root(path: Path) -> Element:
+    """Return the root of a railML file.
+
+    Raises
+    ------
+    ValueError
+        One line with file and reason.
+    """
+    root = read_xml(path)
+    if tag_of(root) != "railML":
+        raise ValueError(f"{path}: root element '{tag_of(root)[:60]}': must be railML of version 3; give such a file")
+    if not root.get("version", "3").startswith("3"):
+        raise ValueError(
+            f"{path}: railML: version = '{str(root.get('version'))[:20]}': must be 3; export it in railML 3"
+        )
+    return root
+
+
+def tag_of(element: Element) -> str:
+    """Return the name of an element without its namespace."""
+    return str(element.tag).rpartition("}")[2]
+
+
+def elements_below(element: Element, tag: str) -> Iterator[Element]:
+    """Yield all elements of a name below an element."""
+    return (entry for entry in element.iter() if tag_of(entry) == tag)
+
+
+def entry_of(element: Element, place: str) -> str:
+    """Return file, name and identifier of an element, or that of its net element, for messages."""
+    name = element.get("netElementRef") or element.get("id")
+    return f"{place}: {' '.join(part for part in (tag_of(element), name) if part)}"
+
+
+def names_below(element: Element, found: dict[str, Any] | None = None) -> dict[str, Any]:
+    """Return the names of all attributes (``@name``) and elements below an element; those of equal elements as one."""
+    names: dict[str, Any] = {} if found is None else found
+    names.update({f"@{key.rpartition('}')[2]}": True for key in element.keys()})  # noqa: SIM118  # not a mapping
+    for entry in element:
+        below = names.setdefault(tag_of(entry), {})
+        names_below(entry, below)
+    return names
+
+
+def number_of(element: Element, key: str, place: str, low: float = -1e9, high: float = 1e9) -> float:
+    """Return a number of an attribute within its range.
+
+    Raises
+    ------
+    ValueError
+        One line with file, element, attribute and value.
+    """
+    where = f"{entry_of(element, place)}: {key}"
+    text = element.get(key, "")
+    try:
+        value = float(text.replace("_", "no digit"))  # Python reads 1_2 as 12, XML does not
+    except ValueError:
+        raise ValueError(f"{where} = '{text[:40]}': must be a number") from None
+    return finite_number(value, where, low, high)
+
+
+def flag_of(element: Element, key: str, place: str, default: bool = False) -> bool:
+    """Return a truth value of an attribute.
+
+    Raises
+    ------
+    ValueError
+        One line with file, element, attribute and value.
+    """
+    text = element.get(key)
+    if text not in (None, "true", "1", "false", "0"):
+        raise ValueError(f"{entry_of(element, place)}: {key} = '{text[:40]}': must be true or false; correct it")
+    return default if text is None else text in ("true", "1")
+
 
 ORDERED, UNORDERED = "elementCollectionOrdered", "elementCollectionUnordered"
 Chain = list[tuple[str, bool]]
@@ -211,14 +318,14 @@ class Collections:
             )
         found: Chain = []
         for number, part in enumerate(element.parts):
-            found = self._joined(found, self.chain(part), number == 1)
+            found = self._joined(found, self.chain(part), turning=number == 1)
             if not found:
                 raise ValueError(
                     f"{where}: elementPart '{part}' is not joined to the part before it; correct the order"
                 )
         return found
 
-    def _joined(self, one: Chain, other: Chain, turning: bool) -> Chain:
+    def _joined(self, one: Chain, other: Chain, *, turning: bool) -> Chain:
         """Return two chains as one, the second and perhaps the first one turned; empty without a joint."""
         if not one:
             return other

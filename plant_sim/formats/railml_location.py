@@ -1,19 +1,35 @@
-"""Locations of railML 3 on net elements: positions, intrinsic coordinates, or measures of a linear reference."""
+"""Locations of railML 3 on net elements: positions, intrinsic coordinates, or measures of a linear reference.
+
+Grades and curve radii of railML 3 on a path.
+
+A gradient curve of the type arc has a change of gradient in place of a gradient, a horizontal curve that is a
+transition has no radius: gradient and curvature are linear between the values at both ends, those of the neighbours.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from typing import TYPE_CHECKING
+import math
+from collections.abc import Collection, Sequence
+from itertools import pairwise
+from typing import TYPE_CHECKING, NamedTuple
 
-from plant_sim.formats.fields import finite_number
-from plant_sim.formats.network_path import Network, Passage, TrackPath
-from plant_sim.formats.notes import print_assumption
-from plant_sim.formats.railml_collection import Collections, NetElement, Stretch
-from plant_sim.formats.railml_xml import entry_of
-from plant_sim.number_text import number_text
+from plant_sim.formats.fields import print_assumption
+from plant_sim.formats.network_path import ROUNDING, STRAIGHT, Network, Passage, Range, TrackPath
+from plant_sim.formats.railml_collection import (
+    Collections,
+    NetElement,
+    Stretch,
+    elements_below,
+    entry_of,
+    flag_of,
+    number_of,
+    tag_of,
+)
+from plant_sim.units import number_text
 
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
+
 
 BEGINS, ENDS, POSITIONS = ("posBegin", "fromPos"), ("posEnd", "toPos"), ("pos",)
 """Attributes of positions [m], of version 3.2 on and of version 3.1."""
@@ -43,7 +59,7 @@ class Location:
         higher: Collection[str],
         units: dict[str, float],
     ) -> None:
-        self._elements, self._higher, self._units, self._place = elements, higher, units, network.place
+        self._elements, self._higher, self._units, self.place = elements, higher, units, network.place
         self._collections = Collections(elements, network)
 
     def spots(self, owner: Element) -> list[tuple[str, float]]:
@@ -61,7 +77,7 @@ class Location:
         return found
 
     def ranges(
-        self, owner: Element, path: TrackPath, directed: bool = False, needed: bool = False, signed: bool = False
+        self, owner: Element, path: TrackPath, *, directed: bool = False, needed: bool = False, signed: bool = False
     ) -> list[Passage]:
         """Return begin and end on a path [m] of the linear locations of an element, and True in running direction.
 
@@ -81,7 +97,7 @@ class Location:
         """
         found: list[Passage] = []
         known = 0
-        entry = entry_of(owner, self._place)
+        entry = entry_of(owner, self.place)
         for location in _parts(owner, "linearLocation"):
             applies = location.get("applicationDirection", "both")
             if applies not in ("both", "normal", "reverse"):
@@ -93,8 +109,8 @@ class Location:
                 if element is None:
                     continue
                 known += 1
-                keeps = part.get("keepsOrientation", "true") not in ("false", "0")
-                for piece in self._pieces(owner, part, element):
+                keeps = flag_of(part, "keepsOrientation", self.place, True)
+                for piece in self._pieces(owner, part, element, rising=signed and keeps):
                     if piece.same is None and (signed or applies != "both"):
                         raise ValueError(
                             f"{entry}: netElement {element.name}: its direction over its parts is not known; add its "
@@ -113,8 +129,8 @@ class Location:
             print_assumption(f"{entry}: {problem} and is left out")
         return found
 
-    def _pieces(self, owner: Element, part: Element, element: NetElement) -> list[Stretch]:
-        """Return the stretches of the micro level of a location on a net element."""
+    def _pieces(self, owner: Element, part: Element, element: NetElement, *, rising: bool) -> list[Stretch]:
+        """Return the stretches of the micro level of a location on a net element; ``rising`` refuses a turned one."""
         if element.parts:
             ends = (
                 (BEGINS, "intrinsicCoordBegin", "linearCoordinateBegin"),
@@ -123,13 +139,19 @@ class Location:
             return self._on_collection(owner, part, element, *ends)
         begin = self._at(part, element, BEGINS, "intrinsicCoordBegin", "linearCoordinateBegin")
         end = self._at(part, element, ENDS, "intrinsicCoordEnd", "linearCoordinateEnd")
-        return [Stretch(element.name, 0.0 if begin is None else begin, element.length if end is None else end, True)]
+        first, last = 0.0 if begin is None else begin, element.length if end is None else end
+        if rising and last < first:
+            raise ValueError(
+                f"{entry_of(owner, self.place)}: netElement {element.name}: its end lies before its begin, and "
+                "keepsOrientation is true; exchange them, or set keepsOrientation to false"
+            )
+        return [Stretch(element.name, first, last, True)]
 
     def _on_collection(
         self, owner: Element, part: Element, element: NetElement, *ends: tuple[tuple[str, ...], str, str]
     ) -> list[Stretch]:
         """Return the stretches of the micro level between the ends of a location on a collection; one end is a spot."""
-        name, entry = element.name, entry_of(owner, self._place)
+        name, entry = element.name, entry_of(owner, self.place)
         measures = [self._measure(coordinate) for _, _, linear in ends for coordinate in _parts(part, linear)[:1]]
         try:
             if len(measures) == len(ends):
@@ -145,7 +167,7 @@ class Location:
                 return self._collections.whole(name)
             whole = NetElement(name, self._collections.length(name), element.measures)
         except ValueError as error:
-            raise ValueError(f"{entry}: {str(error).removeprefix(f'{self._place}: ')}") from None
+            raise ValueError(f"{entry}: {str(error).removeprefix(f'{self.place}: ')}") from None
         places = [self._at(part, whole, *end) for end in ends]
         first, last = places[0], places[-1]
         return self._collections.along(name, first or 0.0, whole.length if last is None else last)
@@ -155,14 +177,14 @@ class Location:
         name = part.get("netElementRef", "")
         if name not in self._elements and name not in self._higher:
             raise ValueError(
-                f"{entry_of(owner, self._place)}: netElementRef = '{name[:60]}': not in the topology; correct it"
+                f"{entry_of(owner, self.place)}: netElementRef = '{name[:60]}': not in the topology; correct it"
             )
         return self._elements.get(name)
 
     def _measure(self, coordinate: Element) -> tuple[str, float]:
         """Return linear positioning system and measure [m]."""
         system = coordinate.get("positioningSystemRef", "")
-        return system, self._number(coordinate, "measure", -1e9, 1e9) * self._units.get(system, 1.0)
+        return system, number_of(coordinate, "measure", self.place, -1e9, 1e9) * self._units.get(system, 1.0)
 
     def _at(
         self, part: Element, element: NetElement, positions: tuple[str, ...], intrinsic: str, linear: str
@@ -170,15 +192,15 @@ class Location:
         """Return the position on a net element [m]; None for an end that the location does not have."""
         for key in positions:
             if part.get(key) is not None:
-                return self._number(part, key, 0.0, element.length * (1 + 1e-9))
+                return number_of(part, key, self.place, 0.0, element.length * (1 + 1e-9))
         if part.get(intrinsic) is not None:
-            return element.length * self._number(part, intrinsic, 0.0, 1.0)
+            return element.length * number_of(part, intrinsic, self.place, 0.0, 1.0)
         for coordinate in _parts(part, linear):
             system, measure = self._measure(coordinate)
             position = element.position(system, measure)
             if position is None:
                 raise ValueError(
-                    f"{self._place}: netElement {element.name}: measure = {coordinate.get('measure')}: outside its "
+                    f"{self.place}: netElement {element.name}: measure = {coordinate.get('measure')}: outside its "
                     f"linear coordinates of '{system}'; correct it"
                 )
             return position
@@ -195,16 +217,148 @@ class Location:
                     found.append((element.name, position))
         return found
 
-    def _number(self, element: Element, key: str, low: float, high: float) -> float:
-        tag, text = str(element.tag).rpartition("}")[2], element.get(key, "")
-        where = f"{self._place}: {tag} {element.get('netElementRef', '')}: {key}"
-        try:
-            value = float(text)
-        except ValueError:
-            raise ValueError(f"{where} = '{text[:40]}': must be a number") from None
-        return finite_number(value, where, low, high)
-
 
 def _parts(element: Element, tag: str) -> list[Element]:
     """Return the direct parts of an element with a name."""
-    return [entry for entry in element if str(entry.tag).rpartition("}")[2] == tag]
+    return [entry for entry in element if tag_of(entry) == tag]
+
+
+KINDS = ("straight", "arc", "mixed")
+"""Types of gradient curves."""
+PIECE, PIECES = 20.0, 10
+"""Length of the pieces of a transition [m], and their largest number."""
+DELTA_ROUNDING = 5e-4
+"""Difference between deltaGradient and the gradients of the neighbours that counts as rounding."""
+
+
+class _Transition(NamedTuple):
+    """Stretch [m] with a linear change of a value; the change is None if the file does not have it."""
+
+    begin: float
+    end: float
+    change: float | None
+    entry: str
+
+
+def grades(infrastructure: Element, location: Location, path: TrackPath) -> list[Range]:
+    """Return the grades on a path in running direction; an arc as pieces of constant grade.
+
+    Raises
+    ------
+    ValueError
+        One line with file, element, value and remedy.
+    """
+    place = path.network.place
+    rows: list[Range] = []
+    arcs: list[_Transition] = []
+    for curve in elements_below(infrastructure, "gradientCurve"):
+        entry = entry_of(curve, place)
+        passages = location.ranges(curve, path, signed=True)
+        delta = 1e-3 * number_of(curve, "deltaGradient", place) if curve.get("deltaGradient") is not None else None
+        if (kind := curve.get("curveType", "straight")) not in KINDS:
+            raise ValueError(f"{entry}: curveType = '{kind[:30]}': must be one of {', '.join(KINDS)}; correct it")
+        if curve.get("gradient") is not None and not delta:
+            value = 1e-3 * number_of(curve, "gradient", place, -500, 500)
+            rows += [Range(begin, end, value if forward else -value, entry) for begin, end, forward in passages]
+        elif kind == "mixed" and delta is None:
+            print_assumption(f"{entry}: of the type mixed without a gradient; left out")
+        else:
+            arcs += [_Transition(begin, end, delta, entry) for begin, end in _joined(passages)]
+    found = _between(rows, arcs, None)
+    for arc in arcs:
+        known = found.get(arc)
+        if known is None:
+            raise ValueError(
+                f"{arc.entry}: its gradient is not known: it has none, and no neighbour with one; add gradient"
+            )
+        first, last = known
+        if arc.change is not None and abs(last - first - arc.change) > DELTA_ROUNDING:
+            print_assumption(
+                f"{arc.entry}: deltaGradient = {number_text(1e3 * arc.change)}: its neighbours differ by "
+                f"{number_text(1e3 * (last - first))} per mille; read linear between them"
+            )
+    return rows + [piece for arc, (first, last) in found.items() for piece in _pieces(arc, first, last)]
+
+
+def radii(infrastructure: Element, location: Location, path: TrackPath) -> list[Range]:
+    """Return the curve radii on a path [m], > 0 to the right in running direction.
+
+    Raises
+    ------
+    ValueError
+        One line with file, element, value and remedy.
+    """
+    place = path.network.place
+    rows: list[Range] = []
+    transitions: list[_Transition] = []
+    for curve in elements_below(infrastructure, "horizontalCurve"):
+        entry = entry_of(curve, place)
+        passages = location.ranges(curve, path, signed=True)
+        if curve.get("radius") is not None:
+            radius = number_of(curve, "radius", place)
+            bend = 1.0 / radius if radius else 0.0
+            rows += [Range(begin, end, bend if forward else -bend, entry) for begin, end, forward in passages]
+        elif curve.get("curveType") not in ("straight", "mixed"):
+            transitions += [_Transition(begin, end, None, entry) for begin, end in _joined(passages)]
+    found = _between(rows, transitions, 0.0)
+    rows += [piece for entry, (first, last) in found.items() for piece in _pieces(entry, first, last)]
+    return [Range(row.begin, row.end, 1.0 / row.value, row.entry) for row in rows if abs(row.value) > 1.0 / STRAIGHT]
+
+
+def _joined(passages: Sequence[tuple[float, float, bool]]) -> list[tuple[float, float]]:
+    """Return the stretches of one element, over several net elements as one."""
+    found: list[tuple[float, float]] = []
+    for begin, end, _ in sorted(passages):
+        if found and begin <= found[-1][1] + ROUNDING:
+            found[-1] = (found[-1][0], max(end, found[-1][1]))
+        else:
+            found.append((begin, end))
+    return found
+
+
+def _between(
+    rows: Sequence[Range], transitions: Sequence[_Transition], beside: float | None
+) -> dict[_Transition, tuple[float, float]]:
+    """Return the values at begin and end of the transitions, from the rows and transitions that they touch.
+
+    ``beside`` is the value where nothing touches; with None, the change of the file gives the other end.
+    """
+    firsts: dict[_Transition, float] = {}
+    lasts: dict[_Transition, float] = {}
+    for entry in transitions:
+        for row in rows:
+            if abs(row.end - entry.begin) <= ROUNDING:
+                firsts[entry] = row.value
+            if abs(row.begin - entry.end) <= ROUNDING:
+                lasts[entry] = row.value
+    order = sorted(transitions)
+    for sequence in (order, order[::-1]) * 2:  # a chain of arcs takes its values from both sides
+        for entry in sequence:
+            if entry.change is not None and entry in firsts:
+                lasts.setdefault(entry, firsts[entry] + entry.change)
+            if entry.change is not None and entry in lasts:
+                firsts.setdefault(entry, lasts[entry] - entry.change)
+        for before, after in pairwise(order):
+            if abs(before.end - after.begin) <= ROUNDING:
+                if before in lasts:
+                    firsts.setdefault(after, lasts[before])
+                if after in firsts:
+                    lasts.setdefault(before, firsts[after])
+    if beside is not None:
+        return {entry: (firsts.get(entry, beside), lasts.get(entry, beside)) for entry in order}
+    return {entry: (firsts[entry], lasts[entry]) for entry in order if entry in firsts and entry in lasts}
+
+
+def _pieces(entry: _Transition, first: float, last: float) -> list[Range]:
+    """Return pieces with the mean value of each."""
+    count = max(1, min(PIECES, math.ceil((entry.end - entry.begin) / PIECE)))
+    length = (entry.end - entry.begin) / count
+    return [
+        Range(
+            entry.begin + k * length,
+            entry.begin + (k + 1) * length,
+            first + (last - first) * (k + 0.5) / count,
+            entry.entry,
+        )
+        for k in range(count)
+    ]

@@ -19,13 +19,11 @@ from pathlib import Path
 from typing import Any
 
 from plant_sim.consist import Consist
-from plant_sim.formats.fields import Fields, finite_number
-from plant_sim.formats.notes import print_assumption
-from plant_sim.formats.read_train import ReadTrain
+from plant_sim.elementary import plain_sum
+from plant_sim.formats.fields import Fields, finite_number, print_assumption
 from plant_sim.input_error import build_model
 from plant_sim.line import Line, order_fault
-from plant_sim.number_text import number_text
-from plant_sim.summation import plain_sum
+from plant_sim.units import number_text
 
 TRAIN_SCHEMA = "rolling-stock"
 PATH_SCHEMA = "running-path"
@@ -48,7 +46,10 @@ CARRIED_TRAIN = (
 )  # fmt: skip
 """Keys of a rolling-stock file that the consist carries."""
 CARRIED_PATH = (
-    "schema", "path.name", "path.characteristic_sections", "paths[].name", "paths[].characteristic_sections",
+    "schema", *(f"{path}.{key}" for path in ("path", "paths[]") for key in (
+        "name", "characteristic_sections[][]", "characteristic_sections[].position", "characteristic_sections[].speed",
+        "characteristic_sections[].resistance",
+    )),
 )  # fmt: skip
 """Keys of a running path that the line carries; the identifier is the name of a path without one."""
 
@@ -63,7 +64,7 @@ def is_railtoolkit(data: dict[str, Any], what: str) -> bool:
     return "paths" in data or isinstance(data.get("path"), dict)
 
 
-def train_from(data: dict[str, Any], place: str, selection: str = "") -> ReadTrain:
+def train_from(data: dict[str, Any], place: str, selection: str = "") -> Consist:
     """Return a train in the data of a rolling-stock file.
 
     Parameters
@@ -80,7 +81,9 @@ def train_from(data: dict[str, Any], place: str, selection: str = "") -> ReadTra
     known: dict[str, Fields] = {}
     for index, entry in enumerate(top.entries("vehicles")):
         vehicle = Fields(entry, f"{place}: vehicles[{index}]")
-        known[vehicle.text("id")] = vehicle
+        if (name := vehicle.text("id")) in known:
+            raise ValueError(f"{vehicle.place}: id = '{name[:60]}': two vehicles have this id; correct one")
+        known[name] = vehicle
     if "trains" not in top:
         raise ValueError(f"{place}: it has vehicles and no train; add trains: [{{name: ..., formation: [...]}}]")
     train = _selected(top, "trains", selection)
@@ -91,6 +94,8 @@ def train_from(data: dict[str, Any], place: str, selection: str = "") -> ReadTra
                 f"{train.place}: formation: '{name}' is not in vehicles ({', '.join(sorted(known))}); correct it"
             )
     used = {name: _Vehicle(known[name]) for name in dict.fromkeys(formation)}
+    for kind in used.values():
+        kind.note_keys_without_effect()
     return _assembled(train, place, formation, used)
 
 
@@ -109,8 +114,15 @@ class _Vehicle:
         self.mass = self.own + self.load
         self.rotating = fields.number("rotation_mass", ROTATING[self.type], 1.0, 2.0)
         self.speed = fields.number("speed_limit", 504.0, 0.1, 720.0) / 3.6
-        self.driven = min(fields.number("mass_traction", self.own / 1e3, 0, 1e5) * 1e3, self.own)
+        self.driven = fields.number("mass_traction", self.own / 1e3, 0, self.own / 1e3) * 1e3
         self.deceleration = abs(fields.number("a_braking", 0.0, -5, 5))
+
+    def note_keys_without_effect(self) -> None:
+        """Name the keys that the rules of this schema do not use for the type of the vehicle."""
+        unused = () if self.powered else ("a_braking", "mass_traction", "tractive_effort")
+        for key in (*unused, *(("rolling_resistance",) if self.type == "freight" else ())):
+            if self.fields.data.get(key):
+                print_assumption(f"{self.fields.place}: {key}: no effect in a vehicle of type '{self.type}'")
 
     def resistance(self) -> tuple[float, float, float]:
         """Return c0, c1, c2 of the resistance c0 + c1 v + c2 v² [N], v in m/s."""
@@ -153,7 +165,7 @@ class _Vehicle:
         return segments
 
 
-def _assembled(train: Fields, file: str, formation: list[str], used: dict[str, _Vehicle]) -> ReadTrain:
+def _assembled(train: Fields, file: str, formation: list[str], used: dict[str, _Vehicle]) -> Consist:
     vehicles = [used[entry] for entry in formation]
     if not any(vehicle.powered for vehicle in vehicles):
         raise ValueError(f"{train.place}: formation has no traction unit or multiple unit; add one")
@@ -182,7 +194,7 @@ def _assembled(train: Fields, file: str, formation: list[str], used: dict[str, _
             parts[-1]["count"] += 1
         else:
             parts.append({"type": entry, "count": 1})
-    consist = build_model(
+    return build_model(
         Consist,
         {
             "schema": "train_ato/consist/1",
@@ -193,10 +205,10 @@ def _assembled(train: Fields, file: str, formation: list[str], used: dict[str, _
             "train": parts,
             "draft_gears": {"rigid": {"kind": "rigid"}},
             "default_gear": "rigid",
+            "plan_limits": {"speed": speed, "deceleration": deceleration},
         },
         file,
     )
-    return ReadTrain(consist, deceleration, speed)
 
 
 def railtoolkit_line(data: dict[str, Any], place: str, selection: str = "") -> Line:
@@ -215,8 +227,7 @@ def railtoolkit_line(data: dict[str, Any], place: str, selection: str = "") -> L
         One line with location, key, value and remedy.
     """
     top = Fields(data, place)
-    single = "path" in top and "paths" not in top
-    path = top.below("path") if single and not selection else _selected(top, "path" if single else "paths", selection)
+    path = _selected(top, "paths", selection)
     rows = _characteristic_sections(path)
     return build_model(
         Line,
@@ -235,10 +246,9 @@ def railtoolkit_line(data: dict[str, Any], place: str, selection: str = "") -> L
 
 def _selected(top: Fields, key: str, selection: str) -> Fields:
     """Return the train or path of a name or identifier, or the only one of a file."""
-    if key == "path":
-        entries = [top.below(key)]
-    else:
-        entries = [Fields(entry, f"{top.place}: {key}[{k}]") for k, entry in enumerate(top.entries(key))]
+    entries = [top.below("path")] if key == "paths" and "path" in top else []
+    if not entries or key in top:
+        entries += [Fields(entry, f"{top.place}: {key}[{k}]") for k, entry in enumerate(top.entries(key))]
     found = [entry for entry in entries if selection in (entry.text("id", ""), entry.text("name", "")) or not selection]
     if len(found) == 1:
         return found[0]
@@ -260,7 +270,7 @@ def _characteristic_sections(path: Fields) -> list[tuple[float, float, float]]:
     key = f"{path.place}: characteristic_sections"
     entries = path.entries("characteristic_sections", 2)
     last = len(entries) - 1
-    rows = _completed([_section(entry, f"{key}[{k}]", k == last) for k, entry in enumerate(entries)], key)
+    rows = _completed([_section(entry, f"{key}[{k}]", at_end=k == last) for k, entry in enumerate(entries)], key)
     first = rows[0][0]
     if all(after[0] < before[0] for before, after in pairwise(rows)):
         print_assumption(f"{key}: falling kilometres: places are distances from {number_text(first)} m")
@@ -273,7 +283,7 @@ def _characteristic_sections(path: Fields) -> list[tuple[float, float, float]]:
     return rows
 
 
-def _section(entry: Any, place: str, at_end: bool) -> tuple[float, float | None, float | None]:
+def _section(entry: Any, place: str, *, at_end: bool) -> tuple[float, float | None, float | None]:
     """Return place [m], speed [km/h] and grade [per mille] of a section; None for a missing one."""
     if isinstance(entry, list) and len(entry) == 3:
         entry = dict(zip(("position", "speed", "resistance"), entry, strict=True))

@@ -2,24 +2,32 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from plant_sim.consist import Consist
-from plant_sim.formats import osrd, railtoolkit, ttobench, ttobench_train
-from plant_sim.formats.fields import read_data
-from plant_sim.formats.not_read import refuse_foreign
-from plant_sim.formats.notes import keys_not_carried, print_assumption
-from plant_sim.formats.railml import is_railml, railml_line, refuse_railml_train
-from plant_sim.formats.read_train import ReadTrain
-from plant_sim.input_error import build_model
-from plant_sim.line import Line
-from plant_sim.line_direction import reversed_line
-from plant_sim.number_text import number_text
+import yaml
 
-FAST = 100.0
-"""Speed above which a limit is probably in km/h [m/s]."""
+from plant_sim.chainage import with_posts
+from plant_sim.consist import Consist
+from plant_sim.data_text import TextDumper
+from plant_sim.elementary import plain_sum
+from plant_sim.formats import altrios, line_table, osrd, osrd_stock, railtoolkit, survey, ttobench
+from plant_sim.formats.fields import keyed, keys_not_carried, print_assumption, read_any, read_data, refuse_foreign
+from plant_sim.formats.network_path import ROUNDING
+from plant_sim.formats.railml import is_railml, railml_line, refuse_railml_train
+from plant_sim.formats.railml_collection import read_xml
+from plant_sim.input_error import build_model
+from plant_sim.line import Line, reversed_line
+from plant_sim.units import number_text
+
+FAST, STEEP = 100.0, 0.1
+"""Speed above which a limit is probably in km/h [m/s], and grade above which it is probably in another unit."""
+HEAVY, WEAK = 15e3, 1e-3
+"""Mass per length above which a mass is probably in another unit [kg/m], and traction over weight below which it is."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,15 +41,14 @@ class ReadLine:
 
 @dataclass(frozen=True, slots=True)
 class ReadConsist:
-    """Train of a file with its limits for a plan; None without a foreign format."""
+    """Train of a file, its format, and the keys of the file that the consist does not carry."""
 
     consist: Consist
     format: str
-    train: ReadTrain | None = None
     left_out: tuple[str, ...] = ()
 
 
-def read_line(path: Path, selection: str = "", against: bool = False) -> ReadLine:
+def read_line(path: Path, selection: str = "", *, against: bool = False) -> ReadLine:
     """Return the line of a file; of a network the path of a selection ``FROM..TO``.
 
     Parameters
@@ -56,14 +63,25 @@ def read_line(path: Path, selection: str = "", against: bool = False) -> ReadLin
         One line with file, key, value and remedy.
     """
     place = str(path)
+    mirrored = False
     if is_railml(path):
-        return ReadLine(*railml_line(path, selection, against))
-    data = read_data(path)
-    if osrd.is_osrd(data):
-        line = osrd.osrd_line(data, place, selection, against)
-        return ReadLine(line, "OSRD", keys_not_carried(data, osrd.CARRIED_INFRA))
-    found = _one_line(data, place, selection)
-    return replace(found, line=reversed_line(found.line)) if against else found
+        found = ReadLine(*railml_line(path, selection, against=against))
+    elif line_table.is_line_table(path):
+        refuse_selection(selection, place)
+        found, mirrored = ReadLine(line_table.table_line(path), "table"), against
+    elif survey.is_gpx(path):
+        line, left = survey.gpx_line(read_xml(path), place, selection)
+        found, mirrored = ReadLine(line, "GPX", left), against
+    elif links := altrios.links_of(data := read_any(path)):
+        line, left = altrios.altrios_line(links, place, selection, against=against)
+        found = ReadLine(line, "ALTRIOS", left)
+    elif osrd.is_osrd(data := keyed(data, path)):
+        line = osrd.osrd_line(data, place, selection, against=against)
+        found = ReadLine(line, "OSRD", keys_not_carried(data, osrd.CARRIED_INFRA))
+    else:
+        found, mirrored = _one_line(data, place, selection), against
+    _note_traps(found, place)
+    return replace(found, line=reversed_line(found.line)) if mirrored else found
 
 
 def _one_line(data: dict[str, Any], place: str, selection: str) -> ReadLine:
@@ -71,19 +89,25 @@ def _one_line(data: dict[str, Any], place: str, selection: str) -> ReadLine:
     if railtoolkit.is_railtoolkit(data, "line"):
         left = keys_not_carried(data, railtoolkit.CARRIED_PATH)
         return ReadLine(railtoolkit.railtoolkit_line(data, place, selection), "railtoolkit", left)
-    if selection:
-        raise ValueError(f"{place}: selection '{selection}': the file has one line; remove it")
+    if survey.is_geojson(data):
+        left = keys_not_carried(data, survey.CARRIED)
+        return ReadLine(survey.geojson_line(data, place, selection), "GeoJSON", left)
+    refuse_selection(selection, place)
     if ttobench.is_ttobench(data):
         left = keys_not_carried(data, ttobench.CARRIED_LINE)
         return ReadLine(ttobench.ttobench_line(data, place), "TTOBench", left)
     if not str(data.get("schema", "")).startswith("train_ato/line/"):
-        refuse_foreign(data, place, "line", _kinds(data))
-    line = build_model(Line, data, place)
-    _note_traps(line, place)
-    return ReadLine(line, "train_ato")
+        refuse_foreign(data, place, "line", kinds_of(data))
+    return ReadLine(build_model(Line, data, place), "train_ato")
 
 
-def read_train(path: Path, point_mass: bool = False, selection: str = "") -> ReadConsist:
+def refuse_selection(selection: str, place: str) -> None:
+    """Refuse a selection in a file with one line."""
+    if selection:
+        raise ValueError(f"{place}: selection '{selection}': the file has one line; remove it")
+
+
+def read_train(path: Path, *, point_mass: bool = False, selection: str = "") -> ReadConsist:
     """Return the train of a file; as a point mass it needs no length.
 
     Parameters
@@ -96,41 +120,82 @@ def read_train(path: Path, point_mass: bool = False, selection: str = "") -> Rea
     ValueError
         One line with file, key, value and remedy.
     """
+    found = _train_of(path, point_mass, selection)
+    _note_train_traps(found.consist, str(path))
+    return found
+
+
+def _train_of(path: Path, point_mass: bool, selection: str) -> ReadConsist:
+    """Return the train of a file of any format."""
     place = str(path)
     if is_railml(path):
         refuse_railml_train(path)
+    if survey.is_gpx(path) or line_table.is_line_table(path):
+        kind = "GPX" if survey.is_gpx(path) else "table"
+        raise ValueError(f"{place}: holds a line ({kind}), no train; exchange them")
     data = read_data(path)
     if railtoolkit.is_railtoolkit(data, "train"):
-        train = railtoolkit.train_from(data, place, selection)
-        return ReadConsist(train.consist, "railtoolkit", train, keys_not_carried(data, railtoolkit.CARRIED_TRAIN))
+        consist = railtoolkit.train_from(data, place, selection)
+        return ReadConsist(consist, "railtoolkit", keys_not_carried(data, railtoolkit.CARRIED_TRAIN))
+    if osrd_stock.is_osrd_stock(data):
+        return ReadConsist(osrd_stock.osrd_train(data, place, selection), "OSRD")
+    if str(data.get("schema", "")).startswith("train_ato/consist/"):
+        consist = build_model(Consist, data, place)
+        return ReadConsist(osrd_stock.with_supply(consist, selection, place) if selection else consist, "train_ato")
     if selection:
         raise ValueError(f"{place}: selection '{selection}': the file has one train; remove it")
-    if ttobench_train.is_ttobench_train(data):
-        train = ttobench_train.ttobench_train(data, place, point_mass)
-        return ReadConsist(train.consist, "TTOBench", train, keys_not_carried(data, ttobench_train.CARRIED_TRAIN))
-    if not str(data.get("schema", "")).startswith("train_ato/consist/"):
-        refuse_foreign(data, place, "train", _kinds(data))
-    return ReadConsist(build_model(Consist, data, place), "train_ato")
+    if altrios.is_altrios_train(data):
+        return ReadConsist(altrios.altrios_train(data, place), "ALTRIOS", keys_not_carried(data, altrios.CARRIED_TRAIN))
+    if ttobench.is_ttobench_train(data):
+        consist = ttobench.ttobench_train(data, place, point_mass=point_mass)
+        return ReadConsist(consist, "TTOBench", keys_not_carried(data, ttobench.CARRIED_TRAIN))
+    return refuse_foreign(data, place, "train", kinds_of(data))
 
 
 def holds_train(path: Path) -> bool:
     """Return True if a file has a train, False if it has a line or neither."""
-    if is_railml(path):
+    if is_railml(path) or line_table.is_line_table(path) or survey.is_gpx(path):
         return False
-    data = read_data(path)
-    own = str(data.get("schema", "")).startswith("train_ato/consist/")
-    return own or railtoolkit.is_railtoolkit(data, "train") or ttobench_train.is_ttobench_train(data)
+    data = read_any(path)
+    return isinstance(data, dict) and "train" in kinds_of(data)
 
 
-def _note_traps(line: Line, place: str) -> None:
-    """Name speeds that are probably in km/h, and entries beyond the end of the line."""
+def _note_train_traps(consist: Consist, place: str) -> None:
+    """Name masses and forces that are probably in another unit."""
+    for name, kind in consist.vehicle_types.items():
+        if kind.mass > HEAVY * kind.length:
+            print_assumption(
+                f"{place}: {name}: mass {number_text(kind.mass)} kg on {number_text(kind.length)} m; check its unit"
+            )
+    force = plain_sum(consist.vehicles[unit].traction[0].at(0.1) for unit in consist.power_units)
+    if 0 < force < WEAK * consist.mass * consist.gravity:
+        print_assumption(f"{place}: traction {number_text(force)} N for {number_text(consist.mass)} kg; check its unit")
+
+
+def _note_traps(found: ReadLine, place: str) -> None:
+    """Name speeds and grades that are probably in another unit, and entries outside of the line or over another one."""
+    line = found.line
+    own = found.format == "train_ato"
     speeds = [(f"speed_limits[{k}]", entry.speed) for k, entry in enumerate(line.speed_limits)]
     speeds += [(f"temporary_restrictions[{k}]", entry.speed) for k, entry in enumerate(line.temporary_restrictions)]
-    for key, speed in speeds:
-        if speed > FAST:
+    fast = [(key, speed) for key, speed in speeds if speed > FAST]
+    for key, speed in fast[:1]:
+        print_assumption(
+            f"{place}: {key}: speed {number_text(speed)} is {number_text(3.6 * speed)} km/h{_more(fast)}; "
+            + ("write speed_kmh for km/h" if own else "check its unit")
+        )
+    steep = [(k, entry.grade) for k, entry in enumerate(line.grades) if abs(entry.grade) > STEEP]
+    for k, grade in steep[:1]:
+        print_assumption(
+            f"{place}: grades[{k}]: grade {number_text(grade)} is {number_text(1e3 * grade)} per mille{_more(steep)}; "
+            "check its unit"
+        )
+    bends = sorted(line.curves, key=lambda curve: curve.begin)
+    for one, other in pairwise(bends):
+        if other.begin < one.end - ROUNDING:
             print_assumption(
-                f"{place}: {key}: speed {number_text(speed)} is {number_text(3.6 * speed)} km/h; write speed_kmh for "
-                "km/h"
+                f"{place}: curves: two from {number_text(other.begin)} to {number_text(min(one.end, other.end))} m; "
+                "their resistances add"
             )
     if line.speed_limits and line.speed_limits[0].at > line.begin:
         print_assumption(
@@ -140,20 +205,31 @@ def _note_traps(line: Line, place: str) -> None:
     for name in ("grades", "speed_limits", "stops", "curves", "tunnels", "temporary_restrictions", "neutral_sections",
                  "power_limits", "adhesion"):  # fmt: skip
         places = [float(row.begin if hasattr(row, "begin") else row.at) for row in getattr(line, name)]
+        early = [k for k, row in enumerate(getattr(line, name)) if getattr(row, "end", line.end) <= line.begin]
+        early += [k for k, row in enumerate(line.stops) if name == "stops" and row.at < line.begin]
+        for number in early[:1]:
+            print_assumption(
+                f"{place}: {name}[{number}]: {number_text(places[number])} m lies before the begin of the line, "
+                f"{number_text(line.begin)} m{_more(early)}"
+            )
         beyond = [number for number, at in enumerate(places) if at > line.end]
         if beyond:
-            more = f" (and {len(beyond) - 1} more)" if len(beyond) > 1 else ""
             print_assumption(
                 f"{place}: {name}[{beyond[0]}]: {number_text(places[beyond[0]])} m lies beyond the end of the line, "
-                f"{number_text(line.end)} m{more}"
+                f"{number_text(line.end)} m{_more(beyond)}"
             )
 
 
-def _kinds(data: dict[str, Any]) -> dict[str, str]:
+def _more(entries: Sequence[object]) -> str:
+    """Return the number of entries behind the first one, for a message that shows the first."""
+    return f" (and {len(entries) - 1} more)" if len(entries) > 1 else ""
+
+
+def kinds_of(data: dict[str, Any]) -> dict[str, str]:
     """Return the format of a file, as ``train`` or ``line``; empty for an unknown one."""
     found = {}
     for what, own, bench in (
-        ("train", "consist", ttobench_train.is_ttobench_train), ("line", "line", ttobench.is_ttobench),
+        ("train", "consist", ttobench.is_ttobench_train), ("line", "line", ttobench.is_ttobench),
     ):  # fmt: skip
         if str(data.get("schema", "")).startswith(f"train_ato/{own}/"):
             found[what] = "train_ato"
@@ -161,4 +237,105 @@ def _kinds(data: dict[str, Any]) -> dict[str, str]:
             found[what] = "railtoolkit"
         elif bench(data):
             found[what] = "TTOBench"
+    found |= {"train": "ALTRIOS"} if altrios.is_altrios_train(data) else {}
+    found |= {"line": "GeoJSON"} if survey.is_geojson(data) else {}
+    found |= {"train": "OSRD"} if osrd_stock.is_osrd_stock(data) else {}
     return found | ({"line": "OSRD"} if osrd.is_osrd(data) else {})
+
+
+NOT_IN_TTOBENCH = (
+    "chainage", "category_limits", "vertical_curves", "temporary_restrictions", "neutral_sections", "power_limits",
+    "adhesion",
+    "coordinates", "summary", "source",
+)  # fmt: skip
+"""Keys of an own line that TTOBench does not have."""
+LAYOUT = "TTOBench v1.5"
+
+
+def own_yaml(model: Line | Consist) -> str:
+    """Return the own YAML of a line or a train; the model read from it has the same values."""
+    data = model.model_dump(mode="json", by_alias=True, exclude_defaults=True)
+    if isinstance(model, Line) and model.chainage:
+        data = with_posts(data, model.chainage, model.begin)
+    return yaml.dump(
+        {"schema": model.schema_, **data}, Dumper=TextDumper, sort_keys=False, allow_unicode=True, width=120
+    )
+
+
+def ttobench_json(line: Line) -> tuple[str, tuple[str, ...]]:
+    """Return a line as TTOBench JSON from its begin on, and the keys of the line that it does not carry.
+
+    Raises
+    ------
+    ValueError
+        If the line has no speed limit at its begin, which this format needs.
+    """
+    limits = line.speed_limits
+    if not limits or limits[0].at > line.begin:
+        raise ValueError(
+            f"line '{line.name}': speed_limits: none at its begin, which TTOBench needs; begin them at {line.begin:g} m"
+        )
+    stops = [stop.at for stop in line.stops if line.begin <= stop.at <= line.end]
+    places = sorted({line.begin, *stops, line.end})
+    data: dict[str, Any] = {
+        "metadata": {"id": line.name, "library version": LAYOUT, "description": line.source},
+        "stops": {"unit": "m", "values": [place - line.begin for place in places]},
+        "speed limits": _steps(line, [(limit.at, limit.speed) for limit in limits], "velocity", "m/s"),
+        "gradients": _steps(line, [(entry.at, 1e3 * entry.grade) for entry in line.grades], "slope", "permil"),
+    }
+    if not line.grades:
+        del data["gradients"]
+    if line.curves:
+        radius = {"radius at start": "m", "radius at end": "m"}
+        data["curvatures"] = {"units": {"position": "m", **radius}, "values": _curvatures(line)}
+    sections = [entry for entry in line.tunnels if entry.cross_section is not None]
+    if sections:
+        rows = [[entry.begin - line.begin, entry.end - entry.begin, entry.cross_section] for entry in sections]
+        data["tunnels"] = {"units": {"position": "m", "length": "m", "cross section": "m^2"}, "values": rows}
+    return json.dumps(data, indent=1, ensure_ascii=False) + "\n", _left_out(line, set(places) - set(stops))
+
+
+def _steps(line: Line, entries: list[tuple[float, float]], quantity: str, unit: str) -> dict[str, Any]:
+    """Return steps from the begin of the line on; the piece under the begin starts there."""
+    rows: list[list[float]] = []
+    if entries and entries[0][0] > line.begin:
+        rows.append([0.0, 0.0])
+    for at, value in entries:
+        row = [max(at, line.begin) - line.begin, value]
+        if at >= line.end:
+            break
+        if rows and rows[-1][0] == row[0]:
+            rows[-1] = row
+        else:
+            rows.append(row)
+    return {"units": {"position": "m", quantity: unit}, "values": rows}
+
+
+def _curvatures(line: Line) -> list[list[Any]]:
+    """Return position and radius of every piece, > 0 to the right; straight track between the curves."""
+    rows: list[list[Any]] = []
+    at = line.begin
+    for curve in sorted(line.curves, key=lambda curve: curve.begin):
+        if curve.begin < at:
+            raise ValueError(f"line '{line.name}': curves: two overlap at {curve.begin:g} m; correct them")
+        if curve.begin > at:
+            rows.append([at - line.begin, "infinity", "infinity"])
+        radius = -curve.radius if curve.side == "left" else curve.radius
+        rows.append([curve.begin - line.begin, radius, radius])
+        at = curve.end
+    if at < line.end:
+        rows.append([at - line.begin, "infinity", "infinity"])
+    return rows
+
+
+def _left_out(line: Line, added: set[float]) -> tuple[str, ...]:
+    """Return the keys of a line that TTOBench does not carry."""
+    found = [key for key in NOT_IN_TTOBENCH if key != "source" and getattr(line, key)]
+    found += ["stops[].name"] if any(stop.name for stop in line.stops) else []
+    found += ["stops[].dwell"] if any(stop.dwell for stop in line.stops) else []
+    found += ["tunnels[].resistance_n_per_kn"] if any(entry.resistance_n_per_kn for entry in line.tunnels) else []
+    own = any(curve.resistance_n_per_kn is not None for curve in line.curves)
+    found += ["curves[].resistance_n_per_kn"] if own else []
+    found += ["curves[].side (none: right)"] if any(curve.side is None for curve in line.curves) else []
+    found += [f"begin = {line.begin:g} m (now 0)"] if line.begin else []
+    return (*found, *(f"added stop at {place - line.begin:g} m" for place in sorted(added)))

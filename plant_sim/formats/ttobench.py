@@ -4,28 +4,43 @@ Stops, speed limits and gradients are over the distance; gradients are positive 
 Curvatures are linear in 1/R between their entries (transition curves); they become short curves of their mean
 curvature, which gives the correct work of their resistance. A tunnel has a cross section; its resistance is a figure of
 the train.
+
+Trains of TTOBench up to layout 1.5: a point mass with forces, powers and efficiencies (JSON, BSD-2).
+
+The train becomes one vehicle. Its brake envelope is the electric plus the pneumatic service brake, up to the service
+deceleration on a fall of 50 per mille. The emergency brake is that of the ETCS data, else the weaker one of pneumatic
+brake and default. Tunnel coefficients are added to the quadratic running resistance.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from plant_sim.formats.fields import Fields, finite_number
-from plant_sim.formats.notes import print_assumption
+from plant_sim.brake_data import EmergencyBrake
+from plant_sim.consist import Consist
+from plant_sim.formats.fields import Fields, finite_number, print_assumption
 from plant_sim.input_error import build_model
 from plant_sim.line import Line, order_fault
-from plant_sim.number_text import number_text
+from plant_sim.railway import shoe_force
+from plant_sim.units import GRAVITY, number_text
 
 LENGTHS = {"m": 1.0, "km": 1e3}
 SPEEDS = {"km/h": 1 / 3.6, "m/s": 1.0}
 SLOPES = {"permil": 1e-3, "percent": 1e-2, "1": 1.0}
+STEEPEST = 0.5
+"""Largest grade of a line."""
 STRAIGHT = 1e5
 """Radius beyond which a curve counts as straight [m]."""
 TRANSITION, PIECES = 20.0, 10
 """Length of the parts of a transition curve [m], and their largest number."""
-CARRIED_LINE = ("metadata.id", "stops", "speed limits", "gradients", "curvatures", "tunnels")
+CARRIED_LINE = (
+    "metadata.id", "stops.unit", "stops.units.position", "stops.values",
+    *(f"{key}.{part}" for key in ("speed limits", "gradients", "curvatures", "tunnels")
+      for part in ("unit", "units", "values")),
+)  # fmt: skip
 """Keys of a line that the own file carries."""
 
 
@@ -94,7 +109,7 @@ def _stops(fields: Fields) -> list[float]:
 def _steps(
     fields: Fields, quantity: str, units: dict[str, float], low: float, high: float
 ) -> list[tuple[float, float]]:
-    """Return position and value of every entry; at one position the last entry counts."""
+    """Return position and value of every entry; two values at one position are refused."""
     length, unit = _unit(fields, "position", LENGTHS), _unit(fields, quantity, units)
     steps: dict[float, float] = {}
     for k, (at, value) in enumerate(fields.rows("values", 2)):
@@ -103,7 +118,14 @@ def _steps(
         if steps and position < next(reversed(steps)):
             places = [finite_number(row[0], fields.place) * length for row in fields.rows("values", 2)]
             raise ValueError(f"{fields.place}: values{order_fault(places)}")
-        steps[position] = finite_number(value, f"{place}[1]", low, high) * unit
+        found = finite_number(value, f"{place}[1]", low, high) * unit
+        if steps.get(position, found) != found:
+            raise ValueError(f"{place}: two values at {number_text(position)} m; keep one")
+        if quantity == "slope" and abs(found) > STEEPEST:
+            raise ValueError(
+                f"{place}[1] = {number_text(value)}: {number_text(1e3 * found)} per mille; correct its unit"
+            )
+        steps[position] = found
     return list(steps.items())
 
 
@@ -165,3 +187,237 @@ def _curvature(value: Any, place: str) -> float:
         return 0.0
     radius = finite_number(value, place)
     return 1 / radius if radius else 0.0
+
+
+KILO = 1e3
+UNITS: dict[str, dict[str, float]] = {
+    "length": {"m": 1.0, "km": KILO},
+    "mass": {"kg": 1.0, "t": KILO},
+    "speed": {"m/s": 1.0, "km/h": 1 / 3.6},
+    "power": {"W": 1.0, "kW": KILO, "MW": 1e6},
+    "force": {"N": 1.0, "kN": KILO},
+    "acceleration": {"m/s^2": 1.0},
+    "time": {"s": 1.0},
+    "ratio": {"-": 1.0, "%": 1e-2},
+    "count": {"-": 1.0},
+    "force per speed": {"N/(m/s)": 1.0, "kN/(m/s)": KILO, "kN/(km/h)": 3.6 * KILO},
+    "force per speed²": {"N/(m/s)^2": 1.0, "kN/(m/s)^2": KILO, "kN/(km/h)^2": 3.6**2 * KILO, "kg/m": 1.0},
+    "area": {"m^2": 1.0},
+}
+"""Accepted units of every quantity, with their factor to SI."""
+COACH_LENGTH = 25.0
+"""Assumed length of a coach of a file without a length [m]."""
+BRAKED_GRADE = 0.05
+"""Largest falling grade on which the service deceleration is reached."""
+OVERSPEED = 1.05
+"""End of the brake envelope over the largest speed."""
+CARRIED_TRAIN = (
+    "metadata.id", "length", "mass", "rho", "max traction power", "max reg braking power", "max traction force",
+    "max reg braking force", "max pn braking force", "max speed", "rolling resistance r0", "rolling resistance r1",
+    "rolling resistance r2", "tunnel resistance", "ETCS braking data.A_brake_emergency", "ETCS braking data.T_be",
+    "max acceleration", "max deceleration", "efficiency traction", "efficiency reg brake",
+)  # fmt: skip
+"""Keys of a train that the consist carries."""
+
+
+def is_ttobench_train(data: dict[str, Any]) -> bool:
+    """Return True if the data of a file are a train of this library."""
+    return "max traction force" in data and "rolling resistance r0" in data
+
+
+def ttobench_train(data: dict[str, Any], place: str, *, point_mass: bool = False) -> Consist:
+    """Return the train in the data of a file.
+
+    Parameters
+    ----------
+    data, place
+        Data of the file, and its name.
+    point_mass
+        Accept a train without a length, which a point mass does not use.
+
+    Raises
+    ------
+    ValueError
+        One line with location, key, value and remedy.
+    """
+    top = Fields(data, place)
+    mass = _quantity(top, "mass", "mass", low=1.0)
+    factor = 1.0 + (_quantity(top, "rho", "ratio", high=1.0) if "rho" in top else 0.0)
+    speed = _quantity(top, "max speed", "speed", low=0.1, high=200.0)
+    acceleration, deceleration = (
+        _quantity(top, key, "acceleration", low=1e-3, high=10.0) if key in top else None
+        for key in ("max acceleration", "max deceleration")
+    )
+    electric = _hyperbola(top, "max reg braking", speed * OVERSPEED)
+    pneumatic = _quantity(top, "max pn braking force", "force") if "max pn braking force" in top else 0.0
+    bound = math.inf if deceleration is None else mass * (factor * deceleration + BRAKED_GRADE * GRAVITY)
+    name = Path(place).stem
+    if isinstance(data.get("metadata"), dict):
+        name = Fields(data["metadata"], f"{place}: metadata").text("id", name)
+    resistance = [
+        _quantity(top, f"rolling resistance r{power}", kind)
+        for power, kind in enumerate(("force", "force per speed", "force per speed²"))
+    ]
+    vehicle = {
+        "mass": mass,
+        "length": _length(top, point_mass=point_mass),
+        "rotating_mass_factor": factor,
+        "resistance": {"n": resistance},
+        "traction": _hyperbola(top, "max traction", speed),
+        "brake": _with_pneumatic(electric, pneumatic, bound),
+        "electric_brake": electric if pneumatic > 0 else [],
+        "tunnel_resistance": _tunnel_resistance(top),
+    }
+    limits = {
+        "speed": speed,
+        "acceleration": acceleration,
+        "deceleration": deceleration,
+        "traction_efficiency": _efficiency(top, "efficiency traction"),
+        "recovery_efficiency": _efficiency(top, "efficiency reg brake"),
+    }
+    return build_model(
+        Consist,
+        {
+            "schema": "train_ato/consist/1",
+            "name": name,
+            "source": f"TTOBench train {name}, BSD-2-Clause; brake: electric and pneumatic service brake together",
+            "vehicle_types": {"train": vehicle},
+            "train": [{"type": "train"}],
+            "emergency_brake": _emergency_brake(top, pneumatic / (mass * factor)),
+            "plan_limits": {key: value for key, value in limits.items() if value is not None},
+        },
+        place,
+    )
+
+
+def _quantity(top: Fields, key: str, kind: str, low: float = 0.0, high: float = 1e12) -> float:
+    """Return a quantity with its unit, in SI."""
+    fields = top.below(key)
+    value = fields.number("value") * _unit_factor(fields, "unit", kind)
+    return finite_number(value, f"{fields.place}: value in SI", low, high)
+
+
+def _unit_factor(fields: Fields, key: str, kind: str) -> float:
+    unit = fields.text(key)
+    if unit not in UNITS[kind]:
+        raise ValueError(f"{fields.place}: {key} = '{unit[:40]}': must be one of {', '.join(UNITS[kind])}")
+    return UNITS[kind][unit]
+
+
+def _length(top: Fields, *, point_mass: bool) -> float:
+    """Return the length of the train [m]; without a key, that of its coaches."""
+    if "length" in top:
+        return _quantity(top, "length", "length", low=1.0, high=1e4)
+    if point_mass:
+        return COACH_LENGTH
+    if "num coaches" not in top:
+        raise ValueError(
+            f"{top.place}: length: this key is missing, and speed limits hold for the whole train; add "
+            'length: {"unit": "m", "value": ...} or num coaches, or plan with --point-mass'
+        )
+    length = COACH_LENGTH * _quantity(top, "num coaches", "count", low=1.0, high=400.0)
+    print_assumption(f"{top.place}: length is missing; assumed {length:g} m, {COACH_LENGTH:g} m per coach")
+    return length
+
+
+def _hyperbola(top: Fields, prefix: str, end: float) -> list[dict[str, float]]:
+    """Return an envelope up to a speed [m/s]: a constant force, then a constant power."""
+    force = _quantity(top, f"{prefix} force", "force", low=1.0)
+    power = _quantity(top, f"{prefix} power", "power", low=1.0)
+    corner = power / force
+    if corner >= end:
+        return [{"to": end, "force": force}]
+    return [{"to": corner, "force": force}, {"to": end, "power": power}]
+
+
+def _with_pneumatic(electric: list[dict[str, float]], pneumatic: float, bound: float) -> list[dict[str, float]]:
+    """Return an electric envelope plus a constant force [N], at most ``bound`` [N]."""
+    constant, end = electric[0]["force"], electric[-1]["to"]
+    if constant + pneumatic <= bound:
+        return [{**segment, "force": segment.get("force", 0.0) + pneumatic} for segment in electric]
+    power = electric[-1].get("power", 0.0)
+    corner = power / (bound - pneumatic) if bound > pneumatic else math.inf
+    if len(electric) == 1 or corner >= end:
+        return [{"to": end, "force": bound}]
+    return [{"to": corner, "force": bound}, {"to": end, "power": power, "force": pneumatic}]
+
+
+def _tunnel_resistance(top: Fields) -> list[dict[str, float]]:
+    """Return cross section [m²] and coefficient [N s²/m²] of every entry, in the layouts 1.4 and 1.5."""
+    if "tunnel resistance" not in top:
+        return []
+    fields = top.below("tunnel resistance")
+    rows: list[tuple[Any, Any]]
+    if "units" in fields:
+        units = fields.below("units")
+        area, factor = (
+            _unit_factor(units, "cross section", "area"),
+            _unit_factor(units, "coefficient", "force per speed²"),
+        )
+        rows = [(row[0], row[1]) for row in fields.rows("values", 2)]
+    else:
+        area = _unit_factor(fields, "cross section unit", "area")
+        factor = _unit_factor(fields, "unit", "force per speed²")
+        entries = [Fields(entry, f"{fields.place}: values[{k}]") for k, entry in enumerate(fields.entries("values"))]
+        rows = [(entry.required("cross section"), entry.required("value")) for entry in entries]
+    found = []
+    for k, (section, coefficient) in enumerate(rows):
+        place = f"{fields.place}: values[{k}]"
+        found.append(
+            {
+                "cross_section": finite_number(section, f"{place}: cross section", 0.1, 1e4) * area,
+                "coefficient": finite_number(coefficient, f"{place}: coefficient", 0.0, 1e6) * factor,
+            }
+        )
+    return sorted(found, key=lambda entry: entry["cross_section"])
+
+
+def _emergency_brake(top: Fields, pneumatic: float) -> dict[str, float]:
+    """Return the friction emergency brake; ``pneumatic`` is the full pneumatic deceleration [m/s²].
+
+    The deceleration of the ETCS data holds from the speed of its row on. The friction of the model falls with the
+    speed, so the row with the smallest standstill value is decisive. The time is delay plus time constant.
+    """
+    default = EmergencyBrake()
+    if "ETCS braking data" not in top:
+        weaker = min(default.deceleration, pneumatic) if pneumatic > 0 else default.deceleration
+        return {"deceleration": weaker}
+    etcs = top.below("ETCS braking data")
+    curve = etcs.below("A_brake_emergency")
+    factor = _unit_factor(curve.below("units"), "velocity", "speed")
+    unit = _unit_factor(curve.below("units"), "deceleration", "acceleration")
+    rows = []
+    for k, (velocity, deceleration) in enumerate(curve.rows("values", 2)):
+        speed = factor * finite_number(velocity, f"{curve.place}: values[{k}][0]", 0, 1e3)
+        rows.append((speed, unit * finite_number(deceleration, f"{curve.place}: values[{k}][1]", 1e-3, 10)))
+    return emergency_brake(rows, _quantity(etcs, "T_be", "time", low=1e-3, high=60.0))
+
+
+def emergency_brake(rows: Iterable[tuple[float, float]], time: float) -> dict[str, float]:
+    """Return the emergency brake of ETCS data.
+
+    Parameters
+    ----------
+    rows
+        Speed [m/s] from which on a deceleration [m/s²] holds, and this deceleration.
+    time
+        Build-up time [s].
+    """
+    default = EmergencyBrake()
+    whole = default.delay + default.time_constant
+    return {
+        "deceleration": min(value / shoe_force(1.0, speed) for speed, value in rows),
+        "delay": time * default.delay / whole,
+        "time_constant": time * default.time_constant / whole,
+    }
+
+
+def _efficiency(top: Fields, key: str) -> float | None:
+    """Return an efficiency; a value up to 1 with the unit % is read as a fraction, as some files have it."""
+    if key not in top:
+        return None
+    value = _quantity(top, key, "ratio", high=1.0)
+    if value <= 0.01:
+        print_assumption(f"{top.place}: {key} = {number_text(100 * value)} %: read as {number_text(100 * value)}")
+        value *= 100.0
+    return value

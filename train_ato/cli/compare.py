@@ -1,4 +1,4 @@
-"""``train-ato compare``: compare laws in one scenario: table, figure and page."""
+"""``train-ato compare``: compare laws in one scenario: table, figure and page; in several: a leaderboard."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from train_ato.cli.scenario_options import KINDS, add_scenario_options, check_component_name
+from train_ato.cli.scenario_options import KINDS, add_change_options, check_component_name
 from train_ato.cli.screen import note_compilation, print_json, print_table
-from train_ato.errors import RunFailed
+from train_ato.errors import RunFailed, missing_packages
 
 if TYPE_CHECKING:
-    from train_ato.apps.runs.comparison import Comparison
+    from train_ato.apps.runs.compare import Comparison
+    from train_ato.apps.runs.scenario_choice import ScenarioChoice
 
 COLUMNS: tuple[tuple[str, str], ...] = (
     ("controller", "law"),
@@ -35,7 +36,16 @@ COMPARED = COLUMNS[:8]
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``compare``."""
-    add_scenario_options(parser)
+    parser.add_argument(
+        "scenario",
+        nargs="+",
+        metavar="SCENARIO",
+        help="a shipped name, NAME:variant, or a YAML file; several: the leaderboard of the laws",
+    )
+    add_change_options(parser)
+    parser.add_argument(
+        "--seeds", type=int, default=1, metavar="N", help="leaderboard over N seeds from --seed on (default: 1)"
+    )
     parser.add_argument(
         "--laws", metavar="A,B,...", help="laws: names or MODULE:CLASS (default: all that fit the train)"
     )
@@ -66,9 +76,15 @@ def execute(options: argparse.Namespace) -> int:
             check_component_name(f"--{kind}", kind, name)
     for name in laws or ():
         check_component_name("--laws", "law", name)
-    choice = choose_scenario(options.scenario).assigned(options.assignments)
-    choice = choice.changed(None, options.seed)
+    if options.seeds < 1:
+        raise ValueError(f"--seeds {options.seeds}: give a number from 1 on")
+    choices = [
+        choose_scenario(name).assigned(options.assignments).changed(None, options.seed) for name in options.scenario
+    ]
     note_compilation()
+    if len(choices) > 1 or options.seeds > 1:
+        return _leaderboard(options, choices, laws)
+    (choice,) = choices
     folder = RunFolder.make(options.out, f"compare-{choice.name}")
     try:
         result = compare(
@@ -76,19 +92,86 @@ def execute(options: argparse.Namespace) -> int:
             laws,
             observer=options.observer,
             compensation=options.compensation,
-            keep=folder.path if options.keep else None,
+            out=folder.path if options.keep else None,
         )
-        write_comparison_folder(result, folder.path)
     except BaseException:
         folder.discard()
         raise
-    print_comparison(result, folder.path, options.json)
+    try:
+        write_comparison_folder(result, folder.path)
+    except OSError:  # a full disk costs files, not the table of the runs
+        print_comparison(result, None, as_json=options.json)
+        raise
+    print_comparison(result, folder.path, as_json=options.json)
     ends = ("failed",) if laws is None else ("failed", "refused")
     failures = [f"{law.label}: {law.reason}" for law in result.laws if law.status in ends]
     if options.strict:
         failures += [f"{law.label}: {unmet}" for law in result.laws if (unmet := unmet_requirements(law.metrics))]
     if failures:
         raise RunFailed("; ".join(failures))
+    return 0
+
+
+STANDINGS: tuple[tuple[str, str], ...] = (
+    ("law", "law"),
+    ("passed", "passed"),
+    ("tracked", "tracked"),
+    ("runs", "runs"),
+    ("refused", "refused"),
+    ("first", "first"),
+    ("rank", "mean rank"),
+    ("speed_rmse_kmh", "median rms km/h"),
+    ("stop_error_m", "largest stop error m"),
+)
+"""Keys of :func:`train_ato.apps.runs.ranking.standings` with their headings."""
+
+
+def _leaderboard(options: argparse.Namespace, choices: list[ScenarioChoice], laws: list[str] | None) -> int:
+    """Compare the laws in every scenario with every seed; print and write their standings."""
+    from train_ato.apps.runs.compare import compare
+    from train_ato.apps.runs.ranking import standings
+    from train_ato.apps.runs.summary_table import format_value
+    from train_ato.log.run_folder import RunFolder
+    from train_ato.log.whole_file import write_whole
+
+    if options.keep:
+        raise ValueError("--keep: keeps the runs of one scenario and seed; remove it, or name one scenario")
+    folder = RunFolder.make(options.out, "leaderboard")
+    found: list[list[dict[str, Any]]] = []
+    try:
+        for choice in choices:
+            for seed in range(choice.checked.seed, choice.checked.seed + options.seeds):
+                result = compare(
+                    choice.changed(None, seed), laws, observer=options.observer, compensation=options.compensation
+                )
+                found.append([{**row, "scenario": choice.name, "seed": seed} for row in result.rows])
+    except BaseException:
+        folder.discard()
+        raise
+    rows = standings(found)
+    lines = [[heading for _, heading in STANDINGS], ["---"] * len(STANDINGS)]
+    lines += [[format_value(row[key]) for key, _ in STANDINGS] for row in rows]
+    title = f"{', '.join(choice.name for choice in choices)}; seeds of each: {options.seeds}"
+    table = "".join(f"| {' | '.join(cells)} |\n" for cells in lines)
+    write_whole(folder.path / "summary.json", json.dumps({"laws": rows, "runs": found}, indent=2) + "\n")
+    write_whole(folder.path / "leaderboard.md", f"# Leaderboard\n\n{title}\n\n{table}")
+    if options.json:
+        print_json(rows)
+    else:
+        print_table(lines[0], lines[2:], title)
+        sys.stdout.write(f"leaderboard and all metrics in {folder.path}\n")
+    ends = ("failed",) if laws is None else ("failed", "refused")
+    failures = [row for rows_of in found for row in rows_of if row["status"] in ends]
+    texts = [f"{row['scenario']}, seed {row['seed']}: {row['controller']}: {row['reason']}" for row in failures]
+    if options.strict:
+        from train_ato.loop.verdict import unmet_requirements
+
+        texts += [
+            f"{row['scenario']}, seed {row['seed']}: {row['controller']}: {unmet}"
+            for rows_of in found for row in rows_of if (unmet := unmet_requirements(row))
+        ]  # fmt: skip
+    if texts:
+        raise RunFailed("; ".join(texts))
     return 0
 
 
@@ -104,11 +187,14 @@ def write_comparison_folder(result: Comparison, folder: Path) -> None:
 
         with activity("drawing the report"):
             result.plot(folder / "figure.png")
-            result.report(folder / COMPARISON)
+            if missing := missing_packages("bokeh", "jinja2"):
+                sys.stderr.write(f"train-ato: without {COMPARISON}: {missing}\n")
+            else:
+                result.report(folder / COMPARISON)
 
 
-def print_comparison(result: Comparison, folder: Path, as_json: bool) -> None:
-    """Print the table; a run with brake interventions, or a disengaged ATO, has a line on stderr."""
+def print_comparison(result: Comparison, folder: Path | None, *, as_json: bool) -> None:
+    """Print the table, and its folder; a run with brake interventions, or a disengaged ATO, has a line on stderr."""
     from train_ato.apps.runs.protection_note import summary_events
     from train_ato.loop.verdict import is_tracked, tracking_text
 
@@ -140,7 +226,8 @@ def print_comparison(result: Comparison, folder: Path, as_json: bool) -> None:
         if not is_tracked(law.metrics):
             sys.stdout.write(f"not tracked: {law.label}: {tracking_text(law.metrics)}\n")
     what = "table, figure and report" if result.drawable else "table"
-    sys.stdout.write(f"{what} in {folder}\n")
+    if folder is not None:
+        sys.stdout.write(f"{what} in {folder}\n")
 
 
 def _value(key: str, row: dict[str, Any], rows: list[dict[str, Any]]) -> str:

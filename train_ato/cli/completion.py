@@ -72,10 +72,10 @@ def _add_names(command: argparse.ArgumentParser) -> None:
     for action in command._actions:
         names = NAMES.get(action.dest)
         if names is not None and action.choices is None and not isinstance(action, argparse._StoreTrueAction):
-            action.completer = _completer(names, action.dest in WITH_FILES)  # type: ignore[attr-defined]
+            action.completer = _completer(names, files=action.dest in WITH_FILES)  # type: ignore[attr-defined]
 
 
-def _completer(names: Callable[[], Iterable[str]], files: bool) -> Callable[..., list[str]]:
+def _completer(names: Callable[[], Iterable[str]], *, files: bool) -> Callable[..., list[str]]:
     """Return the completer of a word: known names, then files."""
 
     def complete(prefix: str, **_: Any) -> list[str]:

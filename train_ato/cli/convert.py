@@ -9,16 +9,20 @@ from pathlib import Path
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``convert``."""
-    from plant_sim.formats.not_read import LINE_FORMATS, TRAIN_FORMATS
+    from plant_sim.formats.fields import LINE_FORMATS, TRAIN_FORMATS
 
     parser.add_argument(
         "source",
         metavar="IN",
         help=f"line ({LINE_FORMATS}), train ({TRAIN_FORMATS}) or shipped name; a path through a network of tracks is "
-        "FILE:FROM..TO, one of several paths or trains FILE:NAME, a line against its direction LINE:reverse",
+        "FILE:FROM..TO or FILE:FROM..VIA..TO, one of several paths or trains FILE:NAME, an effort curve TRAIN:MODE, a "
+        "line against its direction LINE:reverse",
     )
     parser.add_argument(
-        "target", type=Path, metavar="OUT", help="new file: .yaml in the own format, or a line as TTOBench .json"
+        "target",
+        type=Path,
+        metavar="OUT",
+        help="new file: .yaml in the own format, .json a line as TTOBench or a train as OSRD",
     )
 
 

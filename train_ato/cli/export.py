@@ -69,10 +69,9 @@ def execute(options: argparse.Namespace) -> int:
 def _write_scene(options: argparse.Namespace) -> int:
     """Write a copy of the log with the messages of the scene."""
     from train_ato.apps.runs.progress import share_bar
-    from train_ato.apps.scene.sampling import check_rate
-    from train_ato.apps.scene.scene_log import write_scene_log
+    from train_ato.apps.scene.rerun_file import write_scene_log
     from train_ato.apps.scene.scene_picture import draw_scene
-    from train_ato.apps.scene.train_scene import DEFAULT_RATE
+    from train_ato.apps.scene.train_scene import DEFAULT_RATE, check_rate
     from train_ato.log.bag_layout import LOG
     from train_ato.log.run_folder import read_run_folder
 
@@ -98,8 +97,7 @@ def _write_rerun(options: argparse.Namespace) -> int:
     """Write one recording for the Rerun viewer."""
     from train_ato.apps.runs.progress import share_bar
     from train_ato.apps.scene.rerun_file import write_rerun
-    from train_ato.apps.scene.sampling import check_rate
-    from train_ato.apps.scene.train_scene import DEFAULT_RATE
+    from train_ato.apps.scene.train_scene import DEFAULT_RATE, check_rate
     from train_ato.log.run_folder import read_run_folder
     from train_ato.log.tables.loading import load
 
@@ -114,7 +112,7 @@ def _write_rerun(options: argparse.Namespace) -> int:
         frames = load(options.run, options.topics, lambda share: progress(share, ""))
     path = folder / "run.rrd"
     with _new_folder(folder), share_bar(f"writing {path}") as progress:
-        curves = write_rerun(options.run, setup, frames, path, rate, progress)
+        curves = write_rerun(options.run, setup, frames, path, rate=rate, progress=progress)
     if options.json:
         print_json({"run": str(options.run), "file": str(path), "curves": curves, "rate": rate})
         return 0

@@ -35,47 +35,46 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--runs", type=int, default=RUNS, metavar="N", help=f"largest number of runs (default: {RUNS})")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="number of processes (default: 1)")
     parser.add_argument("--first", action="store_true", help="end with the first break, without a smaller departure")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="folder to make (default: runs/falsify-NAME-N)")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="folder; one of the same search is continued (default: runs/falsify-NAME-N)",
+    )
     parser.add_argument("--strict", action="store_true", help="exit status 1 if the requirement was broken")
 
 
 def execute(options: argparse.Namespace) -> int:
     """Search, write the folder and print the result; imports are late, so that help and completion are fast."""
-    from train_ato.apps.falsify.study import Falsification, prepare_study
-    from train_ato.apps.falsify.study_files import write_study
+    from train_ato.apps.falsify.study import Falsification, prepare_study, write_study
     from train_ato.apps.runs.progress import share_bar
+    from train_ato.apps.runs.series_folder import SearchFolder
+    from train_ato.apps.sweep.row import data_hash
     from train_ato.cli.screen import note_compilation
-    from train_ato.log.run_folder import RunFolder
 
     choice = _choice(options)
-    study = prepare_study(choice, options.requirement, options.over, options.runs, options.jobs, "--")
+    study = prepare_study(choice, options.requirement, options.over, options.runs, jobs=options.jobs, dash="--")
     note_compilation()
-    folder = RunFolder.make(options.out, f"falsify-{choice.name}")
+    folder = SearchFolder.opened(options.out, name=f"falsify-{choice.name}")
+    seed = 1 if options.seed is None else options.seed
     rows: list[SearchRow] = []
-    try:
-        with share_bar(f"falsify {choice.name}") as update:
+    with (
+        folder.kept("falsify", study.spec(seed), data_hash(choice.data, choice.path.parent)) as kept,
+        share_bar(f"falsify {choice.name}") as update,
+    ):
 
-            def note(row: SearchRow) -> None:
-                rows.append(row)
-                so_far = Falsification(study.scenario, study.target, study.space, list(rows), interrupted=True)
-                write_study(so_far, folder.path)  # a killed search keeps its runs
-                update(row.number / options.runs, f"run {row.number} of at most {options.runs}")
+        def note(row: SearchRow) -> None:
+            rows.append(row)
+            if row.number > finished:  # a killed search keeps its runs
+                write_study(Falsification(choice, study.target, study.space, list(rows), True), folder.path)
+            update(row.number / options.runs, f"run {row.number} of at most {options.runs}")
 
-            result = study.search(
-                options.runs,
-                1 if options.seed is None else options.seed,
-                options.jobs,
-                not options.first,
-                note,
-            )
+        finished = len(kept)
+        result = study.search(options.runs, seed, options.jobs, shrink=not options.first, note=note, kept=kept)
         if not result.rows:
             raise KeyboardInterrupt
         write_study(result, folder.path)
-    except BaseException:
-        if not rows:
-            folder.discard()
-        raise
-    print_result(result, folder.path, options.json)
+    print_result(result, folder.path, as_json=options.json)
     if result.interrupted:
         raise RunInterrupted(f"interrupted; results so far: {folder.path}")
     if options.strict and result.found:
@@ -95,9 +94,9 @@ def _choice(options: argparse.Namespace) -> ScenarioChoice:
     return choose_scenario(options.scenario).assigned(options.assignments).changed(changes, options.seed)
 
 
-def print_result(result: Falsification, folder: Path, as_json: bool) -> None:
+def print_result(result: Falsification, folder: Path, *, as_json: bool) -> None:
     """Print the result and the names of the files."""
-    from train_ato.apps.falsify.study_files import COUNTEREXAMPLE, RUNS_TABLE, result_data
+    from train_ato.apps.falsify.study import COUNTEREXAMPLE, RUNS_TABLE, result_data
     from train_ato.cli.screen import print_json
 
     problems = [row.run.problem for row in result.rows if row.run.problem]

@@ -3,23 +3,16 @@
 from __future__ import annotations
 
 import argparse
-import re
 import sys
-import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from train_ato.cli.screen import print_json, print_table
 
 if TYPE_CHECKING:
-    from plant_sim.line import Line
-    from train_ato.apps.import_csv.recording import Measured
+    from train_ato.apps.runs.importing import MeasuredRun
     from train_ato.loop.setup import RunSetup
-    from train_ato.profile.profile import Profile
 
-PROFILE = "profile.csv"
-STEP = 0.005
-"""Plant step of an imported scenario; the tick is a multiple of it [s]."""
 ROWS: tuple[tuple[str, str], ...] = (
     ("measured_rows", "rows"),
     ("measured_interval_s", "between rows, median in s"),
@@ -58,8 +51,8 @@ def _columns_text() -> str:
             "measured speed, averaged over a window that depends on the resolution of the speed. A total force is",
             "distributed equally over the power units. Places and force are compared with the speed.",
             "",
-            "  train-ato import recorder.csv --consist hxd1_c80_105 --line daqin_section",
-            "  train-ato import kmc.csv --consist my_train.yaml --line my_line.yaml --rename 'v_ist:=speed_kmh' \\",
+            "  train-ato import recorder.csv --train hxd1_c80_105 --line daqin_section",
+            "  train-ato import kmc.csv --train my_train.yaml --line my_line.yaml --rename 'v_ist:=speed_kmh' \\",
             "      --ignore Driver Door",
         )
     )
@@ -67,13 +60,20 @@ def _columns_text() -> str:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``import``."""
-    from train_ato.apps.import_csv.columns import LARGEST_GAP
+    from train_ato.apps.import_csv.columns import LARGEST_GAP, layout_names
 
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = _columns_text()
     parser.add_argument("csv", type=Path, metavar="CSV", help="file of the on-board recorder")
-    parser.add_argument("--consist", required=True, metavar="NAME", help="measured train: shipped name or file")
+    parser.add_argument(
+        "--train", "--consist", required=True, metavar="NAME", help="measured train: shipped name or file"
+    )
     parser.add_argument("--line", required=True, metavar="NAME", help="line of the measurement: shipped name or file")
+    parser.add_argument(
+        "--layout",
+        metavar="NAME",
+        help=f"layout of the recorder, its titles, notches and units: a file, or {', '.join(layout_names())}",
+    )
     parser.add_argument(
         "--rename",
         nargs="+",
@@ -113,52 +113,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Read, check and write a measured run."""
-    import numpy as np
+    from train_ato.apps.runs.importing import read_recorder
 
-    from plant_sim.library import load_consist, load_line
-    from plant_sim.line_direction import ENDING
-    from train_ato.apps.import_csv.recording import measured
-    from train_ato.apps.import_csv.run import measured_setup
-    from train_ato.apps.import_csv.samples import sort_rows
-    from train_ato.apps.import_csv.smoothing import measured_profile, window_of
-    from train_ato.apps.import_csv.table import read_table
-    from train_ato.apps.runs.progress import activity
-
-    _check_numbers(options)
-    consist, line = load_consist(options.consist), load_line(options.line)
-    if not consist.power_units:
-        raise ValueError(f"--consist {options.consist}: has no power unit; name the measured train")
-    with activity(f"reading {options.csv}"):
-        found_in = read_table(options.csv, _renames(options.rename), frozenset(options.ignore))
-    note = sort_rows(found_in) if options.sort else ""
-    half = consist.vehicles[0].length / 2
-    offsets = np.array(consist.offsets)[list(consist.power_units)]
-    mirror = line.begin + line.end if options.line.endswith(ENDING) else None
-    found = measured(found_in, len(consist.power_units), half, offsets, options.largest_gap, mirror)
-    found.notes += [note] if note else []
-    window = window_of(found) if options.smooth is None else options.smooth
-    profile = measured_profile(found, options.tick, _start(options, found, half, line), window)
-    setup = measured_setup(found, profile, options.consist, options.line, options.name or _run_name(options.csv))
-    if options.profile_only:
-        return _write_profile(options, setup, found, window)
-    return _write_run(options, setup, found, window)
-
-
-def _check_numbers(options: argparse.Namespace) -> None:
-    """Check the numbers of the options."""
-    from train_ato.apps.import_csv.smoothing import MAX_WINDOW
-
-    if not 0 < options.largest_gap < float("inf"):
-        raise ValueError(f"--largest-gap {options.largest_gap}: out of range; give more than 0 s")
-    steps = options.tick / STEP
-    if not STEP <= options.tick <= 10 or abs(steps - round(steps)) > 1e-6:
-        raise ValueError(
-            f"--tick {options.tick}: out of range; give a multiple of {STEP:g} s up to 10 s, for example 0.1"
-        )
-    if options.smooth is not None and not 0 <= options.smooth <= MAX_WINDOW:
-        raise ValueError(f"--smooth {options.smooth}: out of range; give 0 to {MAX_WINDOW:g} s")
-    if options.from_km is not None and not abs(options.from_km) < 1e5:
-        raise ValueError(f"--from-km {options.from_km}: out of range; give kilometres of the line")
+    measured = read_recorder(
+        options.csv, train=options.train, line=options.line, layout=options.layout, rename=_renames(options.rename),
+        ignore=options.ignore, from_km=options.from_km, tick=options.tick, largest_gap=options.largest_gap,
+        smooth=options.smooth, sort=options.sort, name=options.name, dash="--",
+    )  # fmt: skip
+    return _write_profile(options, measured) if options.profile_only else _write_run(options, measured)
 
 
 def _renames(entries: list[str]) -> dict[str, str]:
@@ -175,102 +137,46 @@ def _renames(entries: list[str]) -> dict[str, str]:
     return renames
 
 
-def _run_name(path: Path) -> str:
-    """Return a valid name of a scenario from a file name."""
-    return re.sub(r"[^A-Za-z0-9_.+-]+", "_", path.stem).strip("_.+-")[:80] or "measured"
+def _write_profile(options: argparse.Namespace, measured: MeasuredRun) -> int:
+    from train_ato.apps.runs.importing import run_name
 
-
-def _start(options: argparse.Namespace, found: Measured, half: float, line: Line) -> float:
-    """Return the position of vehicle 0's centre at the first row [m]."""
-    if found.position is not None:
-        if options.from_km is not None:
-            raise ValueError(
-                f"--from-km {options.from_km}: the file has a position column; remove the option, or add "
-                f"--ignore '{found.position.column.title}'"
-            )
-        return float(found.position.values[0])
-    return line.begin if options.from_km is None else options.from_km * 1e3 - half
-
-
-def _write_profile(options: argparse.Namespace, setup: RunSetup, found: Measured, window: float) -> int:
-    from train_ato.profile.file import write_profile
-
-    path = options.out or Path(f"{_run_name(options.csv)}_profile.csv")
+    path = options.out or Path(f"{run_name(options.csv)}_profile.csv")
     if path.exists():
         raise ValueError(f"--out {path}: exists already; give another name")
-    write_profile(setup.profile, path, _source(found, window))
-    result = {"profile": str(path), **_profile_figures(setup.profile), "measured_notes": found.notes}
+    measured.write_profile(path)
+    result = {"profile": str(path), **_profile_figures(measured.setup), "measured_notes": measured.found.notes}
     if options.json:
         print_json(result)
         return 0
-    print_table(
-        ("quantity", "value"), [(text, result[key]) for key, text in ROWS if result.get(key) is not None], str(path)
-    )
-    _print_notes(found, path, setup)
+    _print_rows(result, str(path))
+    _print_notes(measured, path)
     return 0
 
 
-def _write_run(options: argparse.Namespace, setup: RunSetup, found: Measured, window: float) -> int:
+def _write_run(options: argparse.Namespace, measured: MeasuredRun) -> int:
     """Write the run folder with its log."""
-    from train_ato.apps.import_csv.run import measured_result, write_messages
-    from train_ato.apps.import_csv.series import series_of
-    from train_ato.apps.runs.progress import progress_bar
-    from train_ato.log.run_folder import RunFolder
-    from train_ato.log.summary_file import summary_text
-    from train_ato.log.versions import SUMMARY
-    from train_ato.loop.result import Progress
-    from train_ato.profile.file import write_profile
+    from train_ato.apps.runs.importing import PROFILE
 
-    series = series_of(found, setup)
-    outcome = measured_result(setup, found, series, window)
-    attached = {SUMMARY: summary_text(outcome.summary).encode()}
-    folder = RunFolder.make(options.out, setup.scenario.name)
-    begin = time.perf_counter()
-    try:
-        folder.begin(setup)
-        with progress_bar(f"writing {folder.path}") as progress, folder.sink(setup, attached, timed=False) as sink:
-
-            def report(tick: int) -> None:
-                if tick % 1000 == 0:
-                    progress(Progress(tick * setup.tick, setup.ticks * setup.tick, time.perf_counter() - begin))
-
-            write_messages(setup, series, sink, report)
-        write_profile(setup.profile, folder.path / PROFILE, _source(found, window))
-        folder.finish(setup, outcome)
-        from train_ato.apps.report.run_figure import write_run_figure  # matplotlib: not needed before the end
-
-        write_run_figure(setup, outcome, folder.path)
-    except BaseException:
-        folder.discard(converted=True)
-        raise
+    run = measured.write(options.out)
+    path = run.folder()
     result: dict[str, Any] = {
-        **outcome.summary,
-        **_profile_figures(setup.profile),
-        "run": str(folder.path),
-        "profile": str(folder.path / PROFILE),
+        **run.metrics,
+        **_profile_figures(measured.setup),
+        "run": str(path),
+        "profile": str(path / PROFILE),
     }
     if options.json:
         print_json(result)
         return 0
-    print_table(
-        ("quantity", "value"),
-        [(text, result[key]) for key, text in ROWS if result.get(key) is not None],
-        setup.scenario.name,
-    )
+    _print_rows(result, measured.setup.scenario.name)
     sys.stdout.write(f"profile: {result['measured_profile']}; command: {result['measured_command']}\n")
-    _print_notes(found, folder.path / PROFILE, setup)
-    sys.stdout.write(
-        f"recorded in {folder.path}; a law on the same profile: train-ato run {folder.path / 'scenario.yaml'}\n"
-    )
+    _print_notes(measured, path / PROFILE)
+    sys.stdout.write(f"recorded in {path}; a law on the same profile: train-ato run {path / 'scenario.yaml'}\n")
     return 0
 
 
-def _source(found: Measured, window: float) -> str:
-    means = f"speed averaged over {window:.3g} s twice" if window else "the speed as it is"
-    return f"measured: {found.table.path.name}, {found.table.lines.size} rows, {means}"
-
-
-def _profile_figures(profile: Profile) -> dict[str, float]:
+def _profile_figures(setup: RunSetup) -> dict[str, float]:
+    profile = setup.profile
     return {
         "simulated_s": profile.end,
         "distance_m": float(profile.position[-1] - profile.position[0]),
@@ -278,9 +184,14 @@ def _profile_figures(profile: Profile) -> dict[str, float]:
     }
 
 
-def _print_notes(found: Measured, path: Path, setup: RunSetup) -> None:
+def _print_rows(result: dict[str, Any], title: str) -> None:
+    rows = [(text, result[key]) for key, text in ROWS if result.get(key) is not None]
+    print_table(("quantity", "value"), rows, title)
+
+
+def _print_notes(measured: MeasuredRun, path: Path) -> None:
     """Print the corrections of the file, and the option that uses the profile."""
-    for note in found.notes:
+    for note in measured.found.notes:
         sys.stdout.write(f"note: {note}\n")
-    rolling = ", allow_rolling_end: true" if setup.profile.ends_rolling else ""
+    rolling = ", allow_rolling_end: true" if measured.setup.profile.ends_rolling else ""
     sys.stdout.write(f"in another scenario: --set 'profile={{file: {path.resolve()}{rolling}}}'\n")

@@ -9,13 +9,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from plant_sim.number_text import number_text
+from plant_sim.units import number_text
 from train_ato.cli.screen import print_json, print_table
 
 if TYPE_CHECKING:
     from train_ato.log.overview import Overview, TopicOverview
 
-TABLES = ("criteria", "requirements", "stops", "tracking_findings")
+TABLES = ("criteria", "requirements", "stops", "couplers", "tracking_findings")
 """Keys of the summary with a table each."""
 ALONE = Path()
 """Value of ``--fatigue`` without another run."""
@@ -107,14 +107,15 @@ def print_summary(summary: dict[str, Any], title: str) -> None:
     if findings := summary.get("tracking_findings"):
         keys = ("outcome", "value", "limit", "unit", "text")
         print_table(keys, ([row[key] for key in keys] for row in findings), "deviations from the reference")
-    if stops := summary.get("stops"):
-        print_table(stops[0], ([stop[key] for key in stops[0]] for stop in stops), "stops")
+    for key in ("stops", "couplers"):
+        if rows := summary.get(key):
+            print_table(rows[0], ([row[name] for name in rows[0]] for row in rows), key)
     print_table(("quantity", "value"), ((key, value) for key, value in summary.items() if key not in TABLES), title)
 
 
 def _check_formulas(formulas: Sequence[str]) -> None:
     """Check the formulas of the command line before the log is read."""
-    from train_ato.scenario.formula_parser import parse_formula
+    from train_ato.scenario.formula import parse_formula
 
     for text in formulas:
         try:
@@ -210,7 +211,7 @@ def _print_overview(found: Overview, changes: list[dict[str, Any]]) -> None:
     print_table(("topic", "messages", "1/s", "from s", "to s", "gaps"), rows, title)
     if changes:
         listed = [
-            (f"{row['at_s']:.3f}", f"{row['name']} = {_value(row['value'])}", _origin(row.get("planned")))
+            (f"{row['at_s']:.3f}", f"{row['name']} = {_value(row['value'])}", _origin(planned=row.get("planned")))
             for row in changes
         ]
         print_table(("at s", "change", ""), listed, "changes during the run")
@@ -234,6 +235,6 @@ def _value(value: Any) -> str:
     return str(value)
 
 
-def _origin(planned: bool | None) -> str:
+def _origin(*, planned: bool | None) -> str:
     """Return the origin of a change; unknown for a log without its scenario."""
     return "" if planned is None else "planned" if planned else "from outside"

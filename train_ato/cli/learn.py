@@ -47,13 +47,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Learn, write the file, and print the errors of the runs."""
-    from train_ato.apps.learn.learn import LearnResult, learn_from, learn_runs
-    from train_ato.apps.learn.learned_table import learned_rows
+    from train_ato.apps.learn.learn import LearnResult, learn_from, learn_runs, learned_rows
+    from train_ato.apps.runs.series_folder import SearchFolder
+    from train_ato.apps.sweep.row import data_hash, scenario_hash
     from train_ato.arguments import check_new_file
     from train_ato.cli.screen import print_json, print_table
     from train_ato.errors import RunFailed
+    from train_ato.log.run_folder import RunFolder
 
-    check_new_file(options.out, (".yaml", ".yml"))
+    place = options.out.with_name(f"{options.out.name}.runs")
+    if not SearchFolder.holds(place):
+        check_new_file(options.out, (".yaml", ".yml"))
     folders = [Path(name) for name in options.source]
     result: LearnResult
     if all(folder.is_dir() for folder in folders):
@@ -62,6 +66,7 @@ def execute(options: argparse.Namespace) -> int:
                 option = "set" if name == "assignments" else name.replace("_", "-")
                 raise ValueError(f"--{option}: no effect on recorded runs; remove it, or give a scenario")
         result = learn_from(folders, options.spacing, options.memory)
+        result.save(options.out)
     else:
         if len(folders) > 1:
             missing = next(name for name, folder in zip(options.source, folders, strict=True) if not folder.is_dir())
@@ -69,8 +74,13 @@ def execute(options: argparse.Namespace) -> int:
         options.scenario = options.source[0]
         setup = prepare_from(options, law=options.law)
         runs = RUNS if options.runs is None else options.runs
-        result = learn_runs(setup, runs, options.spacing, options.memory, options.gust_shift or 0.0)
-    result.save(options.out)
+        spec = {"spacing": options.spacing, "memory": options.memory, "gust_shift": options.gust_shift or 0.0}
+        hashes = [scenario_hash(setup), data_hash(setup.scenario.model_dump(mode="json"), setup.folder)]
+        with SearchFolder.opened(place).kept("learn", spec, hashes) as kept:
+            result = learn_runs(setup, runs, **spec, kept=kept)
+            result.save(options.out, replace=True)
+        if not result.interrupted:
+            RunFolder(place).discard()
     rows = learned_rows(result)
     if options.json:
         print_json({"file": str(options.out), "runs": result.learned.runs, "errors": rows, "unused": result.unused})

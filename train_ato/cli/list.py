@@ -3,11 +3,210 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from plant_sim.input_error import close_match
-from train_ato.cli.details import details
+from plant_sim.units import number_text
 from train_ato.cli.screen import print_json, print_names
+
+if TYPE_CHECKING:
+    from plant_sim.consist import Consist
+    from plant_sim.line import Line
+    from train_ato.control.contract import Parameter
+    from train_ato.control.registry import Registry
+    from train_ato.scenario.scenario import Scenario
+
+
+Facts = dict[str, str]
+GRADES = (0.0, 0.002, 0.005, 0.010)
+"""Grades for the balancing speeds of a train."""
+DEAD_TIMES = (0.5, 1.0, 2.0)
+"""Sums of delay and lag for the bandwidths of a train [s]."""
+
+
+def details(name: str) -> dict[str, Facts]:
+    """Return the details of a name by kind, or of a file; one name may be an observer and a compensation.
+
+    Raises
+    ------
+    ValueError
+        If a scenario of that name, or the file, cannot be read.
+    """
+    from plant_sim.library import consist_names, line_names, load_consist, load_line, split_name
+    from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
+    from train_ato.scenario.scenario import shipped_scenarios
+
+    if Path(split_name(name)[0]).suffix in (".yaml", ".yml"):
+        return _file(name)
+    found: dict[str, Facts] = {}
+    if split_name(name)[0] in shipped_scenarios():
+        found["scenario"] = _scenario(name)
+    for registry in (LAWS, OBSERVERS, COMPENSATIONS):
+        if name in registry.names():
+            found[registry.kind] = _block(registry, name)
+    if name in consist_names():
+        found["consist"] = _consist(load_consist(name))
+    if name in line_names():
+        found["line"] = _line(load_line(name))
+    return found
+
+
+def _file(name: str) -> dict[str, Facts]:
+    """Return the details of a scenario, consist or line file, by its schema."""
+    from plant_sim.library import load_consist, load_line, read_yaml, split_name
+
+    path = Path(split_name(name)[0])
+    data = read_yaml(path)
+    schema = str(data.get("schema", "")) if isinstance(data, dict) else ""
+    kind = schema.removeprefix("train_ato/").partition("/")[0]
+    if kind == "consist":
+        return {kind: _consist(load_consist(str(path)))}
+    if kind == "line":
+        return {kind: _line(load_line(str(path)))}
+    if kind != "scenario" and not (isinstance(data, dict) and "base" in data):
+        known = ", ".join(f"train_ato/{name}/1" for name in ("scenario", "consist", "line"))
+        raise ValueError(f"{path}: schema: {schema!r}: not known; write one of {known}")
+    return {"scenario": _scenario(name)}
+
+
+def _scenario(name: str) -> Facts:
+    from plant_sim.library import split_name
+    from train_ato.scenario.scenario import expectation_of, find, load_scenario, variants_of
+
+    scenario, path = load_scenario(name)
+    stem = split_name(name)[0]
+    plant = scenario.plant
+    facts = {
+        "summary": scenario.summary,
+        "file": str(path),
+        "duration": f"{number_text(scenario.duration)} s in ticks of {scenario.tick:g} s, plant step "
+        f"{scenario.step * 1e3:g} ms",
+        "train": plant.consist if isinstance(plant.consist, str) else plant.consist.name,
+        "line": plant.line if isinstance(plant.line, str) else plant.line.name,
+        "law": scenario.law,
+        "observer": scenario.observer,
+        "compensation": scenario.compensation,
+    }
+    if expected := expectation_of(name):
+        facts["expected verdict"] = expected.text
+    facts |= _gains(scenario, path)
+    return facts | {f"{stem}:{variant}": summary for variant, summary in variants_of(find(stem)[0]).items()}
+
+
+def _gains(scenario: Scenario, path: Path) -> Facts:
+    """Return the gains that every law would take in a scenario, and their source."""
+    from train_ato.control.registry import LAWS
+    from train_ato.loop.setup import prepare
+
+    try:
+        setup = prepare(scenario, path)
+    except ValueError:
+        return {}
+    found = {}
+    for law in LAWS.loadable():
+        gains = setup.gains(law)
+        if gains.source:
+            values = ", ".join(f"{key} {_shown(value)}" for key, value in gains.values.items() if key != "gains")
+            found[f"gains of {law}"] = f"{gains.source}, {gains.reason}{': ' if values else ''}{values}"
+    return found
+
+
+def _shown(value: Any) -> str:
+    return number_text(value, 3) if isinstance(value, float) else str(value)
+
+
+def _block(registry: Registry, name: str) -> Facts:
+    from train_ato.control.gains import fitted_trains, has_gains
+    from train_ato.control.registry import LAWS
+
+    facts = {"summary": registry.summary(name)} | {p.name: _parameter(p) for p in registry.parameters(name)}
+    if registry is LAWS and has_gains(LAWS.get(name)):
+        facts["trains"] = f"fitted: {', '.join(fitted_trains(name))}; `train-ato list SCENARIO` has the gains of a run"
+    return facts
+
+
+def _parameter(parameter: Parameter) -> str:
+    """Return default, unit, range or choices, and meaning as one line."""
+    default = parameter.default
+    if isinstance(default, bool):
+        value = "true or false"
+    elif isinstance(default, str):
+        value = ", ".join(parameter.choices)
+    else:
+        value = f"{number_text(parameter.low)} ... {number_text(parameter.high)}"
+    shown = str(default).lower() if isinstance(default, bool) else default
+    unit = "" if parameter.unit in ("", "1") else f" {parameter.unit}"
+    return f"{shown}{unit} ({value}): {parameter.meaning}"
+
+
+def _consist(consist: Consist) -> Facts:
+    from train_ato.profile.planner.train_tables import balancing_speed, holding_force, steepest_start
+
+    vehicles, units = len(consist.vehicles), len(consist.power_units)
+    facts = {
+        "summary": consist.summary,
+        "vehicles": f"{vehicles}, {units} of them driven; {number_text(consist.mass / 1e3)} t, {consist.length:g} m",
+        "air brake": "yes" if consist.air_brake is not None else "no",
+    }
+    moving: dict[str, Callable[[], str]] = {
+        "balancing speed": lambda: ", ".join(
+            f"{3.6 * balancing_speed(consist, grade):.0f} km/h at {1e3 * grade:g} per mille" for grade in GRADES
+        ),
+        "steepest starting grade": lambda: f"{1e3 * steepest_start(consist):.1f} per mille",
+        "at 60 km/h": lambda: (
+            f"{holding_force(consist, 60 / 3.6, 0.0) / 1e3:.0f} kN keep the speed on level track, "
+            f"{holding_force(consist, 60 / 3.6, -0.010) / 1e3:.0f} kN on a descent of 10 per mille"
+        ),
+        "law mpc": lambda: "; ".join(f"delay and lag {dead:g} s: {_bandwidth(consist, dead)}" for dead in DEAD_TIMES),
+    }
+    if units:
+        facts |= {key: text() for key, text in moving.items()}
+    return facts | {"source": consist.source}
+
+
+def _bandwidth(consist: Consist, dead: float) -> str:
+    """Return the default bandwidth of `mpc` for a sum of delay and lag [s], and its limit, as text."""
+    import numpy as np
+
+    from plant_sim.library import load_line
+    from train_ato.control.algorithms.train_constants import default_bandwidth
+    from train_ato.control.train_model import TrainModel
+
+    delays = np.full(len(consist.power_units), dead)
+    return default_bandwidth(TrainModel(consist, load_line("level"), delays, delays, 0.0, dead)).text
+
+
+def _km(line: Line, place: float) -> str:
+    """Return the kilometre of a place [m], by the posts of a line with a chainage."""
+    return line.post_at(place) if line.chainage else f"{place / 1e3:g}"
+
+
+def _line(line: Line) -> Facts:
+    from plant_sim.track import Track
+
+    track = Track(line)
+    height = track.elevation(track.breaks)
+    facts = {
+        "summary": line.summary,
+        "extent": f"from km {_km(line, line.begin)} to km {_km(line, line.end)}",
+        "grades": f"{1e3 * track.grade.min():g} ... {1e3 * track.grade.max():g} per mille",
+        "height": f"from {height.min():.1f} to {height.max():.1f} m above its begin, {height[-1]:.1f} m at its end",
+        "curves": str(len(line.curves)),
+    }
+    if line.curves:
+        facts["curves"] += f", radius from {min(curve.radius for curve in line.curves):g} m"
+    if line.speed_limits:
+        limits = [3.6 * limit.speed for limit in line.speed_limits]
+        facts["speed limits"] = f"{min(limits):.0f} ... {max(limits):.0f} km/h"
+    for key in ("temporary_restrictions", "neutral_sections", "power_limits", "adhesion"):
+        if sections := getattr(line, key):
+            places = ", ".join(f"km {_km(line, entry.begin)} to {_km(line, entry.end)}" for entry in sections)
+            facts[key.replace("_", " ")] = places
+    if line.stops:
+        facts["stops"] = ", ".join(f"{stop.name} km {_km(line, stop.at)}".strip() for stop in line.stops)
+    return facts | {"source": line.source}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

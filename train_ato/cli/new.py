@@ -10,6 +10,12 @@ from pathlib import Path
 YAML_KINDS = ("train", "line", "journey", "scenario")
 CODE_KINDS = {"law": "MyLaw", "observer": "MyObserver", "compensation": "MyCompensation"}
 """Kinds in Python, with the class of their template."""
+MISSING = {
+    "examples": "the templates are missing in this installation; install train_ato again",
+    "site": "the site is not built; in the source folder run pip install -e '.[docs]' and "
+    "python -m msgs_docs.generate --site",
+}
+"""Message for each folder that an installation may lack."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -109,13 +115,31 @@ def _code(kind: str, name: str, like: str | None) -> tuple[dict[Path, str], str]
 
 
 def _examples() -> Path:
-    """Return the folder of the templates: of the source tree, or of the installed package."""
-    source = Path(__file__).resolve().parents[2] / "examples"
-    if source.is_dir():
+    """Return the folder of the templates."""
+    return data_folder("examples", "my_law.py")
+
+
+def data_folder(name: str, file: str) -> Path:
+    """Return a folder of files beside the code: of the source tree, or of the installed package.
+
+    Parameters
+    ----------
+    name
+        Name of the folder.
+    file
+        A file in it.
+
+    Raises
+    ------
+    ValueError
+        If there is none.
+    """
+    source = Path(__file__).resolve().parents[2] / name
+    if (source / file).is_file():
         return source
     from importlib.metadata import files
 
     for path in files("train_ato") or ():
-        if path.name == "my_law.py" and path.parent.name == "examples":
+        if path.name == file and path.parent.name == name and Path(str(path.locate())).is_file():
             return Path(str(path.locate())).resolve().parent
-    raise ValueError("the templates are missing in this installation; install train_ato again")
+    raise ValueError(MISSING[name])

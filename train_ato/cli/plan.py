@@ -9,12 +9,159 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from train_ato.cli.plan_trip import add_trip_arguments, execute_trip
+from plant_sim.input_error import explain
+from train_ato.arguments import check_new_file
+from train_ato.errors import RunInterrupted, check_packages
 
 if TYPE_CHECKING:
+    from plant_sim.consist import Consist
+    from plant_sim.line import Line
+    from train_ato.profile.planner.allowance import Allowance
     from train_ato.profile.planner.planner import Plan
+    from train_ato.profile.trip.plan import TripPlan
 
-__all__ = ["add_arguments", "execute", "plan_from_options"]
+
+DEFAULTS = "defaults"
+"""Value of ``--trip`` without a file."""
+SCENARIOS, FIGURES = (".yaml", ".yml"), (".png", ".pdf", ".svg")
+OTHER_OPTIONS = (
+    "allowance", "dwell", "through", "acceleration", "deceleration", "jerk", "force_margin", "former_margin",
+    "max_speed_kmh", "no_air_brake", "point_mass",
+)  # fmt: skip
+"""Options of ``plan`` without a meaning for a trip."""
+
+
+def add_trip_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of a trip plan."""
+    parser.add_argument(
+        "--trip",
+        nargs="?",
+        const=DEFAULTS,
+        metavar="FILE",
+        help="plan a long train with the applications of its air brake; FILE: weights and limits (YAML). Objective in "
+        "kWh: energy + time_weight T + fatigue_weight D; T: running time in s, with --time instead of time_weight; D: "
+        "damage of the couplers, 1 per force cycle of 1 MN of one coupler (10 to 20 on 45 km with 10 700 t)",
+    )
+    parser.add_argument(
+        "--base", metavar="SCENARIO", help="with --trip: scenario with plant, delays and criteria of the written one"
+    )
+
+
+def trip_from_options(options: argparse.Namespace, report: Any = lambda _: None) -> dict[str, Any]:
+    """Compute the trip plan of the options, write the files, and return the figures of the plan.
+
+    Raises
+    ------
+    ValueError
+        One line: file or option, key, value, problem; fix.
+    RunInterrupted
+        After Ctrl-C in the search; the files have the best plan so far.
+    """
+    from plant_sim.line import line_for
+    from train_ato.profile.planner.settings import find_line, find_train
+    from train_ato.profile.trip.planner import TripInterrupted, plan_trip
+
+    _check_options(options)
+    consist, _ = find_train(options.consist)
+    line = line_for(find_line(options.line), consist.categories)
+    try:
+        plan = plan_trip(line, consist, _trip_settings(options), options.period, report)
+    except TripInterrupted as interruption:
+        files = _write_files(options, interruption.plan, line, consist)
+        kept = f"the best plan so far, {interruption.plan.running_time:.0f} s, is in {', '.join(map(str, files))}"
+        journeys = f"{interruption.journeys} journey{'s' if interruption.journeys > 1 else ''}"
+        raise RunInterrupted(f"interrupted after {journeys}{'; ' + kept if files else ''}") from None
+    files = _write_files(options, plan, line, consist)
+    return {"train": consist.name, "line": line.name, **plan.summary(), "files": [str(path) for path in files]}
+
+
+def _write_files(options: argparse.Namespace, plan: TripPlan, line: Line, consist: Consist) -> list[Path]:
+    """Write the files of ``--out`` and return their paths; after a failure or Ctrl-C none of them is left."""
+    from train_ato.apps.report.plan_figure import draw_trip
+    from train_ato.profile.file import write_profile
+    from train_ato.scenario.trip_scenario import plant_data, write_trip
+
+    source = f"train-ato plan {options.line} {options.consist} --trip: {plan.running_time:.1f} s"
+    files: list[Path] = []
+    try:
+        for path in options.out:
+            files.append(path)
+            if path.suffix.lower() in SCENARIOS:
+                files.append(path.with_suffix(".csv"))
+                plant = plant_data(options.consist, consist, options.line, line)
+                write_trip(plan, path, options.base, plant, source)
+            elif path.suffix.lower() in FIGURES:
+                draw_trip(plan, line, consist, path)
+            else:
+                write_profile(plan.profile, path, source)
+    except BaseException:
+        for path in files:
+            path.unlink(missing_ok=True)
+        raise
+    return files
+
+
+def execute_trip(options: argparse.Namespace) -> int:
+    """Compute the trip plan and print one JSON value or a table."""
+    from train_ato.apps.runs.progress import PLANNER_NOTE, activity, compilation_noted
+    from train_ato.apps.runs.summary_table import format_value
+    from train_ato.cli.screen import print_json, print_table
+
+    with compilation_noted(PLANNER_NOTE), activity("planning the trip") as report:
+        result = trip_from_options(options, report)
+    if options.json:
+        print_json(result)
+        return 0
+    rows = [(key, format_value(value)) for key, value in result.items() if not isinstance(value, (list, dict))]
+    print_table(("", ""), rows)
+    if result["applications"]:
+        entries = (
+            [f"{e['apply_km']:.3f}", f"{e['release_km']:.3f}", e["reduction_kpa"], e["supply"]]
+            for e in result["applications"]
+        )
+        print_table(("apply, km", "release, km", "reduction, kPa", "reservoirs"), entries)
+    for name in result["files"]:
+        sys.stdout.write(f"{name}\n")
+    return 0
+
+
+def _check_options(options: argparse.Namespace) -> None:
+    """Check files and combination of the options before the search."""
+    for name in OTHER_OPTIONS:
+        if getattr(options, name) not in (None, False):
+            name = name.removeprefix("former_")
+            raise ValueError(f"--{name.replace('_', '-')}: without a meaning for --trip; remove it, or use the file")
+    for path in options.out:
+        check_new_file(path, (".csv", *SCENARIOS, *FIGURES))
+        if path.suffix.lower() in SCENARIOS:
+            check_new_file(path.with_suffix(".csv"), (".csv",))
+    if not 1e-3 <= options.period <= 10:
+        raise ValueError(f"--period {options.period:g}: out of range; give 0.001 to 10 s")
+    if options.base is not None:
+        from train_ato.scenario.scenario import load_scenario
+
+        load_scenario(options.base)
+
+
+def _trip_settings(options: argparse.Namespace) -> Any:
+    """Return the settings of the file, changed by the options."""
+    from pydantic import ValidationError
+
+    from plant_sim.library import read_yaml
+    from train_ato.profile.trip.settings import TripSettings
+
+    data = {} if options.trip == DEFAULTS else read_yaml(Path(options.trip))
+    if not isinstance(data, dict):
+        raise ValueError(f"{options.trip}: holds no keys; write key: value")
+    for key, value in (("begin_km", options.begin_km), ("end_km", options.end_km), ("time", options.time)):
+        if value is not None:
+            data = {name: old for name, old in data.items() if name not in (key, key.removesuffix("_km"))}
+            data[key] = value
+    try:
+        return TripSettings.model_validate(data)
+    except ValidationError as error:
+        source = "options of plan" if options.trip == DEFAULTS else options.trip
+        raise explain(error, source, TripSettings) from None
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -26,25 +173,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="shipped line or file, in any format of `train-ato convert`; with :reverse, against its direction",
     )
     parser.add_argument(
-        "consist", metavar="CONSIST", help="shipped train, or file (train_ato YAML, railtoolkit YAML, TTOBench JSON)"
+        "consist", metavar="CONSIST", help="shipped train, or file in any format of `train-ato convert`"
     )
     parser.add_argument(
         "--from-km",
         dest="begin_km",
-        type=_number(),
+        type=_kilometre,
         metavar="KM",
-        help="start position of the front [km] (default: first stop)",
+        help="start position of the front [km], or a post as 84+500 (default: first stop)",
     )
     parser.add_argument(
         "--to-km",
         dest="end_km",
-        type=_number(),
+        type=_kilometre,
         metavar="KM",
-        help="stop position of the front [km] (default: last stop)",
+        help="stop position of the front [km], or a post as 84+500 (default: last stop)",
     )
     parser.add_argument(
         "--time", type=least, metavar="S", help="timetable: running time with dwell times (default: minimum time)"
     )
+    parser.add_argument(
+        "--allowance", type=_allowance, action="append", metavar="TIME",
+        help="supplement on the least running time between two stops, in place of --time: 5%%, 1.5min/100km, 10s/stop, "
+        "joined by +; on a section with :KM..KM; may be repeated",
+    )  # fmt: skip
     parser.add_argument(
         "--journey",
         metavar="FILE",
@@ -76,8 +228,9 @@ def _add_train_arguments(parser: argparse.ArgumentParser, least: Callable[[str],
     parser.add_argument("--deceleration", type=_limit, metavar="A", help="maximum deceleration [m/s²], or none")
     parser.add_argument("--jerk", type=_limit, metavar="J", help="jerk limit [m/s³], or none")
     parser.add_argument(
-        "--margin", type=least, metavar="FRACTION", help="fraction of the maximum forces kept in reserve"
+        "--force-margin", type=least, metavar="FRACTION", help="fraction of the maximum forces kept in reserve"
     )
+    parser.add_argument("--margin", type=least, dest="former_margin", help=argparse.SUPPRESS)
     parser.add_argument(
         "--efficiency",
         type=least,
@@ -112,6 +265,8 @@ def plan_from_options(options: argparse.Namespace) -> dict[str, Any]:
 
     if options.journey is not None:
         _check_journey(options)
+    if options.time is not None and not options.no_bound:
+        check_packages("plan --time (the lower bound, left out by --no-bound)", "scipy")
     if not 1e-3 <= options.period <= 10:
         raise ValueError(f"--period {options.period:g}: out of range; give 0.001 to 10 s")
     result = plan(
@@ -148,8 +303,13 @@ def execute(options: argparse.Namespace) -> int:
     rows = [(key, format_value(value)) for key, value in result.items() if not isinstance(value, (list, dict))]
     print_table(("", ""), rows)
     if len(result["stops"]) > 2:
-        stops = ([f"{s['place_m'] / 1e3:.3f}", s["arrival_s"], s["departure_s"]] for s in result["stops"])
-        print_table(("stop, km", "arrival, s", "departure, s"), stops)
+        columns = {"arrival, s": "arrival_s", "departure, s": "departure_s"}
+        columns |= {"allowance, s": "allowance_s"} if "allowance_s" in result else {}
+        stops = (
+            [stop.get("post") or f"{stop['place_m'] / 1e3:.3f}", *(stop.get(key, "") for key in columns.values())]
+            for stop in result["stops"]
+        )
+        print_table(("stop, km", *columns), stops)
     for name in result["files"]:
         sys.stdout.write(f"{name}\n")
     return 0
@@ -172,11 +332,12 @@ def _certificate(result: Plan, options: argparse.Namespace) -> dict[str, float]:
 def _settings(options: argparse.Namespace) -> dict[str, Any]:
     """Return the given settings of the plan [SI]; None is a limit that does not apply."""
     given = {
-        "begin": None if options.begin_km is None else 1e3 * options.begin_km,
-        "end": None if options.end_km is None else 1e3 * options.end_km,
+        "begin": _in_metres(options.begin_km),
+        "end": _in_metres(options.end_km),
         "time": options.time,
         "dwell": options.dwell,
-        "force_margin": options.margin,
+        "allowance": options.allowance,
+        "force_margin": _force_margin(options),
         "efficiency": options.efficiency,
         "recovered": options.recovered,
         "auxiliary": None if options.auxiliary_kw is None else 1e3 * options.auxiliary_kw,
@@ -193,9 +354,26 @@ def _settings(options: argparse.Namespace) -> dict[str, Any]:
     return data
 
 
+def _force_margin(options: argparse.Namespace) -> float | None:
+    """Return the force margin, also of its former option, which is read with a note."""
+    named: float | None
+    former: float | None
+    named, former = options.force_margin, options.former_margin
+    if former is None:
+        return named
+    if named is not None:
+        raise ValueError("--margin is the former name of --force-margin; keep one of them")
+    from plant_sim.formats.fields import print_assumption
+
+    print_assumption(
+        "--margin is a part of the forces, not of the running time; write --force-margin, or --allowance for the time"
+    )
+    return former
+
+
 def _check_journey(options: argparse.Namespace) -> None:
     """Refuse options that the timing points of ``--journey`` have."""
-    for name in ("time", "from_km", "to_km", "dwell", "through"):
+    for name in ("time", "allowance", "from_km", "to_km", "dwell", "through"):
         value = getattr(options, {"from_km": "begin_km", "to_km": "end_km"}.get(name, name))
         if value is not None and value is not False:
             option = "--" + name.replace("_", "-")
@@ -215,6 +393,28 @@ def _number(low: float = -math.inf) -> Callable[[str], float]:
         return value
 
     return parse
+
+
+def _kilometre(text: str) -> float | str:
+    """Return kilometres, or the text of a post such as 84+500."""
+    from plant_sim.chainage import parse_post
+
+    return text if parse_post(text) is not None else _number()(text)
+
+
+def _in_metres(kilometres: float | str | None) -> float | str | None:
+    """Return kilometres in metres, and a post as it is."""
+    return 1e3 * kilometres if isinstance(kilometres, float) else kilometres
+
+
+def _allowance(text: str) -> Allowance:
+    """Return the supplement of a text."""
+    from train_ato.profile.planner.allowance import parse_allowance
+
+    try:
+        return parse_allowance(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error).splitlines()[0]) from None
 
 
 def _limit(text: str) -> float:

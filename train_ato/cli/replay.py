@@ -5,12 +5,13 @@ from __future__ import annotations
 import argparse
 import math
 import os
+import re
 import select
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from train_ato.arguments import parse_rate
 from train_ato.cli.screen import print_json, print_table
@@ -20,8 +21,6 @@ if TYPE_CHECKING:
     from train_ato.apps.replay.publishing import Replayed
 
 RATE_STEP = 1.1
-
-
 KEYS: dict[bytes, Callable[[Playback], None]] = {
     b" ": lambda playback: playback.toggle_paused(),
     b"\x1b[C": lambda playback: playback.play_next(),
@@ -44,7 +43,7 @@ def pressed(text: bytes) -> Iterator[Callable[[Playback], None]]:
 
 
 @contextmanager
-def keyboard(wanted: bool) -> Iterator[Callable[[Playback], None] | None]:
+def keyboard(*, wanted: bool) -> Iterator[Callable[[Playback], None] | None]:
     """Read single keys from the terminal of this process; restore its settings on exit.
 
     Yields
@@ -151,8 +150,6 @@ def execute(options: argparse.Namespace) -> int:
                 raise ValueError(
                     f"{action.option_strings[-1]}: no effect with --law, which does not publish; remove it"
                 )
-        from train_ato.cli.replay_law import compare_laws
-
         return compare_laws(options)
     for given, spelling in ((options.set, "--set"), (options.out, "--out")):
         if given:
@@ -161,7 +158,7 @@ def execute(options: argparse.Namespace) -> int:
 
 
 def _publish(options: argparse.Namespace) -> int:
-    from train_ato.apps.replay.options import ReplayOptions, parse_remap
+    from train_ato.apps.replay.log import ReplayOptions, parse_remap
 
     _check_domain(options.domain)
     chosen = ReplayOptions(
@@ -178,13 +175,13 @@ def _publish(options: argparse.Namespace) -> int:
         acknowledged_s=_acknowledgement_s(options.wait_for_all_acked),
     )
     from train_ato.apps.replay.player import REPLAY_PROFILE
-    from train_ato.apps.replay.publishing import replay
+    from train_ato.apps.replay.publishing import publish_run
     from train_ato.ros.graph.environment import middleware
 
     os.environ.update(middleware(REPLAY_PROFILE))
     wanted = not options.disable_keyboard_controls
-    with keyboard(wanted) as keys, _bar(options.run.name) as progress:
-        done = replay(options.run, chosen, domain=options.domain, progress=progress, keys=keys)
+    with keyboard(wanted=wanted) as keys, _bar(options.run.name) as progress:
+        done = publish_run(options.run, chosen, domain=options.domain, progress=progress, keys=keys)
     _report(options, done)
     return 0
 
@@ -245,3 +242,76 @@ def _report(options: argparse.Namespace, done: Replayed) -> None:
             raise RunFailed(f"interrupted at {done.moment:.1f} s")
     elif not done.acknowledged:
         sys.stderr.write("train-ato: not all messages are acknowledged; increase --wait-for-all-acked MS\n")
+
+
+OUTPUT_ROWS: tuple[tuple[str, str], ...] = (
+    ("force_max_kn", "force demand, largest in kN"),
+    ("force_min_kn", "force demand, smallest in kN"),
+    ("force_rms_kn", "force demand, rms in kN"),
+    ("variation_kn_per_s", "variation in kN/s"),
+)
+DIFFERENCE_ROWS: tuple[tuple[str, str], ...] = (
+    ("ticks", "ticks compared"),
+    ("equal_ticks", "ticks with the same output"),
+    ("difference_rms_kn", "difference, rms in kN"),
+    ("difference_max_kn", "difference, largest in kN"),
+    ("difference_max_at_s", "largest at s"),
+    ("difference_mean_kn", "difference, mean in kN"),
+    ("brake_pipe_difference_max_kpa", "brake pipe, largest difference in kPa"),
+)
+
+
+def compare_laws(options: argparse.Namespace) -> int:
+    """Evaluate a law on the recorded inputs; the law of the run itself keeps its planned changes."""
+    from train_ato.apps.replay.replaying import evaluated, output_names, setup_with_law
+    from train_ato.log.run_folder import read_run_folder
+
+    recorded, recorded_summary = read_run_folder(options.run)
+    changed = setup_with_law(recorded, options.run, options.law, lambda choice: choice.assigned(options.set))
+    figure = _figure_path(options)
+    result = evaluated(recorded, changed, options.run, recorded_summary, figure)
+    summary = {
+        "run": str(options.run),
+        "recorded_controller": recorded_summary.get("controller", recorded.controller),
+        "controller": options.law,
+        **result.summary(),
+        "figure": str(figure),
+    }
+    if options.json:
+        print_json(summary)
+    else:
+        _print(summary, output_names(recorded, recorded_summary, options.law))
+    return 0
+
+
+def _figure_path(options: argparse.Namespace) -> Path:
+    """Return the path of the figure; check it before the computation."""
+    from train_ato.apps.replay.replaying import FORMATS
+    from train_ato.log.reading import log_file
+
+    wanted: Path | None = options.out
+    if wanted is not None:
+        if wanted.suffix not in FORMATS:
+            raise ValueError(f"--out {wanted}: unknown ending; use {', '.join(FORMATS)}")
+        if wanted.exists():
+            raise ValueError(f"--out {wanted}: exists already; give another name")
+        if not wanted.parent.is_dir():
+            raise ValueError(f"--out {wanted}: no folder {wanted.parent}; create it")
+    else:
+        log = log_file(options.run)
+        name = re.sub(r"[^A-Za-z0-9_.-]+", "-", options.law)
+        stem = "replay" if options.run.is_dir() else f"{log.stem}-replay"
+        wanted = log.with_name(f"{stem}-{name}.png")
+    if not os.access(wanted.parent, os.W_OK):
+        raise ValueError(f"{wanted}: the folder is not writable; give another place with --out")
+    return wanted
+
+
+def _print(summary: dict[str, Any], names: tuple[str, str]) -> None:
+    print_table(
+        ("output", *names),
+        ((text, summary["recorded"][key], summary["replayed"][key]) for key, text in OUTPUT_ROWS),
+        f"{summary['controller']} on the recorded inputs of {summary['run']}",
+    )
+    print_table(("quantity", "value"), ((text, summary[key]) for key, text in DIFFERENCE_ROWS if key in summary))
+    sys.stdout.write(f"Open loop: these commands did not act on the recorded train.\nfigure in {summary['figure']}\n")

@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from train_ato.cli.screen import print_json
+from train_ato.errors import check_packages
 
 if TYPE_CHECKING:
     from train_ato.apps.report.page_data import PageData
-    from train_ato.apps.report.requests import Request
+    from train_ato.apps.report.writing import Request
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -36,7 +37,9 @@ def execute(options: argparse.Namespace) -> int:
     """Write the page, and the figures with --figures."""
     import gc
 
-    from train_ato.apps.report.requests import checked
+    check_packages("report", "bokeh", "jinja2")
+    from train_ato.apps.report.page_data import motion_differences
+    from train_ato.apps.report.writing import checked
     from train_ato.apps.runs.progress import activity
 
     request = checked(options.runs, options.out, options.figures, options.format)
@@ -56,9 +59,13 @@ def execute(options: argparse.Namespace) -> int:
         "figures": [str(path) for path in figures],
         "left_out": {data.label: data.left_out for data in pages},
     }
+    found = motion_differences([data for data in pages if data.curves]) if len(pages) > 1 else {}
+    result["differences"] = {label: one.line for label, one in found.items()}
     if options.json:
         print_json(result)
         return 0
+    for label, one in found.items():
+        sys.stdout.write(f"{label} against {request.labels[0]}: {one.line}\n")
     sys.stdout.write(f"{request.page}: {size / 1e6:.1f} MB; open it in a browser (no network needed)\n")
     if figures:
         sys.stdout.write(f"{len(figures)} figures in {request.figures}\n")

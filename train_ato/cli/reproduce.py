@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from train_ato.cli.screen import note_compilation
+from train_ato.errors import RunFailed
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -68,7 +69,7 @@ def execute(options: argparse.Namespace) -> int:
 
     def take(paper: Judged) -> None:
         judged.append(Judged(paper.paper, paper.rows, {}, paper.figures, paper.complaints))
-        _report(paper, folder.path, options.full, quiet=options.json)
+        _report(paper, folder.path, full=options.full, quiet=options.json)
 
     try:
         note_compilation()
@@ -82,6 +83,14 @@ def execute(options: argparse.Namespace) -> int:
                 progress=progress,
                 shown=format_value,
             )
+    except OSError as error:
+        judged_before = sorted(path.stem for path in folder.path.glob("paper*.json"))
+        if not judged_before:
+            raise
+        raise RunFailed(
+            f"{error.filename or folder.path}: {error.strerror}; judged: {', '.join(judged_before)}; make room and "
+            f"go on with --resume {folder.path}"
+        ) from error
     finally:
         if not judged and options.resume is None:
             folder.discard()
@@ -140,25 +149,27 @@ def _bar() -> Iterator[Any]:
         yield report
 
 
-def _report(judged: Judged, folder: Path, full: bool, quiet: bool) -> None:
+def _report(judged: Judged, folder: Path, *, full: bool, quiet: bool) -> None:
     """Print the tables of a paper and write them beside its figures."""
     from train_ato.apps.runs.progress import plain_console
+    from train_ato.log.whole_file import writing
 
-    with (folder / f"paper{judged.paper.number}.txt").open("w", encoding="utf-8") as file:
+    path = folder / f"paper{judged.paper.number}.txt"
+    with writing(path), path.open("w", encoding="utf-8") as file:
         screens = [plain_console(file=file, width=WIDTH)]
         if not quiet:
             screens.append(plain_console(width=None if sys.stdout.isatty() else WIDTH))
         for screen in screens:
-            _print(judged, full, screen)
+            _print(judged, full=full, screen=screen)
     for complaint in judged.complaints:
         sys.stderr.write(f"train-ato: {complaint}\n")
 
 
-def _print(judged: Judged, full: bool, screen: Console) -> None:
+def _print(judged: Judged, *, full: bool, screen: Console) -> None:
     from rich.table import Table as Grid
     from rich.text import Text
 
-    from train_ato.papers.judging import claims_of
+    from train_ato.papers.page import claims_of
 
     paper = judged.paper
     grid = Grid(title=f"paper {paper.number}: {paper.title}", title_justify="left", expand=True, show_lines=True)
@@ -168,7 +179,7 @@ def _print(judged: Judged, full: bool, screen: Console) -> None:
         cells = [Text(row[key], style=COLOURS[row[key]] if key == "verdict" else "") for key, _ in HEADS]
         grid.add_row(*cells)
     screen.print(grid)
-    left_out = len(paper.claims) - len(claims_of(paper, full))
+    left_out = len(paper.claims) - len(claims_of(paper, full=full))
     if left_out:
         screen.print(f"{left_out} more with --full")
     for table in paper.tables:

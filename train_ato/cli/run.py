@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 LIMIT = 3
 """Default of the restarts of each node."""
+EXPLAINED = "msgs_docs/report.md, Output of a run"
+"""Page that explains every line of the output."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -38,6 +40,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--restart-limit", type=int, metavar="N", help=f"restarts of each node, then the run fails (default: {LIMIT})"
     )
+    parser.add_argument(
+        "--external", metavar="NODE",
+        help="wait for a program of yours in place of this node: controller, observer, profile, supervisor or plant",
+    )  # fmt: skip
     add_rate(parser)
     add_no_lockstep(parser)
     parser.add_argument("--out", type=Path, metavar="DIR", help="run folder to make (default: runs/NAME-N)")
@@ -51,14 +57,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--start-limit",
         type=parse_limit,
         metavar="S",
-        help="wall time for the nodes to find each other, or none (default: 30, with --processes 180)",
+        help="wall time for the nodes to find each other, or none (default: 30, with --processes 180, --external none)",
     )
     parser.add_argument(
         "--domain", type=int, metavar="N", help="ROS domain, 0 to 232 (default: ROS_DOMAIN_ID, or a free one)"
     )
 
 
-def restart_limit(wanted: bool, limit: int | None) -> int:
+def restart_limit(*, wanted: bool, limit: int | None) -> int:
     """Return the permitted number of restarts of each node; 0 without restarts.
 
     Raises
@@ -85,14 +91,17 @@ def prepared(options: argparse.Namespace) -> tuple[RunSetup, RunMode, Path]:
     from train_ato.log.run_folder import check_free, next_free
 
     mode = "engine" if options.engine else "processes" if options.processes else "composed"
-    restarts = restart_limit(options.restart, options.restart_limit)
+    restarts = restart_limit(wanted=options.restart, limit=options.restart_limit)
     rate = None if math.isinf(options.rate) else options.rate
-    run_mode = RunMode(mode, rate, options.lockstep, options.domain, options.compression, restarts, options.start_limit)
+    run_mode = RunMode(
+        mode, rate, options.lockstep, options.domain, options.compression, restarts, options.start_limit,
+        options.external,
+    )  # fmt: skip
     run_mode.check("--")
     if options.out is not None:
         check_free(options.out)
     setup = prepare_from(options, law=options.law)
-    run_mode.check_restart(setup, "--")
+    run_mode.check_setup(setup, "--")
     if advice := setup.advice():
         sys.stderr.write(f"train-ato: {advice}\n")
     if mode != "engine":
@@ -104,7 +113,11 @@ def prepared(options: argparse.Namespace) -> tuple[RunSetup, RunMode, Path]:
 
 
 def execute(options: argparse.Namespace) -> int:
-    """Run one scenario."""
+    """Run one scenario, or the trains of a following file."""
+    from train_ato.scenario.following import find_following
+
+    if (file := find_following(options.scenario)) is not None:
+        return _execute_following(options, file)
     with long_lived_objects():
         from train_ato.apps.runs.drive import drive
         from train_ato.apps.runs.progress import COMPILE_NOTE, compilation_noted
@@ -119,6 +132,62 @@ def execute(options: argparse.Namespace) -> int:
     return 0
 
 
+def _execute_following(options: argparse.Namespace, file: Path) -> int:
+    """Run trains behind each other."""
+    from train_ato.apps.runs.drive import RunMode
+    from train_ato.apps.runs.following import run_following
+    from train_ato.apps.runs.progress import COMPILE_NOTE, compilation_noted
+    from train_ato.log.run_folder import check_free, next_free
+    from train_ato.scenario.following import load_following
+
+    for name in ("law", "observer", "compensation", "external"):
+        if (value := getattr(options, name)) is not None:
+            remedy = "remove it" if name == "external" else f"write --set all.{name}={value}"
+            raise ValueError(f"--{name} {value}: a following file has several trains; {remedy}")
+    if options.restart:
+        raise ValueError("--restart: not with a following file; remove it")
+    mode = "engine" if options.engine else "processes" if options.processes else "composed"
+    rate = None if math.isinf(options.rate) else options.rate
+    run_mode = RunMode(mode, rate, options.lockstep, options.domain, options.compression, 0, options.start_limit)
+    run_mode.check("--")
+    if options.out is not None:
+        check_free(options.out)
+    spec = load_following(file, tuple(options.assignments), options.seed)
+    out = options.out if options.out is not None else next_free(spec.name)
+    with compilation_noted(COMPILE_NOTE):
+        result = run_following(spec, file.parent, run_mode, out)
+    print_following(result.summary, out, as_json=options.json)
+    if options.strict and result.summary["broken"]:
+        raise RunFailed(f"{out}: {result.summary['broken'][0]}")
+    return 0
+
+
+FOLLOWING_ROWS = (
+    "tracking", "speed_rmse_kmh", "position_error_max_m", "gap_min_m", "contacts", "headway_error_max_m",
+    "headway_error_rms_m", "headway_speed_error_max_kmh", "brake_interventions", "takeovers", "coupler_draft_max_kn",
+    "coupler_buff_max_kn", "energy_traction_kwh",
+)  # fmt: skip
+"""Figures of every train of a following file."""
+
+
+def print_following(summary: dict[str, Any], out: Path, *, as_json: bool) -> None:
+    """Print verdict and broken requirements, and a column of figures for every train."""
+    from train_ato.cli.screen import print_json, print_table
+    from train_ato.loop.metric_names import metric_heading
+
+    if as_json:
+        print_json({**summary, "run": str(out)})
+        return
+    trains = summary["trains"]
+    sys.stdout.write(f"{summary['verdict']}: {summary['contacts']} contacts\n")
+    for line in summary["broken"]:
+        sys.stdout.write(f"  {line}\n")
+    rows = [(metric_heading(key), *(train.get(key) for train in trains)) for key in FOLLOWING_ROWS]
+    print_table(("metric", *(train["name"] for train in trains)), rows, summary["following"])
+    folders = ", ".join(str(out / train["name"]) for train in trains)
+    sys.stdout.write(f"a log of each train: {folders}; common summary: {out / 'summary.json'}\n")
+
+
 def expected_verdict(options: argparse.Namespace) -> Expectation | None:
     """Return the expected verdict of a scenario that no option changes, else None."""
     from train_ato.scenario.scenario import expectation_of
@@ -129,7 +198,7 @@ def expected_verdict(options: argparse.Namespace) -> Expectation | None:
 
 def _print_end(as_json: bool, expected: Expectation | None, run: Run, failure: RunFailed | None) -> None:
     """Print result and failure of a run before its figure is drawn."""
-    print_run(run, as_json, "" if failure is None else str(failure), expected)
+    print_run(run, as_json=as_json, failure="" if failure is None else str(failure), expected=expected)
     sys.stdout.flush()
     if failure is not None:
         from train_ato.cli.main import FAILED, print_error
@@ -155,7 +224,7 @@ def long_lived_objects() -> Iterator[None]:
             gc.enable()
 
 
-def print_run(run: Run, as_json: bool, failure: str = "", expected: Expectation | None = None) -> None:
+def print_run(run: Run, *, as_json: bool, failure: str = "", expected: Expectation | None = None) -> None:
     """Print the result, a failure first; brake interventions, takeovers or a disengaged ATO have a line on stderr.
 
     An expected verdict has a line if it is not ``passed``, or not the verdict of the run.
@@ -182,4 +251,9 @@ def print_run(run: Run, as_json: bool, failure: str = "", expected: Expectation 
     print_table(("metric", "value"), result_rows(summary), head)
     if held := summary.get("held_steps"):
         sys.stdout.write(f"in {held} ticks the last command was repeated: no valid command or measurement\n")
-    sys.stdout.write(f"{summary['ticks']} ticks in {summary['wall_s']:.1f} s; recorded in {run.path}\n")
+    factor, step = summary.get("real_time_factor"), summary.get("step_time_us_median")
+    speed = (f" ({factor:.0f} times real time" if factor else "") + (
+        f", {step:.0f} µs per step of the law" if step else ""
+    )
+    end = f"{summary['ticks']} ticks in {summary['wall_s']:.1f} s{speed}{')' if speed else ''}; recorded in {run.path}"
+    sys.stdout.write(f"{end}\nevery line is explained in {EXPLAINED}\n")

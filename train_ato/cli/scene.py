@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Publish /tf, /tf_static, poses, markers and track until the run ends."""
-    from train_ato.apps.scene.sampling import SceneSampler, check_rate
+    from train_ato.apps.scene.train_scene import SceneSampler, check_rate
     from train_ato.interrupt import interruptible
     from train_ato.log.run_folder import read_run_folder
     from train_ato.ros import require_ros

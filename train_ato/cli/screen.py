@@ -21,7 +21,7 @@ FILE_WIDTH = 100_000
 
 def note_compilation() -> None:
     """Load the kernel of the train; print a note if it is compiled, once on every machine."""
-    from plant_sim.warm_up import compile_kernel
+    from plant_sim.train import compile_kernel
     from train_ato.apps.runs.progress import COMPILE_NOTE, compilation_noted
 
     with compilation_noted(COMPILE_NOTE):

@@ -78,7 +78,7 @@ def execute(options: argparse.Namespace) -> int:
     result = prepared.run(folder, announce=lambda text: print(f"train-ato: {text}", file=sys.stderr))
     with activity("drawing the figures"):
         figures = result.figures(folder.path, options.metric, options.border)
-    _print(result, folder, figures, options.metric, options.json)
+    _print(result, folder, figures, options.metric, as_json=options.json)
     failed = result.table[result.table["status"] == "failed"]
     if len(failed):
         first = failed.iloc[0]
@@ -87,7 +87,7 @@ def execute(options: argparse.Namespace) -> int:
     return 0
 
 
-def _print(result: SweepResult, folder: SweepFolder, figures: dict[str, Path], metric: str, as_json: bool) -> None:
+def _print(result: SweepResult, folder: SweepFolder, figures: dict[str, Path], metric: str, *, as_json: bool) -> None:
     """Print one line for every law or value of another list, and the files."""
     from train_ato.apps.sweep.groups import grouped, inside, list_key, metric_words
 

@@ -62,12 +62,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--runs", type=int, default=60, metavar="N", help="simulated runs of the search (default: 60)")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="number of processes (default: 1)")
     parser.add_argument("--search-seed", type=int, default=1, metavar="N", help="seed of the search (default: 1)")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="folder to make (default: runs/tune-NAME-N)")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="folder; one of the same search is continued (default: runs/tune-NAME-N)",
+    )
 
 
 def execute(options: argparse.Namespace) -> int:
     """Search, write the overlay scenario and print initial and tuned runs."""
     from train_ato.apps.runs.scenario_choice import choose_scenario
+    from train_ato.apps.runs.series_folder import SearchFolder
     from train_ato.apps.tune.objective import read_weights
     from train_ato.apps.tune.tune import tune
     from train_ato.apps.tune.tune_result import OVERLAY
@@ -82,7 +88,8 @@ def execute(options: argparse.Namespace) -> int:
         raise ValueError("SCENARIO: no name; give one or more")
     weights = read_weights(options.criterion)
     out = options.out or next_free(f"tune-{choices[0].name}")
-    check_free(out)
+    if not SearchFolder.holds(out):
+        check_free(out)
     note_compilation()
     result = tune(
         choices,

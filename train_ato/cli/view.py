@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 from train_ato.arguments import BAD_INPUT, add_rate
 from train_ato.cli.screen import print_json
-from train_ato.errors import RunFailed
+from train_ato.errors import RunFailed, check_packages
 from train_ato.interrupt import Interrupt, interruptible
 from train_ato.ros.graph.wait_note import WaitNote
 
@@ -77,6 +77,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Serve the page until Ctrl-C; a run that is started again has the same address."""
+    check_packages("view", "bokeh", "jinja2", "tornado", *(["foxglove"] if options.foxglove is not None else []))
     _check(options)
     with interruptible() as interrupt:
         first = True
@@ -104,8 +105,8 @@ def _serve(options: argparse.Namespace, interrupt: Interrupt, *, first: bool) ->
 
             foxglove = stack.enter_context(serve_foxglove(feed, options.foxglove))
         if first:
-            _warn_of_network(options.address, feed.live)
-            _print_addresses([server.url] + ([] if foxglove is None else [foxglove.url]), options.json)
+            _warn_of_network(options.address, live=feed.live)
+            _print_addresses([server.url] + ([] if foxglove is None else [foxglove.url]), as_json=options.json)
             if sys.stderr.isatty():
                 console().print("Press Ctrl-C to end.")
             if not options.no_browser:
@@ -121,7 +122,7 @@ def _next_beside(out: Path) -> Path:
     return next(found for i in itertools.count(count + 1) if not (found := out.with_name(f"{begin}-{i}")).exists())
 
 
-def _print_addresses(addresses: list[str], as_json: bool) -> None:
+def _print_addresses(addresses: list[str], *, as_json: bool) -> None:
     """Print the addresses of the page and of the Foxglove server."""
     if as_json:
         print_json(dict(zip(("page", "foxglove"), addresses, strict=False)))
@@ -130,9 +131,9 @@ def _print_addresses(addresses: list[str], as_json: bool) -> None:
     sys.stdout.flush()
 
 
-def _warn_of_network(address: str, live: bool) -> None:
+def _warn_of_network(address: str, *, live: bool) -> None:
     """Print a line if other hosts can open the page."""
-    from train_ato.apps.view.origins import LOCAL_NAMES
+    from train_ato.apps.view.origin_gate import LOCAL_NAMES
 
     if address not in LOCAL_NAMES:
         able = "act on the train" if live else "read the run"

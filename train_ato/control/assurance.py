@@ -16,9 +16,9 @@ from plant_sim.compiled import compiled
 from plant_sim.record import Records, quantity, zeros
 from plant_sim.units import KMH
 from train_ato.messages.types import SupervisedSpeeds
-from train_ato.supervision.ceiling import SupervisionSpeeds
-from train_ato.supervision.position_estimate import PastSpeed, add_speed, past_speeds
+from train_ato.supervision.odometry import PastSpeed, add_speed, past_speeds
 from train_ato.supervision.settings import SupervisionSpec
+from train_ato.supervision.step_function import SupervisionSpeeds
 
 BRAKING_LAW = "braking law"
 """State of the controller in its diagnostics while the braking law drives."""
@@ -113,7 +113,7 @@ class AssuranceMonitor:
     ----------
     constants, state : Array of :class:`AssuranceConstants` and of :class:`AssuranceState`, shape (1,)
         Settings and state.
-    past : Array of :class:`train_ato.supervision.position_estimate.PastSpeed`
+    past : Array of :class:`train_ato.supervision.odometry.PastSpeed`
         Speeds of the averaged acceleration.
     """
 

@@ -9,8 +9,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numba import carray
 
+from plant_sim.compiled import compiled
+from plant_sim.record import dtype_of, zeros
+from train_ato.control.compiled.law_call import LawCall
 from train_ato.control.contract import LawInput, LawOutput, parameter
+from train_ato.control.law import STEPPED, LawUnit
 from train_ato.messages.types import Array
 
 NAME = "train_ato.control.caller:Caller"
@@ -37,7 +42,7 @@ class Caller:
         ValueError
             For a text that is not one of recorded forces of this train.
         """
-        self._period, self._recorded = period, _forces_of(self.forces, model.n_units)
+        self.model, self._period, self._recorded = model, period, _forces_of(self.forces, model.n_units)
 
     def reset(self) -> None:
         """Forget the force of the caller."""
@@ -57,6 +62,40 @@ class Caller:
         if step >= len(self._recorded):
             raise ValueError(f"no force for {inputs.t:g} s: the law is the caller of train_ato.Env; choose another law")
         return LawOutput(self._recorded[step])
+
+
+_UNIT = dtype_of(LawUnit)
+
+
+@compiled
+def _entry(tick, p, state, now, units, n, rows):  # type: ignore[no-untyped-def]
+    """Demand the force of the caller: ``state`` has that of every unit."""
+    own, force = carray(units, (n,), _UNIT), carray(state, (n,), np.float64)
+    for unit in range(n):
+        own[unit].wanted = force[unit]
+    return STEPPED
+
+
+class CallerStep:
+    """Force of the caller in the compiled loop, with the attributes of a step over records.
+
+    Parameters
+    ----------
+    law
+        The law; ``force`` is read at every step.
+    """
+
+    whole, couplers, uses_shoes, uses_effect = False, None, False, False
+
+    def __init__(self, law: Caller) -> None:
+        assert law.force is not None
+        self.constant, self.state, self.units = np.zeros(0), law.force, zeros(LawUnit, law.model.n_units)
+        self.units["share"] = law.model.share
+        self.call = LawCall(self._take, _entry)
+
+    def _take(self, *_: Any) -> int:
+        self.units["wanted"] = self.state
+        return STEPPED
 
 
 def forces_text(forces: Sequence[Array]) -> str:

@@ -55,19 +55,19 @@ class CommandHistory:
     def __init__(self, model: TrainModel, tick: float) -> None:
         longest = max(float(model.delay.max()), float(model.delay_brake.max()))
         self._length = math.ceil(longest / tick - 1e-9)
-        self._commands = np.zeros((self._length, model.n_units))
+        self.commands = np.zeros((self._length, model.n_units))
 
     def append(self, force: Array) -> None:
         """Add the command of a tick [N], shape (units,)."""
         if self._length:
-            self._commands[:-1] = self._commands[1:]
-            self._commands[-1] = force
+            self.commands[:-1] = self.commands[1:]
+            self.commands[-1] = force
 
     def replace(self, force: Array) -> None:
         """Replace the newest command by another one [N], shape (units,)."""
         if self._length:
-            self._commands[-1] = force
+            self.commands[-1] = force
 
     def in_flight(self) -> Array:
         """Return the commands in flight [N], shape (d, units)."""
-        return self._commands.copy() if self._length else self._commands
+        return self.commands.copy() if self._length else self.commands

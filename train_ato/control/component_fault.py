@@ -5,7 +5,8 @@ from __future__ import annotations
 import inspect
 import math
 import traceback
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import Any
 
 import numpy as np
@@ -69,10 +70,31 @@ def fault_of_error(kind: str, name: str, error: BaseException) -> str:
         text = f"step() did not return within {STEP_LIMIT_S:g} s"
     else:
         text = f"{type(error).__name__}: {reason}" if reason else type(error).__name__
-    return f"{kind} {short_name(name)}: {text}{_place_of(error)}"
+    return f"{kind} {short_name(name)}: {text}{place_of(error)}"
 
 
-def _place_of(error: BaseException) -> str:
+@contextmanager
+def refused_at_start(kind: str, name: str, component: object) -> Iterator[None]:
+    """Raise an error in the constructor, ``bind`` or ``reset`` of a component of a user as ValueError in one line.
+
+    Parameters
+    ----------
+    kind, name
+        For example ``law`` and ``my_law:MyLaw``.
+    component
+        Component or its class; an error in one of this project remains as it is.
+    """
+    try:
+        yield
+    except ValueError:
+        raise
+    except Exception as error:
+        if component.__module__.partition(".")[0] in _OF_PROJECT:
+            raise
+        raise ValueError(fault_of_error(kind, name, error)) from error
+
+
+def place_of(error: BaseException) -> str:
     """Return file and line of the last frame outside of this project and of libraries, as text with a comma."""
     frames = [
         (frame.f_code.co_filename, line)
@@ -136,11 +158,11 @@ def _wrong_part(output: Any, units: int) -> str:
 
 
 def _step_of(law: Any) -> str:
-    """Return file and line of the step of a law outside of this project, as text with a comma."""
+    """Return file and line of the step of a law outside of this project, that of its last class, after a comma."""
     if not is_own(law):
         return ""
-    for method in ("demand", "step"):
-        code = getattr(getattr(type(law), method, None), "__code__", None)
+    methods = (vars(each).get(name) for each in type(law).__mro__ for name in ("step", "demand"))
+    for code in (getattr(method, "__code__", None) for method in methods):
         if code is not None and not code.co_filename.startswith(_project_folder()):
             return f", {code.co_filename}:{code.co_firstlineno}"
     return ""
@@ -148,3 +170,10 @@ def _step_of(law: Any) -> str:
 
 def _project_folder() -> str:
     return inspect.getfile(RunFailed).rpartition("/train_ato/")[0] + "/train_ato/"
+
+
+def unless_raised(result: Any) -> Any:
+    """Return the result of a call in a compiled tick that is left to Python, or raise it if it is an exception."""
+    if isinstance(result, BaseException):
+        raise result
+    return result

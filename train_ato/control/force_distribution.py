@@ -7,18 +7,82 @@ the total U of the force only, and the share s_i(x) at the place x of the train 
     u_i = s_i(x) U
 
 A unit at a limit leaves the rest to the others.
+
+Planned motion of the power units against the profile: the laws correct only the deviation from it.
+
+The couplings of a long train stretch and close by some metres on every change of grade and force. The profile is the
+motion of one point; feedback on the speed and position of a power unit converts the motion of the couplings to traction
+and braking. With the displacement d_i(x) that a plan expects for unit i at the place x of the train, the law receives::
+
+    x_i - d_i(x),    v_i - d_i'(x) v_0
+
+so that a train which moves as planned, couplings included, needs no correction. d_i is a cubic between the places, so
+that the speed is the derivative of the place: an observer of both would estimate their difference as a disturbance.
 """
 
 from __future__ import annotations
 
+import dataclasses
+from bisect import bisect_right
 from collections.abc import Sequence
+from itertools import pairwise
 
+import numpy as np
 from pydantic import Field, model_validator
 
+from plant_sim.elementary import plain_sum
 from plant_sim.si_model import SiModel
-from plant_sim.summation import plain_sum
-from plant_sim.units import Length, Ratio
-from train_ato.control.rows_by_place import check_rows, row_at
+from plant_sim.units import Length, Place, Ratio
+from train_ato.messages.types import Measurement
+
+
+def check_rows(key: str, noun: str, places: Sequence[float], rows: Sequence[Sequence[float]], units: int) -> None:
+    """Check that places increase, and that every row has one number per power unit.
+
+    Parameters
+    ----------
+    key, noun
+        Key of the scenario, and the plural of its numbers, for the message.
+    places
+        Positions of vehicle 0's centre [m].
+    rows
+        Numbers at every place.
+    units
+        Number of power units.
+
+    Raises
+    ------
+    ValueError
+        One line: key, value, problem; fix.
+    """
+    if any(after <= before for before, after in pairwise(places)):
+        raise ValueError(f"{key}: places do not increase; sort the entries by 'at'")
+    for place, row in zip(places, rows, strict=True):
+        if len(row) != units:
+            raise ValueError(
+                f"{key}: {len(row)} {noun} at {place:g} m, but the train has {units} power units; give one for each"
+            )
+
+
+def row_at(places: Sequence[float], rows: Sequence[Sequence[float]], position: float) -> list[float]:
+    """Return the row at a position [m]; the first and the last rows hold beyond their places.
+
+    Parameters
+    ----------
+    places
+        Increasing positions [m], one or more.
+    rows
+        One row per place, all of one length.
+    position
+        Position [m].
+    """
+    after = bisect_right(places, position)
+    if after in (0, len(places)):
+        return list(rows[max(after - 1, 0)])
+    begin, end = places[after - 1], places[after]
+    weight = (position - begin) / (end - begin)
+    return [a + weight * (b - a) for a, b in zip(rows[after - 1], rows[after], strict=True)]
+
 
 SUM_TOLERANCE = 0.005
 """Largest deviation of a sum of shares from 1: three units with two decimals each."""
@@ -27,8 +91,10 @@ SUM_TOLERANCE = 0.005
 class SharesAt(SiModel):
     """Shares of the power units in the total force at a place of vehicle 0's centre; linear between the places."""
 
-    at: Length = Field(description="place of vehicle 0's centre")
-    shares: tuple[Ratio, ...] = Field(description="share of every power unit, front first; their sum is 1")
+    at: Place = Field(description="place of vehicle 0's centre", examples=[1200.0])
+    shares: tuple[Ratio, ...] = Field(
+        description="share of every power unit, front first; their sum is 1", examples=[(0.6, 0.4)]
+    )
 
     @model_validator(mode="after")
     def _complete(self) -> SharesAt:
@@ -88,3 +154,82 @@ class ForceDistribution:
             return sent
         part = min(rest / whole, 1.0)
         return [force + part * free for force, free in zip(sent, room, strict=True)]
+
+
+class DisplacementAt(SiModel):
+    """Displacement of the power units against the profile at a place of vehicle 0's centre; cubic between places."""
+
+    at: Place = Field(description="place of vehicle 0's centre", examples=[1200.0])
+    displacement: tuple[Length, ...] = Field(
+        description="distance of every power unit ahead of its nominal place behind the profile, front first",
+        examples=[(0.0, 0.05)],
+    )
+
+
+class PlannedDisplacement:
+    """Displacements and their slopes over the place.
+
+    Parameters
+    ----------
+    entries
+        Displacements at increasing places; the first and the last ones hold beyond them.
+    units
+        Number of power units.
+
+    Raises
+    ------
+    ValueError
+        One line, if the places do not increase or the number of displacements is not that of the units.
+    """
+
+    def __init__(self, entries: Sequence[DisplacementAt], units: int) -> None:
+        self._places = [entry.at for entry in entries]
+        self._rows = [entry.displacement for entry in entries]
+        check_rows("unit_displacements", "displacements", self._places, self._rows, units)
+        neighbours = [(max(k - 1, 0), min(k + 1, len(entries) - 1)) for k in range(len(entries))]
+        self._slopes = [
+            [
+                (b - a) / max(self._places[high] - self._places[low], 1.0)
+                for a, b in zip(self._rows[low], self._rows[high], strict=True)
+            ]
+            for low, high in neighbours
+        ]
+
+    def at(self, position: float) -> tuple[list[float], list[float]]:
+        """Return displacements [m] and their derivatives [m/m] at a position of vehicle 0's centre [m]."""
+        after = bisect_right(self._places, position)
+        if after in (0, len(self._places)):
+            row = self._rows[max(after - 1, 0)]
+            return list(row), [0.0] * len(row)
+        before = after - 1
+        width = self._places[after] - self._places[before]
+        w = (position - self._places[before]) / width
+        displacements, slopes = [], []
+        for a, b, slope_a, slope_b in zip(
+            self._rows[before], self._rows[after], self._slopes[before], self._slopes[after], strict=True
+        ):
+            # cubic with the values and slopes of both places
+            first, last = width * slope_a - (b - a), (b - a) - width * slope_b
+            bow = w * (1.0 - w)
+            displacements.append(a + w * (b - a) + bow * (first * (1.0 - w) + last * w))
+            change = (1.0 - 2.0 * w) * (first * (1.0 - w) + last * w) + bow * (last - first)
+            slopes.append((b - a + change) / width)
+        return displacements, slopes
+
+    def without(self, measurement: Measurement, position: float) -> Measurement:
+        """Return a measurement without the planned displacements.
+
+        Parameters
+        ----------
+        measurement
+            State of the power units.
+        position
+            Position of vehicle 0's centre [m].
+        """
+        displacement, slope = self.at(position)
+        speed = float(measurement.velocity[0])
+        return dataclasses.replace(
+            measurement,
+            position=measurement.position - np.array(displacement),
+            velocity=measurement.velocity - speed * np.array(slope),
+        )

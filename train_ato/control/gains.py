@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
-from plant_sim.number_text import number_text
+from plant_sim.units import number_text
 from train_ato.control.contract import parameter, parameters_of
 
 if TYPE_CHECKING:
@@ -101,6 +101,8 @@ def gains_of(name: str, law: Any, given: Mapping[str, Any], model: TrainModel, p
     choice = given.get("gains", FITTED if has_gains(law) else MODEL)
     base, source, reason = _base(name, law, choice, model, period)
     standing = {**{entry.name: entry.default for entry in parameters_of(law.Parameters)}, **base}
+    if source == MODEL and (note := getattr(law, "gains_note", None)) and (text := note(model, given)):
+        reason += f": {text}"
     own = [key for key, value in given.items() if key != "gains" and standing.get(key) != value]
     if own:
         source = GIVEN if source == PRINTED else source

@@ -19,9 +19,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from numba import carray, config, typeof
 
 from plant_sim.compiled import compiled
+from plant_sim.elementary import plain_sum
 from plant_sim.railway import fading_resistance
 from plant_sim.record import Records, dtype_of, fill, quantity, zeros
-from plant_sim.summation import plain_sum
 from train_ato.control.algorithms.guard import (
     MAX_DELAY,
     GuardedLaw,

@@ -23,8 +23,8 @@ from plant_sim.consist import Consist
 from plant_sim.input_error import build_model
 from plant_sim.library import read_yaml
 from plant_sim.line import Line
-from plant_sim.si_model import SiModel
-from plant_sim.units import Acceleration, Length
+from plant_sim.si_model import SiModel, Source
+from plant_sim.units import Acceleration, Place
 from train_ato.messages.types import Array
 
 SCHEMA = "train_ato/learned/1"
@@ -37,16 +37,19 @@ DIGITS = 6
 class LearnedResistance(SiModel):
     """Learned resistance of a train by place on a line."""
 
-    schema_: Literal["train_ato/learned/1"] = Field(alias="schema")
-    source: str = ""
-    line: str = Field(description="name of the line of the runs")
-    train: str = Field(description="name of the nominal train of the runs")
-    model: str = Field(description="hash of the nominal train and line of the runs")
-    runs: int = Field(ge=1, description="number of runs")
-    begin: Length = Field(description="place of vehicle 0's centre at the first value")
-    spacing: Length = Field(gt=0, description="distance between the values")
+    schema_: Literal["train_ato/learned/1"] = Field(alias="schema", description="kind and version of the file")
+    source: Source = ""
+    line: str = Field(description="name of the line of the runs", examples=["metro_12_km"])
+    train: str = Field(description="name of the nominal train of the runs", examples=["metro_6_cars"])
+    model: str = Field(description="hash of the nominal train and line of the runs", examples=["0f3a9c"])
+    runs: int = Field(ge=1, description="number of runs", examples=[3])
+    begin: Place = Field(description="place of vehicle 0's centre at the first value", examples=[150.0])
+    spacing: Place = Field(gt=0, description="distance between the values", examples=[25.0])
     resistance: tuple[Acceleration, ...] = Field(
-        min_length=2, max_length=2_000_000, description="force per inertial mass, > 0 retards"
+        min_length=2,
+        max_length=2_000_000,
+        description="force per inertial mass, > 0 retards",
+        examples=[(0.001, 0.0012)],
     )
 
     @model_validator(mode="after")
@@ -91,7 +94,7 @@ class LearnedResistance(SiModel):
             raise ValueError(f"model: learned with the nominal model {self.model}, this run has {model}; learn again")
 
 
-def model_hash(consist: Consist, line: Line, over_length: bool) -> str:
+def model_hash(consist: Consist, line: Line, *, over_length: bool) -> str:
     """Return a hash of the nominal train and line, without their names and texts."""
     parts = [part.model_dump(mode="json", exclude={"name", "summary", "source"}) for part in (consist, line)]
     return hashlib.sha256(json.dumps([*parts, over_length], sort_keys=True).encode()).hexdigest()[:16]

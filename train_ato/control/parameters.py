@@ -8,7 +8,7 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from plant_sim.number_text import number_text
+from plant_sim.units import number_text
 from train_ato.control.contract import Parameter, parameters_of
 
 _LOG = logging.getLogger("train_ato")

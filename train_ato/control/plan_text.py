@@ -13,6 +13,8 @@ from train_ato.messages.types import Array
 
 STATUS = "plan.status"
 """Key of the result of the solver."""
+PASSES = "passes the stop by"
+"""Part of the status of a plan that cannot stop in front of its target, before the distance."""
 ARRAYS = {
     "plan.times": "times", "plan.position": "position", "plan.speed": "speed", "plan.force": "force",
     "plan.slack": "slack",

@@ -25,7 +25,7 @@ class CheckConstants:
 
 
 @compiled
-def difference(
+def implausible_quantity(
     constants: Records[CheckConstants], position: float, speed: float, estimate: float, foremost: float, expected: float
 ) -> int:
     """Return the implausible quantity of a measured position [m] and speed [m/s].
@@ -72,7 +72,7 @@ class MeasurementCheck:
         """Return the difference that has lasted for the time of confirmation as text, "" without one."""
         position, speed = measurement.position.item(0), measurement.velocity.item(0)
         estimate, foremost, expected = speeds.position.item(0), speeds.position.item(1), speeds.speed.item(0)
-        found = difference(self.constants, position, speed, estimate, foremost, expected)
+        found = implausible_quantity(self.constants, position, speed, estimate, foremost, expected)
         if found == PLAUSIBLE:
             self.since = None
             return ""

@@ -16,11 +16,13 @@ import importlib
 import sys
 from collections.abc import Mapping
 from contextlib import suppress
+from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from train_ato.control.component_fault import place_of, refused_at_start
 from train_ato.control.contract import Parameter, parameters_of
 from train_ato.control.gains import Gains, gains_of
 from train_ato.control.keyword_form import in_contract_form
@@ -38,11 +40,16 @@ class Registry:
         Entry-point group of other packages.
     built_in
         Name to ``module:Class`` for the components of this project.
+    methods
+        Methods that every component must have.
     """
 
-    def __init__(self, kind: str, group: str, built_in: Mapping[str, str]) -> None:
+    def __init__(
+        self, kind: str, group: str, built_in: Mapping[str, str], methods: tuple[str, ...] = ("reset", "step")
+    ) -> None:
         self.kind = kind
         self.group = group
+        self.methods = methods
         self._targets: dict[str, str] = dict(built_in)
         self._loaded: dict[str, Any] = {}
         self._unregistered: dict[str, Any] = {}
@@ -60,7 +67,7 @@ class Registry:
         if isinstance(target, str):
             self._targets[name] = target
         else:
-            self._loaded[name] = in_contract_form(target)
+            self._loaded[name] = self._in_form(target)
 
     def name_of(self, block: type) -> str:
         """Return the name of a class; one that is not registered can be used as ``module:Class`` from then on.
@@ -76,10 +83,11 @@ class Registry:
         for name, loaded in self._loaded.items():
             if getattr(loaded, "component", loaded) is block:
                 return name
-        for name in (*self._targets, *self._entry_points()):
-            if target in (self._targets.get(name), getattr(self._entry_points().get(name), "value", None)):
+        external = {name: point.value for name, point in self._entry_points().items()}
+        for name in (*self._targets, *external):
+            if target in (self._targets.get(name), external.get(name)):
                 return name
-        self._unregistered[target] = in_contract_form(block)
+        self._unregistered[target] = self._in_form(block)
         return target
 
     def names(self) -> tuple[str, ...]:
@@ -114,11 +122,13 @@ class Registry:
             hint = closest(str(name), names)
             raise ValueError(f"unknown {self.kind} '{name}'{hint}; known: {', '.join(names)}")
         try:
-            loaded = in_contract_form(load_class(target) if target is not None else external[name].load())
+            loaded = self._in_form(load_class(target) if target is not None else external[name].load())
         except ValueError as error:
             raise ValueError(f"{self.kind} '{name}': {error}") from None
         except (Exception, SystemExit) as error:
-            raise ValueError(f"{self.kind} '{name}' cannot be loaded: {type(error).__name__}: {error}") from error
+            place = "" if isinstance(error, SyntaxError) else place_of(error)  # a syntax error names its place
+            text = f"cannot be loaded: {type(error).__name__}: {error}{place}"
+            raise ValueError(f"{self.kind} '{name}' {text}") from error
         known[name] = loaded
         return loaded
 
@@ -150,15 +160,26 @@ class Registry:
         """
         component = self.get(name)
         parameters = make_parameters(component.Parameters, values, name)
-        try:
-            return component(parameters, *arguments)
-        except RefusedParameter as error:
-            raise error.of(self.kind, name) from None
-        except ValueError as error:
-            raise ValueError(f"{self.kind} '{name}': {error}") from None
+        with refused_at_start(self.kind, name, component):
+            try:
+                return component(parameters, *arguments)
+            except RefusedParameter as error:
+                raise error.of(self.kind, name) from None
+            except ValueError as error:
+                raise ValueError(f"{self.kind} '{name}': {error}") from None
+
+    def _in_form(self, block: Any) -> Any:
+        """Return a class in the form of the contract; raise ValueError if it has not all methods of its kind."""
+        found = in_contract_form(block)
+        for method in self.methods:
+            if isinstance(block, type) and not callable(getattr(block, method, None)):
+                remedy = f"see the template of `train-ato new {self.kind} mine`"
+                raise ValueError(f"class {block.__name__} has no method {method}(); {remedy}")
+        return found
 
     def _entry_points(self) -> dict[str, EntryPoint]:
-        return {point.name: point for point in entry_points(group=self.group)}
+        folders = (Path(entry).absolute() for entry in sys.path)
+        return _installed(self.group, tuple((folder, _changed_at(folder)) for folder in folders))
 
 
 class LawRegistry(Registry):
@@ -183,6 +204,20 @@ class LawRegistry(Registry):
             As for every component.
         """
         return super().make(name, self.gains(name, values, *arguments).values, *arguments)
+
+
+@cache
+def _installed(group: str, path: tuple[tuple[Path, int], ...]) -> dict[str, EntryPoint]:
+    """Return the entry points of a group on a path; a search reads a file of every installed package."""
+    return {point.name: point for point in entry_points(group=group)}
+
+
+def _changed_at(folder: Path) -> int:
+    """Return the time of the last change of a folder [ns], 0 without one; Python compares the same."""
+    try:
+        return folder.stat().st_mtime_ns
+    except OSError:
+        return 0
 
 
 def load_class(target: str) -> type:
@@ -264,5 +299,6 @@ COMPENSATIONS = Registry(
         "train_predictor": "train_ato.control.compensation.train_predictor:TrainPredictor",
         "twin": "train_ato.control.compensation.twin:Twin",
     },
+    ("reset", "step", "set_profile"),
 )
 """Delay compensations."""

@@ -6,14 +6,14 @@ import copy
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from train_ato.control.algorithms.force_shares import total_of_units
+from plant_sim.elementary import total_of_units
 from train_ato.control.algorithms.guard import all_within, is_valid, is_valid_state
 from train_ato.control.command_history import CommandHistory
-from train_ato.control.command_hold import CommandHold
+from train_ato.control.command_hold import CommandHold, command_at_standstill
 from train_ato.control.compensation.contract import Compensation, CompensationInput
 from train_ato.control.compensation.rigid import ProfileLike, RigidForce
 from train_ato.control.component_fault import (
@@ -22,11 +22,11 @@ from train_ato.control.component_fault import (
     output_fault,
     raise_if_interrupted,
     step_limit,
+    unless_raised,
 )
 from train_ato.control.contract import Law, LawInput, LawOutput
 from train_ato.control.plan_text import TimedPlan, plan_to_text
 from train_ato.control.registry import LAWS
-from train_ato.control.standstill import RELEASE_FORCE, held_by_holding_brake, needs_release
 from train_ato.control.takeover import (
     AGREED,
     DEFAULT_JERK,
@@ -35,6 +35,7 @@ from train_ato.control.takeover import (
     TakeoverRamp,
     largest_change,
     lasting_force,
+    stretches,
     transition_jerk,
 )
 from train_ato.messages.types import Array, DisturbanceEstimate, Measurement, Reference
@@ -42,31 +43,8 @@ from train_ato.messages.validity import MAX_FORCE
 
 if TYPE_CHECKING:
     from train_ato.control.air_brake.record_policy import BrakePolicy
-    from train_ato.control.force_distribution import ForceDistribution
-    from train_ato.control.planned_displacement import PlannedDisplacement
+    from train_ato.control.force_distribution import ForceDistribution, PlannedDisplacement
     from train_ato.control.train_model import TrainModel
-
-
-class StepAnswer(NamedTuple):
-    """Results of a step in a compiled tick that is run again in Python; an exception is raised there.
-
-    Attributes
-    ----------
-    inputs : LawInput or exception, optional
-        Result of the compensation; None if it has not been called.
-    output : LawOutput or exception, optional
-        Result of the law; None if it has not been called.
-    """
-
-    inputs: LawInput | BaseException | None
-    output: Any
-
-
-def _unless_raised(result: Any) -> Any:
-    """Return a result, or raise it if it is an exception."""
-    if isinstance(result, BaseException):
-        raise result
-    return result
 
 
 class ControlStack:
@@ -103,8 +81,18 @@ class ControlStack:
 
     Attributes
     ----------
-    answer : StepAnswer or None
-        Results of a step of compensation and law in compiled ticks, used in place of the next step.
+    law, compensation, policy, profile, rigid, history
+        Parts of the stack, forces of the rigid train along the profile, and commands in flight.
+    pressure : float or None
+        Pressure of the brake pipe demanded [Pa]; None without an air brake, and before the first measurement.
+    every, ticks, saturated_steps : int
+        Ticks between two steps of the law, ticks so far, and steps at a limit so far.
+    saturated : bool
+        The last step was at a limit.
+    delay_to_effect : float
+        Longest delay and lag of a command [s].
+    answer : LawOutput or exception, optional
+        Result of the law in a compiled tick, used in place of its next step.
     law_brakes : bool
         The law demanded the pressure of the last step in place of the policy.
     plan : TimedPlan or None
@@ -136,40 +124,40 @@ class ControlStack:
     ) -> None:
         self.model = model
         self.period = period
-        self._every = round(period / tick)
-        if self._every < 1 or abs(self._every * tick - period) > 1e-9:
+        self.every = round(period / tick)
+        if self.every < 1 or abs(self.every * tick - period) > 1e-9:
             raise ValueError(
                 f"control_period: {period:g} s is not a multiple of the tick {tick:g} s; choose a multiple"
             )
-        self._name = controller
         self._make_law = make_law or self._new_law
-        self._law: Law = self._make_law(controller, controller_parameters.get(controller, {}), period)
-        self._compensation = compensation
-        self._policy = brake_policy
+        self._set_law(controller, controller_parameters.get(controller, {}))
+        self.compensation, self._compensation_limit = compensation, step_limit(compensation)
+        self.policy = brake_policy
         self._distribution, self._displacement = distribution, displacement
-        self._delay_to_effect = float(max(model.delay.max(), model.delay_brake.max())) + model.lag
+        self.delay_to_effect = float(max(model.delay.max(), model.delay_brake.max())) + model.lag
         self._air_brake = model.consist.air_brake is not None
-        self._history = CommandHistory(model, tick)
+        self.history = CommandHistory(model, tick)
         self._jerk_limit = jerk_limit
-        self._ticks = 0
+        self.ticks = 0
         self._last = [0.0] * model.n_units
         self._before = self._last
         self._transition: LawTransition | None = None
         self._takes_over = self._joins = False
         self._joined: JoinedReference | None = None
         self._braking: TakeoverRamp | None = None
-        self._pressure: float | None = None
+        self.pressure: float | None = None
+        self._shoes_act = False
         self.law_brakes = False
-        self._saturated = False
+        self.saturated = False
         self._invalid_measurements = 0
         self._invalid_estimates = 0
         self._hold = CommandHold(hold_limit, period)
-        self._saturated_steps = 0
+        self.saturated_steps = 0
         self._swaps = 0
         self._fault: BaseException | None = None
         self._fault_text = ""
         self._no_disturbance = np.zeros(model.n_units)
-        self.answer: StepAnswer | None = None
+        self.answer: LawOutput | BaseException | None = None
         self.plan: TimedPlan | None = None
         self.set_profile(profile)
         set_brake_policy = getattr(compensation, "set_brake_policy", None)
@@ -179,12 +167,16 @@ class ControlStack:
 
     def set_profile(self, profile: ProfileLike) -> None:
         """Set the profile, at the start or after re-planning."""
-        self._profile, self._rigid = profile, RigidForce(self.model, profile)
-        self._compensation.set_profile(self._rigid)
+        self.profile, self.rigid = profile, RigidForce(self.model, profile)
+        self.compensation.set_profile(self.rigid)
 
     def _new_law(self, name: str, parameters: Mapping[str, Any], period: float) -> Law:
         law: Law = LAWS.make(name, parameters, self.model, period)
         return law
+
+    def _set_law(self, name: str, parameters: Mapping[str, Any]) -> None:
+        self.law: Law = self._make_law(name, parameters, self.period)
+        self._law_limit, self._name = step_limit(self.law), name
 
     def swap(self, name: str, parameters: Mapping[str, Any]) -> None:
         """Change the law or its parameters without a jump of the force.
@@ -199,10 +191,10 @@ class ControlStack:
         ValueError
             With the reason; the law is then unchanged.
         """
-        self._law = self._make_law(name, parameters, self.period)
-        another, self._name = name != self._name, name
+        another = name != self._name
+        self._set_law(name, parameters)
         self._fault = self.plan = None
-        change = largest_change(self.model, transition_jerk(self._profile, self._jerk_limit))
+        change = largest_change(self.model, transition_jerk(self.profile, self._jerk_limit))
         if self._braking is not None:
             change = self._braking.change
         self._transition = LawTransition(change, self.model.tick)
@@ -222,11 +214,11 @@ class ControlStack:
             Jerk that a limit demands at the takeover [m/s³].
         """
         if self._braking is None:
-            jerk = transition_jerk(self._profile, self._jerk_limit)
+            jerk = transition_jerk(self.profile, self._jerk_limit)
             self._braking = TakeoverRamp(self.model, jerk, np.array(self._before), least_jerk)
         sent = self._braking.step(force, force)
         self._last = sent.tolist()
-        self._history.replace(sent)
+        self.history.replace(sent)
         return sent
 
     @property
@@ -250,7 +242,7 @@ class ControlStack:
             "unsound_measurements": str(self._invalid_measurements),
             "unsound_estimates": str(self._invalid_estimates),
             "held_steps": str(self._hold.total),
-            "saturated_steps": str(self._saturated_steps),
+            "saturated_steps": str(self.saturated_steps),
             "swaps": str(self._swaps),
             **self._law_diagnostics(),
             **({} if self.plan is None else plan_to_text(self.plan, held=self.holding)),
@@ -258,7 +250,7 @@ class ControlStack:
 
     def _law_diagnostics(self) -> dict[str, str]:
         """Return the diagnostics of the law under its name; empty for a law without."""
-        found: dict[str, str] = getattr(self._law, "diagnostics", dict)()
+        found: dict[str, str] = getattr(self.law, "diagnostics", dict)()
         return {f"{self._name}.{key}": value for key, value in found.items()}
 
     def step(
@@ -292,15 +284,15 @@ class ControlStack:
             self._hold.check_limit()
         except ComponentFailed as failure:
             raise failure from self._fault
-        due = self._ticks % self._every == 0
-        self._ticks += 1
+        due = self.ticks % self.every == 0
+        self.ticks += 1
         self._before = self._last
         decided = False
         valid = is_valid_state(measurement)
         if not valid:
             self._invalid_measurements += 1
         elif self._air_brake:
-            self._pressure = self._policy.step(
+            self.pressure = self.policy.step(
                 measurement.stamp * 1e-9,
                 float(measurement.position[0]),
                 float(measurement.velocity[0]),
@@ -316,32 +308,22 @@ class ControlStack:
         elif due:
             assert reference is not None
             self._last = self._decide(measurement, reference, estimate)
-            self._last = self._at_standstill(measurement, reference)
+            if not getattr(self.law, "open_loop", False):
+                self._last = command_at_standstill(
+                    self._last, measurement, reference, self.profile, self.model, delay_to_effect=self.delay_to_effect
+                )
             decided = True
         if self._transition is not None:
             self._last = self._in_transition(self._transition, measurement, decided=decided)
-        if decided:
-            self.report_command(np.array(self._last))
+        if decided and self._on_command_sent is not None:
+            self._on_command_sent(np.array(self._last))
         force = np.array(self._last)
-        self._history.append(force)
-        return force, self._pressure
-
-    def report_command(self, force: Array) -> None:
-        """Give the command of a step of the law as it was sent [N], shape (units,), to a compensation that uses it."""
-        if self._on_command_sent is not None:
-            self._on_command_sent(np.array(force))
+        self.history.append(force)
+        return force, self.pressure
 
     def _miss_sample(self) -> None:
-        if (on_missed := getattr(self._law, "on_missed_sample", None)) is not None:
+        if (on_missed := getattr(self.law, "on_missed_sample", None)) is not None:
             on_missed()
-
-    def _at_standstill(self, measurement: Measurement, reference: Reference) -> list[float]:
-        """Return the command; for a train at standstill 0 N or the force that releases the holding brake."""
-        if held_by_holding_brake(measurement, reference, self._profile, self._delay_to_effect):
-            return [0.0] * self.model.n_units
-        if needs_release(self._last, measurement, self._profile, self._delay_to_effect, self.model):
-            return [RELEASE_FORCE] * self.model.n_units
-        return self._last
 
     def _decide(
         self, measurement: Measurement, reference: Reference, estimate: DisturbanceEstimate | None
@@ -363,7 +345,7 @@ class ControlStack:
         else:
             self._hold.resume()
         if self._air_brake and output.brake_pipe is not None and math.isfinite(output.brake_pipe):
-            self._pressure = min(max(output.brake_pipe, 0.0), self.model.consist.air_brake.charged)  # type: ignore[union-attr]
+            self.pressure = min(max(output.brake_pipe, 0.0), self.model.consist.air_brake.charged)  # type: ignore[union-attr]
             self.law_brakes = True
         sent = self._limited(wanted, low, high)
         if self._distribution is None:
@@ -382,21 +364,20 @@ class ControlStack:
 
         After an exception the state of the component is not known, so it gets no further step.
         """
-        answer, self.answer = self.answer or StepAnswer(None, None), None
+        answer, self.answer = self.answer, None
         if self._fault is None:
-            kind, name = "compensation", type(self._compensation).__name__
+            kind, name = "compensation", type(self.compensation).__name__
             try:
-                with step_limit(self._compensation):
-                    given = _unless_raised(answer.inputs)
-                    inputs = self.law_input(measurement, reference, estimate, low, high) if given is None else given
+                with self._compensation_limit:
+                    inputs = self.law_input(measurement, reference, estimate, low, high)
+                self._shoes_act = inputs.train_shoe_force != 0.0
                 inputs = self._on_joined_reference(inputs)
                 kind, name = "law", self._name
-                with step_limit(self._law):
+                with self._law_limit:
                     if self._transition is not None:
                         inputs = self._taken_over(inputs, self._transition)
-                    found = _unless_raised(answer.output)
-                    output = self._law.step(inputs) if found is None else found
-                self._fault_text = output_fault(name, self._law, output, self.model.n_units)
+                    output = self.law.step(inputs) if answer is None else unless_raised(answer)
+                self._fault_text = output_fault(name, self.law, output, self.model.n_units)
                 if not self._fault_text:
                     return inputs, output
             except BaseException as error:  # a user-defined law may raise any
@@ -408,35 +389,42 @@ class ControlStack:
     def _limited(self, wanted: list[float], low: list[float], high: list[float]) -> list[float]:
         """Return the force of every unit inside its limits [N]; ``_saturated`` is True if one is at a limit."""
         sent = []
-        self._saturated = False
+        self.saturated = False
         for force, least, most in zip(wanted, low, high, strict=True):
             limited = least if force < least else most if force > most else force
             sent.append(limited)
             if limited and not least < limited < most:
-                self._saturated = True
-        self._saturated_steps += self._saturated
+                self.saturated = True
+        self.saturated_steps += self.saturated
         return sent
 
     def _on_joined_reference(self, inputs: LawInput) -> LawInput:
         """Return the inputs with the reference of a new law, see :class:`JoinedReference`."""
         if self._joins and is_valid(inputs):
             self._joins = False
-            self._joined = JoinedReference(inputs, self.model.share, self._profile, self._lasting_force(inputs))
+            self._joined = JoinedReference(inputs, self.model.share, self.profile, self._lasting_force(inputs))
         if self._joined is None:
             return inputs
         if self._joined.has_joined(inputs.t):
             self._joined = None
             return inputs
-        return self._joined.of(inputs, self.period, getattr(self._law, "lookahead_times", None))
+        return self._joined.of(inputs, self.period, getattr(self.law, "lookahead_times", None))
 
     def _lasting_force(self, inputs: LawInput) -> Array:
-        """Return the force that the old law added lastingly [N]; 0 with an air brake in action or a simulated train."""
+        """Return the force that the old law added lastingly [N]; 0 with an air brake in action or a simulated train.
+
+        A unit at its limit removes an error, and holds no unknown force. The force of a departure that stretches the
+        couplers is not that of the whole train.
+        """
         model, commands = self.model, inputs.commands_in_flight
-        if inputs.train_shoe_force != 0.0 or getattr(self._compensation, "simulates_train", False):
+        if inputs.train_shoe_force != 0.0 or getattr(self.compensation, "simulates_train", False):
+            return 0.0 * self._no_disturbance
+        if stretches(model, self.profile, inputs.t):
             return 0.0 * self._no_disturbance
         times = inputs.t + model.tick * np.arange(-len(commands), 0.0)[:, None] + model.delay
-        nominal = self._rigid.aheads(times.ravel(), model.lag).reshape(commands.shape) * model.share
-        return lasting_force(commands, nominal) + inputs.disturbance
+        nominal = self.rigid.aheads(times.ravel(), model.lag).reshape(commands.shape) * model.share
+        limited = ((commands >= AGREED * inputs.force_max) | (commands <= AGREED * inputs.force_min)).any(axis=0)
+        return np.where(limited, inputs.disturbance, lasting_force(commands, nominal) + inputs.disturbance)
 
     def _taken_over(self, inputs: LawInput, transition: LawTransition) -> LawInput:
         """Return the inputs of a law in its transition, whose force limits are those that its demand can reach.
@@ -446,12 +434,12 @@ class ControlStack:
         last = np.array(self._before)
         if self._takes_over:
             self._takes_over = False
-            take_over = getattr(self._law, "take_over", None)
+            take_over = getattr(self.law, "take_over", None)
             if take_over is not None:
                 take_over(inputs, last)
         if self._distribution is not None:
             return inputs  # the law's forces are not yet those of the units
-        reach = transition.reach(self._every)
+        reach = transition.reach(self.every)
         low, high = inputs.force_min, inputs.force_max
         return replace(inputs, force_min=np.clip(last - reach, low, high), force_max=np.clip(last + reach, low, high))
 
@@ -461,34 +449,44 @@ class ControlStack:
         A limit of the speed that falls faster than the largest change does not cut it: the unit is at its limit then.
         """
         if decided and is_valid_state(measurement):
-            self._last = self._before_corner(transition, measurement.stamp * 1e-9)
-        sent = transition.step(self._last if decided else None, self._before, self._every)
+            self._last = self._before_corner(transition, measurement)
+        sent = transition.step(self._last if decided else None, self._before, self.every)
         if transition.ended:
             self._transition = None
         elif decided:
-            self._saturated |= sent != self._last
+            self.saturated |= sent != self._last
         return sent
 
-    def _before_corner(self, transition: LawTransition, t: float) -> list[float]:
+    def _before_corner(self, transition: LawTransition, measurement: Measurement) -> list[float]:
         """Return the demand of the law, or before a corner of the profile the one that changes early enough [N].
 
-        In motion the demand of the law keeps its difference from the force of the profile; one at the limit that it can
-        reach is not known beyond it. With an air brake the force of the profile is not that of the units alone.
+        In motion the demand of the law keeps its difference from the force of the profile inside the limits of the
+        units; one at the limit that it can reach is not known beyond it. With an air brake in action the force of the
+        profile is not that of the units alone.
         """
-        rests = self._profile.at(t)[1] == 0.0
-        if self._air_brake and not rests:
+        t = measurement.stamp * 1e-9
+        rests = self.profile.at(t)[1] == 0.0
+        if not transition.is_bounded or (self._brakes_by_air() and not rests):
             return self._last
         model, ticks, last = self.model, np.arange(transition.lasting)[:, None], np.array(self._before)
         effects = (t + model.tick * ticks + model.delay).ravel()
-        required = self._rigid.aheads(effects, model.lag).reshape(-1, model.n_units) * model.share
-        reach, demand = transition.reach(self._every), np.array(self._last)
+        required = self.rigid.aheads(effects, model.lag).reshape(-1, model.n_units) * model.share
+        reach, demand = transition.reach(self.every), np.array(self._last)
         least = np.where(demand >= last + AGREED * reach, 0.0, -np.inf)
         most = np.where(demand <= last - AGREED * reach, 0.0, np.inf)
         wanted = required if rests else required + np.clip(demand - required[0], least, most)
-        speeds = self._profile.at_times(effects)[1].reshape(-1, model.n_units)
+        low, high = self.model.limits_of_units(measurement.velocity.tolist())
+        wanted = np.clip(wanted, low, high)
+        speeds = self.profile.at_times(effects)[1].reshape(-1, model.n_units)
         signs = transition.early(last, wanted, speeds != 0.0)
         changed = np.where(signs > 0.0, np.maximum(demand, last + reach), np.minimum(demand, last - reach))
-        return [float(force) for force in np.where(signs != 0.0, changed, demand)]
+        return [float(force) for force in np.where(signs != 0.0, np.clip(changed, low, high), demand)]
+
+    def _brakes_by_air(self) -> bool:
+        """Return True if the air brake is demanded, or its shoes act."""
+        if self.model.consist.air_brake is None:
+            return False
+        return self._shoes_act or self.pressure is None or self.pressure < self.model.consist.air_brake.charged
 
     def law_input(
         self,
@@ -503,17 +501,17 @@ class ControlStack:
         if not all_within(disturbance, MAX_FORCE):
             disturbance = self._no_disturbance
             self._invalid_estimates += 1
-        return self._compensation.step(
+        return self.compensation.step(
             CompensationInput(
                 measurement,
                 reference,
                 disturbance,
-                self._history.in_flight(),
-                self._pressure,
+                self.history.in_flight(),
+                self.pressure,
                 low,
                 high,
-                self._saturated,
-                getattr(self._law, "horizon", 0),
-                getattr(self._law, "lookahead_times", None),
+                self.saturated,
+                getattr(self.law, "horizon", 0),
+                getattr(self.law, "lookahead_times", None),
             )
         )

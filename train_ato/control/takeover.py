@@ -10,6 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from plant_sim.elementary import plain_sum
+from plant_sim.gears import RigidGear
+from train_ato.control.algorithms.train_constants import mean_stiffness
 from train_ato.control.compensation.rigid import ProfileLike
 from train_ato.control.contract import LawInput
 from train_ato.control.train_model import TrainModel
@@ -22,11 +25,20 @@ TRANSITION_TIME = 3.0
 DOUBLING_TIME = 1.0
 """Time in which the largest change doubles after ``TRANSITION_TIME``, if the law is still not reached [s]."""
 JOINING_TIME = 20.0
-"""Time in which the errors at a change of the law are removed [s]."""
+"""Least time in which the errors at a change of the law are removed [s]."""
 JOINING_SPEED = 0.14
 """Largest speed error of this motion [m/s]: 0.5 km/h, the excess speed that the shipped scenarios permit."""
+GENTLE_SPEED = 0.025
+"""Speed error by the removal of a position error [m/s], if there is time for it: half of the noise of a speed sensor.
+
+With it a law with the error e alone has at most e + 0.025 m/s, which is below the larger one of 2 e and 0.05 m/s.
+"""
+LONGEST_JOINING = JOINING_SPEED * JOINING_TIME / GENTLE_SPEED
+"""Longest time of it [s]: that of the largest position error, ``JOINING_SPEED`` x ``JOINING_TIME`` / 1.5."""
 LEAST_COMMANDS = 4
 """Least number of commands with a mean that lasts."""
+LEAST_LOAD = 1e-6
+"""Part of the force of a train from which on a coupler is loaded, but for rounding."""
 AGREED = 0.999
 """Part of the largest change within which a demand is reached: a law that obeys its limits can be at the whole."""
 
@@ -127,6 +139,11 @@ class LawTransition:
         self._early = False
         self.ended = False
 
+    @property
+    def is_bounded(self) -> bool:
+        """True for ``TRANSITION_TIME``, in which the largest change does not grow."""
+        return self._ticks < self.lasting
+
     def reach(self, ticks: int) -> Array:
         """Return the largest change over the next ticks [N], shape (units,); 0 at the first: the last command holds."""
         if not self._ticks:
@@ -197,8 +214,10 @@ class JoinedReference:
     """Reference of a new law: it begins in the present state of the train and joins the profile without a jump.
 
     A law that leaves a position error to its successor would else be followed by a speed error that neither of them has
-    alone. The difference from the profile is a cubic of the time, with the errors of position and speed at its begin,
-    up to the size that keeps ``JOINING_SPEED``, and 0 with slope 0 at its end.
+    alone. The difference from the profile is the sum of two cubics of the time, one with the error of the position at
+    its begin, one with that of the speed, up to the size that keeps ``JOINING_SPEED`` over ``JOINING_TIME``. Both are 0
+    with slope 0 at their ends, that of the speed after ``JOINING_TIME``. The speed of the other one is largest in its
+    middle, 1.5 times position over time, so that 0.8 m last 50 s at ``GENTLE_SPEED``.
 
     With its errors the new law would lose the force that the old law had found in them, for example against a wind. It
     is in the disturbance of the inputs, and fades as the errors come back.
@@ -217,23 +236,26 @@ class JoinedReference:
 
     def __init__(self, inputs: LawInput, share: Array, profile: ProfileLike, lasting: Array) -> None:
         self._force = lasting
-        _, speeds, _ = profile.at_times(inputs.t + np.arange(JOINING_TIME / 0.8 + 1.0))
+        _, speeds, _ = profile.at_times(inputs.t + np.arange(LONGEST_JOINING / 0.8 + 1.0))
         rests = np.flatnonzero(speeds == 0.0)
-        left = 0.8 * float(rests[0]) if rests.size else JOINING_TIME
+        left = 0.8 * float(rests[0]) if rests.size else LONGEST_JOINING
         self._begin, self._lasting, self._share = inputs.t, min(left, JOINING_TIME), share
         largest = JOINING_SPEED * self._lasting / 1.5
         self._place = np.clip(inputs.position - inputs.reference_position, -largest, largest)
         self._speed = np.clip(inputs.velocity - inputs.reference_velocity, -JOINING_SPEED, JOINING_SPEED)
+        gentle = 1.5 * float(np.abs(self._place).max()) / GENTLE_SPEED
+        self._until_place = min(left, max(gentle, JOINING_TIME))
 
     def has_joined(self, t: float) -> bool:
         """Return True if the difference has ended at a time [s]."""
-        return t >= self._begin + self._lasting
+        return t >= self._begin + self._until_place
 
     def _difference(self, t: Array | float) -> tuple[Array, Array]:
         """Return the difference of position and speed for every unit [m, m/s], shape (times, units)."""
-        s = np.clip((np.atleast_1d(t)[:, None] - self._begin) / self._lasting, 0.0, 1.0)
-        place = self._place * (1.0 - s) ** 2 * (1.0 + 2.0 * s) + self._lasting * self._speed * s * (1.0 - s) ** 2
-        return place, (1.0 - s) * (self._speed * (1.0 - 3.0 * s) - 6.0 * s * self._place / self._lasting)
+        passed = np.atleast_1d(t)[:, None] - self._begin
+        s, p = (np.clip(passed / lasting, 0.0, 1.0) for lasting in (self._lasting, self._until_place))
+        place = self._place * (1.0 - p) ** 2 * (1.0 + 2.0 * p) + self._lasting * self._speed * s * (1.0 - s) ** 2
+        return place, (1.0 - s) * (1.0 - 3.0 * s) * self._speed - 6.0 * p * (1.0 - p) * self._place / self._until_place
 
     def of(self, inputs: LawInput, period: float, lookahead_times: Array | None) -> LawInput:
         """Return the inputs with this reference, for the control period [s] and the times of the lookahead [s]."""
@@ -250,7 +272,7 @@ class JoinedReference:
             ahead = replace(
                 ahead, position=ahead.position + places @ self._share, velocity=ahead.velocity + speeds @ self._share
             )
-        s = min(max((inputs.t - self._begin) / self._lasting, 0.0), 1.0)
+        s = min(max((inputs.t - self._begin) / self._until_place, 0.0), 1.0)
         return replace(
             inputs, reference_position=inputs.reference_position + place,
             reference_velocity=inputs.reference_velocity + speed, preview=preview, lookahead=ahead,
@@ -273,3 +295,27 @@ def lasting_force(commands: Array, nominal: Array) -> Array:
         return np.zeros(commands.shape[1])
     mean, spread = beyond.mean(axis=0), beyond.var(axis=0)
     return np.asarray(mean * np.clip(1.0 - spread / np.maximum(mean * mean, 1e-9), 0.0, 1.0))
+
+
+def stretches(model: TrainModel, profile: ProfileLike, t: float) -> bool:
+    """Return True at a time [s] of a departure at which the last vehicles do not move with the train yet.
+
+    The way of the units until then is at most the slack of the loaded couplers and their stretch. A coupler has the
+    force of the profile on the vehicles behind it, less that of the units there. Meanwhile the force of the units is
+    that of the vehicles in motion.
+    """
+    places, speeds, accelerations = profile.at_times(t - np.arange(LONGEST_JOINING))
+    rests = np.flatnonzero(speeds == 0.0)
+    if not rests.size or not rests[0]:
+        return False
+    shares = np.array([vehicle.mass for vehicle in model.consist.vehicles]) / model.mass
+    shares[list(model.units)] -= model.share
+    force = abs(model.rigid_force(float(places[0]), float(speeds[0]), float(accelerations[0])))
+    loads = force * np.abs(np.cumsum(shares))[:-1]
+    loaded = zip(loads.tolist(), model.consist.gears, strict=True)
+    ways = [
+        gear.slack + load / mean_stiffness(gear)
+        for load, gear in loaded
+        if not isinstance(gear, RigidGear) and load > LEAST_LOAD * force
+    ]
+    return bool(places[0] - places[rests[0]] < plain_sum(ways))

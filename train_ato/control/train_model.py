@@ -16,6 +16,7 @@ import numpy as np
 from plant_sim.air_brake import BrakeForecast
 from plant_sim.compiled import compiled
 from plant_sim.consist import Consist
+from plant_sim.elementary import plain_sum
 from plant_sim.line import Line
 from plant_sim.railway import (
     DRY_FRICTION_SPEED,
@@ -25,7 +26,6 @@ from plant_sim.railway import (
     running_resistance,
 )
 from plant_sim.record import Records, quantity, zeros
-from plant_sim.summation import plain_sum
 from plant_sim.track import Track
 from plant_sim.traction import Envelope
 from train_ato.control.learned_resistance import LearnedResistance
@@ -93,7 +93,7 @@ class LineForceTable:
     """
 
     def __init__(self, consist: Consist, line: Line, *, over_length: bool = False) -> None:
-        self.specific, self.begin = _specific_line_force(consist, line, over_length)
+        self.specific, self.begin = _specific_line_force(consist, line, over_length=over_length)
         masses = np.array([vehicle.mass for vehicle in consist.vehicles])
         self.totals = array("d", _over_train(self.specific, masses, np.array(consist.offsets)).tobytes())
         self.total: Array = np.frombuffer(self.totals)
@@ -280,7 +280,7 @@ def _over_train(specific: Array, masses: Array, offsets: Array) -> Array:
     return total
 
 
-def _specific_line_force(consist: Consist, line: Line, over_length: bool) -> tuple[Array, float]:
+def _specific_line_force(consist: Consist, line: Line, *, over_length: bool) -> tuple[Array, float]:
     """Tabulate grade, curve and tunnel force per mass [N/kg] over the line, a train's length beyond both ends."""
     margin = consist.length + 2 * GRID
     begin = line.begin - margin

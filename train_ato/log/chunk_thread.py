@@ -1,6 +1,6 @@
 """MCAP file with compression and writing of chunks in another thread, so that recording does not wait.
 
-Compression, checksums and writing release the interpreter lock; ``python bench/recorder.py`` measures their time.
+Compression, checksums and writing release the interpreter lock (time: ``python studies_done/recorder.py``).
 """
 
 from __future__ import annotations
@@ -15,8 +15,7 @@ from typing import IO
 
 import numpy as np
 
-from train_ato.log.mcap_writer import McapWriter, OpenChunk
-from train_ato.log.tick_records import TickRecords
+from train_ato.log.mcap_writer import McapWriter, OpenChunk, TickRecords
 
 CLOSE_AFTER_S = 0.85
 """Age at which the open chunk is closed [s], so that it is written within a second."""

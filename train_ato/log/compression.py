@@ -1,6 +1,6 @@
 """Compression of chunks, named after the storage presets of ``ros2 bag``: ``none``, ``fast`` and ``small``.
 
-``python bench/recorder.py`` measures them for a train of 106 vehicles.
+``python studies_done/recorder.py`` measures them for a train of 106 vehicles.
 """
 
 from __future__ import annotations

@@ -15,7 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from train_ato.log.reading import Progress, iter_raw, read_log
+from train_ato.log.mcap_records import Progress
+from train_ato.log.reading import iter_raw, read_log
 from train_ato.messages.codec.codec import Wire
 from train_ato.messages.topics import TOPICS
 from train_ato.scenario.changes import GIVEN
@@ -76,6 +77,12 @@ class LogComparison:
     differing: int = 0
     topics: dict[str, int] = field(default_factory=dict)
     first: Difference | None = None
+
+    def _repr_html_(self) -> str:
+        count = f"{self.differing} of {self.messages} messages differ"
+        verdict = f"equal: {self.messages} messages" if self.equal else f"different: {count}"
+        rows = (f"<p>{topic}: {number}</p>" for topic, number in self.topics.items())
+        return f"<p><b>{verdict}</b></p>{''.join(rows)}"
 
     @property
     def equal(self) -> bool:
@@ -184,7 +191,7 @@ class _Comparison:
         """Compare two messages with different bytes field by field."""
         if topic not in self._scales:
             self._scales[topic] = _Scale(topic, self._runs[0], self._wire, self._relative)
-        found = _difference(topic, stamp, a, b, self._wire, self._scales[topic])
+        found = _difference(topic, stamp, a, b, wire=self._wire, scale=self._scales[topic])
         if found is not None:
             self._differing[topic] += 1
             self._first = self._first or found
@@ -226,7 +233,7 @@ class _Scale:
 
 
 def _difference(
-    topic: str, stamp: int, a: bytes | None, b: bytes | None, wire: Wire, scale: _Scale
+    topic: str, stamp: int, a: bytes | None, b: bytes | None, *, wire: Wire, scale: _Scale
 ) -> Difference | None:
     """Return the first different field of two messages of a stamp, None for equal ones; a missing message is None."""
     if a is None or b is None:

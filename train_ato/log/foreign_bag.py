@@ -21,8 +21,7 @@ from mcap.writer import CompressionType, Writer
 from plant_sim.data_text import parse_yaml
 from train_ato.log.bag_layout import METADATA
 from train_ato.log.definitions import definition
-from train_ato.log.mcap_records import RawMessage
-from train_ato.log.mcap_stream import stream
+from train_ato.log.mcap_records import RawMessage, stream
 from train_ato.log.mcap_writer import MAGIC
 
 BAG = "rosbag2_bagfile_information"

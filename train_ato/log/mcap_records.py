@@ -9,11 +9,14 @@ from __future__ import annotations
 import mmap
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from io import BytesIO
+from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
+import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, ChunkIndex, Metadata, Schema, Statistics
@@ -221,7 +224,7 @@ class Definitions:
             raise Damage(f"a chunk holds an impossible record ({error})") from None
 
     def messages(self, data: bytes) -> Iterator[RawMessage]:
-        """Yield the messages of a chunk in their order; raise :class:`Damage` as :meth:`walk`."""
+        """Yield the messages of a chunk in their order; raise :class:`Damage` as :meth:`walk` does."""
         kinds: dict[int, tuple[Channel, Schema]] = {}
         for number, log_ns, publish_ns, begin, end in self.walk(data):
             if number not in kinds:
@@ -279,3 +282,143 @@ def summary_of(file: BinaryIO | mmap.mmap, size: int) -> Summary | None:
         place += HEAD.size + length
     found.chunks.sort(key=lambda chunk: chunk.chunk_start_offset)
     return found
+
+
+_CHUNK = struct.Struct("<QQQII")
+_LONG = struct.Struct("<Q")
+_LARGEST_CHUNK = 1 << 29
+"""Maximum uncompressed size of a valid chunk [bytes]."""
+
+
+@dataclass(frozen=True)
+class ChunkHead:
+    """Head of a chunk; ``begin`` is the offset of the compressed part in the content of the record."""
+
+    uncompressed: int
+    crc: int
+    compression: str
+    begin: int
+
+
+def chunk_head(content: bytes) -> ChunkHead:
+    """Return the head of a chunk.
+
+    Raises
+    ------
+    Damage
+        If its lengths are inconsistent.
+    """
+    try:
+        _, _, uncompressed, crc, letters = _CHUNK.unpack_from(content)
+        begin = _CHUNK.size + letters + _LONG.size
+        (length,) = _LONG.unpack_from(content, _CHUNK.size + letters)
+        compression = content[_CHUNK.size : _CHUNK.size + letters].decode("ascii")
+    except (struct.error, UnicodeDecodeError):
+        raise Damage("a chunk without a readable head") from None
+    if begin + length != len(content) or uncompressed > _LARGEST_CHUNK:
+        raise Damage("the lengths of a chunk do not fit")
+    return ChunkHead(uncompressed, crc, compression, begin)
+
+
+def chunk_content(content: bytes) -> bytes:
+    """Return the uncompressed records of a chunk.
+
+    Raises
+    ------
+    Damage
+        If the chunk cannot be unpacked or its checksum differs.
+    """
+    head = chunk_head(content)
+    packed = content[head.begin :]
+    data = _unpacked(packed, head)
+    if len(data) != head.uncompressed:
+        raise Damage("the length of a chunk differs from its head")
+    if head.crc and zlib.crc32(data) != head.crc:
+        raise Damage("the checksum of a chunk differs")
+    return data
+
+
+def _unpacked(packed: bytes, head: ChunkHead) -> bytes:
+    if head.compression == "":
+        return packed
+    try:
+        if head.compression == "zstd":
+            size = zstandard.get_frame_parameters(packed).content_size
+            if size not in (head.uncompressed, zstandard.CONTENTSIZE_UNKNOWN):
+                raise Damage("the length of a chunk differs from its head")
+            return zstandard.ZstdDecompressor().decompress(packed, max_output_size=head.uncompressed)
+        if head.compression == "lz4":
+            import lz4.frame
+
+            return bytes(lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=head.uncompressed))
+    except (zstandard.ZstdError, RuntimeError, MemoryError) as error:
+        raise Damage(f"a chunk cannot be unpacked ({' '.join(str(error).split())})") from None
+    raise Damage(f"a chunk is packed with '{head.compression[:16]}'")
+
+
+Progress = Callable[[float], None]
+"""Receiver of the completed fraction of a task, 0 to 1."""
+
+
+@contextmanager
+def readable(path: Path, *, broken: bool = False) -> Iterator[None]:
+    """Convert damage of a file and disk errors into a one-line ValueError; with ``broken``, stop at the damage.
+
+    Raises
+    ------
+    ValueError
+        If the file is not a log, damaged or unreadable.
+    """
+    try:
+        yield
+    except Damage as damage:
+        if not broken:
+            text = f"{path}: damaged or no log: {damage}; `train-ato recover {path}` saves the undamaged part"
+            raise ValueError(text) from None
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read ({error.strerror or error})") from None
+
+
+def blocks(path: Path, progress: Progress | None = None) -> Iterator[bytes]:
+    """Read a log in blocks of records: the content of a chunk, or one record outside of chunks.
+
+    Every chunk is verified before it is returned, the whole file at its end.
+
+    Raises
+    ------
+    Damage
+        If the file is not a log or damaged.
+    """
+    with path.open("rb") as file:
+        size, done = max(1, path.stat().st_size), 0
+        for record in records(file, size):
+            done += len(record.content)
+            if record.code == Opcode.CHUNK:
+                yield chunk_content(record.content)
+                if progress is not None:
+                    progress(done / size)
+            elif record.code in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE):
+                yield HEAD.pack(record.code, len(record.content)) + record.content
+
+
+def stream(path: Path, *, broken: bool = False, progress: Progress | None = None) -> Iterator[RawMessage]:
+    """Read the messages of a log in the order of writing.
+
+    Parameters
+    ----------
+    path
+        MCAP file.
+    broken
+        Stop at the first damage without an error, for example at the end of a partial file.
+    progress
+        Receiver of the fraction of the file that is read.
+
+    Raises
+    ------
+    ValueError
+        If the file is not a log or damaged.
+    """
+    known = Definitions()
+    with readable(path, broken=broken):
+        for block in blocks(path, progress):
+            yield from known.messages(block)

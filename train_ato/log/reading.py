@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import fcntl
-from collections.abc import Callable, Collection, Iterator
+import time
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import dataclass, replace
+from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
@@ -11,23 +14,8 @@ from mcap.opcode import Opcode
 
 from train_ato.log.bag_layout import LOG, PARTIAL, table_name
 from train_ato.log.foreign_bag import as_mcap
-from train_ato.log.mcap_records import attachment_of, records
-from train_ato.log.mcap_stream import Progress, blocks, readable, stream
+from train_ato.log.mcap_records import Progress, attachment_of, metadata_of, readable, records, stream
 from train_ato.messages.topics import EPOCH_NS
-
-__all__ = [
-    "Progress",
-    "attachments",
-    "being_written",
-    "blocks",
-    "iter_raw",
-    "log_file",
-    "partial_of",
-    "read_log",
-    "readable",
-    "state_of",
-    "stream",
-]
 
 
 def log_file(run: Path) -> Path:
@@ -89,13 +77,15 @@ def attachments(path: Path, *, broken: bool = False) -> dict[str, bytes]:
     ValueError
         If the file is not a log or damaged.
     """
-    found = {}
+    return {entry.name: entry.data for entry in _parsed(path, Opcode.ATTACHMENT, attachment_of, broken=broken)}
+
+
+def _parsed(path: Path, code: Opcode, parse: Callable[[bytes], Any], *, broken: bool) -> Iterator[Any]:
+    """Yield the records of one kind of a log; with ``broken``, up to the first damage without an error."""
     with readable(path, broken=broken), path.open("rb") as file:
         for record in records(file, path.stat().st_size):
-            if record.code == Opcode.ATTACHMENT:
-                entry = attachment_of(record.content)
-                found[entry.name] = entry.data
-    return found
+            if record.code == code:
+                yield parse(record.content)
 
 
 def iter_raw(
@@ -129,3 +119,84 @@ def read_log(
     """Read the decoded messages of a run as (topic, stamp, dataclass), with ``decode`` of its :class:`Wire`."""
     for topic, stamp, data in iter_raw(run, topics):
         yield topic, stamp, decode(topic, data)
+
+
+WALL_TIME = "wall_time"
+"""Name of the metadata record."""
+
+
+def clock_ns() -> int:
+    """Return the wall time [ns since 1970]."""
+    return time.time_ns()
+
+
+@dataclass(frozen=True)
+class WallTime:
+    """Wall time of a recording.
+
+    Attributes
+    ----------
+    begin_ns : int
+        Opening of the log [ns since 1970].
+    duration_s : float or None
+        Wall time from the opening to the closing of the log [s]; None for the log of a killed run.
+    """
+
+    begin_ns: int
+    duration_s: float | None = None
+
+    @classmethod
+    def now(cls) -> WallTime:
+        """Return the wall time of a recording that begins now."""
+        return cls(clock_ns())
+
+    def ended(self) -> WallTime:
+        """Return the wall time of the recording with its end now."""
+        return replace(self, duration_s=(clock_ns() - self.begin_ns) * 1e-9)
+
+    @property
+    def begin(self) -> str:
+        """Opening of the log, ISO 8601 in UTC, to the millisecond."""
+        found = datetime.fromtimestamp(self.begin_ns * 1e-9, timezone.utc)
+        return found.isoformat(timespec="milliseconds").replace("+00:00", "Z")
+
+    def record(self) -> dict[str, str]:
+        """Return the content of the metadata record."""
+        found = {"begin": self.begin, "begin_ns": str(self.begin_ns)}
+        return found if self.duration_s is None else {**found, "duration_s": f"{self.duration_s:.3f}"}
+
+    def listed(self) -> dict[str, Any]:
+        """Return the record with numbers, for JSON."""
+        return {"begin": self.begin, "begin_ns": self.begin_ns, "duration_s": self.duration_s}
+
+    @classmethod
+    def of(cls, record: Mapping[str, str]) -> WallTime | None:
+        """Return the wall time of a metadata record; None if its numbers cannot be read or do not fit its text."""
+        try:
+            duration = record.get("duration_s")
+            found = cls(int(record["begin_ns"]), None if duration is None else float(duration))
+            return found if found.begin == record["begin"] else None
+        except (KeyError, ValueError, OverflowError, OSError):
+            return None
+
+
+def read_wall_time(path: Path, *, broken: bool = False) -> WallTime | None:
+    """Return the wall time of a log; None for a log without the record, as of another recorder.
+
+    Parameters
+    ----------
+    path
+        MCAP file.
+    broken
+        Stop at the first damage without an error.
+
+    Raises
+    ------
+    ValueError
+        If the file is not a log or damaged.
+    """
+    found = None
+    for record in _parsed(path, Opcode.METADATA, metadata_of, broken=broken):
+        if record.name == WALL_TIME:
+            found = WallTime.of(record.metadata) or found
+    return found

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -15,10 +16,8 @@ from mcap.records import Channel, Schema
 
 from train_ato.log.bag_layout import LOG, table_name
 from train_ato.log.reading import log_file
-from train_ato.log.run_folder import read_run_folder
-from train_ato.log.summary_file import parse_summary
-from train_ato.log.tables.portions import KeptMessages, LayoutRecords, Reader, TopicMessages
-from train_ato.log.tables.tables import check_known
+from train_ato.log.run_folder import parse_summary, read_run_folder
+from train_ato.log.tables.tables import KeptMessages, LayoutRecords, Reader, TopicMessages, check_known
 from train_ato.log.versions import SUMMARY
 from train_ato.loop.kept_samples import KeptSamples
 from train_ato.loop.recording import DIAGNOSTICS, FIELDS, LIMITS, MEASUREMENT, PROFILE, Recording
@@ -28,8 +27,9 @@ from train_ato.loop.series import TopicSamples, seconds
 from train_ato.loop.setup import RunSetup
 from train_ato.messages.codec.cdr import nanoseconds, typestore
 from train_ato.messages.codec.variable import decode_diagnostic, decode_trajectory
-from train_ato.messages.topics import BY_NAME, EPOCH_NS
+from train_ato.messages.topics import BY_NAME, EPOCH_NS, Role
 from train_ato.messages.types import Array, Diagnostic
+from train_ato.scenario.changes import RunChanges
 
 BATCH = 4096
 """Messages of a topic that are reduced together: the raw log of a long run does not fit into the memory."""
@@ -56,6 +56,7 @@ def read_recording(run: Path, setup: RunSetup | None = None, *, vehicles: bool =
         One line: not a run, a killed run (``train-ato recover`` makes it readable), or a damaged log.
     """
     units = list(setup.model.units) if setup is not None else []
+    vehicles = vehicles or (setup is not None and setup.scenario.evaluation.couplers)
     path = log_file(run)
     samples, reports, payloads = KeptSamples(path.parent), KeptReports(), KeptMessages()
     for topic, group in _groups(path, (*FIELDS, PROFILE, LIMITS, DIAGNOSTICS), reports, payloads):
@@ -97,8 +98,10 @@ def _groups(
         topic = table_name(channel.topic)
         if topic is None or topic not in topics or channel.message_encoding != "cdr":
             return False
-        space = "/" if topic.startswith("/") else spaces.setdefault("train", channel.topic.removesuffix(topic))
-        return BY_NAME[topic].type == schema.name and channel.topic.removesuffix(topic) in (space, "")
+        space = channel.topic.removesuffix(topic.lstrip("/"))
+        if channel.topic != topic and space != spaces.setdefault("train", space):
+            return False
+        return BY_NAME[topic].type == schema.name
 
     found: dict[str, TopicMessages] = {}
     for portion in Reader(path, wanted).portions():
@@ -176,3 +179,87 @@ def _surroundings(run: Path) -> tuple[RunSetup | None, dict[str, Any], str]:
     with suppress(ValueError, OSError):
         return None, parse_summary(folder / SUMMARY, (folder / SUMMARY).read_bytes()), missing
     return None, {}, missing
+
+
+OWN_KEYS = {
+    Role.PLANT.value: "commands_lost",
+    Role.SUPERVISOR.value: "brake_interventions",
+    Role.PROFILE.value: "knots",
+    Role.OBSERVER.value: "observer",
+    Role.CONTROLLER.value: "compensation",
+}
+"""Key in the diagnostics of every node of this project; a program in place of the node has others, or sends none."""
+
+OUTSIDE_KEY = "outside"
+"""Key in the diagnostics of the plant: nodes that are programs outside of this project, with spaces between them."""
+REPORT_S = 2.0
+"""Simulated time of messages without any report after which a node is a program outside of this project [s]."""
+
+
+def read_changes(run: Path) -> RunChanges:
+    """Return the planned and requested changes of a run: laws, parameters, interventions, ATO requests.
+
+    Parameters
+    ----------
+    run
+        Run folder or MCAP file.
+
+    Raises
+    ------
+    ValueError
+        If it is not a log, or damaged.
+    """
+    return RunChanges.of(read_reports(run))
+
+
+def late_commands(run: Path) -> int:
+    """Return the number of late and missing commands of a run without lockstep; they are not reproducible."""
+    plant = [message.values for message in read_reports(run) if message.node == "plant"]
+    counts = [sum(int(values.get(key, "0")) for key in ("wall_late", "wall_held")) for values in plant]
+    return max(counts, default=0)
+
+
+def outside_nodes(
+    reports: Iterable[Diagnostic],
+    *,
+    supervised: bool,
+    names: Mapping[str, str] | None = None,
+    sent_s: Mapping[str, float] | None = None,
+) -> dict[str, str]:
+    """Return the nodes of a run that were programs outside of this project, with their names.
+
+    The plant has met all other nodes before the run and reports those that are none of this project.  Without its word
+    a missing report proves nothing: the node may have sent no message yet, or the link may have lost it.  A node of
+    this project reports at its first message and once a second, under the name of its role.
+
+    Parameters
+    ----------
+    reports
+        Diagnostics of the run.
+    supervised
+        True for a run with a supervisor.
+    names
+        Names of the publishers by node; a program that reports another name of its law or observer has that.
+    sent_s
+        Simulated time for which a node has sent messages [s], by node; None: for the whole run.
+    """
+    own: set[str] = set()
+    told: dict[str, Mapping[str, str]] = {}
+    met: set[str] = set()
+    for report in reports:
+        told.setdefault(report.node, report.values)
+        if OWN_KEYS.get(report.node) in report.values:
+            own.add(report.node)
+        if report.node == Role.PLANT.value:
+            met.update(report.values.get(OUTSIDE_KEY, "").split())
+    names = names or {}
+    if not told and sent_s is None:  # a log without the topic says nothing about its nodes
+        return dict(names)
+    found = {}
+    for node in OWN_KEYS:
+        if node in own - met or (node == Role.SUPERVISOR.value and not supervised):
+            continue
+        silent = math.inf if sent_s is None else sent_s.get(node, 0.0)
+        if node in met or node in told or silent > REPORT_S or (silent and names.get(node, node) != node):
+            found[node] = told.get(node, {}).get(node) or names.get(node, node)
+    return found

@@ -28,12 +28,22 @@ from mcap.records import Attachment
 from plant_sim.data_text import parse_yaml
 from train_ato.log.bag_layout import LOG, METADATA, NEVER, PARTIAL, ChannelCount, bag_information, metadata_yaml
 from train_ato.log.foreign_bag import PACKED, ROS_1, SQLITE, bag_files, head_of, of_sqlite, unpack
-from train_ato.log.mcap_chunk import chunk_content, chunk_head
-from train_ato.log.mcap_records import HEAD, Damage, Definitions, RawMessage, attachment_of, metadata_of, summary_of
+from train_ato.log.mcap_records import (
+    HEAD,
+    Damage,
+    Definitions,
+    Progress,
+    RawMessage,
+    attachment_of,
+    chunk_content,
+    chunk_head,
+    metadata_of,
+    stream,
+    summary_of,
+)
 from train_ato.log.mcap_writer import MAGIC
-from train_ato.log.reading import Progress, being_written, log_file, stream
+from train_ato.log.reading import WALL_TIME, WallTime, being_written, log_file
 from train_ato.log.run_log import LogFile
-from train_ato.log.wall_time import WALL_TIME, WallTime
 from train_ato.log.whole_file import write_whole
 
 BAG = "rosbag2_bagfile_information"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import os
 import re
 import shutil
@@ -11,20 +12,76 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from plant_sim.data_text import parse_yaml
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from plant_sim.data_text import parse_json, parse_yaml
+from plant_sim.input_error import explain, kind_of
 from train_ato.log.bag_layout import LOG, PARTIAL
 from train_ato.log.compression import DEFAULT
 from train_ato.log.reading import attachments, log_file
 from train_ato.log.run_log import RunLog
-from train_ato.log.summary_file import parse_summary, summary_text
 from train_ato.log.versions import SCENARIO, SUMMARY, attachments_for
 from train_ato.log.whole_file import write_whole
 from train_ato.loop.result import RunResult
 from train_ato.loop.setup import RunSetup, prepare
 from train_ato.messages.codec.codec import Wire
-from train_ato.messages.tick_block import TickBlock
-from train_ato.messages.topics import EPOCH_NS, topics_of
+from train_ato.messages.topics import EPOCH_NS, TickBlock, topics_of
 from train_ato.scenario.scenario import check_scenario, load_scenario
+
+
+class RecordedChange(BaseModel):
+    """Row of ``changes``: time [s], name and value of a change during the run."""
+
+    model_config = ConfigDict(extra="allow", strict=True)
+
+    at_s: float
+    name: str
+    value: bool | int | float | str | dict[str, bool | int | float | str]
+    planned: bool | None = None
+
+
+class RecordedSummary(BaseModel):
+    """Keys of a summary that commands use; all others are values of a table."""
+
+    model_config = ConfigDict(extra="allow", strict=True)
+
+    changes: list[RecordedChange] = []
+    scenario: str = ""
+    controller: str = ""
+    observer: str = ""
+    compensation: str = ""
+    status: str = "done"
+    failure: str | None = None
+    mode: str | None = None
+    way: str | None = None
+
+
+def summary_text(summary: dict[str, Any]) -> str:
+    """Return the JSON text of a summary."""
+    return json.dumps(summary, indent=2, ensure_ascii=False) + "\n"
+
+
+def parse_summary(file: Path, text: bytes) -> dict[str, Any]:
+    """Return the content of a ``summary.json``.
+
+    Raises
+    ------
+    ValueError
+        One line with file, key and value: not JSON, or a key of another type.
+    """
+    try:
+        summary = parse_json(text)
+    except ValueError as error:
+        raise ValueError(f"{file}: is not JSON ({error}); remove the file; the log is complete") from None
+    if not isinstance(summary, dict):
+        raise ValueError(f"{file}: holds {kind_of(summary)}, not metrics by name; remove the file")
+    try:
+        RecordedSummary.model_validate(summary)
+    except ValidationError as error:
+        fault = explain(error, file, RecordedSummary).lines[0]
+        raise ValueError(f"{fault}; remove the file; the log is complete") from None
+    return summary
+
 
 RUNS = Path("runs")
 STARTED = "scenario.started.yaml"

@@ -31,13 +31,11 @@ from train_ato.log.bag_layout import (
 from train_ato.log.chunk_thread import ChunkThread, Entry
 from train_ato.log.compression import DEFAULT
 from train_ato.log.definitions import definition
-from train_ato.log.mcap_writer import McapWriter
-from train_ato.log.tick_records import TickRecords
-from train_ato.log.wall_time import WALL_TIME, WallTime
+from train_ato.log.mcap_writer import McapWriter, TickRecords
+from train_ato.log.reading import WALL_TIME, WallTime
 from train_ato.log.whole_file import write_whole
 from train_ato.messages.codec.codec import Wire
-from train_ato.messages.tick_block import TickBlock
-from train_ato.messages.topics import EPOCH_NS, TOPICS, Topic
+from train_ato.messages.topics import EPOCH_NS, TOPICS, TickBlock, Topic
 
 CHUNK = 512 * 1024
 """Size at which a chunk is closed [bytes]; a killed run loses at most two chunks, 1 MiB."""
@@ -80,6 +78,7 @@ class LogFile:
         folder: Path,
         attachments: Mapping[str, bytes] | None = None,
         name: str = LOG,
+        *,
         chunk_size: int = CHUNK,
         compression: str = DEFAULT,
         wall_time: WallTime | None = None,
@@ -229,6 +228,7 @@ class RunLog:
         folder: Path,
         topics: Collection[Topic] = TOPICS,
         resolved: Callable[[str], str] = lambda name: f"/{name.lstrip('/')}",
+        *,
         attachments: Mapping[str, bytes] | None = None,
         compression: str = DEFAULT,
         timed: bool = True,

@@ -9,7 +9,7 @@ from train_ato.control.assurance import AssuranceMonitor
 from train_ato.control.ato_state import AtoStateMachine
 from train_ato.control.plausibility import MeasurementCheck
 from train_ato.loop.setup import RunSetup
-from train_ato.messages.layout import FIXED_NAMES, Owner
+from train_ato.messages.topic import FIXED_NAMES, Owner
 from train_ato.messages.types import Array, AtoReport, AtoState, Measurement, ProtectionState, SupervisedSpeeds
 from train_ato.scenario.ato_requests import KEY, AtoRequest, Request
 from train_ato.supervision.supervisor import STANDSTILL_SPEED
@@ -53,7 +53,7 @@ class AtoMode:
         self.check = MeasurementCheck(spec, offset + setup.consist.vehicles[0].length / 2.0)
         self.assurance = AssuranceMonitor(setup.assurance_reaction, spec) if spec.assurance else None
         self.returned = False
-        self._waiting = sorted(setup.scenario.ato_requests, key=lambda request: request.at)
+        self.waiting = sorted(setup.scenario.ato_requests, key=lambda request: request.at)
         self._accepted = ""
         self.standstill = False
         self._speed = 0.0
@@ -82,7 +82,7 @@ class AtoMode:
             With the reason of a refusal.
         """
         self.machine.check(do, standstill=self.standstill)
-        self._waiting.insert(0, AtoRequest(at=0.0, do=do))
+        self.waiting.insert(0, AtoRequest(at=0.0, do=do))
 
     def fail(self, stamp: int, reason: str) -> None:
         """Enter the state failure at a stamp [ns]."""
@@ -96,7 +96,7 @@ class AtoMode:
 
     def forget_requests(self, stamp: int) -> None:
         """Remove the planned requests up to a stamp [ns]."""
-        self._waiting = [request for request in self._waiting if round(request.at * 1e9) > stamp]
+        self.waiting = [request for request in self.waiting if round(request.at * 1e9) > stamp]
 
     def take_speed(self, speed: float) -> None:
         """Take the speed of the supervisor [m/s]."""
@@ -141,14 +141,14 @@ class AtoMode:
 
     def _take_request(self, stamp: int) -> None:
         """Apply the first request that is due and possible."""
-        for request in self._waiting:
+        for request in self.waiting:
             if round(request.at * 1e9) > stamp:
                 return
             try:
                 self.machine.request(stamp, request.do, standstill=self.standstill)
             except ValueError:  # a planned request waits for its state
                 continue
-            self._waiting.remove(request)
+            self.waiting.remove(request)
             self._accepted = request.do
             self.awaits_profile = request.do == "engage"
             return

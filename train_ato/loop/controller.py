@@ -8,11 +8,11 @@ from functools import partial
 from typing import Any, NamedTuple
 
 from train_ato.control.assurance import BRAKING_LAW
-from train_ato.control.component_fault import ComponentFailed
+from train_ato.control.command_hold import stands
+from train_ato.control.component_fault import ComponentFailed, unless_raised
 from train_ato.control.gains import Gains
 from train_ato.control.registry import COMPENSATIONS, LAWS
 from train_ato.control.stack import ControlStack
-from train_ato.control.standstill import stands
 from train_ato.control.takeover import DEFAULT_JERK, TakeoverRamp, transition_jerk
 from train_ato.errors import RunFailed
 from train_ato.interrupt import ComponentCall
@@ -20,7 +20,6 @@ from train_ato.loop.ato_mode import AtoMode
 from train_ato.loop.inputs import StageInputs
 from train_ato.loop.setup import RunSetup
 from train_ato.loop.stage_messages import ControllerMessages, diagnostics_due, stamped
-from train_ato.loop.step_times import StepTimes
 from train_ato.messages.links import MessageLink
 from train_ato.messages.topics import Role
 from train_ato.messages.types import (
@@ -54,17 +53,34 @@ class Received(NamedTuple):
     speeds: SupervisedSpeeds | None = None
 
 
+class Answer(NamedTuple):
+    """Messages that have arrived, and force and pressure of the control stack or its exception."""
+
+    received: Received
+    output: tuple[Array, float | None] | BaseException
+
+
 class ControllerStage:
     """Control stack of law, compensation and brake policy, with changes by parameter during a run.
 
     Attributes
     ----------
+    stack : ControlStack or None
+        Control stack for the profile; None before it.
+    inputs : StageInputs
+        Receiving ends.
     controller : str
         Current law.
     changed : dict
         Parameters applied at the last step, planned in the scenario or set during the run.
+    step_times : list of int
+        Wall time of every step [ns].
     received : Received
         Messages of the last :meth:`receive`.
+    failed : ComponentFailed or None
+        Failure of a component of the loop, before the step that brakes because of it.
+    answer : Answer or None
+        Result of :meth:`answered` in a compiled tick that is left to Python, used in place of a second one.
     """
 
     role = Role.CONTROLLER
@@ -74,32 +90,33 @@ class ControllerStage:
         self._parameters: dict[str, dict[str, Any]] = {
             name: dict(values) for name, values in setup.controller_parameters.items()
         }
-        self._profile: Profile | None = None
+        self.profile: Profile | None = None
         limits = setup.scenario.profile.limits
         self._jerk_limit = max(limits.jerk or DEFAULT_JERK, limits.jerk_braking or 0.0)
-        self._stack: ControlStack | None = None
-        self._planned = sorted(setup.law_changes, key=lambda change: change.at)
+        self.stack: ControlStack | None = None
+        self.planned = sorted(setup.law_changes, key=lambda change: change.at)
         self._fresh = True
         self._law_changed = False
         self._given: Changes = {}
-        self._asked: Changes = {}
-        self._inputs = StageInputs(setup, self.role)
-        self._inputs.check("ato/reference", self._reference_problem)
+        self.asked: Changes = {}
+        self.inputs = StageInputs(setup, self.role)
+        self.inputs.check("ato/reference", self._reference_problem)
         links, step, seed = setup.links, setup.step_ns, setup.seed
         self._measurement_link = MessageLink(links.measurement, step, seed, "measurement")
         self._reference_link = MessageLink(links.reference, step, seed, "reference")
         self._estimate_link = MessageLink(links.estimate, step, seed, "estimate")
-        self._call = ComponentCall(f"law '{setup.controller}'")
+        self.call = ComponentCall(f"law '{setup.controller}'")
         self.controller = setup.controller
         self.changed: Changes = {}
         self.received: Received
+        self.answer: Answer | None = None
         self._received_ns = 0
-        self._error: ComponentFailed | None = None
-        self._failed: ComponentFailed | None = None
+        self.error: ComponentFailed | None = None
+        self.failed: ComponentFailed | None = None
         self.ato = AtoMode(setup)
-        self._outage = ""
-        self._takeover: TakeoverRamp | None = None
-        self.step_times = StepTimes([])
+        self.outage = ""
+        self.takeover: TakeoverRamp | None = None
+        self.step_times: list[int] = []
         self._fit = self._fit_of(setup.controller)
         self._constants = {
             "compensation": setup.compensation,
@@ -113,8 +130,8 @@ class ControllerStage:
 
         Planned changes up to this stamp are in effect, planned requests up to it are not repeated.
         """
-        while self._planned and requested_stamp(self._planned[0]) <= stamp:
-            for name, value in values_of(self._planned.pop(0)).items():
+        while self.planned and requested_stamp(self.planned[0]) <= stamp:
+            for name, value in values_of(self.planned.pop(0)).items():
                 self._take(name, value)
         self.ato.forget_requests(stamp)
         self.follow_outage("node controller restarted")
@@ -122,54 +139,49 @@ class ControllerStage:
     @property
     def in_flight(self) -> Array:
         """Commands sent and not yet in effect [N], oldest first, shape (d, units)."""
-        assert self._stack is not None
-        return self._stack._history.in_flight()
-
-    @property
-    def has_answer(self) -> bool:
-        """True if the next step uses the output of the law from a compiled tick that was left to Python."""
-        return self._stack is not None and self._stack.answer is not None
+        assert self.stack is not None
+        return self.stack.history.in_flight()
 
     def follow_outage(self, reason: str) -> None:
         """End an engagement at the next step, because a node of the loop was away, and brake to a stop.
 
-        The demand begins at the force that acts and follows as in a takeover by the braking law.
+        The demand begins at the present force. It then changes as in a takeover by the braking law.
         """
-        self._outage = reason
+        self.outage = reason
 
     def _end_outage(self, stamp: int) -> bool:
         """Apply an outage at the first step after it; return True at this step."""
-        if not self._outage:
+        if not self.outage:
             return False
-        self.ato.stop(stamp, self._outage)
-        self._outage = ""
-        assert self._profile is not None
-        self._takeover = TakeoverRamp(self.setup.model, transition_jerk(self._profile, self._jerk_limit))
+        self.ato.stop(stamp, self.outage)
+        self.outage = ""
+        assert self.profile is not None
+        self.takeover = TakeoverRamp(self.setup.model, transition_jerk(self.profile, self._jerk_limit))
         return True
 
     def fail(self, failure: ComponentFailed) -> None:
         """Brake to standstill from the next step on, because a component of the loop has failed; then raise it."""
-        self._failed = failure
+        self.failed = failure
 
     def _brake(self, stamp: int, failure: RunFailed) -> None:
         """End the engagement because of a failure; after one of a component the brake follows from the last command."""
-        assert self._profile is not None
-        assert self._stack is not None
+        assert self.profile is not None
+        assert self.stack is not None
         self.ato.fail(stamp, " ".join(str(failure).split()))
         if isinstance(failure, ComponentFailed):
-            self._error = failure
-            self._takeover = TakeoverRamp(
-                self.setup.model, transition_jerk(self._profile, self._jerk_limit), self._stack.last
+            self.error = failure
+            self.takeover = TakeoverRamp(
+                self.setup.model, transition_jerk(self.profile, self._jerk_limit), self.stack.last
             )
 
     def set_profile(self, profile: Profile) -> None:
         """Set the profile; the first one creates the stack."""
-        self._profile = profile
-        if self._stack is None or self.ato.awaits_profile:
+        self.profile = profile
+        if self.stack is None or self.ato.awaits_profile:
             self.ato.awaits_profile = False
-            self._stack = self._new_stack(profile)
+            self.stack = self._new_stack(profile)
         else:
-            self._stack.set_profile(profile)
+            self.stack.set_profile(profile)
 
     def _new_stack(self, profile: Profile) -> ControlStack:
         setup = self.setup
@@ -229,15 +241,15 @@ class ControllerStage:
 
     def apply(self, name: str, value: Any) -> None:
         """Set a validated parameter; the next step applies and reports it."""
-        self._asked.pop(name, None)
-        self._asked[name] = value
+        self.asked.pop(name, None)
+        self.asked[name] = value
         self._law_changed |= self._take(name, value)
 
     def _take(self, name: str, value: Any) -> bool:
         """Store a value; return True if it changes the current law."""
         if name == LAW:
             self.controller = str(value)
-            self._call.name = f"law '{value}'"
+            self.call.name = f"law '{value}'"
             return True
         law, _, parameter = name.rpartition(".")
         self._parameters.setdefault(law, {})[parameter] = value
@@ -248,39 +260,19 @@ class ControllerStage:
 
         A change after the first step changes the law without a jump of the force.
         """
-        while self._planned and requested_stamp(self._planned[0]) <= stamp:
-            for name, value in values_of(self._planned.pop(0)).items():
+        while self.planned and requested_stamp(self.planned[0]) <= stamp:
+            for name, value in values_of(self.planned.pop(0)).items():
                 self.apply(name, value)
-        self.changed, self._asked = self._asked, {}
+        self.changed, self.asked = self.asked, {}
         if self._law_changed:
-            assert self._stack is not None
-            assert self._profile is not None
+            assert self.stack is not None
+            assert self.profile is not None
             if self._fresh:
-                self._stack = self._new_stack(self._profile)
+                self.stack = self._new_stack(self.profile)
             else:
-                self._stack.swap(self.controller, self._parameters.get(self.controller, {}))
+                self.stack.swap(self.controller, self._parameters.get(self.controller, {}))
             self._fit = self._fit_of(self.controller)
         self._fresh = self._law_changed = False
-
-    def step(
-        self,
-        measurement: Measurement,
-        reference: Reference,
-        estimate: DisturbanceEstimate,
-        protection: ProtectionState | None = None,
-        speeds: SupervisedSpeeds | None = None,
-    ) -> ControllerMessages:
-        """Return the command for the stamp of the messages, and the brake-pipe command if there is an air brake.
-
-        Parameters
-        ----------
-        measurement, reference, estimate
-            Messages of one stamp.
-        protection, speeds
-            At a step of the supervisor: fail-safe state of the train, and limits.
-        """
-        self.receive(measurement, reference, estimate, protection, speeds)
-        return self.command()
 
     def receive(
         self,
@@ -290,45 +282,72 @@ class ControllerStage:
         protection: ProtectionState | None = None,
         speeds: SupervisedSpeeds | None = None,
     ) -> None:
-        """Take the messages of a step as :meth:`step` does, without a command."""
-        assert self._stack is not None, "the profile comes before the first step"
+        """Take the messages of a step, from which :meth:`command` makes the command.
+
+        Parameters
+        ----------
+        measurement, reference, estimate
+            Messages of one stamp.
+        protection, speeds
+            At a step of the supervisor: fail-safe state of the train, and limits.
+        """
+        assert self.stack is not None, "the profile comes before the first step"
         begin = time.perf_counter_ns()
         stamp = measurement.stamp
-        receive = self._inputs.receive
-        seen = stamped(self._measurement_link.pass_on(stamp, self._inputs.measurement(measurement)), stamp)
-        expected = self._reference_link.pass_on(stamp, receive("ato/reference", stamp, reference))
-        disturbance = self._estimate_link.pass_on(stamp, receive("ato/estimate", stamp, estimate))
+        receive = self.inputs.receive
+        seen = self.inputs.measurement(measurement)
+        expected, disturbance = receive("ato/reference", stamp, reference), receive("ato/estimate", stamp, estimate)
+        answer = self.answer
+        received = self._passed_on(stamp, seen, expected, disturbance) if answer is None else answer.received
         self.ato.begin_step()
         resumed = self._end_outage(stamp)
-        received = Received(seen, expected, disturbance)
         if protection is not None and speeds is not None:
             state, limits = receive("train/protection", stamp, protection), receive("atp/speeds", stamp, speeds)
-            received = received._replace(report=self.ato.update(seen, state, limits), protection=state, speeds=limits)
+            report = self.ato.update(received.measurement, state, limits)
+            received = received._replace(report=report, protection=state, speeds=limits)
         self.ato.changed |= resumed
-        if self._failed is not None:
-            self._brake(stamp, self._failed)
-            self._failed = None
+        if self.failed is not None:
+            self._brake(stamp, self.failed)
+            self.failed = None
         self.received = received
         self._received_ns = time.perf_counter_ns() - begin
 
+    def _passed_on(
+        self, stamp: int, measurement: Measurement, reference: Reference | None, estimate: DisturbanceEstimate | None
+    ) -> Received:
+        """Return the newest messages that their links have delivered at a stamp [ns]."""
+        seen = stamped(self._measurement_link.pass_on(stamp, measurement), stamp)
+        expected = self._reference_link.pass_on(stamp, reference)
+        return Received(seen, expected, self._estimate_link.pass_on(stamp, estimate))
+
+    def answered(self, measurement: Measurement, reference: Reference, estimate: DisturbanceEstimate) -> Answer:
+        """Return force and pressure of the control stack in a compiled tick, with the messages that it received."""
+        received = self._passed_on(measurement.stamp, measurement, reference, estimate)
+        assert self.stack is not None
+        with self.call:
+            try:
+                return Answer(received, self.stack.step(*received[:3]))
+            except BaseException as error:  # raised again by the tick in Python
+                return Answer(received, error)
+
     def command(self) -> ControllerMessages:
-        """Return the command for the messages of :meth:`receive`."""
+        """Return the command for the stamp of the messages, and the brake-pipe command if there is an air brake."""
         begin = time.perf_counter_ns() - self._received_ns
         seen, report = self.received.measurement, self.received.report
         stamp = seen.stamp
-        if self._error is not None and self._has_ended(seen):
-            raise self._error
-        with self._call:
+        if self.error is not None and self._has_ended(seen):
+            raise self.error
+        with self.call:
             self._change(stamp)
             if self.ato.drives:
-                self._takeover = None
+                self.takeover = None
                 force, pressure = self._engaged_step(seen, self.received.reference, self.received.estimate)
             else:
                 force, pressure = self.ato.command(seen)
-            if self._takeover is not None:
-                force = self._takeover.step(force, seen.applied)
-                self._takeover = None if self._takeover.ended else self._takeover
-        self.step_times.nanoseconds.append(time.perf_counter_ns() - begin)
+            if self.takeover is not None:
+                force = self.takeover.step(force, seen.applied)
+                self.takeover = None if self.takeover.ended else self.takeover
+        self.step_times.append(time.perf_counter_ns() - begin)
         pipe = None if pressure is None else Pipe(stamp, pressure)
         return ControllerMessages(Command(stamp, force), pipe, self.diagnostic(stamp), report)
 
@@ -347,12 +366,15 @@ class ControllerStage:
         RunFailed
             Without a valid measurement or reference for longer than ``hold_limit``, in a run without supervision.
         """
-        stack = self._stack
+        stack, answer, self.answer = self.stack, self.answer, None
         assert stack is not None
         if self.ato.returned:
             stack.swap(self.controller, self._parameters.get(self.controller, {}))
         try:
-            force, pressure = stack.step(measurement, reference, estimate)
+            if answer is None:
+                force, pressure = stack.step(measurement, reference, estimate)
+            else:
+                force, pressure = unless_raised(answer.output)
         except RunFailed as error:
             if not (self.setup.layout.supervised or isinstance(error, ComponentFailed)):
                 raise
@@ -370,24 +392,24 @@ class ControllerStage:
 
     def _reference_problem(self, reference: Reference) -> str:
         """Return the difference of a reference from the profile at its stamp as text, "" for a reference of it."""
-        if self._profile is None:
+        if self.profile is None:
             return ""
-        position, _, _, _ = self._profile.at_stamp(reference.stamp)
+        position, _, _, _ = self.profile.at(reference.stamp * 1e-9)
         if abs(reference.position - position) > MAX_REFERENCE_SHIFT:
             return f"not of the profile: {reference.position:.0f} m, {reference.velocity * 3.6:.1f} km/h"
         return ""
 
     def diagnostic(self, stamp: int) -> Diagnostic | None:
         """Return the state of the controller once a second, and at every step with a change or a held command."""
-        noted = self._inputs.take_changed() or bool(self.changed) or self.ato.changed
-        if self._stack is None or not (noted or diagnostics_due(stamp, self.setup.tick_ns) or self._stack.holding):
+        noted = self.inputs.take_changed() or bool(self.changed) or self.ato.changed
+        if self.stack is None or not (noted or diagnostics_due(stamp, self.setup.tick_ns) or self.stack.holding):
             return None
         values = {
             "controller": self.controller,
             **self._fit,
             **self._constants,
-            **self._stack.diagnostics(),
-            **self._inputs.diagnostics(),
+            **self.stack.diagnostics(),
+            **self.inputs.diagnostics(),
         }
         if self.changed:
             values[KEY] = changes_to_json(self.changed)
@@ -401,6 +423,6 @@ class ControllerStage:
             return Diagnostic(stamp, "controller", 1 + (state is AtoState.FAILURE), state.text, values)
         if self.ato.assured:
             return Diagnostic(stamp, "controller", 1, BRAKING_LAW, values)
-        if self._stack.holding:
+        if self.stack.holding:
             return Diagnostic(stamp, "controller", 1, "holding the last command", values)
         return Diagnostic(stamp, "controller", 0, "engaged", values)

@@ -19,7 +19,6 @@ from train_ato.loop.recording_builder import RecordingBuilder
 from train_ato.loop.result import Progress, RunResult
 from train_ato.loop.setup import RunSetup
 from train_ato.loop.stage_messages import Published
-from train_ato.loop.step_times import StepTimes
 from train_ato.loop.supervisor import SupervisorStage
 from train_ato.messages.types import AtoReport, BrakeRelease, Diagnostic
 
@@ -38,7 +37,7 @@ class Sink(Protocol):
     """Receiver of the messages of a run in the order of publication.
 
     A sink with a method ``add_ticks`` receives those of compiled ticks as a
-    :class:`~train_ato.messages.tick_block.TickBlock`, unless it returns False.
+    :class:`~train_ato.messages.topics.TickBlock`, unless it returns False.
     """
 
     def add(self, topic: str, message: object, stamp: int) -> None:
@@ -75,8 +74,8 @@ def run_engine(
     interrupt
         Flag that ends the run after the current tick; None: set by Ctrl-C and SIGTERM, which end the program too.
     compiled
-        Run ticks without events in compiled code, if the run permits it; the numbers are the same. None: for runs of
-        at least :data:`COMPILED_FROM` ticks.
+        Run ticks without events in compiled code; the numbers are the same. None: for runs of at least
+        :data:`COMPILED_FROM` ticks.
     summary_only
         Return no recording; the series that the same summary does not need are not made.
     messages_only
@@ -105,7 +104,12 @@ def run_engine(
         return result
     wanted = setup.ticks >= COMPILED_FROM and not rate if compiled is None else compiled
     stopped = False
-    brief = summary_only and sink is None and not setup.scenario.criteria.requirements
+    brief = (
+        summary_only
+        and sink is None
+        and not setup.scenario.criteria.requirements
+        and not setup.scenario.evaluation.couplers
+    )
     loop = TickLoop(setup, sink, compiled=wanted, summary_only=brief)
     begin = time.perf_counter()
     clock = RateLimit(rate, setup.tick)
@@ -126,13 +130,16 @@ def run_engine(
     except (Exception, SystemExit) as error:  # a user-defined law may raise any; the failure names the stage
         watch.fail(loop.active, error)
     wall = time.perf_counter() - begin
-    times = StepTimes([]) if loop.compiled else loop.controller.step_times
+    times = [] if loop.compiled else loop.controller.step_times
     published, recording = loop.recording.counts, loop.recording.finish()
     interrupted = interrupt.asked or stopped
     reason = f"stop_when ended it after {loop.ticks} of {setup.ticks} ticks" if stopped else ""
     if messages_only:
-        return RunResult.without_metrics(recording, interrupted, watch.failure, published)
-    result = RunResult.of(setup, recording, wall, loop.ticks, times, interrupted, watch.failure, published, reason)
+        return RunResult.without_metrics(recording, interrupted=interrupted, failure=watch.failure, published=published)
+    result = RunResult.of(
+        setup, recording, wall, loop.ticks, times, interrupted=interrupted, failure=watch.failure,
+        published=published, interruption=reason,
+    )  # fmt: skip
     return replace(result, recording=None, published={}) if summary_only else result
 
 
@@ -149,7 +156,7 @@ class TickLoop:
         self.observer.on_fault = self.controller.fail
         self.supervisor = SupervisorStage(setup) if setup.layout.supervised else None
         self.recording = RecordingBuilder(setup, summary_only)
-        self._ato: AtoReport | None = None
+        self.last_report: AtoReport | None = None
         self._release: BrakeRelease | None = None
         self.ticks = 0
         self.active = "engine"
@@ -197,7 +204,7 @@ class TickLoop:
             self._publish(stamp, supervisor.published())
             self._release, speeds = supervisor.release, supervisor.speeds
         self.active = "profile"
-        profile = self.profile.on_measurement(plant.measurement, None if self._release is None else self._ato)
+        profile = self.profile.on_measurement(plant.measurement, None if self._release is None else self.last_report)
         self._publish(stamp, profile.published())
         if profile.profile is not None:
             self.controller.set_profile(self.profile.profile)
@@ -214,7 +221,7 @@ class TickLoop:
         self._publish(self.plant.stamp, controller.published())
         self.active = "plant"
         self.plant.act(controller.command, controller.brake_pipe_command, self._release)
-        self._ato = controller.state or self._ato
+        self.last_report = controller.state or self.last_report
         self.ticks += 1
 
     @property
@@ -223,28 +230,25 @@ class TickLoop:
         return self._spans is not None and self._spans.untimed
 
     def advance(self) -> None:
-        """Run the ticks up to the next event in compiled code if the run permits it, otherwise one tick."""
+        """Run the ticks up to the next event in compiled code if the run is long enough, otherwise one tick."""
         if self._spans_wanted and self.ticks:  # the first tick is one in Python and does not wait for their code
-            self._spans_wanted, self._spans = False, self._new_spans()
+            self._spans_wanted, self._spans = False, self.compiled_spans()
         if self._spans is not None:
             self.active = "compiled ticks"
-            self._spans.ato = self._ato
+            self._spans.ato = self.last_report
             if done := self._spans.run():
                 self.ticks += done
-                self._ato = self._spans.ato
-                if not self.controller.has_answer:
+                self.last_report = self._spans.ato
+                if not self._spans.has_answer:
                     return
         self.tick()
 
-    def _new_spans(self) -> CompiledSpans | None:
-        """Return the compiled ticks of the run, None if it does not permit them."""
-        from train_ato.loop.spans.conditions import spans_possible  # late imports: only long runs need them
-        from train_ato.loop.spans.span import CompiledSpans
+    def compiled_spans(self) -> CompiledSpans:
+        """Return the compiled ticks of the run."""
+        from train_ato.loop.spans.span import CompiledSpans  # late imports: only long runs need them
         from train_ato.loop.spans.stages import Stages
 
         setup, sink = self._setup, self._sink
-        if not spans_possible(setup):
-            return None
         stages = Stages(setup, self.plant, self.profile, self.observer, self.controller, self.supervisor)
         publish = None if sink is None else self._publish
         return CompiledSpans(stages, self.recording, publish, getattr(sink, "add_ticks", None))

@@ -8,8 +8,7 @@ from typing import Any
 
 from train_ato.loop.setup import RunSetup
 from train_ato.loop.stage_messages import without_values
-from train_ato.messages.fault_effects import NEVER
-from train_ato.messages.faults import FAULT_TOPICS, MessageFault, message_faults
+from train_ato.messages.faults import FAULT_TOPICS, NEVER, MessageFault, message_faults
 from train_ato.messages.receiver import Receiver
 from train_ato.messages.topics import BY_NAME, Role
 from train_ato.messages.types import Measurement

@@ -44,8 +44,15 @@ METRICS: dict[str, tuple[str, str]] = {
     "ato_state": ("ATO at the end", ""),
     "lateness_max_s": ("lateness of a tick, largest", "s"),
     "first_intervention": ("reason of the first intervention", ""),
+    "stop_not_kept_s": ("first plan without force for the stop", "s"),
+    "stop_not_kept_m": ("largest planned distance beyond a stop", "m"),
     "first_takeover_s": ("first takeover", "s"),
     "first_takeover": ("reason of the first takeover", ""),
+    "gap_min_m": ("distance to the train ahead, smallest", "m"),
+    "contacts": ("contacts with the train ahead", ""),
+    "headway_error_max_m": ("place against the train ahead one headway before, largest error", "m"),
+    "headway_error_rms_m": ("place against the train ahead one headway before, rms error", "m"),
+    "headway_speed_error_max_kmh": ("speed against the train ahead one headway before, largest error", "km/h"),
     "takeovers": ("takeovers of the braking law", ""),
 }
 """Name and unit by key of ``summary.json``."""

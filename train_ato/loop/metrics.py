@@ -7,11 +7,13 @@ from typing import Any
 import numpy as np
 
 from plant_sim.line import Line
-from train_ato.loop.force_limit import time_at_force_limit
-from train_ato.loop.recording import Recording
+from train_ato.control.plan_text import PASSES, STATUS
+from train_ato.loop.recording import TRUTH, Recording
 from train_ato.loop.setup import RunSetup
 from train_ato.loop.stops import STANDSTILL_SPEED, StopResult, running_time, stops_of_run
+from train_ato.loop.tracking import time_at_force_limit
 from train_ato.messages.types import Array
+from train_ato.profile.trip.plan import coupler_cycles, cycle_damage
 
 OF_THE_PLANT = (
     "energy_traction_kwh", "energy_regenerated_kwh", "saturated_s",
@@ -78,6 +80,9 @@ def summarise(setup: RunSetup, recording: Recording) -> dict[str, Any]:
         "unsound_measurements": int(totals.get("unsound_measurements", 0)),
         **{key: int(totals.get(name, 0)) for key, name in COMMAND_COUNTS},
     }
+    metrics |= stop_not_kept(recording)
+    if setup.scenario.evaluation.couplers:
+        metrics["couplers"] = coupler_rows(recording)
     metrics |= {key: totals[name] for key, name in LATENESS.items() if name in totals}
     if "ticks_late" in metrics:
         metrics["ticks_late"] = int(metrics["ticks_late"])
@@ -86,6 +91,38 @@ def summarise(setup: RunSetup, recording: Recording) -> dict[str, Any]:
         metrics["coupler_draft_max_kn"] = float(max(0.0, recording.coupler_draft_max.max())) / 1e3
         metrics["coupler_buff_max_kn"] = float(min(0.0, recording.coupler_buff_max.min())) / 1e3
     return metrics
+
+
+def coupler_rows(recording: Recording) -> list[dict[str, float | int]]:
+    """Return extremes [kN] and rainflow cycles of the force of every coupler at the ticks; [] without couplers."""
+    found = recording.of(TRUTH, "coupler_force")
+    rows: list[dict[str, float | int]] = []
+    for number, force in enumerate(() if found is None else found[1].T[:-1]):
+        cycles = coupler_cycles(force)
+        rows.append({
+            "coupler": number,
+            "draft_max_kn": round(max(float(force.max()), 0.0) / 1e3, 3),
+            "buff_max_kn": round(min(float(force.min()), 0.0) / 1e3, 3),
+            "cycles": float(cycles[:, 1].sum()),
+            "range_max_kn": round(float(cycles[:, 0].max(initial=0.0)) / 1e3, 3),
+            "damage": float(f"{cycle_damage(cycles):.6g}"),
+        })  # fmt: skip
+    return rows
+
+
+def stop_not_kept(recording: Recording) -> dict[str, Any]:
+    """Return the time of the first plan whose force cannot keep a stop [s], and the largest distance beyond it [m].
+
+    {} without such a plan.
+    """
+    found: dict[str, Any] = {}
+    for report in recording.changed_reports:
+        _, passes, beyond = report.values.get(STATUS, "").partition(PASSES)
+        if passes and report.node == "controller":
+            before = found.get("stop_not_kept_m", 0.0)
+            found = {"stop_not_kept_s": report.stamp / 1e9} | found
+            found["stop_not_kept_m"] = max(before, float(beyond.split()[0]))
+    return found
 
 
 def _stop_metrics(setup: RunSetup, recording: Recording) -> dict[str, Any]:
@@ -98,7 +135,7 @@ def _stop_metrics(setup: RunSetup, recording: Recording) -> dict[str, Any]:
         "stop_error_max_m": max(errors, key=abs) if complete else None,
         "running_time_s": running_time(setup, recording, stops),
         "arrival_delay_max_s": max(delays) if complete else None,
-        "stops": [stop.as_row() for stop in stops],
+        "stops": [stop.as_row() | post_of(setup.line, stop.front) for stop in stops],
     }
 
 
@@ -189,6 +226,17 @@ def excess_speed(setup: RunSetup, recording: Recording) -> Array:
 def front_of_train(setup: RunSetup, recording: Recording) -> Array:
     """Return the position of the front of vehicle 0 at every tick [m], shape (k,)."""
     return recording.front_position + setup.consist.vehicles[0].length / 2
+
+
+def post_of(line: Line, place: float) -> dict[str, Any]:
+    """Return the kilometre of a place [m] by the posts of a line as ``post``; {} for a line without a chainage."""
+    return {"post": line.post_at(place)} if line.chainage else {}
+
+
+def place_of_front(setup: RunSetup, recording: Recording, at_s: float) -> dict[str, Any]:
+    """Return the position of the front of vehicle 0 at a time [s] as ``km`` and ``post``."""
+    km = km_of_front(setup, recording, at_s)
+    return {"km": km, **post_of(setup.line, 1e3 * km)}
 
 
 def km_of_front(setup: RunSetup, recording: Recording, at_s: float) -> float:

@@ -1,25 +1,33 @@
-"""Plant stage: the train and the receiving end of the command link."""
+"""Plant stage: the train and the receiving end of the command link.
+
+Interventions on the train during a run: planned ones, requests, and their effect at the receiving end.
+"""
 
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from plant_sim.disturbances import Gust
 from plant_sim.odometry import Odometers
-from plant_sim.service_brake import FullServiceBrake
+from plant_sim.plant_setup import Jump
 from plant_sim.states import Observation
+from plant_sim.traction import FullServiceBrake
+from plant_sim.train import Train
 from train_ato.loop.inputs import StageInputs
 from train_ato.loop.setup import RunSetup
 from train_ato.loop.stage_messages import PlantMessages, PlantTruth, diagnostics_due
-from train_ato.loop.train_interventions import TrainInterventions
 from train_ato.loop.train_protection import Protection, TrainProtection
-from train_ato.messages.links import Link, LinkSpec
+from train_ato.messages.faults import DropFault, FreezeFault
+from train_ato.messages.links import DelayJump, Link, LinkSpec
 from train_ato.messages.topics import Role
 from train_ato.messages.types import (
     Array,
     BrakeRelease,
+    BrakeShoes,
     Command,
     Diagnostic,
     Disturbance,
@@ -27,9 +35,126 @@ from train_ato.messages.types import (
     Pipe,
     ProtectionState,
     Tick,
+    VehicleStates,
 )
 from train_ato.messages.validity import AliveCheck
-from train_ato.scenario.interventions import KEY, Intervention, interventions_to_json
+from train_ato.scenario.interventions import (
+    KEY,
+    DelayJumpNow,
+    EmergencyBrakeNow,
+    GustNow,
+    Intervention,
+    MessageLossNow,
+    TrainJumpNow,
+    due_stamp,
+    interventions_to_json,
+)
+
+MAX_REQUESTS = {
+    "gust": 10,
+    "delay_jump": 100,
+    "emergency_brake": 10,
+    "message_loss": 10,
+    "message_freeze": 10,
+    "train_jump": 100,
+}
+"""Maximum number of requested interventions in force, by kind; their effects add up."""
+LASTING = (DelayJumpNow, TrainJumpNow)
+"""Kinds with an effect to the end of the run."""
+
+
+class TrainInterventions:
+    """Interventions that wait for their tick, and their effect.
+
+    Parameters
+    ----------
+    setup
+        Prepared run with the planned interventions.
+    train, link, protection, inputs
+        Train, delay line of the commands, fail-safe reactions and receiving ends of the plant.
+    """
+
+    def __init__(
+        self, setup: RunSetup, train: Train, link: Link, protection: TrainProtection, inputs: StageInputs
+    ) -> None:
+        self._setup = setup
+        self._train, self._link, self._protection, self._inputs = train, link, protection, inputs
+        self._due = [(due_stamp(planned, setup.tick_ns), planned) for planned in setup.scenario.interventions]
+        self._in_force: dict[str, list[int]] = {}
+
+    @property
+    def waiting(self) -> bool:
+        """True if an intervention waits for its tick."""
+        return bool(self._due)
+
+    @property
+    def due_stamps(self) -> list[int]:
+        """Stamps of the waiting interventions [ns]."""
+        return [at for at, _ in self._due]
+
+    def request(self, stamp: int, intervention: Intervention, *, speed: float, standstill: bool) -> None:
+        """Add an intervention that acts from a stamp [ns] on.
+
+        Raises
+        ------
+        ValueError
+            If it is impossible for this run, for a release of the emergency brake of a moving train, or with too many
+            requests in force.
+        """
+        if _releases(intervention) and not standstill:
+            text = f"{3.6 * speed:.1f} km/h"
+            raise ValueError(f"the emergency brake is released at standstill only; the train runs {text}")
+        self._setup.check_intervention(intervention)
+        self._take_place(stamp, intervention)
+        self._due.append((stamp, intervention))
+
+    def _take_place(self, stamp: int, intervention: Intervention) -> None:
+        """Count a request in force: to its end, a lasting one to the end of the run, others for one tick."""
+        kind = intervention.do
+        places = self._in_force[kind] = [end for end in self._in_force.get(kind, ()) if end > stamp]
+        if len(places) >= MAX_REQUESTS[kind]:
+            until = "" if isinstance(intervention, LASTING) else f"; repeat it after {min(places) * 1e-9:.1f} s"
+            raise ValueError(f"{len(places)} requests of {kind} are in force, the maximum{until}")
+        end = stamp + self._setup.tick_ns + round(getattr(intervention, "duration", 0.0) * 1e9)
+        places.append(sys.maxsize if isinstance(intervention, LASTING) else end)
+
+    def take(self, stamp: int, *, standstill: bool) -> list[Intervention]:
+        """Apply and return the interventions due at a stamp [ns]; a planned release waits for standstill."""
+        taken, left = [], []
+        for at, intervention in self._due:
+            if at > stamp or (_releases(intervention) and not standstill):
+                left.append((at, intervention))
+            else:
+                taken.append(intervention)
+        self._due = left
+        for intervention in taken:
+            self._apply(stamp / 1e9, intervention)
+        return taken
+
+    def _apply(self, now: float, intervention: Intervention) -> None:
+        train = self._train
+        if isinstance(intervention, GustNow):
+            end, ramp = now + intervention.duration, intervention.ramp
+            train.add_gust(Gust(kind="gust", begin=now, end=end, ramp=ramp, acceleration=intervention.acceleration))
+        elif isinstance(intervention, DelayJumpNow):
+            jump = DelayJump(at=now, factor=intervention.factor, add=intervention.add)
+            self._link.jump(jump)
+            self._protection.jump(jump)
+        elif isinstance(intervention, EmergencyBrakeNow):
+            self._protection.requested = intervention.applied
+        elif isinstance(intervention, TrainJumpNow):
+            train.add_jump(Jump(at=now, what=intervention.what, factor=intervention.factor))
+        elif isinstance(intervention, MessageLossNow):
+            self._inputs.add(DropFault(topic=intervention.topic, begin=now, end=now + intervention.duration))
+        elif intervention.topic == "train/measurement":
+            train.freeze_measurement(now, now + intervention.duration)
+        else:
+            self._inputs.add(FreezeFault(topic=intervention.topic, begin=now, end=now + intervention.duration))
+
+
+def _releases(intervention: Intervention) -> bool:
+    return isinstance(intervention, EmergencyBrakeNow) and not intervention.applied
+
 
 TOTALS: tuple[tuple[str, str], ...] = (
     ("coupler_draft_max", "draft_max"),
@@ -51,6 +176,7 @@ LOST_KEY, RESTARTS_KEY = "lost", "restarts"
 STANDSTILL = 0.05
 """Maximum speed of every vehicle for a release of the emergency brake [m/s]."""
 
+Truth = tuple[Tick, VehicleStates, Pipe | None, Pipe | None, BrakeShoes | None, Disturbance | None, Diagnostic | None]
 ACTIVE = {level: np.array(level.active, dtype=np.float64) for level in Protection}
 """Values of the fail-safe state of the train by reaction."""
 
@@ -75,6 +201,8 @@ class PlantStage:
         Check of the alive counter of the brake releases.
     link : Link
         Link of the commands.
+    pipe_link : Link or None
+        Link of the pressure of the brake pipe; None without a delay.
     odometers : Odometers or None
         Odometers of the supervisor.
     """
@@ -84,29 +212,29 @@ class PlantStage:
     def __init__(self, setup: RunSetup) -> None:
         self.setup = setup
         self.protection = TrainProtection(setup)
-        self._inputs = StageInputs(setup, self.role)
+        self.inputs = StageInputs(setup, self.role)
         self.alive_check = AliveCheck()
         if setup.layout.supervised:
-            self._inputs.check("atp/brake_release", self.alive_check.problem)
+            self.inputs.check("atp/brake_release", self.alive_check.problem)
         self.lost = ""
         self.restarts: dict[str, int] = {}
-        self._outage_changed = False
-        self._reported = Protection.NONE
+        self.outage_changed = False
+        self.reported = Protection.NONE
         self._service_brake = FullServiceBrake(setup.consist, setup.plant)
         self.train = setup.train()
         self.link = Link(setup.links.command, setup.layout.n_units, setup.step_ns, setup.seed, "command")
-        self._interventions = TrainInterventions(setup, self.train, self.link, self.protection, self._inputs)
+        self.interventions = TrainInterventions(setup, self.train, self.link, self.protection, self.inputs)
         pipe = setup.links.brake_pipe
-        self._pipe_link: Link | None = None
+        self.pipe_link: Link | None = None
         if setup.consist.air_brake is not None and pipe != LinkSpec():
             charged = setup.consist.air_brake.charged  # demanded until the first command arrives
-            self._pipe_link = Link(pipe, 1, setup.step_ns, setup.seed, "brake_pipe", initial=charged)
+            self.pipe_link = Link(pipe, 1, setup.step_ns, setup.seed, "brake_pipe", initial=charged)
         self._tick_ns = setup.tick_ns
         self._substeps = setup.tick_ns // setup.step_ns
-        self._half = setup.consist.vehicles[0].length / 2.0
+        self.half = setup.consist.vehicles[0].length / 2.0
         self.odometers: Odometers | None = None
         if setup.layout.supervised:
-            front = float(self.train.position[0]) + self._half
+            front = float(self.train.position[0]) + self.half
             slips = setup.plant.sensors.wheel_slip
             self.odometers = Odometers(setup.plant.odometry, slips, front, setup.seed)
         self.tick = 0
@@ -124,22 +252,22 @@ class PlantStage:
     def observe(self) -> PlantMessages:
         """Return truth and measurement at t_k."""
         stamp = self.stamp
-        taken = self._interventions.take(stamp, standstill=self.standstill) if self._interventions.waiting else []
+        taken = self.interventions.take(stamp, standstill=self.standstill) if self.interventions.waiting else []
         seen = self.train.observe()
         odometry, protection = self._for_supervisor(stamp, seen)
-        changed = self.protection.level is not self._reported
-        self._reported = self.protection.level
-        changed |= self._outage_changed
-        self._outage_changed = False
-        reported = self._inputs.take_changed() or taken or changed or diagnostics_due(stamp, self._tick_ns)
+        changed = self.protection.level is not self.reported
+        self.reported = self.protection.level
+        changed |= self.outage_changed
+        self.outage_changed = False
+        reported = self.inputs.take_changed() or taken or changed or diagnostics_due(stamp, self._tick_ns)
         truth = self._truth(stamp, seen, self.diagnostic(taken) if reported else None)
-        return PlantMessages(truth, seen.measurement, odometry, protection)
+        return PlantMessages(*truth, seen.measurement, odometry, protection)
 
     def _for_supervisor(self, stamp: int, seen: Observation) -> tuple[Odometry | None, ProtectionState | None]:
         """Return odometry and fail-safe state at a step of the supervisor, otherwise None."""
         if self.odometers is None:
             return None, None
-        self.odometers.move(stamp, seen.vehicles.position.item(0) + self._half)
+        self.odometers.move(stamp, seen.vehicles.position.item(0) + self.half)
         if not self.setup.supervised_at(stamp):
             return None, None
         odometry = self.odometers.observe(stamp, seen.vehicles.velocity.item(0))
@@ -153,12 +281,12 @@ class PlantStage:
         ValueError
             If it is impossible now or for this run.
         """
-        self._interventions.request(self.stamp, intervention, speed=self._speed, standstill=self.standstill)
+        self.interventions.request(self.stamp, intervention, speed=self._speed, standstill=self.standstill)
 
     def report_outage(self, lost: str, restarts: dict[str, int] | None = None) -> None:
         """Report begin or end of an outage at the next observation: nodes with the reason, and numbers of restarts."""
         self.lost, self.restarts = lost, self.restarts if restarts is None else restarts
-        self._outage_changed = True
+        self.outage_changed = True
 
     @property
     def _speed(self) -> float:
@@ -172,11 +300,11 @@ class PlantStage:
 
     def conclude(self) -> PlantTruth:
         """Return the state after the last tick."""
-        return self._truth(self.stamp, self.train.observe(), self.diagnostic())
+        return PlantTruth(*self._truth(self.stamp, self.train.observe(), self.diagnostic()))
 
-    def _truth(self, stamp: int, seen: Observation, diagnostics: Diagnostic | None) -> PlantTruth:
-        """Return the messages of the truth; None for a missing air brake and without disturbances."""
-        return PlantTruth(
+    def _truth(self, stamp: int, seen: Observation, diagnostics: Diagnostic | None) -> Truth:
+        """Return the messages of :class:`PlantTruth`; None for a missing air brake and without disturbances."""
+        return (
             Tick(stamp),
             seen.vehicles,
             seen.brake_pipe,
@@ -196,7 +324,7 @@ class PlantStage:
 
     def _receive(self, command: Command | None, pipe: Pipe | None, release: BrakeRelease | None) -> float | None:
         """Take the messages of this tick; return the pressure demanded at the head [Pa], None for the present one."""
-        stamp, inputs = self.stamp, self._inputs
+        stamp, inputs = self.stamp, self.inputs
         released = inputs.receive("atp/brake_release", stamp, release)
         if inputs.fresh("atp/brake_release"):
             self.protection.on_release(released, stamp)
@@ -208,10 +336,10 @@ class PlantStage:
             self.protection.on_command(min(forces.stamp, piped), stamp)
         if not inputs.fresh("ato/brake_pipe_command"):
             return None
-        if self._pipe_link is None:
+        if self.pipe_link is None:
             return float(pressure.pressure)
-        self._pipe_link.push(stamp, (pressure.pressure,))
-        return float(self._pipe_link.pop(stamp)[0])
+        self.pipe_link.push(stamp, (pressure.pressure,))
+        return float(self.pipe_link.pop(stamp)[0])
 
     def _advance(self, pressure: float | None) -> None:
         """Integrate one tick with the arrived commands, or with the fail-safe reaction in their place.
@@ -254,7 +382,7 @@ class PlantStage:
         """Return the diagnostics of a stamp with the totals up to it by name."""
         values = {key: repr(totals[name]) for key, name in TOTALS}
         values["commands_lost"] = str(self.link.lost)
-        values |= self._inputs.diagnostics()
+        values |= self.inputs.diagnostics()
         if taken:
             values[KEY] = interventions_to_json(taken)
         if self.lost:

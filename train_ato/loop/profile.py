@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from train_ato.control.algorithms.guard import is_valid_state
+from train_ato.loop.headway import HeadwayProfile
 from train_ato.loop.inputs import StageInputs
 from train_ato.loop.setup import RunSetup
 from train_ato.loop.stage_messages import ProfileMessages, ProfileStart, diagnostics_due
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
 
 REJOINED = "node profile restarted"
 """Reason of a profile that is sent again."""
+BEHIND = "following a train"
+"""State of a profile one headway behind the train ahead."""
 SMALLEST_ACCELERATION = 0.05
 """Smallest service limit of a plan [m/s²]."""
 FORCE_MARGIN = 0.2
@@ -42,6 +45,8 @@ class ProfileStage:
         Current profile.
     planned : int
         Stamp of its planning [ns], 0 for the first; every reference contains it.
+    answer : tuple of one ReplanDecision or None, optional
+        Result of :meth:`decided` in a compiled tick that is left to Python, used in place of a second one.
     """
 
     role = Role.PROFILE
@@ -51,11 +56,14 @@ class ProfileStage:
         self.profile: Profile = setup.profile
         self.planned = 0
         self._replanner = setup.replanner()
-        self._inputs = StageInputs(setup, self.role)
+        leader = setup.scenario.leader
+        self._headway = None if leader is None or leader.headway is None else HeadwayProfile(setup)
+        self.inputs = StageInputs(setup, self.role)
         self._link = MessageLink(setup.links.measurement, setup.step_ns, setup.seed, "measurement")
         self._decision: ReplanDecision | None = None
-        self._engaged = True
-        self._joins = self._sent_again = False
+        self.answer: tuple[ReplanDecision | None] | None = None
+        self.engaged = True
+        self.joins = self._sent_again = False
         self._refusal = ""
 
     def join(self) -> None:
@@ -63,7 +71,7 @@ class ProfileStage:
 
         The profile of the scenario is in effect from the first reference on.
         """
-        self._joins, self._engaged = True, False
+        self.joins, self.engaged = True, False
 
     def start(self) -> ProfileStart:
         """Return the profile and the speed limits for latched topics."""
@@ -85,10 +93,11 @@ class ProfileStage:
             At a step of the supervisor: report of the ATO at the step before.
         """
         stamp = measurement.stamp
-        arrived = self._inputs.measurement(measurement)
-        report = None if ato is None else self._inputs.receive("ato/state", stamp, ato)
-        decided = self._joined(stamp) or self._begun_again(stamp, arrived, report) or self._replanned(stamp, arrived)
-        reported = self._inputs.take_changed() or decided or diagnostics_due(stamp, self.setup.tick_ns)
+        arrived = self.inputs.measurement(measurement)
+        report = None if ato is None else self.inputs.receive("ato/state", stamp, ato)
+        decided = self._joined(stamp) or self._begun_again(stamp, arrived, report)
+        decided = decided or self._followed(stamp) or self._replanned(stamp, arrived)
+        reported = self.inputs.take_changed() or decided or diagnostics_due(stamp, self.setup.tick_ns)
         return ProfileMessages(
             self.step(stamp),
             trajectory_of(self.profile, stamp) if decided and self.planned == stamp else None,
@@ -97,7 +106,7 @@ class ProfileStage:
 
     def _joined(self, stamp: int) -> bool:
         """Send the profile of the scenario as that of the first reference; return True at this reference."""
-        joins, self._joins = self._joins, False
+        joins, self.joins = self.joins, False
         if joins:
             self.planned, self._sent_again = stamp, True
         return joins
@@ -106,8 +115,8 @@ class ProfileStage:
         """Plan from standstill after the ATO was engaged again; return True after this decision."""
         if ato is None or not is_valid_state(measurement):
             return False
-        before, self._engaged = self._engaged, bool(ato.state[0] == AtoState.ENGAGED)
-        if before or not self._engaged:
+        before, self.engaged = self.engaged, bool(ato.state[0] == AtoState.ENGAGED)
+        if before or not self.engaged:
             return False
         self._sent_again = False
         setup = self.setup
@@ -116,22 +125,36 @@ class ProfileStage:
         try:
             rest = replan(state, setup.profile, setup.model.line, setup.model.consist, settings).profile
             self.profile, self.planned, self._refusal = self.profile.followed_by(rest), stamp, ""
+            self._headway = None  # from here on a plan of its own, which the end of authority limits
             self._replanner = setup.replanner(self.profile)
         except ValueError as error:
             self._refusal = str(error)
         return True
 
+    def _followed(self, stamp: int) -> bool:
+        """Follow the train ahead; return True with a new profile behind it."""
+        found = None if self._headway is None else self._headway.step(stamp)
+        if found is None:
+            return False
+        self.profile, self.planned = found, stamp
+        return True
+
     def _replanned(self, stamp: int, measurement: Measurement) -> bool:
         """Check that the train can follow the profile; return True after a decision on re-planning."""
-        if self._replanner is None or not self._engaged:
-            return False
-        decision = self._replanner.step(self._link.pass_on(stamp, measurement))
+        answer, self.answer = self.answer, None
+        (decision,) = self.decided(stamp, measurement) if answer is None else answer
         if decision is None:
             return False
         self._decision = decision
         if decision.profile is not None:
             self.profile, self.planned = decision.profile, stamp
         return True
+
+    def decided(self, stamp: int, measurement: Measurement) -> tuple[ReplanDecision | None]:
+        """Return the decision on re-planning for a measurement, None without one."""
+        if self._replanner is None or not self.engaged:
+            return (None,)
+        return (self._replanner.step(self._link.pass_on(stamp, measurement)),)
 
     def remaining(self, stamp: int) -> float:
         """Return the time to the end of the profile [s] at a stamp [ns]."""
@@ -142,7 +165,9 @@ class ProfileStage:
         profile, replanner, decision = self.profile, self._replanner, self._decision
         values = {"knots": str(profile.time.size), "period": repr(profile.period)}
         values["remaining"] = repr(self.remaining(stamp))
-        values |= self._inputs.diagnostics()
+        values |= self.inputs.diagnostics()
+        if self._headway is not None:
+            return Diagnostic(stamp, "profile", 0, BEHIND, values | self._headway.receiver.diagnostics(stamp))
         if self._refusal:
             return Diagnostic(stamp, "profile", 1, "cannot be planned again", {**values, "reason": self._refusal})
         if self._sent_again and decision is None:

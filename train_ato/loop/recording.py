@@ -17,7 +17,7 @@ from train_ato.loop.repeated_reports import Report, all_reports, changed_reports
 from train_ato.loop.series import DiagnosticSeries, TopicSamples, aligned, diagnostic_series, held
 from train_ato.loop.setup import RunSetup
 from train_ato.loop.trajectories import profile_of
-from train_ato.messages.layout import Owner
+from train_ato.messages.topic import Owner
 from train_ato.messages.topics import TOPICS, Rate
 from train_ato.messages.types import Array, Diagnostic, Trajectory
 

@@ -134,7 +134,7 @@ class RecordingBuilder:
         if topic not in self._open:
             self._others[topic] += len(stamps)
             return
-        self.extend_reduced(topic, stamps, reduced(topic, values, self._units))
+        self.extend_reduced(topic, stamps, self._kept(topic, values))
 
     def extend_reduced(self, topic: str, stamps: NDArray[np.int64], values: dict[str, Array]) -> None:
         """Add messages of a recorded topic as in :meth:`extend_rows`, with the values of :func:`reduced`."""
@@ -169,7 +169,14 @@ class RecordingBuilder:
         rows, self._open[topic] = self._open[topic], []
         values = {name: _stacked(list(map(attrgetter(name), rows))) for name in FIELDS[topic]}
         time = seconds([row.stamp for row in rows])
-        self._closed.add(topic, TopicSamples(time, reduced(topic, values, self._units)))
+        self._closed.add(topic, TopicSamples(time, self._kept(topic, values)))
+
+    def _kept(self, topic: str, values: dict[str, Array]) -> dict[str, Array]:
+        """Return the samples of a topic that the recording contains, with every coupler if the summary needs it."""
+        kept = reduced(topic, values, self._units)
+        if topic == TRUTH and self.setup.scenario.evaluation.couplers:
+            kept["coupler_force"] = values["coupler_force"]
+        return kept
 
     def finish(self) -> Recording:
         """Return the recording, once: the samples go over to it."""

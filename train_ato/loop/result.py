@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
@@ -14,8 +14,8 @@ from train_ato.loop.metrics import (
     differences,
     evaluated_ticks,
     excess_speed,
-    km_of_front,
     mean_jerk_1s,
+    place_of_front,
     position_errors,
     speed_errors,
     summarise,
@@ -25,7 +25,6 @@ from train_ato.loop.recording import Recording
 from train_ato.loop.requirements import requirement_rows
 from train_ato.loop.run_end import FAILED, INTERRUPTED, RunEnd
 from train_ato.loop.setup import RunSetup
-from train_ato.loop.step_times import StepTimes
 from train_ato.loop.stops import StopResult, stops_of_run
 from train_ato.loop.tracking import INCOMPLETE, TRACKED, TrackingFinding, outcome_of, tracking_summary
 from train_ato.loop.verdict import judge_run
@@ -51,7 +50,7 @@ def worst_places(setup: RunSetup, recording: Recording, metrics: Mapping[str, An
         that of the planned arrival, interventions that of the first one. A metric with the value 0 has no place.
     """
     return {
-        metric: {"at_s": at_s, "km": km_of_front(setup, recording, at_s)}
+        metric: {"at_s": at_s, **place_of_front(setup, recording, at_s)}
         for metric, at_s in _worst_times(setup, recording, metrics)
         if at_s is not None and metrics.get(metric, 0) != 0
     }
@@ -171,7 +170,7 @@ class RunResult:
 
     @classmethod
     def without_metrics(
-        cls, recording: Recording, interrupted: bool, failure: str | None, published: dict[str, int]
+        cls, recording: Recording, *, interrupted: bool, failure: str | None, published: dict[str, int]
     ) -> RunResult:
         """Return the result of a run of which only the messages are used: its end, without recording and summary."""
         failure = failure or (None if interrupted else _failure_of_ato(recording))
@@ -184,7 +183,8 @@ class RunResult:
         recording: Recording,
         wall: float,
         ticks: int,
-        step_times: StepTimes,
+        step_times: Sequence[int],
+        *,
         interrupted: bool,
         failure: str | None,
         published: dict[str, int] | None = None,
@@ -195,6 +195,8 @@ class RunResult:
 
         Parameters
         ----------
+        step_times
+            Wall time of every step of the controller [ns].
         interruption
             Signal or request that ended it.
         outside
@@ -205,7 +207,7 @@ class RunResult:
         end = RunEnd.judged(ticks, setup.ticks, failure, interruption if interrupted else None)
         complete = recording.time.size > 0
         simulated = ticks * setup.tick
-        median, p99 = step_times.percentiles_us(50, 99)
+        median, p99 = (np.percentile(step_times, (50, 99)) / 1e3).tolist() if step_times else (None, None)
         summary: dict[str, Any] = {
             **identity(replace(setup, scenario=changes.at_start(setup.scenario)), ticks, outside or {}),
             "wall_s": wall,
@@ -221,7 +223,7 @@ class RunResult:
         if end.reason:
             summary["failure" if failure else "interruption"] = end.reason
         if complete:
-            summary |= tracking_summary(setup, recording, end.status == FAILED)
+            summary |= tracking_summary(setup, recording, failed=end.status == FAILED)
             summary |= _judged(setup, recording, summary)
         interrupted = end.status == INTERRUPTED
         return cls(recording if complete else None, summary, interrupted, failure, published or {}, changes)

@@ -1,35 +1,84 @@
-"""Train, line, layout, nominal model, profile and start position of a scenario, with the files beside it."""
+"""Parts of a run from a scenario and its files: train, line, nominal model, profile, law and supervisor."""
 
 from __future__ import annotations
 
 import math
+import pickle
+from collections import OrderedDict
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 
 from plant_sim.consist import Consist
 from plant_sim.library import load_consist, load_line, split_name
 from plant_sim.line import Line
+from train_ato.control.air_brake.policy import BrakeSpec
 from train_ato.control.algorithms.train_constants import dead_time
+from train_ato.control.compensation.contract import check_compatible
+from train_ato.control.contract import Law
 from train_ato.control.learned_resistance import LearnedResistance, model_hash, read_learned
+from train_ato.control.open_loop import actions_text, driver_reductions
+from train_ato.control.parameters import RefusedParameter
+from train_ato.control.registry import COMPENSATIONS, LAWS
 from train_ato.control.train_model import LineForceTable, TrainModel
-from train_ato.loop.part_cache import PartCache, file_state
-from train_ato.messages.layout import TrainLayout
+from train_ato.messages.topic import TrainLayout
 from train_ato.messages.types import Array
 from train_ato.profile.profile import Profile
 from train_ato.scenario.profile_spec import ProfileSpec
 from train_ato.scenario.scenario import Scenario
+from train_ato.supervision.plant_line import line_supervision
+from train_ato.supervision.supervisor import Supervisor
 
-__all__ = [
-    "nominal_model",
-    "profile_key",
-    "scenario_consist",
-    "scenario_layout",
-    "scenario_line",
-    "scenario_profile",
-    "with_departure",
-    "with_start_position",
-]
+Part = TypeVar("Part")
+SIZE = 32
+"""Number of parts in a cache; the least recently used one is dropped."""
+
+
+class PartCache:
+    """Parts by the values that determine them.
+
+    A part is shared between runs, so it must not be changed after its creation.
+
+    Parameters
+    ----------
+    size
+        Largest number of parts.
+    """
+
+    def __init__(self, size: int = SIZE) -> None:
+        self._size = size
+        self._parts: OrderedDict[bytes, object] = OrderedDict()
+
+    def get(self, key: object, make: Callable[[], Part]) -> Part:
+        """Return the part of a key; make it if the cache lacks it.
+
+        Parameters
+        ----------
+        key
+            Every value that determines the part, as a tuple of plain values and models.  Equal bytes of its pickle
+            mean equal values, bit for bit; equal values with other bytes only cost a second creation.
+        make
+            Function that makes the part.
+        """
+        code = pickle.dumps(key)
+        if code in self._parts:
+            self._parts.move_to_end(code)
+            return self._parts[code]  # type: ignore[return-value]  # the first entry of a key names its kind
+        part = self._parts[code] = make()
+        if len(self._parts) > self._size:
+            self._parts.popitem(last=False)
+        return part
+
+
+def file_state(path: Path) -> tuple[int, int] | None:
+    """Return time of the last change [ns] and size [bytes] of a file; None if there is none."""
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_mtime_ns, found.st_size
 
 
 def scenario_consist(named: str | Consist, folder: Path, parts: PartCache | None = None) -> Consist:
@@ -117,20 +166,21 @@ def nominal_model(
         over_length=over_length,
         reversing=scenario.plant.reversing,
         line_force=parts.get(key, lambda: LineForceTable(consist, line, over_length=over_length)),
-        learned=_learned(block.learned, folder, own_line, consist, line, over_length),
+        learned=_learned(block.learned, folder, own_line, consist, line, over_length=over_length),
     )
 
 
 def _learned(
-    named: str | LearnedResistance | None, folder: Path, line: Line, consist: Consist, nominal: Line, over_length: bool
-) -> LearnedResistance | None:
+    named: str | LearnedResistance | None, folder: Path, line: Line, consist: Consist, nominal: Line,
+    *, over_length: bool,
+) -> LearnedResistance | None:  # fmt: skip
     """Return the learned resistance of a scenario for its line, nominal train and nominal line."""
     if named is None:
         return None
     file = _beside(named, folder) if isinstance(named, str) else ""
     try:
         found = read_learned(Path(file)) if isinstance(named, str) else named
-        found.check_fits(line, consist, model_hash(consist, nominal, over_length))
+        found.check_fits(line, consist, model_hash(consist, nominal, over_length=over_length))
     except ValueError as error:
         message = str(error).removeprefix(f"{file}: ")
         raise ValueError(f"model.learned: {file}{': ' if file else ''}{message}") from None
@@ -152,9 +202,40 @@ def scenario_profile(
     """
     spec, plant = scenario.profile, scenario.plant
     data = (data_key(plant.consist, folder), data_key(plant.line, folder))
-    key = ("profile", *profile_key(spec, folder), *data, tick_ns, scenario.brake.deepest, ceiling)
-    reduction = scenario.brake.deepest
-    return parts.get(key, lambda: spec.build(consist, line, tick_ns * 1e-9, folder, reduction, ceiling))
+    begun = (scenario.duration, plant.start.speed) if spec.driver is not None else (0.0, 0.0)
+    key = ("profile", *profile_key(spec, folder), *data, tick_ns, scenario.brake.deepest, ceiling, begun)
+    options: Any = {"folder": folder, "reduction": scenario.brake.deepest, "ceiling": ceiling, "begun": begun}
+    return parts.get(key, lambda: spec.build(consist, line, tick_ns * 1e-9, **options))
+
+
+OPEN_LOOP = "train_ato.control.open_loop:OpenLoopDriver"
+"""Component of a driver's run in the place of a law."""
+
+
+def with_driver(scenario: Scenario) -> Scenario:
+    """Return the scenario of a driver's run with its notches and reductions in the place of a law and a brake policy.
+
+    Raises
+    ------
+    ValueError
+        If the scenario has a law, changes of it, re-planning or a brake policy beside the driver.
+    """
+    actions = scenario.profile.driver
+    if actions is None or scenario.law == OPEN_LOOP:
+        return scenario
+    for key, given in (
+        ("law", "law" in scenario.model_fields_set),
+        ("law_changes", bool(scenario.law_changes)),
+        ("replan", scenario.replan is not None),
+        ("brake.policy", scenario.brake.policy != "none"),
+    ):
+        if given:
+            raise ValueError(f"{key}: with profile.driver the run has no law and the brake of the driver; remove {key}")
+    events = driver_reductions(actions)
+    brake = {"brake": BrakeSpec(policy="planned", events=events)} if events else {}
+    off = scenario.supervision.model_copy(update={"enabled": bool(scenario.supervision.enabled)})
+    laws = {OPEN_LOOP: {"actions": actions_text(actions)}}
+    return scenario.model_copy(update={"law": OPEN_LOOP, "laws": laws, "supervision": off, **brake})
 
 
 def profile_key(spec: ProfileSpec, folder: Path) -> tuple[object, ...]:
@@ -178,10 +259,82 @@ def with_departure(scenario: Scenario, model: TrainModel) -> Scenario:
     return scenario.model_copy(update={"profile": profile})
 
 
-def with_start_position(scenario: Scenario, position: float) -> Scenario:
-    """Return the scenario with the train at the begin of the profile, unless it defines the start position."""
+def with_start(scenario: Scenario, position: float, speed: float = 0.0) -> Scenario:
+    """Return the scenario with the train at the begin of the profile, unless it defines the start position.
+
+    A profile that begins in motion by ``since`` gives the speed of its begin too.
+    """
     start = scenario.plant.start
     if start.positions is not None or "position" in start.model_fields_set:
         return scenario
-    plant = scenario.plant.model_copy(update={"start": start.model_copy(update={"position": position})})
+    update = {"position": position}
+    if scenario.profile.since is not None and start.speeds is None and "speed" not in start.model_fields_set:
+        update["speed"] = speed
+    plant = scenario.plant.model_copy(update={"start": start.model_copy(update=update)})
     return scenario.model_copy(update={"plant": plant})
+
+
+def fitting_law(name: str, values: Mapping[str, Any], model: TrainModel, period: float, compensation: str) -> Law:
+    """Return a law that fits the train and the delay compensation.
+
+    Parameters
+    ----------
+    name, values
+        Name of the law, and its parameters that differ from the defaults.
+    model
+        Nominal model.
+    period
+        Period of the law [s].
+    compensation
+        Name of the delay compensation.
+
+    Raises
+    ------
+    ValueError
+        For an unknown name or parameter, or a train or compensation that does not fit the law.
+    """
+    if not model.n_units:
+        raise ValueError(f"law '{name}': no vehicle of the train has traction or brake; add an envelope")
+    loaded, law_class = COMPENSATIONS.get(compensation), LAWS.get(name)
+    try:
+        law: Law = LAWS.make(name, values, model, period)
+    except RefusedParameter as error:
+        if getattr(loaded, "feedforward_only", False):  # the sensors would not make the law use it
+            raise error.with_remedy_only() from None
+        raise
+    except ValueError as error:
+        try:
+            check_compatible(name, law_class, compensation, loaded)
+        except ValueError as second:
+            raise ValueError(f"{error}; also {second}") from None
+        raise
+    check_compatible(name, law, compensation, loaded)
+    return law
+
+
+def line_supervisor(scenario: Scenario, consist: Consist, line: Line, profile: Profile, reaction: float) -> Supervisor:
+    """Return the supervisor of a train on its line, up to the stop at the end of the profile.
+
+    Parameters
+    ----------
+    scenario, consist, line, profile
+        Scenario with the train and the line of its plant, and its profile.
+    reaction
+        Largest time from a motion of the train to the demand at its brakes [s].
+
+    Raises
+    ------
+    ValueError
+        If the emergency brake is weaker than a grade before a target.
+    """
+    spec = scenario.supervision
+    front = consist.vehicles[0].length / 2.0
+    stop = float(profile.position[-1]) + front if profile.velocity[-1] == 0.0 else None
+    try:
+        track = line_supervision(
+            consist, line, scenario.plant, None if stop is None else stop + spec.overlap,
+            kdry=spec.kdry, reaction=reaction, service_brake=spec.service_brake, service_curve=spec.service_curve,
+        )  # fmt: skip
+    except ValueError as error:
+        raise ValueError(f"supervision: {error}; or set supervision.enabled: false") from None
+    return Supervisor(track, spec)

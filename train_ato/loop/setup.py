@@ -14,22 +14,22 @@ import yaml
 
 from plant_sim.consist import Consist
 from plant_sim.data_text import TextDumper
-from plant_sim.line import Line
+from plant_sim.line import Line, line_for
 from plant_sim.plant_setup import Jump
 from plant_sim.train import Train
 from train_ato.control.air_brake.policy import make_brake_policy
 from train_ato.control.air_brake.record_policy import BrakePolicy
+from train_ato.control.component_fault import refused_at_start
 from train_ato.control.contract import Law
-from train_ato.control.force_distribution import ForceDistribution
+from train_ato.control.force_distribution import ForceDistribution, PlannedDisplacement
 from train_ato.control.gains import Gains, advice
 from train_ato.control.keyword_form import GivenComponent, started
-from train_ato.control.planned_displacement import PlannedDisplacement
 from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS, Registry
 from train_ato.control.train_model import TrainModel
-from train_ato.loop.part_cache import PartCache
-from train_ato.loop.run_choices import RunChoices
-from train_ato.loop.run_parts import fitting_law, line_supervisor
 from train_ato.loop.scenario_data import (
+    PartCache,
+    fitting_law,
+    line_supervisor,
     nominal_model,
     profile_key,
     scenario_consist,
@@ -37,19 +37,20 @@ from train_ato.loop.scenario_data import (
     scenario_line,
     scenario_profile,
     with_departure,
-    with_start_position,
+    with_driver,
+    with_start,
 )
-from train_ato.loop.signal_check import unavailable_signal
 from train_ato.loop.supervised_plan import SpeedCeiling, profile_within
-from train_ato.messages.layout import TrainLayout
+from train_ato.messages.topic import TrainLayout
 from train_ato.messages.topics import BY_NAME
 from train_ato.messages.types import Array
 from train_ato.profile.profile import Profile
-from train_ato.scenario.formula import signals_of
-from train_ato.scenario.formula_parser import parse_formula
+from train_ato.scenario.formula import parse_formula, signals_of
 from train_ato.scenario.interventions import Intervention, TrainJumpNow
-from train_ato.scenario.scenario import Scenario
+from train_ato.scenario.scenario import LawChange, Links, PlantBlock, Scenario
+from train_ato.scenario.signals import unavailable_signal
 from train_ato.supervision.supervisor import Supervisor
+from train_ato.supervision.train_report import TrainReport, parse_reports
 
 if TYPE_CHECKING:
     from train_ato.profile.planner.replanner import Replanner
@@ -118,8 +119,30 @@ def check_replan(scenario: Scenario, layout: TrainLayout) -> None:
     if not layout.n_units:
         raise ValueError("replan: the train has no power unit; remove replan")
     plan = scenario.profile.plan
-    if scenario.replan.catch_up and (plan is None or (plan.time is None and plan.points is None)):
-        raise ValueError("replan: catch_up: true: the profile has no timetable; add profile.plan.time or .points")
+    if scenario.replan.catch_up and (plan is None or not plan.has_timetable):
+        raise ValueError(
+            "replan: catch_up: true: the profile has no timetable; add profile.plan.time, .allowance or .points"
+        )
+
+
+def check_leader(setup: RunSetup) -> None:
+    """Check the reports of the train ahead, and that the run can use them."""
+    spec = setup.scenario.leader
+    if spec is None:
+        return
+    try:
+        reports = setup.leader_reports
+    except ValueError as error:
+        raise ValueError(f"leader.reports: {error}") from None
+    if reports[0].problem:
+        raise ValueError(f"leader.reports: line 2: {reports[0].problem}; correct the first report")
+    if spec.authority is not None and not setup.layout.supervised:
+        raise ValueError(
+            f"leader.authority: {spec.authority}: the run has no supervisor; set supervision.enabled: true or "
+            "leader.authority: null"
+        )
+    if setup.scenario.replan is not None and spec.headway is not None:
+        raise ValueError("replan: the profile follows the train ahead; remove replan or leader.headway")
 
 
 def check_requirements(scenario: Scenario, layout: TrainLayout, line: Line) -> None:
@@ -142,11 +165,13 @@ def check_parameters(scenario: Scenario) -> None:
 
 
 @dataclass(frozen=True)
-class RunSetup(RunChoices):
-    """A validated run: data, time grids and nominal model.
+class RunSetup:
+    """A validated run: choices of the scenario by their names in a run, data, time grids and nominal model.
 
     Attributes
     ----------
+    scenario : Scenario
+        Checked scenario with current names of parameters.
     consist, line : Consist, Line
         Train and line of the plant.
     model : TrainModel
@@ -161,6 +186,7 @@ class RunSetup(RunChoices):
         Objects given to :func:`train_ato.run` by kind of component; they run as long as their keywords hold.
     """
 
+    scenario: Scenario
     folder: Path
     consist: Consist
     line: Line
@@ -173,6 +199,69 @@ class RunSetup(RunChoices):
 
     given: Mapping[str, GivenComponent] = field(default_factory=dict)
 
+    @property
+    def plant(self) -> PlantBlock:
+        """Block ``plant`` of the scenario."""
+        return self.scenario.plant
+
+    @property
+    def seed(self) -> int:
+        """Seed of every random stream."""
+        return self.scenario.seed
+
+    @property
+    def links(self) -> Links:
+        """Delays on topics."""
+        return self.scenario.links
+
+    @property
+    def observer(self) -> str:
+        """Name of the observer."""
+        return self.scenario.observer
+
+    @property
+    def observer_parameters(self) -> dict[str, Any]:
+        """Parameters of the observer that differ from its defaults."""
+        return self.scenario.observers.get(self.observer, {})
+
+    @property
+    def controller(self) -> str:
+        """Name of the law at the start."""
+        return self.scenario.law
+
+    @property
+    def controller_parameters(self) -> dict[str, dict[str, Any]]:
+        """Parameters of every law that differ from its defaults."""
+        return self.scenario.laws
+
+    @property
+    def laws(self) -> tuple[str, ...]:
+        """Names of the laws this run can change to: the registered ones, and each ``module:Class`` of the scenario."""
+        named = [self.controller, *self.controller_parameters]
+        for change in self.law_changes:
+            named += [change.law or self.controller, *change.laws]
+        return tuple(dict.fromkeys((*LAWS.loadable(), *named)))
+
+    @property
+    def compensation(self) -> str:
+        """Name of the delay compensation."""
+        return self.scenario.compensation
+
+    @property
+    def compensation_parameters(self) -> dict[str, Any]:
+        """Parameters of the compensation that differ from its defaults."""
+        return self.scenario.compensations.get(self.compensation, {})
+
+    @property
+    def law_changes(self) -> tuple[LawChange, ...]:
+        """Planned changes of laws and parameters."""
+        return self.scenario.law_changes
+
+    @property
+    def has_faults(self) -> bool:
+        """True for a run in which messages can get lost or change on their way."""
+        return bool(self.scenario.faults or self.scenario.interventions)
+
     def component(self, registry: Registry, name: str, values: Mapping[str, Any], period: float) -> Any:
         """Return a component of this run at its start: an object given to :func:`train_ato.run`, otherwise a new one.
 
@@ -183,13 +272,26 @@ class RunSetup(RunChoices):
         """
         given = self.given.get(registry.kind)
         if given is not None and given.name == name and given.values == values:
-            return started(given.component, self.model, period)
+            with refused_at_start(registry.kind, name, given.component):
+                return started(given.component, self.model, period)
         return registry.make(name, values, self.model, period)
 
     @property
     def tick(self) -> float:
         """Period of the loop [s]."""
         return self.tick_ns * 1e-9
+
+    @cached_property
+    def leader_reports(self) -> tuple[TrainReport, ...]:
+        """Reports of the train ahead.
+
+        Raises
+        ------
+        ValueError
+            As :func:`train_ato.supervision.train_report.parse_reports`.
+        """
+        spec = self.scenario.leader
+        return () if spec is None else parse_reports(spec.reports)
 
     @cached_property
     def supervision_ticks(self) -> int:
@@ -257,7 +359,9 @@ class RunSetup(RunChoices):
     def train(self) -> Train:
         """Return the train at its start."""
         try:
-            return Train(self.consist, self.line, self.plant, self.step_ns, self.tick_ns, self.seed)
+            return Train(
+                self.consist, self.line, self.plant, step_ns=self.step_ns, tick_ns=self.tick_ns, seed=self.seed
+            )
         except ValueError as error:
             raise ValueError(f"plant: {error}") from None
 
@@ -316,7 +420,7 @@ class RunSetup(RunChoices):
         return self._resolved_text
 
     def fingerprint(self) -> dict[str, str]:
-        """Return a hash of every top-level key of the resolved scenario: equal runs have equal ones."""
+        """Return a hash of every top-level key of the resolved scenario; equal runs have equal hashes."""
         return key_hashes(self._resolved_data)
 
     @cached_property
@@ -363,15 +467,16 @@ def prepare(scenario: Scenario, path: Path, parts: PartCache | None = None) -> R
 
 
 def _prepare(scenario: Scenario, folder: Path, parts: PartCache) -> RunSetup:
+    scenario = with_driver(scenario)
     consist = scenario_consist(scenario.plant.consist, folder, parts)
-    line = scenario_line(scenario.plant.line, folder, parts)
+    line = line_for(scenario_line(scenario.plant.line, folder, parts), consist.categories)
     layout = scenario_layout(scenario, consist, line)
     tick_ns, step_ns = round(scenario.tick * 1e9), round(scenario.step * 1e9)
     model = nominal_model(scenario, consist, line, layout, folder, parts)
     scenario = with_departure(scenario, model)
     profile = scenario_profile(scenario, consist, line, tick_ns, folder, parts)
     setup = RunSetup(
-        scenario=with_start_position(scenario, float(profile.position[0])),
+        scenario=with_start(scenario, float(profile.position[0]), float(profile.velocity[0])),
         folder=folder,
         consist=consist,
         line=line,
@@ -410,6 +515,7 @@ def _check_choices(setup: RunSetup) -> None:
     check_replan(setup.scenario, setup.layout)
     check_requirements(setup.scenario, setup.layout, setup.line)
     check_parameters(setup.scenario)
+    check_leader(setup)
     _check_laws(setup)
     OBSERVERS.make(setup.observer, setup.observer_parameters, setup.model, setup.tick)
     COMPENSATIONS.make(setup.compensation, setup.compensation_parameters, setup.model, setup.control_period)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -33,15 +33,22 @@ Published = list[tuple[str, Any]]
 """Topic names and messages in the order of publication."""
 
 
-def _present(*messages: tuple[str, Any]) -> Published:
-    """Return the messages that are not None."""
-    return [entry for entry in messages if entry[1] is not None]
+class StageMessages:
+    """Messages of a stage; None for those that a step does not send."""
+
+    __slots__ = ()
+    order: ClassVar[dict[str, str]]
+    """Topic by field, in the order of publication."""
+
+    def published(self) -> Published:
+        """Return the messages in the order of publication."""
+        return [(topic, sent) for name, topic in self.order.items() if (sent := getattr(self, name)) is not None]
 
 
 @frozen_for_types
 @dataclass(frozen=True, slots=True)
-class PlantTruth:
-    """True state of the train at a stamp; after the last tick without a measurement."""
+class PlantTruth(StageMessages):
+    """True state of the train at a stamp."""
 
     clock: Tick
     vehicles: VehicleStates
@@ -50,112 +57,100 @@ class PlantTruth:
     brake_shoes: BrakeShoes | None
     disturbance: Disturbance | None
     diagnostics: Diagnostic | None
-
-    def published(self) -> Published:
-        """Return the messages in the order of publication."""
-        return _present(
-            ("/clock", self.clock),
-            ("train/vehicles", self.vehicles),
-            ("train/brake_pipe", self.brake_pipe),
-            ("train/brake_pipe_tail", self.brake_pipe_tail),
-            ("train/brake_shoes", self.brake_shoes),
-            ("train/disturbance", self.disturbance),
-            ("/diagnostics", self.diagnostics),
-        )
+    order: ClassVar[dict[str, str]] = {
+        "clock": "/clock",
+        "vehicles": "train/vehicles",
+        "brake_pipe": "train/brake_pipe",
+        "brake_pipe_tail": "train/brake_pipe_tail",
+        "brake_shoes": "train/brake_shoes",
+        "disturbance": "train/disturbance",
+        "diagnostics": "/diagnostics",
+    }
 
 
 @frozen_for_types
 @dataclass(frozen=True, slots=True)
-class PlantMessages:
-    """Truth and measurement of a stamp, at a step of the supervisor with its inputs."""
+class PlantMessages(PlantTruth):
+    """Truth and measurement of a stamp, at a step of the supervisor with its inputs.
 
-    truth: PlantTruth
+    The measurement is last, because it starts the step.
+    """
+
     measurement: Measurement
     odometry: Odometry | None = None
     protection: ProtectionState | None = None
-
-    def published(self) -> Published:
-        """Return the messages in the order of publication; the measurement is last, because it starts the step."""
-        inputs = _present(("train/odometry", self.odometry), ("train/protection", self.protection))
-        return [*self.truth.published(), *inputs, ("train/measurement", self.measurement)]
+    order: ClassVar[dict[str, str]] = {
+        **PlantTruth.order,
+        "odometry": "train/odometry",
+        "protection": "train/protection",
+        "measurement": "train/measurement",
+    }
 
 
 @frozen_for_types
 @dataclass(frozen=True, slots=True)
-class SupervisorMessages:
-    """Decision of the supervisor."""
+class SupervisorMessages(StageMessages):
+    """Decision of the supervisor; the release is last, because it ends the step."""
 
     release: BrakeRelease
     speeds: SupervisedSpeeds
     diagnostics: Diagnostic | None = None
-
-    def published(self) -> Published:
-        """Return the messages in the order of publication; the release is last, because it ends the step."""
-        return _present(
-            ("atp/speeds", self.speeds), ("/diagnostics", self.diagnostics), ("atp/brake_release", self.release)
-        )
+    order: ClassVar[dict[str, str]] = {
+        "speeds": "atp/speeds", "diagnostics": "/diagnostics", "release": "atp/brake_release"
+    }  # fmt: skip
 
 
 @frozen_for_types
 @dataclass(frozen=True, slots=True)
-class ProfileStart:
+class ProfileStart(StageMessages):
     """Profile and speed limits at the start of a run, latched."""
 
     profile: Trajectory
     limits: Trajectory
-
-    def published(self) -> Published:
-        """Return the messages in the order of publication."""
-        return [("ato/profile", self.profile), ("ato/limits", self.limits)]
+    order: ClassVar[dict[str, str]] = {"profile": "ato/profile", "limits": "ato/limits"}
 
 
 @frozen_for_types
 @dataclass(frozen=True, slots=True)
-class ProfileMessages:
-    """Reference of a stamp, with the new profile after re-planning."""
+class ProfileMessages(StageMessages):
+    """Reference of a stamp, after the new profile of a re-planning."""
 
     reference: Reference
     profile: Trajectory | None = None
     diagnostics: Diagnostic | None = None
-
-    def published(self) -> Published:
-        """Return the messages in the order of publication; a new profile is before its first reference."""
-        return _present(
-            ("/diagnostics", self.diagnostics), ("ato/profile", self.profile), ("ato/reference", self.reference)
-        )
+    order: ClassVar[dict[str, str]] = {
+        "diagnostics": "/diagnostics", "profile": "ato/profile", "reference": "ato/reference"
+    }  # fmt: skip
 
 
 @frozen_for_types
 @dataclass(frozen=True, slots=True)
-class ObserverMessages:
+class ObserverMessages(StageMessages):
     """Disturbance estimate of a stamp."""
 
     estimate: DisturbanceEstimate
     diagnostics: Diagnostic | None = None
-
-    def published(self) -> Published:
-        """Return the messages in the order of publication."""
-        return _present(("/diagnostics", self.diagnostics), ("ato/estimate", self.estimate))
+    order: ClassVar[dict[str, str]] = {"diagnostics": "/diagnostics", "estimate": "ato/estimate"}
 
 
 @frozen_for_types
 @dataclass(frozen=True, slots=True)
-class ControllerMessages:
-    """Command of a stamp, with the brake-pipe pressure of a train with an air brake and the state of the ATO."""
+class ControllerMessages(StageMessages):
+    """Command of a stamp, after the brake-pipe pressure of a train with an air brake and the state of the ATO.
+
+    The command is last, because it ends the step.
+    """
 
     command: Command
     brake_pipe_command: Pipe | None = None
     diagnostics: Diagnostic | None = None
     state: AtoReport | None = None
-
-    def published(self) -> Published:
-        """Return the messages in the order of publication; the command is last, because it ends the step."""
-        return _present(
-            ("ato/brake_pipe_command", self.brake_pipe_command),
-            ("ato/state", self.state),
-            ("/diagnostics", self.diagnostics),
-            ("ato/command", self.command),
-        )
+    order: ClassVar[dict[str, str]] = {
+        "brake_pipe_command": "ato/brake_pipe_command",
+        "state": "ato/state",
+        "diagnostics": "/diagnostics",
+        "command": "ato/command",
+    }
 
 
 def without_values(measurement: Measurement) -> Measurement:

@@ -1,4 +1,4 @@
-"""Synchronisation of the inputs of the controller by stamp, from messages in any order."""
+"""Synchronisation of the inputs of controller and profile by stamp, from messages in any order."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from plant_sim.states import frozen_for_types
+from train_ato.loop.setup import RunSetup
 from train_ato.messages.types import (
+    AtoReport,
     DisturbanceEstimate,
     Measurement,
     ProtectionState,
@@ -119,7 +121,8 @@ class StampSynchronizer:
         elif self._ahead is not None and stamp > self._newest + self._ahead:
             self._ignore(stamp)
             return None
-        row = self._waiting.setdefault(stamp, {}) if stamp > self._last else None
+        due = stamp > self._last and (kind in KINDS or self._supervised_at(stamp))
+        row = self._waiting.setdefault(stamp, {}) if due else None
         if row is None or kind in row:
             self._ignore(stamp)
             return None
@@ -133,3 +136,66 @@ class StampSynchronizer:
         else:
             self._waiting.clear()
         return row
+
+
+class AwaitedReport:
+    """Holds back a measurement until the report of the period before has arrived.
+
+    If the next measurement comes first, the held one is released with the newest report: without lockstep the plant
+    does not wait.
+
+    Parameters
+    ----------
+    setup
+        Prepared run with its supervision period.
+    left_out
+        Returns True in a run without reports.
+
+    Attributes
+    ----------
+    ignored : int
+        Number of duplicate and late messages.
+    """
+
+    def __init__(self, setup: RunSetup, left_out: Callable[[], bool] = lambda: False) -> None:
+        self._setup = setup
+        self._left_out = left_out
+        self._period_ns = setup.supervision_ticks * setup.tick_ns
+        self._held: Measurement | None = None
+        self._report: AtoReport | None = None
+        self._last = -1
+        self.ignored = 0
+
+    @property
+    def waits(self) -> bool:
+        """True if a measurement is held back."""
+        return self._held is not None
+
+    def put(self, message: Measurement) -> list[tuple[Measurement, AtoReport | None]]:
+        """Add a measurement; return the pairs that are complete, in order."""
+        if message.stamp <= self._last:
+            self.ignored += 1
+            return []
+        self._last = message.stamp
+        ready = [] if self._held is None else [(self._held, self._report)]
+        self._held = message
+        return ready + self._complete()
+
+    def report(self, report: AtoReport) -> list[tuple[Measurement, AtoReport | None]]:
+        """Add a report of the ATO; return the pair that it completes."""
+        if self._report is not None and report.stamp <= self._report.stamp:
+            self.ignored += 1
+            return []
+        self._report = report
+        return self._complete()
+
+    def _complete(self) -> list[tuple[Measurement, AtoReport | None]]:
+        held, report = self._held, self._report
+        if held is None:
+            return []
+        supervised = self._setup.supervised_at(held.stamp)
+        due = supervised and held.stamp > 0
+        if due and (report is None or report.stamp < held.stamp - self._period_ns) and not self._left_out():
+            return []
+        self._held = None
+        return [(held, report if due else None)]

@@ -7,9 +7,10 @@ import numpy as np
 from train_ato.loop.inputs import StageInputs
 from train_ato.loop.setup import RunSetup
 from train_ato.loop.stage_messages import SupervisorMessages, diagnostics_due
+from train_ato.loop.train_ahead import MovingAuthority
 from train_ato.messages.topics import Role
 from train_ato.messages.types import BrakeRelease, Diagnostic, Odometry, SupervisedSpeeds
-from train_ato.supervision.odometry_check import OdometryCheck
+from train_ato.supervision.odometry import OdometryCheck
 from train_ato.supervision.supervisor import SupervisionDecision, SupervisionState
 
 
@@ -22,19 +23,24 @@ class SupervisorStage:
         Plausibility of the odometry.
     supervisor : Supervisor
         Decisions.
+    authority : MovingAuthority or None
+        End of authority behind the train ahead; None without one.
     """
 
     role = Role.SUPERVISOR
 
     def __init__(self, setup: RunSetup) -> None:
         self.setup = setup
-        self._inputs = StageInputs(setup, self.role)
+        self.inputs = StageInputs(setup, self.role)
         self.odometry_check = OdometryCheck()
-        self._inputs.check("train/odometry", self.odometry_check.problem)
+        self.inputs.check("train/odometry", self.odometry_check.problem)
         self.supervisor = setup.supervisor()
+        leader = setup.scenario.leader
+        moves = leader is not None and leader.authority is not None
+        self.authority = MovingAuthority(setup, self.supervisor.track) if moves else None
         self._period_ns = setup.supervision_ticks * setup.tick_ns
-        self._reported = SupervisionState.NORMAL
-        self._count: int | None = None
+        self.reported = SupervisionState.NORMAL
+        self.count: int | None = None
 
     def join(self) -> None:
         """Join a run in progress, in place of an ended supervisor."""
@@ -43,14 +49,16 @@ class SupervisorStage:
     def step(self, odometry: Odometry) -> SupervisorMessages:
         """Return the decision for the stamp of the odometry; without a valid one, the motion is the last known."""
         stamp = odometry.stamp
-        decision = self.supervisor.step(self._inputs.receive("train/odometry", stamp, odometry))
+        if self.authority is not None:
+            self.authority.move(stamp)
+        decision = self.supervisor.step(self.inputs.receive("train/odometry", stamp, odometry))
         own = decision.own
-        changed = self._inputs.take_changed() or own.state != self._reported
+        changed = self.inputs.take_changed() or own.state != self.reported
         if changed:
-            self._reported = decision.state
+            self.reported = decision.state
         # after a restart of the node the alive counter goes on as if it had never stopped
-        self._count = stamp // self._period_ns if self._count is None else self._count + 1
-        alive, foremost = float(self._count), own.front + own.position_error
+        self.count = stamp // self._period_ns if self.count is None else self.count + 1
+        alive, foremost = float(self.count), own.front + own.position_error
         return SupervisorMessages(
             BrakeRelease(stamp, np.array(decision.released, dtype=np.float64), np.array([alive, alive, alive])),
             SupervisedSpeeds(
@@ -58,12 +66,14 @@ class SupervisorStage:
                 np.array([own.front, foremost, foremost, foremost, foremost]),
                 np.array([own.speed, *decision.speeds]),
             ),
-            self._diagnostic(stamp, decision) if changed or diagnostics_due(stamp, self._period_ns) else None,
+            self.diagnostic(stamp, decision) if changed or diagnostics_due(stamp, self._period_ns) else None,
         )
 
-    def _diagnostic(self, stamp: int, decision: SupervisionDecision) -> Diagnostic:
+    def diagnostic(self, stamp: int, decision: SupervisionDecision) -> Diagnostic:
         """Return the state of the supervision with the reason of the last change."""
-        values = {"brake_interventions": str(self.supervisor.interventions), **self._inputs.diagnostics()}
+        values = {"brake_interventions": str(self.supervisor.interventions), **self.inputs.diagnostics()}
+        if self.authority is not None:
+            values |= self.authority.diagnostics(stamp)
         if decision.motion is not None:
             values |= {
                 "front": repr(decision.motion.front),

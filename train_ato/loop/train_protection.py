@@ -166,8 +166,8 @@ class TrainProtection:
                 self._demand(Protection.EMERGENCY_BRAKE, "train separation")
             if self._lost:
                 self._demand(Protection.SERVICE_BRAKE, self._lost)
-            self._demand(*self._of_release(stamp, standstill))
-            self._demand(*self._of_command(stamp, standstill))
+            self._demand(*self._of_release(stamp, standstill=standstill))
+            self._demand(*self._of_command(stamp, standstill=standstill))
         return self.level
 
     def _demand(self, level: Protection, reason: str) -> None:
@@ -175,7 +175,7 @@ class TrainProtection:
         if level > self.level:
             self.level, self.reason = level, reason
 
-    def _of_release(self, stamp: int, standstill: bool) -> tuple[Protection, str]:
+    def _of_release(self, stamp: int, *, standstill: bool) -> tuple[Protection, str]:
         """Return the reaction to the brake release of the supervisor or to its age.
 
         The emergency brake of a missing release lasts until standstill.
@@ -187,7 +187,7 @@ class TrainProtection:
         self._unreleased = False
         return self._decision, "" if self._decision is Protection.NONE else SUPERVISOR
 
-    def _of_command(self, stamp: int, standstill: bool) -> tuple[Protection, str]:
+    def _of_command(self, stamp: int, *, standstill: bool) -> tuple[Protection, str]:
         """Return the reaction to the age of the newest command; an emergency brake lasts until standstill."""
         age = int(command_age(self.age, *self.stamps.records(stamp, 0), stamp, self._arrived))
         emergency = self._silent is Protection.EMERGENCY_BRAKE and not standstill

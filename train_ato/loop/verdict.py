@@ -180,6 +180,7 @@ def verdict_line(summary: Metrics) -> str:
     parts = [
         *(_failure_text(row, summary) for row in failed),
         *facts,
+        *_plan_texts(summary),
         *_protection_texts(summary),
         *_lateness_texts(summary),
     ]
@@ -233,6 +234,14 @@ def _lateness_texts(summary: Metrics) -> list[str]:
         return []
     largest, share = 1e3 * summary["lateness_max_s"], 100 * summary["behind_share"]
     return [f"{late:.0f} ticks late by up to {three_digits(largest)} ms, {three_digits(share)} % behind the rate"]
+
+
+def _plan_texts(summary: Metrics) -> list[str]:
+    """Return time and distance of the first plan whose force cannot keep a stop, [] without one."""
+    begin, beyond = summary.get("stop_not_kept_s"), summary.get("stop_not_kept_m")
+    if begin is None or beyond is None:
+        return []
+    return [f"from {begin:.1f} s on the force cannot keep a stop, plans pass it by up to {three_digits(beyond)} m"]
 
 
 def _protection_texts(summary: Metrics) -> list[str]:
@@ -290,7 +299,7 @@ def requirement_text(row: CriterionRow) -> str:
 def place_text(row: CriterionRow) -> str:
     """Return time and place of the worst value of a criterion as text, "" without them."""
     parts = [] if row.get("at_s") is None else [f"at {row['at_s']:.1f} s"]
-    parts += [] if row.get("km") is None else [f"km {row['km']:.3f}"]
+    parts += [] if row.get("km") is None else [f"km {row.get('post') or format(row['km'], '.3f')}"]
     return f" {', '.join(parts)}" if parts else ""
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,7 @@ from plant_sim.elementary import libm_sin
 from plant_sim.record import Records, fill, quantity, zeros
 from plant_sim.si_model import SiModel
 from plant_sim.streams import random_stream
-from plant_sim.units import Ratio, Time
+from plant_sim.units import Number, Ratio, Time, Unit
 from train_ato.messages.types import Array
 
 MAX_DELAY = 600.0
@@ -44,29 +44,35 @@ LinkRecords = tuple[Any, Any, Stamps, Array]
 class VaryingDelay(SiModel):
     """Delay varying at the receiver: ``amplitude |sin(omega t + phase)|``, added to the constant delay."""
 
-    amplitude: Time = Field(ge=0, le=MAX_DELAY)
-    omega: float = Field(1.0, gt=0, description="rad/s")
-    phase: float = Field(0.0, description="rad")
+    amplitude: Time = Field(ge=0, le=MAX_DELAY, description="largest additional delay", examples=[0.2])
+    omega: Annotated[float, Unit("rad/s")] = Field(1.0, gt=0, description="angular frequency")
+    phase: Annotated[float, Unit("rad")] = Field(0.0, description="phase at time 0", examples=[1.57])
 
 
 class DelayJump(SiModel):
     """Change of the delays at a time: delay x product of all factors + sum of all ``add`` of the changes so far."""
 
-    at: Time = Field(ge=0)
-    factor: float = Field(1.0, ge=0, le=1000)
-    add: Time = Field(0.0, ge=-MAX_DELAY, le=MAX_DELAY)
+    at: Time = Field(ge=0, description="time of the change", examples=[60.0])
+    factor: Number = Field(1.0, ge=0, le=1000, description="factor on the delays", examples=[2.0])
+    add: Time = Field(0.0, ge=-MAX_DELAY, le=MAX_DELAY, description="time that is added to the delays", examples=[0.2])
 
 
 class LinkSpec(SiModel):
     """Delay of one topic; ``delay`` is one value for all units or one per unit."""
 
-    delay: Time | tuple[Time, ...] = Field(0.0, description="delay; of commands: in traction")
-    delay_brake: Time | tuple[Time, ...] | None = Field(None, description="delay of commands < 0; default: delay")
+    delay: Time | tuple[Time, ...] = Field(
+        0.0, description="delay of the topic; of commands: in traction", examples=[0.3]
+    )
+    delay_brake: Time | tuple[Time, ...] | None = Field(
+        None, description="delay of commands below 0; default: delay", examples=[0.5]
+    )
     varying: VaryingDelay | None = None
     jitter: Time = Field(
-        0.0, ge=0, le=MAX_DELAY, description="upper bound of an additional, uniformly distributed delay"
+        0.0, ge=0, le=MAX_DELAY, description="largest additional delay, with uniform distribution", examples=[0.02]
     )
-    loss: Ratio = Field(0.0, ge=0, lt=1, description="probability of losing a message; the last value is held")
+    loss: Ratio = Field(
+        0.0, ge=0, lt=1, description="probability of losing a message; the last value is held", examples=[0.01]
+    )
     jump: DelayJump | None = None
 
     def per_unit(self, width: int, block: str) -> tuple[Array, Array]:
@@ -263,6 +269,18 @@ class Link:
     def pop(self, now: int) -> Array:
         """Return the newest value that has arrived at ``now`` [ns], shape (width,)."""
         return np.asarray(self.window(now, 1)[0])
+
+    def delivers_only(self, value: float | None) -> bool:
+        """Return True if all values that have arrived or are in flight are the same value."""
+        queues = zip(self._units["first"].tolist(), self._units["end"].tolist(), strict=True)
+        flying = all((row[first:end] == value).all() for row, (first, end) in zip(self._value, queues, strict=True))
+        return flying and bool((self._units["held"] == value).all())
+
+    def repeat(self, stamp: int, period: int, count: int, value: float) -> None:
+        """Queue a value and take the arrived one, at a number of stamps with a period [ns]."""
+        for now in range(stamp, stamp + count * period, period):
+            self.push(now, (value,))
+            self.pop(now)
 
     def records(self, stamp: int, count: int) -> LinkRecords:
         """Return the records at a stamp [ns], with the changes up to it and room for ``count`` more values."""

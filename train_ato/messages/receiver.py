@@ -21,8 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from train_ato.messages.fault_effects import NEVER, Arrival, FaultEffect
-from train_ato.messages.faults import MessageFault
+from train_ato.messages.faults import NEVER, Arrival, FaultEffect, MessageFault
 from train_ato.messages.topic import Role, Topic
 from train_ato.messages.validity import validity_check
 

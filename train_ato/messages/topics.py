@@ -6,8 +6,26 @@ it.  A new topic needs a message dataclass and an entry here.
 
 from __future__ import annotations
 
-from train_ato.messages.layout import Owner, TrainLayout
-from train_ato.messages.topic import AIR_BRAKE, DISTURBED, SUPERVISED, Place, Rate, Role, Topic, joint_states, knots
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from train_ato.messages.topic import (
+    AIR_BRAKE,
+    DISTURBED,
+    SUPERVISED,
+    Owner,
+    Place,
+    Rate,
+    Role,
+    Topic,
+    TrainLayout,
+    joint_states,
+    knots,
+)
 from train_ato.messages.types import (
     AtoReport,
     BrakeRelease,
@@ -32,6 +50,7 @@ __all__ = [
     "DIAGNOSTIC_UNITS",
     "END_TOPIC",
     "EPOCH_NS",
+    "EXTERNAL",
     "LINE_FRAME",
     "TOPICS",
     "Place",
@@ -47,6 +66,8 @@ __all__ = [
 EPOCH_NS = 1_767_225_600_000_000_000
 """Simulation time 0 in messages [ns]: 2026-01-01T00:00:00Z, because tools display stamps near 1970 badly."""
 
+EXTERNAL = ("controller", "observer", "profile", "supervisor", "plant")
+"""Nodes in whose place another program can run."""
 LINE_FRAME = "line"
 """Frame of positions along the line: chainages."""
 END_TOPIC = "train/end"
@@ -74,6 +95,7 @@ _TABLE: tuple[Topic, ...] = (
         readers=(),
         rate=Rate.TICK,
         meaning="simulation time, for tools; nothing in the loop waits for it",
+        optional=True,
     ),
     Topic(
         "train/vehicles",
@@ -85,6 +107,7 @@ _TABLE: tuple[Topic, ...] = (
         rate=Rate.TICK,
         meaning="truth, one entry per vehicle, front first",
         finite=False,
+        optional=True,
     ),
     Topic(
         "train/measurement",
@@ -110,6 +133,7 @@ _TABLE: tuple[Topic, ...] = (
         meaning="brake-pipe pressure at the head",
         frame=0,
         condition=AIR_BRAKE,
+        optional=True,
     ),
     Topic(
         "train/brake_pipe_tail",
@@ -122,6 +146,7 @@ _TABLE: tuple[Topic, ...] = (
         meaning="brake-pipe pressure at the tail",
         frame=-1,
         condition=AIR_BRAKE,
+        optional=True,
     ),
     Topic(
         "train/brake_shoes",
@@ -134,6 +159,7 @@ _TABLE: tuple[Topic, ...] = (
         meaning="air brake of every vehicle",
         condition=AIR_BRAKE,
         finite=False,
+        optional=True,
     ),
     Topic(
         "train/disturbance",
@@ -146,6 +172,7 @@ _TABLE: tuple[Topic, ...] = (
         meaning="true external disturbance forces",
         condition=DISTURBED,
         finite=False,
+        optional=True,
     ),
     Topic(
         "train/odometry",
@@ -202,6 +229,7 @@ _TABLE: tuple[Topic, ...] = (
         meaning="state of the ATO and its measured motion",
         condition=SUPERVISED,
         finite=False,
+        optional=True,
     ),
     Topic(
         "ato/profile",
@@ -234,6 +262,7 @@ _TABLE: tuple[Topic, ...] = (
         texts=(("joint_names", ("limit",)),),
         latched=True,
         depth=1,
+        optional=True,
     ),
     Topic(
         "ato/reference",
@@ -285,6 +314,7 @@ _TABLE: tuple[Topic, ...] = (
         meaning="brake-pipe pressure demanded at the head",
         frame=0,
         condition=AIR_BRAKE,
+        optional=True,
     ),
     Topic(
         "/diagnostics",
@@ -379,3 +409,43 @@ def topics_of(layout: TrainLayout) -> tuple[Topic, ...]:
 def tick_topics(layout: TrainLayout) -> tuple[str, ...]:
     """Return the names of the recorded topics with one message per tick."""
     return tuple(topic.name for topic in topics_of(layout) if topic.recorded and topic.rate is Rate.TICK)
+
+
+Values = dict[str, NDArray[Any]]
+"""Values of the messages of a topic by field, each of shape (ticks, n); durations [ns] as integers."""
+
+
+@dataclass(frozen=True)
+class TickBlock:
+    """Messages of consecutive ticks.
+
+    Attributes
+    ----------
+    stamps : Array of int, shape (ticks,)
+        Stamps [ns].
+    rows : list of tuple
+        Topic and values of the messages of every tick, in the order of publication.
+    between : dict of list
+        Other messages by the number of their tick, in order: number of the message of ``rows`` before which it is
+        published, topic, message.
+    """
+
+    stamps: NDArray[np.int64]
+    rows: list[tuple[str, Values]]
+    between: dict[int, list[tuple[int, str, Any]]]
+
+    def messages(self) -> Iterator[tuple[int, list[tuple[str, Any]]]]:
+        """Yield the stamp [ns] of every tick, and its messages with their topics in the order of publication."""
+        for tick, stamp in enumerate(self.stamps.tolist()):
+            found = [(topic, message_at(topic, stamp, values, tick)) for topic, values in self.rows]
+            for number, topic, message in reversed(self.between.get(tick, ())):
+                found.insert(number, (topic, message))
+            yield stamp, found
+
+
+def message_at(topic: str, stamp: int, values: Values, tick: int) -> Any:
+    """Return the message of a tick from the values of its topic."""
+    entry = BY_NAME[topic]
+    row = {place.field: values[place.field][tick] for place in entry.places if place.field != "stamp"}
+    single = {place.field: row[place.field].item() for place in entry.places if place.field in row and not place.owner}
+    return entry.message(stamp, **row | single)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from pathlib import Path
 from string import ascii_lowercase
 from typing import Any
@@ -10,14 +10,12 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from train_ato.apps.report.downsample import kept
-from train_ato.apps.report.print_parts import DPI
+from train_ato.apps.report.page_data import kept
+from train_ato.apps.report.print_figures import DPI, LONG_RUN_S
 from train_ato.apps.report.quantities import COLOURS, GREY
-from train_ato.apps.report.run_figure import LONG_RUN_S
+from train_ato.log.whole_file import writing
 from train_ato.messages.types import Array
 from train_ato.papers.claims import FigureFile
-
-__all__ = ["COLOURS", "HELD", "Series", "blank_figure", "inset", "panels", "save", "thinned", "trace"]
 
 Series = tuple[str, Array, Array]
 """Label, time [s], values."""
@@ -85,6 +83,7 @@ def inset(
     series: Iterable[Series],
     begin: float,
     end: float,
+    *,
     place: tuple[float, float, float, float],
     reference: Series | None = None,
 ) -> None:
@@ -106,7 +105,49 @@ def save(figure: Figure, path: Path) -> FigureFile:
     if len(figure.axes) > 1:
         for letter, panel in zip(ascii_lowercase, figure.axes, strict=False):
             panel.set_title(letter, loc="left", fontweight="bold", pad=3)
-    figure.savefig(path, dpi=DPI)
-    figure.savefig(path.with_suffix(".pdf"), metadata={"CreationDate": None})
+    with writing(path):
+        figure.savefig(path, dpi=DPI)
+    with writing(path.with_suffix(".pdf")):
+        figure.savefig(path.with_suffix(".pdf"), metadata={"CreationDate": None})
     caption = str(figure.get_label())
     return FigureFile(path, caption[:1].upper() + caption[1:])
+
+
+class Sheet:
+    """Figure with rows and columns of panels.
+
+    Parameters
+    ----------
+    caption
+        Caption on the page.
+    rows, columns
+        Number of panels.
+    height
+        Height of a row [inch].
+    width
+        Width of the sheet [inch].
+    share
+        One time axis for all panels of a column.
+    """
+
+    def __init__(
+        self, caption: str, rows: int, columns: int = 1, *, height: float = 2.4, width: float = 11.0, share: bool = True
+    ) -> None:
+        self._figure, self.panels = blank_figure(caption, rows, columns, (width, 0.8 + height * rows), shared=share)
+
+    def panel(self, row: int, column: int = 0) -> Axes:
+        """Return one panel."""
+        found: Axes = self.panels[row, column]
+        return found
+
+    def save(self, path: Path, below: str = "time in s", *, legends: Collection[int] | None = None) -> FigureFile:
+        """Write the sheet with an axis label below and legends in the given rows (default: all); return it."""
+        for row, panels in enumerate(self.panels):
+            for panel in panels:
+                panel.margins(x=0.01)
+                if (legends is None or row in legends) and panel.get_legend_handles_labels()[0]:
+                    panel.legend(loc="best", ncols=4 if len(panels) == 1 else 2, fontsize="small")
+        for panel in self.panels[-1]:
+            if not panel.get_xlabel():
+                panel.set_xlabel(below)
+        return save(self._figure, path)

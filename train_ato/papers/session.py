@@ -9,9 +9,11 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from train_ato.log.whole_file import write_whole
+
 if TYPE_CHECKING:
     from train_ato.papers.claims import Calculation, Case, FigureFile, Paper, Result
-    from train_ato.papers.judging import Row
+    from train_ato.papers.page import Row
     from train_ato.papers.pool import Finished, Moved
 
 
@@ -128,14 +130,13 @@ def reproduce(
         Numbers of the papers that were not run again.
     """
     from train_ato.log.versions import source_hash
-    from train_ato.papers.judging import claims_of
-    from train_ato.papers.page import section
+    from train_ato.papers.page import claims_of, section
     from train_ato.papers.pool import Moved, WorkerPool
 
     source = source_hash()
-    code = {paper.number: f"{source} {len(claims_of(paper, full))} claims" for paper in papers}
+    code = {paper.number: f"{source} {len(claims_of(paper, full=full))} claims" for paper in papers}
     kept = {number: found for number in code if (found := _kept(folder, number, code[number])) is not None}
-    pending, tasks = _plan([paper for paper in papers if paper.number not in kept], full)
+    pending, tasks = _plan([paper for paper in papers if paper.number not in kept], full=full)
     rows: list[Row] = [row for found in kept.values() for row in found["rows"]]
     sections: dict[str, str] = {number: found["section"] for number, found in kept.items()}
     summaries: dict[str, dict[str, Any]] = {number: found["cases"] for number, found in kept.items()}
@@ -148,7 +149,7 @@ def reproduce(
                 entry.results |= {key: event.result for key, task in entry.wanted.items() if task == event.key}
                 if len(entry.results) == len(entry.wanted):
                     pending.remove(entry)
-                    judged = _judge(entry, folder, full)
+                    judged = _judge(entry, folder, full=full)
                     rows += judged.rows
                     summaries[entry.paper.number] = _figures_of(judged)
                     _write(folder / "reproduce.json", sorted(rows, key=lambda row: row["paper"]))
@@ -156,7 +157,7 @@ def reproduce(
                     sections[judged.paper.number] = section(
                         judged.paper, judged.rows, judged.results, judged.figures, shown
                     )
-                    _write_page(folder, papers, rows, sections, full)
+                    _write_page(folder, papers, rows, sections, full=full)
                     number = judged.paper.number
                     done_now = {"rows": judged.rows, "section": sections[number], "cases": summaries[number]}
                     _write(_file_of(folder, number), {"code": code[number], **done_now})
@@ -178,15 +179,15 @@ def _kept(folder: Path, number: str, code: str) -> dict[str, Any] | None:
     return found if same else None
 
 
-def _plan(papers: list[Paper], full: bool) -> tuple[list[_Pending], dict[str, Case | Calculation]]:
+def _plan(papers: list[Paper], *, full: bool) -> tuple[list[_Pending], dict[str, Case | Calculation]]:
     """Return the pending papers and the tasks; equal cases of all papers are one task."""
-    from train_ato.papers.judging import cases_of
+    from train_ato.papers.page import cases_of
 
     pending: list[_Pending] = []
     tasks: dict[str, Case | Calculation] = {}
     for paper in papers:
         wanted: dict[str, str] = {}
-        for key, case in cases_of(paper, full).items():
+        for key, case in cases_of(paper, full=full).items():
             same = next((name for name, known in tasks.items() if known == case), None)
             wanted[key] = same or f"{paper.number} {key}"
             tasks[wanted[key]] = case
@@ -194,12 +195,12 @@ def _plan(papers: list[Paper], full: bool) -> tuple[list[_Pending], dict[str, Ca
     return pending, tasks
 
 
-def _judge(entry: _Pending, folder: Path, full: bool) -> Judged:
-    from train_ato.apps.report.print_parts import SHEET_SIZE, styled
-    from train_ato.papers.judging import judge_paper
+def _judge(entry: _Pending, folder: Path, *, full: bool) -> Judged:
+    from train_ato.apps.report.print_figures import SHEET_SIZE, styled
+    from train_ato.papers.page import judge_paper
 
     paper, results = entry.paper, {key: entry.results[key] for key in entry.wanted}
-    rows = judge_paper(paper, results, full)
+    rows = judge_paper(paper, results, full=full)
     try:
         with styled(SHEET_SIZE):
             figures, complaints = paper.figures(results, folder), []
@@ -208,13 +209,13 @@ def _judge(entry: _Pending, folder: Path, full: bool) -> Judged:
     return Judged(paper, rows, results, figures, complaints)
 
 
-def _write_page(folder: Path, papers: list[Paper], rows: list[Row], sections: dict[str, str], full: bool) -> None:
+def _write_page(folder: Path, papers: list[Paper], rows: list[Row], sections: dict[str, str], *, full: bool) -> None:
     from train_ato.papers.page import papers_overview
 
     known = {paper.number: paper for paper in papers if paper.number in sections}
     options = (" all" if len(papers) == len(paper_numbers()) else f" {papers[0].number}") + (" --full" if full else "")
     head = papers_overview(rows, known, options)
-    (folder / "reproduce.md").write_text("\n".join([head, *(sections[key] for key in sorted(sections))]), "utf-8")
+    write_whole(folder / "reproduce.md", "\n".join([head, *(sections[key] for key in sorted(sections))]))
 
 
 def _figures_of(judged: Judged) -> dict[str, Any]:
@@ -225,4 +226,4 @@ def _figures_of(judged: Judged) -> dict[str, Any]:
 
 
 def _write(path: Path, value: Any) -> None:
-    path.write_text(json.dumps(value, indent=2, ensure_ascii=False, default=str) + "\n", encoding="utf-8")
+    write_whole(path, json.dumps(value, indent=2, ensure_ascii=False, default=str) + "\n")

@@ -7,18 +7,20 @@ changes, its speed averaged over time (paper 000 uses a recorded run of an exper
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from plant_sim.consist import Consist
+from plant_sim.elementary import plain_sum, total_of_units
 from plant_sim.line import Line
 from plant_sim.plant_setup import PlantSetup
-from plant_sim.summation import plain_sum
 from plant_sim.traction import Envelope
 from plant_sim.train import Train
 from train_ato.control.air_brake.policy import BrakeSpec, make_brake_policy
+from train_ato.control.open_loop import DriverAction, OpenLoopDriver, actions_text, driver_reductions
 from train_ato.control.train_model import TrainModel
 from train_ato.messages.types import Array
 from train_ato.profile.profile import Profile
@@ -123,7 +125,7 @@ def simulate_driver(
     ValueError
         If the train is at rest for 60 s before ``until``.
     """
-    train = Train(consist, line, PlantSetup(), round(STEP * 1e9), round(PERIOD * 1e9), seed=0)
+    train = Train(consist, line, PlantSetup(), step_ns=round(STEP * 1e9), tick_ns=round(PERIOD * 1e9), seed=0)
     no_delay = np.zeros(len(consist.power_units))
     model = TrainModel(consist, line, no_delay, no_delay, 0.0, PERIOD)
     policy = make_brake_policy(BrakeSpec(policy="trigger" if consist.air_brake else "none"), model, line)
@@ -155,10 +157,58 @@ def simulate_driver(
     return DrivenRun(PERIOD, np.array(positions), np.array(velocities), np.array(forces), tuple(events))
 
 
+def simulate_actions(
+    actions: tuple[DriverAction, ...],
+    consist: Consist,
+    line: Line,
+    period: float,
+    start: float,
+    duration: float,
+    speed: float,
+) -> Profile:
+    """Return the averaged speed of the nominal train on the actions of a driver, open loop.
+
+    Parameters
+    ----------
+    actions
+        Notches and brake-pipe reductions.
+    consist, line
+        Nominal train and line; the actuators are ideal.
+    period
+        Time between the knots [s].
+    start, duration, speed
+        Place of vehicle 0's centre [m], duration [s] and speed at the begin [m/s].
+
+    Raises
+    ------
+    ValueError
+        If the train does not have a notch, a unit or an air brake of the actions.
+    """
+    step = period / max(1, math.ceil(period / STEP - 1e-9))
+    setup = PlantSetup.model_validate({"start": {"position": start, "speed": speed}})
+    train = Train(consist, line, setup, step_ns=round(step * 1e9), tick_ns=round(period * 1e9), seed=0)
+    no_delay = np.zeros(len(consist.power_units))
+    model = TrainModel(consist, line, no_delay, no_delay, 0.0, period)
+    driver = OpenLoopDriver(actions=actions_text(actions))
+    driver.bind(model, period)
+    events = driver_reductions(actions)
+    policy = make_brake_policy(BrakeSpec(policy="planned", events=events) if events else BrakeSpec(), model, line)
+    velocities, units = [], list(train.units)
+    for tick in range(max(2, round(duration / period)) + 1):
+        velocity = train.velocity
+        velocities.append(float(velocity[0]))
+        position = float(train.position[0])
+        force = np.array(driver.forces(tick * period, position, velocity[units].tolist()))
+        pressure = policy.step(tick * period, position, float(velocity[0]), total_of_units(force))
+        train.advance(np.tile(force, (train.substeps, 1)), pressure if consist.air_brake else None)
+    averaged = DrivenRun(period, np.array([start]), np.array(velocities), np.zeros(0), ())
+    return averaged_profile(averaged, Driver(), period)
+
+
 def averaged_profile(run: DrivenRun, driver: Driver, spacing: float) -> Profile:
     """Return the profile of a simulated run: averaged speed, integrated position, knots every ``spacing`` s."""
     speed = average_speed(run.velocity, run.period, driver.average)
-    speed[0] = 0.0
+    speed[0] = run.velocity[0]
     acceleration = np.gradient(speed, run.period)
     acceleration[0] = 0.0
     steps = run.period * (speed[1:] + speed[:-1]) / 2 - run.period**2 * np.diff(acceleration) / 12

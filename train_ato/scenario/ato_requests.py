@@ -24,8 +24,8 @@ REQUESTS: tuple[Request, ...] = get_args(Request)
 class AtoRequest(SiModel):
     """One request; an engagement waits until the ATO is ready."""
 
-    at: Time = Field(ge=0, description="planned time")
-    do: Request
+    at: Time = Field(ge=0, description="time of the request", examples=[60.0])
+    do: Request = Field(description="requested action")
 
 
 def request_from_text(text: str) -> Request:

@@ -8,7 +8,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from plant_sim.si_model import SiModel
 from plant_sim.units import Acceleration, Force, Jerk, Length, Ratio, Speed, Time
-from train_ato.scenario.formula_parser import parse_formula
+from train_ato.scenario.formula import parse_formula
 
 
 def _checked_formula(text: str) -> str:
@@ -60,35 +60,52 @@ class Criteria(SiModel):
     """
 
     stop_window: Length | None = Field(
-        None, gt=0, description="largest distance of the front from the target at every stop of the profile"
+        None,
+        gt=0,
+        description="largest distance of the front from the target at every stop of the profile",
+        examples=[0.3],
     )
     arrival_delay: Time | None = Field(
-        None, ge=0, description="largest delay of the arrival at a stop against the profile"
+        None, ge=0, description="largest delay of the arrival at a stop against the profile", examples=[5.0]
     )
     overspeed: Speed | None = Field(
-        None, ge=0, description="largest speed above the lowest speed limit under the train"
+        None, ge=0, description="largest speed above the lowest speed limit under the train", examples=[0.5]
     )
     speed_error_rms: Speed | None = Field(
-        None, gt=0, description="root mean square of the speed error over the evaluation"
+        None, gt=0, description="root mean square of the speed error over the evaluation", examples=[0.2]
     )
     speed_error: Speed | None = Field(
-        None, gt=0, description="largest speed error of the whole run, the braking to the stop included"
+        None, gt=0, description="largest speed error of the whole run, the braking to the stop included", examples=[1.0]
     )
-    position_error: Length | None = Field(None, gt=0, description="largest position error over the evaluation")
-    coupler_draft: Force | None = Field(None, gt=0, description="largest draft of all couplers")
-    coupler_buff: Force | None = Field(None, gt=0, description="largest buff of all couplers, a magnitude")
-    acceleration: Acceleration | None = Field(None, gt=0, description="largest acceleration of vehicle 0, a magnitude")
+    position_error: Length | None = Field(
+        None, gt=0, description="largest position error over the evaluation", examples=[2.0]
+    )
+    coupler_draft: Force | None = Field(None, gt=0, description="largest draft of all couplers", examples=[400e3])
+    coupler_buff: Force | None = Field(
+        None, gt=0, description="largest buff of all couplers, a magnitude", examples=[400e3]
+    )
+    acceleration: Acceleration | None = Field(
+        None, gt=0, description="largest acceleration of vehicle 0, a magnitude", examples=[1.2]
+    )
     jerk: Jerk | None = Field(
-        None, gt=0, description="largest change of vehicle 0's mean acceleration from one second to the next"
+        None,
+        gt=0,
+        description="largest change of vehicle 0's mean acceleration from one second to the next",
+        examples=[0.8],
     )
     real_time: Time | None = Field(
-        None, gt=0, description="largest lateness of a tick against the rate, in a run of nodes with a rate"
+        None,
+        gt=0,
+        description="largest lateness of a tick against the rate, in a run of nodes with a rate",
+        examples=[0.05],
     )
     brake_interventions: int | None = Field(
-        None, ge=0, description="largest number of brake interventions of the supervisor"
+        None, ge=0, description="largest number of brake interventions of the supervisor", examples=[0]
     )
     requirements: dict[RequirementName, RequirementText] | None = Field(
-        None, description="formulas in signal temporal logic by name, for example 'G (speed <= limit + 1 km/h)'"
+        None,
+        description="formulas in signal temporal logic by name",
+        examples=[{"no_overspeed": "G (speed <= limit + 1 km/h)"}],
     )
     tracking: TrackingLimits = Field(TrackingLimits(), description="limits of the outcome of tracking")
 
@@ -99,8 +116,14 @@ class Expectation(SiModel):
     verdict: Literal["passed", "failed", "aborted", "none"] = Field(
         description="verdict of the run; aborted: a node fails during the run; none: the scenario has no criteria"
     )
-    criteria: tuple[str, ...] = Field((), description="criteria and requirements that fail")
-    because: str = Field("", description="cause of a failed or missing verdict, in one sentence")
+    criteria: tuple[str, ...] = Field(
+        (), description="criteria and requirements that fail", examples=[("stop_window",)]
+    )
+    because: str = Field(
+        "",
+        description="cause of a failed or missing verdict, in one sentence",
+        examples=["The gains are those of a heavy train."],
+    )
 
     @model_validator(mode="after")
     def _has_its_cause(self) -> Expectation:

@@ -13,9 +13,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, TypeAdapter, ValidationError
 
-from plant_sim.number_text import number_text
 from plant_sim.si_model import SiModel
-from plant_sim.units import Acceleration, Time
+from plant_sim.units import Acceleration, Number, Time, number_text
 from train_ato.messages.faults import MAX_FAULT_TIME
 from train_ato.messages.links import MAX_DELAY
 
@@ -31,7 +30,9 @@ PlantTopic = Literal["ato/command", "ato/brake_pipe_command", "atp/brake_release
 class _TimedIntervention(SiModel):
     """Base of every intervention: its planned time."""
 
-    at: Time | None = Field(None, ge=0, description="planned time; null: at the next tick after the request")
+    at: Time | None = Field(
+        None, ge=0, description="time of the intervention; null: the next tick after the request", examples=[60.0]
+    )
 
     def described(self) -> str:
         """Return a readable description with its values."""
@@ -44,8 +45,10 @@ class GustNow(_TimedIntervention):
     """A gust on every vehicle: an acceleration with a rising ramp, a constant part and a falling ramp."""
 
     do: Literal["gust"] = "gust"
-    acceleration: Acceleration = Field(ge=-MAX_GUST, le=MAX_GUST, description="< 0: headwind")
-    duration: Time = Field(gt=0, le=MAX_GUST_DURATION, description="duration with both ramps")
+    acceleration: Acceleration = Field(
+        ge=-MAX_GUST, le=MAX_GUST, description="acceleration of every vehicle; < 0: headwind", examples=[-0.05]
+    )
+    duration: Time = Field(gt=0, le=MAX_GUST_DURATION, description="duration with both ramps", examples=[20.0])
     ramp: Time = Field(1.0, ge=0, le=MAX_GUST_DURATION, description="duration of each ramp")
 
 
@@ -53,15 +56,17 @@ class DelayJumpNow(_TimedIntervention):
     """Change of the command delays: delay x product of all factors + sum of all ``add`` of the changes so far."""
 
     do: Literal["delay_jump"] = "delay_jump"
-    factor: float = Field(1.0, ge=0, le=1000)
-    add: Time = Field(0.0, ge=-MAX_DELAY, le=MAX_DELAY)
+    factor: Number = Field(1.0, ge=0, le=1000, description="factor on the command delays", examples=[2.0])
+    add: Time = Field(
+        0.0, ge=-MAX_DELAY, le=MAX_DELAY, description="time that is added to the command delays", examples=[0.2]
+    )
 
 
 class EmergencyBrakeNow(_TimedIntervention):
     """The emergency brake: applied, or released (at standstill only)."""
 
     do: Literal["emergency_brake"] = "emergency_brake"
-    applied: bool = True
+    applied: bool = Field(True, description="true applies the emergency brake, false releases it")
 
     def described(self) -> str:
         """Return a readable description with its values."""
@@ -72,24 +77,28 @@ class MessageLossNow(_TimedIntervention):
     """Messages of a topic do not arrive at the plant for a time."""
 
     do: Literal["message_loss"] = "message_loss"
-    topic: PlantTopic = "ato/command"
-    duration: Time = Field(gt=0, le=MAX_FAULT_TIME)
+    topic: PlantTopic = Field("ato/command", description="topic whose messages do not arrive")
+    duration: Time = Field(gt=0, le=MAX_FAULT_TIME, description="duration of the loss", examples=[2.0])
 
 
 class MessageFreezeNow(_TimedIntervention):
     """Content of a topic that does not change for a time, with new stamps; of the measurement: its sensors."""
 
     do: Literal["message_freeze"] = "message_freeze"
-    topic: PlantTopic | Literal["train/measurement"] = "ato/command"
-    duration: Time = Field(gt=0, le=MAX_FAULT_TIME)
+    topic: PlantTopic | Literal["train/measurement"] = Field(
+        "ato/command", description="topic whose content does not change"
+    )
+    duration: Time = Field(gt=0, le=MAX_FAULT_TIME, description="duration of the constant content", examples=[2.0])
 
 
 class TrainJumpNow(_TimedIntervention):
     """Factor on the forces of all drives or shoes, or on the adhesion, for the rest of the run."""
 
     do: Literal["train_jump"] = "train_jump"
-    what: Literal["gain", "brake", "adhesion"]
-    factor: float = Field(ge=0, le=10)
+    what: Literal["gain", "brake", "adhesion"] = Field(
+        description="forces of the drives (gain), of the shoes (brake), or adhesion"
+    )
+    factor: Number = Field(ge=0, le=10, description="factor on the forces or on the adhesion", examples=[0.8])
 
 
 Intervention = Annotated[

@@ -11,6 +11,7 @@ from typing import Any
 from plant_sim.input_error import InputFaults
 from plant_sim.library import split_name
 from train_ato.arguments import parse_yaml_value
+from train_ato.errors import InputError
 
 __all__ = ["RefusedScenario", "assign", "caused_by", "keys_of", "overlay", "put", "with_absolute_files"]
 
@@ -107,7 +108,7 @@ def _put_entry(entries: list[Any], keys: list[str], value: Any, option: str) -> 
         raise ValueError(f"{option}: '{keys[0]}' is a value, not a block of keys; correct the key")
 
 
-class RefusedScenario(InputFaults):
+class RefusedScenario(InputFaults, InputError):
     """Refusal of a scenario; ``problem`` is the message without the file or the changes that it names first."""
 
     def __init__(self, message: str, problem: str = "") -> None:

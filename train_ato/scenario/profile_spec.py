@@ -1,4 +1,4 @@
-"""The ``profile:`` block of a scenario: a file, phases, points, steps or a plan."""
+"""The ``profile:`` block of a scenario: a file, phases, points, steps, a plan, or a driver's run."""
 
 from __future__ import annotations
 
@@ -10,36 +10,74 @@ from pydantic import Field, model_validator
 from plant_sim.consist import Consist
 from plant_sim.line import Line
 from plant_sim.si_model import SiModel
-from plant_sim.units import Length, Time
+from plant_sim.units import Place, Time
+from train_ato.control.open_loop import DriverAction
 from train_ato.messages.types import Array
-from train_ato.profile.file import csv_text, parse_csv, read_profile
-from train_ato.profile.motion import Motion
-from train_ato.profile.phases import MotionLimits, Phase, PhaseBuilder
+from train_ato.profile.driver import simulate_actions
+from train_ato.profile.file import Point, Step, csv_text, from_points, from_steps, parse_csv, read_profile
+from train_ato.profile.motion import Motion, MotionLimits, Phase, PhaseBuilder
 from train_ato.profile.planner.settings import PlanSettings
-from train_ato.profile.points import Point, Step, from_points, from_steps
 from train_ato.profile.profile import Profile
 
-SOURCES = ("file", "knots", "phases", "points", "steps", "plan")
+SOURCES = ("file", "knots", "phases", "points", "steps", "plan", "driver")
 
 
 class ProfileSpec(SiModel):
-    """Speed profile of a run, from exactly one of file, knots, phases, points, steps, plan."""
+    """Speed profile of a run, from exactly one of file, knots, phases, points, steps, plan, driver."""
 
-    file: str | None = Field(None, description="CSV or YAML file, in the scenario's folder or the current one")
-    knots: str | None = Field(None, description="text of a CSV profile")
-    phases: tuple[Phase, ...] | None = Field(None, min_length=1)
-    points: tuple[Point, ...] | None = Field(None, min_length=2)
+    file: str | None = Field(
+        None,
+        description="CSV or YAML file of the profile, in the folder of the scenario or the current one",
+        examples=["profile.csv"],
+    )
+    knots: str | None = Field(
+        None,
+        description="text of a CSV profile, in place of its file",
+        examples=["time,position,speed,acceleration\n0,150,0,0\n60,150,0,0\n"],
+    )
+    phases: tuple[Phase, ...] | None = Field(
+        None,
+        min_length=1,
+        description="phases of the motion in their order",
+        examples=[[{"accelerate_to": 20.0}, {"cruise_for": 60.0}, {"brake_to": 0.0}]],
+    )
+    points: tuple[Point, ...] | None = Field(
+        None,
+        min_length=2,
+        description="corners of the speed curve",
+        examples=[[{"place": 0.0, "speed": 0.0}, {"place": 600.0, "speed": 20.0}, {"place": 1200.0, "speed": 0.0}]],
+    )
     steps: tuple[Step, ...] | None = Field(None, min_length=1)
-    plan: PlanSettings | None = Field(None, description="minimum-time or timetable profile of the planner")
+    plan: PlanSettings | None = Field(
+        None, description="profile of the planner, of minimum time or for a timetable", examples=[{"time": 900.0}]
+    )
+    driver: tuple[DriverAction, ...] | None = Field(
+        None,
+        min_length=1,
+        description="notches and brake-pipe reductions of a driver: a run without a law, whose profile is the mean "
+        "speed of the nominal train on them",
+        examples=[[{"time": 0.0, "notch": 2}, {"place": 1200.0, "notch": 0, "reduction": 50e3}]],
+    )
     limits: MotionLimits = Field(MotionLimits(), description="limits of phases, points and append")
-    start: Length | None = Field(
-        None, description="position of vehicle 0's centre at the begin; default: the line's begin"
+    start: Place | None = Field(
+        None, description="position of vehicle 0's centre at the begin; default: begin of the line", examples=[150.0]
     )
     until: Time | None = Field(
-        None, gt=0, description="end of the last step; for the other sources: cut the profile at this time"
+        None,
+        gt=0,
+        description="end of the last step; for the other sources the time at which the profile is cut",
+        examples=[600.0],
     )
-    append: tuple[Phase, ...] = Field((), description="phases after the end, for example braking to standstill")
-    allow_rolling_end: bool = Field(False, description="accept a profile that does not end at rest")
+    since: Time | None = Field(
+        None,
+        gt=0,
+        description="time of the profile at which the run begins, with the train in motion; default: its begin",
+        examples=[450.0],
+    )
+    append: tuple[Phase, ...] = Field(
+        (), description="phases after the end of the profile", examples=[[{"brake_to": 0.0}]]
+    )
+    allow_rolling_end: bool = Field(False, description="a profile that does not end at rest is accepted")
 
     @model_validator(mode="after")
     def _one_source(self) -> ProfileSpec:
@@ -57,9 +95,11 @@ class ProfileSpec(SiModel):
         consist: Consist,
         line: Line,
         period: float,
+        *,
         folder: Path | None = None,
         reduction: float | None = None,
         ceiling: tuple[Array, Array] | None = None,
+        begun: tuple[float, float] = (0.0, 0.0),
     ) -> Profile:
         """Return the profile.
 
@@ -75,18 +115,24 @@ class ProfileSpec(SiModel):
             Deepest brake-pipe reduction that a plan may use [Pa]; None: that of the largest braking factor.
         ceiling : pair of arrays, optional
             Increasing places of the front [m] and speeds [m/s] of a speed limit of a plan beside that of the line.
+        begun
+            Duration of a driver's run [s] and speed at its begin [m/s].
 
         Raises
         ------
         ValueError
             One line: problem; fix.
         """
-        profile = self._build_source(consist, line, period, folder or Path(), reduction, ceiling)
+        profile = self._build_source(
+            consist, line, period, folder=folder or Path(), reduction=reduction, ceiling=ceiling, begun=begun
+        )
         if self.until is not None and self.steps is None:
             profile = profile.until(self.until)
         if self.append:
             profile = _append(profile, self.append, self.limits, consist, period)
-        if profile.ends_rolling and not self.allow_rolling_end:
+        if self.since is not None:
+            profile = profile.since(self.since)
+        if profile.ends_rolling and not self.allow_rolling_end and self.driver is None:
             speed = 3.6 * float(profile.velocity[-1])
             raise ValueError(
                 f"the profile ends rolling at {speed:.1f} km/h after {profile.end:.1f} s; let it end at rest "
@@ -105,9 +151,11 @@ class ProfileSpec(SiModel):
         consist: Consist,
         line: Line,
         period: float,
+        *,
         folder: Path,
         reduction: float | None,
         ceiling: tuple[Array, Array] | None,
+        begun: tuple[float, float],
     ) -> Profile:
         start = line.begin if self.start is None else self.start
         half = consist.vehicles[0].length / 2
@@ -124,6 +172,8 @@ class ProfileSpec(SiModel):
         if self.steps is not None:
             assert self.until is not None
             return from_steps(self.steps, self.until, start, period)
+        if self.driver is not None:
+            return simulate_actions(self.driver, consist, line, period, start, *begun)
         from train_ato.profile.planner.planner import (
             plan_profile,  # a late import: it compiles kernels
         )

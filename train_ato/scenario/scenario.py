@@ -15,23 +15,23 @@ from typing import Any, Literal
 from pydantic import Field, ValidationError, model_validator
 
 from plant_sim.consist import Consist
+from plant_sim.formats.reading import kinds_of
 from plant_sim.input_error import build_model, close_match, explain, kind_of
 from plant_sim.library import read_yaml, split_name
 from plant_sim.line import Line
-from plant_sim.number_text import number_text
 from plant_sim.plant_setup import PlantSetup
-from plant_sim.si_model import SiModel
-from plant_sim.units import Length, Time
+from plant_sim.si_model import SiModel, Source, Summary
+from plant_sim.units import Place, Time, number_text
 from train_ato.control.air_brake.policy import BrakeSpec
-from train_ato.control.force_distribution import SharesAt
+from train_ato.control.force_distribution import DisplacementAt, SharesAt
 from train_ato.control.learned_resistance import LearnedResistance
-from train_ato.control.planned_displacement import DisplacementAt
 from train_ato.messages.faults import Fault
 from train_ato.messages.links import LinkSpec
 from train_ato.profile.planner.settings import ReplanSpec
 from train_ato.scenario.ato_requests import AtoRequest
 from train_ato.scenario.criteria import Criteria, Expectation
 from train_ato.scenario.interventions import Intervention
+from train_ato.scenario.leader import LeaderSpec
 from train_ato.scenario.overlays import assign, caused_by, overlay, with_absolute_files
 from train_ato.scenario.profile_spec import ProfileSpec
 from train_ato.supervision.settings import SupervisionSpec
@@ -49,32 +49,63 @@ MAX_TICKS = 10_000_000
 class PlantBlock(PlantSetup):
     """The simulated train: data files and differences from the model."""
 
-    consist: str | Consist = Field(description="name of a shipped consist, a file, or the consist itself")
-    line: str | Line = Field(description="name of a shipped line, a file, or the line itself")
+    consist: str | Consist = Field(
+        description="name of a shipped consist, a file, or the consist itself", examples=["demo"]
+    )
+    line: str | Line = Field(description="name of a shipped line, a file, or the line itself", examples=["demo"])
 
 
 class ModelBlock(SiModel):
     """Nominal model of laws, observers and compensations; defaults: plant and links."""
 
-    consist: str | Consist | None = None
-    line: str | Line | None = None
-    delay: Time | tuple[Time, ...] | None = None
-    delay_brake: Time | tuple[Time, ...] | None = None
-    lag: Time | None = Field(None, ge=0)
+    consist: str | Consist | None = Field(
+        None,
+        description="train of the model: a shipped name, a file, or the consist itself; default: that of the plant",
+        examples=["demo"],
+    )
+    line: str | Line | None = Field(
+        None,
+        description="line of the model: a shipped name, a file, or the line itself; default: that of the plant",
+        examples=["demo"],
+    )
+    delay: Time | tuple[Time, ...] | None = Field(
+        None,
+        description="delay of commands in the model: one, or one per unit; default: that of the links",
+        examples=[0.3],
+    )
+    delay_brake: Time | tuple[Time, ...] | None = Field(
+        None, description="delay of commands below 0 in the model; default: that of the links", examples=[0.5]
+    )
+    lag: Time | None = Field(
+        None,
+        ge=0,
+        description="time constant of the actuators in the model; default: that of the plant",
+        examples=[0.3],
+    )
     learned: str | LearnedResistance | None = Field(
-        None, description="resistance by place that former runs have shown: a file of `train-ato learn`; default: none"
+        None,
+        description="resistance by place from former runs, a file of `train-ato learn`; default: none",
+        examples=["learned.yaml"],
     )
 
 
 class Links(SiModel):
     """Delays of topics."""
 
-    command: LinkSpec = LinkSpec()
-    brake_pipe: LinkSpec = LinkSpec()
-    measurement: LinkSpec = LinkSpec()
-    reference: LinkSpec = LinkSpec()
-    estimate: LinkSpec = LinkSpec()
-    brake_release: LinkSpec = LinkSpec()
+    command: LinkSpec = Field(
+        LinkSpec(), description="delay from the command of the law to the drives", examples=[{"delay": 0.3}]
+    )
+    brake_pipe: LinkSpec = Field(
+        LinkSpec(), description="delay from the command to the brake pipe", examples=[{"delay": 0.5}]
+    )
+    measurement: LinkSpec = Field(
+        LinkSpec(), description="delay from the sensors to observer and law", examples=[{"delay": 0.1}]
+    )
+    reference: LinkSpec = Field(LinkSpec(), description="delay from the profile to the law", examples=[{"delay": 0.1}])
+    estimate: LinkSpec = Field(LinkSpec(), description="delay from the observer to the law", examples=[{"delay": 0.1}])
+    brake_release: LinkSpec = Field(
+        LinkSpec(), description="delay from the supervisor to the train", examples=[{"delay": 0.1}]
+    )
 
     @model_validator(mode="after")
     def _one_delay_each(self) -> Links:
@@ -91,9 +122,11 @@ Parameters = dict[str, dict[str, bool | int | float | str]]  # pydantic 2.7 writ
 class LawChange(SiModel):
     """Change of the control law or of law parameters during the run."""
 
-    at: Time = Field(ge=0)
-    law: str | None = Field(None, description="law from this time on; default: no change")
-    laws: Parameters = Field(default_factory=dict, description="law parameters from this time on")
+    at: Time = Field(ge=0, description="time of the change", examples=[60.0])
+    law: str | None = Field(None, description="law from this time on; default: no change", examples=["mpc"])
+    laws: Parameters = Field(
+        default_factory=dict, description="parameters of laws from this time on", examples=[{"pid": {"kp": 0.5}}]
+    )
 
     @model_validator(mode="after")
     def _changes_something(self) -> LawChange:
@@ -105,54 +138,87 @@ class LawChange(SiModel):
 class Evaluation(SiModel):
     """Part of the run used for the tracking metrics."""
 
-    until: Length | None = Field(None, description="position of vehicle 0's centre at which it ends")
-    until_time: Time | None = Field(None, gt=0)
+    until: Place | None = Field(
+        None, description="position of vehicle 0's centre at which the evaluation ends", examples=[1200.0]
+    )
+    until_time: Time | None = Field(None, gt=0, description="time at which the evaluation ends", examples=[300.0])
+    couplers: bool = Field(False, description="extremes and force cycles (rainflow) of every coupler in the summary")
 
 
 class Scenario(SiModel):
     """Definition of a run."""
 
-    schema_: Literal["train_ato/scenario/1"] = Field(alias="schema")
-    name: str = Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.:+-]{0,99}$", description="letters, digits, _ . : + -")
-    summary: str = ""
-    source: str = ""
-    duration: Time = Field(gt=0, le=86_400)
-    tick: Time = Field(0.1, ge=1e-6, le=10)
+    schema_: Literal["train_ato/scenario/1"] = Field(alias="schema", description="kind and version of the file")
+    name: str = Field(
+        pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.:+-]{0,99}$",
+        description="name in lists, logs and reports: letters, digits, _ . : + -",
+        examples=["metro"],
+    )
+    summary: Summary = ""
+    source: Source = ""
+    duration: Time = Field(gt=0, le=86_400, description="duration of the run", examples=[600.0])
+    tick: Time = Field(0.1, ge=1e-6, le=10, description="period of the loop and of its messages")
     step: Time = Field(
-        0.005, ge=1e-6, le=0.05, description="step of the plant; 5 ms suits all draft gears, 10 ms linear, clip"
+        0.005, ge=1e-6, le=0.05, description="step of the plant: 5 ms for all draft gears, 10 ms for linear and clip"
     )
     control_period: Time | None = Field(
-        None, ge=1e-6, le=100, description="period of the law, a multiple of tick; default: tick"
+        None, ge=1e-6, le=100, description="period of the law, a multiple of tick; default: tick", examples=[0.2]
     )
-    seed: int = Field(1, ge=0, lt=2**64)
+    seed: int = Field(1, ge=0, lt=2**64, description="seed of all random numbers of the run")
     plant: PlantBlock
     model: ModelBlock = ModelBlock()
     links: Links = Links()
     profile: ProfileSpec
-    replan: ReplanSpec | None = Field(None, description="re-planning after a force shortfall; default: none")
-    observer: str = "none"
-    law: str = "pid"
-    compensation: str = "none"
-    observers: Parameters = Field(default_factory=dict)
-    laws: Parameters = Field(default_factory=dict)
-    compensations: Parameters = Field(default_factory=dict)
-    hold_limit: Time = Field(
-        1.0, gt=0, le=3600, description="maximum time of repeating the last command without a valid new one"
+    leader: LeaderSpec | None = Field(None, description="the train ahead; default: none")
+    replan: ReplanSpec | None = Field(None, description="re-planning after a lack of force; default: none")
+    observer: str = Field("none", description="observer, by its name in `train-ato list`")
+    law: str = Field("pid", description="control law, by its name in `train-ato list`")
+    compensation: str = Field("none", description="compensation of the delay, by its name in `train-ato list`")
+    observers: Parameters = Field(
+        default_factory=dict,
+        description="parameters of observers, by observer and parameter",
+        examples=[{"eso": {"omega": 2.0}}],
     )
-    brake: BrakeSpec = BrakeSpec()
+    laws: Parameters = Field(
+        default_factory=dict,
+        description="parameters of laws, by law and parameter",
+        examples=[{"pid": {"gains": "model"}}],
+    )
+    compensations: Parameters = Field(
+        default_factory=dict,
+        description="parameters of compensations, by compensation and parameter",
+        examples=[{"preview": {"lag": True}}],
+    )
+    hold_limit: Time = Field(
+        1.0, gt=0, le=3600, description="longest time for which the last command is repeated without a valid new one"
+    )
+    brake: BrakeSpec = Field(BrakeSpec(), description="air brake in service", examples=[{"policy": "trigger"}])
     force_shares: tuple[SharesAt, ...] | None = Field(
-        None, min_length=1, description="shares of the power units by place; default: in proportion to their traction"
+        None,
+        min_length=1,
+        description="shares of the power units by place; default: in proportion to their traction",
+        examples=[[{"at": 0.0, "shares": [0.6, 0.4]}]],
     )
     unit_displacements: tuple[DisplacementAt, ...] | None = Field(
         None,
         min_length=1,
-        description="planned motion of the power units against the profile, not corrected by the law",
+        description="planned motion of the power units against the profile, which the law does not correct",
     )
-    law_changes: tuple[LawChange, ...] = ()
+    law_changes: tuple[LawChange, ...] = Field(
+        (),
+        description="changes of the law or of its parameters during the run",
+        examples=[[{"at": 60.0, "law": "mpc"}]],
+    )
     interventions: tuple[Intervention, ...] = Field(
-        (), description="gusts, delay jumps and emergency brake during the run"
+        (),
+        description="interventions on the train during the run",
+        examples=[[{"at": 60.0, "do": "gust", "acceleration": -0.05, "duration": 20.0}]],
     )
-    faults: tuple[Fault, ...] = Field((), description="faults of messages and nodes during the run")
+    faults: tuple[Fault, ...] = Field(
+        (),
+        description="faults of messages and nodes during the run",
+        examples=[[{"do": "drop", "topic": "ato/command", "begin": 60.0, "end": 62.0}]],
+    )
     supervision: SupervisionSpec = SupervisionSpec()
     ato_requests: tuple[AtoRequest, ...] = Field((), description="requests to the ATO during the run")
     evaluation: Evaluation = Evaluation()
@@ -217,9 +283,9 @@ def find(name: str) -> tuple[Path, str | None]:
     return path, variant[1:] if variant else None
 
 
-def _with_base(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
-    """Return a scenario file applied to its base ``SCENARIO[:variant...]``, with its variants."""
-    data = _read(path)
+def _with_base(path: Path, above: tuple[Path, ...] = (), given: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """Return a scenario file, or its given content, on its base ``SCENARIO[:variant...]``, with its variants."""
+    data = _read(path) if given is None else {"schema": SCHEMA, **given}
     base = data.pop("base", None)
     if base is None:
         return data
@@ -246,10 +312,10 @@ def _with_variants(path: Path, data: dict[str, Any], variant: str | None) -> dic
     return data
 
 
-def raw_scenario(name: str) -> tuple[Path, dict[str, Any]]:
-    """Return a scenario with its base and variants applied, not validated."""
-    path, variant = find(name)
-    whole = _with_base(path)
+def raw_scenario(name: str | Mapping[str, Any]) -> tuple[Path, dict[str, Any]]:
+    """Return a scenario with its base and variants applied, not validated; files of a mapping are in this folder."""
+    path, variant = find(name) if isinstance(name, str) else (Path("scenario"), None)
+    whole = _with_base(path, given=None if isinstance(name, str) else name)
     _expectation_in(path, whole, variant)
     data = _with_variants(path, whole, variant)
     for key in ("variants", "expect"):
@@ -296,6 +362,13 @@ def check_scenario(data: dict[str, Any], source: str | Path) -> Scenario:
         One line: file, key, value, problem; fix.
     """
     if data.get("schema") != SCHEMA:
+        if held := kinds_of(data):
+            what, kind = next(iter(held.items()))
+            key = "line" if what == "line" else "consist"
+            raise ValueError(
+                f"{source}: holds a {what} ({kind}), no scenario; name it as plant.{key} in one (train-ato "
+                "new scenario NAME)"
+            )
         raise ValueError(f"{source}: schema: {data.get('schema')!r}: not supported; write '{SCHEMA}'")
     try:
         return Scenario.model_validate(data)

@@ -117,6 +117,7 @@ class DecelerationCurve:
         speed: float,
         brake: StepFunction,
         gradient: StepFunction,
+        *,
         needed_speed: float,
         top_speed: float,
     ) -> None:

@@ -23,16 +23,14 @@ import numpy as np
 
 from plant_sim.brake_events import FULL_LEVEL
 from plant_sim.consist import Consist, VehicleType
+from plant_sim.elementary import plain_sum
 from plant_sim.packing import pipe_distances
 from plant_sim.plant_setup import Adhesion, PlantSetup, SpeedAdhesion
 from plant_sim.railway import adhesion_by_speed, shoe_force
-from plant_sim.service_brake import FADE
 from plant_sim.states import Array
-from plant_sim.summation import plain_sum
-from plant_sim.traction import Envelope
+from plant_sim.traction import FADE, Envelope
 from plant_sim.units import KMH
-from train_ato.supervision.ceiling import EMERGENCY_MARGIN
-from train_ato.supervision.step_function import StepFunction
+from train_ato.supervision.step_function import EMERGENCY_MARGIN, StepFunction
 from train_ato.supervision.train_model import SupervisedTrain, gamma_brake
 
 STEPS = 7
@@ -183,9 +181,9 @@ def plant_train(consist: Consist, setup: PlantSetup, max_speed: float, kdry: flo
         forces.friction_delay,
         service if min(service.values) > 0.0 else None,
         _mean_delay(forces.electric, _electric_delay(consist, setup), forces.service_shoes, forces.friction_delay),
-        StepFunction.constant(kdry),
-        NO_FACTOR,
-        1.0,
+        kdry=StepFunction.constant(kdry),
+        kwet=NO_FACTOR,
+        adhesion=1.0,
     )
     return SupervisedTrain(
         length=consist.length,

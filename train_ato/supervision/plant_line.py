@@ -20,7 +20,7 @@ DEFAULT_MAX_SPEED = 80.0 / KMH
 
 def grades_permille(line: Line) -> list[tuple[float, float]]:
     """Return start [m] and grade [‰] of the pieces of a line; beyond its end it is level."""
-    pieces = [(entry.at, 1e3 * entry.grade) for entry in line.grades if entry.at < line.end]
+    pieces = [(entry.at, 1e3 * entry.grade) for entry in line.rounded_grades if entry.at < line.end]
     return [*pieces, (line.end, 0.0)]
 
 
@@ -34,9 +34,9 @@ def line_supervision(
     line: Line,
     setup: PlantSetup,
     target: float | None,
+    *,
     max_speed: float | None = None,
     kdry: float = 1.0,
-    *,
     reaction: float = 0.0,
     service_brake: bool = False,
     service_curve: bool = True,

@@ -18,9 +18,8 @@ from plant_sim.odometry import OdometryReading, write_reading
 from plant_sim.record import Records, dtype_of, quantity, zeros
 from plant_sim.units import KMH
 from train_ato.messages.types import Odometry
-from train_ato.supervision.ceiling import SupervisionSpeeds
-from train_ato.supervision.odometry import MotionEstimate
-from train_ato.supervision.position_estimate import (
+from train_ato.supervision.odometry import (
+    MotionEstimate,
     MotionRecord,
     PastSpeed,
     TrainMotion,
@@ -29,6 +28,7 @@ from train_ato.supervision.position_estimate import (
     past_speeds,
 )
 from train_ato.supervision.settings import SupervisionSpec
+from train_ato.supervision.step_function import SupervisionSpeeds
 from train_ato.supervision.track_supervision import (
     CURVE_ENDS,
     INDICATED,
@@ -285,7 +285,7 @@ class Supervisor:
         Settings.
     state : Array of :class:`SupervisorState`, shape (1,)
         State and decision.
-    past : Array of :class:`train_ato.supervision.position_estimate.PastSpeed`
+    past : Array of :class:`train_ato.supervision.odometry.PastSpeed`
         Speeds of the averaged acceleration.
     """
 

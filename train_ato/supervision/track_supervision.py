@@ -15,14 +15,18 @@ from typing import Any, NamedTuple
 
 from plant_sim.compiled import compiled
 from plant_sim.record import Records, quantity, zeros
-from train_ato.supervision.ceiling import SupervisionSpeeds, ceiling_speeds
 from train_ato.supervision.deceleration_curve import Arc
-from train_ato.supervision.fixed_values import FixedValues
-from train_ato.supervision.gradient import gradient_acceleration
-from train_ato.supervision.limits import BrakingTarget, Target, TargetLimits, indication_location, target_speeds
+from train_ato.supervision.limits import (
+    BrakingTarget,
+    Target,
+    TargetLimits,
+    indication_location,
+    release_location,
+    target_speeds,
+)
 from train_ato.supervision.odometry import EXACT_MOTION, MotionEstimate, speed_measurement_error
-from train_ato.supervision.release_speed import release_location
-from train_ato.supervision.step_function import StepFunction
+from train_ato.supervision.settings import FixedValues
+from train_ato.supervision.step_function import StepFunction, SupervisionSpeeds, ceiling_speeds, gradient_acceleration
 from train_ato.supervision.train_model import SupervisedTrain
 
 WIDEST_ACCELERATION, WIDEST_SPEED_ERROR, WIDEST_POSITION_ERROR = 0.5, 3.0, 2500.0
@@ -199,6 +203,7 @@ class TrackSupervision:
         grades: Sequence[tuple[float, float]],
         speed_limits: Sequence[tuple[float, float]],
         end: BrakingTarget | None,
+        *,
         fixed: FixedValues | None = None,
         release: float | None = None,
     ) -> None:
@@ -211,20 +216,43 @@ class TrackSupervision:
             record["start"] = place
             for name, value in ceiling_speeds(speed)._asdict().items():
                 record[name] = value
-        gradient = gradient_acceleration(grades, train.length, train.m_rotating_nom, fixed)
+        self._ceilings, self._limits_by_place = ceilings, profile
+        self._gradient = gradient_acceleration(grades, train.length, train.m_rotating_nom, fixed)
+        self._fixed, self._release = fixed, inf if release is None else release
+        self._known: dict[float, TargetLimits] = {}
         self.targets: list[TargetLimits] = []
-        previous = train.max_speed
-        for place, speed in profile:
-            if speed < previous and (end is None or place < end.location):
-                target = BrakingTarget(place, speed)
-                self.targets.append(TargetLimits(train, target, gradient, fixed, previous))
-            previous = speed
         self.without_service_curve: str | None = None
+        self.records: LineLimits
+        self.move_end(end)
+
+    @property
+    def end(self) -> float:
+        """Present end of authority [m], infinite without one."""
+        last = self.targets[-1].target if self.targets else None
+        return last.location if last is not None and last.kind == "EOA" else inf
+
+    def move_end(self, end: BrakingTarget | None) -> None:
+        """Replace the end of authority; the limits of the line remain, those beyond it do not hold.
+
+        Raises
+        ------
+        ValueError
+            If the brake is weaker than the gradient in front of a target.
+        """
+        self.targets, previous = [], self.train.max_speed
+        for place, speed in self._limits_by_place:
+            if speed < previous and (end is None or place < end.location):
+                if place not in self._known:
+                    target = BrakingTarget(place, speed)
+                    self._known[place] = TargetLimits(self.train, target, self._gradient, self._fixed, previous)
+                self.targets.append(self._known[place])
+            previous = speed
+        self.without_service_curve = None
         if end is not None:
-            self.targets.append(self._end_limits(end, gradient, fixed))
+            self.targets.append(self._end_limits(end, self._gradient, self._fixed))
         arcs = zeros(Arc, sum(limits.arcs.size for limits in self.targets))
-        self.records = LineLimits(ceilings, zeros(Target, len(self.targets)), arcs)
-        self._join_targets(float(ceilings["emergency"][0]), inf if release is None else release)
+        self.records = LineLimits(self._ceilings, zeros(Target, len(self.targets)), arcs)
+        self._join_targets(float(self._ceilings["emergency"][0]), self._release)
 
     def _join_targets(self, top: float, release: float) -> None:
         """Fill the records of the targets; a begin is the smallest one of this target and all later ones [m].

@@ -50,8 +50,8 @@ class ComponentKind:
         Noun in messages, with its article.
     registry : Registry
         Registered components.
-    methods, optional : tuple of str
-        Names of the methods that it must have, and of those that it may have.
+    optional : tuple of str
+        Names of the methods that it may have.
     rig : type
         Inputs and outputs of the component on one train.
     tests : dict
@@ -60,19 +60,17 @@ class ComponentKind:
 
     noun: str
     registry: Registry
-    methods: tuple[str, ...]
     optional: tuple[str, ...]
     rig: Callable[[str], Rig]
     tests: dict[str, Test]
 
 
 KINDS = {
-    "law": ComponentKind("a law", LAWS, ("reset", "step"), ("on_missed_sample",), LawRig, LAW_TESTS),
-    "observer": ComponentKind("an observer", OBSERVERS, ("reset", "step"), (), ObserverRig, OBSERVER_TESTS),
+    "law": ComponentKind("a law", LAWS, ("on_missed_sample",), LawRig, LAW_TESTS),
+    "observer": ComponentKind("an observer", OBSERVERS, (), ObserverRig, OBSERVER_TESTS),
     "compensation": ComponentKind(
         "a compensation",
         COMPENSATIONS,
-        ("reset", "step", "set_profile"),
         ("set_brake_policy", "on_command_sent"),
         CompensationRig,
         COMPENSATION_TESTS,
@@ -140,6 +138,9 @@ def check_component(
         findings.append(Finding(name, f"has the methods and attributes of {of.noun}", not wrong, wrong))
         if wrong:
             continue
+        if kind == "law" and (note := getattr(component, "gains_note", None)):
+            delays = f"delay {rig.model.delay.max():g} s, lag {rig.model.lag:g} s"
+            findings.append(Finding(name, "gains of the model", None, f"{delays}: {note(rig.model, values or {})}"))
         for finding in _on_train(lambda model=rig.model: component(parameters, model, PERIOD), rig, of.tests):  # type: ignore[misc]
             findings.append(finding)
             if progress is not None:
@@ -207,7 +208,7 @@ def _described(component: Any) -> Finding:
 
 def _misshapen(component: Any, kind: ComponentKind) -> str:
     """Return the violation of the contract by the members of a component; empty for none."""
-    for name in kind.methods:
+    for name in kind.registry.methods:
         if not callable(getattr(component, name, None)):
             return f"no method {name}()"
     for name in kind.optional:

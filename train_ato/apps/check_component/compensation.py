@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from plant_sim.warm_up import compile_kernel
+from plant_sim.train import compile_kernel
 from train_ato.apps.check_component.common import (
     HOSTILE,
     STEPS,

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from plant_sim.number_text import number_text
+from plant_sim.units import number_text
 from train_ato.apps.check_component.common import (
     HOSTILE,
     Make,

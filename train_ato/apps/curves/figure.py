@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from train_ato.apps.curves.table import CurveTable
-from train_ato.apps.report.print_parts import SHEET_SIZE, styled, write_figure
+from train_ato.apps.report.print_figures import SHEET_SIZE, styled, write_figure
 from train_ato.apps.report.quantities import BLACK, BLUE, BROWN, GREEN, GREY, ORANGE, PURPLE, VERMILION
 
 CURVE_COLOURS = {

@@ -5,26 +5,34 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from train_ato.apps.env.history import History, Past
-from train_ato.apps.env.observation import Known, Quantity, flat_vector, observed
-from train_ato.apps.env.reward import CostCounter, end_costs, weights_of
-from train_ato.apps.env.stage_state import SharedParts
-from train_ato.apps.env.stepped_loop import SteppedLoop
-from train_ato.apps.env.tick_calls import signal_texts
-from train_ato.apps.runs.record import RunRecord
-from train_ato.apps.runs.run import Run
-from train_ato.apps.runs.scenario_choice import Changes, ScenarioChoice, choose_scenario
+from train_ato.apps.env.observation import (
+    PER_TICK,
+    Known,
+    Quantity,
+    Sight,
+    add_costs,
+    cost_memory,
+    end_costs,
+    flat_vector,
+    observed,
+    signal_texts,
+    weights_of,
+)
+from train_ato.apps.env.stepped_loop import History, Past, SharedParts, SteppedLoop
+from train_ato.apps.runs.run import Run, RunRecord
+from train_ato.apps.runs.scenario_choice import Changes, GivenScenario, ScenarioChoice, choose_scenario
+from train_ato.apps.runs.summary_table import html_table
 from train_ato.control.caller import NAME, Caller, forces_text
 from train_ato.control.keyword_form import GivenComponent
-from train_ato.errors import FirstFailure
-from train_ato.loop.part_cache import PartCache
+from train_ato.errors import FirstFailure, refusing
 from train_ato.loop.recording_builder import RecordingBuilder
 from train_ato.loop.result import RunResult
+from train_ato.loop.scenario_data import PartCache
+from train_ato.loop.setup import RunSetup
 from train_ato.messages.types import Array
 from train_ato.version import VERSION
 
@@ -68,8 +76,8 @@ class _Episode:
     ----------
     known : Known
         Knowledge of the ATO at the present step.
-    costs : CostCounter
-        Counter of the costs.
+    memory : Array
+        Memory of the costs, :func:`train_ato.apps.env.observation.add_costs`.
     failure : str or None
         Failure that ended the run.
     ended : bool
@@ -77,7 +85,7 @@ class _Episode:
     """
 
     known: Known
-    costs: CostCounter
+    memory: Array
     failure: str | None = None
     ended: bool = False
 
@@ -105,8 +113,8 @@ class Env:
         True: the force of a step is relative to the envelope of every unit at its measured speed, from -1 (largest
         brake) to 1 (largest traction).
     reward
-        Weights of the costs by name (:data:`train_ato.apps.env.reward.COSTS`) [1/unit]; the reward of a step is minus
-        their sum. Default: the weights there.
+        Weights of the costs by name (:data:`train_ato.apps.env.observation.COSTS`) [1/unit]; the reward of a
+        step is minus their sum. Default: the weights there.
 
     Attributes
     ----------
@@ -138,9 +146,10 @@ class Env:
     (20.0, 8)
     """
 
+    @refusing
     def __init__(
         self,
-        scenario: str | Path | ScenarioChoice,
+        scenario: GivenScenario,
         *,
         seed: int | None = None,
         set: Changes | None = None,
@@ -161,11 +170,9 @@ class Env:
 
     def _prepared(self, choice: ScenarioChoice) -> None:
         """Prepare the run of a scenario with the caller as the law."""
-        block = {"law": NAME, "law_changes": (), "laws": {}, "compensation": "none", "compensations": {}}
-        scenario = choice.checked.model_copy(update={**block, "force_shares": None})
-        given = {"law": GivenComponent(self._caller, NAME, {})}
-        self.setup = replace(choice.prepare(scenario, self._parts), given=given)
+        self.setup = caller_setup(choice, self._caller, self._parts)
         self.quantities: dict[str, Quantity] = observed(self.setup, self._names)
+        self._sight = Sight(self.setup)
         self._current, self._hashes = choice, dict[str, str]()
 
     @property
@@ -187,6 +194,7 @@ class Env:
         """Duration of a step [s]."""
         return self.setup.control_period
 
+    @refusing
     def reset(self, *, seed: int | None = None, options: Changes | None = None) -> tuple[Observation, dict[str, Any]]:
         """Begin a run and return the first observation and ``info``.
 
@@ -210,7 +218,7 @@ class Env:
         if seed is None and self._seeds is not None:
             own = int(self._seeds.integers(MAX_SEED))
         else:
-            own = choice.checked.seed if seed is None else _checked_seed(seed)
+            own = choice.checked.seed if seed is None else checked_seed(seed)
             self._seeds = np.random.default_rng(own)
         self._begin(own)
         self._observe()
@@ -222,9 +230,9 @@ class Env:
             self.setup = replace(self.setup, scenario=self.setup.scenario.model_copy(update={"seed": seed}))
         self._loop = loop = SteppedLoop(self.setup)
         loop.start()
-        stack = loop.controller._stack
+        stack = loop.controller.stack
         assert stack is not None
-        roots = {"profile": loop.controller._profile, "rigid": stack._rigid, "times": loop.controller.step_times}
+        roots = {"profile": loop.controller.profile, "rigid": stack.rigid, "times": loop.controller.step_times}
         self._shared = SharedParts(self.setup, {**roots, "caller": self._caller})
         self._wall, self._run = time.perf_counter(), None
         self._watch = FirstFailure()
@@ -235,9 +243,10 @@ class Env:
         loop = self._started()
         loop.observe()
         if self._episode is None:
-            self._episode = _Episode(Known.of(loop.controller), CostCounter(loop.plant.train.velocity.item(0)))
+            self._episode = _Episode(Known.of(loop.controller), cost_memory(loop.plant.train.velocity.item(0)))
         self._episode.known.take(loop.controller)
 
+    @refusing
     def step(
         self, force: Any, signals: Mapping[str, float] | None = None
     ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
@@ -273,18 +282,19 @@ class Env:
         if signals:
             loop.note(signal_texts(signals, "step"))
         loop.note_force(self._caller.force)
-        costs: dict[str, float] = {}
+        tick_costs = np.zeros(len(PER_TICK))
         for _ in range(round(self.period / self.setup.tick)):
-            self._tick(loop, episode, costs)
+            self._tick(loop, episode, tick_costs)
             if episode.ended:
                 break
+        costs = dict(zip(PER_TICK, tick_costs.tolist(), strict=True))
         if episode.ended:
             front = float(loop.plant.train.position[0])
             costs |= end_costs(self.setup, self.run.metrics, front)
         reward = -sum(weight * costs.get(name, 0.0) for name, weight in self._weights.items())
         return self._observation(), reward, episode.ended, False, {**(signals or {}), **self._info(costs)}
 
-    def _tick(self, loop: SteppedLoop, episode: _Episode, costs: dict[str, float]) -> None:
+    def _tick(self, loop: SteppedLoop, episode: _Episode, costs: Array) -> None:
         """Run law and train of a tick and add its costs."""
         train, tick = loop.plant.train, self.setup.tick
         error = train.velocity[list(train.units)] - loop.profile.profile.at(loop.plant.stamp * 1e-9)[1]
@@ -298,9 +308,8 @@ class Env:
         except Exception as failure:  # of a component of the run; it is in its record
             self._watch.fail(loop.active, failure)
             episode.ended, episode.failure = True, self._watch.failure
-        added = {"tracking": float((error * error).mean()) * tick, **episode.costs.tick(train, tick)}
-        for name, cost in added.items():
-            costs[name] = costs.get(name, 0.0) + cost
+        arrays = train.arrays
+        add_costs(costs, episode.memory, error, arrays.state, arrays.unit, arrays.gear, train.n, tick)
 
     def _force(self, given: Any) -> Array:
         """Return the force of every unit [N] from that of a step."""
@@ -327,8 +336,8 @@ class Env:
 
     def _observation(self) -> Observation:
         assert self._episode is not None
-        known = self._episode.known
-        found = {name: np.array(quantity.read(known)) for name, quantity in self.quantities.items()}
+        values = self._episode.known.values(self._sight)
+        found = {name: values[quantity.part] for name, quantity in self.quantities.items()}
         return flat_vector(found) if self.flat else found
 
     def _info(self, costs: dict[str, float]) -> dict[str, Any]:
@@ -367,6 +376,19 @@ class Env:
             self._run = self._made_run(self._episode)
         return self._run
 
+    def _repr_html_(self) -> str:
+        name = self._current.name
+        if self._loop is None:
+            verdict = f"{name}: not begun; call reset()"
+        elif self._episode is not None and self._episode.ended:
+            verdict = self.run.result.title
+        else:
+            verdict = (
+                f"{name}: running, {self._loop.ticks * self.setup.tick:.1f} s of {self.setup.scenario.duration:.1f} s"
+            )
+        rows = ((key, quantity.unit, quantity.meaning) for key, quantity in self.quantities.items())
+        return html_table(verdict, ("observed", "unit", "meaning"), rows)
+
     def _made_run(self, episode: _Episode) -> Run:
         loop, laws = self._started(), {NAME: {"forces": forces_text(self._started().forces())}}
         setup = replace(self.setup, scenario=self.setup.scenario.model_copy(update={"laws": laws}), given={})
@@ -381,8 +403,9 @@ class Env:
         counts, recording = builder.counts, builder.finish()
         wall, times = time.perf_counter() - self._wall, loop.controller.step_times
         outcome = RunResult.of(
-            setup, recording, wall, loop.ticks, times, not episode.ended, episode.failure, counts,
-            f"the environment is after {loop.ticks} of {setup.ticks} ticks",
+            setup, recording, wall, loop.ticks, times, interrupted=not episode.ended,
+            failure=episode.failure, published=counts,
+            interruption=f"the environment is after {loop.ticks} of {setup.ticks} ticks",
         )  # fmt: skip
         outcome = record.counted(replace(outcome, summary={**outcome.summary, "mode": "engine"}))
         return Run(outcome.summary, record=record, setup=setup, outcome=outcome)
@@ -396,6 +419,7 @@ class Env:
         data = self._shared.dump((loop.state, self._episode))
         return EnvState(self.setup.scenario.name, self._fingerprint(), self.setup.seed, data, loop.history.mark())
 
+    @refusing
     def restore(self, state: EnvState) -> tuple[Observation, dict[str, Any]]:
         """Continue from a state of :meth:`save`, also of another environment or process; return as :meth:`reset`.
 
@@ -437,7 +461,22 @@ class Env:
         self.close()
 
 
-def _checked_seed(seed: Any) -> int:
+def caller_setup(choice: ScenarioChoice, caller: Caller, parts: PartCache, seed: int | None = None) -> RunSetup:
+    """Return the prepared run of a scenario with a caller as the law, and with another seed."""
+    block = {"law": NAME, "law_changes": (), "laws": {}, "compensation": "none", "compensations": {}}
+    more = {} if seed is None else {"seed": seed}
+    scenario = choice.checked.model_copy(update={**block, "force_shares": None, **more})
+    return replace(choice.prepare(scenario, parts), given={"law": GivenComponent(caller, NAME, {})})
+
+
+def checked_seed(seed: Any) -> int:
+    """Return the seed of a run.
+
+    Raises
+    ------
+    ValueError
+        If it is not a whole number from 0 on.
+    """
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
         raise ValueError(f"reset: seed {seed!r} is not possible; give a whole number from 0 on")
     return int(seed)

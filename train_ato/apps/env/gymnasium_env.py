@@ -4,8 +4,10 @@
 >>> env = gymnasium.make("train_ato/XuzhouMetro-v0", set={"duration": 60})  # doctest: +SKIP
 
 Without the import: ``gymnasium.make("train_ato.apps.env.gymnasium_env:train_ato/XuzhouMetro-v0")``. Gymnasium since
-1.0 looks up no entry points. A vector environment of Gymnasium has its default autoreset mode, ``NEXT_STEP``: the step
-after the end of a run is its reset.
+1.0 looks up no entry points. A vector environment has the default autoreset mode of Gymnasium, ``NEXT_STEP``: the step
+after the end of a run is its reset. One that drives all trains in one compiled call:
+
+>>> envs = gymnasium.make_vec("train_ato/XuzhouMetro-v0", 64)  # doctest: +SKIP
 """
 
 from __future__ import annotations
@@ -74,6 +76,63 @@ class GymnasiumEnv(gymnasium.Env):  # type: ignore[misc]  # without types where 
         self.run_env.close()
 
 
+class GymnasiumVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]  # as above
+    """Environments of a scenario, all driven by one compiled call, with the spaces and the seeds of Gymnasium.
+
+    Parameters
+    ----------
+    scenario, num_envs
+        As for :class:`train_ato.apps.env.vector_env.VectorEnv`.
+    **choices
+        Other arguments of it: ``set``, ``over``, ``observe``, ``normalised``, ``reward``, ``threads``; and ``flat``.
+
+    Attributes
+    ----------
+    run_envs : VectorEnv
+        The environments, with ``seeds`` and ``domains``.
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012 - the declaration of Gymnasium
+        "render_modes": [], "autoreset_mode": gymnasium.vector.AutoresetMode.NEXT_STEP,
+    }  # fmt: skip
+
+    def __init__(
+        self, scenario: str, num_envs: int = 1, render_mode: str | None = None, *, flat: bool = False, **choices: Any
+    ) -> None:
+        from train_ato.apps.env.vector_env import VectorEnv  # a late import: the registration needs no compiler
+
+        self.render_mode, self.num_envs, self._flat = render_mode, num_envs, flat
+        self.run_envs = envs = VectorEnv(scenario, num_envs, **{"normalised": True, **choices})
+        self.single_action_space = spaces.Box(*envs.force_bounds, dtype=np.float64)
+        boxes = {name: spaces.Box(q.low, q.high, dtype=np.float64) for name, q in envs.quantities.items()}
+        self._ends = np.cumsum([q.low.size for q in envs.quantities.values()])[:-1]
+        low, high = (np.concatenate([getattr(box, end) for box in boxes.values()]) for end in ("low", "high"))
+        self.single_observation_space = spaces.Box(low, high, dtype=np.float64) if flat else spaces.Dict(boxes)
+        self.action_space = gymnasium.vector.utils.batch_space(self.single_action_space, num_envs)
+        self.observation_space = gymnasium.vector.utils.batch_space(self.single_observation_space, num_envs)
+
+    def _observed(self, rows: Any) -> Any:
+        if self._flat:
+            return rows
+        return dict(zip(self.run_envs.quantities, np.split(rows, self._ends, axis=1), strict=True))
+
+    def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Begin a run of every train; see :meth:`train_ato.apps.env.vector_env.VectorEnv.reset`."""
+        if isinstance(seed, int):
+            super().reset(seed=seed)
+        rows, info = self.run_envs.reset(seed=seed, options=options)
+        return self._observed(rows), info
+
+    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
+        """Drive one step of all trains; see :meth:`train_ato.apps.env.vector_env.VectorEnv.step`."""
+        rows, *others, info = self.run_envs.step(actions)
+        return self._observed(rows), *others, info
+
+    def close_extras(self, **_: Any) -> None:
+        """End the runs and the threads."""
+        self.run_envs.close()
+
+
 def env_id(scenario: str) -> str:
     """Return the name of the environment of a shipped scenario."""
     return f"train_ato/{''.join(part.capitalize() for part in scenario.split('_'))}-v{VERSION}"
@@ -83,7 +142,9 @@ def _register() -> None:
     """Register the shipped scenarios, without an import of their model, which needs the compiler."""
     for path in sorted((Path(str(files("train_ato"))) / "scenario" / "shipped").glob("*.yaml")):
         if (name := env_id(path.stem)) not in gymnasium.registry:
-            gymnasium.register(name, entry_point=f"{__name__}:GymnasiumEnv", kwargs={"scenario": path.stem})
+            single, vector = (f"{__name__}:{kind.__name__}" for kind in (GymnasiumEnv, GymnasiumVectorEnv))
+            kwargs = {"scenario": path.stem}
+            gymnasium.register(name, entry_point=single, vector_entry_point=vector, kwargs=kwargs)
 
 
 _register()

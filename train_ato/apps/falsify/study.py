@@ -2,25 +2,32 @@
 
 from __future__ import annotations
 
+import json
+import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from functools import partial
+from math import nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import yaml
 
 from plant_sim.data_text import TextDumper
-from train_ato.apps.falsify.search import FalsificationSearch, SearchRow
-from train_ato.apps.falsify.search_space import SearchSpace, read_spec, search_space
-from train_ato.apps.falsify.target import RequirementTarget, check_signals, requirement_target
-from train_ato.apps.falsify.workers import target_runner
+from train_ato.apps.falsify.search import FalsificationSearch, SearchRow, SearchSpace, read_spec, search_space
+from train_ato.apps.falsify.target import RequirementTarget, TargetRun, check_signals, requirement_target, run_target
 from train_ato.apps.runs.progress import share_bar
-from train_ato.apps.runs.scenario_choice import Changes, ScenarioChoice, choose_scenario
+from train_ato.apps.runs.scenario_choice import Changes, GivenScenario, ScenarioChoice, choose_scenario
+from train_ato.apps.runs.search_runs import search_runs
+from train_ato.apps.runs.series_folder import KeptRuns
+from train_ato.apps.runs.summary_table import verdict_html
 from train_ato.apps.sweep.dimensions import read_dimensions
+from train_ato.log.whole_file import write_whole
 from train_ato.loop.verdict import three_digits
 
 if TYPE_CHECKING:
     import pandas as pd
+
 
 ONE_LINE = dict.fromkeys((*range(32), 127, 133, 8232, 8233), " ")
 """Characters that end a line or a comment of YAML, and others that do not print."""
@@ -88,6 +95,9 @@ class Falsification:
         row = self.smallest
         return "" if row is None else counterexample(self.scenario, self.target, self.space, row)
 
+    def _repr_html_(self) -> str:
+        return verdict_html(self.line()) + str(self.table.to_html(max_rows=20))
+
     def line(self) -> str:
         """Return the result as one line of text."""
         name, unit = self.target.name, self.target.unit and f" {self.target.unit}"
@@ -142,7 +152,7 @@ def counterexample(choice: ScenarioChoice, target: RequirementTarget, space: Sea
 
 
 def falsify(
-    scenario: str | Path | ScenarioChoice,
+    scenario: GivenScenario,
     requirement: str,
     over: Mapping[str, Any] | str | Path,
     *,
@@ -194,9 +204,11 @@ def falsify(
     (True, ['plant.mismatch.mass_scale'])
     """
     choice = choose_scenario(scenario).changed(set, None)
-    study = prepare_study(choice, requirement, over, runs, jobs)
-    with share_bar(f"falsify {choice.name}", progress) as update:
-        return study.search(runs, seed, jobs, shrink, lambda row: update(row.number / runs, f"run {row.number}"))
+    study = prepare_study(choice, requirement, over, runs, jobs=jobs)
+    with share_bar(f"falsify {choice.name}", shown=progress) as update:
+        return study.search(
+            runs, seed, jobs, shrink=shrink, note=lambda row: update(row.number / runs, f"run {row.number}")
+        )
 
 
 @dataclass(frozen=True)
@@ -207,13 +219,29 @@ class FalsificationStudy:
     target: RequirementTarget
     space: SearchSpace
 
+    def spec(self, seed: int) -> dict[str, Any]:
+        """Return what determines the runs of a search beside the scenario, as plain data."""
+        return {
+            "requirement": asdict(self.target),
+            "over": [str(entry) for entry in self.space.dimensions],
+            "seed": seed,
+        }
+
     def search(
-        self, runs: int, seed: int, jobs: int, shrink: bool, note: Callable[[SearchRow], None] | None = None
+        self,
+        runs: int,
+        seed: int,
+        jobs: int,
+        *,
+        shrink: bool,
+        note: Callable[[SearchRow], None] | None = None,
+        kept: KeptRuns | None = None,
     ) -> Falsification:
-        """Run the search; Ctrl-C ends it with the result so far."""
+        """Run the search, those of the runs that are not ``kept``; Ctrl-C ends it with the result so far."""
         interrupted = False
-        with target_runner(self.scenario, self.target, jobs) as run_all:
-            search = FalsificationSearch(self.space, run_all, runs, jobs, seed, note)
+        task = partial(run_target, self.scenario, self.target)
+        with search_runs(task, jobs, lambda why: TargetRun(nan, f"failed: {why}"), kept, TargetRun._make) as run_all:
+            search = FalsificationSearch(self.space, run_all, runs, jobs, seed=seed, note=note)
             try:
                 search.find()
                 if shrink:
@@ -228,6 +256,7 @@ def prepare_study(
     requirement: str,
     over: Mapping[str, Any] | str | Path,
     runs: int,
+    *,
     jobs: int,
     dash: str = "",
 ) -> FalsificationStudy:
@@ -246,3 +275,38 @@ def prepare_study(
     dimensions = read_dimensions(over, where) if isinstance(over, Mapping) else read_spec(Path(over))
     check_signals(target, choice.prepare(), f"{dash}requirement")
     return FalsificationStudy(choice, target, search_space(choice, dimensions, where))
+
+
+COUNTEREXAMPLE, RUNS_TABLE, RESULT = "counterexample.yaml", "runs.csv", "falsify.json"
+"""Files in the folder of a falsification."""
+
+
+def result_data(result: Falsification) -> dict[str, Any]:
+    """Return the result as JSON data; values that are not finite are None."""
+    row = result.smallest
+    known = [entry.run.robustness for entry in result.rows if math.isfinite(entry.run.robustness)]
+    return {
+        "scenario": result.scenario.name,
+        "requirement": result.target.name,
+        "formula": result.target.formula,
+        "unit": result.target.unit,
+        "found": result.found,
+        "interrupted": result.interrupted,
+        "runs": len(result.rows),
+        "runs_to_break": result.runs_to_break,
+        "departure": None if row is None else row.departure,
+        "robustness": None if row is None or not math.isfinite(row.run.robustness) else row.run.robustness,
+        "smallest_robustness": min(known, default=None),
+        "changes": result.changes,
+        "nominal": {key: result.space.nominal_values[key] for key in result.changes},
+        "problems": sum(bool(entry.run.problem) for entry in result.rows),
+    }
+
+
+def write_study(result: Falsification, folder: Path) -> None:
+    """Write the table of the runs, the result and, after a break, the scenario that reproduces it."""
+    write_whole(folder / RUNS_TABLE, result.table.to_csv(index=False))
+    text = json.dumps(result_data(result), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    write_whole(folder / RESULT, text)
+    if result.found:
+        write_whole(folder / COUNTEREXAMPLE, result.yaml)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from plant_sim.input_error import close_match
 from train_ato.apps.runs.scenario_choice import Changes, ScenarioChoice
@@ -11,12 +12,10 @@ from train_ato.loop.engine import run_engine
 from train_ato.loop.requirements import evaluate_formula
 from train_ato.loop.result import RunResult
 from train_ato.loop.setup import RunSetup
-from train_ato.loop.signal_check import unavailable_signal
 from train_ato.loop.verdict import CRITERIA
-from train_ato.scenario.dimension import unit_text
-from train_ato.scenario.formula import robustness_dimension, signals_of
-from train_ato.scenario.formula_parser import parse_formula
+from train_ato.scenario.formula import parse_formula, robustness_dimension, signals_of, unit_text
 from train_ato.scenario.scenario import Scenario
+from train_ato.scenario.signals import unavailable_signal
 
 DEFAULT_NAME = "falsified"
 """Name in the written scenario of a requirement that was given as a formula."""
@@ -114,8 +113,7 @@ def check_signals(target: RequirementTarget, setup: RunSetup, option: str = "req
         raise ValueError(f"{option} '{target.formula}': {reason}")
 
 
-@dataclass(frozen=True)
-class TargetRun:
+class TargetRun(NamedTuple):
     """Robustness of one run, NaN if unknown, and the reason of a refused or failed run, else ""."""
 
     robustness: float

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, get_args
 
 from plant_sim.input_error import close_match
@@ -15,6 +16,8 @@ LARGEST_GAP = 5.0
 """Default of the maximum time between rows [s]."""
 TIMESTAMP = "timestamp"
 """Column of date and time of day instead of seconds."""
+NOTCH = "notch"
+"""Column of the notches of a layout, as shares of the largest force."""
 _MORE: dict[str, tuple[tuple[str, float], ...]] = {
     "s": (("h", 1 / 3600),),
     "m": (("mi", 1 / 1609.344), ("ft", 1 / 0.3048)),
@@ -98,6 +101,15 @@ class Column:
     unit: int | None = None
 
 
+LAYOUTS = Path(__file__).parent / "layouts"
+"""Folder of the shipped layouts of recorders."""
+
+
+def layout_names() -> tuple[str, ...]:
+    """Return the names of the shipped layouts."""
+    return tuple(sorted(path.stem for path in LAYOUTS.glob("*.yaml")))
+
+
 def spellings() -> tuple[str, ...]:
     """Return the permitted column names of the whole train."""
     return (TIMESTAMP, *_BY_NAME)
@@ -118,8 +130,8 @@ def column_of(title: str, name: str) -> Column:
     ValueError
         For a name without known quantity or unit, with the closest valid name.
     """
-    if name == TIMESTAMP:
-        return Column(title, TIMESTAMP, 1.0)
+    if name in (TIMESTAMP, NOTCH):
+        return Column(title, name, 1.0)
     match = _UNIT.match(name)
     number, rest = (int(match[1]), match[2]) if match else (None, name)
     for alias, meant in _ALIASES.items():

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from plant_sim.number_text import number_text
+from plant_sim.units import number_text
 from train_ato.apps.import_csv.columns import LARGEST_GAP, Column
 from train_ato.apps.import_csv.faults import FileFaults
 from train_ato.apps.import_csv.samples import ColumnSamples, Rows
@@ -28,6 +28,8 @@ DISTANCE_SHARE, DISTANCE_LEAST = 0.2, 200.0
 
 LEAP, LEAP_SHARE, LEAP_WAY = 50.0, 0.25, 200.0
 """Tolerance between positions and integral of the speed over ``LEAP_WAY`` [m]: length [m], and fraction of the way."""
+STEP, STEP_SHARE, RUN_SHARE = 5.0, 0.25, 0.03
+"""Difference between them that is noted: from row to row [m] and as a fraction, and as a fraction of the run."""
 
 
 @dataclass
@@ -72,6 +74,7 @@ def measured(
     units: int,
     half: float,
     offsets: Array,
+    *,
     largest_gap: float = LARGEST_GAP,
     mirror: float | None = None,
 ) -> Measured:
@@ -98,6 +101,12 @@ def measured(
         One line for each fault: file, line, column: problem; fix.
     """
     return _Check(table, units, half, offsets, largest_gap, mirror).run()
+
+
+def way_of(speed: ColumnSamples) -> Array:
+    """Return the integral of the speed up to every sample [m], shape (k,)."""
+    steps = np.diff(speed.time) * (speed.values[1:] + speed.values[:-1]) / 2
+    return np.concatenate(([0.0], np.cumsum(steps)))
 
 
 class _Check:
@@ -157,7 +166,7 @@ class _Check:
         if column.unit is not None and column.unit >= self._units:
             raise ValueError(
                 f"column '{column.title}': the train has {self._units} power units, counted from 0 at the front; "
-                "choose another --consist or --ignore the column"
+                "choose another --train or --ignore the column"
             )
 
     def _speed(self, column: Column) -> ColumnSamples:
@@ -285,12 +294,12 @@ class _Check:
         self._rows.refuse(centre, fallen > noise, "{} is behind an earlier position; positions must increase")
         self._check_distance(centre, speed)
         self._check_leaps(centre, speed)
+        self._note_small_leaps(centre, speed)
         return centre
 
     def _check_distance(self, position: ColumnSamples, speed: ColumnSamples) -> None:
         """Compare the positions with the integral of the speed, to detect wrong units."""
-        steps = np.diff(speed.time)
-        way = float((steps * (speed.values[1:] + speed.values[:-1]) / 2).sum())
+        way = float(way_of(speed)[-1])
         run = float(position.values[-1] - position.values[0])
         if abs(run - way) > max(DISTANCE_LEAST, DISTANCE_SHARE * max(run, way)):
             place, pace = position.column.title, speed.column.title
@@ -299,10 +308,32 @@ class _Check:
                 f"km; check the units, or use the speed only with --ignore '{place}'"
             )
 
+        if abs(run - way) > max(STEP + self._table.resolution(position.column), RUN_SHARE * way):
+            self._rows.notes.append(
+                f"{position.column.title}: covers {run / 1e3:.3f} km, the integral of '{speed.column.title}' is "
+                f"{way / 1e3:.3f} km; read as it is"
+            )
+
+    def _note_small_leaps(self, position: ColumnSamples, speed: ColumnSamples) -> None:
+        """Note the rows whose position differs from the speed by less than a leap that is refused."""
+        steps = np.diff(position.values)
+        gap = np.abs(steps - np.diff(np.interp(position.time, speed.time, way_of(speed))))
+        wrong = np.flatnonzero(gap > STEP + self._table.resolution(position.column) + STEP_SHARE * np.abs(steps))
+        if wrong.size:
+            row = int(wrong[np.argmax(gap[wrong])])
+            more = f" (and {wrong.size - 1} more rows)" if wrong.size > 1 else ""
+            self._rows.notes.append(
+                self._table.at(
+                    int(position.rows[row + 1]),
+                    position.column,
+                    f"{number_text(steps[row])} m since the row above, {number_text(gap[row])} m beside "
+                    f"'{speed.column.title}'; read as it is{more}",
+                )
+            )
+
     def _check_leaps(self, position: ColumnSamples, speed: ColumnSamples) -> None:
         """Compare the positions with the integral of the speed place by place, to detect leaps of an odometer."""
-        ways = np.concatenate(([0.0], np.cumsum(np.diff(speed.time) * (speed.values[1:] + speed.values[:-1]) / 2)))
-        way = np.interp(position.time, speed.time, ways)
+        way = np.interp(position.time, speed.time, way_of(speed))
         ahead = position.values - way
         least = LEAP + 3 * self._table.resolution(position.column)
         last = np.maximum(np.searchsorted(way, way + LEAP_WAY), np.arange(1, way.size + 1)).clip(max=way.size - 1)

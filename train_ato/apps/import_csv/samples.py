@@ -7,12 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.number_text import number_text
+from plant_sim.units import number_text
 from train_ato.apps.import_csv.columns import TIMESTAMP, Column
 from train_ato.apps.import_csv.table import CsvTable
 from train_ato.messages.types import Array
 
 __all__ = ["ColumnSamples", "Rows", "sort_rows"]
+
+
+HOUR = 3600.0
+ZONE = "write date and time with the zone, for example 2026-10-25T02:59:59+02:00"
 
 
 @dataclass(frozen=True)
@@ -113,13 +117,20 @@ class Rows:
                 for values in table.values.values()
             )
             remedy = "sort the rows by time, or give --sort"
+            if column.quantity == TIMESTAMP and abs(steps[row - 1] + HOUR) <= self._largest_gap:
+                remedy = f"the clock was set back by an hour: {ZONE}"
             if steps[row - 1] == 0:
                 remedy = "the row is repeated; remove it, or give --sort" if same else "remove one row"
             raise table.wrong(row, column, f"{order} the row above; {remedy}{_more(wrong)}")
         wide = np.flatnonzero(steps > self._largest_gap * (1 + 1e-9))
         if wide.size:
             row = int(wide[0]) + 1
-            raise table.wrong(row, column, self._gap(steps[row - 1], "the row above") + _more(wide))
+            cause = ""
+            if column.quantity == TIMESTAMP and abs(steps[row - 1] - HOUR) <= self._largest_gap:
+                cause = f"; if the clock was set forward by an hour, {ZONE}"
+            elif column.quantity == TIMESTAMP and not (steps % 60.0).any():
+                cause = "; 08:15 is read as hours and minutes, write 00:08:15 for minutes and seconds"
+            raise table.wrong(row, column, self._gap(steps[row - 1], "the row above") + cause + _more(wide))
         return np.asarray(time - time[0])
 
     def _gap(self, seconds: float, since: str) -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from plant_sim.line import Line
-from plant_sim.number_text import number_text
+from plant_sim.units import number_text
 from train_ato.apps.import_csv.recording import Measured
 from train_ato.apps.import_csv.samples import ColumnSamples
 from train_ato.loop.setup import RunSetup
@@ -21,6 +21,10 @@ MAX_FORCE_RATIO = 3.0
 
 WORK_NOTE, WORK_REFUSED = (0.4, 2.5), (0.1, 10.0)
 """Work of the force over the energy that the train needs: outside of them a note, and an error of the unit."""
+LEAST_FORCE, REFERENCE = 0.01, (0.4, 2.5)
+"""Force over the brake envelope, and reference over measured speed, of a probably wrong unit."""
+BRAKING, BRAKED_SHARE = 0.3, 0.2
+"""Deceleration [m/s²], and share of the work of the traction during it, that a note names."""
 LEAST_WORK = 1e5
 """Energy below which the work is not checked [J]."""
 KWH = 3.6e6
@@ -85,6 +89,7 @@ def series_of(found: Measured, setup: RunSetup) -> MeasuredSeries:
         found.notes += [_checked_pressure(found.pressure, setup.consist.air_brake.charged, found.table.path)]
     _check_forces(found, setup)
     _check_work(found, setup)
+    _note_units(found, setup)
     units = setup.layout.n_units
     time: Array = np.asarray(setup.tick * np.arange(setup.ticks + 1), dtype=np.float64)
     front = setup.profile.position[: time.size]
@@ -191,11 +196,17 @@ def _check_work(found: Measured, setup: RunSetup) -> None:
     if needed < LEAST_WORK or WORK_NOTE[0] <= ratio <= WORK_NOTE[1]:
         return
     samples = next(iter(found.force.values()))
+    title, against = samples.column.title, work(np.maximum(-force, 0.0))
+    remedy = "check the unit in the column name"
+    if against > WORK_NOTE[0] * needed:
+        remedy = f"it does {number_text(against / KWH)} kWh with the other sign: traction is > 0, correct the signs"
+    elif WORK_NOTE[0] <= 1e3 * ratio * samples.column.factor <= WORK_NOTE[1]:
+        remedy += f", --rename '{title}:=force_kn' for kN"
     lines = [int(found.table.lines[found.speed.rows[row]]) for row in (first, last)]
     text = (
         f"the force does {number_text(ratio * needed / KWH)} kWh up to line {lines[1]}, where train "
-        f"'{setup.consist.name}' needs {number_text(needed / KWH)} kWh for its speed and resistance; check the unit "
-        f"in the column name, --rename '{samples.column.title}:=force_kn' for kN, or the mass of --consist"
+        f"'{setup.consist.name}' needs {number_text(needed / KWH)} kWh for its speed and resistance; {remedy}, or "
+        "the mass of --train"
     )
     row = int(found.speed.rows[first])
     if WORK_REFUSED[0] <= ratio <= WORK_REFUSED[1]:
@@ -204,13 +215,55 @@ def _check_work(found: Measured, setup: RunSetup) -> None:
     raise found.table.wrong(row, samples.column, text)
 
 
+def _note_units(found: Measured, setup: RunSetup) -> None:
+    """Note a brake force, a demand or a reference far from the train, and traction while it brakes.
+
+    A wrong unit of one of them leaves the speed, the places and the work of the traction plausible.
+    """
+    speed = found.speed
+    low, _ = setup.model.force_limits(np.full(setup.layout.n_units, 0.5 * float(speed.values.max())))
+    brake = float(np.abs(low).sum())
+    for group, sign, what in (
+        (found.force, -1.0, "brake"),
+        (found.command, -1.0, "brake"),
+        (found.command, 1.0, "traction"),
+    ):
+        first = next(iter(group.values()), None)
+        most = sum(float((sign * samples.values).max()) for samples in group.values())
+        if first is not None and 0.0 < most < LEAST_FORCE * brake:
+            column = (sign < 0 and group is found.force and found.table.find("brake_force")) or first.column
+            found.notes.append(
+                f"{column.title}: {what} of at most {number_text(most / 1e3)} kN, a hundredth of the train's "
+                f"{number_text(brake / 1e3)} kN or less; check the unit in the column name"
+            )
+    if (reference := found.reference_speed) is not None:
+        ratio = float(reference.values.max()) / float(speed.values.max())
+        if not REFERENCE[0] <= ratio <= REFERENCE[1]:
+            found.notes.append(
+                f"{reference.column.title}: at most {number_text(3.6 * reference.values.max())} km/h, the train runs "
+                f"{number_text(3.6 * speed.values.max())} km/h; check the unit in the column name"
+            )
+    force = np.sum([samples.at(speed.time) for samples in found.force.values()], axis=0)
+    power = np.maximum(force * speed.values, 0.0)[1:] * np.diff(speed.time)
+    braking = np.diff(speed.values) / np.diff(speed.time) < -BRAKING
+    if power[braking].sum() > BRAKED_SHARE * power.sum() > 0.0:
+        row = int(np.flatnonzero(braking & (power > 0.0))[0]) + 1
+        found.notes.append(
+            found.table.at(
+                int(speed.rows[row]), next(iter(found.force.values())).column,
+                f"{100 * power[braking].sum() / power.sum():.0f} % of the work of the traction is done while "
+                "the train brakes; a brake force is < 0, or in a column brake_force_kn",
+            )
+        )  # fmt: skip
+
+
 def _height(line: Line, begin: float, end: float) -> float:
     """Return the height of a place of a line above another [m]."""
-    places = [entry.at for entry in line.grades]
+    places = [entry.at for entry in line.rounded_grades]
     ends = [*places[1:], max(end, *places)] if places else []
     return sum(
         entry.grade * max(0.0, min(stop, end) - max(entry.at, begin))
-        for entry, stop in zip(line.grades, ends, strict=True)
+        for entry, stop in zip(line.rounded_grades, ends, strict=True)
     )
 
 

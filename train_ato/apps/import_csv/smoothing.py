@@ -99,7 +99,7 @@ def measured_profile(found: Measured, tick: float, start: float, window: float) 
     if count < 3:
         raise ValueError(f"{found.table.path}: {found.end:g} s is too short; give at least two ticks of {tick:g} s")
     time: Array = np.asarray(tick * np.arange(count), dtype=np.float64)
-    speed = found.speed.at(time)
+    speed = np.interp(time, found.speed.time, _with_standstills(found.speed.values, _standstill(found)))
     if window > 0:
         speed = _averaged(found.speed.time, found.speed.values, time, window)
         speed = _averaged(time, _without_creep(speed, _standstill(found)), time, window)
@@ -111,6 +111,12 @@ def measured_profile(found: Measured, tick: float, start: float, window: float) 
         run = np.interp(found.position.time, time, position)
         position = position + _slow_part(run, found.position.values - run, position)
     return Profile.uniform(0.0, tick, position, speed, acceleration)
+
+
+def _with_standstills(values: Array, least: float) -> Array:
+    """Return the rows with 0 inside a standstill: a row not above ``least``, and neither of its neighbours."""
+    slow = np.concatenate(([True], values <= least * (1 + 1e-9), [True]))
+    return np.where(slow[:-2] & slow[1:-1] & slow[2:], 0.0, values)
 
 
 def _without_creep(speed: Array, least: float) -> Array:

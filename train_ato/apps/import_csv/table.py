@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import math
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from train_ato.apps.import_csv.columns import QUANTITIES, TIMESTAMP, Column, column_of, plainly
+from train_ato.apps.import_csv.columns import NOTCH, QUANTITIES, TIMESTAMP, Column, column_of, plainly
 from train_ato.apps.import_csv.faults import FileFaults
 from train_ato.messages.types import Array
 
@@ -90,18 +90,19 @@ def _unit(text: str) -> str:
 
 _FRACTION = re.compile(r"[.,](\d+)$|[.,](\d+)(?=[Z+-])")
 _DAY_FIRST = re.compile(r"^(\d{1,2})\.(\d{1,2})\.(\d{4})(?:[ T]+|,\s*)(\d{1,2})(:\d{2}(?::\d{2}(?:[.,]\d+)?)?)$")
-_SLASHES = re.compile(r"^(\d{1,2})/(\d{1,2})/(\d{4})(?:[ T]+|,\s*)(\d{1,2})(:\d{2}(?::\d{2}(?:[.,]\d+)?)?)$")
+_SLASHES = re.compile(r"^(\d{1,2})[/-](\d{1,2})[/-](\d{4})(?:[ T]+|,\s*)(\d{1,2})(:\d{2}(?::\d{2}(?:[.,]\d+)?)?)$")
 _HALF = re.compile(r"^(.*?)(\d{1,2})(:\d{2}(?::\d{2}(?:[.,]\d+)?)?)\s*([AaPp])\.?[Mm]\.?$")
-_UNIX = re.compile(r"^\d{10}(?:\d{3})?(?:[.,]\d+)?$")
+_YEAR_FIRST = re.compile(r"^(\d{4})/(\d{1,2})/(\d{1,2})(?=[ T,])")
+_UNIX = re.compile(r"^\d{10}(?:\d{3}){0,3}(?:[.,]\d+)?$")
 TIME_OF_DAY = re.compile(r"^\d{1,2}:\d{2}(?::\d{2}(?:[.,]\d+)?)?(?:\s*[AaPp]\.?[Mm]\.?)?$")
 """Time of day without a date."""
-DATE = re.compile(r"^(?:\d{4}-\d{1,2}-\d{1,2}|\d{1,2}[./]\d{1,2}[./]\d{4})$")
+DATE = re.compile(r"^(?:\d{4}([-/])\d{1,2}\1\d{1,2}|\d{1,2}([-./])\d{1,2}\2\d{4})$")
 """Date without a time of day."""
 DAY = 86_400_000_000
 """Microseconds of a day."""
 _ZERO, _UNIT = datetime(2000, 1, 1, tzinfo=timezone.utc), timedelta(microseconds=1)
-MILLISECONDS = 1e11
-"""Unix times above it are in milliseconds."""
+UNIX_DIGITS = {10: 1e6, 13: 1e3, 16: 1.0, 19: 1e-3}
+"""Microseconds of one unit of a Unix time, by its digits before the decimal mark."""
 
 
 def moments(texts: Sequence[str]) -> list[float | None]:
@@ -133,8 +134,9 @@ def _length(values: Sequence[int | None]) -> int:
 def _microseconds(text: str, first: str) -> int | None:
     """Return a moment in microseconds, in UTC without a zone; ``first`` of month and day in a date with slashes."""
     if _UNIX.match(text):
-        value = float(text.replace(",", "."))
-        return round(value * (1e3 if value > MILLISECONDS else 1e6))
+        whole, _, part = text.replace(",", ".").partition(".")
+        unit = UNIX_DIGITS[len(whole)]
+        return round(int(whole) * unit if unit >= 1 else int(whole) // 1000) + round(float(f"0.{part or 0}") * unit)
     if (half := _HALF.match(text)) is not None:
         before, hour, rest, letter = half.groups()
         if not 1 <= int(hour) <= 12:
@@ -142,6 +144,7 @@ def _microseconds(text: str, first: str) -> int | None:
         text = f"{before}{int(hour) % 12 + (12 if letter in 'Pp' else 0)}{rest}"
     if TIME_OF_DAY.match(text):
         text = f"2000-01-01T{text.zfill(len(text) + 1) if text[1] == ':' else text}"
+    text = _YEAR_FIRST.sub(lambda parts: f"{parts[1]}-{int(parts[2]):02d}-{int(parts[3]):02d}", text)
     for pattern in (_DAY_FIRST, _SLASHES):
         if (parts := pattern.match(text)) is not None:
             day, month, year, hour, rest = parts.groups()
@@ -164,7 +167,7 @@ _NUMBER = re.compile(r"^[-+]?(\d+[.,]?\d*|[.,]\d+)([eE][-+]?\d+)?$")
 _KM_PLUS = re.compile(r"^(-?\d+)\+(\d{3}(?:[.,]\d+)?)$")
 """Kilometre and metres of a place: ``12+345``."""
 _THOUSANDS = re.compile(r"^[-+]?[1-9]\d{0,2},\d{3}$")
-_SEPARATOR_LINE = re.compile(r"^sep=(.)$")
+_SEPARATOR_LINE = re.compile(r'^"?sep=(.)"?$', re.IGNORECASE)
 """First line of a spreadsheet with the separator."""
 PLACES = ("position", "front_position")
 _NOTHING = frozenset(("", "nan", "null", "none", "na", "n/a", "-"))
@@ -214,7 +217,35 @@ class CsvTable:
         return 0.0 if decimals < 0 or decimals > 9 else float(10.0**-decimals * column.factor)
 
 
-def read_table(path: Path, rename: dict[str, str], ignore: frozenset[str]) -> CsvTable:
+AIR = 101_325.0
+"""Pressure of the air [Pa], for gauge pressures."""
+
+
+@dataclass(frozen=True)
+class FileRules:
+    """Rules of a layout for the file itself; the defaults are those without a layout.
+
+    Attributes
+    ----------
+    skip_lines, separator
+        Lines above the titles, and mark between the columns; "": found in the file.
+    date
+        Title of the date of a column that is ``timestamp``.
+    shares : dict
+        Share of the largest force by the text of a notch, by title.
+    gauge, ignore_others
+        True for pressures above that of the air, and to pass over unknown titles.
+    """
+
+    skip_lines: int = 0
+    separator: str = ""
+    date: str = ""
+    shares: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    gauge: bool = False
+    ignore_others: bool = False
+
+
+def read_table(path: Path, rename: dict[str, str], ignore: frozenset[str], rules: FileRules = FileRules()) -> CsvTable:
     """Read a recorder's file.
 
     The first line that is not empty and does not begin with ``#`` has the column names, separated by semicolons,
@@ -229,6 +260,8 @@ def read_table(path: Path, rename: dict[str, str], ignore: frozenset[str]) -> Cs
         Names of columns by their titles in the file.
     ignore
         Titles of ignored columns.
+    rules
+        Rules of a layout.
 
     Raises
     ------
@@ -236,29 +269,66 @@ def read_table(path: Path, rename: dict[str, str], ignore: frozenset[str]) -> Cs
         All faults, one line each with the file, the line and the column.
     """
     lines = _lines(path)
-    number, head = next(lines, (0, ""))
-    if not number:
-        raise ValueError(f"{path}: no column names; give them in the first line, for example time_s,speed_kmh,force_kn")
-    declared = _SEPARATOR_LINE.match(head.strip())
-    if declared is not None:
-        number, head = next(lines, (0, ""))
-    separator = declared[1] if declared else next((mark for mark in SEPARATORS if mark in head), ",")
-    titles = [title.strip() for title in _cells(head, separator)]
-    while titles and not titles[-1]:
-        titles.pop()
+    number, titles, separator = _head(path, lines, rules)
     table, faults = CsvTable(path), FileFaults(path)
     rows = list(lines)
+    if len(titles) == 1 and rows:
+        mark, widest = max(
+            ((mark, line.count(mark)) for mark in SEPARATORS for _, line in rows), key=lambda row: row[1]
+        )
+        if widest:
+            raise ValueError(
+                f"{path}: line {number}: one column, '{titles[0][:40]}', above rows of {widest + 1}; remove the lines "
+                f"above the column names or begin them with #, and separate the names with '{mark}'"
+            )
     names = titles
     if rows and is_units_row(cells := _cells(rows[0][1], separator)[: len(titles)]):
         names = with_units(titles, cells)
         del rows[0]
     first = _cells(rows[0][1], separator) if rows else []
     names, dates = _with_times(titles, names, [cell.strip() for cell in first], {*rename, *ignore})
+    dates = titles.index(rules.date) if rules.date and rules.date in titles else dates
     ignored = ignore | ({titles[dates]} if dates is not None else set())
+    if rules.ignore_others:
+        ignored |= {
+            title for title, name in zip(titles, names, strict=True) if not _is_known(rename.get(title) or name)
+        }
     kept = _columns(table, titles, names, rename, ignored, lambda text: faults.add(f"line {number}, {text}"))
-    _read_rows(table, kept, rows, separator, len(titles), faults, dates)
+    _read_rows(table, kept, rows, separator, len(titles), faults, dates, rules.shares)
     faults.refuse()
+    pressure = table.find("brake_pipe_pressure")
+    if rules.gauge and pressure is not None:
+        table.values[pressure.title] += AIR
     return table
+
+
+def _head(path: Path, lines: Iterator[tuple[int, str]], rules: FileRules) -> tuple[int, list[str], str]:
+    """Return the number of the line with the titles, the titles, and the mark between the columns."""
+    number, head = next((entry for entry in lines if entry[0] > rules.skip_lines), (0, ""))
+    if not number:
+        raise ValueError(f"{path}: no column names; give them in the first line, for example time_s,speed_kmh,force_kn")
+    declared = _SEPARATOR_LINE.match(head.strip())
+    if declared is not None:
+        number, head = next(lines, (0, ""))
+    found = rules.separator or next((mark for mark in SEPARATORS if mark in head), ",")
+    separator = declared[1] if declared else found
+    titles = [title.strip() for title in _cells(head, separator)]
+    while titles and not titles[-1]:
+        titles.pop()
+    return number, titles, separator
+
+
+def titles_of(path: Path, rules: FileRules) -> list[str]:
+    """Return the titles of the columns of a file."""
+    return _head(path, _lines(path), rules)[1]
+
+
+def _is_known(name: str) -> bool:
+    try:
+        column_of(name, column_name(name))
+    except ValueError:
+        return False
+    return True
 
 
 def _with_times(titles: list[str], names: list[str], cells: list[str], given: set[str]) -> tuple[list[str], int | None]:
@@ -287,6 +357,8 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
 
 def _text(path: Path, raw: bytes) -> str:
     try:
+        if raw[:4] in (b"\xff\xfe\0\0", b"\0\0\xfe\xff"):
+            return raw.decode("utf-32")
         if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
             return raw.decode("utf-16")
         if b"\0" in raw:
@@ -335,7 +407,7 @@ def _column(table: CsvTable, place: int, title: str, name: str) -> Column:
         raise ValueError(f"column '{title}' appears twice; rename or remove one")
     column = column_of(title, name)
     other = table.find(column.quantity, column.unit)
-    if other is not None:
+    if other is not None and column.quantity != NOTCH:
         raise ValueError(
             f"columns '{other.title}' and '{title}' are the same quantity; remove one with --ignore '{title}'"
         )
@@ -350,6 +422,7 @@ def _read_rows(
     width: int,
     faults: FileFaults,
     dates: int | None,
+    shares: Mapping[str, Mapping[str, float]],
 ) -> None:
     columns = list(table.columns.values())
     texts: list[list[str]] = [[] for _ in columns]
@@ -370,6 +443,8 @@ def _read_rows(
     for column, entries in zip(columns, texts, strict=True):
         if column.quantity == TIMESTAMP:
             table.values[column.title] = _moments(table, column, entries, faults)
+        elif column.quantity == NOTCH:
+            table.values[column.title] = _notches(table, column, entries, shares.get(column.title, {}), faults)
         else:
             table.values[column.title] = _numbers(table, column, entries, separator, marks, faults)
 
@@ -418,6 +493,29 @@ def _numbers(
             decimals = -1 if exponent else max(decimals, len(plain.partition(".")[2].rstrip("0")))
     table.decimals[column.title] = decimals
     return np.asarray(values * column.factor)
+
+
+def plain_notch(text: str) -> str:
+    """Return the text of a notch; a number without its decimals: ``8.0`` is ``8``."""
+    plain = text.strip().upper().replace(",", ".")
+    whole, point, part = plain.partition(".")
+    return whole if point and not part.strip("0") else plain
+
+
+def _notches(
+    table: CsvTable, column: Column, entries: list[str], shares: Mapping[str, float], faults: FileFaults
+) -> Array:
+    """Return the share of the largest force of every row; an empty cell keeps the notch before."""
+    values, last = np.zeros(len(entries)), 0.0
+    for row, text in enumerate(entries):
+        if text and plain_notch(text) not in shares:
+            known = ", ".join(shares) or "none; write notches in a layout"
+            problem = table.at(row, column, f"'{text[:30]}' is no notch of the layout ({known}); add it there")
+            faults.add_of_kind(column.title, "notch", problem)
+        last = shares.get(plain_notch(text), last)
+        values[row] = last
+    table.decimals[column.title] = -1
+    return values
 
 
 def _two_marks(marks: dict[str, str]) -> str:

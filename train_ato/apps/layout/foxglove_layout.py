@@ -12,8 +12,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from plant_sim.units import KMH
-from train_ato.apps.layout.panels import LayoutCurve, LayoutPanel, panels_of
-from train_ato.apps.layout.signals import DIAGNOSTICS, LogSignals, Signal
+from train_ato.apps.layout.signals import DIAGNOSTICS, LayoutCurve, LayoutPanel, LogSignals, Signal, panels_of
 from train_ato.apps.scene.train_scene import BASE, MARKERS, POSES, TRACK
 
 LEFT = ("speed", "states", "force", "coupler", "pipe")
@@ -44,10 +43,10 @@ def foxglove_layout(log: LogSignals, *, studio_1: bool = False, scene: bool = Fa
     groups: dict[str, Node] = {}
     for key in ("force", "coupler", "pipe", "along", "shoes"):
         if key in panels:
-            groups[key] = _add(configured, f"Plot!{key}", _plot(panels[key], studio_1))
+            groups[key] = _add(configured, f"Plot!{key}", _plot(panels[key], studio_1=studio_1))
     if "speed" in panels:
-        plot = _add(configured, f"Plot!{panels['speed'].key}", _plot(panels["speed"], studio_1))
-        gauge = _add(configured, "Gauge!speed", _gauge(panels["speed"], log, studio_1))
+        plot = _add(configured, f"Plot!{panels['speed'].key}", _plot(panels["speed"], studio_1=studio_1))
+        gauge = _add(configured, "Gauge!speed", _gauge(panels["speed"], log, studio_1=studio_1))
         groups["speed"] = _split("row", gauge, plot, 24)
     states = [curve for key in ("ato", "protection") if key in panels for curve in panels[key].curves]
     if states:
@@ -85,7 +84,7 @@ def _titled(title: str, config: dict[str, Any]) -> dict[str, Any]:
     return {"foxglovePanelTitle": title, **config}
 
 
-def _plot(panel: LayoutPanel, studio_1: bool) -> dict[str, Any]:
+def _plot(panel: LayoutPanel, *, studio_1: bool) -> dict[str, Any]:
     factor, unit = (1.0, panel.si_unit) if studio_1 else (panel.factor, panel.unit)
     paths = []
     for curve in panel.curves:
@@ -128,7 +127,7 @@ def _transition(curve: LayoutCurve) -> dict[str, Any]:
     }
 
 
-def _gauge(panel: LayoutPanel, log: LogSignals, studio_1: bool) -> dict[str, Any]:
+def _gauge(panel: LayoutPanel, log: LogSignals, *, studio_1: bool) -> dict[str, Any]:
     """Return a gauge of the train's speed to a multiple of ten above the top speed of the run."""
     factor, unit = (1.0, "m/s") if studio_1 else (KMH, "km/h")
     config = {

@@ -14,8 +14,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from train_ato.apps.report.print_figures import LONG_RUN_S, SHEET_SIZE, styled, write_figure
+from train_ato.apps.report.quantities import COLOURS, QUANTITIES
+from train_ato.apps.runs.summary_table import html_table
 from train_ato.errors import RunFailed
 from train_ato.interrupt import interruptible
 from train_ato.log.reading import iter_raw, read_log
@@ -67,6 +72,11 @@ class OpenLoop:
     def difference(self) -> Array:
         """Replayed minus recorded [N], shape (k, units)."""
         return self.replayed - self.recorded
+
+    def _repr_html_(self) -> str:
+        figures = self.summary()
+        verdict = f"the same output in {figures['equal_ticks']} of {figures['ticks']} ticks"
+        return html_table(verdict, ("difference", "value"), ((key, figures[key]) for key in figures if "_k" in key))
 
     def summary(self) -> dict[str, Any]:
         """Return figures of both outputs and of their difference in kN, kPa and s."""
@@ -150,7 +160,8 @@ def replay_open_loop(setup: RunSetup, run: Path, progress: Callable[[Progress], 
             for step in inputs.put(kinds[topic], message):
                 if step.profile is not None:
                     controller.set_profile(profile_of(step.profile))
-                answer = controller.step(step.measurement, step.reference, step.estimate, step.protection, step.speeds)
+                controller.receive(step.measurement, step.reference, step.estimate, step.protection, step.speeds)
+                answer = controller.command()
                 stamp = answer.command.stamp
                 seen[stamp] = step.measurement, step.reference
                 replayed.take(answer.command)
@@ -191,4 +202,88 @@ def _joined(
         replayed=np.array([replayed.force[stamp] for stamp in common]),
         recorded_pipe=recorded.pressures(common) if pipes else np.empty(0),
         replayed_pipe=replayed.pressures(common) if pipes else np.empty(0),
+    )
+
+
+_FEW = 4
+"""Largest number of power units with a curve each."""
+
+
+@styled(SHEET_SIZE)
+def draw_open_loop(result: OpenLoop, title: str, recorded: str, replayed: str, path: Path) -> None:
+    """Draw speed, both force demands, their difference and, with an air brake in use, both brake-pipe demands.
+
+    Parameters
+    ----------
+    result
+        Outputs to draw.
+    title
+        Title of the figure.
+    recorded, replayed
+        Names of the two outputs.
+    path
+        File of the figure; its suffix selects the format.
+
+    Raises
+    ------
+    ValueError
+        If the file cannot be written.
+    """
+    pipe = any(demand.size > 0 and np.ptp(demand) > 0 for demand in (result.recorded_pipe, result.replayed_pipe))
+    panels = 4 if pipe else 3
+    figure = Figure(figsize=(11, 2.6 * panels), dpi=110, layout="constrained")
+    axes = figure.subplots(panels, 1, sharex=True)
+    long = bool(result.stamp[-1] * 1e-9 > LONG_RUN_S)
+    time: Array = result.stamp.astype(np.float64) * (1e-9 / 60 if long else 1e-9)
+    _draw_speed(axes[0], result, time)
+    _draw_pair(
+        axes[1], time, (result.recorded.sum(axis=1) / 1e3, recorded), (result.replayed.sum(axis=1) / 1e3, replayed)
+    )
+    axes[1].set_ylabel("command of all units in kN")
+    _draw_difference(axes[2], result, time)
+    if pipe:
+        _draw_pair(axes[3], time, (result.recorded_pipe / 1e3, recorded), (result.replayed_pipe / 1e3, replayed))
+        axes[3].set_ylabel("brake pipe command in kPa")
+    for panel in axes:
+        panel.margins(x=0.01)
+    axes[-1].set_xlabel("time in min" if long else "time in s")
+    figure.suptitle(title)
+    write_figure(figure, path)
+
+
+def _draw_speed(panel: Axes, result: OpenLoop, time: Array) -> None:
+    panel.plot(time, 3.6 * result.reference, color=QUANTITIES["profile"].colour, lw=2.2, alpha=0.65, label="profile")
+    panel.plot(time, 3.6 * result.velocity, color=QUANTITIES["measured_speed"].colour, lw=1.0, label="measured")
+    panel.set_ylabel("speed in km/h\n(both as recorded)")
+    _legend(panel, 2)
+
+
+def _draw_pair(panel: Axes, time: Array, recorded: tuple[Array, str], replayed: tuple[Array, str]) -> None:
+    panel.plot(time, recorded[0], color=COLOURS[5], lw=2.2, alpha=0.5, label=recorded[1])
+    panel.plot(time, replayed[0], color=COLOURS[1], lw=0.8, label=replayed[1])
+    _legend(panel, 2)
+
+
+def _draw_difference(panel: Axes, result: OpenLoop, time: Array) -> None:
+    difference = result.difference / 1e3
+    units = difference.shape[1]
+    if units <= _FEW:
+        for unit in range(units):
+            label = "replayed - recorded" if units == 1 else f"unit {unit}"
+            panel.plot(time, difference[:, unit], color=COLOURS[unit], lw=0.8, label=label)
+    else:
+        panel.fill_between(
+            time, difference.min(axis=1), difference.max(axis=1), color=COLOURS[0], alpha=0.3, lw=0, label="all units"
+        )
+        panel.plot(time, difference.mean(axis=1), color=COLOURS[0], lw=0.8, label="mean over units")
+    if not np.any(difference):
+        panel.set_ylim(-1, 1)
+    panel.set_ylabel("difference in kN\nper unit")
+    _legend(panel, units if units <= _FEW else 2)
+
+
+def _legend(panel: Axes, columns: int) -> None:
+    """Draw the legend above the panel, clear of the curves."""
+    panel.legend(
+        loc="lower right", bbox_to_anchor=(1, 1), borderaxespad=0.1, frameon=False, ncols=columns, fontsize="small"
     )

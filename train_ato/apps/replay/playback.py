@@ -11,8 +11,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
-from train_ato.apps.replay.log import DISORDER_NS, LogTopic, ReplayLog
-from train_ato.apps.replay.options import ReplayOptions
+from train_ato.apps.replay.log import DISORDER_NS, LogTopic, ReplayLog, ReplayOptions
 from train_ato.log.mcap_records import RawMessage
 
 
@@ -29,7 +28,7 @@ class ReplayClock:
         Monotonic wall clock [s].
     """
 
-    def __init__(self, rate: float, paused: bool, steady: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, rate: float, *, paused: bool, steady: Callable[[], float] = time.monotonic) -> None:
         self._steady = steady
         self._rate = rate
         self._paused = paused
@@ -147,6 +146,7 @@ class Playback:
         topics: Mapping[str, LogTopic],
         options: ReplayOptions,
         outlet: Outlet,
+        *,
         interrupted: Callable[[], bool],
         progress: Callable[[ReplayState], None] | None = None,
     ) -> None:
@@ -157,7 +157,7 @@ class Playback:
         self._outlet = outlet
         self._interrupted = interrupted
         self._progress = progress
-        self._clock = ReplayClock(options.rate, options.start_paused)
+        self._clock = ReplayClock(options.rate, paused=options.start_paused)
         self._offset, self._duration = options.start_offset, options.duration
         self._messages: Iterator[RawMessage] = iter(())
         self._next: RawMessage | None = None

@@ -10,8 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from train_ato.apps.replay.log import LogTopic
-from train_ato.apps.replay.options import CLOCK
+from train_ato.apps.replay.log import CLOCK, LogTopic
 from train_ato.log.mcap_records import RawMessage
 
 NODE = "rosbag2_player"

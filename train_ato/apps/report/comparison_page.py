@@ -8,15 +8,29 @@ from dataclasses import dataclass, replace
 import numpy as np
 from bokeh.models import ColumnDataSource
 
-from train_ato.apps.report.comparison_lines import common_events, largest_magnitude, run_colours, run_dash
-from train_ato.apps.report.event_panels import run_events_figure
-from train_ato.apps.report.heat_panel import heat_figure
-from train_ato.apps.report.page import PageSection, Placed
-from train_ato.apps.report.page_data import PageData
-from train_ato.apps.report.panels import distance_figure, line_figure, source_of
+from train_ato.apps.report.curves import Curves
+from train_ato.apps.report.page import Figure, Linked, PageSection, Placed
+from train_ato.apps.report.page_data import (
+    CELLS,
+    PageData,
+    common_events,
+    downsampled,
+    largest_magnitude,
+    motion_differences,
+    run_colours,
+    run_dash,
+    share_of,
+)
+from train_ato.apps.report.panels import (
+    distance_figure,
+    heat_figure,
+    line_figure,
+    mark_stations,
+    run_events_figure,
+    source_of,
+    track_figure,
+)
 from train_ato.apps.report.quantities import HEAT, PANELS, QUANTITIES, Trace, traces_of
-from train_ato.apps.report.style import Figure, Linked
-from train_ato.apps.report.track_panel import track_figure
 
 
 @dataclass(frozen=True)
@@ -110,6 +124,7 @@ def comparison_sections(pages: Sequence[PageData]) -> tuple[list[PageSection], L
     hero = _overlaid(linked, runs, HERO)
     sections = [] if hero is None else [PageSection("verdict", "Verdict", [Placed(hero, HERO.heading, HERO.caption)])]
     sections += _over_distance(linked, runs)
+    sections += _difference_section(linked, runs)
     if any(data.events for data, _ in runs):
         caption = "One row per run. Events common to all runs are marked in every figure over time."
         named = [(data.label, data.events) for data, _ in runs]
@@ -182,8 +197,52 @@ def _over_distance(linked: Linked, runs: Sequence[tuple[PageData, str]]) -> list
         return []
     linked.set_places(min(float(np.nanmin(p)) for p in ends), max(float(np.nanmax(p)) for p in ends))
     first = next(data for data, _ in runs if "speed" in data.curves)
-    figure = distance_figure(linked, tables, first.profiles[:1], first.limits)
+    figure = mark_stations(distance_figure(linked, tables, first.profiles[:1], first.limits), first.stations)
     placed = [Placed(figure, "Speed over distance", f"Profile and limits are those of {first.label}.")]
     if first.track is not None:
         placed.append(Placed(track_figure(linked, first.track), "Grade and curves", f"Line of {first.label}."))
     return [PageSection("line", "Along the line", placed)]
+
+
+DIFFERENCES: tuple[tuple[str, str, str, str], ...] = (
+    ("place", "speed_kmh", "speed_difference", "Speed over distance"),
+    ("place", "time_s", "time_difference", "Time at a place"),
+    ("time", "speed_kmh", "speed_difference", "Speed over time"),
+    ("time", "position_m", "position_difference", "Place over time"),
+    ("time", "force_kn", "force_difference", "Force of all power units over time"),
+)
+"""Figures of the difference: horizontal axis, column, title of the vertical axis, heading."""
+
+
+def _difference_section(linked: Linked, runs: Sequence[tuple[PageData, str]]) -> list[PageSection]:
+    """Return the figures of the difference from the first run."""
+    found = motion_differences([data for data, _ in runs])
+    if not found:
+        return []
+    cells = round(share_of(len(runs)) * CELLS)
+    reduced = {
+        label: {
+            "time": downsampled(Curves(one.time, one.over_time), cells),
+            "place": downsampled(Curves(one.place / 1e3, one.over_place), cells),
+        }
+        for label, one in found.items()
+    }
+    colours = {data.label: (colour, run_dash(index)) for index, (data, colour) in enumerate(runs)}
+    first = runs[0][0].label
+    placed = []
+    for over, column, axis, heading in DIFFERENCES:
+        tables = []
+        for label, curves in reduced.items():
+            colour, dash = colours[label]
+            look = replace(QUANTITIES[column], words=label, colour=colour, width=1.3, dash=dash)
+            lines = curves[over]
+            columns = {column: lines.columns[column]} | ({"position_km": lines.time} if over == "place" else {})
+            tables.append((source_of(lines.time, columns), [Trace(column, look)]))
+        figure = (
+            distance_figure(linked, tables, (), None, axis, 200)
+            if over == "place"
+            else line_figure(linked, axis, tables, 200)
+        )
+        caption = " > 0: later than the first run." if column == "time_s" else ""
+        placed.append(Placed(figure, heading, f"Each run minus {first}.{caption}"))
+    return [PageSection("difference", f"Difference from {first}", placed)]

@@ -2,24 +2,198 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from plant_sim.data_text import parse_json
-from train_ato.apps.report.event import Event
-from train_ato.apps.report.protection_events import engagements, is_protection_report, protection_events
+from plant_sim.disturbances import Gust, Paper001, TravellingLoad, UnmodelledGrade
+from plant_sim.plant_setup import TrainSeparation
 from train_ato.apps.report.quantities import KINDS
-from train_ato.apps.report.scenario_events import scenario_events
 from train_ato.apps.report.words import longer
-from train_ato.loop.force_limit import time_at_force_limit
+from train_ato.control.assurance import BRAKING_LAW
 from train_ato.loop.plant import LOST_KEY, RESTARTS_KEY
 from train_ato.loop.profile import REJOINED
-from train_ato.loop.recording import BRAKE_PIPE_COMMAND, Recording
-from train_ato.messages.types import Array
+from train_ato.loop.protection_record import REACTIONS, StateSpan, state_spans
+from train_ato.loop.recording import BRAKE_PIPE_COMMAND, REFERENCE, Recording
+from train_ato.loop.tracking import time_at_force_limit
+from train_ato.loop.train_protection import Protection
+from train_ato.messages.faults import SlowFault, message_faults, node_faults
+from train_ato.messages.types import Array, AtoState, Diagnostic
 from train_ato.scenario import changes, interventions
+from train_ato.supervision.supervisor import SupervisionState
+
+
+@dataclass(frozen=True)
+class Event:
+    """Event of a run.
+
+    Attributes
+    ----------
+    kind
+        Key of :data:`train_ato.apps.report.quantities.KINDS`.
+    begin, end
+        Times [s]; ``end`` is None for an event without duration.
+    text
+        Description.
+    """
+
+    kind: str
+    begin: float
+    text: str
+    end: float | None = None
+
+
+def scenario_events(recording: Recording) -> Iterator[Event]:
+    """Yield the events that the scenario of a recording defines."""
+    for source in (_disturbances, _jumps, _sensors, _faults, _scored):
+        yield from source(recording)
+
+
+def _disturbances(recording: Recording) -> Iterator[Event]:
+    assert recording.setup is not None
+    begin, end = recording.span
+    for source in recording.setup.plant.disturbances:
+        if isinstance(source, Gust):
+            text = f"gust of {source.acceleration:+g} m/s²" if source.acceleration else f"gust of {source.force:+g} N"
+            yield from _within(Event("disturbance", source.begin, text, source.end), begin, end)
+        elif isinstance(source, UnmodelledGrade):
+            for piece in source.pieces:
+                text = f"{1e3 * piece.grade:+g} ‰ grade, not in the nominal model"
+                yield from _over_places(recording, "disturbance", piece.begin, piece.end, text)
+        elif isinstance(source, TravellingLoad):
+            first = Event("disturbance", source.begin, "travelling load", source.begin + source.duration)
+            yield from _within(first, begin, end)
+        elif isinstance(source, Paper001):
+            for at, until, size in ((60.0, 80.0, -0.10), (300.0, 312.0, 0.12)):
+                text = f"disturbance of {source.scale * size:+.2f} m/s²"
+                yield from _within(Event("disturbance", at, text, until), begin, end)
+        else:
+            yield Event("disturbance", begin, f"disturbance '{source.kind}' from the start")
+
+
+def _within(event: Event, begin: float, end: float) -> Iterator[Event]:
+    """Yield an event if it overlaps the run."""
+    if event.begin <= end and (event.end is None or event.end >= begin):
+        yield Event(event.kind, event.begin, event.text, None if event.end is None else min(event.end, end))
+
+
+def _over_places(recording: Recording, kind: str, begin: float, end: float, text: str) -> Iterator[Event]:
+    """Yield an event for the time of the train on a part of the line."""
+    motion = recording.motion
+    if motion is None or "position" not in motion:
+        return
+    head, rear = motion["position"][:, 0], motion["rear_position"][:, 0]
+    over = np.flatnonzero((head >= begin) & (rear <= end))
+    if over.size:
+        yield Event(kind, float(motion.time[over[0]]), text, float(motion.time[over[-1]]))
+
+
+def _jumps(recording: Recording) -> Iterator[Event]:
+    assert recording.setup is not None
+    begin, end = recording.span
+    link = recording.setup.links.command.jump
+    if link is not None:
+        yield from _within(Event("fault", link.at, longer(link.factor, link.add)), begin, end)
+    for jump in recording.setup.plant.jumps:
+        if isinstance(jump, TrainSeparation):
+            text = f"coupler behind vehicle {', '.join(map(str, jump.vehicles))} parts"
+        else:
+            text = f"{jump.what} times {jump.factor:g}"
+        if jump.at is not None:
+            yield from _within(Event("fault", jump.at, text), begin, end)
+        elif jump.place is not None:
+            for event in _over_places(recording, "fault", jump.place, np.inf, text):
+                yield Event("fault", event.begin, event.text)
+
+
+def _sensors(recording: Recording) -> Iterator[Event]:
+    assert recording.setup is not None
+    sensors = recording.setup.plant.sensors
+    for freeze in sensors.freeze:
+        what = "position and speed" if freeze.quantity == "both" else freeze.quantity
+        text = f"unit {freeze.unit}: measured {what} frozen"
+        yield from _within(Event("fault", freeze.begin, text, freeze.end), *recording.span)
+    for slip in sensors.wheel_slip:
+        text = f"wheels of unit {slip.unit} {'slip' if slip.slip > 0 else 'slide'} by {100 * abs(slip.slip):g} %"
+        yield from _within(Event("fault", slip.begin, text, slip.end), *recording.span)
+
+
+def _faults(recording: Recording) -> Iterator[Event]:
+    assert recording.setup is not None
+    faults = recording.setup.scenario.faults
+    nodes = node_faults(faults)
+    for fault in nodes:
+        delay = f" by {fault.delay:g} s" if isinstance(fault, SlowFault) else ""
+        yield from _within(Event("fault", fault.at, f"node {fault.node}: {fault.do}{delay}"), *recording.span)
+    for message in message_faults(fault for fault in faults if fault not in nodes):
+        reader = f", to {message.reader}" if message.reader else ""
+        yield from _within(
+            Event("fault", message.begin, f"{message.described()}{reader}", message.end), *recording.span
+        )
+
+
+def _scored(recording: Recording) -> Iterator[Event]:
+    assert recording.setup is not None
+    evaluation = recording.setup.scenario.evaluation
+    if evaluation.until_time is not None:
+        yield from _within(Event("scored", evaluation.until_time, KINDS["scored"].words), *recording.span)
+    found = recording.of(REFERENCE, "position")
+    if evaluation.until is not None and found is not None:
+        beyond = np.flatnonzero(found[1][:, 0] > evaluation.until)
+        if beyond.size:
+            yield Event("scored", float(found[0][beyond[0]]), KINDS["scored"].words)
+
+
+EXCEEDED = frozenset(state.text for state in SupervisionState if state >= SupervisionState.OVERSPEED)
+"""States of the supervision above the permitted speed; an indication precedes every stop."""
+
+
+def protection_events(recording: Recording) -> Iterator[Event]:
+    """Yield the states of a run with a supervisor: exceeded limits, reactions of the train, changes of the ATO."""
+    if "supervisor" not in recording.diagnostics:
+        return
+    for span in state_spans(recording.changed_reports, "supervisor"):
+        if span.state in EXCEEDED:
+            lasting = f" for {span.end - span.begin:.1f} s" if span.end > span.begin else ""
+            yield Event("supervision", span.begin, _text(f"{span.state}{lasting}", span.reason))
+    for span in state_spans(recording.changed_reports, "plant"):
+        if REACTIONS.get(span.state, Protection.NONE) is not Protection.NONE:
+            yield Event("protection", span.begin, _text(f"train: {span.state}", span.reason), _end(span))
+    before = AtoState.ENGAGED.text
+    for span in state_spans(recording.changed_reports, "ato"):
+        if span.state != before:
+            yield Event("ato", span.begin, _text(f"ATO {before} → {span.state}", span.reason))
+        before = span.state
+    for span in state_spans(recording.changed_reports, "controller"):
+        if span.state == BRAKING_LAW:
+            yield Event("ato", span.begin, "the braking law drives in place of the law", _end(span))
+
+
+def engagements(reports: Iterable[Diagnostic]) -> list[float]:
+    """Return the times at which the ATO was engaged during the run [s]."""
+    spans = state_spans(reports, "ato")
+    return [span.begin for span in spans[1:] if span.state == AtoState.ENGAGED.text]
+
+
+def _text(state: str, reason: str) -> str:
+    return f"{state}: {reason}" if reason else state
+
+
+def _end(span: StateSpan) -> float | None:
+    """Return the end of a state; None for a single report."""
+    return span.end if span.end > span.begin else None
+
+
+def is_protection_report(report: Diagnostic) -> bool:
+    """Return True for a report of a state that :func:`protection_events` contains, so that it is no fault."""
+    if report.node == "controller":
+        return report.level > 0 and report.message in (report.values.get("ato_state"), BRAKING_LAW)
+    return report.node == "supervisor" or (report.node == "plant" and "protection" in report.values)
+
 
 SAME_PIPE_S = 5.0
 """Maximum time between changes of the brake-pipe demand in one direction that form one event [s]."""

@@ -2,12 +2,273 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from train_ato.apps.report.style import Figure
-from train_ato.apps.report.verdict_rows import CriterionCells, VerdictText
+from bokeh.events import DoubleTap
+from bokeh.models import (
+    AdaptiveTicker,
+    BasicTickFormatter,
+    BoxZoomTool,
+    ColumnDataSource,
+    CompositeTicker,
+    CrosshairTool,
+    CustomJS,
+    CustomJSHover,
+    CustomJSTickFormatter,
+    Legend,
+    PanTool,
+    Range1d,
+    ResetTool,
+    SaveTool,
+    Span,
+    WheelZoomTool,
+)
+from bokeh.plotting import figure as bokeh_figure
+
+from train_ato.apps.report.events import Event
+from train_ato.apps.report.quantities import AXES, FAINT, FONT, INK, KINDS
+from train_ato.apps.report.summary_rows import CriterionCells, VerdictText
+
+Figure = Any
+"""A Bokeh figure; its classes are created at run time."""
+
+LEFT, RIGHT = 92, 64
+"""Margins of every frame [pixels]; they are equal, so equal times are above each other."""
+SECOND_AXIS = 32
+"""Additional right margin of figures over distance, for a second axis [pixels]."""
+HEIGHT = 230
+CURSOR = {"line_color": INK, "line_width": 1, "line_alpha": 0.75, "line_dash": "dotted"}
+_CLOCK = """
+    const sign = value < 0 ? "-" : "", all = Math.abs(value);
+    const h = Math.floor(all / 3600), m = Math.floor(all / 60) % 60, s = all - 60 * Math.floor(all / 60);
+    const two = (n) => String(n).padStart(2, "0");
+    let text = s.toFixed(digits).padStart(digits > 0 ? 3 + digits : 2, "0");
+    if (text.startsWith("60")) text = s.toFixed(3);
+    return sign + (hours ? h + ":" + two(m) : String(60 * h + m)) + ":" + text;
+"""
+
+
+class Linked:
+    """Shared axes, cursor and events of the figures of one page.
+
+    Parameters
+    ----------
+    begin, end
+        Times at the edges [s].
+    events
+        Events to mark in every figure over time.
+
+    Attributes
+    ----------
+    time, place : Range1d
+        Time [s] and place [km] in view.
+    marks
+        Tables of the events without and with a duration, by kind.
+    marked
+        Renderers of the marks, by kind.
+    figures_over_time, figures_over_distance
+        All figures.
+    readings
+        Labels and units of the values at the cursor.
+    """
+
+    def __init__(self, begin: float, end: float, events: list[Event] | None = None) -> None:
+        margin = 0.004 * max(end - begin, 1.0)
+        self.time = Range1d(begin - margin, end + margin, bounds=(begin - 20 * margin, end + 20 * margin))
+        self.place = Range1d(0.0, 1.0)
+        self.hours = end >= 3600.0
+        self._time_cursor = Span(dimension="height", **CURSOR)
+        self._place_cursor = Span(dimension="height", **CURSOR)
+        self.marks = _sources(events or [])
+        self.marked: dict[str, list[Any]] = {kind: [] for kind in self.marks}
+        self.figures_over_time: list[Figure] = []
+        self.figures_over_distance: list[Figure] = []
+        self.readings: list[tuple[str, str]] = []
+        self.time_words = f"time in {'h:min:s' if self.hours else 'min:s'}"
+
+    def set_places(self, begin: float, end: float) -> None:
+        """Set the places at the edges [km]."""
+        margin = 0.004 * max(end - begin, 0.1)
+        self.place.update(start=begin - margin, end=end + margin, bounds=(begin - 20 * margin, end + 20 * margin))
+        self.place.reset_start, self.place.reset_end = begin - margin, end + margin
+
+    def over_time(
+        self, axis: str, height: int = HEIGHT, *, marked: bool = True, tinted: bool = True, **options: Any
+    ) -> Figure:
+        """Return an empty figure over time; ``axis`` names the title of its y axis, or is that title.
+
+        ``tinted=False`` marks only the ends of an event and does not change the colours of a heat map.
+        """
+        plot = _plain(axis, height, x_range=self.time, **options)
+        plot.xaxis.axis_label = self.time_words
+        plot.xaxis.ticker = time_ticker()
+        plot.xaxis.formatter = time_formatter(hours=self.hours)
+        plot.add_tools(CrosshairTool(overlay=self._time_cursor))
+        if marked:
+            self._mark(plot, tinted=tinted)
+        self.figures_over_time.append(plot)
+        return plot
+
+    def over_distance(self, axis: str, height: int = HEIGHT, **options: Any) -> Figure:
+        """Return an empty figure over the position of vehicle 0 [km]."""
+        plot = _plain(axis, height, x_range=self.place, **options)
+        plot.min_border_right = RIGHT + SECOND_AXIS
+        plot.xaxis.axis_label = AXES["distance"]
+        plot.add_tools(CrosshairTool(overlay=self._place_cursor))
+        self.figures_over_distance.append(plot)
+        return plot
+
+    def clock(self, digits: int = 1) -> CustomJSHover:
+        """Return the time format of a tooltip."""
+        return CustomJSHover(args={"hours": self.hours, "digits": digits}, code=_CLOCK)
+
+    def _mark(self, plot: Figure, *, tinted: bool) -> None:
+        """Mark events without duration by lines, others by tinted bands."""
+        for kind, (moments, stretches) in self.marks.items():
+            colour = KINDS[kind].colour
+            drawn = self.marked[kind]
+            if stretches.data["begin"]:
+                drawn.append(plot.vstrip(
+                    x0="begin", x1="end", source=stretches, fill_color=colour if tinted else None, fill_alpha=0.13,
+                    line_color=None if tinted else colour, line_alpha=0.7, level="underlay",
+                ))  # fmt: skip
+            if moments.data["begin"]:
+                drawn.append(plot.vspan(
+                    x="begin", source=moments, line_color=colour, line_width=1.3, line_dash="5 3", line_alpha=0.9,
+                    level="underlay",
+                ))  # fmt: skip
+
+
+def _sources(events: list[Event]) -> dict[str, tuple[ColumnDataSource, ColumnDataSource]]:
+    """Return tables of the events without and with a duration, by kind."""
+    result = {}
+    for kind in KINDS:
+        of_kind = [event for event in events if event.kind == kind]
+        if of_kind:
+            moments = [event for event in of_kind if event.end is None]
+            stretches = [event for event in of_kind if event.end is not None]
+            result[kind] = (
+                ColumnDataSource({"begin": [e.begin for e in moments], "text": [e.text for e in moments]}),
+                ColumnDataSource(
+                    {
+                        "begin": [e.begin for e in stretches],
+                        "end": [e.end for e in stretches],
+                        "text": [e.text for e in stretches],
+                    }
+                ),
+            )
+    return result
+
+
+def _plain(axis: str, height: int, **options: Any) -> Figure:
+    """Return a figure in the common style."""
+    zoom = BoxZoomTool(dimensions="width")
+    plot = bokeh_figure(
+        height=height,
+        sizing_mode="stretch_width",
+        tools=[zoom, BoxZoomTool(), PanTool(), WheelZoomTool(dimensions="width"), ResetTool(), SaveTool()],
+        active_drag=zoom,
+        active_scroll=None,
+        toolbar_location="right",
+        min_border_left=LEFT,
+        min_border_right=RIGHT,
+        min_border_top=4,
+        outline_line_color=INK,
+        outline_line_alpha=0.35,
+        border_fill_color=None,
+        output_backend="canvas",
+        window_axis="x",
+        **options,
+    )
+    plot.toolbar.logo = None
+    plot.toolbar.autohide = True
+    plot.js_on_event(DoubleTap, CustomJS(args={"plot": plot}, code="plot.reset.emit()"))
+    plot.yaxis.axis_label = AXES.get(axis, axis)
+    plot.yaxis.formatter = BasicTickFormatter(use_scientific=False)
+    for side in plot.axis:
+        style_axis(side)
+    plot.grid.grid_line_color = FAINT
+    plot.grid.grid_line_alpha = 0.9
+    if hasattr(plot.y_range, "range_padding"):
+        plot.y_range.range_padding = 0.14
+    return plot
+
+
+def style_axis(axis: Any) -> None:
+    """Apply the common style to an axis."""
+    axis.axis_label_text_font = axis.major_label_text_font = FONT
+    axis.axis_label_text_font_style = "normal"
+    axis.axis_label_text_font_size = axis.major_label_text_font_size = "12px"
+    axis.axis_label_text_color = axis.major_label_text_color = INK
+    axis.axis_line_color = axis.major_tick_line_color = INK
+    axis.minor_tick_line_color = None
+
+
+def add_page_legend(plot: Figure, items: list[Any]) -> None:
+    """Add a legend above the frame; a click on an entry hides its line."""
+    columns = _columns([item.label.value for item in items])
+    plot.height += LEGEND_ROW * (math.ceil(len(items) / columns) - 1)
+    legend = Legend(
+        items=items,
+        orientation="horizontal",
+        location=(0, LEGEND_GAP),
+        click_policy="hide",
+        border_line_color=None,
+        background_fill_color=None,
+        label_text_font=FONT,
+        label_text_font_size="12px",
+        label_text_color=INK,
+        glyph_width=24,
+        label_height=14,
+        glyph_height=14,
+        padding=2,
+        margin=2,
+        spacing=14,
+        ncols=columns,
+    )
+    plot.add_layout(legend, "above")
+
+
+def _columns(labels: list[str]) -> int:
+    """Return the number of legend columns: all entries, or as many as the usual width holds."""
+    widest = max((len(label) for label in labels), default=0)
+    if sum(54.0 + LETTER * len(label) for label in labels) < LEGEND_WIDTH:
+        return max(1, len(labels))
+    return max(1, int(LEGEND_WIDTH / (54.0 + LETTER * widest)))
+
+
+LEGEND_WIDTH, LETTER, LEGEND_ROW, LEGEND_GAP = 1000.0, 6.2, 28, 3
+"""Width of a legend, mean width of a letter, height of a row, gap between legend and frame [pixels]."""
+
+
+def number(digits: int) -> CustomJSHover:
+    """Return the number format of a tooltip; a dash without a value."""
+    return CustomJSHover(code=f"return Number.isFinite(value) ? value.toFixed({digits}) : '–'")
+
+
+def time_formatter(*, hours: bool) -> CustomJSTickFormatter:
+    """Return the time format of an axis, with decimals according to the tick distance."""
+    code = """
+        const gap = ticks.length > 1 ? ticks[1] - ticks[0] : 1;
+        const digits = gap >= 1 ? 0 : Math.min(3, Math.ceil(-Math.log10(gap))), value = tick;"""
+    return CustomJSTickFormatter(args={"hours": hours}, code=code + _CLOCK)
+
+
+def time_ticker() -> CompositeTicker:
+    """Return ticks at whole seconds, minutes and hours."""
+    return CompositeTicker(
+        tickers=[
+            AdaptiveTicker(base=10, mantissas=[1, 2, 5], min_interval=0.001, max_interval=0.5, num_minor_ticks=0),
+            AdaptiveTicker(
+                base=60, mantissas=[1, 2, 5, 10, 15, 30], min_interval=1.0, max_interval=1800.0, num_minor_ticks=0
+            ),
+            AdaptiveTicker(base=24, mantissas=[1, 2, 4, 6, 12], min_interval=3600.0, num_minor_ticks=0),
+        ]
+    )
+
 
 HERE = Path(__file__).parent
 
@@ -56,6 +317,8 @@ class ReportPage:
         Per key of the summary and run: True for the best value, and the difference from the best as text.
     stops
         Per run: rows of the stops as texts.
+    differences
+        Per run after the first: largest differences in one line, rows of the stops as texts.
     """
 
     title: str
@@ -74,6 +337,7 @@ class ReportPage:
     best: str = ""
     marks: dict[str, list[tuple[bool, str]]] = field(default_factory=dict)
     stops: list[tuple[str, list[list[str]]]] = field(default_factory=list)
+    differences: list[tuple[str, str, list[list[str]]]] = field(default_factory=list)
 
     @property
     def colours(self) -> dict[str, str]:

@@ -2,25 +2,218 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import contextlib
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from plant_sim.line import Line
+from plant_sim.track import Track
 from plant_sim.units import KMH
 from train_ato.apps.report.curves import KILO, NEVER_APPLIED, NO_COUPLER, Curves, NotAvailable, curves_of
-from train_ato.apps.report.downsample import HeatMap, after_jump, heat_map, kept
-from train_ato.apps.report.event import Event
-from train_ato.apps.report.events import detect_events
-from train_ato.apps.report.quantities import NO_LINES
-from train_ato.apps.report.track_shape import TrackShape, track_shape
+from train_ato.apps.report.events import Event, detect_events
+from train_ato.apps.report.quantities import NO_LINES, RUN_COLOURS
 from train_ato.apps.report.words import MODES, driven_laws, evaluation_note
 from train_ato.apps.runs.coupler_fatigue import KEYS, coupler_fatigue
+from train_ato.apps.runs.motion_difference import DrivenMotion, MotionDifference, motion_difference
 from train_ato.loop.recording import BRAKE_SHOES, TRUTH, Recording
 from train_ato.loop.result import completed_summary
 from train_ato.loop.series import seconds
 from train_ato.messages.types import Array, Trajectory
+
+LARGEST_CODE = 127
+"""Largest magnitude of the codes of a heat map."""
+NO_CODE = -128
+"""Code of a cell without a value."""
+LARGEST_STEP = 5.0
+"""Largest difference of a step of a profile from that of its speed that is no jump [m]."""
+GAP = 3.0
+"""Number of steps for which a value is held; a longer pause is a gap."""
+
+
+def after_jump(time: Array, position: Array, velocity: Array) -> int:
+    """Return the first knot of a profile after its last jump, 0 without one.
+
+    The plan after an engagement begins at the place of the train, not on the profile before it.
+
+    Parameters
+    ----------
+    time, position, velocity : shape (k,)
+        Knots [s, m, m/s].
+    """
+    steps = np.diff(position) - np.diff(time) * (velocity[1:] + velocity[:-1]) / 2.0
+    jumps = np.flatnonzero(np.abs(steps) > LARGEST_STEP)
+    return int(jumps[-1]) + 1 if jumps.size else 0
+
+
+def kept(columns: list[Array], rows: int) -> NDArray[np.intp]:
+    """Return rows of a table that contain the peaks of every column.
+
+    The table is divided into equal bins.  The rows of the minimum and maximum of every column in every bin are kept,
+    and the first and the last row.
+
+    Parameters
+    ----------
+    columns
+        Columns of one length k; NaN where there is no value.
+    rows
+        Maximum number of rows, at least ``2 len(columns) + 2``.
+
+    Returns
+    -------
+    ndarray of intp
+        Increasing row numbers; all rows of a table with at most ``rows``.  Rows at the ends of gaps are added.
+    """
+    count = columns[0].size if columns else 0
+    if count <= rows:
+        return np.arange(count)
+    bins = max(1, (rows - 2) // (2 * len(columns)))
+    edges = np.linspace(0, count, bins + 1).astype(np.intp)
+    width = int(np.diff(edges).max())
+    cells = np.minimum(edges[:-1, None] + np.arange(width), edges[1:, None] - 1)
+    found = [np.array([0, count - 1])]
+    for column in columns:
+        values = column[cells]
+        holes = np.isnan(values)
+        found.append(cells[np.arange(bins), np.where(holes, np.inf, values).argmin(axis=1)])
+        found.append(cells[np.arange(bins), np.where(holes, -np.inf, values).argmax(axis=1)])
+    chosen = np.unique(np.concatenate(found))
+    return np.union1d(chosen, _edges_of_gaps(columns, chosen))
+
+
+def _edges_of_gaps(columns: list[Array], chosen: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Return the rows at the ends of gaps, so that gaps stay visible; none if there are many."""
+    edges: list[NDArray[np.intp]] = []
+    for column in columns:
+        changes = np.flatnonzero(np.diff(np.isnan(column).astype(np.int8)))
+        edges += [changes, changes + 1]
+    together = np.unique(np.concatenate(edges)) if edges else chosen[:0]
+    return together if together.size <= chosen.size // 4 else chosen[:0]
+
+
+@dataclass(frozen=True)
+class HeatMap:
+    """Values of all vehicles over time with one byte per cell.
+
+    Attributes
+    ----------
+    codes : ndarray of int8, shape (places, columns)
+        Value over ``unit``; -128: no value.
+    unit : float
+        Value of one step of the code.
+    begin, end : float
+        Time at the left and the right edge [s].
+    """
+
+    codes: NDArray[np.int8]
+    unit: float
+    begin: float
+    end: float
+
+    @property
+    def largest(self) -> float:
+        """Value of the largest code."""
+        return LARGEST_CODE * self.unit
+
+    def scaled(self, largest: float) -> HeatMap:
+        """Return the same values on a scale with another value of the largest code."""
+        unit = largest / LARGEST_CODE
+        codes = np.rint(np.clip(self.codes * (self.unit / unit), -LARGEST_CODE, LARGEST_CODE)).astype(np.int8)
+        return HeatMap(np.where(self.codes == NO_CODE, np.int8(NO_CODE), codes), unit, self.begin, self.end)
+
+
+def heat_map(time: Array, values: NDArray[np.floating], columns: int) -> HeatMap:
+    """Return a heat map of values over time; a cell has the value with the largest magnitude.
+
+    Parameters
+    ----------
+    time : shape (k,)
+        Increasing times [s].
+    values : shape (k, places)
+        Values.
+    columns
+        Maximum number of columns.
+    """
+    begin, end = float(time[0]), float(time[-1])
+    step = (end - begin) / max(1, time.size - 1) or 1.0
+    end += step
+    count = max(1, min(columns, time.size))
+    width = (end - begin) / count
+    column = np.minimum(((time - begin) / width + 1e-6).astype(np.intp), count - 1)
+    starts = np.flatnonzero(np.diff(column, prepend=-1))
+    finite = np.nan_to_num(values, nan=0.0)
+    high, low = np.maximum.reduceat(finite, starts, axis=0), np.minimum.reduceat(finite, starts, axis=0)
+    extreme = np.where(high >= -low, high, low)
+    top = float(np.abs(extreme).max())
+    unit = top / LARGEST_CODE if top > 0 else 1.0
+    codes = np.rint(np.clip(extreme.T / unit, -LARGEST_CODE, LARGEST_CODE)).astype(np.int8)
+    held = np.searchsorted(column[starts], np.arange(count), side="right") - 1
+    picture = codes[:, held]
+    middles: Array = np.asarray(begin + width * (np.arange(count) + 0.5), dtype=np.float64)
+    picture[:, _uncovered(time, middles, max(width, step))] = NO_CODE
+    return HeatMap(picture, unit, begin, end)
+
+
+def _uncovered(time: Array, middles: Array, reach: float) -> NDArray[np.bool_]:
+    """Return a mask of the columns in a gap: the last value before their middle is too old."""
+    before = np.maximum(np.searchsorted(time, middles, side="right") - 1, 0)
+    return np.asarray(middles - time[before] > GAP * reach)
+
+
+@dataclass(frozen=True)
+class TrackShape:
+    """Part of a line between two places.
+
+    Attributes
+    ----------
+    place, grade : Array, shape (m,)
+        Step function: places [km], grade from there on [‰], > 0 uphill; the last entry is the end.
+    height : Array, shape (m,)
+        Height above the first place [m].
+    curves : list of (begin km, end km, radius m)
+    tunnels : list of (begin km, end km)
+    """
+
+    place: Array
+    grade: Array
+    height: Array
+    curves: list[tuple[float, float, float]]
+    tunnels: list[tuple[float, float]]
+
+    @property
+    def is_plain(self) -> bool:
+        """True for a level, straight line without tunnels."""
+        return not (np.any(self.grade) or self.curves or self.tunnels)
+
+
+def track_shape(line: Line, begin: float, end: float) -> TrackShape:
+    """Return the part of a line between two places [m]."""
+    track = Track(line)
+    inside = track.breaks[(track.breaks > begin) & (track.breaks < end)]
+    changes = np.diff(track.grade[np.searchsorted(track.breaks, inside, side="right")], prepend=np.nan) != 0
+    place = np.concatenate(([begin], inside[changes], [end]))
+    grade = track.grade[np.searchsorted(track.breaks, place, side="right")]
+    grade[-1] = grade[-2]
+    height = track.elevation(place)
+    return TrackShape(
+        place / 1e3,
+        1e3 * grade,
+        height - height[0],
+        [
+            (max(curve.begin, begin) / 1e3, min(curve.end, end) / 1e3, curve.radius)
+            for curve in line.curves
+            if curve.end > begin and curve.begin < end
+        ],
+        [
+            (max(tunnel.begin, begin) / 1e3, min(tunnel.end, end) / 1e3)
+            for tunnel in line.tunnels
+            if tunnel.end > begin and tunnel.begin < end
+        ],
+    )
+
 
 CELLS = 40_000
 """Numbers in one figure of one run, with the times."""
@@ -60,6 +253,8 @@ class PageData:
         Figures without data, and the reason.
     evaluation
         Part of the run that the error metrics leave out, "" for none.
+    motion
+        DrivenMotion for the difference from another run; None without train and line.
     """
 
     label: str
@@ -76,6 +271,8 @@ class PageData:
     remarks: list[str] = field(default_factory=list)
     left_out: dict[str, str] = field(default_factory=dict)
     evaluation: str = ""
+    motion: DrivenMotion | None = None
+    stations: list[tuple[float, str]] = field(default_factory=list)
 
 
 def page_data(recording: Recording, label: str = "", share: float = 1.0) -> PageData:
@@ -92,6 +289,7 @@ def page_data(recording: Recording, label: str = "", share: float = 1.0) -> Page
     """
     recording = replace(recording.within_span(), summary={**completed_summary(recording), **_damage(recording)})
     curves, left_out = curves_of(recording, reduced=lambda lines: downsampled(lines, round(share * CELLS)))
+    left_out.pop("signals", None)  # a run without them lacks nothing
     maps: dict[str, HeatMap] = {}
     for name, gather in MAPS.items():
         try:
@@ -114,6 +312,8 @@ def page_data(recording: Recording, label: str = "", share: float = 1.0) -> Page
         remarks_of(recording),
         left_out,
         evaluation_note(recording.setup.scenario.evaluation) if recording.setup is not None else "",
+        DrivenMotion.of(recording, recording.summary),
+        _stations(recording),
     )
 
 
@@ -187,6 +387,15 @@ def _steps(recording: Recording) -> tuple[Array, Array] | None:
     return np.repeat(corners, 2)[1:-1] / 1e3, KMH * np.repeat(values[:-1], 2)
 
 
+def _stations(recording: Recording) -> list[tuple[float, str]]:
+    reach = run_reach(recording)
+    if recording.setup is None or reach is None:
+        return []
+    half = recording.setup.consist.vehicles[0].length / 2.0
+    places = [(stop.at - half, stop.name) for stop in recording.setup.line.stops]
+    return [(place / 1e3, name) for place, name in places if reach[0] - half <= place <= reach[1] + half]
+
+
 def _track(recording: Recording) -> TrackShape | None:
     reach = run_reach(recording)
     if recording.setup is None or reach is None:
@@ -247,3 +456,47 @@ def shoe_map(recording: Recording) -> tuple[Array, Array]:
 
 MAPS: dict[str, Callable[[Recording], tuple[Array, Array]]] = {"couplers": coupler_map, "shoes": shoe_map}
 """Figures of all vehicles over time."""
+
+
+def run_colours(count: int) -> list[str]:
+    """Return a colour for every run."""
+    return [RUN_COLOURS[index % len(RUN_COLOURS)] for index in range(count)]
+
+
+def common_events(pages: Sequence[PageData]) -> list[Event]:
+    """Return the events that are in every run at the same time."""
+    if not pages:
+        return []
+
+    def key(event: Event) -> tuple[str, str, int]:
+        return event.kind, event.text, round(event.begin)
+
+    shared = set.intersection(*({key(event) for event in data.events} for data in pages))
+    return [event for event in pages[0].events if key(event) in shared and event.kind != "limit"]
+
+
+def run_dash(index: int) -> str:
+    """Return the line style of a run; runs with the same colour differ in it."""
+    return ("solid", "dashed", "dotted")[index // len(RUN_COLOURS) % 3]
+
+
+def largest_magnitude(lines: Curves | None, column: str) -> Array | None:
+    """Return a column; for several power units, the value with the largest magnitude at every time."""
+    if lines is None:
+        return None
+    of_units = [values for name, values in lines.columns.items() if name.partition(":")[0] == column]
+    if not of_units:
+        return None
+    table = np.array(of_units)
+    return np.asarray(table[np.nan_to_num(np.abs(table)).argmax(axis=0), np.arange(table.shape[1])])
+
+
+def motion_differences(pages: Sequence[PageData]) -> dict[str, MotionDifference]:
+    """Return the difference of every later run from the first one by label; without runs that have none in common."""
+    found: dict[str, MotionDifference] = {}
+    for data in pages[1:]:
+        if pages[0].motion is None or data.motion is None:
+            continue
+        with contextlib.suppress(ValueError):  # no common time or place
+            found[data.label] = motion_difference(pages[0].motion, data.motion)
+    return found

@@ -7,11 +7,40 @@ from typing import Any
 
 import numpy as np
 from bokeh.events import MouseLeave, MouseMove, Tap
-from bokeh.models import ColumnDataSource, CustomJS, LegendItem
+from bokeh.models import (
+    AdaptiveTicker,
+    ColorBar,
+    ColumnDataSource,
+    CustomJS,
+    CustomJSHover,
+    FixedTicker,
+    HoverTool,
+    Label,
+    LegendItem,
+    LinearAxis,
+    LinearColorMapper,
+    Range1d,
+    Span,
+)
 
-from train_ato.apps.report.axis_range import axis_range
-from train_ato.apps.report.quantities import FILLED, GREY, QUANTITIES, Trace
-from train_ato.apps.report.style import HEIGHT, Figure, Linked, add_page_legend
+from train_ato.apps.report.events import Event
+from train_ato.apps.report.page import HEIGHT, Figure, Linked, add_page_legend, style_axis
+from train_ato.apps.report.page_data import LARGEST_CODE, HeatMap, TrackShape
+from train_ato.apps.report.quantities import (
+    FILLED,
+    FONT,
+    GREY,
+    INK,
+    KINDS,
+    NOTHING,
+    PURPLE,
+    QUANTITIES,
+    Heat,
+    Trace,
+    axis_range,
+    buff_to_draft,
+    none_to_full,
+)
 from train_ato.messages.types import Array
 
 
@@ -101,9 +130,11 @@ def distance_figure(
     tables: Sequence[tuple[ColumnDataSource, Sequence[Trace]]],
     profiles: Sequence[tuple[Array, Array]],
     limits: tuple[Array, Array] | None,
+    axis: str = "speed",
+    height: int = 300,
 ) -> Figure:
-    """Return speed over distance with the complete profiles and the limits of the line."""
-    plot = linked.over_distance("speed", 300)
+    """Return speed over distance with the complete profiles and the limits of the line, or another quantity."""
+    plot = linked.over_distance(axis, height)
     items: list[Any] = []
     if limits is not None:
         look = QUANTITIES["line_limit"]
@@ -121,9 +152,22 @@ def distance_figure(
         drawn_traces = [_line(plot, source, trace, "position_km") for trace in traces]
         items += [LegendItem(label=t.look.words, renderers=[r]) for t, r in zip(traces, drawn_traces, strict=True)]
     add_readout(plot, tables, "position_km")
-    if all(float(np.nanmin(speed)) > -1.0 for _, speed in profiles):
+    if axis == "speed" and all(float(np.nanmin(speed)) > -1.0 for _, speed in profiles):
         plot.y_range.start = 0.0
     add_page_legend(plot, items)
+    return plot
+
+
+def mark_stations(plot: Figure, stations: Sequence[tuple[float, str]]) -> Figure:
+    """Mark the stations of the line in a figure over distance, with their names; return the figure."""
+    for place, name in stations:
+        inside = place > stations[0][0] and place == stations[-1][0]  # left of the line that ends the figure
+        plot.add_layout(Span(location=place, dimension="height", line_color=INK, line_dash="dotted", line_width=1))
+        label = Label(
+            x=place, y=4, y_units="screen", text=name, angle=90, angle_units="deg", x_offset=-2 if inside else 12,
+            text_font=FONT, text_font_size="11px", text_color=INK,
+        )  # fmt: skip
+        plot.add_layout(label)
     return plot
 
 
@@ -154,3 +198,224 @@ def add_readout(plot: Figure, tables: Sequence[Table], over: str = "time") -> No
     plot.js_on_event(MouseMove, show)
     plot.js_on_event(Tap, show)
     plot.js_on_event(MouseLeave, CustomJS(args={"name": plot.id, "over": over}, code=_HIDE))
+
+
+MAP_ROW = 2.6
+"""Height per vehicle [pixels]; the height of the map is :data:`MAP_LEAST` to :data:`MAP_MOST`."""
+MAP_LEAST, MAP_MOST = 150, 340
+
+
+def heat_figure(linked: Linked, picture: HeatMap, heat: Heat, largest: float | None = None) -> Figure:
+    """Return a picture of all vehicles over time, the front of the train on top.
+
+    ``largest`` is the value of the strongest colour; default: the largest of this picture.
+    """
+    picture = picture if largest is None else picture.scaled(largest)
+    count = picture.codes.shape[0]
+    height = int(np.clip(MAP_ROW * count, MAP_LEAST, MAP_MOST)) + 90
+    plot = linked.over_time(
+        heat.rows, height, tinted=False, y_range=Range1d(count - 0.5, -0.5, bounds=(-0.5, count - 0.5))
+    )
+    colours = buff_to_draft() if heat.signed else none_to_full()
+    low = -LARGEST_CODE if heat.signed else 0
+    image = plot.image(
+        image=[picture.codes],
+        x=picture.begin,
+        y=-0.5,
+        dw=picture.end - picture.begin,
+        dh=count,
+        color_mapper=LinearColorMapper(palette=colours, low=low, high=LARGEST_CODE, low_color=NOTHING),
+        level="image",
+    )
+    scale = LinearColorMapper(palette=colours, low=-picture.largest if heat.signed else 0.0, high=picture.largest)
+    plot.add_layout(_colour_bar(scale, f"{heat.words} in kN{': buff < 0 < draft' if heat.signed else ''}"), "above")
+    cell = CustomJSHover(args={"unit": picture.unit}, code="return value < -127 ? '–' : (value * unit).toFixed(1)")
+    plot.add_tools(
+        HoverTool(
+            tooltips=[
+                ("time", "$x{custom}"),
+                (heat.rows, "$y{custom}"),
+                (heat.words, "@image{custom} kN"),
+            ],
+            formatters={
+                "$x": linked.clock(),
+                "$y": CustomJSHover(code="return String(Math.round(value))"),
+                "@image": cell,
+            },
+            renderers=[image],
+            attachment="horizontal",
+        )
+    )
+    plot.yaxis.ticker = AdaptiveTicker(mantissas=[1, 2, 5], min_interval=1)
+    plot.ygrid.visible = False
+    plot.xgrid.visible = False
+    return plot
+
+
+def _colour_bar(mapper: LinearColorMapper, title: str) -> ColorBar:
+    return ColorBar(
+        color_mapper=mapper,
+        orientation="horizontal",
+        title=title,
+        title_text_font=FONT,
+        title_text_font_size="12px",
+        title_text_font_style="normal",
+        title_text_color=INK,
+        title_standoff=4,
+        major_label_text_font=FONT,
+        major_label_text_font_size="11px",
+        height=10,
+        width=420,
+        location="top_left",
+        padding=4,
+        background_fill_color=None,
+        bar_line_color=None,
+    )
+
+
+def event_figure(linked: Linked, events: Sequence[Event]) -> Figure:
+    """Return the events over time, one row per kind; hiding a kind hides its marks in all figures."""
+    kinds = [kind for kind in KINDS if any(event.kind == kind for event in events)]
+    y_range = Range1d(len(kinds) - 0.4, -0.6)
+    plot = linked.over_time("", 76 + 22 * len(kinds), marked=False, y_range=y_range)
+    plot.yaxis.ticker = FixedTicker(ticks=[])
+    plot.ygrid.visible = False
+    items = []
+    for row, kind in enumerate(kinds):
+        moments, stretches = linked.marks[kind]
+        colour = KINDS[kind].colour
+        dots = plot.scatter(
+            x="begin", y=row, source=moments, marker="inverted_triangle", size=11, color=colour, line_color=None
+        )
+        bars = plot.hbar(y=row, left="begin", right="end", height=0.5, source=stretches, color=colour, line_width=2)
+        dots.js_on_change("visible", CustomJS(args={"marks": linked.marked[kind]}, code=_HIDE_MARKS))
+        shown = [dots, bars] if moments.data["begin"] else [bars, dots]
+        items.append(LegendItem(label=KINDS[kind].words, renderers=shown))
+        for renderer, tips in ((dots, [("at", "@begin{custom}")]), (bars, _FROM_TO)):
+            plot.add_tools(
+                HoverTool(
+                    renderers=[renderer],
+                    tooltips=[("", "@text"), *tips],
+                    formatters={"@begin": linked.clock(), "@end": linked.clock()},
+                )
+            )
+    add_page_legend(plot, items)
+    return plot
+
+
+def run_events_figure(linked: Linked, runs: Sequence[tuple[str, Sequence[Event]]]) -> Figure:
+    """Return the events of several runs, one row per run, one colour per kind."""
+    y_range = Range1d(len(runs) - 0.4, -0.6)
+    plot = linked.over_time("", 76 + 24 * len(runs), y_range=y_range)
+    plot.yaxis.ticker = FixedTicker(ticks=list(range(len(runs))))
+    plot.yaxis.major_label_overrides = {row: _short(name) for row, (name, _) in enumerate(runs)}
+    plot.ygrid.visible = False
+    items = []
+    for kind, words in KINDS.items():
+        rows = [(row, event) for row, (_, events) in enumerate(runs) for event in events if event.kind == kind]
+        if not rows:
+            continue
+        source = ColumnDataSource(
+            {
+                "row": [row for row, _ in rows],
+                "begin": [event.begin for _, event in rows],
+                "end": [event.begin if event.end is None else event.end for _, event in rows],
+                "text": [event.text for _, event in rows],
+                "run": [runs[row][0] for row, _ in rows],
+            }
+        )
+        bars = plot.hbar(
+            y="row", left="begin", right="end", height=0.5, source=source, fill_color=words.colour,
+            line_color=words.colour, line_width=3,
+        )  # fmt: skip
+        items.append(LegendItem(label=words.words, renderers=[bars]))
+        tips = [("", "@text"), ("run", "@run"), *_FROM_TO]
+        clocks = {"@begin": linked.clock(), "@end": linked.clock()}
+        plot.add_tools(HoverTool(renderers=[bars], tooltips=tips, formatters=clocks))
+    add_page_legend(plot, items)
+    return plot
+
+
+def _short(name: str) -> str:
+    """Return a name shortened to the space beside the axis."""
+    return name if len(name) <= 11 else f"{name[:10]}…"
+
+
+_HIDE_MARKS = "for (const mark of marks) mark.visible = cb_obj.visible"
+_FROM_TO = [("from", "@begin{custom}"), ("to", "@end{custom}")]
+
+
+def track_figure(linked: Linked, shape: TrackShape) -> Figure:
+    """Return grade, height and curves over distance."""
+    plot = linked.over_distance("grade", 200)
+    steps = ColumnDataSource(
+        {
+            "left": shape.place[:-1],
+            "right": shape.place[1:],
+            "grade": shape.grade[:-1],
+            "height": shape.height[:-1],
+            "height_end": shape.height[1:],
+        }
+    )
+    bars = plot.quad(
+        left="left", right="right", top="grade", bottom=0, source=steps, fill_color=GREY, fill_alpha=0.45,
+        line_color=INK, line_alpha=0.5,
+    )  # fmt: skip
+    span = max(float(np.ptp(shape.height)), 1.0)
+    plot.extra_y_ranges = {
+        "height": Range1d(float(shape.height.min()) - 0.1 * span, float(shape.height.max()) + 0.1 * span)
+    }
+    side = LinearAxis(y_range_name="height", axis_label="height in m")
+    style_axis(side)
+    plot.add_layout(side, "right")
+    look = QUANTITIES["height"]
+    heights = plot.line(shape.place, shape.height, line_color=look.colour, line_width=1.8, y_range_name="height")
+    items = [
+        LegendItem(label="grade (left)", renderers=[bars]),
+        LegendItem(label="height above the start (right)", renderers=[heights]),
+    ]
+    plot.add_tools(
+        HoverTool(
+            renderers=[bars],
+            mode="vline",
+            tooltips=[
+                ("from", "@left{0.000} km"),
+                ("to", "@right{0.000} km"),
+                ("grade", "@grade{0.0} ‰"),
+                ("height at its start", "@height{0.0} m"),
+            ],
+            point_policy="follow_mouse",
+        )
+    )
+    strips = _curves(plot, shape)
+    items += strips
+    plot.y_range.renderers = [bars, *(item.renderers[0] for item in strips)]
+    add_page_legend(plot, items)
+    return plot
+
+
+def _curves(plot: Figure, shape: TrackShape) -> list[LegendItem]:
+    """Draw curves and tunnels as strips along the bottom."""
+    items = []
+    low = min(0.0, float(shape.grade.min()))
+    band = 0.07 * max(float(np.ptp(np.append(shape.grade, 0.0))), 1.0)
+    if shape.curves:
+        begin, end, radius = (np.array(part) for part in zip(*shape.curves, strict=True))
+        source = ColumnDataSource({"begin": begin, "end": end, "radius": radius})
+        strip = plot.quad(left="begin", right="end", bottom=low - 2 * band, top=low - band, source=source, color=PURPLE)
+        plot.add_tools(
+            HoverTool(
+                renderers=[strip],
+                tooltips=[("curve", "@begin{0.000} … @end{0.000} km"), ("radius", "@radius{0} m")],
+            )
+        )
+        items.append(LegendItem(label="curve", renderers=[strip]))
+    if shape.tunnels:
+        begin, end = (np.array(part) for part in zip(*shape.tunnels, strict=True))
+        source = ColumnDataSource({"begin": begin, "end": end})
+        strip = plot.quad(
+            left="begin", right="end", bottom=low - 3.4 * band, top=low - 2.4 * band, source=source, color=INK
+        )
+        plot.add_tools(HoverTool(renderers=[strip], tooltips=[("tunnel", "@begin{0.000} … @end{0.000} km")]))
+        items.append(LegendItem(label="tunnel", renderers=[strip]))
+    return items

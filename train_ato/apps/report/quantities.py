@@ -6,10 +6,12 @@ red, zero white and buff blue.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+
+from train_ato.messages.types import Array
 
 BLUE, ORANGE, GREEN, VERMILION = "#0072b2", "#e69f00", "#009e73", "#d55e00"
 PURPLE, SKY, GREY, BLACK = "#cc79a7", "#56b4e9", "#7f8790", "#222222"
@@ -20,8 +22,8 @@ RUN_COLOURS = (BLUE, ORANGE, GREEN, PURPLE, VERMILION, SKY, BLACK, BROWN)
 """Colours of runs, or of the power units of one run."""
 COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, GREY, SKY, BROWN)
 """Colours of laws, settings and differences in figures with a title of their own; the sixth is that of a reference."""
-INK, FAINT, PAPER = "#1f2933", "#d9dee3", "#ffffff"
-"""Colours of text and axes, of grid lines, of the background."""
+INK, FAINT, PAPER, NOTHING = "#1f2933", "#d9dee3", "#ffffff", "#b9c0c7"
+"""Colours of text and axes, of grid lines, of the background, of times without messages in a map."""
 FONT = "Arial, Helvetica, 'Liberation Sans', 'DejaVu Sans', sans-serif"
 
 _BUFF_TO_DRAFT = (
@@ -102,6 +104,11 @@ QUANTITIES: dict[str, CurveStyle] = {
     "couplers": CurveStyle("draft gears", "kWh", SKY),
     "outside": CurveStyle("disturbances", "kWh", SKY, "dotted"),
     "kinetic": CurveStyle("kinetic energy", "kWh", BLUE, "dashed"),
+    "speed_kmh": CurveStyle("speed difference", "km/h", BLUE, digits=2),
+    "time_s": CurveStyle("time difference", "s", BLUE, digits=2),
+    "position_m": CurveStyle("difference of places", "m", BLUE, digits=2),
+    "force_kn": CurveStyle("force difference", "kN", BLUE),
+    "signal": CurveStyle("own signal", "", BLUE, digits=3),
     "height": CurveStyle("height above the start", "m", GREEN, digits=1),
 }
 """Appearance of every quantity."""
@@ -119,6 +126,10 @@ AXES: dict[str, str] = {
     "energy": "energy in kWh",
     "grade": "grade in ‰ (uphill > 0)",
     "distance": "position of vehicle 0 in km",
+    "speed_difference": "speed difference in km/h",
+    "time_difference": "time difference in s",
+    "position_difference": "difference of places in m",
+    "force_difference": "force difference in kN",
 }
 """Titles of the axes."""
 
@@ -161,6 +172,7 @@ PANELS: dict[str, tuple[str, str]] = {
     "shoes": ("", "shoe force along the train"),
     "shoe_force": ("shoe_force", "shoe force of the whole train"),
     "energy": ("energy", "energy"),
+    "signals": ("own signals in units of their own", "own signals"),
 }
 """Panels over time: key or title of the y axis, and name where the panel is missing; heat maps have no axis."""
 
@@ -203,14 +215,16 @@ class Trace:
 
 
 def traces_of(columns: Iterable[str]) -> list[Trace]:
-    """Return the lines of columns in drawing order; ``quantity:3`` is that of unit 3."""
+    """Return the lines of columns in drawing order; ``quantity:3`` is that of unit 3, ``signal:x`` the own signal x."""
     order = {name: place for place, name in enumerate(QUANTITIES)}
     lines = [column for column in columns if column.partition(":")[0] in order and column not in NO_LINES]
-    traces = []
+    traces: list[Trace] = []
     for column in sorted(lines, key=lambda column: order[column.partition(":")[0]]):
         name, _, unit = column.partition(":")
         look = QUANTITIES[name]
-        if unit:
+        if name == "signal":
+            look = replace(look, words=unit, colour=RUN_COLOURS[len(traces) % len(RUN_COLOURS)])
+        elif unit:
             colour = RUN_COLOURS[int(unit) % len(RUN_COLOURS)]
             dash = "dashed" if name == "truth" else look.dash
             look = replace(look, words=f"{look.words.removesuffix(OF_ONE)}, unit {unit}", colour=colour, dash=dash)
@@ -234,3 +248,57 @@ def buff_to_draft(count: int = 255) -> list[str]:
 def none_to_full(count: int = 255) -> list[str]:
     """Return the colours of a quantity >= 0, such as shoe force."""
     return blend(_NONE_TO_FULL, count)
+
+
+@dataclass(frozen=True)
+class AxisRange:
+    """Range of an axis.
+
+    Attributes
+    ----------
+    low, high : float
+        Extremes of the lines that set the range.
+    from_zero : bool
+        True if the axis begins at zero.
+    far : dict of float
+        Least magnitude of every bound that does not set the range, by column.
+    """
+
+    low: float
+    high: float
+    from_zero: bool
+    far: dict[str, float]
+
+    def remark(self, column: str) -> str:
+        """Return the value of a bound that is outside of the frame as text, "" for other lines."""
+        least = self.far.get(column, 0.0)
+        return f" (outside: {least:.0f} or more)" if least > max(abs(self.low), abs(self.high)) else ""
+
+
+def axis_range(axis: str, lines: Sequence[tuple[str, Array]]) -> AxisRange:
+    """Return the range of an axis.
+
+    Parameters
+    ----------
+    axis
+        Key of the title of the axis.
+    lines
+        Column and values of every line; NaN: no value.
+    """
+    finite = [(column, values) for column, values in lines if np.isfinite(values).any()]
+    main = [values for column, values in finite if column.partition(":")[0] not in BOUNDS]
+    low = min((float(np.nanmin(values)) for values in main), default=0.0)
+    high = max((float(np.nanmax(values)) for values in main), default=0.0)
+    reach = max(abs(low), abs(high))
+    far = {
+        column: float(np.nanmin(np.abs(values)))
+        for column, values in finite
+        if column in BOUNDS and main and reach > 0.0 and float(np.nanmax(np.abs(values))) > SQUASH * reach
+    }
+    near = [values for column, values in finite if column in BOUNDS and column not in far]
+    return AxisRange(
+        min([low, *(float(np.nanmin(values)) for values in near)]),
+        max([high, *(float(np.nanmax(values)) for values in near)]),
+        axis in FROM_ZERO and low >= -0.02 * reach,
+        far,
+    )

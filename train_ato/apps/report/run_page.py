@@ -7,14 +7,18 @@ from dataclasses import dataclass
 from bokeh.events import MouseLeave, MouseMove
 from bokeh.models import ColumnDataSource, CustomJS, Span
 
-from train_ato.apps.report.event_panels import event_figure
-from train_ato.apps.report.heat_panel import heat_figure
-from train_ato.apps.report.page import PageSection, Placed
+from train_ato.apps.report.page import HEIGHT, Figure, Linked, PageSection, Placed
 from train_ato.apps.report.page_data import PageData
-from train_ato.apps.report.panels import distance_figure, line_figure, source_of
+from train_ato.apps.report.panels import (
+    distance_figure,
+    event_figure,
+    heat_figure,
+    line_figure,
+    mark_stations,
+    source_of,
+    track_figure,
+)
 from train_ato.apps.report.quantities import BOUNDS, HEAT, PANELS, VERMILION, traces_of
-from train_ato.apps.report.style import HEIGHT, Figure, Linked
-from train_ato.apps.report.track_panel import track_figure
 
 _FIND = """
     const nearest = (column, value) => {
@@ -185,6 +189,11 @@ FIGURES: tuple[tuple[str, str, tuple[FigureSpec, ...]], ...] = (
         ),
     ),
     (
+        "signals",
+        "Own signals",
+        (FigureSpec("signals", "Own signals", "Numbers of `on_tick` or of the caller of `ta.Env`, by name."),),
+    ),
+    (
         "energy",
         "Energy",
         (
@@ -298,7 +307,9 @@ def _over_distance(linked: Linked, data: PageData, sources: dict[str, ColumnData
     columns = [column for column in ("speed", "measured_speed") if column in speed.data]
     placed = [
         Placed(
-            distance_figure(linked, [(speed, traces_of(columns))], data.profiles, data.limits),
+            mark_stations(
+                distance_figure(linked, [(speed, traces_of(columns))], data.profiles, data.limits), data.stations
+            ),
             "Speed over distance",
             "The profile is complete, also beyond the distance of the run.",
         )

@@ -2,22 +2,92 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from train_ato.apps.report.page import ReportPage, render
-from train_ato.apps.report.page_data import PageData
+from train_ato.apps.report.page_data import PageData, run_colours
 from train_ato.apps.report.quantities import KINDS, PANELS
-from train_ato.apps.report.summary_rows import difference_text, filled_groups, run_groups
-from train_ato.apps.report.verdict_rows import best_text, criterion_cells, verdict_texts
+from train_ato.apps.report.summary_rows import (
+    best_text,
+    criterion_cells,
+    difference_text,
+    filled_groups,
+    run_groups,
+    verdict_texts,
+)
+from train_ato.apps.report.words import COMPARISON, REPORT
+from train_ato.apps.runs.motion_difference import MotionDifference
 from train_ato.apps.runs.protection_note import summary_events
 from train_ato.apps.runs.ranking import difference_from_best
+from train_ato.arguments import check_new_file
+from train_ato.log.reading import log_file
 from train_ato.log.whole_file import write_whole
 from train_ato.version import VERSION
 
 
+@dataclass(frozen=True)
+class Request:
+    """Arguments of a report: a page, and figures for print if their folder is set.
+
+    Attributes
+    ----------
+    runs
+        Run folders or logs.
+    labels
+        Different names of the runs.
+    page
+        File to write.
+    figures
+        Folder of the figures for print, and their format.
+    """
+
+    runs: tuple[Path, ...]
+    labels: tuple[str, ...]
+    page: Path
+    figures: Path | None = None
+    kind: str = "png"
+
+
+def checked(runs: list[Path], page: Path | None, figures: Path | None, kind: str) -> Request:
+    """Check and return the arguments of a report.
+
+    Raises
+    ------
+    ValueError
+        No such run, equal runs, or a file that exists or is not writable.
+    """
+    for run in runs:
+        log_file(run)
+    places = [run.resolve() for run in runs]
+    twice = [run for run, place in zip(runs, places, strict=True) if places.count(place) > 1]
+    if twice:
+        raise ValueError(f"{twice[0]}: named twice; give different runs")
+    if page is None:
+        folder = runs[0] if runs[0].is_dir() else runs[0].parent
+        page = folder / REPORT if len(runs) == 1 else Path(COMPARISON)
+    else:
+        check_new_file(page, (".html", ".htm"))
+    if figures is not None and any(place.exists() and not place.is_dir() for place in (figures, *figures.parents)):
+        raise ValueError(f"--figures {figures}: is a file or is inside a file; give a folder")
+    return Request(tuple(runs), labels_of(places), page, figures, kind)
+
+
+def labels_of(places: list[Path]) -> tuple[str, ...]:
+    """Return the names of the run folders, with parent folders if names are equal."""
+    folders = [place if place.is_dir() else place.parent for place in places]
+    names = [folder.name for folder in folders]
+    often = Counter(names)
+    longer = [f"{folder.parent.name}/{folder.name}" for folder in folders]
+    chosen = [long if often[name] > 1 else name for name, long in zip(names, longer, strict=True)]
+    still = Counter(chosen)
+    return tuple(str(place) if still[name] > 1 else name for name, place in zip(chosen, places, strict=True))
+
+
 def write_run(data: PageData, path: Path) -> int:
     """Write the page of one run and return its size in bytes."""
+    from train_ato.apps.report.page import ReportPage, render
     from train_ato.apps.report.run_page import run_sections
 
     sections, linked = run_sections(data)
@@ -56,7 +126,23 @@ def stop_cells(summary: dict[str, Any]) -> list[list[str]]:
         times = [short_clock(stop["planned_s"]), "–" if arrival is None else short_clock(arrival)]
         late = "–" if arrival is None else f"{stop['delay_s']:+.1f}".replace("-", "−")
         error = "no stop" if stop["beyond_m"] is None else f"{stop['beyond_m']:+.3f}".replace("-", "−")
-        rows.append([str(number), f"{stop['km']:.3f}", *times, late, error])
+        rows.append([str(number), stop.get("post") or f"{stop['km']:.3f}", *times, late, error])
+    return rows
+
+
+def difference_cells(found: MotionDifference) -> list[list[str]]:
+    """Return place, both arrivals, and the differences of arrival [s] and place [m] of every stop as texts."""
+    rows = []
+    for stop in found.stops:
+        km, *arrivals, late, farther = stop.values()
+        rows.append(
+            [
+                f"{km:.3f}",
+                *("–" if time is None else short_clock(time) for time in arrivals),
+                "–" if late is None else f"{late:+.1f}".replace("-", "−"),
+                "–" if farther is None else f"{farther:+.3f}".replace("-", "−"),
+            ]
+        )
     return rows
 
 
@@ -68,10 +154,12 @@ def _protection_warning(summary: dict[str, Any]) -> list[str]:
 
 def write_comparison_page(pages: list[PageData], path: Path) -> int:
     """Write the page of several runs side by side and return its size in bytes."""
-    from train_ato.apps.report.comparison_lines import run_colours
     from train_ato.apps.report.comparison_page import comparison_sections
+    from train_ato.apps.report.page import ReportPage, render
+    from train_ato.apps.report.page_data import motion_differences
 
     sections, linked = comparison_sections(pages)
+    drawn = [data for data in pages if data.curves]
     summaries = [data.summary for data in pages]
     page = ReportPage(
         title=comparison_title(pages),
@@ -90,6 +178,7 @@ def write_comparison_page(pages: list[PageData], path: Path) -> int:
         best=best_text(pages),
         marks=_marks(summaries),
         stops=[(data.label, stop_cells(data.summary)) for data in pages],
+        differences=[(label, one.line, difference_cells(one)) for label, one in motion_differences(drawn).items()],
     )
     return write_atomically(render(page, sections), path)
 

@@ -5,33 +5,192 @@ from __future__ import annotations
 import dataclasses
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from train_ato.apps.runs.comparison import OWN, Compared, Comparison
-from train_ato.apps.runs.component_choice import ComponentChoice, choose_component, put_components
 from train_ato.apps.runs.drive import RunMode, drive
+from train_ato.apps.runs.ranking import rank_of
 from train_ato.apps.runs.run import Run
-from train_ato.apps.runs.scenario_choice import Changes, ScenarioChoice, choose_scenario
+from train_ato.apps.runs.scenario_choice import (
+    Changes,
+    ComponentChoice,
+    GivenScenario,
+    ScenarioChoice,
+    choose_component,
+    choose_scenario,
+    put_components,
+)
+from train_ato.apps.runs.summary_table import RESULTS, html_table
 from train_ato.control.registry import LAWS
-from train_ato.errors import RunFailed, RunInterrupted
-from train_ato.loop.scenario_data import with_start_position
+from train_ato.errors import RunFailed, RunInterrupted, check_packages, refusing
+from train_ato.loop.metric_names import metric_heading
+from train_ato.loop.scenario_data import with_start
 from train_ato.loop.setup import RunSetup
 from train_ato.scenario.scenario import Scenario
 
 if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
     from train_ato.apps.report.page_data import PageData
 
 
+OWN = "own"
+"""Source of the gains of a law without the choice."""
+
+
+@dataclass(frozen=True)
+class Compared:
+    """One law of a comparison.
+
+    Attributes
+    ----------
+    label : str
+        Name of the law in table and figures.
+    metrics : dict
+        Metrics of its run; empty for a refused law.
+    gains : str
+        Source of its parameters: ``fitted``, ``model``, ``printed``, ``given``, or ``own`` for a law without a choice.
+    reason : str
+        Reason of a refusal or of a failed run; otherwise empty.
+    data : PageData or None
+        Data of the figures.
+    """
+
+    label: str
+    metrics: dict[str, Any]
+    gains: str = OWN
+    reason: str = ""
+    data: PageData | None = None
+
+    @property
+    def status(self) -> str:
+        """``done``, ``failed`` or ``refused``."""
+        return str(self.metrics["status"]) if self.metrics else "refused"
+
+
+class Comparison:
+    """One scenario driven with several laws.
+
+    Made by :func:`train_ato.compare`.
+
+    Attributes
+    ----------
+    scenario : str
+        Name of the scenario.
+    laws : tuple of Compared
+        The best first: by end of the run, outcome of tracking, verdict, failed criteria, rms of the speed error.
+    """
+
+    def __init__(self, scenario: str, laws: Sequence[Compared]) -> None:
+        self.scenario = scenario
+        self.laws = tuple(sorted(laws, key=lambda law: rank_of(law.metrics)))
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """One row for each law: status, gains, metrics with the unit in their name, reason of a refusal or failure."""
+        import pandas as pd
+
+        rows = [
+            {
+                "status": law.status,
+                "gains": law.gains,
+                **{key: law.metrics.get(key) for key in RESULTS},
+                "reason": law.reason,
+            }
+            for law in self.laws
+        ]
+        return pd.DataFrame(rows, index=pd.Index([law.label for law in self.laws], name="law"))
+
+    @property
+    def metrics(self) -> dict[str, dict[str, Any]]:
+        """Metrics of the laws with a run."""
+        return {law.label: law.metrics for law in self.laws if law.metrics}
+
+    @property
+    def rows(self) -> list[dict[str, Any]]:
+        """Metrics, status and gains of every law as plain data; a refused law has its reason."""
+        return [
+            {**law.metrics, "controller": law.label, "status": law.status, "gains": law.gains}
+            | ({"reason": law.reason} if law.reason else {})
+            for law in self.laws
+        ]
+
+    @property
+    def _pages(self) -> list[PageData]:
+        return [law.data for law in self.laws if law.data is not None]
+
+    @property
+    def drawable(self) -> bool:
+        """True if any law has data to draw."""
+        return any(data.curves for data in self._pages)
+
+    @refusing
+    def plot(self, out: str | Path | None = None) -> Figure:
+        """Draw speed, speed error, applied force and coupler extremes of all laws in one figure.
+
+        Parameters
+        ----------
+        out
+            PNG or SVG file to write; default: none, a notebook shows the figure.
+
+        Raises
+        ------
+        ValueError
+            If no law has a complete tick.
+        """
+        from train_ato.apps.report.print_figures import SCREEN_DPI, comparison_figure, save_figure
+        from train_ato.apps.report.writing import comparison_title
+
+        figure = comparison_figure(self._pages, comparison_title(self._pages)) if self._pages else None
+        if figure is None:
+            raise ValueError(f"{self.scenario}: no law has a complete tick to draw")
+        if out is not None:
+            save_figure(figure, Path(out), SCREEN_DPI)
+        return figure
+
+    @refusing
+    def report(self, out: str | Path = "comparison.html") -> Path:
+        """Write the page of linked figures of all laws and return its path.
+
+        Raises
+        ------
+        ValueError
+            If the file exists already or cannot be written, or no law has a complete tick.
+        """
+        check_packages("report", "bokeh", "jinja2")
+        from train_ato.apps.report.writing import write_comparison_page
+        from train_ato.arguments import check_new_file
+
+        page = Path(out)
+        check_new_file(page, (".html", ".htm"), "report")
+        if not self.drawable:
+            raise ValueError(f"{self.scenario}: no law has a complete tick to draw")
+        write_comparison_page(self._pages, page)
+        return page
+
+    def __repr__(self) -> str:
+        laws = ", ".join(law.label if law.status == "done" else f"{law.label} ({law.status})" for law in self.laws)
+        return f"<Comparison {self.scenario}: {laws}>"
+
+    def _repr_html_(self) -> str:
+        keys = [key for key in RESULTS if any(key in law.metrics for law in self.laws)]
+        rows = [[law.label, *(law.metrics.get(key) for key in keys), law.reason or law.status] for law in self.laws]
+        passed = [law.label for law in self.laws if law.metrics.get("verdict") == "passed"]
+        verdict = f"{len(passed)} of {len(self.laws)} laws passed {self.scenario}: {', '.join(passed) or 'none'}"
+        return html_table(verdict, ["law", *(metric_heading(key) for key in keys), "end"], rows)
+
+
 def compare(
-    scenario: str | Path | ScenarioChoice,
+    scenario: GivenScenario,
     laws: Sequence[Any] | None = None,
     *,
     observer: Any = None,
     compensation: Any = None,
     set: Changes | None = None,
     seed: int | None = None,
-    keep: str | Path | None = None,
+    out: str | Path | None = None,
     progress: bool | None = None,
 ) -> Comparison:
     """Run a scenario with several laws in the engine.
@@ -45,7 +204,7 @@ def compare(
         As for :func:`train_ato.run`.
     laws
         Laws, each as ``law`` of :func:`train_ato.run`; default: every registered one.
-    keep
+    out
         Folder for the runs, with one subfolder per law; default: none.
 
     Raises
@@ -66,13 +225,13 @@ def compare(
     base = put_components(choice.checked, observer=observer, compensation=compensation, importable=False)
     chosen = _chosen(laws)
     setups, refused = _setups(choice, base, chosen)
-    folder = None if keep is None else Path(keep)
+    folder = None if out is None else Path(out)
     return Comparison(
         choice.name,
         [
             Compared(law.label, {}, "", refused[law.label])
             if law.label in refused
-            else _compared(law, setups[law.label], len(setups), folder, progress)
+            else _compared(law, setups[law.label], len(setups), folder, shown=progress)
             for law in chosen
         ],
     )
@@ -112,8 +271,8 @@ def _setups(
         try:
             if setups:
                 first = next(iter(setups.values()))
-                start = float(first.profile.position[0])
-                setup = dataclasses.replace(first, scenario=with_start_position(scenario, start))
+                begin = float(first.profile.position[0]), float(first.profile.velocity[0])
+                setup = dataclasses.replace(first, scenario=with_start(scenario, *begin))
                 setup.law(scenario.law)
             else:
                 setup = choice.prepare(scenario)
@@ -127,13 +286,13 @@ def _setups(
     return setups, refused
 
 
-def _compared(law: ComponentChoice, setup: RunSetup, runs: int, keep: Path | None, shown: bool | None) -> Compared:
+def _compared(law: ComponentChoice, setup: RunSetup, runs: int, keep: Path | None, *, shown: bool | None) -> Compared:
     """Run one law; keep only the data of the figures in memory."""
     law.put_into(setup.scenario)  # registers this class, if two classes have one name
     gains = setup.gains(setup.controller).source or OWN
     folder = None if keep is None else keep / re.sub(r"[^\w.()=,+-]+", "-", law.label)
     try:
-        run = drive(setup, RunMode(), out=folder, shown=shown, title=law.label, option="keep")
+        run = drive(setup, RunMode(), out=folder, shown=shown, title=law.label, option="out")
     except RunInterrupted:
         raise
     except RunFailed as error:

@@ -5,24 +5,26 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from plant_sim.formats.reading import holds_train
-from plant_sim.formats.writing import own_yaml, ttobench_json
+from plant_sim.formats.line_table import line_csv
+from plant_sim.formats.osrd_stock import osrd_stock_json
+from plant_sim.formats.reading import holds_train, own_yaml, ttobench_json
 from plant_sim.library import consist_names, line_names, named_line, named_train, split_name
 from train_ato.arguments import check_new_file
 from train_ato.log.whole_file import write_whole
 
-OWN, TTOBENCH = (".yaml", ".yml"), ".json"
+OWN, JSON, TABLE = (".yaml", ".yml"), ".json", ".csv"
 
 
-def convert(source: str | Path, target: str | Path) -> dict[str, Any]:
+def convert(source: str | Path, out: str | Path) -> dict[str, Any]:
     """Write a line or a train in another format, as ``train-ato convert`` does.
 
     Parameters
     ----------
     source
         Shipped name or file.
-    target
-        New file: .yaml in the own format, or a line as TTOBench .json.
+    out
+        New file: .yaml in the own format, a line as TTOBench .json or table .csv, a train as rolling stock of OSRD
+        .json.
 
     Returns
     -------
@@ -34,25 +36,28 @@ def convert(source: str | Path, target: str | Path) -> dict[str, Any]:
     ValueError
         One line: file, key, value, problem; remedy.
     """
-    source, target = str(source), Path(target)
-    check_new_file(target, (*OWN, TTOBENCH), "OUT")
+    source, target = str(source), Path(out)
+    check_new_file(target, (*OWN, JSON, TABLE), "OUT")
     stem = split_name(source)[0]
     shipped = (*consist_names(), *line_names())
     if stem not in shipped and not Path(stem).is_file():
         raise ValueError(f"IN {source}: neither a file nor a shipped name; give a line or train file")
     if stem in consist_names() or (stem not in shipped and holds_train(Path(stem))):
-        if target.suffix.lower() == TTOBENCH:
-            raise ValueError(f"OUT {target}: a train is written in the own format only; end it in .yaml")
+        if target.suffix.lower() == TABLE:
+            raise ValueError(f"OUT {target}: a table has a line; write a train as .yaml or .json")
         found = named_train(source)
-        text, name, left_out = own_yaml(found.consist), found.consist.name, found.left_out
+        osrd = target.suffix.lower() == JSON
+        text, lost = osrd_stock_json(found.consist) if osrd else (own_yaml(found.consist), ())
+        name, left_out = found.consist.name, (*found.left_out, *lost)
         kind, form = "train", found.format
     else:
         read = named_line(source)
         kind, form, name = "line", read.format, read.line.name
-        text, lost = ttobench_json(read.line) if target.suffix.lower() == TTOBENCH else (own_yaml(read.line), ())
+        write = {JSON: ttobench_json, TABLE: line_csv}.get(target.suffix.lower())
+        text, lost = (own_yaml(read.line), ()) if write is None else write(read.line)
         left_out = (*read.left_out, *lost)
     _write(target, text)
-    return {"kind": kind, "name": name, "format": form, "file": str(target), "left_out": list(left_out)}
+    return {"kind": kind, "name": name, "format": form, "file": str(out), "left_out": list(left_out)}
 
 
 def _write(target: Path, text: str) -> None:

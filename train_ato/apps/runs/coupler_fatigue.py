@@ -7,7 +7,7 @@ from typing import Any
 
 from train_ato.loop.recording import TRUTH, Recording
 from train_ato.messages.types import Array
-from train_ato.profile.trip.fatigue import SLOPE, coupler_damage
+from train_ato.profile.trip.plan import SLOPE, coupler_damage
 
 KEYS = ("coupler_damage", "coupler_damage_worst")
 """Damage of all couplers and of the worst one, keys of a summary."""

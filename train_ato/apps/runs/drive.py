@@ -9,11 +9,15 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from train_ato.apps.runs.component_choice import given_objects, put_components
 from train_ato.apps.runs.progress import progress_bar
-from train_ato.apps.runs.record import RunRecord
-from train_ato.apps.runs.run import Run
-from train_ato.apps.runs.scenario_choice import Changes, ScenarioChoice, choose_scenario
+from train_ato.apps.runs.run import Run, RunRecord
+from train_ato.apps.runs.scenario_choice import (
+    Changes,
+    GivenScenario,
+    choose_scenario,
+    given_objects,
+    put_components,
+)
 from train_ato.errors import RunFailed, RunInterrupted
 from train_ato.interrupt import interruptible
 from train_ato.log.compression import DEFAULT
@@ -22,17 +26,18 @@ from train_ato.log.versions import SCENARIO
 from train_ato.loop.engine import run_engine
 from train_ato.loop.result import RunResult
 from train_ato.loop.setup import RunSetup
+from train_ato.messages.topics import EXTERNAL
 from train_ato.ros import require_ros
 
 if TYPE_CHECKING:
-    from train_ato.apps.env.tick_calls import OnTick, StopWhen, TickCalls
+    from train_ato.apps.env.observation import OnTick, StopWhen, TickCalls
 
 Mode = Literal["engine", "composed", "processes"]
 MODES = ("engine", "composed", "processes")
 
 
 def run(
-    scenario: str | Path | ScenarioChoice,
+    scenario: GivenScenario,
     *,
     law: Any = None,
     observer: Any = None,
@@ -46,6 +51,7 @@ def run(
     lockstep: bool = True,
     restarts: int = 0,
     domain: int | None = None,
+    external: str | None = None,
     on_tick: OnTick | None = None,
     stop_when: StopWhen | None = None,
 ) -> Run:
@@ -81,6 +87,9 @@ def run(
         With a process for each node: maximum number of restarts of each node; default: none, the run fails with a node.
     domain
         ROS domain of a graph; default: that of ``ROS_DOMAIN_ID``, without it a free one.
+    external
+        Node of the graph in whose place a program of yours runs: ``"controller"``, ``"observer"``, ``"profile"``,
+        ``"supervisor"``, or with ``"composed"`` ``"plant"``.
     on_tick
         Called in every tick before the law with the observation of :class:`train_ato.Env` by name; the numbers by name
         that it returns are in the log, as diagnostics ``signals``. Only in the engine.
@@ -115,7 +124,7 @@ def run(
     >>> run.metrics["ticks"], run.recording.reported("signals", "ahead")[0].size
     (12, 12)
     """
-    run_mode = RunMode(mode, rate, lockstep, domain, restarts=restarts)
+    run_mode = RunMode(mode, rate, lockstep, domain, restarts=restarts, external=external)
     run_mode.check()
     choice = choose_scenario(scenario).changed(set, seed)
     checked = put_components(
@@ -137,7 +146,7 @@ def run(
     if on_tick is not None or stop_when is not None:
         if mode != "engine":
             raise ValueError(f"mode '{mode}': on_tick and stop_when need the engine; remove them or the mode")
-        from train_ato.apps.env.tick_calls import TickCalls
+        from train_ato.apps.env.observation import TickCalls
 
         calls = TickCalls(setup, on_tick, stop_when)
     return drive(setup, run_mode, out=None if out is None else Path(out), shown=progress, calls=calls)
@@ -163,6 +172,8 @@ class RunMode:
         With a process for each node: maximum number of restarts of each node; 0 restarts none.
     start_limit : float or None
         Maximum wall time of the start of the nodes [s]; None: that of the mode.
+    external : str or None
+        Node of the graph in whose place another program runs, one of ``EXTERNAL``.
     """
 
     mode: str = "engine"
@@ -172,6 +183,7 @@ class RunMode:
     compression: str = DEFAULT
     restarts: int = 0
     start_limit: float | None = None
+    external: str | None = None
 
     def check(self, dash: str = "") -> None:
         """Check the values; ``dash`` precedes the names in messages.
@@ -194,6 +206,13 @@ class RunMode:
             raise ValueError(
                 f"{dash}restart: only a node in a process of its own can be restarted; add {dash}processes"
             )
+        if self.external is not None and self.external not in EXTERNAL:
+            raise ValueError(f"{dash}external {self.external!r}: choose from {', '.join(EXTERNAL)}")
+        if self.external is not None and self.mode == "engine":
+            given = f"{dash}engine" if dash else "mode 'engine', or choose 'composed' or 'processes'"
+            raise ValueError(f"{dash}external {self.external}: the engine has no nodes; remove {given}")
+        if self.external == "plant":
+            self._check_external_plant(dash)
         if self.mode == "engine":
             if self.domain is not None:
                 raise ValueError(f"{dash}domain {self.domain}: the engine uses no ROS; remove it or {dash}engine")
@@ -203,13 +222,25 @@ class RunMode:
         check_domain(self.domain)
         require_ros()
 
-    def check_restart(self, setup: RunSetup, dash: str = "") -> None:
-        """Refuse restarts in a run without supervision: nothing stops the train while a node is away."""
+    def _check_external_plant(self, dash: str) -> None:
+        """Refuse the options of the plant node."""
+        no_lockstep = f"{dash}no-lockstep" if dash else "lockstep=False"
+        options = {f"{dash}rate": self.rate is not None, no_lockstep: not self.lockstep}
+        if wrong := next((name for name, set_ in options.items() if set_), ""):
+            raise ValueError(f"{wrong}: the external plant is the source of time; remove it")
+        if self.mode == "processes":
+            given = f"{dash}processes" if dash else "mode 'processes'"
+            raise ValueError(f"{dash}external plant: the other nodes run in one process; remove {given}")
+
+    def check_setup(self, setup: RunSetup, dash: str = "") -> None:
+        """Refuse restarts without supervision, as nothing stops the train meanwhile, and an absent external node."""
         if self.restarts and not setup.layout.supervised:
             raise ValueError(
                 f"{dash}restart: the run has no supervision, so nothing brakes the train while a node is away; "
                 f"set supervision.enabled: true or remove {dash}restart"
             )
+        if self.external == "supervisor" and not setup.layout.supervised:
+            raise ValueError(f"{dash}external supervisor: the run has none; set supervision.enabled: true")
 
 
 def drive(
@@ -249,14 +280,14 @@ def drive(
     ValueError, RunFailed, RunInterrupted
         As :func:`run`.
     """
-    run_mode.check_restart(setup)
+    run_mode.check_setup(setup)
     folder = None if out is None else RunFolder.make(out, setup.scenario.name, option)
     try:
         record = RunRecord(setup, folder, run_mode.compression)
-        from plant_sim.warm_up import compile_kernel
+        from plant_sim.train import compile_kernel
 
         compile_kernel()
-        outcome = _driven(setup, run_mode, record, shown, title or setup.scenario.name, calls)
+        outcome = _driven(setup, run_mode, record, shown=shown, title=title or setup.scenario.name, calls=calls)
         if folder is not None and not (folder.path / SCENARIO).is_file():
             raise FileNotFoundError(folder.path)
         outcome = replace(outcome, summary={**outcome.summary, "mode": run_mode.mode, **_reach(run_mode)})
@@ -338,10 +369,10 @@ def _discard(folder: RunFolder | None) -> None:
 
 
 def _driven(
-    setup: RunSetup, run_mode: RunMode, record: RunRecord, shown: bool | None, title: str, calls: TickCalls | None
+    setup: RunSetup, run_mode: RunMode, record: RunRecord, *, shown: bool | None, title: str, calls: TickCalls | None
 ) -> RunResult:
     """Execute the run in its mode; the log is closed however the run ends."""
-    with progress_bar(title, shown) as progress:
+    with progress_bar(title, shown=shown) as progress:
         if run_mode.mode == "engine":
             try:
                 with interruptible() as interrupt:
@@ -372,4 +403,5 @@ def _driven(
             compression=run_mode.compression,
             restarts=run_mode.restarts,
             start_limit=run_mode.start_limit,
+            external=run_mode.external,
         )

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
-from train_ato.apps.runs.scenario_choice import Changes, ScenarioChoice, choose_scenario
+from train_ato.apps.runs.scenario_choice import Changes, GivenScenario, choose_scenario
 from train_ato.control.algorithms.linear_train import LinearTrain
 
 FASTEST_KMH = 1000.0
 """Largest speed [km/h]."""
 
 
-def linearise(scenario: str | Path | ScenarioChoice, *, speed_kmh: float, set: Changes | None = None) -> LinearTrain:
+def linearise(scenario: GivenScenario, *, speed_kmh: float, set: Changes | None = None) -> LinearTrain:
     """Return the linear model A, B, C, D of the nominal train of a scenario at a constant speed on level line.
 
     Parameters

@@ -9,15 +9,15 @@ from typing import Any
 from pydantic import ValidationError
 
 from plant_sim.input_error import explain
+from plant_sim.line import line_for
 from train_ato.arguments import check_new_file
 from train_ato.profile.file import write_profile
-from train_ato.profile.planner.inputs import find_line, find_train
-from train_ato.profile.planner.journey_file import read_journey
 from train_ato.profile.planner.planner import Plan, plan_profile
-from train_ato.profile.planner.settings import PlanSettings
+from train_ato.profile.planner.settings import PlanSettings, find_line, find_train
+from train_ato.profile.planner.timing_points import read_journey
 
 PROFILES, FIGURES = (".csv", ".yaml", ".yml"), (".png", ".pdf", ".svg")
-OF_THE_JOURNEY = ("time", "begin", "end", "dwell", "calling")
+OF_THE_JOURNEY = ("time", "allowance", "begin", "end", "dwell", "calling")
 """Settings that timing points have."""
 
 
@@ -37,14 +37,15 @@ def plan(
     line, train
         Shipped name or file, in any format of ``train-ato convert``.
     journey
-        File of timing points with windows; it replaces ``time``, ``begin``, ``end``, ``dwell`` and ``calling``.
+        File of timing points with windows; it replaces ``time``, ``allowance``, ``begin``, ``end``,
+        ``dwell`` and ``calling``.
     period
         Time between the knots of the profile [s].
     out
         New files: profile (.csv, .yaml) or figure (.png, .pdf, .svg).
     **settings
         Keys of :class:`~train_ato.profile.planner.settings.PlanSettings` [SI], also with the suffixes of the data
-        files, as ``time=120``, ``end_km=2``, ``jerk=None``.
+        files, as ``time=120``, ``end_km=2``, ``jerk=None``; ``begin`` and ``end`` also as a post, ``"84+500"``.
 
     Returns
     -------
@@ -73,8 +74,11 @@ def plan(
     if journey is not None and (twice := sorted(named & {*OF_THE_JOURNEY})):
         raise ValueError(f"{', '.join(twice)} with journey: the timing points have it; remove it")
     on = find_line(str(line))
-    consist, usual = find_train(str(train), bool(settings.get("point_mass", False)))
+    consist, usual = find_train(str(train), point_mass=bool(settings.get("point_mass", False)))
+    on = line_for(on, consist.categories)
     data = {key: value for key, value in usual.model_dump().items() if key not in named}
+    posts = {key: value for key, value in settings.items() if key in ("begin", "end") and isinstance(value, str)}
+    settings |= {key: on.place_of(value) for key, value in posts.items()}
     try:
         chosen = PlanSettings.model_validate({**data, **settings})
     except ValidationError as error:

@@ -77,7 +77,7 @@ def in_notebook() -> bool:
 
 
 @contextmanager
-def share_bar(title: str, shown: bool | None = None) -> Iterator[Report]:
+def share_bar(title: str, *, shown: bool | None = None) -> Iterator[Report]:
     """Show a progress bar; yield the function that updates it with the finished fraction, 0 to 1, and a text.
 
     Parameters
@@ -119,9 +119,9 @@ def _notebook_bar(title: str) -> Iterator[Report]:
 
 
 @contextmanager
-def progress_bar(title: str, shown: bool | None = None) -> Iterator[Callable[[Progress], None]]:
+def progress_bar(title: str, *, shown: bool | None = None) -> Iterator[Callable[[Progress], None]]:
     """Show simulated time, real-time factor and remaining time; yield the update function."""
-    with share_bar(title, shown) as update:
+    with share_bar(title, shown=shown) as update:
 
         def report(progress: Progress) -> None:
             update(

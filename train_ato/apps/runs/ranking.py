@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from statistics import mean, median
 from typing import Any
 
 from train_ato.loop.verdict import is_tracked
@@ -33,6 +34,49 @@ def rank_of(metrics: Metrics) -> tuple[bool, bool, int, int, float]:
     ended = metrics.get("status") == "done"
     verdict = VERDICTS.get(metrics.get("verdict"), 0)
     return not ended, not is_tracked(metrics), verdict, failed, math.inf if error is None else error
+
+
+def standings(comparisons: Sequence[Sequence[Metrics]]) -> list[dict[str, Any]]:
+    """Return one row per law over several comparisons: most passed runs first, then tracked ones, then the mean rank.
+
+    Parameters
+    ----------
+    comparisons
+        Rows of every comparison, the best law first, with ``controller`` and ``status``.
+
+    Returns
+    -------
+    list of dict
+        ``law``, ``runs``, ``passed``, ``tracked``, ``first`` and ``refused``: numbers of comparisons; ``rank``: mean
+        place among the laws with a run, from 1; ``speed_rmse_kmh``: median, ``stop_error_m``: largest magnitude, of the
+        tracked runs.
+    """
+    rows: dict[str, dict[str, Any]] = {}
+    places: dict[str, list[int]] = {}
+    for comparison in comparisons:
+        for place, metrics in enumerate(comparison):
+            law = str(metrics["controller"])
+            row = rows.setdefault(law, dict.fromkeys(("runs", "passed", "tracked", "first", "refused"), 0))
+            if metrics["status"] == "refused":
+                row["refused"] += 1
+                continue
+            row["runs"] += 1
+            row["passed"] += metrics.get("verdict") == "passed"
+            row["tracked"] += metrics["status"] == "done" and is_tracked(metrics)
+            row["first"] += place == 0
+            places.setdefault(law, []).append(place + 1)
+    for law, row in rows.items():
+        tracked = [
+            metrics for comparison in comparisons for metrics in comparison
+            if metrics["controller"] == law and metrics["status"] == "done" and is_tracked(metrics)
+        ]  # fmt: skip
+        errors = [abs(value) for m in tracked if (value := _number(m.get("speed_rmse_kmh"))) is not None]
+        stops = [abs(value) for m in tracked if (value := _number(m.get("stop_error_m"))) is not None]
+        row["rank"] = mean(places[law]) if law in places else None
+        row["speed_rmse_kmh"] = median(errors) if errors else None
+        row["stop_error_m"] = max(stops, default=None)
+    ranked = sorted(rows.items(), key=lambda row: (-row[1]["passed"], -row[1]["tracked"], row[1]["rank"] or math.inf))
+    return [{"law": law, **row} for law, row in ranked]
 
 
 def best_value(key: str, runs: Sequence[Metrics]) -> float | None:

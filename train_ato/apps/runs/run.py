@@ -2,24 +2,142 @@
 
 from __future__ import annotations
 
+import shutil
+import tempfile
 from collections.abc import Iterator, KeysView
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from train_ato.apps.runs.record import RunRecord, copy_run
+from train_ato.apps.runs.result import TypedResult, dataset_of
 from train_ato.apps.runs.summary_table import html_table, result_rows
+from train_ato.errors import check_packages, refusing
+from train_ato.log.compression import DEFAULT
 from train_ato.log.recorded import open_recording
-from train_ato.log.run_folder import read_run_folder, read_summary
+from train_ato.log.run_folder import Encoder, RunFolder, read_run_folder, read_summary
 from train_ato.loop.recording import Recording
 from train_ato.loop.result import RunResult
 from train_ato.loop.setup import RunSetup
+from train_ato.messages.topics import TickBlock
 
 if TYPE_CHECKING:
     import pandas as pd
+    import xarray
     from matplotlib.figure import Figure
 
     from train_ato.log.tables.loading import Frames
+
+
+MESSAGES_IN_MEMORY = 100_000
+"""Maximum number of messages in memory: about 100 MB for a train of 106 vehicles, 18 minutes at 10 Hz."""
+
+
+class RunRecord:
+    """Sink for the messages of the engine; creates the run folder.
+
+    Parameters
+    ----------
+    setup
+        The run.
+    folder
+        Run folder for all messages.  None: messages in memory; a temporary folder, removed with this object, is created
+        for tables, files, or too many messages.
+    compression
+        Compression of the log: ``none``, ``fast`` or ``small``.
+    """
+
+    def __init__(self, setup: RunSetup, folder: RunFolder | None = None, compression: str = DEFAULT) -> None:
+        self._compression = compression
+        self._setup = setup
+        self._folder = folder
+        self._scratch = tempfile.TemporaryDirectory(prefix="train_ato_run_") if folder is None else None
+        self._messages: list[tuple[str, object, int]] = []
+        self._log = ExitStack()
+        self._sink: Encoder | None = None
+        if folder is not None:
+            folder.begin(setup)
+
+    @property
+    def lasting(self) -> Path | None:
+        """Path of the run folder; None for a temporary one."""
+        return None if self._folder is None or self._scratch is not None else self._folder.path
+
+    @property
+    def log_folder(self) -> Path:
+        """Folder for the traceback of a failure; it need not exist."""
+        if self._scratch is not None:
+            return Path(self._scratch.name) / "run" / "log"
+        assert self._folder is not None
+        return self._folder.path / "log"
+
+    def add(self, topic: str, message: object, stamp: int) -> None:
+        """Add one message."""
+        if self._sink is not None:
+            self._sink.add(topic, message, stamp)
+            return
+        self._messages.append((topic, message, stamp))
+        if len(self._messages) >= MESSAGES_IN_MEMORY:
+            self.begin_log()
+
+    def add_ticks(self, block: TickBlock) -> bool:
+        """Write the messages of a block of ticks to the open log; return False without one, for single messages."""
+        return self._sink is not None and self._sink.add_ticks(block)
+
+    def folder(self) -> RunFolder:
+        """Return the run folder; create a temporary one if there is none."""
+        if self._folder is None:
+            path = self.log_folder.parent
+            path.mkdir(exist_ok=True)
+            self._folder = RunFolder(path)
+            self._folder.begin(self._setup)
+        return self._folder
+
+    def begin_log(self) -> None:
+        """Open the log and write the messages in memory."""
+        self._sink = self._log.enter_context(self.folder().sink(self._setup, compression=self._compression))
+        messages, self._messages = self._messages, []
+        for message in messages:
+            self._sink.add(*message)
+
+    def close_log(self) -> None:
+        """Close the log if it is open."""
+        self._log.close()
+
+    def counted(self, outcome: RunResult) -> RunResult:
+        """Return the result of the run, as failed if messages are missing in the log."""
+        return outcome if self._sink is None else outcome.checked_against(self._sink.counts)
+
+    def written(self) -> RunFolder:
+        """Return the run folder with its log."""
+        if not self.folder().recorded:
+            self.begin_log()
+            self.close_log()
+        return self.folder()
+
+    def settle(self, folder: RunFolder) -> None:
+        """Replace the run folder by its copy."""
+        if self._scratch is not None:
+            self._scratch.cleanup()
+            self._scratch = None
+        self._folder = folder
+
+
+def copy_run(source: Path, path: Path, name: str) -> RunFolder:
+    """Copy a run folder.
+
+    Raises
+    ------
+    ValueError
+        If the folder exists and is not empty, or is not writable.
+    """
+    target = RunFolder.make(path, name, "save")
+    try:
+        shutil.copytree(source, target.path, dirs_exist_ok=True)
+    except (OSError, shutil.Error) as error:
+        target.discard()
+        raise ValueError(f"save {path}: cannot be written ({error}); give a writable folder") from None
+    return target
 
 
 class Run:
@@ -96,6 +214,26 @@ class Run:
             self._tables = load(self._path if self._record is None else self._record.written().path)  # type: ignore[arg-type]
         return self._tables
 
+    @property
+    def result(self) -> TypedResult:
+        """Verdict, criteria with time and place, stops, and energy."""
+        return TypedResult.of(self.metrics)
+
+    @refusing
+    def to_xarray(self) -> xarray.Dataset:
+        """Return the numbers of all tables as one dataset.
+
+        A variable is named by topic, owner and quantity, as ``train_vehicles_vehicle_speed_m_s``, and has its unit in
+        ``units``. Its dimensions are a time and the number of the owner, ``unit``, ``vehicle`` or ``coupler``; topics
+        with a message for every tick share ``time_s``.
+
+        Raises
+        ------
+        InputError
+            If xarray is not installed, with the command that installs it.
+        """
+        return dataset_of(self.tables, self.metrics)
+
     def __getitem__(self, topic: str) -> pd.DataFrame:
         """Return the table of one topic, for example ``run["train/measurement"]``."""
         return self.tables[topic]
@@ -125,12 +263,13 @@ class Run:
             self._finished = True
         return folder.path
 
-    def plot(self, path: str | Path | None = None) -> Figure:
+    @refusing
+    def plot(self, out: str | Path | None = None) -> Figure:
         """Draw speed, error, force, couplers and air brake over time.
 
         Parameters
         ----------
-        path
+        out
             PNG or SVG file to write; default: none, a notebook shows the figure.
 
         Returns
@@ -142,14 +281,13 @@ class Run:
         ValueError
             If the run holds no complete tick.
         """
-        from train_ato.apps.report.print_parts import SCREEN_DPI, save_figure
-        from train_ato.apps.report.run_figure import run_figure
+        from train_ato.apps.report.print_figures import SCREEN_DPI, run_figure, save_figure
 
         figure = run_figure(self.recording)
         if figure is None:
             raise ValueError(f"{self.metrics.get('scenario', self.path)}: the run has no complete tick to draw")
-        if path is not None:
-            save_figure(figure, Path(path), SCREEN_DPI)
+        if out is not None:
+            save_figure(figure, Path(out), SCREEN_DPI)
         return figure
 
     @property
@@ -163,22 +301,24 @@ class Run:
             raise ValueError(f"{self.metrics.get('scenario', self.path)}: the run has no complete tick to draw")
         return recording
 
-    def report(self, path: str | Path | None = None) -> Path:
+    @refusing
+    def report(self, out: str | Path | None = None) -> Path:
         """Write the page of linked figures and return its path.
 
         Parameters
         ----------
-        path
+        out
             HTML file; default: ``report.html`` in the run folder, a temporary one before the run is saved.
         """
+        check_packages("report", "bokeh", "jinja2")
         from train_ato.apps.report.page_data import page_data
         from train_ato.apps.report.words import REPORT
         from train_ato.apps.report.writing import write_run
         from train_ato.arguments import check_new_file
 
         folder = self.folder()
-        page = folder / REPORT if path is None else Path(path)
-        if path is not None:
+        page = folder / REPORT if out is None else Path(out)
+        if out is not None:
             check_new_file(page, (".html", ".htm"))
         write_run(page_data(open_recording(folder)), page)
         return page
@@ -191,7 +331,8 @@ class Run:
             self.plot(figure)
         return folder
 
-    def save(self, path: str | Path) -> Path:
+    @refusing
+    def save(self, out: str | Path) -> Path:
         """Save the run folder with log, scenario, summary and figure, and return its path.
 
         It is an input of ``train-ato verify``, ``report`` and ``view``.
@@ -201,7 +342,7 @@ class Run:
         ValueError
             If the folder exists already or cannot be written.
         """
-        folder = copy_run(self.finish(), Path(path), str(self.metrics.get("scenario", "run")))
+        folder = copy_run(self.finish(), Path(out), str(self.metrics.get("scenario", "run")))
         if self._record is not None:
             self._record.settle(folder)
         self._path = folder.path
@@ -214,8 +355,7 @@ class Run:
         return f"<Run {metrics.get('scenario', '')}: {names}, {metrics.get('status', 'done')}, {place}>"
 
     def _repr_html_(self) -> str:
-        rows = result_rows(self.metrics)
-        return html_table(repr(self).strip("<>"), ("quantity", "value"), rows)
+        return html_table(self.result.title, (repr(self).strip("<>"), "value"), result_rows(self.metrics))
 
 
 def open_run(path: str | Path) -> Run:

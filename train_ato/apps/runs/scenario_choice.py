@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 import copy
+import html
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import yaml
 
 from plant_sim.data_text import TextDumper
 from plant_sim.library import split_name
-from train_ato.loop.part_cache import PartCache
+from train_ato.apps.runs.summary_table import verdict_html
+from train_ato.control.keyword_form import GivenComponent, keyword_values
+from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS, Registry, load_class
+from train_ato.errors import InputError
+from train_ato.loop.scenario_data import PartCache
 from train_ato.loop.setup import RunSetup, prepare
 from train_ato.scenario.overlays import RefusedScenario, assign, caused_by, overlay, put, with_absolute_files
-from train_ato.scenario.scenario import SCHEMA, Scenario, check_scenario, raw_scenario, variants_of
+from train_ato.scenario.scenario import SCHEMA, Scenario, check_scenario, expectation_of, raw_scenario, variants_of
 
 Changes = Mapping[str, Any]
 """Values by key: ``{"laws.pid.kp": 0.03}``."""
@@ -39,7 +45,13 @@ class ScenarioChoice:
     7
     """
 
-    def __init__(self, name: str, path: Path, data: dict[str, Any], changes: tuple[tuple[str, Any], ...] = ()) -> None:
+    def __init__(
+        self,
+        name: str | Mapping[str, Any],
+        path: Path,
+        data: dict[str, Any],
+        changes: tuple[tuple[str, Any], ...] = (),
+    ) -> None:
         self._given = name
         self._data = data
         self._changes = changes
@@ -72,6 +84,8 @@ class ScenarioChoice:
     @property
     def as_overlay(self) -> dict[str, Any]:
         """Raw scenario with ``base`` and the changed keys only; whole if no overlay has the same content."""
+        if not isinstance(self._given, str):
+            return with_absolute_files(self.data, self.path.parent)
         stem, variant = split_name(self._given)
         named = str(self.path.absolute()) if Path(stem).suffix in (".yaml", ".yml") or Path(stem).is_file() else stem
         changed: dict[str, Any] = {}
@@ -82,12 +96,12 @@ class ScenarioChoice:
                 put(changed, key, plain(value), f"set {key}")
         if overlay(raw_scenario(self._given)[1], changed) == self._data:
             return {"schema": SCHEMA, "base": f"{named}{variant}", **changed}
-        return with_absolute_files(copy.deepcopy(self._data), self.path.parent)
+        return with_absolute_files(self.data, self.path.parent)
 
     @cached_property
     def variants(self) -> dict[str, str]:
         """Variants of the scenario file and their descriptions."""
-        return variants_of(self.path)
+        return variants_of(self.path) if isinstance(self._given, str) else {}
 
     def with_(self, changes: Changes | None = None, /, **more: Any) -> ScenarioChoice:
         """Return the scenario with some keys changed.
@@ -105,6 +119,8 @@ class ScenarioChoice:
         ValueError
             One line: file, key, value, remedy.
         """
+        if not isinstance(changes or {}, Mapping):
+            raise InputError(f"set {changes!r}: not a mapping; write for example {{'laws.pid.kp': 0.03}}")
         given = {**(changes or {}), **more}
         data = copy.deepcopy(self._data)
         for key, value in given.items():
@@ -113,8 +129,8 @@ class ScenarioChoice:
 
     def changed(self, changes: Changes | None, seed: int | None) -> ScenarioChoice:
         """Return the scenario with the changes that are not None."""
-        given = {**(changes or {}), **({} if seed is None else {"seed": seed})}
-        return self.with_(given) if given else self
+        more = {} if seed is None else {"seed": seed}
+        return self.with_(changes, **more) if changes or more else self
 
     def assigned(self, texts: Sequence[str]) -> ScenarioChoice:
         """Return the scenario after ``--set`` options."""
@@ -138,18 +154,28 @@ class ScenarioChoice:
         ]
         return caused_by(error, self.path, changes)
 
+    def _repr_html_(self) -> str:
+        expected = None if self._changes or not isinstance(self._given, str) else expectation_of(self._given)
+        verdict = f"expected verdict: {expected.text}" if expected else "no expected verdict: changed or not stated"
+        return f"{verdict_html(verdict)}<p>{html.escape(repr(self))}: {html.escape(self.summary)}</p>"
+
     def __repr__(self) -> str:
         changes = f".with_({dict(self._changes)})" if self._changes else ""
         return f"scenario({self._given!r}){changes}"
 
 
-def choose_scenario(name: str | Path | ScenarioChoice) -> ScenarioChoice:
-    """Return a scenario by its name or file.
+GivenScenario: TypeAlias = "str | Path | Mapping[str, Any] | Scenario | ScenarioChoice"
+"""Every form of a scenario that a function takes."""
+
+
+def choose_scenario(name: GivenScenario) -> ScenarioChoice:
+    """Return a scenario from its name, file, content or object.
 
     Parameters
     ----------
     name
-        Shipped name, ``name:variant[+variant...]``, or a YAML file.
+        Shipped name, ``name:variant[+variant...]``, a YAML file, the content of one as a dict (also with ``base``), or
+        a checked scenario.
 
     Raises
     ------
@@ -161,19 +187,152 @@ def choose_scenario(name: str | Path | ScenarioChoice) -> ScenarioChoice:
     >>> import train_ato as ta
     >>> ta.scenario("demo").checked.law
     'pid'
+    >>> ta.scenario({"base": "demo", "law": "smc"}).checked.law
+    'smc'
     >>> ta.scenario("demoo")
     Traceback (most recent call last):
-    ValueError: unknown scenario 'demoo' (did you mean 'demo'?); `train-ato list` names all
+    InputError: unknown scenario 'demoo' (did you mean 'demo'?); `train-ato list` names all
     """
     if isinstance(name, ScenarioChoice):
         return name
-    if not isinstance(name, (str, Path)):
-        raise ValueError(f"scenario of type {type(name).__name__}: give a name, a file or train_ato.scenario(...)")
-    path, data = raw_scenario(str(name))
-    return ScenarioChoice(str(name), path, data)
+    if isinstance(name, Scenario):
+        name = name.model_dump(mode="json", by_alias=True, exclude_unset=True)
+    if not isinstance(name, (str, Path, Mapping)):
+        raise ValueError(f"scenario of type {type(name).__name__}: give a name, a file, a dict or ta.scenario(...)")
+    given = copy.deepcopy(dict(name)) if isinstance(name, Mapping) else str(name)
+    path, data = raw_scenario(given)
+    return ScenarioChoice(given, path, data)
 
 
 def plain(value: Any) -> Any:
     """Return numbers and arrays of numpy as Python numbers and lists."""
     convert = getattr(value, "tolist", None)
     return convert() if convert is not None else value
+
+
+@dataclass(frozen=True)
+class ComponentChoice:
+    """A component and its parameters.
+
+    Attributes
+    ----------
+    label : str
+        Short name in tables and figures.
+    component : str or type
+        Registered name or ``module:Class``, or the class itself.
+    values : dict
+        Parameters of an object; they override those of the scenario.
+    registry : Registry
+        Registry of its kind.
+    given : object
+        The object; None for a name or a class.
+    """
+
+    label: str
+    component: str | type
+    values: dict[str, Any] = field(default_factory=dict)
+    registry: Registry = LAWS
+    given: Any = None
+
+    @property
+    def name(self) -> str:
+        """Name of the component in a scenario.
+
+        Raises
+        ------
+        ValueError
+            If the class is no component.
+        """
+        if isinstance(self.component, str):
+            return self.component
+        try:
+            return self.registry.name_of(self.component)
+        except ValueError as error:
+            raise ValueError(f"{self.registry.kind}: {error}") from None
+
+    def put_into(self, scenario: Scenario) -> Scenario:
+        """Return the scenario with this component and its parameters."""
+        name, kind = self.name, self.registry.kind
+        blocks = dict(getattr(scenario, f"{kind}s"))
+        if self.values:
+            blocks[name] = {**blocks.get(name, {}), **self.values}
+        return scenario.model_copy(update={kind: name, f"{kind}s": blocks})
+
+    def check_importable(self) -> None:
+        """Check that another process can import the component.
+
+        Raises
+        ------
+        ValueError
+            If its class was defined in a script, a notebook or a function.
+        """
+        if ":" in self.name:
+            try:
+                load_class(self.name)
+            except ValueError as error:
+                kind = self.registry.kind
+                raise ValueError(f"mode 'processes': another process cannot import the {kind}: {error}") from None
+
+
+def choose_component(registry: Registry, given: Any) -> ComponentChoice:
+    """Return the component for ``law=``, ``observer=`` or ``compensation=``.
+
+    Raises
+    ------
+    ValueError
+        If it is not a component.
+    """
+    kind = registry.kind
+    if isinstance(given, str):
+        return ComponentChoice(given, given, registry=registry)
+    if isinstance(given, type):
+        return ComponentChoice(given.__name__, given, registry=registry)
+    if callable(getattr(given, "step", None)):
+        values = {name: plain(value) for name, value in keyword_values(given, kind).items()}
+        inside = ", ".join(f"{name}={value!r}" for name, value in values.items())
+        return ComponentChoice(f"{type(given).__name__}({inside})", type(given), values, registry, given)
+    raise ValueError(f"{kind} {given!r}: give a name, 'module:Class', a class or an object")
+
+
+def put_components(
+    scenario: Scenario, *, law: Any = None, observer: Any = None, compensation: Any = None, importable: bool
+) -> Scenario:
+    """Return the scenario with the components that are not None.
+
+    Parameters
+    ----------
+    scenario
+        Checked scenario.
+    law, observer, compensation
+        Each a name, ``module:Class``, a class or an object.
+    importable
+        Other processes must be able to import the components.
+
+    Raises
+    ------
+    ValueError
+        If one is not a component, or cannot be imported.
+    """
+    chosen = ((LAWS, law), (OBSERVERS, observer), (COMPENSATIONS, compensation))
+    for registry, given in chosen:
+        if given is not None:
+            component = choose_component(registry, given)
+            scenario = component.put_into(scenario)
+            if importable:
+                component.check_importable()
+    return scenario
+
+
+def given_objects(
+    scenario: Scenario, *, law: Any = None, observer: Any = None, compensation: Any = None
+) -> dict[str, GivenComponent]:
+    """Return the objects among the components of a scenario by kind, without names and classes."""
+    chosen = ((LAWS, law), (OBSERVERS, observer), (COMPENSATIONS, compensation))
+    found = [choose_component(registry, given) for registry, given in chosen if given is not None]
+    return {
+        choice.registry.kind: GivenComponent(
+            choice.given, choice.name, dict(getattr(scenario, f"{choice.registry.kind}s").get(choice.name, {}))
+        )
+        for choice in found
+        if choice.given is not None
+    }

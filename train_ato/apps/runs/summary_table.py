@@ -6,13 +6,13 @@ import html
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from plant_sim.number_text import number_text
+from plant_sim.units import number_text
 from train_ato.loop.metric_names import metric_heading
 
 RESULTS = (
     "tracking", "speed_rmse_kmh", "speed_error_max_kmh", "position_error_max_m", "stop_error_m", "overspeed_max_kmh",
     "coupler_draft_max_kn", "coupler_buff_max_kn", "command_variation_kn_per_s", "energy_traction_kwh",
-    "energy_regenerated_kwh", "saturated_s", "real_time_factor", "step_time_us_median",
+    "energy_regenerated_kwh", "saturated_s",
 )  # fmt: skip
 """Metrics of every run."""
 PROTECTION = (
@@ -38,8 +38,13 @@ def format_value(value: Any) -> str:
     return str(value)
 
 
+def verdict_html(text: str) -> str:
+    """Return the first line of an object in a notebook: its verdict."""
+    return f"<p><b>{html.escape(text)}</b></p>"
+
+
 def html_table(title: str, columns: Iterable[str], rows: Iterable[Iterable[Any]]) -> str:
     """Return a table as HTML; every text is escaped."""
     head = "".join(f"<th>{html.escape(column)}</th>" for column in columns)
     body = "".join(f"<tr>{''.join(f'<td>{html.escape(format_value(cell))}</td>' for cell in row)}</tr>" for row in rows)
-    return f"<p><b>{html.escape(title)}</b></p><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+    return f"{verdict_html(title)}<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"

@@ -7,13 +7,12 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
-from plant_sim.warm_up import compile_kernel
+from plant_sim.train import compile_kernel
 from train_ato.apps.import_csv.run import MEASURED
 from train_ato.apps.runs.progress import COMPILE_NOTE, compilation_noted, progress_bar, share_bar
 from train_ato.errors import RunFailed
-from train_ato.log.changes import late_commands, outside_nodes, read_changes
 from train_ato.log.difference import LogComparison, compare_logs
-from train_ato.log.recorded import read_recording, read_reports
+from train_ato.log.recorded import late_commands, outside_nodes, read_changes, read_recording, read_reports
 from train_ato.log.run_folder import RunFolder, read_run_folder
 from train_ato.log.versions import SCENARIO
 from train_ato.loop.engine import SIGNALS, TickLoop, run_engine
@@ -56,7 +55,7 @@ def verify(run: str | Path, relative: float = 0.0) -> LogComparison:
     if summary.get("status", "done") != "done":
         status = {"killed": "was killed", "interrupted": "was interrupted"}.get(summary["status"], summary["status"])
         raise ValueError(f"{path}: the run {status}; name a complete run")
-    outside = outside_nodes(read_reports(path), setup.layout.supervised, summary.get("external"))
+    outside = outside_nodes(read_reports(path), supervised=setup.layout.supervised, names=summary.get("external"))
     if outside:
         named = ", ".join(f"{node} was {name}" for node, name in outside.items())
         raise ValueError(

@@ -15,8 +15,7 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from train_ato.apps.scene.sampling import VEHICLES, SceneSampler
-from train_ato.apps.scene.train_scene import SceneMessages, SceneTopic
+from train_ato.apps.scene.train_scene import VEHICLES, SceneMessages, SceneSampler, SceneTopic
 from train_ato.apps.view.reader import taker
 from train_ato.ros.graph.assembly import executor_of
 from train_ato.ros.nodes.endpoints import message_class

@@ -14,8 +14,8 @@ import numpy as np
 
 from plant_sim.alignment import Alignment, TrackPose
 from train_ato.loop.setup import RunSetup
-from train_ato.messages.codec.byte_layout import layout_of
-from train_ato.messages.codec.cdr import blank, packed_stamp, typestore
+from train_ato.messages.codec.cdr import SECOND, blank, layout_of, packed_stamp, stamp_of, typestore
+from train_ato.messages.codec.codec import Wire
 from train_ato.messages.types import Array, VehicleStates
 
 DEFAULT_RATE = 5.0
@@ -246,3 +246,47 @@ class MessageTemplate:
 
 def _places(starts: Sequence[int], size: int) -> Any:
     return np.array(starts, dtype=np.int64)[:, None] + np.arange(size)
+
+
+VEHICLES = "train/vehicles"
+
+
+def check_rate(rate: float) -> float:
+    """Return a rate of the scene.
+
+    Raises
+    ------
+    ValueError
+        If it is not above 0 and at most 1000 per simulated second.
+    """
+    if not 0 < rate <= 1000:
+        raise ValueError(f"rate {rate:g}: is not above 0 and at most 1000; give messages per simulated second")
+    return rate
+
+
+class SceneSampler:
+    """Scene for every first state of a period.
+
+    Parameters
+    ----------
+    setup
+        Train and line.
+    rate
+        Messages per simulated second; states come at most once per tick.
+    full_force
+        Coupler force with the full colour [N]; None: the largest one so far.
+    """
+
+    def __init__(self, setup: RunSetup, rate: float = DEFAULT_RATE, full_force: float | None = None) -> None:
+        self.scene = TrainScene(setup, full_force)
+        self._wire = Wire(setup.layout)
+        self._period = round(SECOND / check_rate(rate))
+        self._last = -1
+
+    def take(self, data: bytes) -> SceneMessages:
+        """Return the messages for a state of the vehicles; none if its period has some already."""
+        number = stamp_of(data) // self._period
+        if number == self._last:
+            return []
+        self._last = number
+        return self.scene.at(self._wire.decode(VEHICLES, data))

@@ -14,8 +14,6 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-__all__ = ["MAX_JOBS", "available_cores", "sweep_client"]
-
 MISSING = "the package {} is not installed; install it with `pip install distributed scipy cryptography`"
 LOOPBACK = "127.0.0.1"
 MAX_JOBS = 256
@@ -51,7 +49,7 @@ def available_cores() -> int:
 
 
 @contextmanager
-def sweep_client(scheduler: str | None, jobs: int | None, dashboard: bool = False) -> Iterator[Any]:
+def sweep_client(scheduler: str | None, jobs: int | None, *, dashboard: bool = False) -> Iterator[Any]:
     """Yield a Dask client; local workers end with the block.
 
     Parameters
@@ -81,7 +79,7 @@ def sweep_client(scheduler: str | None, jobs: int | None, dashboard: bool = Fals
     for name in LOGGERS:
         logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
-        chosen = _remote(scheduler) if scheduler is not None else _local(jobs or available_cores(), dashboard)
+        chosen = _remote(scheduler) if scheduler is not None else _local(jobs or available_cores(), dashboard=dashboard)
         with dask.config.set({**quiet, **SETTINGS}), chosen as client:
             yield client
     finally:
@@ -121,7 +119,7 @@ def _remote(scheduler: str) -> Iterator[Any]:
 
 
 @contextmanager
-def _local(jobs: int, dashboard: bool) -> Iterator[Any]:
+def _local(jobs: int, *, dashboard: bool) -> Iterator[Any]:
     """Yield a client of new worker processes, which listen on the loopback address only.
 
     A Dask scheduler executes code of every client. Every connection needs the temporary key of this sweep, which is in
@@ -146,7 +144,7 @@ def _local(jobs: int, dashboard: bool) -> Iterator[Any]:
                 )  # fmt: skip
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        _guard_pages(cluster.scheduler, dashboard)
+        _guard_pages(cluster.scheduler, dashboard=dashboard)
         client = None
         try:
             client = Client(cluster, set_as_default=False)
@@ -175,7 +173,7 @@ def _remove_abandoned() -> None:
                     shutil.rmtree(folder)
 
 
-def _guard_pages(scheduler: Any, dashboard: bool) -> None:
+def _guard_pages(scheduler: Any, *, dashboard: bool) -> None:
     """Close the pages of the scheduler, or refuse requests with a host name that is not this machine's.
 
     A page of the internet whose name leads to the loopback address could otherwise read the dashboard.

@@ -8,8 +8,6 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["Dimension", "read_dimensions"]
-
 RANGE_KEYS = ("from", "to", "steps", "scale")
 SCALES = ("linear", "log")
 

@@ -6,24 +6,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from train_ato.errors import InputError
 from train_ato.loop.metric_names import METRICS, metric_heading
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from train_ato.apps.sweep.spec import SweepSpec
-
-__all__ = [
-    "BORDERS",
-    "ERROR_METRIC",
-    "NotDrawable",
-    "RunGroup",
-    "grouped",
-    "inside",
-    "list_key",
-    "metric_words",
-    "numeric_metrics",
-]
 
 ERROR_METRIC = "speed_rmse_kmh"
 """Metric of the figures if no other one is chosen."""
@@ -32,7 +21,7 @@ BORDERS = {"tracking": ("tracking", "tracked"), "verdict": ("verdict", "passed")
 NOT_METRICS = ("run", "seed", "wall_s", "evaluation_s", "overhead_s")
 
 
-class NotDrawable(ValueError):
+class NotDrawable(InputError):
     """The design or the runs of a sweep do not permit a figure."""
 
 

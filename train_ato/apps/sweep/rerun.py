@@ -11,16 +11,14 @@ from typing import Any
 
 from train_ato.apps.runs.drive import RunMode, drive
 from train_ato.apps.runs.scenario_choice import ScenarioChoice
-from train_ato.apps.sweep.check import sweep_base
 from train_ato.apps.sweep.folder import SweepFolder
-from train_ato.apps.sweep.row import Row, one_line, row_metrics, scenario_hash
+from train_ato.apps.sweep.result import FIRST, LAST, read_results
+from train_ato.apps.sweep.row import Row, code_of_process, one_line, row_metrics, scenario_hash
 from train_ato.apps.sweep.spec import read_sweep
-from train_ato.apps.sweep.table import FIRST, LAST, read_results
+from train_ato.apps.sweep.sweep import sweep_base
 from train_ato.errors import RunFailed, RunInterrupted
 from train_ato.log.run_folder import next_free
 from train_ato.loop.setup import RunSetup
-
-__all__ = ["RowCheck", "recorded_row", "run_row_again"]
 
 TEXTS = ("status", "reason", "verdict", "tracking", "sha256")
 """Compared entries beside the metrics."""
@@ -94,7 +92,7 @@ def _row_of(columns: Mapping[Any, Any]) -> Row:
     return {"run": int(columns["run"]), "point": point, "metrics": metrics, **texts}
 
 
-def run_row_again(path: Path, number: int, out: Path | None = None, shown: bool | None = None) -> RowCheck:
+def run_row_again(path: Path, number: int, out: Path | None = None, *, shown: bool | None = None) -> RowCheck:
     """Run one row alone, record it in a run folder, and compare metrics and hash with the row.
 
     Parameters
@@ -113,22 +111,16 @@ def run_row_again(path: Path, number: int, out: Path | None = None, shown: bool 
     """
     before, identity = recorded_row(path, number)
     base = sweep_base(read_sweep(identity["spec"], f"{path}: specification")).choice()
-    again, folder = _run(base, before["point"], out, number, shown)
+    again, folder = _run(base, before["point"], out, number, shown=shown)
     difference = _first_difference(before, again)
-    if difference and identity["code"] != _code():
+    if difference and identity["code"] != code_of_process():
         difference += "; the code of train_ato has changed since the sweep"
     values = len(TEXTS) + len(again["metrics"])
     return RowCheck(number, before["point"], values, difference, folder)
 
 
-def _code() -> str:
-    from train_ato.apps.sweep.batch import code_of_process
-
-    return code_of_process()
-
-
 def _run(
-    base: ScenarioChoice, point: Mapping[str, Any], out: Path | None, number: int, shown: bool | None
+    base: ScenarioChoice, point: Mapping[str, Any], out: Path | None, number: int, *, shown: bool | None
 ) -> tuple[Row, Path | None]:
     """Run a point and return its row and its folder."""
     try:

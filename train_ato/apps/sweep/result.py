@@ -2,17 +2,118 @@
 
 from __future__ import annotations
 
+import json
+import os
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from train_ato.apps.runs.summary_table import verdict_html
 from train_ato.apps.sweep.groups import ERROR_METRIC, NotDrawable
+from train_ato.apps.sweep.row import Row
 from train_ato.apps.sweep.spec import SweepSpec
+from train_ato.errors import refusing
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-__all__ = ["SweepResult"]
+
+METADATA = b"train_ato.sweep"
+"""Key of the Parquet metadata with specification, hashes and versions as JSON."""
+FIRST = ("law", "observer", "compensation", "seed", "status", "reason", "verdict", "tracking")
+LAST = ("sha256", "wall_s", "evaluation_s", "overhead_s", "point")
+
+
+def sweep_table(rows: Sequence[Row], keys: Sequence[str]) -> pd.DataFrame:
+    """Return one row for each run.
+
+    Parameters
+    ----------
+    rows
+        Rows of the finished runs.
+    keys
+        Varied keys.
+
+    Returns
+    -------
+    pandas.DataFrame
+        ``run``; the varied keys; law, observer, compensation, seed; ``status``, ``reason``, ``verdict``, ``tracking``;
+        the numeric metrics of ``summary.json``, NaN without a value; ``sha256`` of the resolved scenario; wall times
+        ``wall_s``, ``evaluation_s``, ``overhead_s``; ``point``, the values of the varied keys as JSON.  A key whose
+        values are not of one type, or not scalar, is a column of JSON texts.
+    """
+    import pandas as pd
+
+    metrics = list(dict.fromkeys(key for row in rows for key in row.get("metrics", {})))
+    columns: dict[str, list[Any]] = {"run": [row["run"] for row in rows]}
+    for key in keys:
+        columns[key] = _column([row["point"].get(key) for row in rows])
+    for key in FIRST:
+        columns.setdefault(key, _column([row.get(key) for row in rows]))
+    for key in metrics:
+        columns[key] = [float("nan") if (value := row.get("metrics", {}).get(key)) is None else value for row in rows]
+    for key in LAST[:-1]:
+        columns[key] = [row.get(key) for row in rows]
+    columns["point"] = [json.dumps(row["point"], ensure_ascii=False) for row in rows]
+    frame = pd.DataFrame(columns)
+    if "seed" not in keys:
+        frame["seed"] = frame["seed"].astype("UInt64")
+    return frame
+
+
+def _column(values: list[Any]) -> list[Any]:
+    """Return values of one scalar type unchanged, others as JSON texts."""
+    kinds = {type(value) for value in values if value is not None}
+    if kinds <= {int, float} or kinds in ({str}, {bool}, set()):
+        return values
+    return [None if value is None else json.dumps(value, ensure_ascii=False) for value in values]
+
+
+def write_results(path: Path, frame: pd.DataFrame, identity: Mapping[str, Any]) -> None:
+    """Write the table as one Parquet file, whole or not at all.
+
+    Raises
+    ------
+    OSError
+        With the name of the file; an earlier file is unchanged.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet
+
+    table = pa.Table.from_pandas(frame, preserve_index=False)
+    metadata = {**(table.schema.metadata or {}), METADATA: json.dumps(identity, default=str).encode()}
+    temporary = path.with_name(f".{path.name}.new")
+    try:
+        pyarrow.parquet.write_table(table.replace_schema_metadata(metadata), temporary, compression="zstd")
+        temporary.replace(path)
+    except OSError as error:
+        with suppress(OSError):
+            temporary.unlink()
+        reason = os.strerror(error.errno) if error.errno else str(error)
+        raise OSError(error.errno or 0, reason, str(path)) from None
+
+
+def read_results(path: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
+    """Return table and metadata of a Parquet file of a sweep.
+
+    Raises
+    ------
+    ValueError
+        If the file is none.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet
+
+    try:
+        table = pyarrow.parquet.read_table(path)
+    except (pa.ArrowInvalid, OSError) as error:
+        raise ValueError(f"{path}: is no Parquet file ({' '.join(str(error).split())[:80]}); name another") from None
+    text = (table.schema.metadata or {}).get(METADATA)
+    if text is None:
+        raise ValueError(f"{path}: has no metadata of a sweep; name a file that `sweep` wrote")
+    return table.to_pandas(), json.loads(text)
 
 
 class SweepResult:
@@ -40,14 +141,15 @@ class SweepResult:
         """Number of runs by status."""
         return {str(status): int(count) for status, count in self.table["status"].value_counts().items()}
 
-    def plot_box(self, metric: str = ERROR_METRIC, path: str | Path | None = None) -> Figure:
+    @refusing
+    def plot_box(self, metric: str = ERROR_METRIC, out: str | Path | None = None) -> Figure:
         """Draw a box plot of a metric for every value of the first list, for example of every law.
 
         Parameters
         ----------
         metric
             Numeric column of the table.
-        path
+        out
             PNG or SVG file to write; default: none, a notebook shows the figure.
 
         Raises
@@ -55,18 +157,19 @@ class SweepResult:
         ValueError
             If the table has no such metric, or the design no list.
         """
-        from train_ato.apps.sweep.box_plot import box_plot
+        from train_ato.apps.sweep.robustness_map import box_plot
 
-        return self._saved(box_plot(self.spec, self.table, metric), path)
+        return self._saved(box_plot(self.spec, self.table, metric), out)
 
+    @refusing
     def plot_map(
-        self, metric: str = ERROR_METRIC, border: str = "tracking", path: str | Path | None = None
+        self, metric: str = ERROR_METRIC, border: str = "tracking", out: str | Path | None = None
     ) -> Figure:  # fmt: skip
         """Draw a metric over the first two ranges, with the border of stability.
 
         Parameters
         ----------
-        metric, path
+        metric, out
             As for :meth:`plot_box`.
         border
             ``tracking``: runs with the outcome ``tracked`` are inside of the border; ``verdict``: those that pass the
@@ -79,14 +182,15 @@ class SweepResult:
         """
         from train_ato.apps.sweep.robustness_map import robustness_map
 
-        return self._saved(robustness_map(self.spec, self.table, metric, border), path)
+        return self._saved(robustness_map(self.spec, self.table, metric, border), out)
 
-    def plot_pareto(self, metric: str = ERROR_METRIC, path: str | Path | None = None) -> Figure:
+    @refusing
+    def plot_pareto(self, metric: str = ERROR_METRIC, out: str | Path | None = None) -> Figure:
         """Draw a metric against the variation of the command, with the Pareto front of every law.
 
         Parameters
         ----------
-        metric, path
+        metric, out
             As for :meth:`plot_box`.
 
         Raises
@@ -94,11 +198,11 @@ class SweepResult:
         ValueError
             If the table has no such metric, or no run ended.
         """
-        from train_ato.apps.sweep.pareto import pareto_figure
+        from train_ato.apps.sweep.robustness_map import pareto_figure
 
-        return self._saved(pareto_figure(self.table, metric, self.spec.title), path)
+        return self._saved(pareto_figure(self.table, metric, self.spec.title), out)
 
-    def figures(self, folder: str | Path, metric: str = ERROR_METRIC, border: str = "tracking") -> dict[str, Path]:
+    def figures(self, out: str | Path, metric: str = ERROR_METRIC, border: str = "tracking") -> dict[str, Path]:
         """Write the figures that the design permits into a folder, and return their files by name."""
         plots: dict[str, Any] = {
             "box": lambda path: self.plot_box(metric, path),
@@ -107,7 +211,7 @@ class SweepResult:
         }
         written = {}
         for name, plot in plots.items():
-            file = Path(folder) / f"{name}.png"
+            file = Path(out) / f"{name}.png"
             try:
                 plot(file)
             except NotDrawable:
@@ -116,11 +220,11 @@ class SweepResult:
                 written[name] = file
         return written
 
-    def _saved(self, figure: Figure, path: str | Path | None) -> Figure:
-        if path is not None:
-            from train_ato.apps.report.print_parts import SCREEN_DPI, save_figure
+    def _saved(self, figure: Figure, out: str | Path | None) -> Figure:
+        if out is not None:
+            from train_ato.apps.report.print_figures import SCREEN_DPI, save_figure
 
-            save_figure(figure, Path(path), SCREEN_DPI)
+            save_figure(figure, Path(out), SCREEN_DPI)
         return figure
 
     def __repr__(self) -> str:
@@ -128,4 +232,6 @@ class SweepResult:
         return f"<SweepResult {self.spec.title}, {self.spec.design}: {counts}>"
 
     def _repr_html_(self) -> str:
-        return str(self.table.drop(columns=["point", "sha256"]).to_html(max_rows=20))
+        passed = int((self.table["verdict"] == "passed").sum()) if "verdict" in self.table else 0
+        verdict = verdict_html(f"{passed} of {len(self.table)} runs passed; {repr(self).strip('<>')}")
+        return verdict + str(self.table.drop(columns=["point", "sha256"]).to_html(max_rows=20))

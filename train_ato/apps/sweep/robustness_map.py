@@ -11,19 +11,17 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from train_ato.apps.report.print_parts import LEGEND, WIDTH, NotebookFigure, styled
-from train_ato.apps.report.quantities import FAINT, INK, VERMILION, none_to_full
-from train_ato.apps.sweep.design import MISSING_SCIPY
+from train_ato.apps.report.print_figures import LEGEND, WIDTH, NotebookFigure, add_print_legend, sheet, styled
+from train_ato.apps.report.quantities import COLOURS, FAINT, INK, VERMILION, none_to_full
 from train_ato.apps.sweep.dimensions import Dimension
 from train_ato.apps.sweep.groups import NotDrawable, RunGroup, grouped, inside, list_key, metric_words
-from train_ato.apps.sweep.spec import SweepSpec
+from train_ato.apps.sweep.spec import MISSING_SCIPY, SweepSpec
 from train_ato.messages.types import Array
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-__all__ = ["MapCells", "map_cells", "robustness_map"]
 
 CELLS = 240
 """Number of cells of the picture along each axis."""
@@ -171,3 +169,127 @@ def _legend(border: str) -> list[Any]:
         Patch(facecolor=FAINT, label="outside"),
         Line2D([], [], color=INK, marker="x", ms=3.2, mew=0.6, ls="", label="run outside"),
     ]
+
+
+SPREAD = 0.16
+"""Half width of the points of a box, over the distance of the boxes."""
+
+
+@styled()
+def box_plot(spec: SweepSpec, table: pd.DataFrame, metric: str) -> Figure:
+    """Return a box with its points for every value of the list; only tracked runs count, their number is below.
+
+    Box: median and quartiles; whiskers: the last runs within 1.5 times the distance of the quartiles.
+
+    Raises
+    ------
+    NotDrawable
+        If the design has no list, or no run is tracked.
+    ValueError
+        For an unknown metric.
+    """
+    key = list_key(spec)
+    if key is None:
+        raise NotDrawable("the design has no list of values to compare")
+    words = metric_words(table, metric)
+    groups = list(grouped(table, key))
+    values = [group.runs[metric][inside(group.runs)].dropna().to_numpy(dtype=float) for group in groups]
+    if not any(entry.size for entry in values):
+        raise NotDrawable("no run is tracked")
+    figure, (axes,) = sheet(1, [1.6])
+    places = np.arange(len(groups))
+    drawn = axes.boxplot(
+        [entry if entry.size else [np.nan] for entry in values], positions=places, widths=0.5, showfliers=False,
+        patch_artist=True, medianprops={"color": INK, "lw": 1.2}, boxprops={"lw": 0.7}, whiskerprops={"lw": 0.7},
+        capprops={"lw": 0.7},
+    )  # fmt: skip
+    for index, (box, entry) in enumerate(zip(drawn["boxes"], values, strict=True)):
+        colour = COLOURS[index % len(COLOURS)]
+        box.set(facecolor=colour, alpha=0.3)
+        share = np.linspace(-1.0, 1.0, entry.size) if entry.size > 1 else np.zeros(entry.size)
+        axes.plot(index + SPREAD * share, entry, ".", ms=2.5, color=colour, alpha=0.7)
+    labels = [
+        f"{group.label}\n{int(inside(group.runs).sum())} of {len(group.runs)} tracked"
+        for group in groups
+    ]  # fmt: skip
+    axes.set_xticks(places, labels)
+    _use_logarithm(axes, np.concatenate(values))
+    axes.set_ylabel(words)
+    axes.set_xlabel(key)
+    figure.suptitle(f"{spec.title}: {words} of the tracked runs by {key}", fontsize=8.5)
+    return figure
+
+
+def _use_logarithm(axes: object, values: np.ndarray) -> None:
+    """Use a logarithmic axis for positive values over more than two decades."""
+    if values.min() > 0.0 and values.max() > 100.0 * values.min():
+        axes.set_yscale("log")  # type: ignore[attr-defined]
+
+
+VARIATION = "command_variation_kn_per_s"
+
+
+def pareto_front(first: Array, second: Array) -> NDArray[np.intp]:
+    """Return the indices of the runs that no other run beats in both values, by rising first value.
+
+    Parameters
+    ----------
+    first, second : Array, shape (runs,)
+        Values, the smaller the better.
+
+    Examples
+    --------
+    >>> pareto_front(np.array([1.0, 2.0, 3.0, 2.0]), np.array([5.0, 3.0, 4.0, 6.0])).tolist()
+    [0, 1]
+    """
+    order = np.lexsort((second, first))
+    best = np.concatenate(([np.inf], np.minimum.accumulate(second[order])[:-1]))
+    return np.asarray(order[second[order] < best], dtype=np.intp)
+
+
+@styled()
+def pareto_figure(table: pd.DataFrame, metric: str, name: str) -> Figure:
+    """Return error over command variation of the tracked runs, with a front for every law.
+
+    Parameters
+    ----------
+    table
+        Table of the sweep.
+    metric
+        Error, a numeric column; its magnitude counts.
+    name
+        Name of the scenario.
+
+    Raises
+    ------
+    NotDrawable
+        If no run is tracked.
+    ValueError
+        For an unknown metric.
+    """
+    words = metric_words(table, metric)
+    figure, (axes,) = sheet(1, [2.0])
+    drawn = 0
+    for index, group in enumerate(grouped(table, "law")):
+        runs = group.runs[inside(group.runs)].dropna(subset=[metric, VARIATION])
+        lost = len(group.runs) - int(inside(group.runs).sum())
+        x, y = runs[VARIATION].to_numpy(dtype=float), np.abs(runs[metric].to_numpy(dtype=float))
+        if not x.size:
+            continue
+        drawn += 1
+        colour = COLOURS[index % len(COLOURS)]
+        front = pareto_front(x, y)
+        label = f"{group.label}, {front.size} of {x.size} on the front" + (f", {lost} not tracked" if lost else "")
+        axes.plot(x, y, ".", ms=4, color=colour, alpha=0.35)
+        axes.plot(x[front], y[front], "o-", ms=3.5, lw=1.1, color=colour, label=label, drawstyle="steps-post")
+    if not drawn:
+        raise NotDrawable("no run is tracked")
+    for axis, values in (("x", table[VARIATION]), ("y", table[metric].abs())):
+        shown = values[inside(table)].dropna()
+        if shown.min() > 0.0 and shown.max() > 100.0 * shown.min():
+            getattr(axes, f"set_{axis}scale")("log")
+    axes.set_xlabel(metric_words(table, VARIATION))
+    axes.set_ylabel(words)
+    add_print_legend(axes)
+    figure.suptitle(f"{name}: {words} against command variation, tracked runs", fontsize=8.5)
+    return figure

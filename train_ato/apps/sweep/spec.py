@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import product
 from math import prod
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from plant_sim.input_error import close_match, kind_of
 from plant_sim.library import read_yaml, split_name
 from train_ato.apps.sweep.dimensions import Dimension, read_dimensions
-
-__all__ = ["DESIGNS", "SweepSpec", "read_sweep"]
+from train_ato.messages.types import Array
 
 DESIGNS = ("grid", "random", "latin_hypercube", "sobol")
 KEYS = ("scenario", "design", "runs", "seed", "over", "set")
@@ -28,7 +30,7 @@ class SweepSpec:
     Attributes
     ----------
     scenario
-        Shipped name or file of the scenario, with its variants.
+        Shipped name or file of the scenario, with its variants, or its content.
     design
         Entry of :data:`DESIGNS`.
     runs
@@ -45,7 +47,7 @@ class SweepSpec:
         Name of the file, or ``sweep``, for messages.
     """
 
-    scenario: str
+    scenario: str | dict[str, Any]
     design: str
     runs: int
     seed: int
@@ -57,6 +59,8 @@ class SweepSpec:
     @property
     def title(self) -> str:
         """Name of the scenario without the folder of its file."""
+        if not isinstance(self.scenario, str):
+            return str(self.scenario.get("name", self.scenario.get("base")))
         stem, variants = split_name(self.scenario)
         return f"{Path(stem).stem}{variants}"
 
@@ -163,8 +167,10 @@ def _whole(value: Any, low: int, high: int, where: str) -> int:
     return value
 
 
-def _scenario(name: Any, folder: Path, source: str) -> str:
-    """Return name or file of the scenario; a file beside the specification comes first."""
+def _scenario(name: Any, folder: Path, source: str) -> str | dict[str, Any]:
+    """Return name, file or content of the scenario; a file beside the specification comes first."""
+    if isinstance(name, Mapping):
+        return dict(name)
     if not isinstance(name, (str, Path)) or not str(name):
         raise ValueError(f"{source}: scenario: {name!r}: is no scenario; name one of `train-ato list`, or a file")
     for given in (str(folder / name), str(name)):
@@ -172,3 +178,51 @@ def _scenario(name: Any, folder: Path, source: str) -> str:
         if Path(stem).is_file():
             return f"{Path(stem).resolve()}{variants}"
     return str(name)
+
+
+Point = dict[str, Any]
+"""Values of one run by key."""
+MISSING_SCIPY = "the package scipy is not installed; install it with `pip install distributed scipy`"
+
+
+def design_points(spec: SweepSpec) -> list[Point]:
+    """Return the points of a sweep in the order of its runs.
+
+    A grid has every combination, the last key varies fastest.  The other designs fill the unit cube of the coordinates:
+    independent uniform numbers; a Latin hypercube (one point in each of n equal intervals of every coordinate); a
+    scrambled Sobol sequence.  Equal specifications have equal points.
+
+    Raises
+    ------
+    ValueError
+        If the design needs scipy and it is not installed.
+
+    Examples
+    --------
+    >>> from train_ato.apps.sweep.spec import read_sweep
+    >>> design_points(read_sweep({"scenario": "demo", "over": {"law": ["pid", "smc"], "seed": [1, 2]}}))[1]
+    {'law': 'pid', 'seed': 2}
+    """
+    if spec.design == "grid":
+        values = (dimension.values for dimension in spec.dimensions)
+        return [dict(zip(spec.keys, combination, strict=True)) for combination in product(*values)]
+    shares = _shares(spec)
+    return [
+        {dimension.key: dimension.at(float(share)) for dimension, share in zip(spec.dimensions, row, strict=True)}
+        for row in shares
+    ]
+
+
+def _shares(spec: SweepSpec) -> Array:
+    """Return the coordinates of the points, shape (runs, dimensions), each of 0 to below 1."""
+    count = len(spec.dimensions)
+    generator = np.random.default_rng(spec.seed)
+    if spec.design == "random":
+        return generator.random((spec.runs, count))
+    try:
+        from scipy.stats import qmc
+    except ImportError:
+        raise ValueError(f"{spec.source}: design: {spec.design}: {MISSING_SCIPY}") from None
+    if spec.design == "latin_hypercube":
+        return np.asarray(qmc.LatinHypercube(count, rng=generator).random(spec.runs))
+    return np.asarray(qmc.Sobol(count, rng=generator).random_base2(spec.runs.bit_length() - 1))

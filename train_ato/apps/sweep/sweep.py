@@ -2,26 +2,344 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 from train_ato.apps.runs.progress import Report, activity, share_bar
-from train_ato.apps.sweep.batch import SweepBase
-from train_ato.apps.sweep.check import check_values, sweep_base
+from train_ato.apps.runs.scenario_choice import ScenarioChoice, choose_scenario
+from train_ato.apps.runs.series_folder import RowWriter
 from train_ato.apps.sweep.cluster import MAX_JOBS, sweep_client
-from train_ato.apps.sweep.design import Point, design_points
-from train_ato.apps.sweep.execution import execute_points
-from train_ato.apps.sweep.folder import RowWriter, SweepFolder, sweep_identity
-from train_ato.apps.sweep.result import SweepResult
-from train_ato.apps.sweep.row import Row
-from train_ato.apps.sweep.spec import SweepSpec, read_sweep
-from train_ato.apps.sweep.table import sweep_table, write_results
-from train_ato.errors import RunInterrupted
+from train_ato.apps.sweep.dimensions import Dimension
+from train_ato.apps.sweep.folder import SweepFolder, sweep_identity
+from train_ato.apps.sweep.result import SweepResult, sweep_table, write_results
+from train_ato.apps.sweep.row import TIMES, Batch, Row, SweepBase, one_line, run_batch
+from train_ato.apps.sweep.spec import Point, SweepSpec, design_points, read_sweep
+from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
+from train_ato.errors import RunFailed, RunInterrupted
 from train_ato.interrupt import uninterrupted
+from train_ato.log.versions import source_hash
+from train_ato.loop.scenario_data import PartCache
 
-__all__ = ["PreparedSweep", "prepare_sweep", "sweep"]
+REGISTRIES = {"law": LAWS, "observer": OBSERVERS, "compensation": COMPENSATIONS}
+
+
+def sweep_base(spec: SweepSpec) -> SweepBase:
+    """Return the scenario of a sweep with its fixed keys, checked.
+
+    Raises
+    ------
+    ValueError
+        One line: file, key, value, problem; remedy.
+    """
+    try:
+        choice = choose_scenario(spec.scenario)
+    except ValueError as error:
+        raise ValueError(f"{spec.source}: scenario: {error}") from None
+    try:
+        fixed = choice.with_(spec.fixed)
+    except ValueError as error:
+        raise ValueError(f"{spec.source}: set: {one_line(error, choice)}") from None
+    return SweepBase(spec.scenario, fixed.path, fixed.data, source_hash())
+
+
+def check_values(spec: SweepSpec, base: SweepBase, points: list[Point], step: Callable[[], None] | None = None) -> None:
+    """Check every value of every list, and the limits of every range.
+
+    A value is valid if the scenario accepts it alone or in the first point that has it.  A key is valid if at least
+    one of its values can be prepared: the other ones, such as a law that does not fit the train, are rows of the
+    table with the status ``refused``.
+
+    Parameters
+    ----------
+    spec, base, points
+        The sweep.
+    step
+        Called after every checked value.
+
+    Raises
+    ------
+    ValueError
+        One line: file, ``over``, key, value, problem; remedy.
+    """
+    choice, parts = base.choice(), PartCache()
+    for dimension in spec.dimensions:
+        refusals = []
+        accepted = False
+        for value, candidates in _candidates(dimension, points):
+            where = f"{spec.source}: over: {dimension.key}: {value!r}"
+            _check_registered(dimension.key, value, where)
+            refusal = _refusal(choice, candidates, parts, where)
+            accepted |= refusal is None
+            refusals.append(f"{where}: {refusal}")
+            if step is not None:
+                step()
+        if not accepted:
+            raise ValueError(refusals[0])
+
+
+def _candidates(dimension: Dimension, points: list[Point]) -> Iterator[tuple[Any, tuple[Point, ...]]]:
+    """Yield the values to check, each with the points in which it may be valid."""
+    key = dimension.key
+    values: list[Any] = list(dimension.values)
+    if dimension.is_range:
+        used = [point[key] for point in points]
+        values = list(dict.fromkeys((min(used), max(used))))
+    for value in values:
+        same = next((point for point in points if point[key] == value), None)
+        yield value, ({key: value}, *([] if same is None else [same]))
+
+
+def _check_registered(key: str, value: Any, where: str) -> None:
+    """Refuse an unknown law, observer or compensation."""
+    registry = REGISTRIES.get(key)
+    if registry is None or not isinstance(value, str):
+        return
+    try:
+        registry.get(value)
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}") from None
+
+
+def _refusal(choice: ScenarioChoice, candidates: tuple[Point, ...], parts: PartCache, where: str) -> str | None:
+    """Return the reason of a value that no candidate can be prepared with, None if one can.
+
+    Raises
+    ------
+    ValueError
+        If no candidate is a valid scenario.
+    """
+    reasons, valid = [], False
+    for point in candidates:
+        try:
+            changed = choice.with_(point)
+        except ValueError as error:
+            reasons.append(one_line(error, choice))
+            continue
+        valid = True
+        try:
+            changed.prepare(parts=parts)
+        except ValueError as error:
+            reasons.insert(0, one_line(error, choice))
+        else:
+            return None
+    if not valid:
+        raise ValueError(f"{where}: {reasons[0]}")
+    return reasons[0]
+
+
+TASK_S = 8.0
+"""Duration of a batch that is aimed at [s]: long against the transfer of a task, short against a sweep."""
+MAX_BATCH = 64
+QUEUED = 2
+"""Batches for every worker, running and waiting."""
+SHOWN = 8
+"""Number of runs that are named."""
+LOST_TASKS = 3
+"""Number of times that a batch is sent again after the loss of its result."""
+LOOK_S = 5.0
+"""Wall time between two looks at the workers while no batch ends [s]."""
+SILENT_S = 60.0
+"""Wall time without the end of a batch after which the runs under way are named [s], at least."""
+SILENT_BATCHES = 10.0
+"""The same in durations of the longest batch so far."""
+END_S = 3600.0
+"""Wall time without the end of a batch after which local workers are started again [s], at least."""
+END_BATCHES = 100.0
+"""The same in durations of the longest batch so far; before the first end of a batch no worker is."""
+NO_WORKER_S = 300.0
+"""Wall time without a worker after which a sweep ends [s]; a worker that was killed starts again within seconds."""
+
+
+def execute_points(
+    client: Any,
+    base: SweepBase,
+    points: Sequence[tuple[int, Point]],
+    take: Callable[[list[Row]], None],
+    announce: Callable[[str], None] = lambda text: None,
+    *,
+    local: bool = False,
+) -> None:
+    """Run points on the workers of a client.
+
+    A batch of a killed or frozen worker runs again on another one.  The points of a batch whose workers are killed
+    again and again, or of one that does not end, run at the end, one at a time and nothing beside them: the row of a
+    point whose workers are killed then, too, or that does not end, has the status ``failed``.
+
+    Parameters
+    ----------
+    client
+        Client of Dask.
+    base
+        The sweep.
+    points
+        Number and values of every run.
+    take
+        Called with the rows of every finished batch, in the order of their ends.
+    announce
+        Called with a line that names the runs under way if none ends for long.
+    local
+        True for workers of this sweep alone, which are started again if they do not end a batch.
+
+    Raises
+    ------
+    RunFailed
+        If the scheduler is lost, or a worker cannot run any point.
+    """
+    _Execution(client, base, points, take, announce, local=local).run()
+
+
+class _Execution:
+    """Batches under way and points that wait."""
+
+    def __init__(
+        self,
+        client: Any,
+        base: SweepBase,
+        points: Sequence[tuple[int, Point]],
+        take: Callable[[list[Row]], None],
+        announce: Callable[[str], None],
+        *,
+        local: bool,
+    ) -> None:
+        self._local = local
+        self._client, self._base, self._take, self._announce = client, base, take, announce
+        self._waiting = deque(points)
+        self._suspects: deque[tuple[int, Point]] = deque()
+        self._alone = False
+        self._running: dict[Any, Batch] = {}
+        self._lost: dict[int, int] = {}
+        self._seconds, self._rows, self._longest = 0.0, 0, 0.0
+
+    def run(self) -> None:
+        """Run all points."""
+        self._fill()
+        while self._running:
+            for future in self._ended():
+                batch = self._running.pop(future)
+                rows = self._result(future, batch)
+                future.release()
+                if rows:
+                    seconds = sum(row[name] for row in rows for name in TIMES)
+                    self._seconds, self._longest = self._seconds + seconds, max(self._longest, seconds)
+                    self._rows += len(rows)
+                    self._take(rows)
+            self._fill()
+
+    def _ended(self) -> set[Any]:
+        """Wait for the end of at least one batch, and return all that have ended; none after a restart of workers.
+
+        Raises
+        ------
+        RunFailed
+            If there is no worker for :data:`NO_WORKER_S`.
+        """
+        from distributed import CancelledError, wait
+        from distributed import TimeoutError as NoneEnded  # in Python 3.10 not the TimeoutError of Python
+
+        begun = time.monotonic()
+        last, named = begun + NO_WORKER_S, False
+        while True:
+            try:
+                with self._client.as_current():
+                    done: set[Any] = wait(list(self._running), timeout=LOOK_S, return_when="FIRST_COMPLETED").done
+                return done
+            except NoneEnded:
+                silent = time.monotonic() - begun
+                if not named and silent > max(SILENT_S, SILENT_BATCHES * self._longest):
+                    named = True
+                    self._announce(f"no run has ended for {silent:.0f} s; {self._under_way()}")
+                if self._local and self._longest and silent > max(END_S, END_BATCHES * self._longest):
+                    self._end_overdue(silent)
+                    return set()
+                if self._client.nthreads():
+                    last = time.monotonic() + NO_WORKER_S
+                elif time.monotonic() > last:
+                    raise RunFailed("no worker is left; start one and run the same command again") from None
+            except CancelledError:
+                return {future for future in self._running if future.done()}
+
+    def _end_overdue(self, seconds: float) -> None:
+        """Start the workers again; the points of the first batch of every worker are suspects, the others wait."""
+        processing = self._client.processing()
+        running, self._running = self._running, {}
+        overdue = {next((future.key for future in running if future.key in keys), "") for keys in processing.values()}
+        self._client.cancel(list(running))
+        for future, batch in reversed(running.items()):
+            if future.key not in overdue:
+                self._waiting.extendleft(reversed(batch))
+            elif self._alone:
+                self._take([_failed(*batch[0], f"did not end within {seconds:.0f} s, twice; its worker was ended")])
+            else:
+                self._suspects.extendleft(reversed(batch))
+                runs = ", ".join(str(number) for number, _ in batch[:SHOWN])
+                self._announce(f"run {runs} did not end within {seconds:.0f} s; once more at the end, alone")
+        self._client.restart_workers(list(processing), timeout=NO_WORKER_S, raise_for_error=False)
+
+    def _under_way(self) -> str:
+        """Return the numbers of the runs that the workers have, first those that were sent first."""
+        runs = [str(number) for batch in self._running.values() for number, _ in batch]
+        more = f" and {len(runs) - SHOWN} more" if len(runs) > SHOWN else ""
+        return f"under way: run {', '.join(runs[:SHOWN])}{more}"
+
+    def _fill(self) -> None:
+        """Submit batches until every worker has one that runs and one that waits; suspects last, one at a time."""
+        slots = QUEUED * max(1, sum(self._client.nthreads().values()))
+        while self._waiting and len(self._running) < slots:
+            size = min(self._size(), -(-len(self._waiting) // slots))
+            batch = list(islice(self._waiting, size))
+            for _ in batch:
+                self._waiting.popleft()
+            self._submit(batch)
+        if not self._running and self._suspects:
+            self._alone = True
+            self._submit([self._suspects.popleft()])
+
+    def _size(self) -> int:
+        """Return the number of runs of a batch: 1 before the first result, then that of :data:`TASK_S`."""
+        if not self._rows:
+            return 1
+        return min(MAX_BATCH, max(1, int(TASK_S * self._rows / max(self._seconds, 1e-9))))
+
+    def _submit(self, batch: Batch) -> None:
+        future = self._client.submit(run_batch, self._base, batch, pure=False)
+        self._running[future] = batch
+
+    def _result(self, future: Any, batch: Batch) -> list[Row]:
+        """Return the rows of a batch; [] if its points wait again."""
+        from distributed import KilledWorker
+
+        if future.status in ("lost", "cancelled"):
+            return self._again(batch)
+        error = future.exception()
+        if error is None:
+            rows: list[Row] = future.result()
+            return rows
+        if not isinstance(error, KilledWorker):
+            reason = " ".join(str(error).split()) or type(error).__name__
+            raise RunFailed(f"a worker cannot run a batch: {reason}")
+        if not self._alone:
+            self._suspects.extend(batch)
+            return []
+        reason = "its worker process was killed or ran out of memory, every time"
+        return [_failed(number, point, reason) for number, point in batch]
+
+    def _again(self, batch: Batch) -> list[Row]:
+        """Let the points of a lost batch wait again, a limited number of times."""
+        first = batch[0][0]
+        self._lost[first] = self._lost.get(first, 0) + 1
+        if self._client.status != "running" or self._lost[first] > LOST_TASKS:
+            raise RunFailed("the scheduler of Dask was lost; start it and run the same command again")
+        self._waiting.extendleft(reversed(batch))
+        return []
+
+
+def _failed(number: int, point: Point, reason: str) -> Row:
+    return {"run": number, "point": dict(point), "status": "failed", "reason": reason, **dict.fromkeys(TIMES, 0.0)}
 
 
 def sweep(
@@ -107,7 +425,7 @@ def prepare_sweep(
     points = design_points(spec)
     with activity("checking the values"):
         check_values(spec, base, points)
-    return PreparedSweep(spec, base, points, jobs, scheduler, dashboard)
+    return PreparedSweep(spec, base, points, jobs, scheduler=scheduler, dashboard=dashboard)
 
 
 class PreparedSweep:
@@ -127,6 +445,7 @@ class PreparedSweep:
         base: SweepBase,
         points: list[Point],
         jobs: int | None,
+        *,
         scheduler: str | None,
         dashboard: bool = False,
     ) -> None:
@@ -160,13 +479,15 @@ class PreparedSweep:
         with ExitStack() as stack:
             rows: list[Row] = []
             writer = None
-            if folder is not None:
-                writer = stack.enter_context(folder.appending())
-                folder.begin(self.identity)
-                rows = [row for row in folder.rows() if row["run"] <= len(self.points)]
             try:
-                self._run_missing(rows, writer, shown, announce or (lambda text: None))
+                if folder is not None:
+                    stack.enter_context(folder.full_disk_told())
+                    writer = stack.enter_context(folder.appending())
+                    folder.begin(self.identity)
+                    rows = self._kept(folder)
+                self._run_missing(rows, writer, shown=shown, announce=announce or (lambda text: None))
             except KeyboardInterrupt:
+                rows = rows if folder is None else self._kept(folder)  # a row is on the disk before it counts here
                 place = "" if folder is None else f"; {len(rows)} finished runs: {folder.path}"
                 raise RunInterrupted(f"interrupted{place}") from None
             finally:
@@ -178,7 +499,7 @@ class PreparedSweep:
         return SweepResult(self.spec, self._table(rows), None if folder is None else folder.path)
 
     def _run_missing(
-        self, rows: list[Row], writer: RowWriter | None, shown: bool | None, announce: Callable[[str], None]
+        self, rows: list[Row], writer: RowWriter | None, *, shown: bool | None, announce: Callable[[str], None]
     ) -> None:
         """Run the points without a row; append their rows."""
         finished = {row["run"] for row in rows}
@@ -187,15 +508,15 @@ class PreparedSweep:
             announce(f"{len(finished)} of {len(self.points)} runs are finished, {len(missing)} are missing")
         if not missing:
             return
-        from plant_sim.warm_up import compile_kernel
+        from plant_sim.train import compile_kernel
 
         compile_kernel()
         with ExitStack() as stack:
             with activity("starting the workers"):
-                client = stack.enter_context(sweep_client(self._scheduler, self._jobs, self._dashboard))
+                client = stack.enter_context(sweep_client(self._scheduler, self._jobs, dashboard=self._dashboard))
             if self._dashboard or self._scheduler is not None:
                 announce(f"Dask dashboard: {client.dashboard_link}")
-            bar = stack.enter_context(share_bar(f"sweep {self.spec.title}", shown))
+            bar = stack.enter_context(share_bar(f"sweep {self.spec.title}", shown=shown))
             self._report(bar, rows)
 
             def take(new: list[Row]) -> None:
@@ -204,7 +525,11 @@ class PreparedSweep:
                 rows.extend(new)
                 self._report(bar, rows)
 
-            execute_points(client, self.base, missing, take, announce)
+            execute_points(client, self.base, missing, take, announce, local=self._scheduler is None)
+
+    def _kept(self, folder: SweepFolder) -> list[Row]:
+        """Return the rows of the finished runs of a folder."""
+        return [row for row in folder.rows() if row["run"] <= len(self.points)]
 
     def _report(self, bar: Report, rows: list[Row]) -> None:
         """Show the number of finished runs, and of those that did not end regularly."""

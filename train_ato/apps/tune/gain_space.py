@@ -1,18 +1,223 @@
-"""Search space: the parameters of a law that vary, each with its range."""
+"""Search space: the parameters of a law that vary, each with its range.
+
+Runs of the search for gains: every scenario with every seed and variation, as one task each.
+"""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from train_ato.apps.sweep.dimensions import Dimension
-from train_ato.apps.tune.tune_spec import NO_SPEC, TuneSpec
+from plant_sim.library import read_yaml
+from train_ato.apps.runs.scenario_choice import ScenarioChoice, put_components
+from train_ato.apps.sweep.dimensions import Dimension, read_dimensions
 from train_ato.control.contract import Parameter
 from train_ato.control.parameters import closest
 from train_ato.control.registry import LAWS
+from train_ato.loop.engine import run_engine
+from train_ato.loop.setup import RunSetup
+from train_ato.scenario.scenario import Scenario
+
+SEARCHED, HELD_OUT = "searched", "held out"
+"""Parts of a tuning: scenarios and seeds of the search, and those that the search does not use."""
+FIXED_KEYS = ("law", "laws", "law_changes", "seed", "controller", "controllers", "controller_changes", "swaps")
+"""Keys that a variation cannot change: those of the law, and the seed with an option of its own."""
+
+
+@dataclass(frozen=True)
+class GainTask:
+    """One run of the tuning.
+
+    Attributes
+    ----------
+    label
+        Scenario, seed if there are several, and variation.
+    part
+        :data:`SEARCHED` or :data:`HELD_OUT`.
+    choice
+        Scenario with its own law, for the reference run.
+    scenario
+        The same with the tuned law, observer and compensation.
+    """
+
+    label: str
+    part: str
+    choice: ScenarioChoice
+    scenario: Scenario
+
+
+def gain_tasks(
+    choices: Sequence[ScenarioChoice],
+    law: Any,
+    part: str,
+    seeds: Sequence[int] | None,
+    variations: Sequence[Mapping[str, Any]] = (),
+    *,
+    observer: Any = None,
+    compensation: Any = None,
+) -> list[GainTask]:
+    """Return a task for every scenario, seed and variation; the first variation is none.
+
+    Raises
+    ------
+    ValueError
+        For a variation of the law, or a scenario with a wrong key.
+    """
+    tasks = []
+    for choice in choices:
+        for seed in seeds or (None,):
+            for variation in ({}, *variations):
+                changed = choice.changed(dict(variation), seed)
+                scenario = put_components(
+                    changed.checked, law=law, observer=observer, compensation=compensation, importable=False
+                )
+                parts = [choice.name, *([f"seed {seed}"] if seed is not None else [])]
+                parts += [f"{key}={value}" for key, value in variation.items()]
+                tasks.append(GainTask(", ".join(parts), part, changed, scenario))
+    return tasks
+
+
+Work = tuple[int, Mapping[str, Any] | None]
+"""Number of a task and its gains; None for the reference run."""
+
+
+def lost_run(reason: str) -> dict[str, Any]:
+    """Return the metrics of a run without a result."""
+    return {"status": "failed", "failure": " ".join(reason.split())}
+
+
+class GainRunner:
+    """Runs of tasks with different gains; the setup of a task is prepared once.
+
+    Parameters
+    ----------
+    tasks
+        All tasks.
+    """
+
+    def __init__(self, tasks: Sequence[GainTask]) -> None:
+        self._tasks = tasks
+        self._setups: dict[int, RunSetup] = {}
+
+    def setup(self, index: int) -> RunSetup:
+        """Return the prepared run of a task with the gains of its scenario.
+
+        Raises
+        ------
+        ValueError
+            If the law does not fit the train, or the scenario is wrong.
+        """
+        if index not in self._setups:
+            self._setups[index] = self._tasks[index].choice.prepare(self._tasks[index].scenario)
+        return self._setups[index]
+
+    def reference(self, index: int) -> dict[str, Any]:
+        """Return the metrics of a task with the law and the gains of the scenario."""
+        return self._run(self._tasks[index].choice.prepare())
+
+    def run(self, index: int, gains: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the metrics of a task; ``status`` is ``refused`` if the law refuses the gains.
+
+        Raises
+        ------
+        KeyboardInterrupt
+            After Ctrl-C during the run.
+        """
+        setup = self.setup(index)
+        name = setup.controller
+        blocks = {**setup.scenario.laws, name: {**setup.scenario.laws.get(name, {}), **gains}}
+        changed = dataclasses.replace(setup, scenario=setup.scenario.model_copy(update={"laws": blocks}))
+        try:
+            changed.law(name)
+        except ValueError as error:
+            return {"status": "refused", "failure": str(error)}
+        return self._run(changed)
+
+    def __call__(self, work: Work) -> dict[str, Any]:
+        """Return the metrics of one run; an error that is no refusal is in ``failure``, as one line."""
+        index, gains = work
+        try:
+            return self.reference(index) if gains is None else self.run(index, gains)
+        except Exception as error:
+            return lost_run(f"{type(error).__name__}: {error}")
+
+    @staticmethod
+    def _run(setup: RunSetup) -> dict[str, Any]:
+        return run_engine(setup, summary_only=True).summary
+
+
+KEYS = ("over", "start", "variations")
+
+
+@dataclass(frozen=True)
+class TuneSpec:
+    """Content of the file.
+
+    Attributes
+    ----------
+    path
+        The file, for messages; "" without one.
+    over
+        Ranges or values of the parameters.
+    start
+        Values at which the search begins; the others begin at that of the scenario.
+    variations
+        Changes of the scenarios, each for one more run of every scenario and seed.
+    """
+
+    path: str = ""
+    over: tuple[Dimension, ...] = ()
+    start: Mapping[str, Any] = field(default_factory=dict)
+    variations: tuple[dict[str, Any], ...] = ()
+
+
+NO_SPEC = TuneSpec()
+"""Content of no file."""
+
+
+def read_tune_spec(source: str | Path | Mapping[str, Any]) -> TuneSpec:
+    """Read ranges, start values and variations of a file, or of a mapping with the same keys.
+
+    Raises
+    ------
+    ValueError
+        One line: file, key, problem, remedy.
+    """
+    if isinstance(source, Mapping):
+        data, path = source, "over"
+    else:
+        if not Path(source).is_file():
+            raise ValueError(f"--over {source}: no such file; name a YAML file with a block over:")
+        data, path = read_yaml(Path(source)), str(source)
+    if not isinstance(data, Mapping) or not data:
+        raise ValueError(f"{path}: no mapping of keys; add a block over:")
+    if unknown := [str(key) for key in data if key not in KEYS]:
+        raise ValueError(f"{path}: unknown key '{unknown[0]}'; use {', '.join(KEYS)}")
+    over = read_dimensions(data["over"], f"{path}: over") if "over" in data else ()
+    start = data.get("start", {})
+    if not isinstance(start, Mapping):
+        raise ValueError(f"{path}: start: {start!r} is no mapping; write start: {{kp: 0.1}}")
+    return TuneSpec(path, over, dict(start), _variations(data.get("variations", []), f"{path}: variations"))
+
+
+def _variations(data: Any, where: str) -> tuple[dict[str, Any], ...]:
+    if not isinstance(data, list):
+        raise ValueError(f"{where}: not a list; write - {{plant.mismatch.mass_scale: 0.8}}")
+    found = []
+    for number, entry in enumerate(data, 1):
+        if not isinstance(entry, Mapping) or not entry:
+            raise ValueError(f"{where}: entry {number}: not a mapping; write - {{plant.mismatch.mass_scale: 0.8}}")
+        for key in entry:
+            if str(key).partition(".")[0] in FIXED_KEYS:
+                raise ValueError(f"{where}: entry {number}: {key}: law and seed have their own options; remove it")
+        found.append({str(key): value for key, value in entry.items()})
+    return tuple(found)
+
 
 SPAN = 10.0
 """Factor between the value of a parameter in the scenario and the ends of its range."""

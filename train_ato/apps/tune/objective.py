@@ -12,13 +12,18 @@ about that of the shipped run.
 A run that is not tracked has 100 + 10 n + 10 (1 - limit/|value|): n is the rank of its outcome of tracking, 1 for
 ``saturated`` to 8 for ``never departed``, and value and limit are the figures that decided. A run that failed has 200,
 gains that the law refuses 210. All scores are without unit; smaller is better.
+
+Hansen N., The CMA Evolution Strategy: A Tutorial, 2016, arXiv:1604.00772. Its choice over the samplers of optuna, with
+figures, is in msgs_docs/tuning.md.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import importlib
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 if TYPE_CHECKING:
     from train_ato.scenario.criteria import Criteria
@@ -136,8 +141,6 @@ def score_of_run(metrics: Mapping[str, Any], scales: Mapping[str, float], weight
     scales, weights
         Scale, in its unit, and weight of every term.
     """
-    import numpy as np
-
     from train_ato.loop.verdict import is_tracked
 
     if metrics.get("status") == "refused":
@@ -150,7 +153,7 @@ def score_of_run(metrics: Mapping[str, Any], scales: Mapping[str, float], weight
     total = sum(weights[term.key] for term, _ in used)
     score = sum(weights[term.key] * value / scales[term.key] for term, value in used) / total if total else 0.0
     score += sum(_criterion_penalty(row) for row in metrics.get("criteria") or () if row["passed"] is False)
-    return min(score, LARGEST_FEASIBLE) if np.isfinite(score) else FAILED_RUN
+    return min(score, LARGEST_FEASIBLE) if math.isfinite(score) else FAILED_RUN
 
 
 def _score_not_tracked(metrics: Mapping[str, Any]) -> float:
@@ -198,3 +201,78 @@ class GainScore:
     def feasible(self) -> bool:
         """True if every run is tracked."""
         return self.worst < NOT_TRACKED
+
+
+SPREAD = 0.2
+"""Initial standard deviation, as part of the range of every gain."""
+INSTALL = "pip install cma"
+
+
+class GainOptimizer(Protocol):
+    """Search on the unit cube, one generation of points after the other."""
+
+    def ask(self) -> list[list[float]]:
+        """Return the points of the next generation."""
+
+    def tell(self, points: Sequence[Sequence[float]], scores: Sequence[float]) -> None:
+        """Take the scores of the points; smaller is better."""
+
+
+MakeOptimizer = Callable[[Sequence[float], int, int], GainOptimizer]
+"""Function of start point, seed and population."""
+
+
+def check_optimizer() -> None:
+    """Refuse a search without the package of the optimizer.
+
+    Raises
+    ------
+    ValueError
+        With the command that installs it.
+    """
+    try:
+        importlib.import_module("cma")
+    except ImportError:
+        raise ValueError(f"tune: the package 'cma' is not installed; install it: {INSTALL}") from None
+
+
+class CmaOptimizer:
+    """CMA-ES with bounds 0 and 1.
+
+    Parameters
+    ----------
+    start
+        Point of the scenario's gains, the mean of the first generation.
+    seed
+        Seed of the search.
+    population
+        Points of a generation.
+    """
+
+    def __init__(self, start: Sequence[float], seed: int, population: int) -> None:
+        import cma
+        import numpy as np
+
+        self._single = len(start) == 1
+        # cma needs two dimensions; a second one without effect
+        first = [*start, 0.5] if self._single else list(start)
+        random = np.random.default_rng(seed)
+        options = {
+            "bounds": [0.0, 1.0],
+            "seed": np.nan,  # a stream of its own in place of the global one of numpy
+            "randn": lambda *shape: random.standard_normal(shape),
+            "popsize": population,
+            "verbose": -9,
+            "verb_log": 0,
+        }
+        self._search: Any = cma.CMAEvolutionStrategy(first, SPREAD, options)
+        self._asked: list[Any] = []
+
+    def ask(self) -> list[list[float]]:
+        """Return the points of the next generation."""
+        self._asked = self._search.ask()
+        return [[float(share) for share in (point[:1] if self._single else point)] for point in self._asked]
+
+    def tell(self, points: Sequence[Sequence[float]], scores: Sequence[float]) -> None:
+        """Update mean, step size and covariance with the scores of the generation."""
+        self._search.tell(self._asked, list(scores))

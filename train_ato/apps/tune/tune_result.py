@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 from plant_sim.data_text import TextDumper
-from train_ato.apps.tune.gain_runs import HELD_OUT, SEARCHED
+from train_ato.apps.runs.summary_table import verdict_html
+from train_ato.apps.tune.gain_space import HELD_OUT, SEARCHED
 from train_ato.apps.tune.objective import TERMS, GainScore
 from train_ato.log.whole_file import write_whole
 
@@ -106,15 +107,20 @@ class TuneResult:
             "runs": self.rows,
         }
 
-    def write(self, folder: str | Path) -> Path:
+    def write(self, out: str | Path) -> Path:
         """Write overlay scenario, table, history and settings into a folder and return the path of the scenario."""
-        place = Path(folder)
+        place = Path(out)
         place.mkdir(parents=True, exist_ok=True)
         write_whole(place / OVERLAY, self.yaml)
         write_whole(place / TABLE, self.table.to_csv(index=False))
         write_whole(place / HISTORY, self.history.to_csv(index=False))
         write_whole(place / RESULT, json.dumps(self.data, indent=2, ensure_ascii=False) + "\n")
         return place / OVERLAY
+
+    def _repr_html_(self) -> str:
+        held_out = {True: ", also held out", False: ", not held out", None: ""}[self.improved_held_out]
+        verdict = f"improved{held_out}" if self.improved else "not improved: the initial gains are the best"
+        return verdict_html(f"{verdict}; {repr(self).strip('<>')}") + str(self.table.to_html(max_rows=20))
 
     def __repr__(self) -> str:
         gains = ", ".join(f"{name}={value:g}" if isinstance(value, float) else f"{name}={value}"

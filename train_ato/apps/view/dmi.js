@@ -61,6 +61,7 @@ window.dmi = {
     this.draw();
   },
   draw() {
+    window.overview.draw();
     if (!this.line || !this.row || !this.row.front_m) return;
     this.drawTarget();
     this.drawWindow();

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -9,8 +10,11 @@ import numpy as np
 
 from plant_sim.track import Track
 from plant_sim.units import KMH
+from train_ato.control.contract import LawPlan
+from train_ato.control.plan_text import ARRAYS, STATUS, plan_from_text
+from train_ato.loop.series import DiagnosticSeries
 from train_ato.loop.setup import RunSetup
-from train_ato.messages.layout import TrainLayout
+from train_ato.messages.topic import TrainLayout
 from train_ato.messages.types import Array
 
 SCALES = (40, 60, 80, 100, 120, 160, 200, 250, 300, 350, 400, 500)
@@ -182,3 +186,42 @@ def facts_of(setup: RunSetup) -> Facts:
         subtitle=f"{consist.name}, {consist.mass / 1e3:.0f} t, {consist.length:.0f} m, on {line.name}; {names}",
         setup=setup,
     )
+
+
+PLAN_LASTS = 2.0
+"""Time from the first point of a plan on after which it is not drawn [s]: twice the time between two plans."""
+LEAST_SLACK = 0.05
+"""Smallest excess of the permitted speed that is shown [km/h]: half of the last digit."""
+
+
+def reported_plan(values: Mapping[str, str | None]) -> LawPlan | None:
+    """Return the plan in the diagnostics of the controller, with simulation times; None without one."""
+    found = plan_from_text(values)
+    return None if found is None else found.plan
+
+
+def plan_of_row(series: DiagnosticSeries, row: int) -> LawPlan | None:
+    """Return the plan in a row of the diagnostics of the controller; None without one."""
+    if STATUS not in series.values:
+        return None
+    return reported_plan({key: series.texts(key)[row] for key in (STATUS, *ARRAYS)})
+
+
+def is_current(plan: LawPlan, time: float) -> bool:
+    """Return True if a plan holds at a simulated time [s]."""
+    return bool(plan.times.size) and plan.times[0] + PLAN_LASTS > time
+
+
+def plan_columns(plan: LawPlan | None, time: float, facts: Facts) -> dict[str, Array]:
+    """Return place of the front of the train [km] and planned speed [km/h]; empty without a plan at this time [s]."""
+    if plan is None or not is_current(plan, time):
+        return {"place": np.zeros(0), "speed": np.zeros(0)}
+    return {"place": (plan.position + facts.nose) / 1e3, "speed": KMH * plan.speed}
+
+
+def plan_words(plan: LawPlan | None, time: float) -> str:
+    """Return status of the solver and largest excess of the permitted speed as text; "" without a plan."""
+    if plan is None or not is_current(plan, time):
+        return ""
+    excess = KMH * float(plan.slack.max())
+    return f"plan {plan.status}" + (f", {excess:.1f} km/h above the limit" if excess > LEAST_SLACK else "")

@@ -2,20 +2,68 @@
 
 from __future__ import annotations
 
+import json
 import secrets
 import threading
 from collections import deque
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from train_ato.apps.view.ending import Ending
+from train_ato.apps.report.events import EXCEEDED
 from train_ato.apps.view.facts import Facts, ProfileCurve
-from train_ato.apps.view.snapshot import STRIP, Snapshot, along, delay_text, now, strip_row, where
-from train_ato.messages.types import Array
+from train_ato.apps.view.overview import WholeRun
+from train_ato.apps.view.snapshot import STRIP, ProtectionStates, Snapshot, along, delay_text, now, strip_row, where
+from train_ato.control.assurance import BRAKING_LAW
+from train_ato.log.versions import SUMMARY
+from train_ato.loop.protection_record import INTERVENTIONS, REACTIONS
+from train_ato.loop.train_protection import REQUESTED, SUPERVISOR, Protection
+from train_ato.loop.verdict import verdict_line
+from train_ato.messages.types import Array, AtoState, Diagnostic
+
+REPORT_PAGE = "/report"
+"""Path of the report on the server of the page."""
+FINISHED, RUN_ENDED = "finished", "run ended"
+"""States of a run after its regular end, and after any other one."""
+
+
+@dataclass(frozen=True)
+class Ending:
+    """End of a run.
+
+    Attributes
+    ----------
+    state
+        :data:`FINISHED` or :data:`RUN_ENDED`; "" for a recorded run.
+    verdict
+        One line; "" before the metrics are written.
+    report
+        Address of the report on the server; "" without a log.
+    """
+
+    state: str
+    verdict: str = ""
+    report: str = ""
+
+
+def ending_of(state: str, folder: Path | None) -> Ending:
+    """Return the end of a run in a folder; without ``summary.json`` it has no verdict and no report."""
+    summary = _read_summary(folder)
+    return Ending(state, verdict_line(summary), REPORT_PAGE) if summary else Ending(state)
+
+
+def _read_summary(folder: Path | None) -> dict[str, Any]:
+    """Return the summary of a run folder; {} before it is written."""
+    if folder is None:
+        return {}
+    try:
+        return dict(json.loads((folder / SUMMARY).read_text(encoding="utf-8")))
+    except (OSError, ValueError):
+        return {}
+
 
 MOST_ROWS = 6000
 """Number of kept rows: five minutes of wall time at 20 frames a second."""
@@ -139,7 +187,9 @@ class Feed:
     frame : Frame or None
         Newest frame.
     strip : Strip
-        Rows of the strip charts; :attr:`lock` protects them.
+        Rows of the strip charts; :attr:`lock` protects them and the overview.
+    overview : WholeRun
+        Overview of the run so far, or of a whole recorded run.
     marks : list of Mark
         Events so far, or all events of a recorded run.
     mark : str
@@ -164,6 +214,7 @@ class Feed:
         self.profile_number = 0
         self.frame: Frame | None = None
         self.strip = Strip()
+        self.overview = WholeRun((0.0, facts.duration))
         self.marks: list[Mark] = []
         self.lock = threading.Lock()
         self.scale = facts.scale(None)
@@ -186,14 +237,24 @@ class Feed:
         """Build the frame of a snapshot; ``kept`` adds its row to the strip charts."""
         number = 1 if self.frame is None else self.frame.number + 1
         if kept:
+            values = strip_row(moment, self.facts)
+            at, speed, limit = (values[STRIP.index(name)] for name in ("time", "speed", "limit"))
             with self.lock:
-                self.strip.add(strip_row(moment, self.facts))
+                self.strip.add(values)
+                self.overview.add(at, speed, limit, law=moment.law, ato=moment.states.ato)
         forces = along(moment)
         row = now(moment, self.facts, self.profile, self.scale)
         row["delay_text"] = [delay_text(self.timetable, moment, self.facts.stop_window)]
         for name, axis in self._axes.items():
             row[f"{name}_reach"] = [axis.fitted(moment.time, float(abs(forces[name]).max(initial=0.0)))]
         self.frame = Frame(number, moment, row, where(moment, self.facts, self.profile), forces)
+
+    def whole(self) -> dict[str, list[Any]]:
+        """Return the lists of the overview, with the events that have a label."""
+        with self.lock:
+            found = self.overview.columns()
+        shown = [mark for mark in self.marks if mark.label]
+        return {**found, "marks": [[mark.time, mark.text or mark.label, int(mark.acknowledge)] for mark in shown]}
 
     def page_opened(self) -> None:
         """Note an open page; a run that waits for the first one begins."""
@@ -211,3 +272,77 @@ class Feed:
 
     def close(self) -> None:
         """Release the source of the data."""
+
+
+WAITING = frozenset(state.text for state in (AtoState.NOT_AVAILABLE, AtoState.AVAILABLE, AtoState.READY))
+"""States of the ATO between two engagements, without a label in the strip charts."""
+
+
+@dataclass
+class ProtectionTracker:
+    """States after the diagnostics so far.
+
+    Attributes
+    ----------
+    states : ProtectionStates
+    advice : str
+        Remedy for gains or a delay that do not fit, as the controller reported it last.
+    """
+
+    states: ProtectionStates = field(default_factory=ProtectionStates)
+    advice: str = ""
+
+    def take(self, message: Diagnostic) -> list[Mark]:
+        """Take one message of the diagnostics; return the changes that it reports as marks of the strip charts."""
+        before, now = self.states, states_after(self.states, message)
+        self.states = now
+        time, marks = message.stamp * 1e-9, []
+        if now.supervision != before.supervision and now.supervision in EXCEEDED:
+            label = now.supervision if now.supervision in INTERVENTIONS else ""
+            text = _text(now.supervision, now.supervision_reason)
+            marks.append(Mark(time, label, text, acknowledge=now.supervision in INTERVENTIONS))
+        if now.protection != before.protection and now.protection_reason not in ("", SUPERVISOR, REQUESTED):
+            text = _text(f"train: {now.protection}", now.protection_reason)
+            marks.append(Mark(time, now.protection, text, acknowledge=True))
+        if before.ato and now.ato != before.ato:
+            label = "" if now.ato in WAITING else now.ato.removeprefix(f"{AtoState.ENGAGED.text}, ")
+            failed = now.ato == AtoState.FAILURE.text
+            marks.append(Mark(time, label, _text(f"ATO {now.ato}", now.ato_reason), acknowledge=failed))
+        if message.node == "controller":
+            advice, self.advice = self.advice, message.values.get("advice", "")
+            if self.advice not in ("", advice):
+                marks.append(Mark(time, "", self.advice))
+        return marks
+
+
+def _text(state: str, reason: str) -> str:
+    return f"{state}: {reason}" if reason else state
+
+
+def states_after(states: ProtectionStates, message: Diagnostic) -> ProtectionStates:
+    """Return the states after one message of the diagnostics."""
+    values = message.values
+    if message.node == "supervisor":
+        return replace(states, supervision=message.message, supervision_reason=values.get("reason", ""))
+    if message.node == "plant":
+        reacting = REACTIONS.get(message.message, Protection.NONE) is not Protection.NONE
+        reason = values.get("protection", "")
+        return replace(states, protection=message.message if reacting else "", protection_reason=reason)
+    if message.node == "controller" and "ato_state" in values:
+        ato = values["ato_state"]
+        shown = f"{ato}, {BRAKING_LAW}" if message.message == BRAKING_LAW else ato
+        reason = "" if ato == AtoState.ENGAGED.text else values.get("ato_reason", "")
+        return replace(states, ato=shown, ato_reason=reason)
+    return states
+
+
+def protection_history(reports: Iterable[Diagnostic]) -> tuple[list[float], list[ProtectionStates], list[Mark]]:
+    """Return times [s] and states of all changes in a recorded run, and their marks."""
+    tracker = ProtectionTracker()
+    times, states, marks = [0.0], [tracker.states], []
+    for report in reports:
+        marks += tracker.take(report)
+        if tracker.states != states[-1]:
+            times.append(report.stamp * 1e-9)
+            states.append(tracker.states)
+    return times, states, marks

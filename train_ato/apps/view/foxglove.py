@@ -17,11 +17,10 @@ from foxglove import Capability, Channel, Context, Schema
 from foxglove.websocket import PlaybackCommand, PlaybackControlRequest, PlaybackState, PlaybackStatus, ServerListener
 
 from train_ato.apps.replay.log import ReplayLog
-from train_ato.apps.scene.sampling import VEHICLES, SceneSampler
+from train_ato.apps.scene.train_scene import VEHICLES, SceneSampler
 from train_ato.apps.view.feed import FRAMES_PER_SECOND, Feed
 from train_ato.apps.view.live import LiveFeed
-from train_ato.apps.view.origin_gate import OriginGate, hidden_address
-from train_ato.apps.view.origins import LOOPBACK
+from train_ato.apps.view.origin_gate import LOOPBACK, OriginGate, hidden_address
 from train_ato.apps.view.reader import Copied
 from train_ato.apps.view.recorded import RecordedFeed
 from train_ato.log.bag_layout import log_name, table_name
@@ -179,7 +178,7 @@ class _Listener(ServerListener):
         if request.seek_time is not None:
             feed.seek((request.seek_time - EPOCH_NS) * 1e-9)
         feed.speed = request.playback_speed
-        feed.set_playing(request.playback_command == PlaybackCommand.Play)
+        feed.set_playing(playing=request.playback_command == PlaybackCommand.Play)
         return PlaybackState(
             status=PlaybackStatus.Playing if feed.playing else PlaybackStatus.Paused,
             current_time=EPOCH_NS + round(feed.time * 1e9),

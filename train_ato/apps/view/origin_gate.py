@@ -3,6 +3,8 @@
 ``foxglove-sdk`` has no check of the ``Origin`` header.  The gate reads the head of a connection, refuses pages of other
 origins and forwards all others.  The server itself listens on a random address of 127.0.0.0/8 and a random port, more
 than 10^11 places, so that a web page cannot find it beside the gate.
+
+Every web page can open a WebSocket to this machine; only its origin distinguishes it from a program of the user.
 """
 
 from __future__ import annotations
@@ -11,8 +13,42 @@ import asyncio
 import random
 import threading
 from contextlib import suppress
+from urllib.parse import urlsplit
 
-from train_ato.apps.view.origins import LOOPBACK, may_read_topics
+LOOPBACK = "127.0.0.1"
+LOCAL_IPV6 = "::1"
+LOCAL_NAMES = frozenset(("localhost", LOOPBACK, LOCAL_IPV6))
+"""Names of this machine that no other host can have."""
+FOXGLOVE_ORIGINS = frozenset(("https://app.foxglove.dev", "https://studio.foxglove.dev", "file://"))
+"""Origins of Foxglove: its web app, and its desktop app, whose pages are files."""
+
+
+def host_of(header: str) -> str:
+    """Return the host name of a ``Host`` header without its port, in lower case; empty if it is not valid."""
+    try:
+        return urlsplit(f"//{header}").hostname or ""
+    except ValueError:
+        return ""
+
+
+def may_read_topics(host: str, origins: list[str]) -> bool:
+    """Return True if a WebSocket client may read the topics of the run.
+
+    Parameters
+    ----------
+    host
+        ``Host`` header; a name of this machine is accepted.
+    origins
+        All ``Origin`` headers.  None is a program, which the user started; pages must come from this machine or from
+        Foxglove.  The origin ``null``, which every page can have, is refused.
+    """
+    if host_of(host) not in LOCAL_NAMES or len(origins) > 1:
+        return False
+    if not origins or origins[0] in FOXGLOVE_ORIGINS:
+        return True
+    scheme, separator, rest = origins[0].partition("://")
+    return scheme in ("http", "https") and bool(separator) and host_of(rest) in LOCAL_NAMES
+
 
 LARGEST_HEAD = 1 << 14
 """Maximum size of the head of a request [bytes]."""

@@ -5,4 +5,5 @@ place_range.setv({start: place - 0.16 * kilometres, end: place + 0.84 * kilometr
 const ahead = live ? 0.02 * seconds : 0.25 * seconds;
 const end = Math.max(time + ahead, seconds * (live ? 1 : 0.6));
 span.setv({start: end - seconds, end: end});
+window.overview.time = time;
 window.dmi.draw();

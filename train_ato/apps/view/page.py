@@ -15,39 +15,37 @@ from bokeh.model import DataModel
 from bokeh.models import (
     BasicTicker,
     BasicTickFormatter,
+    Button,
+    Column,
     ColumnDataSource,
     CustomJS,
+    Div,
     LinearColorMapper,
+    MultiSelect,
     RadioButtonGroup,
     Range1d,
+    Row,
+    Select,
+    Slider,
 )
 from bokeh.plotting import figure
 from bokeh.themes import Theme
 from jinja2 import Template
 
 from plant_sim.units import KMH
+from train_ato.apps.report.summary_rows import SUPERVISION, run_groups
 from train_ato.apps.report.writing import short_clock
-from train_ato.apps.view.ahead import Ahead
-from train_ato.apps.view.dial import dial, force_bar, tick_columns
-from train_ato.apps.view.ending import Ending
+from train_ato.apps.view.display import Ahead, Strips, add_hover, dial, force_bar, tick_columns
 from train_ato.apps.view.facts import Facts, ProfileCurve
-from train_ato.apps.view.feed import FRAMES_PER_SECOND, LEAST_REACH, LEAST_SHOE, Feed, Mark
-from train_ato.apps.view.hover import add_hover
-from train_ato.apps.view.snapshot import LIMIT_NAMES
-from train_ato.apps.view.strips import Strips
+from train_ato.apps.view.feed import FRAMES_PER_SECOND, LEAST_REACH, LEAST_SHOE, Ending, Feed, Mark
+from train_ato.apps.view.recorded import RecordedFeed
+from train_ato.apps.view.snapshot import LIMIT_NAMES, full_clock
 from train_ato.apps.view.style import BUFF, DRAFT, SHOE, SOFT, THEME, WIDGETS
+from train_ato.loop.result import completed_summary
 from train_ato.messages.types import Array
 
 if TYPE_CHECKING:
     from train_ato.apps.view.live import LiveFeed
-    from train_ato.apps.view.recorded import RecordedFeed
-
-from bokeh.models import Button, Column, Div, MultiSelect, Row, Select, Slider
-
-from train_ato.apps.report.summary_rows import SUPERVISION, run_groups
-from train_ato.apps.view.recorded import RecordedFeed
-from train_ato.apps.view.snapshot import full_clock
-from train_ato.loop.result import completed_summary
 
 WIDTH = 292
 SPEEDS = {"½ ×": 0.5, "1 ×": 1.0, "2 ×": 2.0, "5 ×": 5.0, "10 ×": 10.0, "20 ×": 20.0, "50 ×": 50.0, "100 ×": 100.0}
@@ -100,7 +98,7 @@ class PlaybackControls:
         self._slider.js_on_change("value", CustomJS(code="window.trainAtoDragged = Date.now()"))
 
     def _toggle(self) -> None:
-        self._feed.set_playing(not self._feed.playing)
+        self._feed.set_playing(playing=not self._feed.playing)
 
     def _step(self, ticks: int) -> None:
         self._feed.playing = False
@@ -271,6 +269,8 @@ WHERE = ("place", "rear", "stop", "speed", "time")
 """Columns for the figures over time and place, which are drawn less often because they move slowly."""
 WHERE_S = 0.19
 """Wall time between two such drawings, and of the forces along the train: every fourth frame of the display."""
+WHOLE_S = 1.0
+"""Wall time between two drawings of the overview of a live run [s]."""
 _EMPTY = {
     **dict.fromkeys(("speed_angle", "profile_angle", "limit_angle"), 3.927),
     **{f"{name}_angle": -0.78 - 1e-3 * place for place, name in enumerate(LIMIT_NAMES)},
@@ -314,6 +314,8 @@ class ViewPage:
         self._ended = feed.ending
         self._line = ColumnDataSource(_one_row(track_ahead(feed.facts, feed.profile)), name="line")
         self._messages = ColumnDataSource(self._message_rows(0.0), name="messages")
+        self._whole = ColumnDataSource(_one_row(feed.whole()), name="overview")
+        self._whole_shown, self._whole_at = (feed.overview.number, len(feed.marks)), 0.0
         self._acknowledgement = Acknowledgement()
         self._acknowledgement.on_change("number", lambda attr, old, new: feed.acknowledge(new))
         self._ticks = ColumnDataSource(tick_columns(feed.scale))
@@ -321,7 +323,7 @@ class ViewPage:
         self._several = feed.facts.layout.n_vehicles > 1
         supervised = feed.facts.layout.supervised
         hours = feed.facts.duration >= 3600.0
-        self._strips = Strips(self._where, self._several, hours, _TOOLS, supervised=supervised)
+        self._strips = Strips(self._where, several=self._several, hours=hours, tools=_TOOLS, supervised=supervised)
         self._ahead = Ahead(self._where, self._strips.source, feed.facts, _TOOLS)
         self._along = Along(feed.facts, _TOOLS)
         self._side = self._controls()
@@ -344,19 +346,18 @@ class ViewPage:
         return PlaybackControls(cast("RecordedFeed", self._feed))
 
     def _fill(self) -> None:
-        """Add the figures to the document and link them in the browser."""
+        """Add the figures to the document, link them and set the style."""
         document, facts = self._document, self._feed.facts
         most = float(facts.most.max()) if facts.most.size else float("nan")
         least = float(facts.least.min()) if facts.least.size else float("nan")
         view = RadioButtonGroup(
             labels=[f"{km} km" for km in VIEWS_KM], active=1, name="view", stylesheets=[WIDGETS], height=24
         )
-        window = RadioButtonGroup(
+        window = self._window_choice = RadioButtonGroup(
             labels=[f"{seconds // 60} min" for seconds in WINDOWS_S], active=1, name="window", stylesheets=[WIDGETS],
             height=24,
         )  # fmt: skip
         window.on_change("active", lambda attr, old, new: self._forget_window())
-        self._window_choice = window
         roots = [
             dial(self._now, self._ticks, supervised=facts.layout.supervised), force_bar(self._now, most, least),
             *self._ahead.figures[: 1 if self._several else 2],
@@ -364,7 +365,14 @@ class ViewPage:
             self._side.bar, self._side.column, view, window,
         ]  # fmt: skip
         for root in roots:
+            root._id = f"page-{root.name}"  # equal in every browser: the served page names them before its session
             document.add_root(root)
+        self._link(view, window)
+        self._dress()
+
+    def _link(self, view: RadioButtonGroup, window: RadioButtonGroup) -> None:
+        """Link sources, figures and choices in the browser."""
+        document = self._document
         arguments = {
             "where": self._where, "view": view, "window_": window, "views": VIEWS_KM, "windows": WINDOWS_S,
             "place_range": self._ahead.span, "span": self._strips.span, "live": self._feed.live,
@@ -373,6 +381,11 @@ class ViewPage:
             args={"line": self._line, "forces": self._along.source},
             code="const found = {}; for (const name in line.data) found[name] = line.data[name][0];"
             "window.dmi.forces = forces; window.dmi.takeLine(found)",
+        )
+        whole = CustomJS(
+            args={"whole": self._whole},
+            code="const found = {}; for (const name in whole.data) found[name] = whole.data[name][0];"
+            "window.overview.take(found)",
         )
         messages = CustomJS(
             args={"messages": self._messages, "acknowledgement": self._acknowledgement},
@@ -383,16 +396,17 @@ class ViewPage:
             args={
                 "now": self._now, "reach": self._along.reach, "shoes": self._along.shoe_reach, "drawn": self._drawn,
                 "answer": self._answer, "ending": self._ending, "beat": self._beat, "line": self._line,
-                "messages": self._messages,
+                "messages": self._messages, "whole": self._whole,
             },
             code="window.trainAto.take(now.data, reach, shoes, drawn)",
         )  # fmt: skip
         end = CustomJS(args={"ending": self._ending}, code="window.trainAto.end(ending.data)")
         ready = CustomJS(args={"drawn": self._drawn}, code="drawn.ready = true")
-        for action in (follow, show, line, messages, end, ready):
+        for action in (whole, follow, show, line, messages, end, ready):
             document.js_on_event(DocumentReady, action)
         self._ending.js_on_change("data", end)
         self._line.js_on_change("data", line)
+        self._whole.js_on_change("data", whole)
         # The elevation profile has the places of the figure above it, which is laid out after a change of the window.
         self._ahead.figures[0].js_on_change("inner_width", CustomJS(code="window.dmi.draw()"))
         self._messages.js_on_change("data", messages)
@@ -404,7 +418,6 @@ class ViewPage:
         self._answer.js_on_change(
             "data", CustomJS(code="window.trainAto.say(cb_obj.data.text[0], cb_obj.data.done[0])")
         )
-        self._dress()
 
     def _dress(self) -> None:
         """Set theme, title and template of the document."""
@@ -422,6 +435,7 @@ class ViewPage:
             style=_asset("page.css"),
             dmi=_asset("dmi.js"),
             elevation=_asset("elevation.js") if self._several else "",
+            overview=_asset("overview.js"),
             several=self._several,
             air_brake=facts.layout.air_brake,
             supervised=facts.layout.supervised,
@@ -450,6 +464,7 @@ class ViewPage:
             self._marks = len(feed.marks)
             self._strips.show_marks(feed.marks)
         self._side.update()
+        self._show_whole()
         if self._ended != feed.ending:
             self._ended = feed.ending
             self._ending.data = _ending_columns(feed.ending)
@@ -477,6 +492,14 @@ class ViewPage:
         rows = self._message_rows(time)
         if rows != self._messages.data:
             self._messages.data = rows
+
+    def _show_whole(self) -> None:
+        """Send the overview again if it is new, at most once a second."""
+        feed = self._feed
+        newest = (feed.overview.number, len(feed.marks))
+        if newest != self._whole_shown and time.monotonic() - self._whole_at > WHOLE_S:
+            self._whole_shown, self._whole_at = newest, time.monotonic()
+            self._whole.data = _one_row(feed.whole())
 
     def _show_profile(self) -> None:
         feed = self._feed

@@ -8,9 +8,9 @@ from typing import Any
 
 from bokeh.models import Button, Checkbox, Column, CustomJSTickFormatter, Div, Row, Select, Slider, Spinner, Widget
 
+from train_ato.apps.view.controls import Tunable, slider_scale
 from train_ato.apps.view.live import LiveFeed
 from train_ato.apps.view.style import SOFT, WIDGETS
-from train_ato.apps.view.tuning import Tunable, slider_scale
 from train_ato.loop.train_protection import REQUESTED
 from train_ato.scenario.ato_requests import REQUESTS
 

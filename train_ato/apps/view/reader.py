@@ -30,7 +30,7 @@ from train_ato.loop.recording import (
 )
 from train_ato.messages.codec.cdr import stamp_of, typestore
 from train_ato.messages.codec.codec import Wire
-from train_ato.messages.layout import TrainLayout
+from train_ato.messages.topic import TrainLayout
 from train_ato.messages.topics import BY_NAME, EPOCH_NS, topics_of
 from train_ato.messages.types import Diagnostic, Trajectory
 from train_ato.ros.nodes.endpoints import message_class

@@ -12,13 +12,11 @@ from pathlib import Path
 import numpy as np
 
 from plant_sim.units import KMH
-from train_ato.apps.report.event import Event
-from train_ato.apps.report.events import detect_events
-from train_ato.apps.view.ending import REPORT_PAGE, Ending
-from train_ato.apps.view.facts import Facts, ProfileCurve, facts_of
-from train_ato.apps.view.feed import FRAMES_PER_SECOND, Feed, Mark
-from train_ato.apps.view.planned import plan_of_row
-from train_ato.apps.view.protection import protection_history
+from train_ato.apps.report.events import Event, detect_events
+from train_ato.apps.view.facts import Facts, ProfileCurve, facts_of, plan_of_row
+from train_ato.apps.view.feed import FRAMES_PER_SECOND, REPORT_PAGE, Ending, Feed, Mark, protection_history
+from train_ato.apps.view.overview import MOST_POINTS as POINTS_OF_OVERVIEW
+from train_ato.apps.view.overview import WholeRun
 from train_ato.apps.view.snapshot import STRIP, Snapshot
 from train_ato.control.contract import LawPlan
 from train_ato.log.recorded import open_recording
@@ -37,7 +35,7 @@ from train_ato.loop.recording import (
 from train_ato.loop.result import completed_summary
 from train_ato.loop.series import TopicSamples, seconds
 from train_ato.loop.verdict import verdict_line
-from train_ato.messages.layout import TrainLayout
+from train_ato.messages.topic import TrainLayout
 from train_ato.messages.types import Array
 
 MOST_POINTS = 1500
@@ -100,7 +98,26 @@ class RecordedFeed(Feed):
         events = [event for event in detect_events(recording) if event.kind not in PROTECTION_KINDS]
         marks += [Mark(event.begin, _label(event), event.text) for event in events]
         self.marks = sorted(marks, key=lambda mark: mark.time)
-        self.seek(self.span[0])
+        self.overview = self._whole()
+        self.seek(self._first_look())
+
+    def _whole(self) -> WholeRun:
+        """Return the overview of the whole run."""
+        whole, table = WholeRun(self.span), self._table
+        reports = self.recording.diagnostics.get("controller")
+        laws = [] if reports is None else reports.texts("controller")
+        for row in range(0, table["time"].size, max(1, table["time"].size // (2 * POINTS_OF_OVERVIEW))):
+            at = float(table["time"][row])
+            law = "" if reports is None else str(laws[_before(reports.time, at)] or "")
+            ato = self._states[max(0, bisect_right(self._changed, at + 1e-9) - 1)].ato
+            whole.add(at, float(table["speed"][row]), float(table["limit"][row]), law=law, ato=ato)
+        return whole
+
+    def _first_look(self) -> float:
+        """Return the time [s] at which the page opens: first intervention or failure, else largest speed error."""
+        urgent = [mark.time for mark in self.marks if mark.acknowledge]
+        error = np.abs(np.nan_to_num(self._table["error"]))
+        return urgent[0] if urgent else float(self._table["time"][int(error.argmax())])
 
     def seek(self, moment: float) -> None:
         """Show the run at a time [s]."""
@@ -109,7 +126,7 @@ class RecordedFeed(Feed):
             self._looked = time.monotonic()
             self._show()
 
-    def set_playing(self, playing: bool) -> None:
+    def set_playing(self, *, playing: bool) -> None:
         """Start or stop playback; at the end it starts again from the beginning."""
         if playing and not self.playing and self.time >= self.span[1]:
             self.seek(self.span[0])

@@ -14,18 +14,20 @@ from typing import Any
 
 from bokeh.application import Application
 from bokeh.application.handlers.function import FunctionHandler
+from bokeh.embed.server import server_html_page_for_session
 from bokeh.server.server import BaseServer
 from bokeh.server.tornado import BokehTornado
 from bokeh.server.util import bind_sockets
+from bokeh.server.views.doc_handler import DocHandler
+from bokeh.util.token import generate_jwt_token, generate_session_id
 from tornado.httpserver import HTTPServer
 from tornado.httputil import HTTPHeaders, HTTPServerRequest
 from tornado.ioloop import IOLoop, PeriodicCallback
 from tornado.web import OutputTransform, RequestHandler
 
 from train_ato.apps.report.words import REPORT
-from train_ato.apps.view.ending import REPORT_PAGE
-from train_ato.apps.view.feed import Feed
-from train_ato.apps.view.origins import LOCAL_IPV6, LOOPBACK, host_of
+from train_ato.apps.view.feed import REPORT_PAGE, Feed
+from train_ato.apps.view.origin_gate import LOCAL_IPV6, LOOPBACK, host_of
 from train_ato.apps.view.page import MARK_PATH, ViewPage
 
 ANYWHERE = ("0.0.0.0", "::", "")
@@ -85,6 +87,9 @@ class PageServer:
             check_unused_sessions_milliseconds=UNUSED_MS,
         )
         application.hosts = {*_names(address), LOCAL_IPV6}
+        for rule in application.wildcard_router.rules:
+            if rule.target is DocHandler:
+                rule.target = _Page
         application.add_transform(_NoFrames)
         http = HTTPServer(application)
         http.add_sockets(sockets)
@@ -121,6 +126,29 @@ class PageServer:
         await asyncio.gather(*others, return_exceptions=True)
 
 
+class _Page(DocHandler):  # type: ignore[misc]  # bokeh has no types
+    """Handler that returns the page without its figures; the WebSocket of a browser makes the session with them."""
+
+    async def get(self, *_: Any, **__: Any) -> None:
+        """Answer with the page of the first session under the token of a new one."""
+        app = self.application
+        if app.page is None:
+            session = await self.get_session()
+            document = session.document
+            html = server_html_page_for_session(
+                session, app.resources(), document.title, document.template, document.template_variables
+            )
+            app.page = html.split(session.token)
+            self.finish(html)
+            return
+        name = generate_session_id(secret_key=app.secret_key, signed=app.sign_sessions)
+        given: dict[str, Any] = {"headers": {}, "cookies": {}, "arguments": {}}
+        token = generate_jwt_token(
+            name, app.secret_key, app.sign_sessions, extra_payload=given, expiration=app.session_token_expiration
+        )
+        self.finish(token.join(app.page))
+
+
 class _Mark(RequestHandler):
     """Handler that returns the mark of the served run."""
 
@@ -153,6 +181,8 @@ class _Guarded(BokehTornado):  # type: ignore[misc]  # bokeh has no types
     """
 
     hosts: frozenset[str] | set[str] = frozenset()
+    page: list[str] | None = None
+    """Page of the feed, cut at the token of its session; None before the first request."""
 
     def find_handler(self, request: HTTPServerRequest, **more: Any) -> Any:
         """Return the handler of a request, or a refusal for another host name."""

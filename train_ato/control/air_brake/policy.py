@@ -2,13 +2,18 @@
 
 A policy computes the brake-pipe pressure demanded at the head from time, position, speed and measured force. It
 depends on the measurement only, so that the copies in the controller and in the observer make the same events.
+
+Blending: the air brake is applied near the limit of the electric brake and released well below it.
+
+The policy uses the measured force of the power units, so it works with any law and needs no plan. The rule is not from
+a paper; paper 000 uses position and speed.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from math import inf
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from pydantic import Field, model_validator
 
@@ -16,23 +21,84 @@ from plant_sim.compiled import compiled
 from plant_sim.line import Line
 from plant_sim.record import Records, quantity
 from plant_sim.si_model import SiModel
-from plant_sim.units import Length, Pressure, Slope, Speed, Time
-from train_ato.control.air_brake.blending import BlendedBrake, BlendRules
+from plant_sim.units import Place, Pressure, Ratio, Slope, Speed, Time
 from train_ato.control.air_brake.predictive_policy import PredictiveBrake, SpeedProfile
-from train_ato.control.air_brake.predictive_rules import PredictiveRules
-from train_ato.control.air_brake.record_policy import BrakeNow, BrakePolicy, NoRules, PolicyForm
+from train_ato.control.air_brake.record_policy import BrakeNow, BrakePolicy, NoRules, PolicyForm, lasts, used_share
+from train_ato.control.air_brake.schedule_forecast import PredictiveRules
 from train_ato.control.air_brake.trip_policy import PlannedApplication, TripBrake, TripRules
+from train_ato.control.train_model import STANDSTILL_SPEED, TrainModel
 
-if TYPE_CHECKING:
-    from train_ato.control.train_model import TrainModel
+
+class BlendRules(SiModel):
+    """Conditions for the air brake beside the electric brake."""
+
+    reduction: Pressure = Field(50e3, gt=0, description="reduction of the brake pipe for an application")
+    call: Ratio = Field(
+        0.9, gt=0, le=1, description="used part of the electric brake from which the air brake is applied"
+    )
+    call_after: Time = Field(5.0, ge=0, description="time above call before an application")
+    ease: Ratio = Field(
+        0.35, ge=0, lt=1, description="used part of the electric brake up to which the air brake is released"
+    )
+    ease_after: Time = Field(5.0, ge=0, description="time below ease before a release")
+    pause: Time = Field(
+        60.0, ge=0, description="least time from a release to the next application, in which the reservoirs recharge"
+    )
+    never_below: Speed = Field(
+        35 / 3.6, ge=0, description="speed below which no release occurs, except for a departure from standstill"
+    )
+
+    @model_validator(mode="after")
+    def _apart(self) -> BlendRules:
+        if self.ease >= self.call:
+            raise ValueError(f"ease {self.ease:g} must be below call {self.call:g}, or the brake cycles; lower ease")
+        return self
+
+
+@dataclass
+class BlendState:
+    """State of :func:`blend_reduction`."""
+
+    applied: bool = quantity("", "the brake is applied")
+    stood: bool = quantity("", "the train has stood since the application")
+    since: float = quantity("s", "begin of the condition of the next change")
+    released_at: float = quantity("s", "time of the last release")
+
+
+@compiled
+def blend_reduction(p: BlendRules, state: BlendState, rows: Records[NoRules], now: BrakeNow) -> float:
+    """Return the reduction by the used part of the electric brake [Pa]."""
+    share = used_share(now)
+    if state.applied:
+        state.stood = state.stood or abs(now.velocity) < STANDSTILL_SPEED
+        eased = share <= p.ease and now.velocity >= p.never_below
+        wanted, after = eased or (state.stood and now.applied > 0.0), p.ease_after
+    else:
+        rested = now.t - state.released_at >= p.pause
+        wanted, after = share >= p.call and rested and now.velocity >= p.never_below, p.call_after
+    if lasts(state, wanted, now.t, after):
+        state.applied = not state.applied
+        state.stood, state.since = False, inf
+        state.released_at = state.released_at if state.applied else now.t
+    return p.reduction if state.applied else 0.0
+
+
+class BlendedBrake(BrakePolicy):
+    """Policy that applies and releases by the used part of the electric brake."""
+
+    form = PolicyForm(blend_reduction, BlendRules, BlendState, NoRules)
+
+    def __init__(self, charged: float, rules: BlendRules, model: TrainModel) -> None:
+        super().__init__(charged, rules, model=model)
+        self.state["since"], self.state["released_at"] = inf, -inf
 
 
 class BrakeEvent(SiModel):
     """Reduction of the brake pipe from a time or a position of vehicle 0's centre on; 0 releases."""
 
-    time: Time | None = Field(None, ge=0)
-    place: Length | None = None
-    reduction: Pressure = Field(ge=0)
+    time: Time | None = Field(None, ge=0, description="time of the reduction", examples=[60.0])
+    place: Place | None = Field(None, description="position of vehicle 0's centre at the reduction", examples=[1200.0])
+    reduction: Pressure = Field(ge=0, description="reduction of the brake pipe; 0 releases", examples=[50e3])
 
     @model_validator(mode="after")
     def _one(self) -> BrakeEvent:
@@ -44,26 +110,32 @@ class BrakeEvent(SiModel):
 class TriggerRules(SiModel):
     """Rules of paper 000, section 1.2: application before long falling grades, release at a lower speed."""
 
-    reduction: Pressure = Field(50e3, gt=0, description="reduction of the brake pipe of an application")
-    min_speed: Speed = Field(60 / 3.6, ge=0, description="no application below this speed")
-    lookahead: Length = Field(2500.0, gt=0, description="length of line ahead that is searched for steep segments")
-    segments: int = Field(4, ge=1, description="minimum number of steep segments in it")
-    grade_below: Slope = Field(-8e-3, lt=0, description="a segment is steep below this grade")
-    min_length: Length = Field(500.0, ge=0, description="minimum length of a segment inside the searched length")
-    pause: Time = Field(160.0, ge=0, description="minimum time between two applications")
-    release_drop: Speed = Field(10 / 3.6, ge=0, description="release at this amount below the speed of the application")
+    reduction: Pressure = Field(50e3, gt=0, description="reduction of the brake pipe for an application")
+    min_speed: Speed = Field(60 / 3.6, ge=0, description="speed below which no application occurs")
+    lookahead: Place = Field(2500.0, gt=0, description="length of line ahead in which steep segments are counted")
+    segments: int = Field(4, ge=1, description="least number of steep segments for an application")
+    grade_below: Slope = Field(-8e-3, lt=0, description="grade below which a segment is steep")
+    min_length: Place = Field(500.0, ge=0, description="least length of a segment inside the lookahead")
+    pause: Time = Field(160.0, ge=0, description="least time between two applications")
+    release_drop: Speed = Field(
+        10 / 3.6, ge=0, description="amount below the speed of the application at which the brake is released"
+    )
     release_margin: Speed = Field(0.5 / 3.6, ge=0, description="tolerance of the release speed")
-    never_below: Speed = Field(35 / 3.6, ge=0, description="no release below this speed")
+    never_below: Speed = Field(35 / 3.6, ge=0, description="speed below which no release occurs")
 
 
 class BrakeSpec(SiModel):
-    """The scenario's ``brake:`` block."""
+    """Service braking by the air brake, from a policy with its rules."""
 
-    policy: Literal["none", "planned", "trigger", "blend", "trip", "predictive"] = "none"
-    events: tuple[BrakeEvent, ...] = ()
+    policy: Literal["none", "planned", "trigger", "blend", "trip", "predictive"] = Field(
+        "none", description="origin of the applications of the air brake"
+    )
+    events: tuple[BrakeEvent, ...] = Field(
+        (), description="applications and releases of policy planned", examples=[[{"place": 1200.0, "reduction": 50e3}]]
+    )
     trigger: TriggerRules = TriggerRules()
     blend: BlendRules = BlendRules()
-    applications: tuple[PlannedApplication, ...] = Field((), description="planned applications of policy trip")
+    applications: tuple[PlannedApplication, ...] = Field((), description="applications of policy trip")
     trip: TripRules = TripRules()
     predictive: PredictiveRules = PredictiveRules()
 

@@ -22,9 +22,8 @@ import numpy as np
 from plant_sim.compiled import compiled
 from plant_sim.record import Records, quantity
 from train_ato.control.air_brake import schedule_cost as s
-from train_ato.control.air_brake.predictive_rules import PredictiveRules
 from train_ato.control.air_brake.record_policy import BrakeNow, BrakePolicy, NoRules, PolicyForm
-from train_ato.control.air_brake.schedule_forecast import STEP, PipeAction, Schedule, ScheduleForecast
+from train_ato.control.air_brake.schedule_forecast import STEP, PipeAction, PredictiveRules, Schedule, ScheduleForecast
 from train_ato.control.air_brake.shoes import ShoeForecast
 from train_ato.control.algorithms.luenberger import LuenbergerObserver
 from train_ato.control.train_model import STANDSTILL_SPEED, TrainModel
@@ -143,11 +142,11 @@ class PredictiveBrake(BrakePolicy):
         """Compare the schedules and take the first action of the best one if it is due."""
         reference = self._reference(now)
         best: Schedule = ()
-        lowest = self._forecast.cost(t, now, reference, self._shoes, self._reduction, ())
+        lowest = self._forecast.cost(t, now, reference, self._shoes, reduction=self._reduction, schedule=())
         for schedule in self._schedules(t, self._latest_release(reference)):
             if lowest <= self._forecast.least_cost(schedule, self._reduction):
                 continue
-            cost = self._forecast.cost(t, now, reference, self._shoes, self._reduction, schedule)
+            cost = self._forecast.cost(t, now, reference, self._shoes, reduction=self._reduction, schedule=schedule)
             if cost < lowest:
                 best, lowest = schedule, cost
         if best and best[0].after == 0.0:

@@ -17,9 +17,9 @@ from numba import carray
 from numpy.typing import NDArray
 
 from plant_sim.compiled import compiled
+from plant_sim.elementary import numpy_total
 from plant_sim.railway import envelope_force
 from plant_sim.record import dtype_of, fill, quantity, zeros
-from train_ato.control.algorithms.force_shares import numpy_total
 from train_ato.messages.types import Array
 
 if TYPE_CHECKING:

@@ -6,14 +6,54 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from pydantic import Field, field_validator, model_validator
 
+from plant_sim.elementary import total_of_units
+from plant_sim.si_model import SiModel
+from plant_sim.units import Force, Number, Pressure, Ratio, Speed, Time
 from train_ato.control.air_brake import schedule_cost as s
-from train_ato.control.air_brake.predictive_rules import PredictiveRules
 from train_ato.control.air_brake.shoes import ShoeForecast
-from train_ato.control.algorithms.force_shares import total_of_units
 from train_ato.control.train_model import GRID, TrainModel
 from train_ato.messages.types import Array
 from train_ato.supervision.track_supervision import limits_under_train
+
+
+class PredictiveRules(SiModel):
+    """Schedules and cost of the predictive policy."""
+
+    reductions: tuple[Pressure, ...] = Field((50e3,), min_length=1, description="reductions of the brake pipe, rising")
+    period: Time = Field(2.0, ge=1, le=5, description="time between two decisions")
+    horizon: Time = Field(120.0, ge=30, le=600, description="time ahead in which schedules are compared")
+    pause: Time = Field(
+        60.0, ge=0, description="least time from a release to the next application, in which the reservoirs recharge"
+    )
+    min_application: Time = Field(25.0, ge=0, description="least time from an application to its release")
+    never_below: Speed = Field(
+        35 / 3.6, ge=0, description="speed below which no application or release occurs, except for a departure"
+    )
+    electric_use: Ratio = Field(0.9, gt=0, le=1, description="part of the electric brake in the prediction")
+    speed_error: Speed = Field(1 / 3.6, gt=0, description="speed error with the cost 1")
+    application_cost: Number = Field(
+        0.3, ge=0, description="cost of an application: mean squared speed error over the horizon, per speed_error²"
+    )
+    coupler_max: Force = Field(600e3, gt=0, description="coupler force above which a schedule has a cost")
+
+    @field_validator("reductions")
+    @classmethod
+    def _rise(cls, value: tuple[float, ...]) -> tuple[float, ...]:
+        if value[0] <= 0 or any(b <= a for a, b in pairwise(value)):
+            raise ValueError("reductions must rise from above 0; sort them and remove 0")
+        return value
+
+    @model_validator(mode="after")
+    def _sees_an_application(self) -> PredictiveRules:
+        if self.horizon < self.min_application + 2 * self.period:
+            raise ValueError(
+                f"horizon {self.horizon:g} s is shorter than an application of {self.min_application:g} s and two "
+                "periods; lengthen horizon"
+            )
+        return self
+
 
 STEP = 2.0
 """Step of the prediction [s]."""
@@ -68,7 +108,7 @@ class ScheduleForecast:
         return self._rules.application_cost * begun.count(True)
 
     def cost(
-        self, t: float, now: Array, reference: Array, shoes: ShoeForecast, reduction: float, schedule: Schedule
+        self, t: float, now: Array, reference: Array, shoes: ShoeForecast, *, reduction: float, schedule: Schedule
     ) -> float:
         """Return the mean cost of a schedule.
 

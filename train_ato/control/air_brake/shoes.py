@@ -29,7 +29,7 @@ class ShoeForecast:
 
     def __init__(self, model: TrainModel) -> None:
         self._consist = model.consist
-        self._units = np.array(model.units, dtype=np.int64)
+        self.units = np.array(model.units, dtype=np.int64)
         self.fitted = model.consist.air_brake is not None
         self._none = ShoeForces(0.0, np.zeros(model.n_units))
         self.reset()
@@ -38,16 +38,16 @@ class ShoeForecast:
         """Clear all events: brake released."""
         self._forecast = BrakeForecast(self._consist) if self.fitted else None
         self._calls = 0
-        self._pressure: float | None = None
+        self.pressure: float | None = None
         self._idle = True
 
     def demand(self, t: float, pressure: float | None) -> None:
         """Add the pressure demanded from a time on [s, Pa]; None without an air brake."""
         if self._forecast is None or pressure is None:
             return
-        if pressure != self._pressure:
+        if pressure != self.pressure:
             self._forecast.demand(t, pressure)
-            self._pressure, self._idle = pressure, self._forecast.idle
+            self.pressure, self._idle = pressure, self._forecast.idle
         self._calls += 1
         if self._calls % COMMIT_EVERY == 0 and not self._idle:
             self._forecast.commit(t)
@@ -63,10 +63,10 @@ class ShoeForecast:
 
     def at_each(self, times: Array, velocity: Array) -> Array:
         """Return :meth:`at` for many times [s] and speeds [m/s]: totals, then units, shape (times, 1 + units)."""
-        found = np.zeros((len(times), 1 + len(self._units)))
+        found = np.zeros((len(times), 1 + len(self.units)))
         if self._forecast is not None and not self._idle:
             forces = self._forecast.forces_at(times, velocity[:, None])
-            found[:, 0], found[:, 1:] = forces.sum(axis=1), forces[:, self._units]
+            found[:, 0], found[:, 1:] = forces.sum(axis=1), forces[:, self.units]
         return found
 
     def slow_forces_at(self, times: Array) -> Array:
@@ -90,4 +90,4 @@ class ShoeForecast:
         if self._forecast is None or self._idle:
             return self._none
         forces = self._forecast.forces(t, velocity)
-        return ShoeForces(float(forces.sum()), forces[self._units])
+        return ShoeForces(float(forces.sum()), forces[self.units])

@@ -21,7 +21,7 @@ from pydantic import Field, model_validator
 from plant_sim.compiled import compiled
 from plant_sim.record import Records, quantity
 from plant_sim.si_model import SiModel
-from plant_sim.units import Length, Pressure, Ratio, Speed, Time
+from plant_sim.units import Place, Pressure, Ratio, Speed, Time
 from train_ato.control.air_brake.record_policy import BrakeNow, BrakePolicy, PolicyForm, lasts, used_share
 from train_ato.control.train_model import STANDSTILL_SPEED
 
@@ -32,11 +32,15 @@ if TYPE_CHECKING:
 class PlannedApplication(SiModel):
     """Application of the air brake in a plan; places are those of vehicle 0's centre."""
 
-    apply: Length = Field(description="place of the application")
-    release: Length = Field(description="place of the release")
+    apply: Place = Field(description="place of the application", examples=[5000.0])
+    release: Place = Field(description="place of the release", examples=[9000.0])
     reduction: Pressure = Field(50e3, gt=0, description="reduction of the brake pipe")
-    electric_at_apply: Ratio = Field(0.0, ge=-1, le=1, description="planned use of the electric brake there")
-    electric_at_release: Ratio = Field(0.0, ge=-1, le=1, description="planned use of the electric brake there")
+    electric_at_apply: Ratio = Field(
+        0.0, ge=-1, le=1, description="planned use of the electric brake at the application", examples=[0.9]
+    )
+    electric_at_release: Ratio = Field(
+        0.0, ge=-1, le=1, description="planned use of the electric brake at the release", examples=[0.3]
+    )
 
     @model_validator(mode="after")
     def _in_order(self) -> PlannedApplication:
@@ -48,14 +52,20 @@ class PlannedApplication(SiModel):
 class TripRules(SiModel):
     """Rules that move the planned applications."""
 
-    shift: Length = Field(300.0, ge=0, description="largest distance by which an application or release moves")
-    call: Ratio = Field(0.92, gt=0, le=1, description="use of the electric brake that applies the air brake ...")
-    ease: Ratio = Field(0.35, ge=0, lt=1, description="... and up to which an unplanned application is released ...")
-    after: Time = Field(4.0, ge=0, description="... after this time")
-    tolerance: Ratio = Field(0.15, ge=0, le=1, description="difference to the planned use that moves a place")
-    pause: Time = Field(60.0, ge=0, description="minimum time from a release to an unplanned application")
-    never_below: Speed = Field(35 / 3.6, ge=0, description="no release below this speed, except for a departure")
-    release_margin: Speed = Field(0.5 / 3.6, ge=0, description="a planned release is earlier at this distance from it")
+    shift: Place = Field(300.0, ge=0, description="largest distance by which an application or a release moves")
+    call: Ratio = Field(0.92, gt=0, le=1, description="use of the electric brake from which the air brake is applied")
+    ease: Ratio = Field(
+        0.35, ge=0, lt=1, description="use of the electric brake up to which an unplanned application is released"
+    )
+    after: Time = Field(4.0, ge=0, description="time above call before an application, and below ease before a release")
+    tolerance: Ratio = Field(0.15, ge=0, le=1, description="difference from the planned use that moves a place")
+    pause: Time = Field(60.0, ge=0, description="least time from a release to an unplanned application")
+    never_below: Speed = Field(
+        35 / 3.6, ge=0, description="speed below which no release occurs, except for a departure"
+    )
+    release_margin: Speed = Field(
+        0.5 / 3.6, ge=0, description="distance from never_below at which a planned release comes early"
+    )
 
 
 @dataclass

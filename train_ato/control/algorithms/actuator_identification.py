@@ -124,7 +124,7 @@ class ActuatorIdentification:
         False for a test of the model only: the delays of the model are the single candidate.
     """
 
-    def __init__(self, model: TrainModel, period: float, estimates: bool = True) -> None:
+    def __init__(self, model: TrainModel, period: float, *, estimates: bool = True) -> None:
         self._delays = np.array([model.delay, model.delay_brake])
         self._tick, self._lag = model.tick, model.lag
         self._ticks = max(1, round(period / model.tick))

@@ -111,6 +111,7 @@ class CoupledUnits:
         velocity: Array,
         applied: Array,
         due: Array,
+        *,
         h: float,
         decay: float,
         lasting: float,

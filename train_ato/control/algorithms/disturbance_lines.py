@@ -1,12 +1,56 @@
 """Feed-forward against persistent sines ("lines") in the disturbances of coupled units.
 
-`line_spectrum.py` finds frequencies and amplitudes, `periodic_motion.py` the motion and the command that belong to
+A spectrum gives frequencies and amplitudes, the periodic motion the command that belongs to
 them. The law has the measurements and the commands in flight without this motion, and adds the command: for its other
 parts the train has no lines. A line is used after ``PERSISTENCE`` searches in turn have found it, with a weight that
 rises in ``RISE_TIME``. Without a line nothing changes.
 
 The disturbance follows from motion and force, so that with the model of the train the command does not depend on
 itself: it is no feedback, and a wrong line adds a bounded force.
+
+Periodic motion of coupled units under a line of the disturbance, with the smallest weighted motion and force rate.
+
+A disturbance b e^(i w t) [m/s²] on every unit, a command u e^(i w t) over the mass and the motion x e^(i w t), all with
+complex amplitudes::
+
+    Z x = b + u/(1 + i w Ta),   Z = -w² - S - i w D
+
+with the springs S and dampers D of the couplers over the masses. The delay is no part of it: the command is sent
+earlier by the delay, exactly for a steady line. The cost in the mean over a period is that of `unit_deviations.py`::
+
+    |x|²/POSITION² + |F_c|²/COUPLER² + |w u|²/RATE²
+
+with the coupler forces F_c. With u = (1 + i w Ta) (Z x - b) it is a least-squares problem in x::
+
+    (Q + g Z*Z) x = g Z* b,   g = w² (1 + w² Ta²)/RATE²
+
+Z has no inverse at an undamped mode of the couplers; the matrix of this equation always has one. A motion x that is
+large beside b is not robust: with another mass of the train it appears in the estimate of b. The weights of couplers
+and rate are therefore higher than those of the regulator.
+
+Spectrum of the disturbances of coupled units, for persistent sines ("lines") of unknown frequency.
+
+A bank of demodulators, one per frequency w of a grid, has measured position errors y, speed errors and forces f beyond
+those of the reference as inputs, for every unit. A demodulator is a low-pass of second order with the time constant
+1/r around its frequency::
+
+    y1' = (i w - r) y1 + r y,   y2' = (i w - r) y2 + r y1
+
+with the gain 1 at w and 1/(1 + i (v - w)/r)² at v. The derivatives of y2 and of the measured speed v2 follow from the
+states, so that the motion gives the disturbances through the same filter, without a model of them and for any command::
+
+    q2 = v2' - S y2 - D y2' - f2/m,   p2 = y2' - v2
+
+the outside force over the mass q [m/s²] and the drift p between the speed and the change of the position (wheels)
+[m/s], with the springs S and dampers D of the couplers. Both need the derivative of one measurement only.
+
+From sample to sample a line turns q2 by its frequency times the period h. c = q2(k) conj(q2(k - 1)), averaged over
+``MEMORY_TIME``, has the frequency in its angle and the power in its magnitude (pulse pair: Miller and Rochwarger 1972,
+IEEE Transactions on Information Theory 18), and the same for p2. The noise of the positions is in q2 at all
+frequencies alike, and in p2 in proportion to w. The powers |c| and |c|/w² of noise are therefore level, and their
+median over the grid is the noise floor of a unit. Disturbances with a smooth spectrum are higher at some frequencies:
+the floor there is the power ``BESIDE`` a frequency, if that is more. A line has a peak of at least ``SIGNIFICANT``
+times the floor in one of the powers.
 """
 
 # mypy: allow-untyped-defs
@@ -15,14 +59,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from math import sqrt
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from plant_sim.compiled import compiled
 from plant_sim.elementary import libm_cos, libm_sin
-from train_ato.control.algorithms.line_spectrum import LineSpectrum
-from train_ato.control.algorithms.periodic_motion import periodic_response
+from train_ato.control.algorithms.quadratic_program import inverse, matrix_product
 from train_ato.control.train_model import STANDSTILL_SPEED
 
 if TYPE_CHECKING:
@@ -30,6 +74,246 @@ if TYPE_CHECKING:
     from train_ato.control.contract import LawInput
     from train_ato.control.train_model import TrainModel
     from train_ato.messages.types import Array
+
+
+LOWEST, HIGHEST, SPACING = 0.4, 5.0, 0.1
+"""Grid of the frequencies [rad/s]."""
+FILTER_TIME = 6.0
+"""1/r, time constant of a demodulator [s]: lines .5 rad/s apart are separate."""
+MEMORY_TIME = 20.0
+"""Time constant of the mean of c [s]."""
+BESIDE = (-8, -5, 5, 8)
+"""Places beside a line in the grid, with at most 1 % of its power; the two middle ones of the four powers count, so
+that two lines .5 rad/s apart do not hide each other."""
+FLOOR_SHARE = 2.0
+"""Power over the floor up to which an amplitude counts as noise: the part 1 - 2 floor/power of it is used."""
+SIGNIFICANT = 8.0
+"""Smallest power of a line over the floor."""
+MAX_GAP = 5.0
+"""Time without a sample after which the spectrum begins again [s]."""
+
+
+@compiled
+def turned(states, turn):
+    """Turn the states of every demodulator, shape (frequencies, ...), by a period without a sample."""
+    for j in range(turn.size):
+        states[j] *= turn[j]
+
+
+@compiled
+def spectrum_step(first, second, found, pairs, turn, gain, new, period, spring, damper, frequencies, sample):
+    """Advance all demodulators by a sample.
+
+    Parameters
+    ----------
+    first, second : complex Array, shape (frequencies, 3, units)
+        y1 and y2 of position error [m], speed error [m/s] and force over the mass [m/s²].
+    found : complex Array, shape (frequencies, 2, units)
+        q2 [m/s²] and p2 [m/s].
+    pairs : complex Array, shape (frequencies, 2, units)
+        Mean of c.
+    turn : complex Array, shape (frequencies,)
+        Turn in a period.
+    gain, new
+        Part of a new sample in a stage and in the mean of c.
+    period
+        Control period [s].
+    spring, damper : Array, shape (units, units)
+        S [1/s²] and D [1/s].
+    frequencies : Array, shape (frequencies,)
+        [rad/s].
+    sample : Array, shape (3, units)
+        Position error, speed error and force over the mass.
+    """
+    count, _, units = found.shape
+    rate = gain / ((1.0 - gain) * period)
+    rates, both = np.empty((2, units), np.complex128), np.empty(2, np.complex128)
+    for j in range(count):
+        for i in range(units):
+            for q in range(3):
+                one = first[j, q, i] * turn[j]
+                one += gain * (sample[q, i] - one)
+                two = second[j, q, i] * turn[j]
+                two += gain * (one - two)
+                first[j, q, i], second[j, q, i] = one, two
+                if q < 2:
+                    rates[q, i] = 1j * frequencies[j] * two + rate * (one - two)
+        for i in range(units):
+            both[0] = rates[1, i] - second[j, 2, i]
+            for k in range(units):
+                both[0] -= spring[i, k] * second[j, 0, k] + damper[i, k] * rates[0, k]
+            both[1] = rates[0, i] - second[j, 1, i]
+            for q in range(2):
+                pairs[j, q, i] += new * (both[q] * found[j, q, i].conjugate() - pairs[j, q, i])
+                found[j, q, i] = both[q]
+
+
+@compiled
+def line_power(pairs, frequencies):
+    """Return |c| of q2 [m²/s⁴] and |c|/w² of p2 [m²], shape (frequencies, 2, units)."""
+    power = np.empty(pairs.shape)
+    for j in range(pairs.shape[0]):
+        for q in range(2):
+            scale = 1.0 / frequencies[j] ** 2 if q else 1.0
+            for i in range(pairs.shape[2]):
+                pair = pairs[j, q, i]
+                power[j, q, i] = scale * sqrt(pair.real * pair.real + pair.imag * pair.imag)
+    return power
+
+
+@compiled
+def line_amplitudes(found, over, scale, frequency):
+    """Return disturbance q + i w p [m/s²] and drift p [m/s] of a line, complex, shape (2, units).
+
+    Parameters
+    ----------
+    found : complex Array, shape (2, units)
+        q2 and p2 of its demodulator.
+    over : Array, shape (2, units)
+        Power over the floor.
+    scale
+        Complex amplitude of the line for an output of 1.
+    frequency
+        w [rad/s].
+    """
+    line = np.empty(found.shape, np.complex128)
+    for i in range(found.shape[1]):
+        for q in range(2):
+            line[q, i] = scale * max(1.0 - FLOOR_SHARE / max(over[q, i], FLOOR_SHARE), 0.0) * found[q, i]
+        line[0, i] += 1j * frequency * line[1, i]
+    return line
+
+
+class LineSpectrum:
+    """Frequencies and amplitudes of the lines in the disturbances of coupled units.
+
+    Parameters
+    ----------
+    units
+        The coupled units.
+    period
+        Control period [s].
+    """
+
+    def __init__(self, units: CoupledUnits, period: float) -> None:
+        self._grid = LOWEST + SPACING * np.arange(round((HIGHEST - LOWEST) / SPACING) + 1)
+        places = np.arange(self._grid.size)
+        self._beside = np.array([np.clip(places + shift, 0, self._grid.size - 1) for shift in BESIDE])
+        self._units, self._period = units, period
+        angles = (self._grid * period).tolist()
+        self._turn = np.array([complex(math.cos(angle), math.sin(angle)) for angle in angles])
+        self._gain = 1.0 - math.exp(-period / FILTER_TIME)
+        self._memory = MEMORY_TIME / period
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all samples."""
+        count, n = self._grid.size, self._units.n
+        self._first = np.zeros((count, 3, n), np.complex128)
+        self._second = np.zeros((count, 3, n), np.complex128)
+        self._found = np.zeros((count, 2, n), np.complex128)
+        self._pairs = np.zeros((count, 2, n), np.complex128)
+        self._over = np.zeros((count, 2 * n))
+        self._samples = 0
+        self._time = -math.inf
+
+    def step(self, t: float, sample: Array | None) -> None:
+        """Take a sample; missed ones only turn the states.
+
+        Parameters
+        ----------
+        t
+            Time of the sample [s].
+        sample : Array, shape (3, units), or None
+            Position error [m], speed error [m/s] and force over the mass [m/s²] of every unit; None counts as missed.
+        """
+        if t - self._time > MAX_GAP:
+            self.reset()
+            self._time = t - self._period
+        missed = max(round((t - self._time) / self._period) - 1, 0) + (sample is None)
+        self._time = t
+        for _ in range(missed):
+            for states in (self._first, self._second, self._found):
+                turned(states, self._turn)
+        if sample is not None:
+            self._samples += 1
+            spectrum_step(
+                self._first, self._second, self._found, self._pairs, self._turn, self._gain,
+                1.0 / min(self._samples, self._memory), self._period, self._units.spring, self._units.damper,
+                self._grid, sample,
+            )  # fmt: skip
+
+    def peaks(self) -> list[tuple[int, float]]:
+        """Return place in the grid and frequency [rad/s] of every significant line, the strongest first."""
+        power = line_power(self._pairs, self._grid).reshape(self._over.shape)
+        beside = np.sort(power[self._beside], axis=0)
+        floor = np.maximum(np.median(power, axis=0), 0.5 * (beside[1] + beside[2]))
+        self._over = power / np.maximum(floor, 1e-30)
+        values, columns = self._over.max(axis=1).tolist(), self._over.argmax(axis=1).tolist()
+        pairs = self._pairs.reshape(self._over.shape)
+        found = []
+        for j in range(1, len(values) - 1):
+            if values[j] > SIGNIFICANT and values[j - 1] < values[j] >= values[j + 1]:
+                pair = complex(pairs[j, columns[j]])
+                frequency = math.atan2(pair.imag, pair.real) / self._period
+                if abs(frequency - float(self._grid[j])) < SPACING:
+                    found.append((values[j], j, frequency))
+        return [(j, frequency) for _, j, frequency in sorted(found, reverse=True)]
+
+    def amplitudes(self, place: int, frequency: float, weight: float = 1.0) -> Array:
+        """Return disturbance [m/s²] and drift [m/s] of a line now, complex, shape (2, units).
+
+        Parameters
+        ----------
+        place
+            Place of its demodulator in the grid.
+        frequency
+            Its frequency [rad/s]: the gain of the demodulator there is taken out.
+        weight
+            Factor on the result.
+        """
+        angle = (frequency - float(self._grid[place])) * self._period
+        passed = self._gain / (1.0 - (1.0 - self._gain) * complex(math.cos(angle), -math.sin(angle)))
+        part = self._over[place].reshape(2, -1)
+        found: Array = line_amplitudes(self._found[place], part, 2.0 * weight / (passed * passed), frequency)
+        return found
+
+
+POSITION = 0.1
+"""Deviation of a position with the weight 1 [m]."""
+COUPLER = 3e4
+"""Coupler force with the weight 1 [N]."""
+RATE = 0.3
+"""Rate of the command over the mass with the weight 1 [m/s³]."""
+
+
+def periodic_response(units: CoupledUnits, lag: float, frequency: float) -> Array:
+    """Return motion x and acting force over the mass for unit disturbances, complex, shape (2, units, units).
+
+    The command u is (1 + i w Ta) times the acting force.
+
+    Parameters
+    ----------
+    units
+        The coupled units.
+    lag
+        Lag of the actuators Ta [s].
+    frequency
+        w [rad/s].
+    """
+    n, w = units.n, frequency
+    couplers = units.stiffness[:, None] * (np.eye(n)[:-1] - np.eye(n)[1:])
+    cost = np.eye(n) / POSITION**2 + matrix_product(np.ascontiguousarray(couplers.T), couplers) / COUPLER**2
+    weight = w * w * (1.0 + (w * lag) ** 2) / RATE**2
+    real, imaginary = -w * w * np.eye(n) - units.spring, -w * units.damper
+    stiff = np.block([[real, -imaginary], [imaginary, real]])
+    turned = weight * np.ascontiguousarray(stiff.T)
+    both = np.zeros((2 * n, 2 * n))
+    both[:n, :n], both[n:, n:] = cost, cost
+    motion = matrix_product(inverse(both + matrix_product(turned, stiff)), turned)
+    force = matrix_product(stiff, motion) - np.eye(2 * n)
+    return np.array([motion[:n, :n] + 1j * motion[n:, :n], force[:n, :n] + 1j * force[n:, :n]])
+
 
 MAX_LINES = 6
 """Largest number of lines."""
@@ -157,7 +441,7 @@ class DisturbanceLines:
         """Return the frequencies in use [rad/s]."""
         return " ".join(f"{line.frequency:.3f}" for line in self._lines if line.used)
 
-    def step(self, inputs: LawInput, sent: Array, actuators: Array, trusted: bool) -> tuple[LawInput, Array]:
+    def step(self, inputs: LawInput, sent: Array, actuators: Array, *, trusted: bool) -> tuple[LawInput, Array]:
         """Take the measurements; return inputs and commands in flight without the lines.
 
         Parameters

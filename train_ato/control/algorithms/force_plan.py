@@ -1,4 +1,29 @@
-"""Plan of the total force over a horizon: limits at its nodes, the quadratic programme, and the last plan."""
+"""Plan of the total force over a horizon: limits at its nodes, the quadratic programme, and the last plan.
+
+Horizon of a predictive law: response of the train to a command through delay and lag, cost, and constraints.
+
+Errors are measured against the reference, e_p [m] and e_v [m/s]. The decision z(s) [m/s²] is the acceleration demanded
+beside the feed-forward and the disturbance, linear between nodes s_j after the time of sending, constant after the
+last. Through unit i (share g_i of the force, delay tau_i) and the lag Ta the response to a ramp t is, for t > 0::
+
+    force t - Ta (1 - E),  speed t²/2 - Ta t + Ta² (1 - E),  position t³/6 - Ta t²/2 + Ta² t - Ta³ (1 - E),
+    E = e^(-t/Ta)
+
+and the response to a step is its derivative. z is a step at the first node and a change of slope at every node, so all
+responses are closed forms, exact for any delay.
+
+Cost, with trapezoidal weights of the times y_k = tau_max + s_k and of the nodes, the last one with 1/omega more::
+
+    J = sum_k W_k [(a omega²)² e_p² + (4 - 2a) omega² e_v²] + sum_j w_j z_j²
+
+The largest position error beyond a band B has a cost of its own, (a omega²)² s_n b² in J with |e_p| <= B + b: in the
+dual, b is a block of equal entries in the matrix. A force limit that cannot be met then divides its error over the
+horizon.
+
+Without constraints and over an infinite horizon this is the linear-quadratic regulator z = -2 omega e_v - a omega² e_p
+on the state at the time of effect.
+"""
+# mypy: allow-untyped-defs
 
 from __future__ import annotations
 
@@ -8,26 +33,204 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from plant_sim.elementary import libm_exp
-from plant_sim.summation import plain_sum
+from plant_sim.compiled import compiled
+from plant_sim.elementary import libm_exp, plain_sum
 from train_ato.control.algorithms.coupler_limit import CouplerLimit
-from train_ato.control.algorithms.horizon_model import HorizonModel, horizon_model, node_times
-from train_ato.control.algorithms.limits_ahead import limits_force
-from train_ato.control.algorithms.planned_motion import CONTINUED, SOLVED, planned_motion
-from train_ato.control.algorithms.predictive_plan import bounds, decide, node_values
-from train_ato.control.algorithms.section_limits import limits_at_nodes
+from train_ato.control.algorithms.limits_ahead import limits_at_nodes, limits_force
+from train_ato.control.algorithms.predictive_plan import FAR, bounds, decide, node_values, planned_motion
+from train_ato.control.algorithms.quadratic_program import inverse, matrix_product
 from train_ato.control.algorithms.train_constants import drag_slope, force_tables
+from train_ato.control.contract import LawPlan
+from train_ato.control.plan_text import PASSES
+from train_ato.messages.types import Array
 from train_ato.messages.validity import MAX_FORCE, MAX_POSITION
 
 if TYPE_CHECKING:
-    from train_ato.control.contract import LawPlan, Lookahead
+    from train_ato.control.contract import Lookahead
     from train_ato.control.train_model import TrainModel
     from train_ato.messages.types import Array
 
+
+SOFT_FORCE = 1e-6
+"""Softness of force and jerk limits, over the diagonal of the dual matrix."""
+SOFT_SPEED = 1e-2
+"""The same for speed limits, which a disturbance can make impossible to keep."""
+SOFT_PEAK = 3e-2
+"""The same for the largest position error."""
+SOFT_STOP = 1e-2
+"""The same for the position error where the reference is at rest."""
+PEAK_WEIGHT = 1.0
+"""Weight of the square of the largest position error, over that of the same error through the whole horizon."""
+
+
+def node_times(first: float, last: float, count: int) -> Array:
+    """Return ``count`` times from 0 on at geometrically growing distances, the first and the last given [s]."""
+    low, high = 1.0, 4.0
+    for _ in range(80):
+        growth = 0.5 * (low + high)
+        total = 0.0
+        for _ in range(count - 1):
+            total = total * growth + first
+        low, high = (growth, high) if total < last else (low, growth)
+    times = [0.0]
+    step = first
+    for _ in range(count - 1):
+        times.append(times[-1] + step)
+        step *= low
+    return np.array(times)
+
+
+def trapezoid_weights(times: Array) -> Array:
+    """Return the weights of the trapezoidal rule [s], shape (n,)."""
+    steps = np.diff(times)
+    weights = np.zeros(times.size)
+    weights[:-1] += 0.5 * steps
+    weights[1:] += 0.5 * steps
+    return weights
+
+
+@compiled
+def ramp_response(t, lag):
+    """Return force, speed and position after a unit ramp through a lag, and the force after a unit step.
+
+    Parameters
+    ----------
+    t
+        Time since the begin of the ramp [s]; before it the response is 0.
+    lag
+        Time constant [s].
+    """
+    if t <= 0.0:
+        return 0.0, 0.0, 0.0, 0.0
+    if lag <= 0.0:
+        return t, 0.5 * t * t, t * t * t / 6.0, 1.0
+    left = 1.0 - libm_exp(-t / lag)
+    force = t - lag * left
+    speed = 0.5 * t * t - lag * force
+    return force, speed, t * t * t / 6.0 - lag * speed, left
+
+
+@dataclass(frozen=True)
+class HorizonModel:
+    """Matrices of the quadratic programme for one set of delays.
+
+    Attributes
+    ----------
+    gradient_position, gradient_velocity : Array, shape (nodes, nodes)
+        Gradient of the cost for unit errors e_p, e_v of the free motion.
+    response_position, response_velocity : Array, shape (nodes, nodes)
+        Errors at the times y_k for unit decisions.
+    inverse : Array, shape (nodes, nodes)
+        Inverse of the Hessian.
+    limited : Array, shape (nodes, rows)
+        H⁻¹ A', change of the decision with the multipliers.
+    dual : Array, shape (rows, rows)
+        A H⁻¹ A' and the softness.
+    """
+
+    gradient_position: Array
+    gradient_velocity: Array
+    response_position: Array
+    response_velocity: Array
+    inverse: Array
+    constraints: Array
+    limited: Array
+    dual: Array
+
+
+def horizon_model(
+    nodes: Array, delays: Array, share: Array, lag: float, longest: float, *, omega: float, position_share: float
+) -> HorizonModel:
+    """Return the matrices for nodes at times after sending [s].
+
+    Parameters
+    ----------
+    nodes : Array, shape (nodes,)
+        Times after sending [s].
+    delays, share : Array, shape (units,)
+        Delay [s] and part of the force of every unit.
+    lag
+        Lag of the actuators [s].
+    longest
+        Delay after which the errors are weighted [s].
+    omega
+        Half of the gain on the speed error [rad/s].
+    position_share
+        a, gain on the position error over omega².
+    """
+    position, velocity = responses(nodes, delays, share, lag, longest)
+    weights = trapezoid_weights(nodes)
+    weights[-1] += 1.0 / omega
+    weighted_position = (position_share * omega**2) ** 2 * weights[:, None] * position
+    weighted_velocity = (4.0 - 2.0 * position_share) * omega**2 * weights[:, None] * velocity
+    hessian = matrix_product(np.ascontiguousarray(position.T), weighted_position)
+    hessian = hessian + matrix_product(np.ascontiguousarray(velocity.T), weighted_velocity)
+    hessian[np.arange(nodes.size), np.arange(nodes.size)] += weights
+    inverted = inverse(hessian)
+    constraints, softness = constraint_rows(position, velocity)
+    limited = matrix_product(inverted, np.ascontiguousarray(constraints.T))
+    dual = matrix_product(constraints, limited)
+    diagonal = np.diag(dual).copy()
+    dual[np.arange(diagonal.size), np.arange(diagonal.size)] += softness * diagonal + 1e-12
+    peak = slice(5 * nodes.size, 7 * nodes.size)
+    dual[peak, peak] += 1.0 / (PEAK_WEIGHT * (position_share * omega**2) ** 2 * nodes[-1])
+    return HorizonModel(
+        np.ascontiguousarray(weighted_position.T), np.ascontiguousarray(weighted_velocity.T), position, velocity,
+        inverted, constraints, limited, dual,
+    )  # fmt: skip
+
+
+@compiled
+def responses(nodes, delays, share, lag, longest):
+    """Return the errors of position and speed at ``longest + nodes`` for unit decisions, shape (times, nodes)."""
+    count = nodes.size
+    position, velocity = np.zeros((count, count)), np.zeros((count, count))
+    for i in range(delays.size):
+        for k in range(count):
+            since = nodes[k] + longest - delays[i]
+            force, speed, _, _ = ramp_response(since, lag)
+            velocity[k, 0] += share[i] * force
+            position[k, 0] += share[i] * speed
+            for j in range(count - 1):
+                slope = share[i] / (nodes[j + 1] - nodes[j])
+                _, speed, place, _ = ramp_response(since - nodes[j], lag)
+                _, later_speed, later_place, _ = ramp_response(since - nodes[j + 1], lag)
+                velocity[k, j] -= slope * (speed - later_speed)
+                velocity[k, j + 1] += slope * (speed - later_speed)
+                position[k, j] -= slope * (place - later_place)
+                position[k, j + 1] += slope * (place - later_place)
+    return position, velocity
+
+
+def constraint_rows(position: Array, velocity: Array) -> tuple[Array, Array]:
+    """Return the rows A of upper and lower force limits, jerk limits, speed limits, position error, and stops.
+
+    The second result is their softness.
+
+    Parameters
+    ----------
+    position, velocity : Array, shape (nodes, nodes)
+        Response of position and speed.
+    """
+    count = velocity.shape[0]
+    unit = np.eye(count)
+    change = unit.copy()
+    change[1:] -= unit[:-1]
+    rows = np.vstack((unit, -unit, change, -change, velocity, position, -position, position))
+    softness = np.repeat([SOFT_FORCE, SOFT_SPEED, SOFT_PEAK, SOFT_STOP], [4 * count, count, 2 * count, count])
+    return rows, softness
+
+
+SOLVED, CONTINUED = "solved", "iterations"
+"""Status of a new plan, and of the last one after too many exchanges."""
+KEPT = 0.5
+"""Distance beyond a stop up to which a plan counts as one that keeps it [m]; 100 s ahead right plans have .3 m."""
 PARTS = 4
 """Steps from node to node of the force that keeps the train on the reference."""
 POSITION_BAND = 2.0
 """Position error up to which the largest one has no cost of its own [m]."""
+STOP_ROOM = 0.3
+"""Planned position error where the reference is at rest from which on the train brakes earlier [m]."""
 APPROACH = 2.0
 """Double pole with which a speed limit is approached, over the pole of the loop: its gain on the speed error."""
 PASSING_TIME = 5.0
@@ -62,8 +265,13 @@ class PlanStart:
         Resistance at the measured state beyond that on the reference [N].
     inertia : float
         Estimated inertia [kg].
+    gain : float
+        Known gain of the actuators: the limits of the force ahead are those of the model times it.
     air_brake_acts : bool
         True while the air brake acts.
+    departs : bool
+        True for a train at standstill without hauled vehicles: it may take up the acceleration of the reference at
+        once, and the largest jerk is that of its catching up.
     """
 
     required: Array
@@ -78,7 +286,9 @@ class PlanStart:
     position_error: float
     beyond_reference: float
     inertia: float
+    gain: float
     air_brake_acts: bool
+    departs: bool
 
 
 class ForcePlan:
@@ -110,7 +320,7 @@ class ForcePlan:
     """
 
     def __init__(
-        self, model: TrainModel, period: float, omega: float, lookahead: float, nodes: int, jerk: float,
+        self, model: TrainModel, period: float, *, omega: float, lookahead: float, nodes: int, jerk: float,
         overspeed: float, coupler_limit: float,
     ) -> None:  # fmt: skip
         self._model, self._period, self._jerk, self._omega = model, period, jerk, omega
@@ -129,6 +339,7 @@ class ForcePlan:
         half = model.consist.vehicles[0].length / 2.0
         self._ends = np.array([half, half - model.consist.length, overspeed, POSITION_BAND])
         self._band = POSITION_BAND if model.air_brake is None else MAX_POSITION
+        self._stops = model.air_brake is None and not model.reversing
         self._passed = 1.0 - np.exp(-self.nodes / PASSING_TIME)
         self._memory = math.exp(-period / lookahead)
         self.reset()
@@ -137,7 +348,7 @@ class ForcePlan:
         """Forget the last plan and the counts."""
         self._plan = np.zeros(self.nodes.size)
         self._largest = 0.0
-        self._active = np.zeros(7 * self.nodes.size, dtype=np.bool_)
+        self._active = np.zeros(8 * self.nodes.size, dtype=np.bool_)
         self.failures = self.limited_steps = self.most_exchanges = 0
 
     def set_delays(self, delays: Array, ticks: int, entries: int, omega: float, share: float) -> None:
@@ -156,15 +367,16 @@ class ForcePlan:
         key = (float(delays.max()), omega, share)
         if key not in self._models:
             model, longest = self._model, ticks * self._model.tick
+            solved = {"omega": omega, "position_share": share}
             self._models[key] = [
-                horizon_model(self.nodes, delay + 0.5 * self._period, model.share, model.lag, longest, omega, share)
+                horizon_model(self.nodes, delay + 0.5 * self._period, model.share, model.lag, longest, **solved)
                 for delay in delays
             ]
         self._sides = self._models[key]
         self._pole = APPROACH * self._omega
         self._near = int(np.searchsorted(self.nodes, 1.0 / self._pole))
 
-    def decide(self, start: PlanStart, ahead: Lookahead, simulated: bool) -> float:
+    def decide(self, start: PlanStart, ahead: Lookahead, *, simulated: bool) -> float:
         """Return the total force for now [N].
 
         Parameters
@@ -181,29 +393,38 @@ class ForcePlan:
         reference = np.array([ahead.position[self._entries - 1 :: PARTS], ahead.velocity[self._entries - 1 :: PARTS]])
         side = self._sides[int(start.last_force < 0.0)]
         disturbance = start.disturbance - start.passing * self._passed
-        allowed = self._bounds(start, ahead, at_nodes, reference, side, simulated, disturbance)
+        allowed = self._bounds(
+            start, ahead, at_nodes=at_nodes, reference=reference, side=side, simulated=simulated,
+            disturbance=disturbance,
+        )  # fmt: skip
         status = self._solve(start.errors, side, allowed)
         reference[:, 0] = ahead.position[self._ticks], ahead.velocity[self._ticks]
         self._decided = (
             self._ticks * self._model.tick + self.nodes, reference, start.errors, side, self._plan.copy(),
             at_nodes + start.inertia * (self._plan - disturbance),
             allowed[4 * self.nodes.size : 5 * self.nodes.size], status,
+            self._stops and bool(self._active[self.nodes.size : 2 * self.nodes.size].any()),
         )  # fmt: skip
         return start.feedforward + start.inertia * (float(self._plan[0]) - start.disturbance)
 
     def planned(self) -> LawPlan:
         """Return the plan of the last decision."""
-        return planned_motion(*self._decided)
+        times, reference, errors, side, plan, force, room, status, at_brake_limit = self._decided
+        rows = planned_motion(reference, errors, side.response_position, side.response_velocity, plan, room)
+        beyond = (rows[0] - reference[0])[reference[1] == 0.0]
+        if at_brake_limit and reference[1, 0] != 0.0 and beyond.max(initial=0.0) > KEPT:
+            status = f"{status}, {PASSES} {beyond.max():.1f} m"  # only then the force is the reason
+        return LawPlan(times, rows[0], rows[1], force, rows[2], status)
 
     def _bounds(
-        self, start: PlanStart, ahead: Lookahead, at_nodes: Array, reference: Array, side: HorizonModel,
+        self, start: PlanStart, ahead: Lookahead, *, at_nodes: Array, reference: Array, side: HorizonModel,
         simulated: bool, disturbance: Array,
     ) -> Array:  # fmt: skip
         """Return the right-hand sides of the constraints; the force at the nodes receives the running resistance."""
-        allowed = np.empty(7 * self.nodes.size)
+        allowed = np.empty(8 * self.nodes.size)
         drag = (start.beyond_reference, *self._drag_slope)
         # a brake that acts does not last, and the simulated train had these limits
-        tables = self._no_tables if simulated and start.air_brake_acts else self._tables
+        tables = self._no_tables if simulated and start.air_brake_acts else start.gain * self._tables
         self._largest = max(abs(start.position_error), self._largest * self._memory)
         self._ends[3] = max(self._band, self._largest)
         bounds(
@@ -212,6 +433,10 @@ class ForcePlan:
             start.inertia, self._jerk, self._steps, disturbance, start.rise, float(start.required[self._ticks]),
             allowed,
         )  # fmt: skip
+        if start.departs:
+            allowed[2 * self.nodes.size] = max(float(allowed[2 * self.nodes.size]), 0.0)
+        rests = (reference[1] == 0.0) & self._stops
+        allowed[7 * self.nodes.size :] = np.where(rests, np.minimum(STOP_ROOM - start.errors[0], FAR), FAR)
         if self._model.lag > 0.0:
             self._approach(start, ahead, reference[1], side, allowed)
         return allowed
@@ -261,7 +486,9 @@ class ForcePlan:
         within = self._within_couplers(motion)
         if not self._sections or not ahead.force_max.size:
             return within
-        return limits_at_nodes(ahead.force_min, ahead.force_max, self.nodes, PARTS, self._ticks, within)
+        return limits_at_nodes(
+            ahead.force_min, ahead.force_max, self.nodes, parts=PARTS, effect=self._ticks, limits=within
+        )
 
     def _within_couplers(self, motion: Array) -> Array:
         """Return the smallest and largest total force at the nodes for the coupler forces [N], shape (2, nodes).

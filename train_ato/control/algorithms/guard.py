@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from train_ato.control.algorithms.force_shares import mean_over_units
+from plant_sim.elementary import mean_over_units
 from train_ato.control.contract import LawInput, LawOutput, LawPlan, Lookahead, Preview
 from train_ato.messages.types import Array
 from train_ato.messages.validity import MAX_FORCE, MAX_POSITION, MAX_SPEED

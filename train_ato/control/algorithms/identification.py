@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from plant_sim.elementary import exp_each, sin_each
-from plant_sim.summation import plain_dot
+from plant_sim.elementary import exp_each, plain_dot, sin_each
 from train_ato.messages.types import Array
 
 
@@ -59,7 +58,7 @@ class Increments:
         driven = plain_dot(b, sent)
         return v0 - (-a1 * v1 - a2 * v2 - a3 * v3) - driven
 
-    def learn(self, speeds: list[float], sent: list[float], error: float, absolute: bool) -> None:
+    def learn(self, speeds: list[float], sent: list[float], error: float, *, absolute: bool) -> None:
         """Move the parameters by x e/(1 + x'x).
 
         Parameters

@@ -3,6 +3,8 @@
 The tables follow once from the nominal train and line. Neutral sections, power limits and adhesion hold for every power
 unit with its centre in the section, as in the plant (:mod:`plant_sim.section_effects`); the adhesion is that of
 Curtius and Kniffler, dry, times the factor of the section, and limits on lines with adhesion sections only.
+
+Force limits of line sections in the plan of a predictive law: limits at its nodes, and the command of every unit.
 """
 
 # mypy: allow-untyped-defs
@@ -15,15 +17,95 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from plant_sim.compiled import compiled
+from plant_sim.elementary import plain_sum
 from plant_sim.railway import adhesion_by_speed, envelope_force
 from plant_sim.section_effects import Row, SectionZones, largest_power, limited_segments
-from plant_sim.summation import plain_sum
 from train_ato.messages.types import Array
 from train_ato.messages.validity import MAX_SPEED
 
 if TYPE_CHECKING:
     from plant_sim.line import Line
     from train_ato.control.train_model import TrainModel
+
+
+@compiled
+def node_limits(force, nodes, parts, effect, limits, side):
+    """Narrow the limits of the total force at the nodes by those of the units ahead.
+
+    A limit of a node is its mean over the time to the neighbours, with weights that fall linearly to 0 there: the
+    planned force, linear between the nodes, then has the impulse that a section leaves. The first node has the limit at
+    the effect of the command.
+
+    Parameters
+    ----------
+    force : Array, shape (h, units)
+        Limit of every unit at the times of the lookahead [N].
+    nodes : Array, shape (nodes,)
+        Times of the nodes after the effect [s].
+    parts
+        Steps from a node to the next at the end of the lookahead.
+    effect
+        Row of the effect of the command.
+    limits : Array, shape (2, nodes)
+        Smallest and largest total force [N]; changed.
+    side
+        0: ``force`` is the smallest, 1: the largest.
+    """
+    n, first = nodes.size, force.shape[0] - parts * (nodes.size - 1) - 1
+    total, weight = np.zeros(n), np.zeros(n)
+    for j in range(n - 1):
+        step = nodes[j + 1] - nodes[j]
+        for k in range(parts + 1):
+            value = 0.0
+            for unit in range(force.shape[1]):
+                value += force[first + j * parts + k, unit]
+            part = k / parts
+            ends = 0.5 if k == 0 or k == parts else 1.0
+            total[j] += ends * step * (1.0 - part) * value
+            weight[j] += ends * step * (1.0 - part)
+            total[j + 1] += ends * step * part * value
+            weight[j + 1] += ends * step * part
+    for j in range(n):
+        value = total[j] / weight[j]
+        if j == 0:
+            value = 0.0
+            for unit in range(force.shape[1]):
+                value += force[effect, unit]
+        limits[side, j] = min(limits[side, j], value) if side else max(limits[side, j], value)
+
+
+def within_units(wanted: list[float], share: list[float], low: list[float], high: list[float]) -> list[float]:
+    """Return the forces of the units inside their limits [N]; other units take over what one cannot give.
+
+    Parameters
+    ----------
+    wanted, share, low, high : list of float, length units
+        Forces [N], shares of a total force, and limits at the time of effect [N].
+    """
+    found = _limited(wanted, low, high)
+    for _ in wanted:
+        rest = plain_sum(wanted) - plain_sum(found)
+        free = [
+            part if (most > force if rest > 0.0 else least < force) else 0.0
+            for part, force, least, most in zip(share, found, low, high, strict=True)
+        ]
+        whole = plain_sum(free)
+        if rest == 0.0 or whole == 0.0:
+            break
+        found = _limited([force + rest * part / whole for force, part in zip(found, free, strict=True)], low, high)
+    return found
+
+
+def _limited(force: list[float], low: list[float], high: list[float]) -> list[float]:
+    return [min(max(each, least), most) for each, least, most in zip(force, low, high, strict=True)]
+
+
+def limits_at_nodes(low: Array, high: Array, nodes: Array, *, parts: int, effect: int, limits: Array) -> Array:
+    """Return limits of the total force narrowed by :func:`node_limits` on both sides [N], shape (2, nodes)."""
+    found = limits.copy()
+    node_limits(low, nodes, parts, effect, found, 0)
+    node_limits(high, nodes, parts, effect, found, 1)
+    return found
 
 
 def limits_force(line: Line) -> bool:
@@ -38,10 +120,15 @@ class LimitsAhead:
     ----------
     model
         The nominal train and line.
+
+    Attributes
+    ----------
+    places, speeds : Array
+        Places of vehicle 0's centre at which the limit over the train changes [m]; limits [m/s], one more.
     """
 
     def __init__(self, model: TrainModel) -> None:
-        self._places, self._speeds = _whole_train_limits(model)
+        self.places, self.speeds = _whole_train_limits(model)
         self._zones = SectionZones(model.line)
         self._offsets = model.offsets
         self._rows, self._pointers = self._zone_envelopes(model)
@@ -52,7 +139,7 @@ class LimitsAhead:
 
     def speed_limit(self, position: Array) -> Array:
         """Return the lowest limit over the train with vehicle 0's centre at places [m/s], shape (h,)."""
-        found: Array = _step_values(self._places, self._speeds, position)
+        found: Array = step_values(self.places, self.speeds, position)
         return found
 
     def force(self, position: Array, speed: Array) -> tuple[Array, Array]:
@@ -120,7 +207,7 @@ def _whole_train_limits(model: TrainModel) -> tuple[Array, Array]:
 
 
 @compiled
-def _step_values(places, values, position):
+def step_values(places, values, position):
     """Return the values that hold at positions; value i before place i, the last one beyond all places."""
     found = np.empty(position.size)
     for k in range(position.size):

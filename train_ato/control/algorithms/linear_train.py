@@ -20,8 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant_sim.railway import DRY_FRICTION_SPEED
+from plant_sim.units import KMH
 from train_ato.control.algorithms.coupler_modes import TrainModes, body_numbers, chain
 from train_ato.control.train_model import TrainModel
+from train_ato.errors import check_packages
 from train_ato.messages.types import Array
 
 Signal = tuple[str, str]
@@ -65,6 +67,19 @@ class LinearTrain:
         """Eigenvalues of A [rad/s]."""
         return np.linalg.eigvals(self.A).astype(np.complex128)
 
+    def _repr_html_(self) -> str:
+        poles = sorted(self.poles, key=abs)  # the first one is 0: the place of the train on level line
+        worst = max(pole.real for pole in poles[1:])
+        verdict = f"{'stable' if worst < 0.0 else 'unstable'} at {KMH * self.speed:.4g} km/h, besides the free place"
+        rows = (
+            f"<tr><td>{name}</td><td>{delay:.4g} s</td><td>{braking:.4g} s</td></tr>"
+            for (name, _), delay, braking in zip(self.inputs, self.delay, self.delay_brake, strict=True)
+        )
+        return (
+            f"<p><b>{verdict}</b></p><p>{len(self.states)} states, {len(self.outputs)} outputs</p><table><tr>"
+            f"<th>input</th><th>delay in traction</th><th>in braking</th></tr>{''.join(rows)}</table>"
+        )
+
     def response(self, omega: Any, *, braking: bool = False) -> NDArray[np.complex128]:
         """Return the frequency response with the delays, shape (frequencies, outputs, units).
 
@@ -85,6 +100,7 @@ class LinearTrain:
 
     def scipy(self) -> Any:
         """Return the model without delays as :class:`scipy.signal.StateSpace`."""
+        check_packages("scipy()", "scipy")
         from scipy.signal import StateSpace
 
         return StateSpace(self.A, self.B, self.C, self.D)

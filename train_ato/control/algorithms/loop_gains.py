@@ -9,7 +9,11 @@ ki = kp/(8 theta). Elastic couplers lower kp:
   and the gain A(w). It adds the damping rate kp p A cos(phi)/2, with the part p = M sum s_i phi_r(i)² of the units of
   shares s_i in the mode. Beyond a quarter of a turn it excites the mode; kp is at most half of the limit
   2 zeta w/(p A |cos phi|), with a phase a fifth larger. A third of the damping by friction counts: a cycle from draft
-  to buff through the slack has half of it.
+  to buff through the slack has half of it. zeta is at least ``LEAST_DAMPING``: every gain excites a mode of springs
+  without dampers, and the gain 0 loses the train.
+  Half is a compromise, measured on random trains of `check-law`: with a quarter a train of 12 vehicles, whose couplers
+  swing after two accelerations, exceeds its speed by 1.16 in place of 1.25 km/h under `pid`, and one of 89 vehicles
+  stops .42 in place of .06 m beyond the target, under `lag_smc` 1.24 in place of .28 m.
 * A group of power units is at most two thirds of the wave impedance of the hauled vehicles beside it.
 
 ki is then at most kp²/4, which gives two equal poles.
@@ -40,6 +44,8 @@ MODE_SHARE = 0.5
 """Gain over the one at which a mode is undamped."""
 FRICTION_SHARE = 1.0 / 3.0
 """Part of the damping by friction that counts."""
+LEAST_DAMPING = 0.001
+"""Least damping ratio of a mode: half of it lets an undamped mode of 1 rad/s double in 23 min."""
 PHASE_MARGIN = 1.2
 """Factor on the phase of delay and lag."""
 
@@ -86,6 +92,6 @@ def _gain_of_modes(model: TrainModel, sampling: float) -> float:
     lagging = modes.omega * model.lag
     phase = modes.omega * (dead_time(model) - model.lag + sampling) + np.array(list(map(math.atan, lagging.tolist())))
     excited = -cos_each(np.minimum(PHASE_MARGIN * phase, math.pi))
-    rate = modes.omega * (modes.viscous + FRICTION_SHARE * modes.friction)
+    rate = modes.omega * np.maximum(modes.viscous + FRICTION_SHARE * modes.friction, LEAST_DAMPING)
     reached = model.inertia * modes.units * excited / np.sqrt(1.0 + lagging * lagging)
     return float((2.0 * MODE_SHARE * rate[reached > 0.0] / reached[reached > 0.0]).min(initial=math.inf))

@@ -2,7 +2,34 @@
 
 The force between two samples is that of the actuators; the resistance is that of the model at the measured state, or
 that of a simulated train with the difference of the running resistance.
+
+Force on the reference from a simulated train, in place of that of the rigid train.
+
+With it a predictive law plans the deviation from the simulated train: e_v' = (F - F_c - W(v) + W(v_d))/M + d, with the
+force F_c of the simulated train up to the effect of the last command. d has then only what the simulation lacks. The
+forces of the rigid train lack the waves in the couplers, so that every stretch of the train counts as a disturbance.
+
+Observer of a train with hauled vehicles: motion without waves, disturbance, and the modes of the couplers.
+
+    y_p = e_p + sum_r u_r,   y_v = e_v + sum_r w_r,   u_r' = w_r
+    e_p' = e_v,   e_v' = (F - W)/M - v_d' + d + C F_s''
+    w_r' = -2 zeta_r omega_r w_r - omega_r² u_r + b_r² (F - F_s) + white noise
+
+y is the motion of the units, measured, and e their motion without waves. A draft gear is not linear, so that the
+modes (`coupler_modes.py`) do not have the stretch by a steady force F_s: C F_s is a part of e_p, with the compliance C,
+and the modes receive F - F_s. F_s is F through two lags, each of the time 2/omega of the slowest mode.
+
+With a random speed in place of the modes, the speed error by a wave is fed back a delay later. If the delay is a
+quarter of the period of the wave or more, the loop excites it, up to a limit cycle in the slack. Therefore the error
+that is fed back has e and only those modes that the loop damps: with omega_r (tau + Ta) < pi/2. If an error of the
+delay could excite a mode (`CouplerModes.outlast`), it has those that the loop damps with ``LONGER_DELAY`` times this
+time, and little of the waves is in e: ``LIGHT_WAVES`` replaces ``OTHER_WAVES``.
+
+The noise of the modes gives them a standard deviation of together ``WAVE_SPEED`` in a train without a change of the
+force, divided in proportion to b_r². ``OTHER_WAVES`` is that of the speed by the other modes, for which e_v has a
+random part. The rest, as the bank of random walks of d and the measured noise, is that of `motion_observer.py`.
 """
+# mypy: allow-untyped-defs
 
 from __future__ import annotations
 
@@ -11,17 +38,288 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from plant_sim.compiled import compiled
+from plant_sim.elementary import mean_over_units
 from train_ato.control.algorithms.coupler_modes import CouplerModes
-from train_ato.control.algorithms.force_shares import mean_over_units
-from train_ato.control.algorithms.modal_observer import ModalObserver
-from train_ato.control.algorithms.motion_observer import MotionObserver
-from train_ato.control.algorithms.simulated_reference import SIMULATED_WAVES
+from train_ato.control.algorithms.motion_filters import correct, match, mix, weigh
+from train_ato.control.algorithms.motion_observer import DISTURBANCE_PRIOR, SPEED_PRIOR, MotionObserver
 from train_ato.control.algorithms.train_constants import dead_time, drag_slope, starting_resistance, wave_time
 from train_ato.control.train_model import STANDSTILL_SPEED
+from train_ato.messages.types import Array
 
 if TYPE_CHECKING:
     from train_ato.control.contract import LawInput
     from train_ato.control.train_model import TrainModel
+
+
+WAVE_SPEED = 0.05
+"""Standard deviation of the speed of the units by the modes [m/s]."""
+OTHER_WAVES = 0.02
+"""Standard deviation of the speed of the units by other modes [m/s]."""
+LIGHT_WAVES = 0.003
+"""The same where the waves outlast the feedback [m/s]: e does not follow a wave of another frequency."""
+LONGER_DELAY = 1.5
+"""Factor on the dead time with which the loop still damps a mode that is fed back where waves outlast the feedback."""
+STEADY_PERIODS = 2.0
+"""Time of a lag of the steady force over 1/omega of the slowest mode."""
+MOTION = 3
+"""States y_p, y_v and d, before those of the modes."""
+
+
+@compiled
+def modal_step(
+    states, covariances, chances, noise, before, transition, driven, drift, walks, chain, weight, position, speed, mean,
+    floor_ratio,
+):  # fmt: skip
+    """Advance all filters by a period and correct them.
+
+    Parameters
+    ----------
+    states : Array, shape (filters, n)
+        y_p [m], y_v [m/s], d [m/s²], and u_r [m] and w_r [m/s] of every mode.
+    covariances : Array, shape (filters, n, n)
+        Their covariances.
+    chances, noise, before, chain, weight, position, speed, floor_ratio
+        As in :func:`train_ato.control.algorithms.motion_filters.filter_step`.
+    transition : Array, shape (n, n)
+        State after a period without input.
+    driven : Array, shape (n,)
+        Change of the state by the known accelerations in the period.
+    drift : Array, shape (n, n)
+        Covariance of the change in a period.
+    walks : Array, shape (filters,)
+        Variance of the change of d in a period.
+    mean : Array, shape (n,)
+        Result: mean of the states of the filters, weighted by their probabilities.
+    """
+    mix(states, covariances, chances, chain)
+    count, size = states.shape
+    exponents, roots = np.empty(count), np.empty(count)
+    mean_position, mean_speed = 0.0, 0.0
+    half, former = np.empty((size, size)), np.empty(size)
+    for j in range(count):
+        state, covariance = states[j], covariances[j]
+        former[:] = state
+        for a in range(size):
+            state[a] = driven[a]
+            for b in range(size):
+                state[a] += transition[a, b] * former[b]
+        for a in range(size):
+            for b in range(size):
+                total = 0.0
+                for k in range(size):
+                    total += transition[a, k] * covariance[k, b]
+                half[a, b] = total
+        for a in range(size):
+            for b in range(a + 1):
+                total = drift[a, b]
+                for k in range(size):
+                    total += half[a, k] * transition[b, k]
+                covariance[a, b] = covariance[b, a] = total
+        covariance[2, 2] += walks[j]
+        miss_position, miss_speed = position - state[0], speed - state[1]
+        mean_position += chances[j] * miss_position
+        mean_speed += chances[j] * miss_speed
+        exponents[j], roots[j] = correct(state, covariance, noise, miss_position, miss_speed)
+    weigh(states, chances, exponents, roots, mean)
+    match(noise, before, weight, mean_position, mean_speed, floor_ratio)
+
+
+class SteadyForce:
+    """Force through two lags of the same time [N].
+
+    Parameters
+    ----------
+    time
+        Time of each lag [s].
+    period
+        Control period [s].
+    """
+
+    def __init__(self, time: float, period: float) -> None:
+        self._period = period
+        self._gained = 1.0 - math.exp(-period / time)
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin at the next force."""
+        self.force = self._first = self._rate = 0.0
+        self._begins = True
+
+    def step(self, force: float) -> float:
+        """Take the mean force of a period [N]; return the change of its rate F_s' in it [N/s]."""
+        if self._begins:
+            self.force = self._first = force
+            self._begins = False
+        before = self._rate
+        self._first += self._gained * (force - self._first)
+        risen = self._gained * (self._first - self.force)
+        self.force += risen
+        self._rate = risen / self._period
+        return self._rate - before
+
+
+class ModalObserver(MotionObserver):
+    """Position error [m], speed error [m/s] and disturbance [m/s²] of a train with hauled vehicles.
+
+    Parameters
+    ----------
+    period
+        Control period [s].
+    bandwidth
+        omega_o, bandwidth of the disturbance at the smallest noise [rad/s].
+    wave_time
+        T_w, time of a wave through the train [s], > 0.
+    speed_noise
+        Standard deviation of the measured speed at the start [m/s].
+    modes
+        Modes of the couplers, at least one.
+    dead_time
+        tau + Ta, from a measurement to its effect [s].
+    outlast
+        True if the feedback of a mode could excite it.
+    """
+
+    def __init__(
+        self, period: float, bandwidth: float, wave_time: float, *, speed_noise: float, modes: CouplerModes,
+        dead_time: float, outlast: bool = False,
+    ) -> None:  # fmt: skip
+        self._modes = modes
+        self._other_waves = LIGHT_WAVES if outlast else OTHER_WAVES
+        longest = dead_time * (LONGER_DELAY if outlast else 1.0)
+        self._not_fed_back = [
+            MOTION + 2 * number for number, omega in enumerate(modes.omega.tolist()) if omega * longest >= 0.5 * math.pi
+        ]
+        self._transition, self._gains = _motion(modes, period)
+        self._steady = SteadyForce(STEADY_PERIODS / float(modes.omega[0]), period)
+        super().__init__(period, bandwidth, wave_time, speed_noise=speed_noise)
+
+    def reset(self) -> None:
+        """Restart at the next sample without a disturbance and with the prior noise."""
+        super().reset()
+        count, size = self._filters.walks.size, MOTION + 2 * self._modes.omega.size
+        self._waves = 2.0 * self._other_waves**2 / self._wave_time * self._period
+        wave = _waves(self._modes)
+        self._random = wave - _sandwich(self._transition, wave)
+        prior = np.zeros((size, size))
+        prior[:MOTION, :MOTION] = np.diag([self._filters.position_prior**2, SPEED_PRIOR**2, DISTURBANCE_PRIOR**2])
+        self._states, self._mean = np.zeros((count, size)), np.zeros(size)
+        self._covariances = np.array([prior + wave] * count)
+        self._steady.reset()
+
+    def restart(self, position: float, speed: float) -> None:
+        """Take a sample as position and speed error [m, m/s] without waves; the disturbance is held."""
+        self._states[:, MOTION:] = 0.0
+        self._steady.reset()
+        super().restart(position, speed)
+
+    def _filter(
+        self,
+        position: float,
+        speed: float,
+        pull: float,
+        regressor: float,
+        force: float,
+        jolt: float,
+        walks: Array,
+        variance: float,
+    ) -> None:
+        """Advance and correct the filters; arguments as in the base class."""
+        bent = self._modes.compliance * self._steady.step(force) / self._period
+        driven = self._gains[0] * (pull + bent) + self._gains[1] * (force - self._steady.force)
+        drift = self._random.copy()
+        drift[1, 1] += jolt
+        modal_step(
+            self._states, self._covariances, self._chances, self._noise, self._before, self._transition, driven,
+            drift, walks, self._filters.chain,
+            1.0 / self._count, position, speed, self._mean, self._filters.position_floor,
+        )  # fmt: skip
+        found = self._mean.tolist()
+        kept = [found[0], found[1]]
+        for place in self._not_fed_back:
+            kept = [kept[0] - found[place], kept[1] - found[place + 1]]
+        self._state = [*kept, found[2], 0.0, 0.0]
+
+
+def _motion(modes: CouplerModes, period: float) -> tuple[Array, Array]:
+    """Return transition of the states and their changes by an acceleration [m/s²] and a force [N], shape (2, n)."""
+    size = MOTION + 2 * modes.omega.size
+    transition, gains = np.eye(size), np.zeros((2, size))
+    h = period
+    transition[0, 1], transition[0, 2], transition[1, 2] = h, 0.5 * h * h, h
+    gains[0, :2] = 0.5 * h * h, h
+    for number, (omega, damping, mobility) in enumerate(
+        zip(modes.omega.tolist(), modes.damping.tolist(), modes.mobility.tolist(), strict=True)
+    ):
+        place = MOTION + 2 * number
+        block, forced = _oscillator(omega, damping, h)
+        transition[place : place + 2, place : place + 2] = block
+        gains[1, place : place + 2] = mobility * forced
+        gains[1, :2] += mobility * forced
+        transition[0, place : place + 2] = block[0] - [1.0, h]
+        transition[1, place : place + 2] = block[1] - [0.0, 1.0]
+    return transition, gains
+
+
+def _oscillator(omega: float, damping: float, period: float) -> tuple[Array, Array]:
+    """Return transition of displacement and speed over a period, and their change by an acceleration of 1 m/s²."""
+    rate, turn = damping * omega, omega * math.sqrt(1.0 - damping * damping)
+    fade, cosine, sine = math.exp(-rate * period), math.cos(turn * period), math.sin(turn * period) / turn
+    block = fade * np.array([[cosine + rate * sine, sine], [-omega * omega * sine, cosine - rate * sine]])
+    return block, np.array([(1.0 - block[0, 0]) / (omega * omega), block[0, 1]])
+
+
+def _waves(modes: CouplerModes) -> Array:
+    """Return the covariance of the states by the waves in a train without a change of the force."""
+    size = MOTION + 2 * modes.omega.size
+    covariance = np.zeros((size, size))
+    part = modes.mobility / math.fsum(modes.mobility.tolist())
+    for number, (omega, share) in enumerate(zip(modes.omega.tolist(), part.tolist(), strict=True)):
+        place, speed = MOTION + 2 * number, share * WAVE_SPEED**2
+        for offset, variance in ((0, speed / omega**2), (1, speed)):
+            covariance[place + offset, place + offset] = variance
+            covariance[offset, offset] += variance
+            covariance[offset, place + offset] = covariance[place + offset, offset] = variance
+    return covariance
+
+
+def _sandwich(transition: Array, covariance: Array) -> Array:
+    """Return the covariance after a period without noise, added in order."""
+    size = covariance.shape[0]
+    half, after = np.zeros((size, size)), np.zeros((size, size))
+    for k in range(size):
+        half = half + np.outer(transition[:, k], covariance[k])
+    for k in range(size):
+        after = after + np.outer(half[:, k], transition[:, k])
+    return after
+
+
+SIMULATED_SHARE = 2.0
+"""Gain on the position error over omega²: the speed has no cost of its own, and the position error is the integral."""
+SIMULATED_WAVES = 0.01
+"""Standard deviation of the speed of a unit against its train beyond the waves of the simulated train [m/s]."""
+
+
+def follow_simulation(required: Array, simulated: Array, count: int) -> Array:
+    """Return the total force on the reference [N], that of the simulated train up to the effect of the last command.
+
+    Parameters
+    ----------
+    required : Array, shape (h,)
+        Force of the rigid train [N].
+    simulated : Array, shape (k,)
+        Force of the simulated train at the first times [N]; without entries ``required`` is returned.
+    count
+        Number of times up to the effect of the last command; beyond k the last difference of the forces lasts.
+    """
+    if not simulated.size:
+        return required
+    known = min(simulated.size, count)
+    lasting = simulated[known - 1] - required[known - 1]
+    return np.concatenate((simulated[:known], required[known:count] + lasting, required[count:]))
+
 
 MEAN_TIME = 10.0
 """Time over which the unexplained acceleration is averaged for the limits far ahead [s]."""
@@ -61,7 +359,7 @@ class MeasuredMotion:
     """
 
     def __init__(
-        self, model: TrainModel, period: float, omega: float, ratio: float, weight: float, speed_noise: float,
+        self, model: TrainModel, period: float, *, omega: float, ratio: float, weight: float, speed_noise: float,
         use_mass: bool,
     ) -> None:  # fmt: skip
         vehicles, bandwidth = len(model.consist.vehicles), ratio * omega
@@ -69,14 +367,15 @@ class MeasuredMotion:
         self._model, self._period, self._use_mass = model, period, use_mass
         self._share: list[float] = model.share.tolist()
         self._new_observer: Callable[[], MotionObserver] = partial(
-            MotionObserver, period, bandwidth, waves, vehicles > 1, speed_noise
+            MotionObserver, period, bandwidth, waves, coupled=vehicles > 1, speed_noise=speed_noise
         )
         self._new_simulated = self._new_observer
         if waves > 0.0 and (modes := CouplerModes.of(model)).omega.size:
             outlast = modes.outlast(2.0 * omega, model.inertia, model.lag)
             self._new_observer = partial(
-                ModalObserver, period, bandwidth, waves, speed_noise, modes, dead_time(model), outlast
-            )
+                ModalObserver, period, bandwidth, waves, speed_noise=speed_noise, modes=modes,
+                dead_time=dead_time(model), outlast=outlast,
+            )  # fmt: skip
         self._weight = weight
         self._fade = 1.0 - math.exp(-period / MEAN_TIME)
         self.drag_slope = drag_slope(model)

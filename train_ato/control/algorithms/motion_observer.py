@@ -74,6 +74,7 @@ class MotionObserver:
         period: float,
         bandwidth: float,
         wave_time: float,
+        *,
         coupled: bool = True,
         speed_noise: float = SPEED_PRIOR,
     ) -> None:
@@ -154,7 +155,7 @@ class MotionObserver:
         self._before[:] = 0.0
         self._runs, self.stands = True, False
 
-    def stand(self, position: float, speed: float, place: float, reference: float, moving: bool = False) -> None:
+    def stand(self, position: float, speed: float, place: float, reference: float, *, moving: bool = False) -> None:
         """Take a sample at standstill; a speed inside the noise is 0, and changes of the measurements are noise.
 
         The speed is then exact, and the position has the noise of its sample: a motion begins with these variances.
@@ -208,7 +209,7 @@ class MotionObserver:
         force_change
             Change of the measured force over the mass in the period [m/s²]. Its time in the period is not known.
         force
-            Mean total force of the units in the period [N]; used with modes of the couplers (`modal_observer.py`).
+            Mean total force of the units in the period [N]; used with modes of the couplers (`measured_motion.py`).
         """
         if not self._runs:
             self.restart(position, speed)

@@ -1,13 +1,100 @@
-"""Linear law of generalised predictive control for a given model, paper 004, eqs. (18)-(22)."""
+"""Linear law of generalised predictive control for a given model, paper 004, eqs. (18)-(22).
+
+Diophantine recursion of generalised predictive control, paper 004, eqs. (13), (14), and its model.
+"""
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from train_ato.control.algorithms.diophantine import diophantine, response_and_past
+from train_ato.control.algorithms.coupled_units import matrix_exponential
 from train_ato.messages.types import Array
+
+
+def sampled_actuator(delay: float, lag: float, period: float) -> tuple[Array, Array]:
+    """Return A(z⁻¹) and B(z⁻¹) from command acceleration to speed, paper 004, eqs. (4), (5).
+
+    G(s) = exp(-T s)/((tau s + 1) s) (the printed (2) has a wrong minus), the delay by first-order Padé, sampled with a
+    zero-order hold; a bilinear transform would give a feed-through, which (5) does not have.
+
+    Parameters
+    ----------
+    delay, lag, period
+        Delay T, lag tau and sampling period [s].
+
+    Returns
+    -------
+    a : Array, shape (4,)
+        1, a1, a2, a3; its root at 1 is the integrator.
+    b : Array, shape (3,)
+        b0, b1, b2 in A v(k) = B u(k-1).
+    """
+    pole, fast = 2.0 / max(delay, 1e-3 * period), 1.0 / max(lag, 1e-3 * period)
+    rates = np.zeros((4, 4))
+    # Padé (pole - s)/(pole + s) = -1 + 2 pole/(s + pole); states: its own, the lag's output, the speed; then u.
+    rates[0] = [-pole, 0.0, 0.0, 1.0]
+    rates[1] = [2.0 * pole * fast, -fast, 0.0, -fast]
+    rates[2] = [0.0, 1.0, 0.0, 0.0]
+    step = matrix_exponential(rates * period)
+    transition, drive = step[:3, :3], step[:3, 3]
+    a = np.poly(np.array([math.exp(-pole * period), math.exp(-fast * period), 1.0]))
+    response, state = [], drive
+    for _ in range(3):
+        response.append(float(state[2]))
+        state = transition @ state
+    b = np.array([float(np.dot(a[: j + 1], response[j::-1])) for j in range(3)])
+    return np.asarray(a, dtype=np.float64), b
+
+
+def diophantine(a: Array, horizon: int) -> tuple[Array, Array]:
+    """Solve I = E_j A + z⁻ʲ F_j for j = 1 ... horizon, eq. (13), by recursion.
+
+    Parameters
+    ----------
+    a : Array, shape (n + 1,)
+        A(z⁻¹), a[0] = 1.
+    horizon
+        Number of steps.
+
+    Returns
+    -------
+    e : Array, shape (horizon,)
+        Coefficients common to all E_j: E_j = e[0] + ... + e[j-1] z^-(j-1).
+    f : Array, shape (horizon, n)
+        Row j - 1 holds F_j.
+    """
+    n = a.size - 1
+    e, f = np.zeros(horizon), np.zeros((horizon, n))
+    remainder = -a[1:].copy()
+    e[0] = 1.0
+    f[0] = remainder
+    for j in range(1, horizon):
+        e[j] = f[j - 1, 0]
+        f[j, :-1] = f[j - 1, 1:]
+        f[j] -= e[j] * a[1:]
+    return e, f
+
+
+def response_and_past(e: Array, b: Array, horizon: int) -> tuple[Array, Array]:
+    """Split E_j B = G_j + z⁻ʲ H_j for j = 1 ... horizon, eq. (14).
+
+    Returns
+    -------
+    g : Array, shape (horizon,)
+        Coefficients common to all G_j: the impulse response.
+    h : Array, shape (horizon, len(b) - 1)
+        Row j - 1 holds H_j, which multiplies u(k-1), u(k-2), ...
+    """
+    product = np.convolve(e, b)
+    g = product[:horizon]
+    past = np.zeros((horizon, b.size - 1))
+    for j in range(1, horizon + 1):
+        own = np.convolve(e[:j], b)
+        past[j - 1] = own[j:]
+    return g, past
 
 
 class PredictiveSettings(Protocol):

@@ -1,7 +1,7 @@
 """One step of a constrained predictive law on a train as one mass, compiled.
 
 The free motion follows from the measured forces and the commands in flight, unit by unit with its own delay. The plan
-adds the decision of :mod:`train_ato.control.algorithms.horizon_model`.
+adds the decision of :mod:`train_ato.control.algorithms.force_plan`.
 """
 
 # mypy: allow-untyped-defs
@@ -257,3 +257,19 @@ def decide(gradients, inverted, limited, dual, rows, errors, allowed, active, z)
             if found[i] != 0.0:
                 z[j] -= limited[j, i] * found[i]
     return exchanges
+
+
+@compiled
+def planned_motion(reference, errors, by_position, by_velocity, decision, room):
+    """Return planned position [m], speed [m/s] and excess over the permitted speed [m/s], shape (3, nodes)."""
+    n = decision.size
+    found = np.empty((3, n))
+    for j in range(n):
+        place, speed = 0.0, 0.0
+        for k in range(n):
+            place += by_position[j, k] * decision[k]
+            speed += by_velocity[j, k] * decision[k]
+        found[0, j] = reference[0, j] + errors[0, j] + place
+        found[1, j] = reference[1, j] + errors[1, j] + speed
+        found[2, j] = max(speed - room[j], 0.0)
+    return found

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel
     from train_ato.messages.types import Array
 
-_RELEASE_FORCE = 1.0  # N, as at a departure in control/standstill.py, which is a layer above
+_RELEASE_FORCE = 1.0  # N, as at a departure in control/command_hold.py, which is a layer above
 STOP_WINDOW = 0.1
 """Distance from the target within which the train is not moved again [m]."""
 ROLL_OUT_SPEED = 0.08
@@ -71,15 +71,15 @@ class StandstillForce:
         self._rolls_out = False
 
     def limited(
-        self, wanted: list[float], motion: Array, reference: tuple[float, float, float], at_rest: bool, inertia: float,
-        force: float,
+        self, wanted: list[float], motion: Array, reference: tuple[float, float, float], inertia: float,
+        force: float, *, at_rest: bool,
     ) -> list[float]:  # fmt: skip
         """Return the force of every unit in the range of the total force [N]; arguments as in :meth:`range`."""
-        low, high = self.range(motion, reference, at_rest, inertia, force)
+        low, high = self.range(motion, reference, inertia, force, at_rest=at_rest)
         return [min(max(each, low * share), high * share) for each, share in zip(wanted, self._share, strict=True)]
 
     def range(
-        self, motion: Array, reference: tuple[float, float, float], at_rest: bool, inertia: float, force: float
+        self, motion: Array, reference: tuple[float, float, float], inertia: float, force: float, *, at_rest: bool
     ) -> tuple[float, float]:
         """Return the smallest and largest total force [N].
 

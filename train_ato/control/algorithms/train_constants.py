@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from plant_sim.gears import LinearGear, RigidGear, TableGear
-from train_ato.control.algorithms.force_shares import mean_over_units
+from plant_sim.elementary import mean_over_units, plain_sum
+from plant_sim.gears import LinearGear, RigidGear, SmoothedGear, TableGear
+from plant_sim.units import number_text
 from train_ato.control.algorithms.predictive_plan import SPEED_STEP
 from train_ato.messages.types import Array
 from train_ato.messages.validity import MAX_FORCE
@@ -24,26 +25,48 @@ MAX_OMEGA = 1.5
 """Largest default pole of the closed loop [rad/s]."""
 
 
-def default_omega(model: TrainModel) -> float:
-    """Return the pole of the closed loop from delay, lag and couplers [rad/s].
+class Bandwidth(NamedTuple):
+    """Pole of the closed loop, with the condition that limits it.
+
+    Attributes
+    ----------
+    omega : float
+        Pole [rad/s].
+    limit : str
+        Condition as text.
+    """
+
+    omega: float
+    limit: str
+
+    @property
+    def text(self) -> str:
+        """The pole and its limit as text."""
+        return f"bandwidth {number_text(self.omega, 2)} rad/s, limited by: {self.limit}"
+
+
+def default_bandwidth(model: TrainModel) -> Bandwidth:
+    """Return the pole of the closed loop from delay, lag and couplers, the smallest of its limits.
 
     A group of power units with the gain g = 2 omega s M on its speed and hauled vehicles on one side reflects a wave
     with (Z - G)/(Z + G), G = g e^(-j w d), with the wave impedance Z and the dead time d. Two thirds of the matched
     gain Z are permitted. At w d = pi the reflection (1 + x)/(1 - x), x = g/Z, amplifies the wave, and on its way of 2 T
-    the wave loses the factor exp(-2 zeta w T). With slack or friction in the gears the linear modes of the observer are
+    the wave loses the factor exp(-2 zeta w T). With friction in the gears the linear modes of the observer are
     not those of the wave, and x is at most that for which the reflection has half of this loss:
-    x = tanh(pi zeta T/(2 d)).
+    x = tanh(pi zeta T/(2 d)). A smoothed gear has the part v/v_e of its friction at a speed v below its switching speed
+    v_e; v is that of the slowest wave with the deflection X by the traction at standstill, X pi/(2 T).
     """
-    dead = dead_time(model)
-    omega = min(MAX_OMEGA, 0.9 / dead if dead > 0.0 else MAX_OMEGA)
+    limits, dead = [Bandwidth(MAX_OMEGA, "largest default")], dead_time(model)
+    if dead > 0.0:
+        limits.append(Bandwidth(0.9 / dead, "delay and lag"))
     longest, groups = wave_time(model), hauling_groups(model)
     if longest > 0.0 and groups:
-        kept = MATCHED_SHARE
-        if (damping := _damping_in_slack(model)) is not None and dead > 0.0:
+        limits.append(Bandwidth(0.5 * wave_gain(model, MATCHED_SHARE), "wave impedance of the couplers"))
+        if (damping := _damping_of_friction(model, longest)) is not None and dead > 0.0:
             path = longest / sum(sides for _, sides in groups)
-            kept = min(kept, math.tanh(0.5 * math.pi * damping * path / dead))
-        omega = min(omega, 0.5 * wave_gain(model, kept))
-    return omega
+            kept = math.tanh(0.5 * math.pi * damping * path / dead)
+            limits.append(Bandwidth(0.5 * wave_gain(model, kept), "loss of waves in gear"))
+    return min(limits, key=lambda each: each.omega)
 
 
 def wave_gain(model: TrainModel, kept: float) -> float:
@@ -55,12 +78,26 @@ def wave_gain(model: TrainModel, kept: float) -> float:
     return min(gains, default=math.inf)
 
 
-def _damping_in_slack(model: TrainModel) -> float | None:
-    """Return the smallest damping ratio of gears with slack or friction, in a cycle from draft to buff; or None."""
-    gears = [gear for gear in model.consist.gears if not isinstance(gear, RigidGear)]
-    return min(
-        (0.5 * friction_damping(gear) for gear in gears if gear.slack > 0.0 or gear.kind != "linear"), default=None
-    )
+def _damping_of_friction(model: TrainModel, longest: float) -> float | None:
+    """Return the mean damping ratio of gears with friction, in a cycle from draft to buff; or None.
+
+    Parameters
+    ----------
+    model
+        The train.
+    longest
+        Time of a wave through all couplers [s].
+    """
+    pull = mean_over_units([1.0] * model.n_units, [each.force(0.0) for each in model.traction])
+    found = []
+    for gear in model.consist.gears:
+        acting = 0.5
+        if isinstance(gear, SmoothedGear):
+            speed = 0.5 * math.pi / longest * pull / mean_stiffness(gear)
+            acting *= min(1.0, speed / gear.switching_speed)
+        if not isinstance(gear, RigidGear | LinearGear):
+            found.append(acting * friction_damping(gear))
+    return plain_sum(found) / len(found) if found else None
 
 
 def dead_time(model: TrainModel) -> float:
@@ -104,7 +141,10 @@ def friction_damping(gear: Any) -> float:
     """
     if isinstance(gear, LinearGear | RigidGear):
         return 0.0
-    ratio = float(gear.unloading[-1] / gear.loading[-1] if isinstance(gear, TableGear) else gear.unloading_ratio)
+    if isinstance(gear, TableGear):
+        ratio = max(table.unloading[-1] / table.loading[-1] for table in gear.tables)
+    else:
+        ratio = float(gear.unloading_ratio)
     return 2.0 * (1.0 - ratio) / (math.pi * (1.0 + ratio))
 
 
@@ -115,7 +155,7 @@ def mean_stiffness(gear: Any) -> float:
     if isinstance(gear, LinearGear):
         return gear.stiffness
     if isinstance(gear, TableGear):
-        return float(gear.loading[-1] / gear.deflection[-1])
+        return min(float(table.loading[-1] / table.deflection[-1]) for table in gear.tables)
     return float(gear.force_at_stroke / gear.stroke)
 
 

@@ -11,7 +11,7 @@ Gauss-Markov process of standard deviation ``UNIT_SPEED`` and time ``UNIT_TIME``
 speed the same data support much smaller errors: one brake application would not show an error of the brake of 8 %. The
 speed of a disturbance is a random walk of ``DISTURBANCE`` in a second.
 
-theta_4 is the wear of the draft gears (`worn_gears.py`). A second copy with more wear, held to the first one by a slow
+theta_4 is the wear of the draft gears (`ahead_train.py`). A second copy with more wear, held to the first one by a slow
 force dF, has the speed s against it; both are per unit of wear. Its waves are in s, where w is hardly changed: with dF
 alone, from a copy that follows the reference exactly, the filter takes the answer of the unit for that of the whole
 mass and finds about half of the wear. Shocks, where the slack of couplers runs out, come at other times in the

@@ -33,4 +33,4 @@ def nominal_copy(model: TrainModel, profile: ProfileLike, t: float, period: floa
     most = max(1, round(period / step))
     step_ns = next(tick_ns // count for count in range(most, 0, -1) if tick_ns % count == 0)
     setup = PlantSetup.model_validate({"start": {"position": place, "speed": speed}})
-    return Train(model.consist, model.line, setup, step_ns, tick_ns)
+    return Train(model.consist, model.line, setup, step_ns=step_ns, tick_ns=tick_ns)

@@ -23,9 +23,9 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from plant_sim.elementary import total_of_units
 from plant_sim.train import Train
 from train_ato.control.air_brake.shoes import ShoeForces
-from train_ato.control.algorithms.force_shares import total_of_units
 from train_ato.control.compensation.base import CompensationBase, UnitState
 from train_ato.control.compensation.contract import CompensationInput
 from train_ato.control.compensation.nominal_train import nominal_copy

@@ -21,7 +21,7 @@ command, the delay for the sign of its force is used.
 With ``identify`` the measured force and speed of the train, compared with those of the twin, give the errors of mass,
 running resistance and air brake of the model and the wear of its draft gears (`train_identification.py`), and once a
 second the twin receives them. A twin with the right forces also stretches its couplers like the train, which an
-additional force on a rigid train does not. A second copy with worn gears (`worn_copy.py`) gives the effect of wear.
+additional force on a rigid train does not. A second copy with worn gears (`ahead_train.py`) gives the effect of wear.
 
 Needs: consist and line of the model, since all vehicles are simulated, and a law that uses the feed-forward (`pid`,
 `rbf_switching_smc`, `smc` with ``equivalent: feedforward``); others are rejected, because the compensation has no
@@ -35,8 +35,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from plant_sim.summation import plain_dot
-from train_ato.control.algorithms.force_shares import mean_over_units, total_of_units
+from plant_sim.elementary import mean_over_units, plain_dot, total_of_units
 from train_ato.control.algorithms.train_identification import WEAR, TrainIdentification
 from train_ato.control.compensation.ahead_train import AheadTrain, TwinParameters
 from train_ato.control.compensation.contract import CompensationInput

@@ -87,11 +87,11 @@ class RecordStep:
         The law uses the profile at the effect of the command, beside the feed-forward.
     call : LawCall
         Its guarded step.
-    compensates : bool
-        False: the loop computes the values of the compensation.
+    whole : bool
+        False: the loop has the other parts of the control stack.
     """
 
-    compensates = False
+    whole = False
 
     def __init__(self, law: RecordLaw) -> None:
         self.constant, self.state, self.units, self.couplers = law.constants, law.state, law.units, law.couplers

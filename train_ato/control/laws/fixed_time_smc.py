@@ -58,7 +58,7 @@ from train_ato.control.algorithms.sliding import sig
 from train_ato.control.contract import LawInput, parameter
 from train_ato.control.gains import gains_choice
 from train_ato.control.law import LawForm, LawNow, LawUnit, RecordLaw
-from train_ato.control.observers.cascade import Cascade, CascadedParameters
+from train_ato.control.observers.cascaded import Cascade, CascadedParameters
 from train_ato.control.parameters import RefusedParameter
 
 if TYPE_CHECKING:
@@ -93,7 +93,7 @@ class FixedTimeSmcParameters:
 
 @dataclass(frozen=True)
 class FixedTimeSmcConstants(FixedTimeSmcParameters):
-    """Constants of :func:`fixed_time_smc`: its parameters, and what follows from them."""
+    """Constants of :func:`fixed_time_smc`: its parameters and the values computed from them."""
 
     measured: bool = quantity("", "the equivalent control is that of the measured forces")
     tracks: bool = quantity("", "d1 is estimated here, from the measured states")

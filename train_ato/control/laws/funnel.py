@@ -128,7 +128,7 @@ class FunnelParameters:
 
 @dataclass(frozen=True)
 class FunnelConstants(FunnelParameters, TrainConstants):
-    """Constants of :func:`funnel_control`: its parameters, and what follows from them."""
+    """Constants of :func:`funnel_control`: its parameters and the values computed from them."""
 
     printed: bool = quantity("", "leak, filter, gains and learning as printed")
     is_fixed: bool = quantity("", "the funnels are constant")

@@ -55,12 +55,11 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from plant_sim.summation import plain_sum
-from train_ato.control.algorithms.diophantine import sampled_actuator
+from plant_sim.elementary import plain_sum
 from train_ato.control.algorithms.guard import GuardedLaw, is_valid
 from train_ato.control.algorithms.identification import Increments, ResidualNetwork
 from train_ato.control.algorithms.loop_gains import LoopGains
-from train_ato.control.algorithms.predictive_law import LinearLaw, linear_law
+from train_ato.control.algorithms.predictive_law import LinearLaw, linear_law, sampled_actuator
 from train_ato.control.contract import LawInput, parameter
 from train_ato.control.gains import gains_choice
 from train_ato.messages.types import Array
@@ -372,7 +371,7 @@ class Loop:
             one_sided = all((u < 0.0) == (side == 1) for u in self._sent[:3])
             error = left - self._xi
             if one_sided and abs(error) > 2.0 * p.dead_zone:
-                model.learn(self._speeds, self._sent, error, p.identify == "absolute")
+                model.learn(self._speeds, self._sent, error, absolute=p.identify == "absolute")
                 self._laws[side] = None
 
     def _law(self, side: int) -> LinearLaw:

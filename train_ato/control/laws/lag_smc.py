@@ -64,7 +64,7 @@ class LagSmcParameters:
 
 @dataclass(frozen=True)
 class LagSmcConstants(LagSmcParameters, TrainConstants):
-    """Constants of :func:`lag_smc`: its parameters, and what follows from them."""
+    """Constants of :func:`lag_smc`: its parameters and the values computed from them."""
 
     common: bool = quantity("", "one loop for the train")
     lag: float = quantity("s", "Ta, lag of the actuators for a constant command over a period")

@@ -14,7 +14,7 @@ F_i begins at the measured force; u_i are the commands in flight, each with the 
 **Plan.** The command is u_i = share_i [R + Ta R' + M (z - d)]/g with R at the time of effect plus half of a control
 period (the command is held); with hauled vehicles R at the time Ta later in place of Ta R', because their line force
 is a staircase. z(s) is linear between 32 nodes s_j at geometrically growing distances. Responses of e_p
-and e_v to z through delay and lag are closed forms (`horizon_model.py`)::
+and e_v to z through delay and lag are closed forms (`force_plan.py`)::
 
     J = sum_k W_k [(a omega²)² e_p² + (4 - 2a) omega² e_v²] + sum_j w_j z_j² + T (a omega²)² b²
 
@@ -25,15 +25,17 @@ little in gears with slack or friction over the dead time (`train_constants.py`)
 
 **Constraints**, all soft, so that the programme always has a solution: force of the envelopes at the speed of the last
 plan at every node, with the running resistance of that speed; |jerk| of the train at most ``jerk``; speed at most the
-limit of the line over the whole train plus ``overspeed``, which is approached with a double pole of 2 omega through
-the lag; coupler forces; |e_p| at most B + b, with the length T
-of the horizon and B = 2 m or, if that is more, the largest |e_p| of about the last T. An error that a force limit
-makes unavoidable is divided over the horizon in this way. R between the nodes has its part in the
-limits: the nodes have the nearest function that is linear between them. Far ahead the limits have the mean of the
-unexplained acceleration over 10 s, since an estimate of a moment does not last. With an air brake there is no B, and
-the brake force ahead has no limit: its later applications are not in the input of the law. On a line with neutral
-sections, power limits or adhesion sections the force of the units there is a limit as well (`section_limits.py`): the
-train gains speed before a neutral section. Other units take over the force that a unit in it cannot give.
+limit of the line over the whole train plus ``overspeed``, which is approached with a double pole of 2 omega through the
+lag; coupler forces; |e_p| at most B + b, with the length T of the horizon and B = 2 m or, if that is more, the largest
+|e_p| of about the last T. An error that a force limit makes unavoidable is divided over the horizon in this way, but
+where the reference is at rest e_p is at most .3 m: with too little brake force the train brakes earlier. A plan that
+passes a stop by more than .5 m says it (`plan.status`). The limits ahead are those of the model times a gain of the
+actuators that differs by more than 5 %. R between the nodes has its part in the limits: the nodes have the nearest
+function that is linear between them. Far ahead the limits have the mean of the unexplained acceleration over 10 s,
+since an estimate of a moment does not last. With an air brake there is no B, and the brake force ahead has no limit:
+its later applications are not in the input of the law. On a line with neutral sections, power limits or adhesion
+sections the force of the units there is a limit as well (`limits_ahead.py`): the train gains speed before a neutral
+section. Other units take over the force that a unit in it cannot give.
 
 The dual is a linear complementarity problem with a constant matrix, solved by block principal pivoting from the last
 active rows and, if that makes no progress, one row at a time (`quadratic_program.py`), at most 200 exchanges. If they
@@ -48,8 +50,8 @@ add to C_j; the shoe force and the disturbance count as proportional to the mass
 mass, with measured noise from ``speed_noise`` on (`motion_observer.py`): offset-free. With couplers there are three,
 with bandwidths of ``observer_ratio`` omega and its fourth and sixteenth part. With hauled vehicles up to four modes of
 the couplers (`coupler_modes.py`, by Hankel singular values) are in these filters, and only the modes that the loop
-damps after its delay are fed back, none if one has less damping than an error of the delay could take from it
-(`modal_observer.py`). Without couplers there is one for a
+damps after its delay are fed back, with half of the dead time more if one has less damping than an error of the delay
+could take from it (`measured_motion.py`). Without couplers there is one for a
 gust, and one for a steady rate of d, as of a grade under a train of some length: d at the time of effect is d + T_r r
 (1 - e^(-s/T_r)), and the command gives d + Ta d' there (`disturbance_filters.py`). M/(1 + k theta) replaces M, with k
 = 1 - P/P_0 from the variance P of theta.
@@ -57,19 +59,20 @@ gust, and one for a steady rate of d, as of a grade under a train of some length
 **Arrival and departure** (`standstill_force.py`). The holding brake acts below its speed without traction only. A train
 within .1 m of a reference at rest has no traction, at rest no force, and departs with the reference, in motion from an
 acceleration by traction of .02 m/s² on, whatever the noise of the speed; on a rise its force then reaches that of the
-grade as fast as the limits permit. The last brake force decays before the holding brake acts. With hauled vehicles
-there is no traction while the reference is at rest, and below .05 m/s at or beyond its place: the vehicles stop one by
-one.
+grade as fast as the limits permit. Without hauled vehicles ``jerk`` does not keep a standing train from the
+acceleration that the reference has by then. The last brake force decays before the holding brake acts. With hauled
+vehicles there is no traction while the reference is at rest, and below .05 m/s at or beyond its place: the vehicles
+stop one by one.
 
 **Units on soft couplers.** If every vehicle is driven and pi/T_w < 3 omega, with the time T_w of a wave through the
 couplers, a Kalman filter estimates the deviations of the units from the mean, and a linear-quadratic regulator on their
 state after the delay adds forces with the sum 0 (`unit_deviations.py`). The observer ratio is then 2.5: disturbances
 that excite the couplers change within the delay. Persistent sines in the disturbances of the units are found in their
-spectrum, frequencies included (`line_spectrum.py`), and the command of the periodic motion that belongs to them is
-added (`disturbance_lines.py`, `periodic_motion.py`). The other parts have the measurements without this motion.
+spectrum, frequencies included, and the command of the periodic motion that belongs to them is
+added (`disturbance_lines.py`). The other parts have the measurements without this motion.
 
 **Simulated train.** Under `twin` a train with hauled vehicles has the force F_c of the simulated train in place of R up
-to the effect of the last command, and the feed-forward of `twin` (`simulated_reference.py`). The plan is that of the
+to the effect of the last command, and the feed-forward of `twin`. The plan is that of the
 deviation, e_v' = (F - F_c - W(v) + W(v_d))/M, with a = 2 and no estimate of a disturbance: ``identify`` of `twin` finds
 the errors of mass, running resistance, air brake and draft gears, and the position error is the integral for the rest.
 The later nodes have no force limit while the air brake acts: its present force does not last.
@@ -83,7 +86,7 @@ regulator. With ``identify`` false the model itself is tested in this way.
 Limits: the air brake is only a known force. With hauled vehicles theta is 0. Where other laws are better: two
 locomotives with 210 wagons without `twin` (`pid`). A reference with steps of the speed
 (`freight_consensus` without `realistic`) is not tracked. Goals, misses and other solvers: `msgs_docs/mpc_goals.md`,
-made with `python bench/mpc.py`, `python studies_done/mpc_solvers.py` and, for soft couplers, with
+made with `python studies_done/mpc.py`, `python studies_done/mpc_solvers.py` and, for soft couplers, with
 `studies_done/freight_front.py` and `studies_done/freight_lines.py`.
 
 Needs: any train; delay, lag and envelopes of the model, the measured force, and the reference ahead. The law predicts
@@ -93,26 +96,23 @@ over the delay and has its own feed-forward: use compensation `none` or `preview
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from plant_sim.summation import plain_sum
-from train_ato.control.algorithms.actuator_identification import ActuatorIdentification
+from plant_sim.elementary import mean_over_units, plain_sum
+from train_ato.control.algorithms.actuator_identification import WRONG_MISFIT, ActuatorIdentification
 from train_ato.control.algorithms.disturbance_filters import motion_by_rate
 from train_ato.control.algorithms.force_plan import PARTS, ForcePlan, PlanStart
-from train_ato.control.algorithms.force_shares import mean_over_units
 from train_ato.control.algorithms.guard import GuardedLaw, is_valid
-from train_ato.control.algorithms.lag_feedforward import feedforward, hauled_feedforward
-from train_ato.control.algorithms.limits_ahead import limits_force
-from train_ato.control.algorithms.measured_motion import MeasuredMotion
+from train_ato.control.algorithms.limits_ahead import limits_force, within_units
+from train_ato.control.algorithms.measured_motion import SIMULATED_SHARE, MeasuredMotion, follow_simulation
 from train_ato.control.algorithms.motion_observer import SPEED_PRIOR
 from train_ato.control.algorithms.predictive_plan import free_errors, free_motion
-from train_ato.control.algorithms.section_limits import within_units
-from train_ato.control.algorithms.simulated_reference import SIMULATED_SHARE, follow_simulation
 from train_ato.control.algorithms.standstill_force import StandstillForce
-from train_ato.control.algorithms.train_constants import default_omega, wave_time
+from train_ato.control.algorithms.train_constants import default_bandwidth, wave_time
 from train_ato.control.algorithms.unit_deviations import UnitDeviations
 from train_ato.control.contract import LawInput, LawPlan, parameter
 from train_ato.control.gains import model_choice
@@ -121,6 +121,63 @@ from train_ato.messages.types import Array
 
 if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel
+
+
+def feedforward(required: Array, actuators: Array, tick: float, lag: float, later: float) -> list[float]:
+    """Return F + Ta F' at the time of effect of every unit [N].
+
+    Through the lag Ta the command is F + Ta F'. The line force of a train of wagons is a staircase, one step for every
+    wagon at a change of the grade, and F' of a step is an impulse. With hauled vehicles the command is therefore F at
+    the time Ta later, equal to F + Ta F' for a steady slope (:func:`hauled_feedforward`).
+
+    Parameters
+    ----------
+    required : Array, shape (entries,)
+        Required total force at every tick from now on [N].
+    actuators : Array, shape (3, units)
+        Delay in traction and braking [s], share of the force.
+    tick, lag
+        s.
+    later
+        Time after the begin of the effect, half of a control period [s].
+    """
+    table = required.tolist()
+    found = []
+    for share, forward, backward in zip(*actuators[[2, 0, 1]].tolist(), strict=True):
+        force = _through_lag(table, (forward + later) / tick, lag / tick)
+        if force < 0.0 and backward != forward:
+            force = min(0.0, _through_lag(table, (backward + later) / tick, lag / tick))
+        found.append(force * share)
+    return found
+
+
+def hauled_feedforward(times: Array, forces: Array, actuators: Array, later: float) -> list[float]:
+    """Return the required force of every unit at the time of its effect and the lag later [N].
+
+    Parameters
+    ----------
+    times, forces : Array, shape (entries,)
+        Rising times from now on [s] and required total force there [N].
+    actuators : Array, shape (3, units)
+        Delay in traction and braking [s], share of the force.
+    later
+        Half of a control period and the lag [s].
+    """
+    found = []
+    for share, forward, backward in zip(*actuators[[2, 0, 1]].tolist(), strict=True):
+        force = float(np.interp(forward + later, times, forces))
+        if force < 0.0 and backward != forward:
+            force = min(0.0, float(np.interp(backward + later, times, forces)))
+        found.append(force * share)
+    return found
+
+
+def _through_lag(table: list[float], place: float, lag: float) -> float:
+    """Return F + Ta F' at a place of a table, with the lag in entries."""
+    index = min(int(place + 1e-9), len(table) - 2)
+    rise = table[index + 1] - table[index]
+    return table[index] + (place - index) * rise + lag * rise
+
 
 IDENTIFICATION_SPEED = 1.0
 """Speed below which the electric brake fades and the commands do not explain the force [m/s]."""
@@ -176,22 +233,30 @@ class Mpc(GuardedLaw):
         """Return no value: the default 0 of omega, observer ratio and position share is computed from the model."""
         return {}
 
+    @classmethod
+    def gains_note(cls, model: TrainModel, given: Mapping[str, Any]) -> str:
+        """Return the default of omega and its limit as text, "" for a given omega."""
+        return "" if given.get("omega") else default_bandwidth(model).text
+
     def __init__(self, parameters: MpcParameters, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)
         p = parameters
         hauls = self._hauls = self.follows_simulation = len(model.consist.vehicles) > model.n_units
-        self.omega = p.omega or default_omega(model)
+        self.omega = p.omega or default_bandwidth(model).omega
         self._force_plan = ForcePlan(
-            model, period, self.omega, p.lookahead, p.nodes, p.jerk, p.overspeed, p.coupler_limit
+            model, period, omega=self.omega, lookahead=p.lookahead, nodes=p.nodes, jerk=p.jerk,
+            overspeed=p.overspeed, coupler_limit=p.coupler_limit,
         )  # fmt: skip
-        self._identification = ActuatorIdentification(model, period, p.identify)
+        self._identification = ActuatorIdentification(model, period, estimates=p.identify)
         soft = model.n_units > 1 and math.pi < SOFT_COUPLERS * self.omega * wave_time(model)
         weight = lag_weight(period, model.lag)
         self._deviations = UnitDeviations.of(model, period, weight) if soft else None
         free = len(model.consist.vehicles) == 1
         ratio = HAULED_RATIO if hauls else SOFT_RATIO if self._deviations else FREE_RATIO if free else 5.0
         ratio = p.observer_ratio or ratio
-        self._motion = MeasuredMotion(model, period, self.omega, ratio, weight, p.speed_noise, p.identify)
+        self._motion = MeasuredMotion(
+            model, period, omega=self.omega, ratio=ratio, weight=weight, speed_noise=p.speed_noise, use_mass=p.identify
+        )
         self._standstill = StandstillForce(model, period)
         self._sections = limits_force(model.line)
         self.clear_state()
@@ -283,7 +348,7 @@ class Mpc(GuardedLaw):
         gain = self._identification.gain if self.parameters.identify else 1.0
         sent = gain * (self._identification.sent if self.parameters.identify else inputs.commands_in_flight)
         if self._deviations is not None:
-            inputs, sent = self._deviations.lines.step(inputs, sent, self._actuators, not self._cautious)
+            inputs, sent = self._deviations.lines.step(inputs, sent, self._actuators, trusted=not self._cautious)
         self._motion.step(inputs)
         ahead, inertia = inputs.lookahead, self._motion.inertia
         count, simulated = self._ticks + 1, ahead.simulated_force
@@ -291,7 +356,7 @@ class Mpc(GuardedLaw):
         forward = inputs.feedforward.tolist() if simulated.size else self._feedforward(required)
         motion = self._motion_at_effect(inputs, sent, required[:count])
         disturbance = self._add_rate(motion)
-        total = self._total_force(inputs, required, motion, disturbance, plain_sum(forward), gain)
+        total = self._total_force(inputs, required, motion, disturbance, feedforward=plain_sum(forward), gain=gain)
         added = total - plain_sum(forward)
         wanted = [force + added * share for force, share in zip(forward, self.share, strict=True)]
         if self._deviations is not None:
@@ -301,7 +366,7 @@ class Mpc(GuardedLaw):
         effect, later = self._ticks, self._entries - 1 + PARTS
         places = float(ahead.velocity[effect]), float(ahead.acceleration[effect]), float(ahead.velocity[later])
         force = float(required[effect] + inertia * (motion[3] - disturbance))
-        wanted = self._standstill.limited(wanted, motion, places, self._motion.observer.stands, inertia, force)
+        wanted = self._standstill.limited(wanted, motion, places, inertia, force, at_rest=self._motion.observer.stands)
         if self._sections and ahead.force_max.size:
             low, high = ahead.force_min[effect].tolist(), ahead.force_max[effect].tolist()
             wanted = within_units(wanted, self.share, low, high)
@@ -326,7 +391,7 @@ class Mpc(GuardedLaw):
         return float(motion[2]) + risen + self.model.lag * rate
 
     def _total_force(
-        self, inputs: LawInput, required: Array, motion: Array, disturbance: float, feedforward: float, gain: float
+        self, inputs: LawInput, required: Array, motion: Array, disturbance: float, *, feedforward: float, gain: float
     ) -> float:
         """Return the total force of the plan for now [N]."""
         lag, inertia, last = self.model.lag, self._motion.inertia, plain_sum(self._last_force)
@@ -335,12 +400,14 @@ class Mpc(GuardedLaw):
         rise = (feedforward - required[self._ticks]) / inertia - motion[3]
         if lag == 0.0:
             rise = (feedforward - gain * last) / inertia - disturbance
+        known = gain if abs(gain - 1.0) > WRONG_MISFIT else 1.0  # the misfit of a right model explains the rest
         limits = gain * np.array([float(inputs.force_min.sum()), float(inputs.force_max.sum())])
         start = PlanStart(
             required, errors, disturbance, self._motion.passing, float(motion[3]), rise, feedforward, last, limits,
-            self._motion.observer.position_error, self._motion.beyond_reference, inertia, inputs.train_shoe_force > 0.0,
+            self._motion.observer.position_error, self._motion.beyond_reference, inertia, known,
+            inputs.train_shoe_force > 0.0, self._motion.observer.stands and not self._hauls,
         )  # fmt: skip
-        return self._force_plan.decide(start, inputs.lookahead, self._simulated)
+        return self._force_plan.decide(start, inputs.lookahead, simulated=self._simulated)
 
     def _feedforward(self, required: Array) -> list[float]:
         """Return the force of every unit that gives the required force at the time of its effect [N]."""

@@ -79,7 +79,7 @@ class PidParameters:
 
 @dataclass(frozen=True)
 class PidConstants(PidParameters):
-    """Constants of :func:`pid`: its parameters, and what follows from them."""
+    """Constants of :func:`pid`: its parameters and the values computed from them."""
 
     of_position: bool = quantity("", "the integral is the position error")
     filter_decay: float = quantity("1", "part of the filtered error that is left after a period")

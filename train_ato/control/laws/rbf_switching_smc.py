@@ -49,10 +49,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from plant_sim.compiled import compiled
-from plant_sim.elementary import libm_exp, libm_tanh
+from plant_sim.elementary import libm_exp, libm_tanh, plain_sum
 from plant_sim.railway import fading_resistance
 from plant_sim.record import Records, quantity
-from plant_sim.summation import plain_sum
 from train_ato.control.algorithms.loop_gains import LoopGains
 from train_ato.control.algorithms.rbf import RBF_CENTERS, move_weights, weighted
 from train_ato.control.algorithms.sliding import clamped, saturation
@@ -123,7 +122,7 @@ class RbfSwitchingSmcParameters:
 
 @dataclass(frozen=True)
 class RbfSwitchingConstants(RbfSwitchingSmcParameters, TrainConstants):
-    """Constants of :func:`rbf_switching_smc`: its parameters, and what follows from them."""
+    """Constants of :func:`rbf_switching_smc`: its parameters and the values computed from them."""
 
     relay: bool = quantity("", "the switching term is a relay")
     smooth: bool = quantity("", "the switching term is tanh")

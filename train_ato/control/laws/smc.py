@@ -86,7 +86,7 @@ class SmcParameters:
 
 @dataclass(frozen=True)
 class SmcConstants(SmcParameters):
-    """Constants of :func:`smc`: its parameters, and what follows from them."""
+    """Constants of :func:`smc`: its parameters and the values computed from them."""
 
     measured: bool = quantity("", "the equivalent control is that of the measured forces")
     period: float = quantity("s", "control period")

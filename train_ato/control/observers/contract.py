@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
 
+from plant_sim.elementary import total_of_units
 from plant_sim.states import frozen_for_types
-from train_ato.messages.types import Array, Measurement
+from train_ato.control.air_brake.shoes import ShoeForecast
+from train_ato.control.algorithms.guard import is_valid_state
+from train_ato.messages.types import Array, DisturbanceEstimate, Measurement
+
+if TYPE_CHECKING:
+    from train_ato.control.air_brake.record_policy import BrakePolicy
+    from train_ato.control.train_model import TrainModel
 
 
 @frozen_for_types
@@ -63,7 +70,7 @@ class Observer(Protocol):
     keyword parameters is that of a law (:mod:`train_ato.control.contract`, ``examples/my_observer.py``).
 
     The loop passes on every measurement, also an invalid one (NaN);
-    :class:`train_ato.control.observers.guard.GuardedObserver` repeats the last estimate then.
+    :class:`train_ato.control.observers.record_observer.GuardedObserver` repeats the last estimate then.
     """
 
     Parameters: ClassVar[type]
@@ -75,3 +82,44 @@ class Observer(Protocol):
 
     def step(self, inputs: ObserverInput) -> Array:
         """Return the disturbance force per power unit [N], > 0 forward, shape (units,), always finite."""
+
+
+class ObserverStack:
+    """Computation of the estimate from a measurement.
+
+    Parameters
+    ----------
+    model
+        The nominal train.
+    observer
+        Any :class:`train_ato.control.observers.contract.Observer`.
+    brake_policy
+        Copy of the policy of the controller.
+
+    Attributes
+    ----------
+    observer, policy, shoes
+        Observer, policy of the air brake, and forecast of the shoe forces.
+    speed : float
+        Last valid speed of the first unit [m/s].
+    """
+
+    def __init__(self, model: TrainModel, observer: Any, brake_policy: BrakePolicy) -> None:
+        self.observer = observer
+        self.policy = brake_policy
+        self.shoes = ShoeForecast(model)
+        self.speed = 0.0
+        self._no_shoes = self.shoes.at(0.0, 0.0)
+
+    def step(self, measurement: Measurement) -> DisturbanceEstimate:
+        """Return the estimate with the stamp of the measurement."""
+        shoes = self._no_shoes
+        if self.shoes.fitted:
+            t = measurement.stamp * 1e-9
+            if is_valid_state(measurement):
+                self.speed = float(measurement.velocity[0])
+                position, applied = float(measurement.position[0]), total_of_units(measurement.applied)
+                self.shoes.demand(t, self.policy.step(t, position, self.speed, applied))
+            shoes = self.shoes.at(t, self.speed)
+        inputs = ObserverInput.of(measurement, shoes.own, shoes.total)
+        return DisturbanceEstimate(measurement.stamp, self.observer.step(inputs))

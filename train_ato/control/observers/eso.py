@@ -42,7 +42,7 @@ class EsoParameters:
 
 @dataclass(frozen=True)
 class EsoConstants(EsoParameters, BalanceConstants):
-    """Constants of :func:`eso`: its parameters, the balance, and what follows from them."""
+    """Constants of :func:`eso`: its parameters, the balance and the values computed from them."""
 
     gain: float = quantity("1", "gain on the error of the speed")
     rate_gain: float = quantity("1/s", "gain on the error of the disturbance")

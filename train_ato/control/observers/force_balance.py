@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from plant_sim.compiled import compiled
+from plant_sim.elementary import plain_sum
 from plant_sim.railway import fading_resistance
 from plant_sim.record import Records, quantity, zeros
-from plant_sim.summation import plain_sum
 from train_ato.control.algorithms.couplers import UnitCouplers
 from train_ato.control.algorithms.guard import all_within
 from train_ato.control.contract import parameter

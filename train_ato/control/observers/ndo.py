@@ -57,7 +57,7 @@ class NdoParameters:
 
 @dataclass(frozen=True)
 class NdoConstants(NdoParameters, BalanceConstants):
-    """Constants of :func:`ndo`: its parameters, the balance, and what follows from them."""
+    """Constants of :func:`ndo`: its parameters, the balance and the values computed from them."""
 
     decay: float = quantity("1", "factor on the estimate in a sample")
 

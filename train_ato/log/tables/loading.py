@@ -16,10 +16,17 @@ from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_
 from plant_sim.input_error import close_match
 from train_ato.log.bag_layout import table_name
 from train_ato.log.reading import log_file
-from train_ato.log.tables.columns import TIME
-from train_ato.log.tables.portions import KeptMessages, Portion, Reader, TopicMessages
-from train_ato.log.tables.tables import check_foreign, check_known, foreign_table, known_table
-from train_ato.log.tables.variable_length import diagnostic_table, diagnostic_texts, trajectory_table
+from train_ato.log.tables.columns import TIME, diagnostic_table, diagnostic_texts, trajectory_table
+from train_ato.log.tables.tables import (
+    KeptMessages,
+    Portion,
+    Reader,
+    TopicMessages,
+    check_foreign,
+    check_known,
+    foreign_table,
+    known_table,
+)
 from train_ato.loop.series import seconds
 from train_ato.messages.codec.cdr import typestore
 from train_ato.messages.codec.variable import decode_diagnostic

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from plant_sim.elementary import mean_over_units
 from train_ato.control.air_brake.shoes import ShoeForecast
-from train_ato.control.algorithms.force_shares import mean_over_units
 from train_ato.control.compensation.base import CompensationBase
 from train_ato.control.compensation.predictor import Predictor
 from train_ato.control.compensation.preview import PreviewFeedforward
@@ -38,25 +38,25 @@ class Forecast:
     """
 
     def __init__(self, setup: RunSetup, profile: Profile, stack: ControlStack, first: int) -> None:
-        compensation: Any = stack._compensation
+        compensation: Any = stack.compensation
         self._setup, self._profile, self._compensation = setup, profile, compensation
         self._first, self._end = first, min(first + WINDOW, setup.ticks)
         stamps = effects = setup.tick_ns * np.arange(first, self._end, dtype=np.int64)
         self._times: Array = np.asarray(stamps * 1e-9, dtype=np.float64)
-        now = effect = profile._evaluate(stamps)
+        now = effect = profile.at_stamps(stamps)
         if isinstance(compensation, PreviewFeedforward):
             mean = mean_over_units(setup.model.share.tolist(), compensation.forward)
             effects = np.rint((self._times + mean) * 1e9).astype(np.int64)
-            effect = profile._evaluate(effects)
+            effect = profile.at_stamps(effects)
             self._effects = self._times + mean
         else:
             self._effects = self._times
-        self._reference: Array = np.array(now)
+        self._reference: Array = np.array(now[:3])
         self._predicts = isinstance(compensation, Predictor)
         state = effect if self._predicts else now
         to_effect = np.zeros(len(stamps)) if self._predicts else self._effects - self._times
-        self._expected: Array = np.array([*state, effect[2], profile.jerks_at(effects), to_effect])
-        later = profile._evaluate(np.rint((self._times + stack._delay_to_effect) * 1e9).astype(np.int64))
+        self._expected: Array = np.array([*state[:3], *effect[2:], to_effect])
+        later = profile.at_times(self._times + stack.delay_to_effect)
         self._at_rest = (now[1] == 0.0) & (now[2] == 0.0) & (later[1] == 0.0)
         shown = slice(0, 1 if self._predicts else 2)  # a predictor needs the shoe forces at the effect only
         self._shoe_times = np.array((self._effects, self._times))[shown]
@@ -65,7 +65,7 @@ class Forecast:
     def is_of(self, profile: Profile, stack: ControlStack, first: int, count: int) -> bool:
         """Return True if this forecast has ``count`` ticks from ``first`` on of a profile and a compensation."""
         inside = self._first <= first and first + count <= self._end
-        return inside and self._profile is profile and self._compensation is stack._compensation
+        return inside and self._profile is profile and self._compensation is stack.compensation
 
     def of(self, first: int, count: int, stack: ControlStack, *, used: bool, shoes_used: bool) -> SpanForecast:
         """Return the values of some ticks from a tick on, with the events of the brake so far.
@@ -83,7 +83,7 @@ class Forecast:
         """
         first -= self._first
         part, units = slice(first, first + count), self._setup.model.n_units
-        forecast = SpanForecast(self._compensation if used else None, self._times[part], stack._pressure)
+        forecast = SpanForecast(self._compensation if used else None, self._times[part], stack.pressure)
         forecast.reference = np.ascontiguousarray(self._reference[:, part])
         forecast.expected = np.ascontiguousarray(self._expected[:, part])
         forecast.at_rest = self._at_rest[part]
@@ -96,7 +96,7 @@ class Forecast:
             forecast.keep_shoes()
             index, known = 0, self._compensation.shoes
             while index < count:
-                known.demand(forecast.times[index], stack._pressure)
+                known.demand(forecast.times[index], stack.pressure)
                 run = min(count - index, known.calls_to_restart())
                 known.skip(run - 1)
                 ticks, rows = slice(first + index, first + index + run), slice(index, index + run)

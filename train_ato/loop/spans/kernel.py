@@ -1,4 +1,4 @@
-"""Compiled ticks: sensors, law, delay line and train of consecutive ticks in one call."""
+"""Compiled ticks: sensors, brake policy, observer, law, delay line and train of consecutive ticks in one call."""
 
 # mypy: allow-untyped-defs
 
@@ -8,11 +8,125 @@ import numpy as np
 
 from plant_sim import kernel as k
 from plant_sim.compiled import compiled
+from plant_sim.elementary import numpy_total
+from plant_sim.railway import between_entries, envelope_force, shoe_force
 from plant_sim.sensors import measure_train
-from train_ato.loop.spans.control_kernel import changes_brake, law_step, observe, set_inputs
+from train_ato.control.air_brake.record_policy import electric_brake_available
+from train_ato.control.algorithms.couplers import opposing
+from train_ato.control.compensation.predictor import predict
+from train_ato.control.compiled.law_call import address
+from train_ato.control.law import STEPPED, limit_demands
+from train_ato.control.train_model import GRID, own_resistance
 from train_ato.loop.spans.supervision_kernel import copy_states, supervised_tick
 from train_ato.loop.train_protection import command_age
 from train_ato.messages.links import arrive, push
+
+
+@compiled
+def _line_force(inputs, own, table):
+    """Return the line force on the train [N] for the position of its first unit."""
+    return between_entries(table, (inputs[0].position + own[0].offset - own[0].line_begin) / GRID)
+
+
+@compiled
+def _observed_shoes(slow, vehicles, speed, shoes, forces):
+    """Write the shoe force of the train and of every unit's vehicle [N] at a measured speed [m/s]."""
+    for i in range(len(slow)):
+        forces[i] = shoe_force(slow[i], speed)
+    shoes[0] = numpy_total(forces)
+    for u in range(len(vehicles)):
+        shoes[1 + u] = forces[vehicles[u]]
+
+
+@compiled(alone=False)
+def observe(tick, coupler_forces, own, tables, observing, inputs, all_now):
+    """Compute the estimate of a tick [N]; return False for one that is left to Python."""
+    constants, state, bodies, call, estimates, (slow, vehicles, shoes, forces), couplers = observing
+    if bodies == 0:
+        return True
+    if len(slow):
+        _observed_shoes(slow[tick], vehicles, inputs[0].velocity, shoes, forces)
+    now = all_now[0]
+    now.line_force, now.train_shoe_force, now.sensed_force = _line_force(inputs, own, tables[1]), shoes[0], 0.0
+    for force in coupler_forces:
+        now.sensed_force += abs(force)
+    for u in range(inputs.size):
+        inputs[u].shoe_force = shoes[1 + u]
+    opposing(couplers, coupler_forces, own, tables[0], tables[2], inputs)
+    if call(address(constants), address(state), bodies, address(all_now), address(inputs), inputs.size) != STEPPED:
+        return False
+    for u in range(inputs.size):
+        estimates[tick, u] = inputs[u].disturbance
+    return True
+
+
+@compiled(alone=False)
+def changes_brake(t, position, velocity, applied, braking):
+    """Step the policy of the air brake; return True if it changes the pressure, or makes a decision in Python."""
+    constants, state, rows, count, measured, call, limits, segments, charged, pressure = braking
+    now = measured[0]
+    now.t, now.position, now.velocity, now.applied = t, position, velocity, numpy_total(applied)
+    if len(segments):
+        now.available = electric_brake_available(limits, segments, abs(velocity))
+    return charged - call(address(constants), address(state), address(rows), count, address(measured)) != pressure
+
+
+@compiled
+def _at_limit(inputs):
+    """Return 1 for a command at a limit, 0 for one inside."""
+    for x in inputs:
+        if x.force != 0.0 and not x.force_min < x.force < x.force_max:
+            return 1
+    return 0
+
+
+@compiled(alone=False)
+def set_inputs(tick, reference, feedforward, own, limits, segments, inputs, now):
+    """Write reference, feed-forward and limits of a step of the law."""
+    for u in range(inputs.size):
+        speed = abs(inputs[u].velocity)
+        inputs[u].reference_position = reference[0, tick] - own[u].offset
+        inputs[u].feedforward = feedforward[tick, u]
+        inputs[u].force_min = -envelope_force(limits, segments[u, 0], segments[u, 1], speed)
+        inputs[u].force_max = envelope_force(limits, segments[u, 2], segments[u, 3], speed)
+        inputs[u].reference_velocity, inputs[u].reference_acceleration = reference[1, tick], reference[2, tick]
+    now.acceleration_at_effect, now.jerk_at_effect = reference[3, tick], reference[4, tick]
+    now.delay_to_effect = reference[5, tick]
+
+
+@compiled(alone=False)
+def call_law(tick, law, inputs):
+    """Call law or control stack in a tick; return 0, another number for a tick that is left to Python."""
+    constant, state, rows, all_now, call, _ = law
+    return call(tick, address(constant), address(state), address(all_now), address(inputs), inputs.size, rows)
+
+
+@compiled(alone=False)
+def law_step(tick, t, coupler_forces, own, tables, shoes, law, predicting, history, inputs, sent):
+    """Compute the command of a tick from its inputs; return 1 at a limit, 0 inside, -1 for one left to Python."""
+    all_now, couplers = law[3], law[5]
+    now = all_now[0]
+    now.t, now.train_shoe_force, now.sensed_force = t, shoes[tick, 0], 0.0
+    for force in coupler_forces:
+        now.sensed_force += abs(force)
+    constants, chain, actuators, along = predicting
+    if len(constants):
+        now.line_force = _line_force(inputs, own, tables[1])
+        if len(chain.weights):
+            for u in range(inputs.size):
+                x = inputs[u]
+                x.resistance = own_resistance(own[u], tables[0], tables[2], x.velocity, x.position)
+        predict(constants[0], chain, actuators, history, along, now, inputs)
+    now.line_force = _line_force(inputs, own, tables[1])
+    for u in range(inputs.size):
+        inputs[u].shoe_force = shoes[tick, 1 + u]
+    opposing(couplers, coupler_forces, own, tables[0], tables[2], inputs)
+    if call_law(tick, law, inputs) != 0 or not limit_demands(inputs):
+        return -1
+    for u in range(inputs.size):
+        sent[u] = inputs[u].force
+    return _at_limit(inputs)
+
 
 # Rows of `measured` (ticks, rows, units).
 MEASURED_POSITION, MEASURED_VELOCITY, MEASURED_FORCE = range(3)
@@ -20,8 +134,10 @@ MEASURED_POSITION, MEASURED_VELOCITY, MEASURED_FORCE = range(3)
 DEFLECTION, RATE, COUPLER_FORCE = range(3)
 # Entries of `bound`: values outside which a tick is left to Python.
 MAX_POSITION, MAX_SPEED, MAX_FORCE, STANDSTILL_SPEED, NEXT_JUMP_PLACE = range(5)
-# Entries of `count`: first tick, ticks between the steps of the law, 1 if the last step was at a limit, reports.
-FIRST_TICK, EVERY, AT_LIMIT, REPORTS = range(4)
+# Entries of `count`: first tick, ticks between the steps of the law, 1 if the last step was at a limit, reports, 1 for
+# a control stack that is called as a whole; row of the first tick of a call, row after its last one, and 1 for a first
+# tick whose inputs of the law the call before has computed.
+FIRST_TICK, EVERY, AT_LIMIT, REPORTS, CALLED, BEGIN, END, SEEN = range(8)
 
 
 @compiled
@@ -62,7 +178,10 @@ def run_span(
     bound, count, link, stamps, history, shown, truth, measured, couplers, sent, at_limit, reports, supervision,
     at_rest,
 ):  # fmt: skip
-    """Run consecutive ticks until a tick that is left to Python; return the number of ticks run.
+    """Run consecutive ticks until a tick that is left to Python; return the number of ticks run since row 0.
+
+    The rows of the call are in ``count``. If a row follows, its tick is run up to the inputs of the law, whose force
+    the next call brings; ``count`` says so, and that law leaves no tick.
 
     All arrays are changed in place. Outputs have one row per tick: ``truth`` (ticks, 4, vehicles) with position, speed,
     coupler and shoe force of the vehicles ``shown``, ``measured``, ``couplers``; ``sent`` and ``at_limit`` begin with
@@ -71,10 +190,10 @@ def run_span(
     ``supervision`` has the records of the supervisor. ``at_rest`` is True for a reference at rest now and after the
     delay of the commands. ``law``, ``observing`` and ``predicting`` have
     number, constants, state and couplers of the law and of the observer, and the arrays of the prediction; ``law`` also
-    has the inputs for all units, the demand, and the call of a law in Python. ``braking`` has records and call of the
-    policy of the air brake, the envelopes of the electric brake, and the pressures charged and demanded. ``link`` and
-    ``stamps`` have the records of the link of the commands and of that of their stamps, with the random numbers of
-    every tick; ``stamps`` begins with the age of the newest command.
+    has the inputs for all units, the demand, and the call of a law or of a control stack in Python. ``braking`` has
+    records and call of the policy of the air brake, the envelopes of the electric brake, and the pressures charged and
+    demanded. ``link`` and ``stamps`` have the records of the link of the commands and of that of their stamps, with the
+    random numbers of every tick; ``stamps`` begins with the age of the newest command.
     """
     state, vehicle, vehicle_index, gear, gear_table, run, body, unit, unit_index, envelope, piece = train
     outside, cubes, cubed = forces
@@ -85,45 +204,54 @@ def run_span(
     law_state, observer_state, policy_state = law[1], observing[1], braking[1]
     saved, observed, kept = law_state.copy(), observer_state.copy(), inputs.copy()
     demanded, seen = policy_state.copy(), sensors.units.copy()
-    supervised = supervision.states.run[0].period > 0
+    supervised, called = supervision.states.run[0].period > 0, count[CALLED] > 0
     now, window, own_stamp, newest = law[3], np.zeros((steps, nu)), np.zeros(1), np.zeros((1, 1))
-    for tick in range(len(measured)):
+    ahead = count[SEEN] > 0
+    count[SEEN] = 0
+    for tick in range(count[BEGIN], len(measured)):
         at = stamp + tick * tick_ns
-        t, seen[:] = at * 1e-9, sensors.units
-        measure_train(
-            sensors, t, state[k.X], state[k.V], state[k.COUPLER, 1:], noise[0][tick], noise[1][tick], noise[2][tick],
-            couplers[tick],
-        )  # fmt: skip
-        for u in range(nu):
-            measured[tick, MEASURED_POSITION, u] = sensors.units[u].position
-            measured[tick, MEASURED_VELOCITY, u] = sensors.units[u].velocity
-            measured[tick, MEASURED_FORCE, u] = unit[k.APPLIED, u]
-        if _must_leave(tick, measured, couplers, state[k.X, 0], bound, event, events, n, at_rest):
-            sensors.units[:] = seen
-            return tick
-        if supervised:
-            age = command_age(ages, stamp_lines, stamp_queues, stamp_due, stamp_value, at, newest)
-            if age > ages[0].shortest:
+        t, is_step = at * 1e-9, (count[FIRST_TICK] + tick) % count[EVERY] == 0
+        usable, limited, is_seen = True, 0, ahead
+        ahead = False
+        if not is_seen:
+            seen[:] = sensors.units
+            measure_train(
+                sensors, t, state[k.X], state[k.V], state[k.COUPLER, 1:], noise[0][tick], noise[1][tick],
+                noise[2][tick], couplers[tick],
+            )  # fmt: skip
+            for u in range(nu):
+                measured[tick, MEASURED_POSITION, u] = sensors.units[u].position
+                measured[tick, MEASURED_VELOCITY, u] = sensors.units[u].velocity
+                measured[tick, MEASURED_FORCE, u] = unit[k.APPLIED, u]
+            if _must_leave(tick, measured, couplers, state[k.X, 0], bound, event, events, n, at_rest):
                 sensors.units[:] = seen
                 return tick
-            copy_states(supervision.states, supervision.kept, at)
-        saved[:], observed[:], kept[:], demanded[:] = law_state, observer_state, inputs, policy_state
-        usable, limited = True, 0
-        if supervised:
+            if supervised:
+                age = command_age(ages, stamp_lines, stamp_queues, stamp_due, stamp_value, at, newest)
+                if age > ages[0].shortest:
+                    sensors.units[:] = seen
+                    return tick
+                copy_states(supervision.states, supervision.kept, at)
+            saved[:], observed[:], kept[:], demanded[:] = law_state, observer_state, inputs, policy_state
             place, speed = measured[tick, MEASURED_POSITION, 0], measured[tick, MEASURED_VELOCITY, 0]
-            usable = supervised_tick(at, state[k.X, 0], state[k.V, 0], place, speed, supervision)
-        if usable:
-            for u in range(nu):
-                x = inputs[u]
-                x.position, x.velocity = measured[tick, MEASURED_POSITION, u], measured[tick, MEASURED_VELOCITY, u]
-                x.applied = measured[tick, MEASURED_FORCE, u]
-            place, speed = measured[tick, MEASURED_POSITION, 0], measured[tick, MEASURED_VELOCITY, 0]
-            usable = not changes_brake(t, place, speed, measured[tick, MEASURED_FORCE], braking)
-        if usable:
-            usable = observe(tick, couplers[tick, COUPLER_FORCE], own, tables, observing, inputs, now)
-        is_step = (count[FIRST_TICK] + tick) % count[EVERY] == 0
-        if usable and is_step:
-            set_inputs(tick, reference, feedforward, own, limits, segments, inputs, now[0])
+            if supervised:
+                usable = supervised_tick(at, state[k.X, 0], state[k.V, 0], place, speed, supervision)
+            if usable:
+                for u in range(nu):
+                    x = inputs[u]
+                    x.position, x.velocity = measured[tick, MEASURED_POSITION, u], measured[tick, MEASURED_VELOCITY, u]
+                    x.applied = measured[tick, MEASURED_FORCE, u]
+                usable = called or not changes_brake(t, place, speed, measured[tick, MEASURED_FORCE], braking)
+            if usable:
+                usable = observe(tick, couplers[tick, COUPLER_FORCE], own, tables, observing, inputs, now)
+            if usable and is_step and not called:
+                set_inputs(tick, reference, feedforward, own, limits, segments, inputs, now[0])
+            if usable and tick == count[END]:
+                count[BEGIN], count[SEEN] = tick, 1
+                return tick
+        if usable and called:
+            limited = call_law(tick, law, inputs)
+        elif usable and is_step:
             limited = law_step(
                 tick, t, couplers[tick, COUPLER_FORCE], own, tables, shoes, law, predicting, history, inputs,
                 sent[tick + 1],
@@ -133,12 +261,12 @@ def run_span(
             copy_states(supervision.kept, supervision.states, at)
             sensors.units[:] = seen
             return tick
-        if is_step:
+        if is_step and not called:
             if at_rest[tick] and _stands(tick, measured, bound):
                 sent[tick + 1] = 0.0
             at_limit[tick + 1] = at_limit[tick] + limited
             count[AT_LIMIT] = limited
-        else:
+        elif not called:
             sent[tick + 1], at_limit[tick + 1] = sent[tick], at_limit[tick]
         if at % every < tick_ns:
             last = min(count[REPORTS], len(states) - 1)

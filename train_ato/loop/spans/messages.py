@@ -1,15 +1,18 @@
-"""Messages of the ticks of a span, from its arrays."""
+"""Messages of the ticks of a span and of the steps of the supervisor in it, from its arrays."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from itertools import groupby
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from plant_sim import kernel as k
+from plant_sim.odometry import odometry_of
 from train_ato.loop.plant import TOTALS
 from train_ato.loop.recording import (
     ATO_STATE,
@@ -31,14 +34,167 @@ from train_ato.loop.recording_builder import RecordingBuilder
 from train_ato.loop.repeated_reports import RepeatedReport
 from train_ato.loop.spans.stages import Stages
 from train_ato.loop.spans.supervision_kernel import SupervisionArrays
-from train_ato.loop.spans.supervision_messages import BRAKE_RELEASE, ODOMETRY, PROTECTION, SupervisionMessages
 from train_ato.loop.stage_messages import SECOND_NS, Published
-from train_ato.messages.tick_block import TickBlock, Values, message_at
+from train_ato.messages.topics import TickBlock, Values, message_at
 from train_ato.messages.types import (
     Array,
     AtoReport,
+    AtoState,
+    BrakeRelease,
     Diagnostic,
+    Odometry,
+    ProtectionState,
+    SupervisedSpeeds,
 )
+from train_ato.supervision.step_function import SupervisionSpeeds
+from train_ato.supervision.supervisor import SupervisionDecision, SupervisionState
+
+ODOMETRY, PROTECTION, BRAKE_RELEASE = "train/odometry", "train/protection", "atp/brake_release"
+
+NUMBERS = ("front", "position_error", "acceleration")
+"""Numbers in the diagnostics of the supervisor."""
+TEXTS = ["state", "reason", "reason_speed", "reason_front", "reason_limit"]
+"""Fields of a step from which the texts of the diagnostics follow."""
+
+
+class SupervisedStep(NamedTuple):
+    """Messages of a step of the supervisor, without its diagnostics."""
+
+    odometry: Odometry
+    protection: ProtectionState
+    speeds: SupervisedSpeeds
+    release: BrakeRelease
+    ato: AtoReport
+
+
+class SupervisionMessages:
+    """Messages of the steps of the supervisor in the ticks of one span.
+
+    Parameters
+    ----------
+    stages
+        Setup and stages of the loop; the supervisor is in its state before the span.
+    arrays
+        Results of the compiled steps.
+    stamps : Array of int, shape (ticks,)
+        Stamps of the ticks [ns].
+    measured : Array, shape (ticks, 3, units)
+        Position [m], speed [m/s] and force [N] of every tick.
+    brief
+        True for diagnostics with the numbers of the first one of equal texts.
+
+    Attributes
+    ----------
+    ticks : Array of int, shape (steps,)
+        Numbers of the ticks with a step.
+    reports : list of RepeatedReport
+        Diagnostics of the supervisor.
+    """
+
+    def __init__(
+        self,
+        stages: Stages,
+        arrays: SupervisionArrays,
+        stamps: NDArray[np.int64],
+        measured: Array,
+        *,
+        brief: bool = False,
+    ) -> None:
+        assert stages.supervisor is not None
+        self._stages = stages
+        records: Any = arrays
+        count, self._period = (int(records.states.run[name][0]) for name in ("steps", "period"))
+        self._stage, self._steps, self._readings = stages.supervisor, records.steps[:count], records.readings[:count]
+        self.ticks = np.flatnonzero(stamps % self._period == 0)
+        self._stamps = stamps[self.ticks]
+        seen, first = measured[self.ticks, :, 0], self._stage.count
+        assert first is not None
+        self._alive: Array = np.arange(first + 1, first + 1 + len(self._stamps), dtype=np.float64)
+        offset = stages.setup.model.offsets[0]
+        state = np.full(len(seen), float(AtoState.ENGAGED))
+        self._ato = np.ascontiguousarray(np.column_stack((seen[:, 0] + offset, seen[:, 1], state)))
+        front = self._steps["front"]
+        foremost = front + self._steps["position_error"]
+        self._foremost = np.ascontiguousarray(np.column_stack((front, *[foremost] * 4)))
+        limits = (self._steps[name] for name in SupervisionSpeeds._fields)
+        self._speeds = np.ascontiguousarray(np.column_stack((self._steps["speed"], *limits)))
+        self.reports = self._diagnostics(() if brief else NUMBERS)
+
+    def at(self, number: int) -> SupervisedStep:
+        """Return the messages of a step by its number."""
+        stamp = int(self._stamps[number])
+        position, velocity, state = self._ato[number].reshape(3, 1)
+        return SupervisedStep(
+            odometry_of(self._readings[number]),
+            ProtectionState(stamp, np.zeros(3)),
+            SupervisedSpeeds(stamp, self._foremost[number], self._speeds[number]),
+            BrakeRelease(stamp, np.ones(3), np.full(3, self._alive[number])),
+            AtoReport(stamp, position, velocity, state),
+        )
+
+    def record(self, recording: RecordingBuilder) -> None:
+        """Add the messages without the diagnostics to a recording as arrays."""
+        stamps, count, add = self._stamps, len(self._stamps), recording.extend_rows
+        ato = self._ato
+        add(ODOMETRY, stamps, {name: self._readings[name] for name in ("position", "speed", "since_balise")})
+        add(PROTECTION, stamps, {"active": np.zeros((count, 3))})
+        add(SUPERVISED_SPEEDS, stamps, {"position": self._foremost, "speed": self._speeds})
+        add(BRAKE_RELEASE, stamps, {"released": np.ones((count, 3)), "alive": np.repeat(self._alive[:, None], 3, 1)})
+        add(ATO_STATE, stamps, {"position": ato[:, :1], "velocity": ato[:, 1:2], "state": ato[:, 2:]})
+
+    def record_state(self, recording: RecordingBuilder) -> None:
+        """Add the states of the ATO to a recording for the summary."""
+        recording.extend_reduced(ATO_STATE, self._stamps, {"state": self._ato[:, 2:]})
+
+    @property
+    def numbers(self) -> dict[int, int]:
+        """Number of the step by the number of its tick."""
+        return {index: number for number, index in enumerate(self.ticks.tolist())}
+
+    def store(self, ato: AtoReport | None) -> AtoReport | None:
+        """Set the supervisor, its stage and the receiving ends to their states after the last step.
+
+        Parameters
+        ----------
+        ato
+            Report of the ATO at the step before the span, which the profile receives first.
+
+        Returns
+        -------
+        AtoReport or None
+            Report at the last step.
+        """
+        stage, count = self._stage, len(self._stamps)
+        if not count:
+            return ato
+        last = [self.at(number) for number in range(max(count - 2, 0), count)]
+        reports = [ato] * (count < 3) + [self.at(number).ato for number in range(max(count - 3, 0), count - 1)]
+        inputs = self._stages.controller.inputs
+        inputs.accept(PROTECTION, count, [step.protection for step in last])
+        inputs.accept(SUPERVISED_SPEEDS, count, [step.speeds for step in last])
+        self._stages.plant.inputs.accept(BRAKE_RELEASE, count, [step.release for step in last])
+        self._stages.plant.protection.on_release(last[-1].release)
+        self._stages.plant.alive_check.problem(last[-1].release)
+        self._stages.profile.inputs.accept(ATO_STATE, count, [report for report in reports if report][-2:])
+        stage.inputs.accept(ODOMETRY, count, [step.odometry for step in last])
+        assert stage.count is not None
+        stage.count += count
+        stage.reported = SupervisionState(self._steps["state"][-1])
+        return last[-1].ato
+
+    def _diagnostics(self, numbers: Sequence[str]) -> list[RepeatedReport]:
+        """Return the diagnostics, once a second and after a change of state, with some numbers by key."""
+        states = self._steps["state"]
+        changed = np.diff(states, prepend=int(self._stage.reported)) != 0
+        steps = np.flatnonzero(changed | (self._stamps % SECOND_NS < self._period)).tolist()
+        texts, found = self._steps[TEXTS].tolist(), []
+        for _, group in groupby(steps, key=texts.__getitem__):
+            same = list(group)
+            stamps, rows = self._stamps[same].tolist(), self._steps[same]
+            first = self._stage.diagnostic(stamps[0], SupervisionDecision(rows[0]))
+            found.append(RepeatedReport(first, stamps, {key: rows[key].tolist() for key in numbers}))
+        return found
+
 
 Publish = Callable[[int, Published], None]
 SATURATED = "saturated"
@@ -64,15 +220,17 @@ class SpanArrays:
     reference : Array, shape (3, ticks)
         See :class:`train_ato.loop.spans.forecast.Forecast`.
     outside, cubes, means : Array
-        Disturbances, see :meth:`plant_sim.outside_forces.OutsideForces.ahead`.
+        Disturbances, see :meth:`plant_sim.disturbances.OutsideForces.ahead`.
     reports : list of Array
         State, gear, unit and setting of the kernel, and number of commands lost, at the ticks with diagnostics.
     supervision : SupervisionArrays
         Results of the steps of the supervisor.
     estimates : Array, shape (ticks, units)
         Estimates of the observer [N].
+    pressure : float or None
+        Pressure of the brake pipe demanded in all ticks [Pa]; None without an air brake.
     law_reports : dict
-        Diagnostics of the controller by tick, of a law with diagnostics of its own.
+        Diagnostics of the controller by tick, if they are made in the tick.
     """
 
     truth: Array
@@ -87,6 +245,7 @@ class SpanArrays:
     reports: list[Array]
     supervision: SupervisionArrays
     estimates: Array
+    pressure: float | None
     law_reports: dict[int, Diagnostic] = field(default_factory=dict)
 
 
@@ -112,10 +271,6 @@ class SpanMessages:
         self._tick = stages.setup.tick_ns
         self._stamps = first + self._tick * np.arange(done, dtype=np.int64)
         self._train = stages.plant.train
-        stack = stages.controller._stack
-        assert stack is not None
-        self._stack = stack
-        self._pressure = stack._pressure
         self._supervision: SupervisionMessages | None = None
         if stages.supervisor is not None:
             seen = arrays.measured[:done]
@@ -128,7 +283,7 @@ class SpanMessages:
         truth = a.truth[:done]
         rows: list[tuple[str, Values]] = [("/clock", {})]
         rows.append((TRUTH, {"position": truth[:, 0], "velocity": truth[:, 1], "coupler_force": truth[:, 2]}))
-        if self._train._pipe is not None:
+        if self._train.pipe is not None:
             ends = self._train.pipe_pressures_at_each(np.asarray(stamps * 1e-9, dtype=np.float64))
             rows += [(BRAKE_PIPE, {"pressure": ends[:, :1]}), (BRAKE_PIPE_TAIL, {"pressure": ends[:, 1:]})]
             rows.append((BRAKE_SHOES, {"shoe_force": truth[:, 3]}))
@@ -147,8 +302,8 @@ class SpanMessages:
         planned = np.full((done, 1), self._stages.profile.planned)
         found: dict[str, Values] = {MEASUREMENT: seen, REFERENCE: {**reference, "planned": planned}}
         found[ESTIMATE] = {"force": a.estimates[:done]}
-        if self._pressure is not None:
-            found[BRAKE_PIPE_COMMAND] = {"pressure": np.full((done, 1), self._pressure)}
+        if a.pressure is not None:
+            found[BRAKE_PIPE_COMMAND] = {"pressure": np.full((done, 1), a.pressure)}
         found[COMMAND] = {"force": a.sent[1 : done + 1]}
         return found
 
@@ -233,16 +388,16 @@ class SpanMessages:
             for topic, values in self._exchanged.items()
         }
         for stage in (stages.profile, stages.observer, stages.controller):
-            stage._inputs.accept(MEASUREMENT, done, messages[MEASUREMENT])
+            stage.inputs.accept(MEASUREMENT, done, messages[MEASUREMENT])
         for topic in (REFERENCE, ESTIMATE):
-            stages.controller._inputs.accept(topic, done, messages[topic])
+            stages.controller.inputs.accept(topic, done, messages[topic])
         for topic in messages.keys() & {COMMAND, BRAKE_PIPE_COMMAND}:
-            stages.plant._inputs.accept(topic, done, messages[topic])
+            stages.plant.inputs.accept(topic, done, messages[topic])
         return ato if supervision is None else supervision.store(ato)
 
     def _next_disturbance(self, index: int) -> Array:
         """Return the disturbance to publish at a tick [N], and keep the mean over this tick for the next one."""
-        train, outside = self._train, self._train._outside
+        train, outside = self._train, self._train.outside
         published = train.outside_force
         if outside.acts:
             mean = self._arrays.means[index]
@@ -260,8 +415,13 @@ class SpanMessages:
         stages, arrays, supervision = self._stages, self._arrays, self._supervision
         due = self._stamps % SECOND_NS < self._tick
         reports = [] if supervision is None else supervision.reports
+        in_tick = [
+            RepeatedReport(report, [report.stamp], {"saturated_steps": [int(arrays.at_limit[tick + 1])]})
+            for tick, report in arrays.law_reports.items()
+            if tick < self._done
+        ]
         if not due.any():
-            return reports
+            return [*reports, *in_tick]
         stamps, first = self._stamps[due].tolist(), int(self._stamps[due][0])
         *states, lost = (values[: len(stamps)] for values in arrays.reports)
         totals = self._train.totals_at_each(*states)
@@ -273,24 +433,18 @@ class SpanMessages:
             numbers["commands_lost"] = lost.tolist()
         plant = stages.plant.diagnostic_at(first, {attribute: column[0] for attribute, column in totals.items()})
         profile, observer = stages.profile.diagnostic(first), stages.observer.diagnostic(first)
-        controller = stages.controller.diagnostic(first)
-        assert controller is not None
+        if not in_tick:
+            controller = stages.controller.diagnostic(first)
+            assert controller is not None
+            at_limit = arrays.at_limit[1 : self._done + 1][due].tolist()
+            in_tick = [RepeatedReport(controller, stamps, {"saturated_steps": at_limit})]
         return [
             RepeatedReport(plant, stamps, numbers),
             *reports,
             RepeatedReport(profile, stamps, remaining),
             RepeatedReport(observer, stamps),
-            *self._of_controller(controller, stamps, arrays.at_limit[1 : self._done + 1][due].tolist()),
+            *in_tick,
         ]
-
-    def _of_controller(self, last: Diagnostic, stamps: list[int], at_limit: list[float]) -> list[RepeatedReport]:
-        """Return the diagnostics of the controller with the steps at a limit, in one part if all texts are equal."""
-        single = self._arrays.law_reports
-        if not single:
-            return [RepeatedReport(last, stamps, {"saturated_steps": at_limit})]
-        ticks = [(stamp - int(self._stamps[0])) // self._tick for stamp in stamps]
-        parts = zip(ticks, stamps, at_limit, strict=True)
-        return [RepeatedReport(single[tick], [stamp], {"saturated_steps": [steps]}) for tick, stamp, steps in parts]
 
     def _reports_by_tick(self) -> dict[int, dict[str, Diagnostic]]:
         """Return the diagnostics by the number of their tick and by node."""

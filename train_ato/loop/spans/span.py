@@ -1,4 +1,7 @@
-"""Compiled ticks of a run: preparation of their arrays, the compiled call, and the states after it."""
+"""Compiled ticks of a run: preparation of their arrays, the compiled call, and the states after it.
+
+Conditions of compiled ticks are the next event, state of train and receiving ends, parts that are called in Python.
+"""
 
 from __future__ import annotations
 
@@ -8,30 +11,158 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from plant_sim.brake_events import PipeEvents
 from plant_sim.plant_setup import Jump
 from plant_sim.record import zeros
+from train_ato.control.air_brake.predictive_policy import PredictiveBrake
 from train_ato.control.air_brake.shoes import ShoeForecast
 from train_ato.control.algorithms.couplers import NO_COUPLERS
+from train_ato.control.caller import Caller, CallerStep
 from train_ato.control.compensation.base import Actuator
+from train_ato.control.compensation.none import NoCompensation
+from train_ato.control.compensation.pade import Pade
 from train_ato.control.compensation.predictor import RIGID, PredictionConstants, Predictor
+from train_ato.control.compensation.preview import PreviewFeedforward
 from train_ato.control.compensation.twin import Twin
 from train_ato.control.compiled.law_call import LEFT, OBSERVER, POLICY, LawCall, RecordStep, is_in_loop
-from train_ato.control.law import LawNow
+from train_ato.control.law import LawNow, RecordLaw
+from train_ato.control.observers.contract import ObserverStack
+from train_ato.control.observers.none import NoObserver
 from train_ato.control.observers.record_observer import RecordObserver
-from train_ato.control.observers.stack import ObserverStack
 from train_ato.control.stack import ControlStack
 from train_ato.control.train_model import STANDSTILL_SPEED, TrainModel
+from train_ato.loop.inputs import StageInputs
 from train_ato.loop.recording_builder import RecordingBuilder
+from train_ato.loop.setup import RunSetup
 from train_ato.loop.spans import kernel
-from train_ato.loop.spans.conditions import has_compiled_form, is_regular, ticks_to_event
 from train_ato.loop.spans.forecast import Forecast
 from train_ato.loop.spans.messages import Publish, SpanArrays, SpanMessages
-from train_ato.loop.spans.python_law import PythonLaw
+from train_ato.loop.spans.python_law import PythonCall, PythonLaw, PythonStack
 from train_ato.loop.spans.stages import Stages
-from train_ato.loop.spans.supervised import SupervisedTicks
+from train_ato.loop.spans.supervision_kernel import SupervisedTicks
 from train_ato.loop.stage_messages import SECOND_NS
-from train_ato.messages.tick_block import TickBlock
+from train_ato.messages.links import LinkSpec
+from train_ato.messages.topics import TickBlock
 from train_ato.messages.types import Array, AtoReport
+from train_ato.scenario.changes import requested_stamp
+
+LONGEST, BRAKED = 256, 128
+"""Longest span, and longest one with forecasts of shoe forces, which cost more [ticks]."""
+OF_CALLS = 32
+"""Longest span in a state of the control stack that is called as a whole until the state ends [ticks]."""
+_OBSERVER_STEP = RecordObserver.step
+_COMPENSATION_STEPS: dict[type, Any] = {
+    kind: kind.step for kind in (NoCompensation, Pade, PreviewFeedforward, Predictor, Twin)
+}
+"""Steps with a compiled form: one that a program replaces has none."""
+UNRECORDED, BRIEF = 4, 16
+"""Factor of both without a log and without disturbances, whose arrays are large, and with the series of the summary."""
+
+
+def has_compiled_form(compensation: Any, law: Any, setup: RunSetup) -> bool:
+    """Return True for a compensation whose values compiled ticks compute; another one is called in every tick.
+
+    Computed are values that depend only on the time and, for `predictor`, on the state of the units.
+    """
+    kind = type(compensation)
+    if _COMPENSATION_STEPS.get(kind) is not getattr(kind, "step", None):
+        return False
+    if getattr(law, "lookahead_times", None) is not None:
+        return False
+    if isinstance(compensation, Predictor):
+        return compensation.known_delay is not None
+    if isinstance(compensation, Twin) and (compensation.parameters.identify or not compensation.started):
+        return False  # its twin depends on the measurements
+    if isinstance(compensation, PreviewFeedforward) and compensation.forward != compensation.backward:
+        shoes = setup.layout.air_brake and not isinstance(compensation, Twin)
+        return not (shoes or getattr(law, "uses_effect", True))  # the time of the effect depends on the last command
+    return True
+
+
+def ticks_to_event(
+    stages: Stages, supervised: SupervisedTicks, stack: ControlStack, *, logged: bool, brief: bool = False
+) -> int:
+    """Return the number of ticks before the next planned event, at most those of the longest span.
+
+    An event is a change, a jump, an intervention, a fault, a request, a decision of the policy `predictive`, or the end
+    of the run. It is 0 for the first tick, at which the control stack has no pressure of the brake pipe yet, and for a
+    train without power units.
+    """
+    setup, plant, controller = stages.setup, stages.plant, stages.controller
+    tick, stamp = setup.tick_ns, plant.stamp
+    if stamp == 0 or not setup.model.n_units:
+        return 0
+    shoes = getattr(stack.compensation, "shoes", None)
+    longest = LONGEST if shoes is None or shoes.idle else BRAKED
+    if not (logged or plant.train.outside.acts):
+        longest *= BRIEF if brief else UNRECORDED
+    longest = min(longest, plant.train.ticks_before_section, OF_CALLS if is_in_state(stages, stack) else longest)
+    ends = [stamp + longest * tick, setup.ticks * tick, plant.link.next_jump(stamp)]
+    ends += [requested_stamp(change) for change in controller.planned]
+    ends += plant.interventions.due_stamps
+    ends += [inputs.next_fault(stamp) for inputs in _inputs(stages)]
+    ends += supervised.next_request(stamp)
+    if isinstance(stack.policy, PredictiveBrake):
+        ends.append(round(max(stack.policy.due, 0.0) * 1e9))
+    ends += [round(jump.at * 1e9) // tick * tick for jump in plant.train.jumps.planned if jump.at is not None]
+    return int(-((stamp - min(ends)) // tick))
+
+
+def is_regular(stages: Stages, supervised: SupervisedTicks, stack: ControlStack) -> bool:
+    """Return True if train and receiving ends are in a state that the compiled ticks contain."""
+    plant, controller, stamp = stages.plant, stages.controller, stages.plant.stamp
+    train, pipe = plant.train, plant.train.brake
+    if not supervised.is_quiet or not all(inputs.is_regular(stamp) for inputs in _inputs(stages)):
+        return False
+    if stages.supervisor is not None and stages.setup.links.measurement != LinkSpec():
+        return False  # the report of the ATO has the delayed place
+    if controller.asked or controller.changed or controller.ato.changed or controller.failed:
+        return False
+    if stages.setup.scenario.leader is not None:
+        return False  # its reports arrive every few ticks
+    if train.parted._since is not None or train.has_added_gusts:
+        return False
+    if plant.pipe_link is not None and not plant.pipe_link.delivers_only(stack.pressure):
+        return False
+    return not (isinstance(pipe, PipeEvents) and (stack.pressure != pipe.pressure or pipe._vented))
+
+
+def is_in_state(stages: Stages, stack: ControlStack) -> bool:
+    """Return True in a state of the control stack or of the observer in which the stack is called as a whole."""
+    if stack.holding or stack.law_brakes or stack.in_transition:
+        return True
+    own = stages.observer.stack
+    if isinstance(own.observer, RecordObserver):
+        if own.policy.state.tobytes() != stack.policy.state.tobytes():
+            return True
+        return own.shoes.fitted and own.shoes.pressure != stack.pressure
+    return False
+
+
+def is_called(stages: Stages, stack: ControlStack, law: Any) -> bool:
+    """Return True for a control stack that is called as a whole: one of its parts or links has no compiled form."""
+    setup = stages.setup
+    scenario, links = setup.scenario, setup.links
+    if scenario.replan or scenario.force_shares or scenario.unit_displacements or observer_is_called(stages):
+        return True
+    if any(link != LinkSpec() for link in (links.reference, links.estimate)):
+        return True
+    if stack.every > 1 and not isinstance(law, RecordLaw) and (stack.plan or hasattr(law, "diagnostics")):
+        return True  # the diagnostics are those of the last step
+    return not has_compiled_form(stack.compensation, law, setup)
+
+
+def observer_is_called(stages: Stages) -> bool:
+    """Return True for an observer that is called: in Python, or with a delay of the measurement."""
+    kind = type(stages.observer.stack.observer)
+    compiled = kind is NoObserver or (issubclass(kind, RecordObserver) and kind.step is _OBSERVER_STEP)
+    return not compiled or stages.setup.links.measurement != LinkSpec()
+
+
+def _inputs(stages: Stages) -> list[StageInputs]:
+    """Return the receiving ends of all stages."""
+    owners = (stages.plant, stages.profile, stages.observer, stages.controller, stages.supervisor)
+    return [owner.inputs for owner in owners if owner is not None]
 
 
 class ObserverShoes:
@@ -56,12 +187,12 @@ class ObserverShoes:
 
     def __init__(self, stack: ObserverStack, times: Array, pressure: float | None, *, used: bool) -> None:
         self._stack, self._times, self._pressure = stack, times, pressure
-        self._used = used and stack._shoes.fitted
+        self._used = used and stack.shoes.fitted
         self._kept: ShoeForecast | None = None
         self.slow: Array = np.zeros((0, 0))
-        if not self._used or stack._shoes.idle:
+        if not self._used or stack.shoes.idle:
             return
-        known, self._kept = stack._shoes, stack._shoes.copy()
+        known, self._kept = stack.shoes, stack.shoes.copy()
         rows, index = [], 0
         while index < len(times):
             known.demand(float(times[index]), pressure)
@@ -76,11 +207,11 @@ class ObserverShoes:
         if not self._used:
             return
         if speed is not None:
-            self._stack._speed = speed
+            self._stack.speed = speed
         if self._kept is None:
-            self._stack._shoes.skip(done)
+            self._stack.shoes.skip(done)
         elif done < len(self._times):
-            self._stack._shoes = self._kept
+            self._stack.shoes = self._kept
             for t in self._times[:done].tolist():
                 self._kept.demand(t, self._pressure)
 
@@ -99,6 +230,8 @@ def envelope_arrays(model: TrainModel) -> tuple[Array, Any]:
     return np.concatenate(segments), np.array(bounds, dtype=np.int64)
 
 
+LawStep = RecordStep | CallerStep | PythonCall
+"""Step of a law in the compiled ticks."""
 SHORTEST = 4
 """Shortest span that is worth its preparation [ticks]."""
 MAX_PAUSE = 16
@@ -119,7 +252,7 @@ class CompiledSpans:
     Parameters
     ----------
     stages
-        Setup, of which :func:`~train_ato.loop.spans.conditions.spans_possible` is True, and stages of the loop.
+        Setup and stages of the loop.
     recording
         Recording of the run in memory.
     publish
@@ -135,6 +268,8 @@ class CompiledSpans:
         Vehicles of the truth: all, or with ``brief`` the first, the power units and the last.
     ticks : int
         Number of compiled ticks so far.
+    has_answer : bool
+        A part in Python has been called for the next tick, which is left to the stages.
     untimed : bool
         A compiled law has run, without a time of its own.
     ato : AtoReport or None
@@ -150,10 +285,10 @@ class CompiledSpans:
     ) -> None:
         self.stages, self._recording, self._publish, self._publish_ticks = stages, recording, publish, publish_ticks
         self._forecast: Forecast | None = None
-        self._law: Any = None
-        self._step: RecordStep | PythonLaw | None = None
+        self._of: tuple[Any, ...] = ()
+        self._step: LawStep | None = None
         self._retry = self.ticks = 0
-        self.untimed = False
+        self.untimed = self.has_answer = False
         self._pause = 1
         self.ato: AtoReport | None = None
         self._memory: dict[str, Array] = {}
@@ -165,31 +300,49 @@ class CompiledSpans:
         shown = (0, *units, vehicles - 1) if self.brief else range(vehicles)
         self.shown: NDArray[np.int64] = np.array(shown, dtype=np.int64)
         self.policy_call: LawCall | None = None
-        self.observer: Any = stages.observer._stack._observer
+        self.observer: Any = stages.observer.stack.observer
         self.observing = _call_of_observer(self.observer)
 
     def run(self) -> int:
         """Run the ticks up to the next event; return their number, 0 if the next tick is left to Python."""
-        plant, stack = self.stages.plant, self.stages.controller._stack
+        span = self.begin()
+        return 0 if span is None else self.end(span, int(kernel.run_span(*span.arguments)))
+
+    def begin(self, *, without_python: bool = False) -> Span | None:
+        """Return the span from the present tick up to the next event; None if the tick is left to Python.
+
+        Parameters
+        ----------
+        without_python
+            True: None for a law or a control stack that the compiled ticks call in Python, too.
+        """
+        plant, stack = self.stages.plant, self.stages.controller.stack
         assert stack is not None
-        law = self._step_of(stack)
-        if (isinstance(law, PythonLaw) and not law.is_usable) or plant.stamp < self._retry:
-            return 0
+        self.has_answer = False
+        if plant.stamp < self._retry:
+            return None
         count = ticks_to_event(self.stages, self.supervised, stack, logged=self.logged, brief=self.brief)
-        if count < SHORTEST or not is_regular(self.stages, self.supervised, stack, law):
-            return 0
-        stamp = plant.stamp
+        if count < SHORTEST or not is_regular(self.stages, self.supervised, stack):
+            return None
+        law = self._step_of(stack)
+        if without_python and isinstance(law, PythonCall):
+            return None
         if self._pause > 1:  # probably another span without a tick, whose arrays cost as much as those of a full one
             count = min(count, RETRIED)
-        span = _Span(self, stack, law, count)
-        done = span.run()
+        return Span(self, stack, law, count)
+
+    def end(self, span: Span, done: int) -> int:
+        """Record the first ticks of a span and set the states to those after them; return their number."""
+        stamp, law = span.stamp, span.law
+        span.end(done)
+        self.has_answer = isinstance(law, PythonCall) and law.has_answer
         if not done:  # at a start the next ticks, too, are left to Python
             self._retry = stamp + self._pause * self.stages.setup.tick_ns
             self._pause = min(2 * self._pause, MAX_PAUSE)
             return 0
         self._pause = 1
         self.ticks += done
-        self.untimed |= not isinstance(law, PythonLaw)
+        self.untimed |= not isinstance(law, PythonCall)
         messages = SpanMessages(self.stages, span.arrays, stamp, done, brief=self.brief)
         if self.brief:
             messages.record_summary(self._recording)
@@ -215,16 +368,21 @@ class CompiledSpans:
             kept = self._memory[name] = np.empty(shape)
         return kept[: shape[0]]
 
-    def _step_of(self, stack: ControlStack) -> RecordStep | PythonLaw:
-        """Return the compiled step of the present law, or its call in Python."""
-        law: Any = stack._law
-        compensates = not has_compiled_form(stack._compensation, law, self.stages.setup)
-        if self._step is None or self._law is not law or self._step.compensates != compensates:
-            self._law = law
-            if compensates or not is_in_loop(law):
-                self._step = PythonLaw(self.stages.controller, law, compensates=compensates)
+    def _step_of(self, stack: ControlStack) -> LawStep:
+        """Return the compiled step of the present law, or the call of the law or of the control stack in Python."""
+        law: Any = stack.law
+        whole = is_in_state(self.stages, stack) or is_called(self.stages, stack, law)
+        of = stack, law, whole
+        if self._step is None or any(new is not known for new, known in zip(of, self._of, strict=True)):
+            self._of = of
+            if whole:
+                self._step = PythonStack(self.stages, law)
             else:
-                self._step = RecordStep(law)
+                given = isinstance(law, Caller) and law.force is not None
+                step: Any = CallerStep if given else RecordStep if is_in_loop(law) else None
+                self._step = PythonLaw(self.stages, law) if step is None else step(law)
+        if isinstance(self._step, PythonStack):
+            self._step.observes = observer_is_called(self.stages) or is_in_state(self.stages, stack)
         return self._step
 
     def forecast(self, stack: ControlStack, first: int, count: int) -> Forecast:
@@ -247,22 +405,30 @@ def _call_of_observer(observer: Any) -> tuple[Any, ...]:
     return constants.view(np.uint8), state.view(np.uint8), balance.count, call, couplers
 
 
-class _Span:
+class Span:
     """One span.
 
     Attributes
     ----------
     arrays : SpanArrays
         Results of its ticks.
+    counts : Array of int
+        See :data:`train_ato.loop.spans.kernel.FIRST_TICK` and those after it.
+    law : RecordStep, CallerStep or PythonCall
+        Step of the law.
+    stamp : int
+        Stamp of its first tick [ns].
+    arguments : tuple
+        Those of :func:`train_ato.loop.spans.kernel.run_span`; they keep their arrays.
     """
 
-    def __init__(self, spans: CompiledSpans, stack: ControlStack, law: RecordStep | PythonLaw, count: int) -> None:
-        self._spans, self._stack, self._law, self._count = spans, stack, law, count
+    def __init__(self, spans: CompiledSpans, stack: ControlStack, law: LawStep, count: int) -> None:
+        self._spans, self._stack, self.law, self._count = spans, stack, law, count
         self._setup, self._plant = spans.stages.setup, spans.stages.plant
         self._train = train = self._plant.train
-        self._first, self._stamp = self._plant.tick, self._plant.stamp
+        self._first, self.stamp = self._plant.tick, self._plant.stamp
         forecast = spans.forecast(stack, self._first, count)
-        self._forecast = forecast.of(self._first, count, stack, used=not law.compensates, shoes_used=self._uses_shoes())
+        self._forecast = forecast.of(self._first, count, stack, used=not law.whole, shoes_used=self._uses_shoes())
         units, sensors = len(train.units), len(train.sensors)
         most, changing = count * train.tick_ns // SECOND_NS + 2, train.arrays
         self.arrays = SpanArrays(
@@ -272,7 +438,7 @@ class _Span:
             np.empty((count + 1, units)),
             np.zeros(count + 1, dtype=np.int64),
             self._forecast.reference,
-            *train._outside.ahead(self._stamp, count),
+            *train.outside.ahead(self.stamp, count),
             [
                 spans.empty(name, 1 if spans.brief and name != "setting" else most, *getattr(changing, name).shape)
                 for name in REPORTED
@@ -280,70 +446,76 @@ class _Span:
             + [np.zeros(most, dtype=np.int64)],
             spans.supervised.arrays(count),
             np.zeros((count, units)),
+            stack.pressure,
         )
-        self.arrays.sent[0], self.arrays.at_limit[0] = stack._last, stack._saturated_steps
+        self.arrays.sent[0], self.arrays.at_limit[0] = stack._last, stack.saturated_steps
         self._inputs, self._now = law.units, zeros(LawNow, 1)
-        self._policy: Any = stack._policy
+        self._policy: Any = stack.policy
         times = np.array(self._forecast.times)
-        used = isinstance(spans.observer, RecordObserver)
-        self._observer_shoes = ObserverShoes(spans.stages.observer._stack, times, stack._pressure, used=used)
-        self._counts = np.array((stack._ticks, stack._every, stack._saturated, 0), dtype=np.int64)
+        self._observes = isinstance(spans.observer, RecordObserver) and not getattr(law, "observes", False)
+        self._observer_shoes = ObserverShoes(spans.stages.observer.stack, times, stack.pressure, used=self._observes)
+        begun = stack.ticks, stack.every, stack.saturated, 0, law.whole
+        self.counts = np.array((*begun, 0, count, 0), dtype=np.int64)
 
-    def run(self) -> int:
-        """Run the ticks; return the number of them that were run."""
+        if isinstance(law, PythonCall):
+            law.begin_span(self.stamp, self._forecast, self.arrays, self._now, self.counts)
+        self.arguments = self._arguments()
+
+    def _arguments(self) -> tuple[Any, ...]:
         train, out, spans = self._train, self.arrays, self._spans
         link, protection, stamps = self._plant.link, self._plant.protection, self._plant.protection.stamps
-        a, events = train.arrays, train._brake.propagating()
-        cubed = np.arange(train._outside.vehicles.size if out.cubes.shape[2] else 0)
-        law = self._law
-        if isinstance(law, PythonLaw):
-            arrays = (self._inputs, self._now, out.couplers, out.sent, self._counts)
-            law.begin_span(self._stamp, self._forecast, *arrays)
-        done = int(kernel.run_span(
-            self._stamp, train.tick_ns, train._step,
+        a, events = train.arrays, train.brake.propagating()
+        cubed = np.arange(train.outside.vehicles.size if out.cubes.shape[2] else 0)
+        law = self.law
+        return (
+            self.stamp, train.tick_ns, train.step,
             (a.state, a.vehicle, a.vehicle_index, a.gear, a.table, a.run, a.body, a.unit, a.unit_index, a.envelope,
              a.piece),
-            train._brake.array, events, (out.outside, out.cubes, cubed), train._outside.vehicles, a.setting,
+            train.brake.array, events, (out.outside, out.cubes, cubed), train.outside.vehicles, a.setting,
             train.sensor_set.noise_ahead(self._count), train.sensor_set.records,
             (law.constant.view(np.uint8), law.state.view(np.uint8), law.state.size, self._now, law.call,
              law.couplers.records if law.couplers else NO_COUPLERS),
             self._observing(), self._predicting(), self._braking(), self._inputs, self._forecast.expected,
             self._forecast.feedforward, self._forecast.shoes, *spans.model,
-            self._bounds(), self._counts,
-            (*link.records(self._stamp, self._count), link.draws(self._count)),
-            (protection.age, *stamps.records(self._stamp, self._count), stamps.draws(self._count)),
-            self._stack._history._commands, spans.shown, out.truth, out.measured, out.couplers, out.sent, out.at_limit,
+            self._bounds(), self.counts,
+            (*link.records(self.stamp, self._count), link.draws(self._count)),
+            (protection.age, *stamps.records(self.stamp, self._count), stamps.draws(self._count)),
+            self._stack.history.commands[: 0 if law.whole else None],
+            spans.shown, out.truth, out.measured, out.couplers, out.sent, out.at_limit,
             (SECOND_NS, *out.reports), out.supervision, self._forecast.at_rest,
-        ))  # fmt: skip
-        if isinstance(law, PythonLaw):
+        )  # fmt: skip
+
+    def end(self, done: int) -> None:
+        """Set the states of stages, stack, law, link and sensors to those after the first ticks."""
+        out, law = self.arrays, self.law
+        if isinstance(law, PythonCall):
             law.end_span(done)
             out.law_reports = law.reports
         self._forecast.take_back(done)
         self._observer_shoes.take_back(done, float(out.measured[done - 1, 1, 0]) if done else None)
         if done:
             self._store(done)
-        return done
 
     def _uses_shoes(self) -> bool:
         """Return True if this law, or one after a planned change, uses the forecast of the shoe forces."""
-        uses_feedforward = getattr(self._stack._law, "uses_feedforward", True)
-        compensation = self._stack._compensation
-        used = self._law.uses_shoes or isinstance(compensation, Predictor)
+        uses_feedforward = getattr(self._stack.law, "uses_feedforward", True)
+        compensation = self._stack.compensation
+        used = self.law.uses_shoes or isinstance(compensation, Predictor)
         return bool(self._setup.law_changes or used or (uses_feedforward and not isinstance(compensation, Twin)))
 
     def _predicting(self) -> tuple[Any, ...]:
         """Return the records of the compensation `predictor`, empty ones for another."""
-        known = self._stack._compensation
-        if self._law.compensates or not isinstance(known, Predictor):
+        known = self._stack.compensation
+        if self.law.whole or not isinstance(known, Predictor):
             return zeros(PredictionConstants, 0), RIGID, zeros(Actuator, 0), np.zeros(0)
         return known.constants, known.chain(known.known_delay or 0.0), known.actuators, known.along
 
     def _observing(self) -> tuple[Any, ...]:
         """Return the arrays of the observer."""
         slow = self._observer_shoes.slow
-        units = self._spans.stages.observer._stack._shoes._units
+        units = self._spans.stages.observer.stack.shoes.units
         shoes = (slow, units, np.zeros(1 + len(units)), np.zeros(slow.shape[1]))
-        *records, couplers = self._spans.observing
+        *records, couplers = self._spans.observing if self._observes else _call_of_observer(None)
         return *records, self.arrays.estimates, shoes, couplers
 
     def _braking(self) -> tuple[Any, ...]:
@@ -354,29 +526,34 @@ class _Span:
             spans.policy_call = LawCall(
                 lambda *_: step(policy.constants, policy.state, policy.rows, policy.now), policy.form.entry, POLICY
             )
-        records = (policy.constants.view(np.uint8), policy.state.view(np.uint8), policy.rows.view(np.uint8))
-        pressure = policy.charged if self._stack._pressure is None else self._stack._pressure
+        state = policy.state.copy() if self.law.whole else policy.state
+        records = (policy.constants.view(np.uint8), state.view(np.uint8), policy.rows.view(np.uint8))
+        pressure = policy.charged if self._stack.pressure is None else self._stack.pressure
         brake = (spans.policy_call, policy.limits, policy.segments, policy.charged, pressure)
         return *records, len(policy.rows), policy.now, *brake
 
     def _bounds(self) -> Array:
         """Return the values from which on a tick is left to Python."""
-        jumps = [jump.place for jump in self._train._jumps._waiting if isinstance(jump, Jump) and jump.at is None]
-        jumps += [jump.place for jump in self._train._jumps._waiting if not isinstance(jump, Jump) and jump.at is None]
+        jumps = [jump.place for jump in self._train.jumps.planned if isinstance(jump, Jump) and jump.at is None]
+        jumps += [jump.place for jump in self._train.jumps.planned if not isinstance(jump, Jump) and jump.at is None]
         jump_place = min((at for at in jumps if at is not None), default=FAR)
         return np.array((*LIMITS, STANDSTILL_SPEED, jump_place))
 
     def _store(self, done: int) -> None:
-        """Set the states of stages, stack, law, link and sensors to those after the span."""
+        """Set the states of stages, stack, link and sensors to those after some ticks."""
         stack, train, out = self._stack, self._train, self.arrays
-        observer = self._spans.stages.observer._stack
-        if isinstance(self._spans.observer, RecordObserver):
+        observer, law = self._spans.stages.observer.stack, self.law
+        if self._observes:
             self._spans.observer.balance.units["disturbance"] = out.estimates[done - 1]
-        observer._policy.state[:] = self._policy.state
-        stack._ticks += done
-        stack._last = out.sent[done].tolist()
-        stack._saturated_steps = int(out.at_limit[done])
-        stack._saturated = bool(self._counts[kernel.AT_LIMIT])
+        if not getattr(law, "observes", False):
+            observer.policy.state[:] = law.policy_state if isinstance(law, PythonStack) else self._policy.state
+        if not law.whole:
+            stack.ticks += done
+            stack._last = out.sent[done].tolist()
+            stack.saturated_steps = int(out.at_limit[done])
+            stack.saturated = bool(self.counts[kernel.AT_LIMIT])
+        if self._plant.pipe_link is not None and out.pressure is not None:
+            self._plant.pipe_link.repeat(self.stamp, self._setup.tick_ns, done, out.pressure)
         self._spans.supervised.store(done)
         self._plant.link.skip_draws(done)
         train.sensor_set.skip_noise(done)

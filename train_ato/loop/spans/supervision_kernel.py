@@ -1,4 +1,4 @@
-"""Steps of the supervisor in the ticks of the compiled loop: odometers, supervisor, and the checks of the ATO.
+"""Supervisor in the ticks of the compiled loop, with the states of its stages before and after them.
 
 A step with an effect (a brake, a takeover, an implausible value) is left to the stages, which call the same functions.
 """
@@ -10,14 +10,18 @@ from typing import NamedTuple
 
 from plant_sim.compiled import compiled
 from plant_sim.odometry import OdometerState, OdometryReading, SlipRecord, count_distance, read_odometers
-from plant_sim.record import Records, quantity
+from plant_sim.record import Records, quantity, zeros
 from train_ato.control.assurance import AssuranceConstants, AssuranceState, assure
-from train_ato.control.plausibility import PLAUSIBLE, CheckConstants, difference
-from train_ato.supervision.ceiling import SupervisionSpeeds
-from train_ato.supervision.odometry_check import odometry_problem
-from train_ato.supervision.position_estimate import PastSpeed
+from train_ato.control.plausibility import PLAUSIBLE, CheckConstants, implausible_quantity
+from train_ato.loop.spans.stages import Stages
+from train_ato.loop.train_protection import Protection
+from train_ato.messages.types import AtoState
+from train_ato.supervision.deceleration_curve import Arc
+from train_ato.supervision.limits import Target
+from train_ato.supervision.odometry import PastSpeed, odometry_problem
+from train_ato.supervision.step_function import SupervisionSpeeds
 from train_ato.supervision.supervisor import SupervisionState, SupervisorConstants, SupervisorState, supervise
-from train_ato.supervision.track_supervision import LineLimits
+from train_ato.supervision.track_supervision import Ceiling, LineLimits
 
 MAX_POSITION, MAX_SPEED = 1e6, 100.0
 """Position [m] and speed [m/s] beyond which a step is left to Python, far inside the limits of validity."""
@@ -112,9 +116,92 @@ def supervised_tick(
         if assured.brakes:
             return False
     foremost = own.front + own.position_error
-    if difference(arrays.check, position, velocity, own.front, foremost, own.speed) != PLAUSIBLE:
+    if implausible_quantity(arrays.check, position, velocity, own.front, foremost, own.speed) != PLAUSIBLE:
         return False
     arrays.states.last[0] = reading
     arrays.steps[run.steps] = own
     run.steps += 1
     return True
+
+
+class SupervisedTicks:
+    """Supervision of the compiled ticks of a run.
+
+    Parameters
+    ----------
+    stages
+        Setup and stages of the loop; without a supervisor the compiled ticks have no step of it.
+    """
+
+    def __init__(self, stages: Stages) -> None:
+        self._stages, self._run = stages, zeros(SupervisedRun, 1)
+        self._period = 0 if stages.supervisor is None else stages.setup.supervision_ticks * stages.setup.tick_ns
+        self._run["period"], self._run["half"] = self._period, stages.plant.half
+        self._run["assured"] = stages.controller.ato.assurance is not None
+
+    @property
+    def is_quiet(self) -> bool:
+        """True if neither supervisor nor train protection nor the mode of the ATO changes the commands."""
+        plant, controller = self._stages.plant, self._stages.controller
+        protection = plant.protection
+        if protection.requested or protection.level is not Protection.NONE or plant.reported is not Protection.NONE:
+            return False
+        if plant.lost or plant.outage_changed or controller.outage or controller.takeover or controller.error:
+            return False
+        if self._stages.supervisor is None:
+            return True
+        stamp, stage, ato, profile = plant.stamp, self._stages.supervisor, controller.ato, self._stages.profile
+        supervisor = stage.supervisor
+        if stage.count is None or not supervisor.state["begun"][0] or not profile.engaged or profile.joins:
+            return False
+        if supervisor.state["state"][0] >= SupervisionState.SERVICE_BRAKE or ato.machine.state is not AtoState.ENGAGED:
+            return False
+        if ato.awaits_profile or ato.assured or ato.check.since is not None:
+            return False
+        if any(round(request.at * 1e9) <= stamp and request.do == "disengage" for request in ato.waiting):
+            return False
+        return bool(stage.odometry_check.last["stamp"][0] >= 0) and protection.is_idle(stamp, self._period)
+
+    def next_request(self, stamp: int) -> list[int]:
+        """Return the stamps of the requests to the ATO after a stamp [ns]."""
+        return [at for request in self._stages.controller.ato.waiting if (at := round(request.at * 1e9)) > stamp]
+
+    def arrays(self, ticks: int) -> SupervisionArrays:
+        """Return the records of the stages, and rows for the steps in some ticks."""
+        stage, odometers, ato = self._stages.supervisor, self._stages.plant.odometers, self._stages.controller.ato
+        self._run["steps"] = 0
+        if stage is None or odometers is None:
+            return _without_supervisor(self._run)
+        own, watch, most = stage.supervisor, ato.assurance, 1 + ticks * self._stages.setup.tick_ns // self._period
+        states = (
+            self._run, odometers.state, stage.odometry_check.last, own.state,
+            zeros(AssuranceState, 1) if watch is None else watch.state,
+        )  # fmt: skip
+        kept = SupervisionStates(*(records.copy() for records in states))
+        constants = zeros(AssuranceConstants, 1) if watch is None else watch.constants
+        return SupervisionArrays(
+            SupervisionStates(*states), kept, odometers.slips, own.constants, own.past, own.track.records, constants,
+            own.past if watch is None else watch.past, ato.check.constants, zeros(SupervisorState, most),
+            zeros(OdometryReading, most),
+        )  # fmt: skip
+
+    def store(self, ticks: int) -> None:
+        """Set the states of train protection and ATO to those after some ticks."""
+        if self._stages.supervisor is None:
+            return
+        self._stages.plant.protection.stamps.skip_draws(ticks)
+        if self._run["steps"][0]:
+            speed = self._stages.supervisor.supervisor.state["speed"]
+            self._stages.controller.ato.take_speed(float(speed[0]))
+
+
+def _without_supervisor(run: Records[SupervisedRun]) -> SupervisionArrays:
+    """Return records of the same types that no tick uses."""
+    kinds = OdometerState, OdometryReading, SupervisorState, AssuranceState
+    states = SupervisionStates(run, *(zeros(kind, 1) for kind in kinds))
+    limits = LineLimits(zeros(Ceiling, 1), zeros(Target, 0), zeros(Arc, 0))
+    return SupervisionArrays(
+        states, states, zeros(SlipRecord, 0), zeros(SupervisorConstants, 1), zeros(PastSpeed, 1), limits,
+        zeros(AssuranceConstants, 1), zeros(PastSpeed, 1), zeros(CheckConstants, 1), zeros(SupervisorState, 1),
+        zeros(OdometryReading, 1),
+    )  # fmt: skip

@@ -1,18 +1,285 @@
 """Conversion of the dataclasses of messages to CDR bytes, the encoding of ROS 2, and back, without ROS.
 
 Equal messages have equal bytes (rclpy leaves padding uninitialised).  Decoding accepts any padding and byte order.
+
+Messages of fixed length as records: one numpy type for each topic of a run.
+
+The messages of a topic have the same names and lengths and differ only in stamp and numbers.  The type has the places
+of these in the CDR bytes: a message, the messages of many ticks and a block of the log are arrays of it.
 """
 
 from __future__ import annotations
 
+import dataclasses
+import struct
 from collections.abc import Callable
+from math import isfinite
 from typing import Any
 
-from train_ato.messages.codec.cdr import stamp_of
-from train_ato.messages.codec.topic_record import TopicRecord
+import numpy as np
+from numpy.typing import NDArray
+
+from train_ato.messages.codec.cdr import (
+    HEAD,
+    SECOND,
+    TIME,
+    Fields,
+    Layout,
+    blank,
+    fill_times,
+    layout_of,
+    resize,
+    rows_of,
+    stamp_of,
+    structure,
+    typestore,
+)
 from train_ato.messages.codec.variable import VARIABLE
-from train_ato.messages.layout import TrainLayout
-from train_ato.messages.topics import topics_of
+from train_ato.messages.topic import Place, Topic, TrainLayout
+from train_ato.messages.topics import EPOCH_NS, Values, topics_of
+
+STAMP_END = 12
+"""End of the stamp in the bytes of a message."""
+FLOAT64 = np.dtype("<f8")
+"""Numbers in the bytes of a message."""
+_SMALL = 32
+"""Count of numbers up to which a loop checks finite values faster than numpy."""
+
+
+class TopicRecord:
+    """Numpy type of the messages of one topic; conversion of its records from and to the dataclass of the messages.
+
+    Names and lengths cost no time per message (``python studies_done/codec.py``).  One thread encodes the messages of a
+    topic, because all are written into the same bytes.
+
+    Parameters
+    ----------
+    topic
+        Entry of the topic table, with messages of fixed length.
+    layout
+        Sizes of the train.
+
+    Attributes
+    ----------
+    blank : bytes
+        Message with stamp and numbers 0.
+    dtype : dtype
+        Type of a message by the fields of its dataclass; stamps, and durations from the stamp, have ``sec`` and
+        ``nanosec``. Bytes without a field are those of ``blank``.
+
+    Raises
+    ------
+    ValueError
+        If the places of the topic do not fit its dataclass or its ROS type.
+    """
+
+    def __init__(self, topic: Topic, layout: TrainLayout) -> None:
+        self.topic = topic
+        self.blank = _blank_of(topic, layout)
+        self._names = topic.names(layout)
+        self._layout = layout_of(typestore(), topic.type, self.blank)
+        self._read = dict.fromkeys((self._layout.leaves[0].path, *(place.path for place in topic.places)))
+        self._paths = {place.field: place.path for place in topic.places if place.field != "stamp"}
+        order = [entry.name for entry in dataclasses.fields(topic.message) if entry.name != "stamp"]
+        if sorted(order) != sorted(place.field for place in topic.places if place.field != "stamp"):
+            raise ValueError(f"topic {topic.name}: every field of {topic.message.__name__} needs one place")
+        fields = _fields_of(topic, layout, self._layout)
+        self.dtype = structure(fields, len(self.blank))
+        self._length, self._unpack_fixed = len(self.blank), _fixed_of(fields, len(self.blank)).unpack
+        self._constants = self._unpack_fixed(self.blank)
+        self._message = memoryview(bytearray(bytes(HEAD) + self.blank))[HEAD:]  # numbers at multiples of their size
+        self._row = np.frombuffer(self._message, self.dtype)
+        self._other: Layout | None = None
+
+        self._times = [(place, name, fields[name][1]) for place, name in enumerate(order) if fields[name][0].names]
+        numbers = {name: fields[name] for name in order if not fields[name][0].names}
+        self._first = min((start for _, start in numbers.values()), default=STAMP_END)
+        end = max((start + kind.itemsize for kind, start in numbers.values()), default=STAMP_END)
+        self._numbers, self._size = slice(self._first, end), (end - self._first) // 8
+        self._unpack = struct.Struct(f"<{self._size}d").unpack_from
+        self._checked = topic.finite and bool(numbers)
+        self._arrays = any(kind.shape for kind, _ in numbers.values())
+        singles = not all(kind.shape for kind, _ in numbers.values())
+        self._listed = singles or self._size <= _SMALL
+        self._parts: list[tuple[bool, Any]] = [(self._arrays, slice(0))] * len(order)
+        self._writers: list[tuple[str, NDArray[Any], int | None]] = []
+        for name, (kind, start) in numbers.items():
+            first, size = (start - self._first) // 8, kind.itemsize // 8
+            self._parts[order.index(name)] = (True, slice(first, first + size)) if kind.shape else (False, first)
+            self._writers.append((name, self._row[name].reshape(-1), size if kind.shape else None))
+
+    def encode(self, message: Any) -> bytes:
+        """Return the CDR bytes of a message.
+
+        Raises
+        ------
+        ValueError
+            For an array of the wrong type or length, or a number that is not finite.
+        """
+        data, stamp = self._message, message.stamp
+        TIME.pack_into(data, HEAD, *divmod(EPOCH_NS + stamp, SECOND))
+        for name, out, size in self._writers:
+            value = getattr(message, name)
+            if size is not None and (value.size != size or value.dtype.char != "d"):
+                self._refuse(name, value, size)
+            out[...] = value
+        for _, name, start in self._times:
+            TIME.pack_into(data, start, *divmod(getattr(message, name) - stamp, SECOND))
+        if self._checked:
+            self._numbers_of(data)
+        return bytes(data)
+
+    def fill(self, rows: NDArray[Any], stamps: NDArray[np.int64], values: Values) -> None:
+        """Write stamps and values into copies of the blank message; errors as :meth:`encode`.
+
+        Parameters
+        ----------
+        rows : Array of :attr:`dtype`, shape (messages,)
+            Copies of the blank message.
+        stamps : Array of int, shape (messages,)
+            Stamps [ns].
+        values
+            Values by field, shape (messages, n) each; durations [ns] as integers.
+        """
+        fill_times(rows["stamp"], EPOCH_NS + stamps)
+        for _, name, _ in self._times:
+            fill_times(rows[name], values[name][:, 0] - stamps)
+        for name, own, size in self._writers:
+            column = values[name]
+            if column.shape[1] != own.size:
+                self._refuse(name, column[0], own.size)
+            rows[name] = column[:, 0] if size is None else column
+            if self._checked and not np.isfinite(column).all():
+                self._refuse_infinite(rows)
+
+    def decode(self, data: bytes) -> Any:
+        """Return the message of the bytes; arrays are copies.
+
+        Raises
+        ------
+        ValueError
+            For bytes of another type, other names or lengths, or numbers that are not finite.
+        """
+        if len(data) != self._length or self._unpack_fixed(data) != self._constants:
+            data = self._transcribed(data)
+        single = self._numbers_of(data)
+        array: Any = np.ndarray((self._size,), FLOAT64, bytearray(data[self._numbers])) if self._arrays else None
+        values: list[Any] = [(array if several else single)[part] for several, part in self._parts]
+        seconds, nanoseconds = TIME.unpack_from(data, HEAD)
+        stamp = seconds * SECOND + nanoseconds - EPOCH_NS
+        for number, _, start in self._times:
+            seconds, nanoseconds = TIME.unpack_from(data, start)
+            values[number] = seconds * SECOND + nanoseconds + stamp
+        return self.topic.message(stamp, *values)
+
+    def _numbers_of(self, data: bytes | memoryview) -> tuple[Any, ...]:
+        """Return all numbers of a message, none of a long one of arrays; refuse those that are not finite.
+
+        The lengths between the numbers are finite as numbers, too.
+        """
+        found = self._unpack(data, self._first) if self._listed else ()
+        if self._checked and not (
+            all(map(isfinite, found))
+            if self._listed
+            else np.isfinite(np.frombuffer(data, FLOAT64, self._size, self._first)).all()
+        ):
+            self._refuse_infinite(np.frombuffer(data, self.dtype))
+        return found
+
+    def _transcribed(self, data: bytes) -> bytes:
+        """Return a message with any padding, byte order and frame in the bytes of this program.
+
+        Names and lengths are checked.
+        """
+        layout = self._other
+        if layout is None or layout.length != len(data) or not layout.fits(rows_of([data], len(data))).all():
+            try:
+                layout = layout_of(typestore(), self.topic.type, data)
+                self._check(layout)
+            except ValueError as error:
+                raise ValueError(f"{self.topic.name}: {error}") from None
+            self._other = layout
+        own = np.frombuffer(bytearray(self.blank), self._layout.dtype)
+        other = np.frombuffer(data, layout.dtype)
+        for path in self._read:
+            own[path] = other[path]
+        return own.tobytes()
+
+    def _check(self, layout: Layout) -> None:
+        """Check names and lengths of the layout of a message."""
+        names, due = tuple(leaf.text for leaf in layout.leaves if leaf.path.startswith("name[")), self._names
+        if names != due:
+            raise ValueError(f"names {list(names[:3])}... where {list(due[:3])}... ({len(due)}) are due")
+        own, other = ({leaf.path: leaf for leaf in found.leaves} for found in (self._layout, layout))
+        for path in self._read:
+            if path not in other or ("[0]" in path and path.replace("[0]", "[1]") in other):
+                raise ValueError(f"{path.partition('[')[0]} does not hold one entry")
+            if other[path].count != own[path].count:
+                raise ValueError(f"{path} has {other[path].count} values where {own[path].count} are due")
+
+    def _refuse_infinite(self, rows: NDArray[Any]) -> None:
+        """Name the first value that is not finite."""
+        for name, _, _ in self._writers:
+            if (wrong := rows[name][~np.isfinite(rows[name])]).size:
+                raise ValueError(f"{self.topic.name}: {self._paths[name]} is not finite: {wrong[0]}")
+
+    def _refuse(self, name: str, value: Any, size: int) -> None:
+        """Name an array of the wrong type or length."""
+        path = f"{self.topic.name}: {self._paths[name]}"
+        if value.dtype.char != "d":
+            raise ValueError(f"{path} is {value.dtype}, not float64")
+        raise ValueError(f"{path} has {value.size} values where {size} are due")
+
+
+def _blank_of(topic: Topic, layout: TrainLayout) -> bytes:
+    """Return the bytes of a message with stamp and numbers 0."""
+    message = blank(topic.type)
+    if topic.owners:
+        message.name = list(topic.names(layout))
+    if frame := topic.frame_id(layout):
+        message.header.frame_id = frame
+    for path, texts in topic.texts:
+        setattr(message, path, list(texts))
+    sizes: dict[str, int] = {}
+    for place in topic.places:
+        sizes[place.path] = sizes.get(place.path, 0) + _size(place, layout)
+    for path, size in sizes.items():
+        resize(topic.type, message, path, size)
+    return bytes(typestore().serialize_cdr(message, topic.type))
+
+
+def _size(place: Place, layout: TrainLayout) -> int:
+    """Return the number of values at a place."""
+    return 1 if place.owner is None else len(layout.names(place.owner))
+
+
+def _fields_of(topic: Topic, layout: TrainLayout, found: Layout) -> Fields:
+    """Return type and offset of the fields of the dataclass in the bytes of a message."""
+    leaves, stamp = {leaf.path: leaf for leaf in found.leaves}, found.leaves[0]
+    if stamp.dtype is None or not (stamp.is_time and stamp.start == HEAD):
+        raise ValueError(f"topic {topic.name}: a {topic.type} does not begin with its stamp")
+    fields: Fields = {"stamp": (stamp.dtype, HEAD)}
+    ends: dict[str, int] = {}
+    for place in topic.places:
+        if place.field == "stamp":
+            continue
+        leaf = leaves.get(place.path)
+        if leaf is None or leaf.dtype is None or not (leaf.is_time or leaf.dtype == FLOAT64):
+            raise ValueError(f"topic {topic.name}: {place.path} of a {topic.type} is not float64")
+        size, start = _size(place, layout), ends.get(place.path, leaf.start)
+        fields[place.field] = leaf.dtype if place.owner is None else np.dtype((FLOAT64, (size,))), start
+        ends[place.path] = start + 8 * size
+    return fields
+
+
+def _fixed_of(fields: Fields, length: int) -> struct.Struct:
+    """Return the format of the bytes of a message without a field."""
+    form, place = "<", 0
+    for start, size in sorted((start, kind.itemsize) for kind, start in fields.values()):
+        form += f"{start - place}s{size}x"
+        place = start + size
+    return struct.Struct(f"{form}{length - place}s")
+
 
 __all__ = ["Wire", "stamp_of"]
 

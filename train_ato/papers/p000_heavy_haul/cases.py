@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from train_ato.papers.checks import PrintedForm
 from train_ato.papers.claims import Case
-from train_ato.papers.printed_forms import PrintedForm
 
 DURATION = 2674
 """Length of the driver's run [s]."""

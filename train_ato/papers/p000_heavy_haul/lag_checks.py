@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from train_ato.papers.bounds import BETTER, Bound, least, ratio, worst
 from train_ato.papers.checks import GOAL, conclude, largest_kmh, recording, rms_kmh, variation, within
-from train_ato.papers.claims import THREE, Claims, Judgement, Results
+from train_ato.papers.claims import BETTER, THREE, Bound, Claims, Judgement, Results, least, ratio, worst
 from train_ato.papers.p000_heavy_haul.cases import DURATION, LAGGED_TRAINS, LIMIT_DELAYS, SHORT
-from train_ato.papers.p000_heavy_haul.series import LOCOMOTIVE, TRAIN, locomotive_speed_error
+from train_ato.papers.p000_heavy_haul.checks import LOCOMOTIVE, TRAIN, locomotive_speed_error
 
 CLAIMS = Claims()
 LIMIT = LOCOMOTIVE * 1.0 / (TRAIN * 0.1)

@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from train_ato.papers.checks import PrintedForm
 from train_ato.papers.claims import Case
-from train_ato.papers.printed_forms import PrintedForm
 
 INERTIA = 192_170.0
 """Mass including rotating masses [kg]."""

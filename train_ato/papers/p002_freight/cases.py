@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from train_ato.papers.checks import PrintedForm
 from train_ato.papers.claims import Calculation, Case
-from train_ato.papers.p002_freight.error_dynamics import nominal_settling
-from train_ato.papers.p002_freight.observer_trials import observer_accuracy
-from train_ato.papers.printed_forms import PrintedForm
+from train_ato.papers.p002_freight.observer_trials import nominal_settling, observer_accuracy
 
 DELAYS: Mapping[float, str] = {0.3: "+delay_0_3", 0.6: "", 0.8: "+delay_0_8", 1.0: "+delay_1_0"}
 """Variant of the scenario by command delay [s]."""

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from train_ato.papers.bounds import REMOVED, Bound, worst
 from train_ato.papers.checks import conclude
-from train_ato.papers.claims import THREE, Claims, Judgement, Results
+from train_ato.papers.claims import REMOVED, THREE, Bound, Claims, Judgement, Results, worst
 from train_ato.papers.p002_freight.cases import OBSERVER_TICKS
 from train_ato.papers.p002_freight.checks import time_text
 from train_ato.papers.p002_freight.observer_trials import FORMS

@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from train_ato.papers.checks import PrintedForm
 from train_ato.papers.claims import Case
-from train_ato.papers.printed_forms import PrintedForm
 
 
 def _funnel(**parameters: Any) -> dict[str, Any]:
@@ -61,7 +61,7 @@ TRAINS: Mapping[str, tuple[str, str]] = {
 """Label and variants of the short run by key."""
 
 
-def _unhandled(variants: str, tick: float, full_only: bool = False, **parameters: Any) -> Case:
+def _unhandled(variants: str, tick: float, *, full_only: bool = False, **parameters: Any) -> Case:
     grid = {"tick": tick, "step": min(tick, 0.01)}
     return Case(f"crh380a_funnel:{variants}", _funnel(**UNHANDLED | parameters) | UNAWARE | grid, full_only)
 

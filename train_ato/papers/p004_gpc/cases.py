@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from train_ato.papers.checks import PrintedForm
 from train_ato.papers.claims import Case
-from train_ato.papers.printed_forms import PrintedForm
 
 SAMPLINGS = (0.2, 0.4, 0.6, 0.8, 1.0, 1.2, 1.6)
 """Sampling periods of the law [s]."""

@@ -48,7 +48,9 @@ class SectionTables:
     spread: Array
 
 
-def acceleration_table(train: TrainTables, settings: PlanSettings, window: float, extend_steps: bool = False) -> Array:
+def acceleration_table(
+    train: TrainTables, settings: PlanSettings, window: float, *, extend_steps: bool = False
+) -> Array:
     """Return the rows of the passes [m/s²].
 
     They are traction minus resistance, brake plus resistance, resistance, and electric brake plus resistance.
@@ -65,8 +67,8 @@ def acceleration_table(train: TrainTables, settings: PlanSettings, window: float
     if window > 0:
         up = np.minimum(settings.acceleration or np.inf, train.traction / train.inertia)
         down = np.minimum(settings.deceleration or np.inf, (train.brake + train.resistance) / train.inertia)
-        traction = _lowered_for_averaging(traction, up * window / 2, extend_steps)
-        brake = _lowered_for_averaging(brake, down * window / 2, extend_steps)
+        traction = _lowered_for_averaging(traction, up * window / 2, extend_steps=extend_steps)
+        brake = _lowered_for_averaging(brake, down * window / 2, extend_steps=extend_steps)
     return np.stack(
         (
             (keep * traction - train.resistance) / train.inertia,
@@ -78,7 +80,7 @@ def acceleration_table(train: TrainTables, settings: PlanSettings, window: float
 
 
 def stall_message(
-    inputs: SectionInputs, grid: PlaceGrid, tables: SectionTables, cell: int, speed: float, at_rest: bool
+    inputs: SectionInputs, grid: PlaceGrid, tables: SectionTables, cell: int, speed: float, *, at_rest: bool
 ) -> str:
     """Return the message of a forward pass that ends in a cell at a speed [m/s]."""
     train = inputs.train
@@ -125,17 +127,17 @@ def braking_message(inputs: SectionInputs, grid: PlaceGrid, tables: SectionTable
     )
 
 
-def _sections(inputs: SectionInputs, grid: PlaceGrid, tables: SectionTables, cell: int, brakes: bool) -> str:
+def _sections(inputs: SectionInputs, grid: PlaceGrid, tables: SectionTables, cell: int, *, brakes: bool) -> str:
     """Return the sections that limit the forces in a cell, also by the averaging; empty without one."""
     if inputs.places is None:
         return ""
     first, last = grid.places[[max(cell - 1, 0), min(cell + 2, grid.cells)]] + tables.spread[cell] * np.array([-1, 1])
     fronts = grid.places[(grid.places >= first) & (grid.places <= last)]
-    found = [name for front in fronts for name in inputs.places.sections_at(float(front), brakes)]
+    found = [name for front in fronts for name in inputs.places.sections_at(float(front), brakes=brakes)]
     return " and the ".join(dict.fromkeys(found))
 
 
-def _lowered_for_averaging(force: Array, half_width: Array, extend_steps: bool) -> Array:
+def _lowered_for_averaging(force: Array, half_width: Array, *, extend_steps: bool) -> Array:
     """Return an envelope [N] lowered so that its mean over a range of speeds does not exceed the original.
 
     A straight envelope does not change.  A convex one is lowered by the amount that averaging would add.

@@ -7,21 +7,22 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
+from plant_sim.elementary import plain_sum
 from plant_sim.line import Line
 from train_ato.messages.types import Array
-from train_ato.profile.knots import knot_count
 from train_ato.profile.planner.driving_strategy import DrivingStrategy, SectionInputs, SectionKnots
 from train_ato.profile.planner.jerk_limit import fit_jerk_limit
+from train_ato.profile.planner.line_tables import PlaceLimits
 from train_ato.profile.planner.net_energy import weighted_energy
-from train_ato.profile.planner.place_limits import PlaceLimits
 from train_ato.profile.planner.section import PlanSection
 from train_ato.profile.planner.settings import PlanSettings
 from train_ato.profile.planner.train_tables import TrainTables
-from train_ato.profile.profile import Profile
+from train_ato.profile.profile import Profile, knot_count
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +49,8 @@ class Plan:
         Work of traction, of all brakes and of the electric brake between two knots [J], each >= 0.
     places : PlaceLimits, optional
         Limits by place of the plan; None for a line without.
+    least : tuple of float
+        Least running time of every section between two stops [s]; empty without allowances.
     """
 
     profile: Profile
@@ -59,6 +62,11 @@ class Plan:
     line: Line
     work: Array
     places: PlaceLimits | None = None
+    least: tuple[float, ...] = ()
+
+    def _repr_html_(self) -> str:
+        rows = (f"<tr><td>{key}</td><td>{value}</td></tr>" for key, value in self.summary().items())
+        return f"<p><b>planned in {self.running_time:.1f} s</b></p><table>{''.join(rows)}</table>"
 
     @property
     def running_time(self) -> float:
@@ -75,6 +83,12 @@ class Plan:
         """Net energy from the first departure to the last arrival [J]; the traction work with the default settings."""
         traction, _, electric = self.work.sum(axis=1).tolist()
         return weighted_energy(traction, electric, self.running_time, self.settings)
+
+    @property
+    def allowances(self) -> tuple[float, ...]:
+        """Running time above the least one of every section between two stops [s]; empty without allowances."""
+        runs = pairwise(self.arrivals)
+        return tuple(b[1] - a[2] - least for (a, b), least in zip(runs, self.least, strict=True)) if self.least else ()
 
     def summary(self) -> dict[str, Any]:
         """Return the figures of the plan, units in the keys: running_time_s, distance_m, energy_kwh, ..."""
@@ -99,9 +113,16 @@ class Plan:
             "traction_max_kn": round(float(max(running.max(initial=0.0), 0.0)) / 1e3, 3),
             "brake_max_kn": round(float(max(-running.min(initial=0.0), 0.0)) / 1e3, 3),
             "force_margin": self.settings.force_margin,
+            **({"allowance_s": round(plain_sum(self.allowances), 3)} if self.least else {}),
             "stops": [
-                {"place_m": round(place, 3), "arrival_s": round(arrival, 3), "departure_s": round(departure, 3)}
-                for place, arrival, departure in self.arrivals
+                {
+                    "place_m": round(place, 3),
+                    "arrival_s": round(arrival, 3),
+                    "departure_s": round(departure, 3),
+                    **({"post": self.line.post_at(place)} if self.line.chainage else {}),
+                    **({"allowance_s": round(self.allowances[k - 1], 3)} if self.least and k else {}),
+                }
+                for k, (place, arrival, departure) in enumerate(self.arrivals)
             ],
         }
 
@@ -112,6 +133,7 @@ def assemble_plan(
     settings: PlanSettings,
     line: Line,
     period: float,
+    *,
     departures: Callable[[int, float], float],
     since: float = 0.0,
 ) -> Plan:

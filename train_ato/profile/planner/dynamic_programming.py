@@ -88,6 +88,7 @@ class CoarseGrid:
         places: Array,
         top: Array,
         floor: Array,
+        *,
         line_mean: Array,
         air: Array,
         table: Array,
@@ -117,6 +118,21 @@ class CoarseGrid:
         self.deceleration = deceleration
         self.points = resolution.points
 
+    def coasting_rate(self, energies: Array, spacing: float) -> Array:
+        """Return the fall of E over the distance of a coasting train in the cell before each place [m/s²].
+
+        Parameters
+        ----------
+        energies : Array, shape (n + 1,)
+            E at the places.
+        spacing
+            Speed step of the table [m/s].
+        """
+        speeds = np.sqrt(2.0 * np.maximum(energies, 0.0))
+        drag = np.interp(speeds, spacing * np.arange(self.table.shape[1]), self.table[COAST])
+        line, air = (np.concatenate((values[:1], values)) for values in (self.line_mean, self.air))
+        return np.asarray(drag + line + 2.0 * air * energies)
+
 
 def switching_curve(
     grid: CoarseGrid, price: float | Array, spacing: float, weights: EnergyWeights
@@ -142,16 +158,25 @@ def switching_curve(
 
 
 @compiled
-def _value(values: Array, energy: float, spacing: float) -> Any:
-    place = energy / spacing
+def _drag_at(table: Array, speed_step: float, energy: float) -> Any:
+    """Return the resistance at an E [m/s²]."""
+    place = np.sqrt(2.0 * energy) / speed_step
+    j = min(int(place), table.shape[1] - 2)
+    return table[COAST, j] + (place - j) * (table[COAST, j + 1] - table[COAST, j])
+
+
+@compiled
+def _value(values: Array, energies: Array, energy: float) -> Any:
+    place = (energy - energies[0]) / (energies[2] - energies[1])
     i = min(int(place), values.size - 2)
     return values[i] + (place - i) * (values[i + 1] - values[i])
 
 
 @compiled
-def _value_slope(values: Array, energy: float, spacing: float) -> Any:
+def _value_slope(values: Array, energies: Array, energy: float) -> Any:
     """Return dV/dE, interpolated between the slopes in the middle of the cells."""
-    place = energy / spacing - 0.5
+    spacing = energies[2] - energies[1]
+    place = (energy - energies[0]) / spacing - 0.5
     i = min(max(int(np.floor(place)), 0), values.size - 3)
     share = min(max(place - i, 0.0), 1.0)
     low, high = values[i + 1] - values[i], values[i + 2] - values[i + 1]
@@ -161,7 +186,7 @@ def _value_slope(values: Array, energy: float, spacing: float) -> Any:
 @compiled
 def _cost(
     price: float, step: float, speed: float, end: float, range_: tuple[float, float, float],
-    weights: tuple[float, float], values: Array, spacing: float,
+    weights: tuple[float, float], values: Array, energies: Array,
 ) -> Any:  # fmt: skip
     """Return the cost of a step to the energy ``end``: net energy, price x time, and the value there.
 
@@ -171,7 +196,7 @@ def _cost(
         return UNREACHABLE
     low, slow, coast = range_
     work = weights[0] * max(end - coast, 0.0) - weights[1] * min(max(slow - end, 0.0), slow - low)
-    return work + price * 2.0 * step / (speed + np.sqrt(2.0 * end)) + _value(values, end, spacing)
+    return work + price * 2.0 * step / (speed + np.sqrt(2.0 * end)) + _value(values, energies, end)
 
 
 @compiled
@@ -180,15 +205,16 @@ def _least_cost(
     weights: tuple[float, float], values: Array, energies: Array, speeds: Array,
 ) -> Any:  # fmt: skip
     """Return the least cost of a step to an energy between two ends; ``speeds`` are those of the energies [m/s]."""
-    spacing = energies[1]
+    first, spacing = energies[0], energies[2] - energies[1]
     best = min(
-        _cost(price, step, speed, ends[0], range_, weights, values, spacing),
-        _cost(price, step, speed, ends[1], range_, weights, values, spacing),
+        _cost(price, step, speed, ends[0], range_, weights, values, energies),
+        _cost(price, step, speed, ends[1], range_, weights, values, energies),
     )
     if ends[0] < range_[1] < ends[1]:
-        best = min(best, _cost(price, step, speed, range_[1], range_, weights, values, spacing))
+        best = min(best, _cost(price, step, speed, range_[1], range_, weights, values, energies))
     low, slow, coast = range_
-    for q in range(max(int(ends[0] / spacing) + 1, 1), min(int(ends[1] / spacing), energies.size - 1) + 1):
+    lowest, highest = int((ends[0] - first) / spacing) + 1, int((ends[1] - first) / spacing)
+    for q in range(max(lowest, 1), min(highest, energies.size - 1) + 1):
         end = energies[q]
         work = weights[0] * max(end - coast, 0.0) - weights[1] * min(max(slow - end, 0.0), slow - low)
         best = min(best, work + price * 2.0 * step / (speed + speeds[q]) + values[q])
@@ -197,14 +223,14 @@ def _least_cost(
 
 @compiled
 def _marginal_cost(
-    price: float, step: float, speed: float, slow: float, weight: float, values: Array, spacing: float
+    price: float, step: float, speed: float, slow: float, weight: float, values: Array, energies: Array
 ) -> Any:
     """Return the marginal cost of more energy than by coasting, minus its benefit; < 0: traction is optimal."""
     if slow <= 0.0:
         return -1.0
     u = np.sqrt(2.0 * slow)
     quicker = price * 2.0 * step / ((speed + u) ** 2 * max(u, MIN_SPEED))
-    return weight - quicker + _value_slope(values, slow, spacing)
+    return weight - quicker + _value_slope(values, energies, slow)
 
 
 @compiled
@@ -215,16 +241,21 @@ def _curves(
     """Return both switching curves; ``service`` are the acceleration and deceleration limits [m/s²]."""
     n, m = steps.size, energies.size
     spacing, gap = energies[1], weights[0] - weights[1]
+    ahead, here = energies.copy(), energies.copy()
     speeds = np.sqrt(2.0 * energies)
-    values, new, marginal, ends = np.zeros(m), np.empty(m), np.empty(m), np.empty(m)
+    values, new, marginal, ends = np.zeros(m), np.empty(m), np.empty(2 * m), np.empty(2 * m)
     curve, onset = np.empty(n + 1), np.empty(n + 1)
+    shift = 0.0
     for k in range(n - 1, -1, -1):
         step, ceiling, price, free = steps[k], top[k + 1], prices[k], 0
+        shift -= step * (_drag_at(table, speed_step, top[k]) + line_mean[k] + 2.0 * air[k] * top[k])
         for i in range(m):
-            if i > 1 and energies[i - 1] > top[k]:
+            here[i] = energies[i] - shift % spacing
+        for i in range(m):
+            if i > 1 and here[i - 1] > top[k]:
                 new[i] = 2.0 * new[i - 1] - new[i - 2]
                 continue
-            energy = min(energies[i], top[k])
+            energy = min(max(here[i], 0.0), top[k])
             speed = np.sqrt(2.0 * energy)
             place = speed / speed_step
             j = min(int(place), table.shape[1] - 2)
@@ -241,23 +272,33 @@ def _curves(
                 new[i] = price * 2.0 * step / max(speed, MIN_SPEED) + weights[0] * max(-coast, 0.0)
                 new[i] -= weights[1] * min(max(slow, 0.0), slow - low)
             elif fast > slow:
-                new[i] = _least_cost(price, step, speed, (low, fast), range_, weights, values, energies, speeds)
+                new[i] = _least_cost(price, step, speed, (low, fast), range_, weights, values, ahead, speeds)
             else:  # braking to the ceiling, or no traction
                 end = min(slow, ceiling)
                 if low < end:
-                    new[i] = _least_cost(price, step, speed, (low, end), range_, weights, values, energies, speeds)
+                    new[i] = _least_cost(price, step, speed, (low, end), range_, weights, values, ahead, speeds)
                 else:
-                    new[i] = _cost(price, step, speed, end, range_, weights, values, spacing)
+                    new[i] = _cost(price, step, speed, end, range_, weights, values, ahead)
             if slow < ceiling:
-                marginal[free] = _marginal_cost(price, step, speed, slow, weights[0], values, spacing)
+                marginal[free] = _marginal_cost(price, step, speed, slow, weights[0], values, ahead)
                 ends[free] = slow
                 free += 1
             new[i] += MISSED_SPEED * max(floor[k] - energy, 0.0)
-            if energies[i] > top[k]:  # straight on from the value at the ceiling, or its slope would be too small
-                last = i - 1 if i > 0 and top[k] - energies[i - 1] > CEILING_GAP * spacing else i - 2
+            if here[i] > top[k]:  # straight on from the value at the ceiling, or its slope would be too small
+                last = i - 1 if i > 0 and top[k] - here[i - 1] > CEILING_GAP * spacing else i - 2
                 if last >= 0 and max(new[i], new[last]) < UNREACHABLE:
-                    new[i] += (new[i] - new[last]) / (top[k] - energies[last]) * (energies[i] - top[k])
-        values, new = new, values
+                    new[i] += (new[i] - new[last]) / (top[k] - here[last]) * (here[i] - top[k])
+        if free > 0:  # states that the ceiling keeps out of reach of coasting: the switching place is within the cell
+            for i in range(1, m - 1):
+                if ends[free - 1] + 0.1 * spacing < ahead[i] < ceiling:
+                    marginal[free] = _marginal_cost(
+                        price, step, np.sqrt(2.0 * top[k]), ahead[i], weights[0], values, ahead
+                    )
+                    ends[free] = ahead[i]
+                    free += 1
+        values, new, ahead, here = new, values, here, ahead
+        for i in range(m):
+            speeds[i] = np.sqrt(2.0 * max(ahead[i], 0.0))
         unlimited = 4.0 * energies[-1]
         curve[k + 1] = _switching_energy(marginal[:free], ends, 0.0, unlimited)
         onset[k + 1] = _switching_energy(marginal[:free], ends, gap, unlimited)

@@ -35,7 +35,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.summation import plain_dot
+from plant_sim.elementary import plain_dot
 from train_ato.messages.types import Array
 from train_ato.profile.planner.dynamic_programming import EnergyWeights
 from train_ato.profile.planner.net_energy import energy_weights

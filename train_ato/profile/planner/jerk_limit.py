@@ -14,8 +14,7 @@ import numpy as np
 from train_ato.messages.types import Array
 from train_ato.profile.planner.accelerations import acceleration_table
 from train_ato.profile.planner.driving_strategy import MINIMUM_TIME, DrivingStrategy, SectionKnots
-from train_ato.profile.planner.section import PlanSection
-from train_ato.profile.planner.smoothing import largest_acceleration_change
+from train_ato.profile.planner.section import PlanSection, largest_acceleration_change
 
 MAX_ROUNDS = 25
 """Rounds of the search for window and reserves of the moving average."""
@@ -110,7 +109,7 @@ def _faster(one: PlanSection | None, other: PlanSection | None) -> PlanSection |
 def _has_steps(section: PlanSection) -> bool:
     """Return True if the envelopes have a step within the range of speeds of a window."""
     train, settings, window = section.inputs.train, section.inputs.settings, section.window
-    lowered, extended = (acceleration_table(train, settings, window, extend) for extend in (False, True))
+    lowered, extended = (acceleration_table(train, settings, window, extend_steps=extend) for extend in (False, True))
     return not np.array_equal(lowered, extended)
 
 

@@ -14,10 +14,18 @@ from plant_sim.line import Line
 from train_ato.messages.types import Array
 from train_ato.profile.planner.assembly import Plan, assemble_plan
 from train_ato.profile.planner.driving_strategy import MINIMUM_TIME, DrivingStrategy, SectionInputs
-from train_ato.profile.planner.journey_windows import WINDOW_TOLERANCE, Lateness, lateness_at, timed_place
 from train_ato.profile.planner.passes import traction_floor
 from train_ato.profile.planner.section import PlanSection
-from train_ato.profile.planner.time_windows import Leg, TimedPlace, WindowSearch, fastest_times
+from train_ato.profile.planner.time_windows import (
+    WINDOW_TOLERANCE,
+    Lateness,
+    Leg,
+    TimedPlace,
+    WindowSearch,
+    fastest_times,
+    lateness_at,
+    timed_place,
+)
 from train_ato.profile.planner.timing_points import SpeedWindow, TimeWindow, TimingPoint
 from train_ato.profile.planner.train_tables import SPEED_STEP
 
@@ -108,7 +116,7 @@ class JourneyPlanner:
         self._places = [TimedPlace(start.place, 0.0, np.inf), *(timed_place(point, points[-1]) for point in points)]
         self._legs = self._sections()
 
-    def plan(self, fastest_if_late: bool = False) -> tuple[Plan, Lateness | None]:
+    def plan(self, *, fastest_if_late: bool = False) -> tuple[Plan, Lateness | None]:
         """Return the plan of least net energy, and the first window that it does not keep.
 
         Parameters
@@ -143,11 +151,11 @@ class JourneyPlanner:
             strategies, _ = search.solve()
             result = self._assembled(strategies)
             reached = self._reached(result)
-            problem = self._missed(result, reached, late is not None)
+            problem = self._missed(result, reached, late_accepted=late is not None)
             if problem is None:
                 return result, late
             moved = reached - search.predicted(strategies)
-        if self._missed(fastest, self._reached(fastest), late is not None) is None or fastest_if_late:
+        if self._missed(fastest, self._reached(fastest), late_accepted=late is not None) is None or fastest_if_late:
             return fastest, late
         raise ValueError(problem)
 
@@ -215,7 +223,9 @@ class JourneyPlanner:
 
         sections = [leg.section for leg in legs]
         settings = self._inputs.settings
-        return assemble_plan(sections, strategies, settings, self._line, self._period, departure, start.first_knot)
+        return assemble_plan(
+            sections, strategies, settings, self._line, self._period, departures=departure, since=start.first_knot
+        )
 
     def _reached(self, result: Plan) -> Array:
         """Return the times of all timed places in a plan [s]: departure, passing, or the last arrival."""
@@ -228,14 +238,14 @@ class JourneyPlanner:
         """Return the first window whose latest time is before the earliest possible one."""
         for point, place, time in zip(self._points, self._places[1:], times[1:].tolist(), strict=True):
             if time > place.latest + WINDOW_TOLERANCE:
-                return lateness_at(point, place, time, point is self._points[-1])
+                return lateness_at(point, place, time, is_last=point is self._points[-1])
         return None
 
-    def _missed(self, result: Plan, times: Array, late_accepted: bool) -> str | None:
+    def _missed(self, result: Plan, times: Array, *, late_accepted: bool) -> str | None:
         """Return the first missed window of a plan in one line; None if it keeps all."""
         for point, place, time in zip(self._points, self._places[1:], times[1:].tolist(), strict=True):
             if time > place.latest + WINDOW_TOLERANCE and not late_accepted:
-                return str(lateness_at(point, place, time, point is self._points[-1]))
+                return str(lateness_at(point, place, time, is_last=point is self._points[-1]))
             if time < place.earliest - WINDOW_TOLERANCE:
                 return (
                     f"timing point {point.label}: earliest time {place.earliest:.1f} s cannot be kept, the train is "

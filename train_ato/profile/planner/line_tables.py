@@ -1,14 +1,30 @@
-"""Line force and speed limits of a whole train, tabulated over the place of its front."""
+"""Line force and speed limits of a whole train, tabulated over the place of its front.
+
+Limits by place on the forces of a plan: neutral sections, power limits, adhesion, and tunnel air.
+
+The passes of the planner have one reserve of traction and one of the brakes in every cell, a fraction of the whole
+force. Here it is the largest reserve up to an upper bound of the speed in the cell, the speed under full traction, so
+that a plan is feasible on the plant; it is exact where the train has full traction.
+"""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+
 import numpy as np
+from numpy.typing import NDArray
 
 from plant_sim.compiled import compiled
-from plant_sim.line import Line
+from plant_sim.consist import Consist, VehicleType
+from plant_sim.line import Line, LineSection
+from plant_sim.packing import NO_LIMIT
+from plant_sim.railway import MIN_POWER_SPEED, adhesion_by_speed
+from plant_sim.section_effects import SectionZones, has_tunnel_air
 from plant_sim.track import Track
+from plant_sim.traction import Envelope
 from train_ato.messages.types import Array
-from train_ato.profile.planner.train_tables import TrainTables
+from train_ato.profile.planner.train_tables import TrainTables, envelope_at
 
 MIN_CELL, MAX_CELL, CELLS = 0.05, 5.0, 8000
 """Bounds of the cell length in the middle of a section [m], and the number of cells between these bounds."""
@@ -58,7 +74,7 @@ class LineForce:
         Average over the length of each vehicle instead of the value at its centre.
     """
 
-    def __init__(self, line: Line, train: TrainTables, over_length: bool = False) -> None:
+    def __init__(self, line: Line, train: TrainTables, *, over_length: bool = False) -> None:
         self._train = train
         track = Track(line)
         lengths = np.unique(train.lengths) if over_length else np.zeros(1)
@@ -178,3 +194,196 @@ class SpeedLimits:
         limit = np.maximum(*[self.at(at + side, length) for side in (-1e-6, 1e-6)])
         cell: Array = np.maximum.reduceat(limit, np.searchsorted(at, places))
         return np.asarray(np.maximum(cell, np.concatenate((cell[:1], cell[:-1]))))
+
+
+Zones = tuple[int, ...]
+"""Zone of every vehicle."""
+
+
+class PlaceLimits:
+    """Reserved fractions of traction and brakes of a train, by the place of its front.
+
+    Parameters
+    ----------
+    line, consist, train
+        Line, train, and its tables.
+    """
+
+    def __init__(self, line: Line, consist: Consist, train: TrainTables) -> None:
+        self._zones, self._line = SectionZones(line), line
+        self._train, self._consist = train, consist
+        self._vehicles = consist.vehicles
+        self._has_adhesion = bool(line.adhesion)
+        self._reserves: dict[Zones, Array] = {}
+        self._powers = [float((_forces(vehicle, train.speed)[0] * train.speed).max()) for vehicle in self._vehicles]
+
+    @property
+    def breaks(self) -> Array:
+        """Limits of the zones [m], rising."""
+        return self._zones.breaks
+
+    def sections_at(self, front: float, *, brakes: bool) -> list[str]:
+        """Return the sections that limit the traction, or the brakes, of the train at a place of its front [m]."""
+        line, places = self._line, front - self._train.behind
+        units = np.array([bool(v.brake if brakes else v.traction) and not v.independent_power for v in self._vehicles])
+        listed: list[tuple[str, Sequence[LineSection], NDArray[np.bool_]]] = [
+            ("section with low adhesion", [entry for entry in line.adhesion if entry.factor < 1.0], places == places)
+        ]
+        if brakes:
+            off = [entry for entry in line.neutral_sections if not entry.electric_brake]
+            listed.append(("neutral section", off, units))
+        else:
+            listed += [("neutral section", line.neutral_sections, units), ("power limit", line.power_limits, units)]
+        return [
+            f"{kind} from km {entry.begin / 1000:.3f} to km {entry.end / 1000:.3f}"
+            for kind, entries, on in listed
+            for entry in entries
+            if np.any((places[on] >= entry.begin) & (places[on] < entry.end))
+        ]
+
+    def zones_at(self, places: Array) -> NDArray[np.int64]:
+        """Return the zone of vehicles with their centres at places [m]."""
+        return self._zones.at(places)
+
+    def over_cells(
+        self, grid: PlaceGrid, limit: Array, low: Array, begin_energy: float, rates: tuple[float, float]
+    ) -> Array:
+        """Return reserves of traction and brakes, and tunnel air over v² and inertia [1/m], of all cells: (3, cells).
+
+        Parameters
+        ----------
+        limit : Array, shape (cells + 1,)
+            Speed limit [m/s].
+        low : Array, shape (cells,)
+            Smallest line force of a cell over the inertia [m/s²].
+        begin_energy
+            v²/2 at the begin of the grid [m²/s²].
+        rates
+            Largest acceleration [m/s²], and fraction of the traction that is used.
+        """
+        zones = [
+            self.zones_at(places[:, None] - self._train.behind[None, :])
+            for places in (grid.places[:-1], np.nextafter(grid.places[1:], -np.inf))
+        ]
+        rows, which = np.unique(np.concatenate(zones), axis=0, return_inverse=True)
+        reserves = np.stack([self._reserve(tuple(int(zone) for zone in row)) for row in rows])
+        first, last = which.ravel()[: grid.cells].tolist(), which.ravel()[grid.cells :].tolist()
+        air = np.maximum(*(self.tunnel_coefficient(places) for places in (grid.places[:-1], grid.places[1:])))
+        air = air / self._train.inertia
+        traction = self._train.traction * (1.0 - reserves[:, 0])
+        speed = self._speed_bound(
+            grid, limit, low, begin_energy=begin_energy, rates=rates, available=(traction, first, last, air)
+        )
+        most = np.maximum(speed[1:], speed[:-1])
+        index = np.minimum(np.ceil(most / self._train.speed[1]).astype(int), self._train.speed.size - 1)
+        growing = np.maximum.accumulate(reserves, axis=2)
+        found = np.maximum(growing[first, :, index], growing[last, :, index])
+        return np.concatenate((found.T, air[None]))
+
+    def _speed_bound(
+        self,
+        grid: PlaceGrid,
+        limit: Array,
+        low: Array,
+        *,
+        begin_energy: float,
+        rates: tuple[float, float],
+        available: tuple[Array, list[int], list[int], Array],
+    ) -> Array:
+        """Return an upper bound of the speed at every place [m/s]: full traction without braking for a limit ahead.
+
+        The forces of a cell are those at its begin, where they are larger than behind it.
+        """
+        train, (acceleration, keep) = self._train, rates
+        traction, first, last, air = available
+        table = ((keep * traction - train.resistance) / train.inertia).tolist()
+        spacing, end = float(train.speed[1]), train.speed.size - 1
+        energy, bound = begin_energy, [begin_energy]
+        columns = (column.tolist() for column in (air, low, grid.steps, limit[1:] ** 2 / 2))
+        for one, other, drag, least, step, most in zip(first, last, *columns, strict=True):
+            index = min(int(math.sqrt(2.0 * energy) / spacing), end)
+            rate = max(table[one][index], table[other][index]) - least - 2.0 * drag * energy
+            energy = min(max(energy + step * min(rate, acceleration), 0.0), most)
+            bound.append(energy)
+        return np.sqrt(2.0 * np.array(bound))
+
+    def least_air(self, grid: PlaceGrid) -> Array:
+        """Return the least tunnel air over v² and inertia in every cell [1/m], shape (cells,)."""
+        ends = [self.tunnel_coefficient(places) for places in (grid.places, np.nextafter(grid.places, -np.inf))]
+        return np.asarray(np.minimum(ends[0][:-1], ends[1][1:]) / self._train.inertia)
+
+    def tunnel_coefficient(self, front: Array) -> Array:
+        """Return the additional air resistance over v² of the train at places of its front [N s²/m²]."""
+        total = np.zeros(front.size)
+        for vehicle, behind in zip(self._vehicles, self._train.behind, strict=True):
+            if vehicle.tunnel_resistance:
+                by_zone = [
+                    0.0 if math.isinf(section) else vehicle.tunnel_coefficient(section)
+                    for section in self._zones.cross_section
+                ]
+                total += np.array(by_zone)[self._zones.at(front - behind)]
+        return total
+
+    def _reserve(self, zones: Zones) -> Array:
+        """Return the reserves of traction and brakes over the speed, shape (2, n)."""
+        if zones not in self._reserves:
+            traction, electric, air = self.available(zones)
+            train = self._train
+            have = np.stack((train.traction, train.brake))
+            left = np.minimum(np.stack((traction, electric + air)), have)
+            reserve = np.where(have > 0.0, 1.0 - left / np.maximum(have, 1e-9), 0.0)
+            self._reserves[zones] = np.maximum(reserve, 0.0)
+        return self._reserves[zones]
+
+    def available(self, zones: Zones, *, equal_parts: bool = False) -> tuple[Array, Array, Array]:
+        """Return traction, electric and air brake force of the train over the speed with its vehicles in zones [N].
+
+        Each unit is limited in its own zone; the force of the train is the sum, as in the plant.  With equal parts
+        all units use the same part of their envelopes, and the most limited unit limits the train.
+        """
+        speed, whole = self._train.speed, math.fsum(self._powers) or 1.0
+        forces, left = np.zeros((2, speed.size)), np.zeros((2, speed.size))
+        least_part = np.ones((2, speed.size))
+        grip = np.zeros(speed.size)
+        for vehicle, zone, own in zip(self._vehicles, zones, self._powers, strict=True):
+            if vehicle.traction or vehicle.brake:
+                both = np.stack(_forces(vehicle, speed))
+                adhesion = self._adhesion(zone, vehicle.adhesive_mass or vehicle.mass, speed)
+                most, least = adhesion, adhesion
+                if not vehicle.independent_power:
+                    power = self._zones.power[zone] * own / whole
+                    most = np.minimum(most, power / np.maximum(speed, MIN_POWER_SPEED))
+                    most = most * (not self._zones.neutral[zone])
+                    least = least * (not self._zones.electric_brake_off[zone])
+                limited = np.minimum(both, np.stack((most, least)))
+                forces, left = forces + both, left + limited
+                least_part = np.minimum(least_part, np.where(both > 0.0, limited / np.maximum(both, 1e-9), 1.0))
+            grip = grip + self._adhesion(zone, vehicle.mass, speed)
+        parts = np.where(forces > 0.0, left / np.maximum(forces, 1e-9), 1.0)
+        parts = least_part if equal_parts else parts
+        traction, electric = parts * np.stack((self._train.traction, self._train.electric))
+        air = self._train.brake - self._train.electric
+        return traction, electric, np.minimum(air, np.maximum(grip - electric, 0.0))
+
+    def _adhesion(self, zone: int, mass: float, speed: Array) -> Array:
+        """Return the largest force between wheel and rail [N] for a mass on the axles [kg]."""
+        if not self._has_adhesion:
+            return np.full(speed.size, NO_LIMIT)
+        return np.asarray(self._zones.adhesion[zone] * adhesion_by_speed(speed) * mass * self._consist.gravity)
+
+
+def _forces(vehicle: VehicleType, speed: Array) -> tuple[Array, Array]:
+    """Return traction and electric brake of a vehicle over the speed [N]."""
+    electric = vehicle.electric_brake or vehicle.brake
+    drive, brake = (
+        envelope_at(Envelope(segments), speed) if segments else np.zeros(speed.size)
+        for segments in (vehicle.traction, electric)
+    )
+    return drive, brake
+
+
+def place_limits(line: Line, consist: Consist, train: TrainTables) -> PlaceLimits | None:
+    """Return the limits by place of a train on a line; None for a line without."""
+    has_tunnels = has_tunnel_air(line, consist)
+    limited = line.neutral_sections or line.power_limits or line.adhesion or has_tunnels
+    return PlaceLimits(line, consist, train) if limited else None

@@ -47,9 +47,22 @@ def section_work(section: PlanSection, strategy: DrivingStrategy) -> tuple[float
     """Return the work of traction and of the electric brake of a section without a jerk limit [J]."""
     energy, train = section.energy_profile(strategy), section.inputs.train
     steps, columns = section.grid.steps, SPEED_STEP * np.arange(train.speed.size)
+    force = section_force(section, energy)
     speed = np.sqrt(energy[:-1] + energy[1:])
-    resistance = np.interp(speed, columns, train.resistance) + section.tables.air[1] * train.inertia * speed**2
-    _, mean, _ = section.inputs.force.over_cells(section.grid)
-    force: Array = np.diff(energy) / steps * train.inertia + resistance + mean
     braked = np.minimum(np.maximum(-force, 0.0), np.interp(speed, columns, train.electric))
     return float(np.maximum(force, 0.0) @ steps), float(braked @ steps)
+
+
+def section_force(section: PlanSection, energy: Array) -> Array:
+    """Return the mean own force of every cell of a section without a jerk limit [N], > 0 traction.
+
+    Parameters
+    ----------
+    energy : Array, shape (n + 1,)
+        v²/2 at the places of the section's grid [m²/s²].
+    """
+    train, tables = section.inputs.train, section.tables
+    speed = np.sqrt(energy[:-1] + energy[1:])
+    resistance = np.interp(speed, SPEED_STEP * np.arange(train.speed.size), train.resistance)
+    rate = np.diff(energy) / section.grid.steps + tables.line_mean + tables.air[1] * speed**2
+    return np.asarray(rate * train.inertia + resistance)

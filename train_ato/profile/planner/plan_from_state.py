@@ -2,6 +2,11 @@
 
 If the available force is too small (saturation, fault, low adhesion), the train lags behind its profile.  The rest is
 then planned again: at no place faster than the old profile, within the available force, with the same stops.
+
+Plan of the rest of a journey from the present state: late or early trains return to their timing points.
+
+Lost time is caught up as far as the limits permit, at the least net energy for what remains; no earlier profile is a
+ceiling.  A window that is lost is moved to the earliest possible time and reported.
 """
 
 from __future__ import annotations
@@ -15,8 +20,11 @@ from plant_sim.line import Line
 from train_ato.messages.types import Array
 from train_ato.profile.planner.assembly import Plan, assemble_plan
 from train_ato.profile.planner.driving_strategy import MINIMUM_TIME, SectionInputs
+from train_ato.profile.planner.journey_plan import JourneyPlanner, JourneyStart
 from train_ato.profile.planner.section import PlanSection
-from train_ato.profile.planner.settings import PlanSettings
+from train_ato.profile.planner.settings import PlanSettings, stops_of
+from train_ato.profile.planner.time_windows import Lateness
+from train_ato.profile.planner.timing_points import TimeWindow, TimingPoint
 from train_ato.profile.planner.train_tables import AvailableForce, TrainTables
 from train_ato.profile.profile import Profile
 
@@ -38,11 +46,12 @@ class TrainState:
 
 @dataclass(frozen=True, slots=True)
 class _Leg:
-    """Part of the old profile between two stops: places [m], speeds [m/s], departure [s], dwell time before it [s]."""
+    """Part of the old profile between two stops: places [m], speeds [m/s], times [s], dwell time before it [s]."""
 
     front: Array
     speed: Array
     departure: float
+    arrival: float
     dwell: float
 
 
@@ -52,6 +61,7 @@ def replan(
     line: Line,
     consist: Consist,
     settings: PlanSettings | None = None,
+    *,
     available: AvailableForce | None = None,
 ) -> Plan:
     """Plan the rest of a profile again.
@@ -84,11 +94,18 @@ def replan(
     """
     settings = settings or PlanSettings()
     kept = settings.model_copy(
-        update={"time": None, "points": None, "departure": state.time, "begin": None, "end": None}
+        update={
+            "time": None,
+            "points": None,
+            "allowance": (),
+            "departure": state.time,
+            "begin": None,
+            "end": None,
+        }
     )
     for attempt in relaxed_settings(kept):
         try:
-            return _replan(state, profile, line, consist, attempt, available)
+            return _replan(state, profile, line, consist, attempt, available=available)
         except ValueError as error:
             failure = error
     raise failure
@@ -110,9 +127,12 @@ def _replan(
     line: Line,
     consist: Consist,
     settings: PlanSettings,
+    *,
     available: AvailableForce | None,
 ) -> Plan:
-    train = TrainTables(consist, settings.speed_max, settings.air_brake, settings.point_mass, available)
+    train = TrainTables(
+        consist, settings.speed_max, air_brake=settings.air_brake, point_mass=settings.point_mass, available=available
+    )
     inputs = SectionInputs.of_line(line, consist, train, settings)
     front = state.position + train.half
     legs = _remaining_legs(profile, train.half, front)
@@ -138,7 +158,7 @@ def _replan(
         return max(arrival + legs[number].dwell, legs[number].departure)
 
     return assemble_plan(
-        sections, [MINIMUM_TIME] * len(sections), settings, line, profile.period, departure, state.time
+        sections, [MINIMUM_TIME] * len(sections), settings, line, profile.period, departures=departure, since=state.time
     )
 
 
@@ -156,5 +176,95 @@ def _remaining_legs(profile: Profile, half: float, front: float) -> list[_Leg]:
         last_end = float(profile.time[high])
         passed = leg_front[-1] <= front + STOP_TOLERANCE
         if not passed and np.all(np.diff(leg_front) >= 0):
-            legs.append(_Leg(leg_front, profile.velocity[low : high + 1], departure, dwell))
+            legs.append(_Leg(leg_front, profile.velocity[low : high + 1], departure, last_end, dwell))
     return [leg for leg in legs if leg.front[-1] > front]
+
+
+def timetable_points(line: Line, settings: PlanSettings) -> tuple[TimingPoint, ...]:
+    """Return the timing points of a plan: its own, or its stops with the arrival of its timetable; empty without."""
+    if settings.points is not None:
+        return settings.points
+    if settings.time is None:
+        return ()
+    stops = stops_of(line, settings)
+    departure = settings.departure or 0.0
+    begin = TimingPoint(at=stops.places[0], departure=TimeWindow(earliest=departure))
+    between = [TimingPoint(at=at, dwell=dwell) for at, dwell in zip(stops.places[1:-1], stops.dwells, strict=True)]
+    arrival = TimeWindow(latest=departure + settings.time)
+    return begin, *between, TimingPoint(at=stops.places[-1], arrival=arrival)
+
+
+def scheduled_points(profile: Profile, half: float) -> tuple[TimingPoint, ...]:
+    """Return the stops of a profile with its own arrivals and departures, as allowances schedule them.
+
+    ``half`` is half the length of vehicle 0 [m].
+    """
+    legs = _remaining_legs(profile, half, -np.inf)
+    points = [TimingPoint(at=float(legs[0].front[0]), departure=TimeWindow(earliest=legs[0].departure))]
+    for leg, following in zip(legs, [*legs[1:], None], strict=True):
+        arrival = TimeWindow(latest=leg.arrival)
+        departure = None if following is None else TimeWindow(earliest=following.departure)
+        dwell = None if following is None else following.dwell
+        points.append(TimingPoint(at=float(leg.front[-1]), arrival=arrival, departure=departure, dwell=dwell))
+    return tuple(points)
+
+
+def catch_up(
+    state: TrainState,
+    points: tuple[TimingPoint, ...],
+    line: Line,
+    consist: Consist,
+    settings: PlanSettings,
+    *,
+    period: float,
+    available: AvailableForce | None = None,
+) -> tuple[Plan, Lateness | None]:
+    """Plan the rest of a journey from a state.
+
+    Parameters
+    ----------
+    state
+        Present state of the train; at a stop the dwell time begins now.
+    points
+        Timing points of the whole journey; those behind the train are left out.
+    line, consist
+        Nominal line and train.
+    settings
+        Service limits, margin and net energy; the service limits are relaxed if a stop cannot be reached otherwise.
+    period
+        Time between the knots of the profile [s]; ``state.time`` is a multiple of it after the first knot.
+    available
+        Available force; None: the nominal envelopes.
+
+    Returns
+    -------
+    plan, lateness : Plan, Lateness or None
+        The first window that is lost, with the earliest possible time; None if all are kept.
+
+    Raises
+    ------
+    ValueError
+        If there is no solution: place, reason; fix.
+    """
+    failure = ValueError("nothing left to plan: the train is at its last timing point")
+    plain = settings.model_copy(update={"time": None, "points": None, "allowance": (), "departure": state.time})
+    for attempt in relaxed_settings(plain):
+        train = TrainTables(
+            consist, attempt.speed_max, air_brake=attempt.air_brake, point_mass=attempt.point_mass, available=available
+        )
+        inputs = SectionInputs.of_line(line, consist, train, attempt)
+        front, speed = state.position + train.half, max(state.velocity, 0.0)
+        ahead = tuple(point for point in points if point.at > front + STOP_TOLERANCE)
+        if not ahead:
+            raise failure
+        start = state.time
+        for point in points:
+            if speed == 0.0 and abs(point.at - front) <= STOP_TOLERANCE:
+                after = point.departure.earliest if point.departure else None
+                start = max(start + (point.dwell or 0.0), after or 0.0)
+        begin = JourneyStart(start, front, speed, state.acceleration if speed > 0 else 0.0, state.time)
+        try:
+            return JourneyPlanner(inputs, line, ahead, begin, period).plan(fastest_if_late=True)
+        except ValueError as error:
+            failure = error
+    raise failure

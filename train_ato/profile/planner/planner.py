@@ -8,17 +8,17 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from plant_sim.consist import Consist
+from plant_sim.elementary import plain_sum
 from plant_sim.line import Line
-from plant_sim.summation import plain_sum
 from train_ato.messages.types import Array
+from train_ato.profile.planner.allowance_plan import plan_with_allowances
 from train_ato.profile.planner.assembly import Plan, assemble_plan
 from train_ato.profile.planner.driving_strategy import MINIMUM_TIME, DrivingStrategy, SectionInputs
 from train_ato.profile.planner.journey_plan import plan_journey
 from train_ato.profile.planner.line_tables import LineForce, SpeedLimits
 from train_ato.profile.planner.section import PlanSection
-from train_ato.profile.planner.settings import PlanSettings
-from train_ato.profile.planner.stops import stops_of
-from train_ato.profile.planner.time_reserve import TIME_TOLERANCE, predicted_time, spread_time_reserve
+from train_ato.profile.planner.settings import PlanSettings, stops_of
+from train_ato.profile.planner.time_windows import TIME_TOLERANCE, predicted_time, spread_time_reserve
 from train_ato.profile.planner.train_tables import AvailableForce, TrainTables
 
 __all__ = ["Plan", "net_energy_bound", "plan_profile"]
@@ -34,6 +34,7 @@ def plan_profile(
     consist: Consist,
     settings: PlanSettings | None = None,
     period: float = 0.1,
+    *,
     available: AvailableForce | None = None,
     reduction: float | None = None,
     ceiling: tuple[Array, Array] | None = None,
@@ -61,7 +62,14 @@ def plan_profile(
         If there is no solution; one line: place, reason; fix.
     """
     settings = settings or PlanSettings()
-    train = TrainTables(consist, settings.speed_max, settings.air_brake, settings.point_mass, available, reduction)
+    train = TrainTables(
+        consist,
+        settings.speed_max,
+        air_brake=settings.air_brake,
+        point_mass=settings.point_mass,
+        available=available,
+        reduction=reduction,
+    )
     inputs = SectionInputs.of_line(line, consist, train, settings, ceiling)
     if settings.points is not None:
         return plan_journey(inputs, line, settings.points, period)
@@ -77,9 +85,11 @@ def plan_profile(
 
     def assemble(strategies: list[DrivingStrategy]) -> Plan:
         since = settings.departure or 0.0 if settings.begin_speed > 0 else 0.0
-        return assemble_plan(sections, strategies, settings, line, period, departure, since)
+        return assemble_plan(sections, strategies, settings, line, period, departures=departure, since=since)
 
     fastest = assemble([MINIMUM_TIME] * len(sections))
+    if settings.allowance:
+        return plan_with_allowances(sections, fastest, settings.allowance, assemble)
     return fastest if settings.time is None else _plan_to_timetable(sections, fastest, settings.time, assemble)
 
 
@@ -99,7 +109,7 @@ def net_energy_bound(result: Plan) -> float:
     from train_ato.profile.planner.value_bound import value_lower_bound
 
     settings = result.settings
-    force = LineForce(result.line, result.train, settings.grade_over_length)
+    force = LineForce(result.line, result.train, over_length=settings.grade_over_length)
     inputs = SectionInputs(
         result.train, force, SpeedLimits(result.line, result.train.speed_max), settings, result.places
     )

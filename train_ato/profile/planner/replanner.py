@@ -1,6 +1,6 @@
 """Re-planning during the run: trigger, start state and available force of the new plan.
 
-After :mod:`train_ato.profile.planner.shortfall_detector` has detected a shortfall, the rest is planned again with the
+After :mod:`train_ato.profile.planner.replanner` has detected a shortfall, the rest is planned again with the
 observed force.  The new profile starts from the state predicted for the end of a lead time, so that it can be previewed
 over delay and lag.  The speeds of the first profile remain a ceiling, its stops are kept, and observed shortfalls are
 remembered.
@@ -10,26 +10,190 @@ the decision names the first window that is lost.  With ``lateness`` a late or e
 
 With ``retry`` the full traction is assumed again after some time.  The full brake is never assumed again, because a
 stop planned with a missing brake would be missed.
+
+Detection of a force shortfall from measurements.
+
+A law whose response is delayed increases the force while the error grows.  At a shortfall the applied force stays
+constant, or decreases with the speed like an envelope.  It is then below the force that the profile requires, or at the
+maximum assumed so far, and the error grows in the direction of the missing force.
 """
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from plant_sim.elementary import plain_sum
 from train_ato.messages.types import Measurement
-from train_ato.profile.planner.catch_up import catch_up, timetable_points
-from train_ato.profile.planner.plan_from_state import TrainState, replan
+from train_ato.profile.planner.plan_from_state import (
+    TrainState,
+    catch_up,
+    replan,
+    scheduled_points,
+    timetable_points,
+)
 from train_ato.profile.planner.settings import PlanSettings, ReplanSpec
-from train_ato.profile.planner.shortfall_detector import Sample, Shortfall, ShortfallDetector
+from train_ato.profile.planner.timing_points import TimingPoint
 from train_ato.profile.planner.train_tables import AvailableForce
 from train_ato.profile.profile import Profile
 
 if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel
+
+
+CONSTANT_TOLERANCE = 0.01
+"""Relative change within the window up to which a force counts as constant."""
+FORCE_TOLERANCE = 0.01
+"""Relative force that must be missing, and relative distance at which a limit counts as reached."""
+GROWING_FRACTION = 0.2
+"""Fraction of the speed threshold above which a growing position error is sufficient."""
+MIN_ERROR_FRACTION = 0.1
+"""Fraction of the speed threshold below which no detection takes place."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """Measurement of one tick.
+
+    Attributes
+    ----------
+    position_error, speed_error : float
+        Measured minus profile [m, m/s].
+    speed : float
+        Measured speed [m/s].
+    applied : float
+        Applied force of the whole train [N], > 0 forward.
+    required : float
+        Force of the nominal train on the profile [N].
+    available : tuple of float
+        Maximum assumed so far in traction and in braking [N], both >= 0.
+    """
+
+    position_error: float
+    speed_error: float
+    speed: float
+    applied: float
+    required: float
+    available: tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Shortfall:
+    """A detected force shortfall.
+
+    Attributes
+    ----------
+    direction : int
+        1 traction, -1 braking.
+    level : float
+        Force during the shortfall [N], >= 0.
+    fraction : float
+        The same divided by the nominal envelope at this speed.
+    follows_envelope, is_constant : bool
+        The force followed the envelope; the force was constant. Both are true for a flat envelope.
+    expected : bool
+        The force is at the maximum assumed so far: the mass or the resistance is larger than in the model.
+    position_error, speed_error : float
+        Errors at the last sample, from a linear regression over the window [m, m/s].
+    """
+
+    direction: int
+    level: float
+    fraction: float
+    follows_envelope: bool
+    is_constant: bool
+    expected: bool
+    position_error: float
+    speed_error: float
+
+
+class ShortfallDetector:
+    """Detector of a force shortfall over a sliding window.
+
+    Parameters
+    ----------
+    model
+        Nominal train.
+    speed_error, position_error
+        Thresholds of the detection [m/s, m].
+    window
+        Window [s].
+    """
+
+    def __init__(self, model: TrainModel, speed_error: float, position_error: float, window: float) -> None:
+        self._model = model
+        self._speed_error = speed_error
+        self._position_error = position_error
+        self._samples: deque[Sample] = deque(maxlen=max(4, round(window / model.tick) + 1))
+        low, high = model.force_limits(np.zeros(model.n_units))
+        self._largest = max(float(high.sum()), -float(low.sum()), 1.0)
+
+    def reset(self) -> None:
+        """Discard all samples, for a new profile."""
+        self._samples.clear()
+
+    def step(self, sample: Sample) -> Shortfall | None:
+        """Add a sample; return the shortfall if one is detected."""
+        samples = self._samples
+        samples.append(sample)
+        if len(samples) < (samples.maxlen or 0) or abs(sample.speed_error) < MIN_ERROR_FRACTION * self._speed_error:
+            return None
+        speed = _regression_end([entry.speed_error for entry in samples])
+        position = _regression_end([entry.position_error for entry in samples])
+        direction = -1 if speed > 0 else 1
+        if not self._is_large(abs(speed), -direction * position):
+            return None
+        forces = [direction * entry.applied for entry in samples]
+        level = forces[-1]
+        tolerance = CONSTANT_TOLERANCE * max(abs(level), 0.01 * self._largest)
+        if min(forces) < -tolerance or not self._grows(direction):
+            return None
+        constant = max(forces) - min(forces) <= tolerance
+        fractions = [force / self.envelope(direction, entry.speed) for force, entry in self._three_samples(forces)]
+        follows = max(fractions) - min(fractions) <= CONSTANT_TOLERANCE * max(fractions[-1], 0.01)
+        if not (constant or follows):
+            return None
+        available = sample.available[0 if direction > 0 else 1]
+        expected = level >= (1.0 - FORCE_TOLERANCE) * available
+        if not expected and level >= (1.0 - FORCE_TOLERANCE) * direction * sample.required:
+            return None
+        return Shortfall(
+            direction, max(level, 0.0), max(fractions[-1], 0.0), follows, constant, expected, position, speed
+        )
+
+    def envelope(self, direction: int, speed: float) -> float:
+        """Return the nominal maximum force in a direction at a speed [N], at least 1."""
+        low, high = self._model.force_limits(np.full(self._model.n_units, max(speed, 0.0)))
+        return max(float(high.sum()) if direction > 0 else -float(low.sum()), 1.0)
+
+    def _is_large(self, speed: float, behind: float) -> bool:
+        """Return true for an error above the thresholds."""
+        return speed > self._speed_error or (
+            speed > GROWING_FRACTION * self._speed_error and behind > self._position_error
+        )
+
+    def _grows(self, direction: int) -> bool:
+        """Return true for a larger error in the second half of the window."""
+        errors = [-direction * entry.speed_error for entry in self._samples]
+        half = len(errors) // 2
+        return plain_sum(errors[-half:]) > plain_sum(errors[:half])
+
+    def _three_samples(self, forces: list[float]) -> list[tuple[float, Sample]]:
+        """Return force [N] and sample at begin, middle and end of the window."""
+        return [(forces[index], self._samples[index]) for index in (0, len(forces) // 2, -1)]
+
+
+def _regression_end(values: list[float]) -> float:
+    """Return the linear regression of evenly spaced values at the last of them."""
+    n = len(values)
+    middle = (n - 1) / 2
+    slope = plain_sum((k - middle) * value for k, value in enumerate(values)) / (n * (n * n - 1) / 12)
+    return plain_sum(values) / n + slope * middle
+
 
 PREDICTION_STEP = 0.05
 """Integration step of the prediction over the lead time [s]."""
@@ -116,7 +280,10 @@ class Replanner:
             model, spec.speed_error, spec.position_error, max(spec.confirmation_time, delay + 3.0 * model.lag)
         )
         self._blocked_until = 0
-        self._points = timetable_points(model.line, own) if spec.catch_up and own is not None else ()
+        self._points: tuple[TimingPoint, ...] = ()
+        if spec.catch_up and own is not None:
+            half = model.consist.vehicles[0].length / 2
+            self._points = scheduled_points(profile, half) if own.allowance else timetable_points(model.line, own)
         self._lost = ""
         self._pause = spec.interval
         self._retry_at: int | None = None
@@ -166,14 +333,14 @@ class Replanner:
         limit, profile = self._spec.lateness, self._profile
         if limit is None or not self._points or sample.speed < MIN_LATE_SPEED:
             return None
-        place = profile.at_stamp(stamp)[0] + sample.position_error
+        place = profile.at(stamp * 1e-9)[0] + sample.position_error
         late = stamp * 1e-9 - float(np.interp(place, profile.position, profile.time))
         return late if abs(late) > limit else None
 
     def _sample(self, measurement: Measurement) -> Sample:
         """Return errors and forces of a measurement relative to the profile at its stamp."""
         model = self._model
-        place, speed, acceleration, _ = self._profile.at_stamp(measurement.stamp)
+        place, speed, acceleration, _ = self._profile.at(measurement.stamp * 1e-9)
         velocity = float(measurement.velocity.mean())
         forward, backward = (self._detector.envelope(direction, velocity) for direction in (1, -1))
         return Sample(
@@ -237,9 +404,15 @@ class Replanner:
         model = self._model
         self._lost = ""
         if not self._points:
-            return replan(state, self._initial, model.line, model.consist, self._settings, available).profile
+            return replan(state, self._initial, model.line, model.consist, self._settings, available=available).profile
         rest, lost = catch_up(
-            state, self._points, model.line, model.consist, self._settings, self._initial.period, available
+            state,
+            self._points,
+            model.line,
+            model.consist,
+            self._settings,
+            period=self._initial.period,
+            available=available,
         )
         self._lost = "" if lost is None else f"; {lost}"
         return rest.profile
@@ -247,7 +420,7 @@ class Replanner:
     def _predicted_state(self, stamp: int, sample: Sample, begin: int) -> TrainState:
         """Return the state of the nominal train after the lead time at the present force."""
         model = self._model
-        place = self._profile.at_stamp(stamp)[0] + sample.position_error
+        place = self._profile.at(stamp * 1e-9)[0] + sample.position_error
         speed, acceleration = max(sample.speed, 0.0), 0.0
         lead = (begin - stamp) * 1e-9
         count = max(1, math.ceil(lead / PREDICTION_STEP - 1e-9))

@@ -2,68 +2,100 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from pydantic import Field, model_validator
 
+from plant_sim.consist import Consist
+from plant_sim.library import consist_names, load_consist, load_line, named_train
+from plant_sim.line import Line
 from plant_sim.si_model import SiModel
-from plant_sim.units import Acceleration, Jerk, Length, Power, Speed, Time
+from plant_sim.units import Acceleration, Jerk, Length, Number, Place, Power, Speed, Time
+from train_ato.profile.planner.allowance import Allowance
 from train_ato.profile.planner.timing_points import TimingPoint, check_points
 
 
 class PlanSettings(SiModel):
     """Service limits, force margin, stops and timetable of a plan; places are those of the train's front."""
 
-    begin: Length | None = Field(
-        None, description="start of the front; default: the first of several stops, or the begin of the line"
+    begin: Place | None = Field(
+        None,
+        description="place of the front at departure; default: first of several stops, or begin of the line",
+        examples=[100.0],
     )
-    end: Length | None = Field(None, description="end of the front; default: the last stop, or the end of the line")
-    calling: bool = Field(True, description="stop at the intermediate stops of the line")
+    end: Place | None = Field(
+        None,
+        description="place of the front at arrival; default: the last stop, or the end of the line",
+        examples=[12e3],
+    )
+    calling: bool = Field(True, description="stops at the intermediate stops of the line")
     departure: Time | None = Field(
         None,
         ge=0,
-        description="time of the first movement; default: 0, in a scenario with a start from rest the time at which "
-        "the first command takes effect, delay and lag",
+        description="time of the first movement; default: 0, in a scenario from rest the delay and lag of the command",
+        examples=[10.0],
     )
     dwell: Time | None = Field(
-        None, ge=0, description="dwell time at every intermediate stop; default: that of the stop"
+        None, ge=0, description="time at rest at every intermediate stop; default: that of the stop", examples=[30.0]
     )
     time: Time | None = Field(
         None,
         gt=0,
-        description="timetable: running time from departure to arrival, dwell times included; default: minimum time",
+        description="running time of the timetable from departure to arrival, with dwell times; default: minimum time",
+        examples=[900.0],
+    )
+    allowance: tuple[Allowance, ...] = Field(
+        (),
+        description="supplements on the least running time, in place of time",
+        examples=[[{"share": 0.05}, {"per_stop": 10.0}]],
     )
     points: tuple[TimingPoint, ...] | None = Field(
-        None, description="timing points of a journey with their windows; in place of begin, end, calling and time"
+        None,
+        description="timing points of a journey, in place of begin, end, calling and time",
+        examples=[[{"at": 0.0, "stop": True}, {"at": 12e3, "stop": True}]],
     )
-    acceleration: Acceleration | None = Field(1.0, gt=0, description="service limit; null: limited by the train only")
-    deceleration: Acceleration | None = Field(0.8, gt=0, description="service limit; null: limited by the train only")
-    jerk: Jerk | None = Field(0.5, gt=0, description="limit; null: none")
-    force_margin: float = Field(
-        0.1, ge=0, lt=1, description="fraction of traction and brake envelopes reserved for the controller"
+    acceleration: Acceleration | None = Field(
+        1.0, gt=0, description="largest acceleration in service; null: limited by the train only"
+    )
+    deceleration: Acceleration | None = Field(
+        0.8, gt=0, description="largest deceleration in service; null: limited by the train only"
+    )
+    jerk: Jerk | None = Field(0.5, gt=0, description="largest jerk; null: no limit")
+    force_margin: Number = Field(
+        0.1, ge=0, lt=1, description="part of the traction and brake envelopes that is reserved for the controller"
     )
     speed_max: Speed | None = Field(
         None,
         gt=0,
-        description="of the train; default: end of the traction envelope, at most 98 % of that of the brakes",
+        description="largest speed; default: end of the traction envelope, at most 98 % of that of the brakes",
+        examples=[20.0],
     )
-    efficiency: float = Field(
-        1.0, gt=0, le=1, description="of traction: energy taken from the line is the traction work over it"
+    efficiency: Number = Field(
+        1.0, gt=0, le=1, description="traction work over the energy taken from the line", examples=[0.85]
     )
-    recovered: float = Field(
-        0.0, ge=0, le=1, description="share of the electric-brake work that returns to the line; 0: traction only"
+    recovered: Number = Field(
+        0.0, ge=0, le=1, description="part of the electric brake work that returns to the line", examples=[0.6]
     )
-    auxiliary: Power = Field(0.0, ge=0, description="auxiliary power, part of the net energy at all times")
-    begin_speed: Speed = Field(0.0, ge=0, description="speed at the begin")
-    end_speed: Speed = Field(0.0, ge=0, description="speed at the end")
+    auxiliary: Power = Field(
+        0.0, ge=0, description="auxiliary power, which is part of the net energy at all times", examples=[100e3]
+    )
+    begin_speed: Speed = Field(0.0, ge=0, description="speed at the begin", examples=[20.0])
+    end_speed: Speed = Field(0.0, ge=0, description="speed at the end", examples=[20.0])
     air_brake: bool = Field(
-        True, description="use the air brake if the train has one; in a scenario up to the reduction of brake.policy"
+        True, description="use of the air brake of the train; in a scenario up to the reduction of brake.policy"
     )
     point_mass: bool = Field(
-        False, description="point mass at the front: speed limits, grades and curves end where the front leaves them"
+        False, description="train as a point at its front, where speed limits, grades and curves end"
     )
 
     grade_over_length: bool = Field(
-        False, description="average grades, curves and tunnels over the length of each vehicle, as in the plant"
+        False, description="averages of grades, curves and tunnels over the length of each vehicle, as in the plant"
     )
+
+    @property
+    def has_timetable(self) -> bool:
+        """True for a plan with scheduled times, False for one of minimum time."""
+        return self.time is not None or self.points is not None or bool(self.allowance)
 
     @model_validator(mode="after")
     def _places(self) -> PlanSettings:
@@ -71,10 +103,12 @@ class PlanSettings(SiModel):
             raise ValueError(
                 f"end = {self.end:g} m must lie beyond begin = {self.begin:g} m; exchange them or move end on"
             )
+        if self.allowance and self.time is not None:
+            raise ValueError("allowance with time: both define the running time; remove one of them")
         if self.points is not None:
             check_points(self.points)
-            for key in ("begin", "end", "time", "dwell"):
-                if getattr(self, key) is not None:
+            for key in ("begin", "end", "time", "allowance", "dwell"):
+                if getattr(self, key) not in (None, ()):
                     raise ValueError(f"{key} with points: the timing points have it; remove {key}")
             if self.begin_speed > 0 or self.end_speed > 0:
                 raise ValueError("begin_speed or end_speed with points: a journey begins and ends at rest; remove it")
@@ -89,37 +123,33 @@ class PlanSettings(SiModel):
 class ReplanSpec(SiModel):
     """Re-planning during the run after a lack of force; ``replan: {}`` uses the defaults."""
 
-    speed_error: Speed = Field(0.2, gt=0, description="speed error that starts the detection, averaged over the window")
-    position_error: Length = Field(1.0, gt=0, description="position error that starts the detection if it still grows")
+    speed_error: Speed = Field(0.2, gt=0, description="mean speed error over the window that starts the detection")
+    position_error: Length = Field(1.0, gt=0, description="growing position error that starts the detection")
     confirmation_time: Time = Field(
-        1.0,
-        gt=0,
-        le=60,
-        description="duration of constant force at growing error; at least delay + 3 lag",
+        1.0, gt=0, le=60, description="duration of constant force with a growing error; at least delay + 3 lag"
     )
     lead: Time = Field(
         1.0, ge=0, le=60, description="time from the decision to the start of the new profile; at least delay + lag"
     )
-    interval: Time = Field(5.0, ge=0, description="minimum time between two decisions; doubled after each refused one")
-    both_ways: bool = Field(
-        True, description="a lack of traction also reduces the brake force counted on, and vice versa"
-    )
+    interval: Time = Field(5.0, ge=0, description="least time between two decisions, doubled after each refused one")
+    both_ways: bool = Field(True, description="less brake force after a lack of traction, and vice versa")
     retry: Time | None = Field(
-        None, gt=0, description="time after which the full traction is assumed again; default: never"
+        None, gt=0, description="time after which the full traction is assumed again; default: never", examples=[120.0]
     )
     catch_up: bool = Field(
         False,
-        description="return to the timetable or the timing points of the profile's plan at the least net energy; "
-        "false: run at no place faster than the first profile",
+        description="return to the timetable at the least net energy; false: never faster than the first profile",
     )
     lateness: Time | None = Field(
         None,
         gt=0,
-        description="with catch_up: time late or early after which the rest is planned again, also without a lack of "
-        "force; default: never",
+        description="with catch_up: lateness or earliness from which the rest is planned again; default: never",
+        examples=[5.0],
     )
     plan: PlanSettings | None = Field(
-        None, description="service limits and force_margin of the new plan; default: those of the profile's own plan"
+        None,
+        description="service limits and force_margin of the new plan; default: those of the first plan",
+        examples=[{"deceleration": 0.6}],
     )
 
     @model_validator(mode="after")
@@ -131,3 +161,96 @@ class ReplanSpec(SiModel):
     def settings(self, own: PlanSettings | None) -> PlanSettings:
         """Return the settings of the new plan; ``own`` are those of the scenario's plan, if there is one."""
         return self.plan or own or PlanSettings(force_margin=0.05)
+
+
+def find_line(name: str) -> Line:
+    """Return a line: by shipped name, or from a file of any supported format; with ``:reverse`` against its direction.
+
+    Raises
+    ------
+    ValueError
+        One line that names the file, the key, the value and the remedy.
+    """
+    return load_line(name)
+
+
+def find_train(name: str, *, point_mass: bool = False) -> tuple[Consist, PlanSettings]:
+    """Return a train and its default plan settings.
+
+    A train with plan_limits, as one of a foreign file, defines them; jerk limit and force margin are then switched off,
+    because these formats have none.
+    As a point mass the train needs no length.
+
+    Raises
+    ------
+    ValueError
+        One line that names the file, the key, the value and the remedy.
+    """
+    consist = load_consist(name) if name in consist_names() else named_train(name, point_mass=point_mass).consist
+    limits = consist.plan_limits
+    if limits is None:
+        return consist, PlanSettings()
+    settings = PlanSettings(
+        acceleration=limits.acceleration,
+        deceleration=limits.deceleration,
+        jerk=None,
+        force_margin=0.0,
+        speed_max=limits.speed,
+        efficiency=limits.traction_efficiency or 1.0,
+        recovered=limits.recovery_efficiency or 0.0,
+    )
+    return consist, settings
+
+
+@dataclass(frozen=True, slots=True)
+class Stops:
+    """Places of the front at all stops, first and last included [m]; dwell times at the intermediate ones [s]."""
+
+    places: tuple[float, ...]
+    dwells: tuple[float, ...]
+
+    def sections(self, settings: PlanSettings) -> list[tuple[float, float, float, float]]:
+        """Return begin, end [m] and the speeds at both [m/s] of every section between two stops."""
+        last = len(self.places) - 2
+        return [
+            (
+                self.places[k],
+                self.places[k + 1],
+                settings.begin_speed if k == 0 else 0.0,
+                settings.end_speed if k == last else 0.0,
+            )
+            for k in range(last + 1)
+        ]
+
+
+def stops_of(line: Line, settings: PlanSettings) -> Stops:
+    """Return the stops of a plan on a line.
+
+    Defaults: from the first to the last stop; on a line with one stop from its begin to the stop; on a line without
+    stops over its whole length.
+
+    Raises
+    ------
+    ValueError
+        If a stop lies outside the line or the section between begin and end has no length.
+    """
+    listed = line.stops
+    for stop in listed:
+        if not line.begin - 1e-6 <= stop.at <= line.end + 1e-6:
+            raise ValueError(
+                f"stop '{stop.name}' at km {stop.at / 1000:.3f} lies beyond line '{line.name}' (km "
+                f"{line.begin / 1000:.3f} ... {line.end / 1000:.3f}); move the stop or lengthen the line"
+            )
+    begin = settings.begin if settings.begin is not None else (listed[0].at if len(listed) > 1 else line.begin)
+    end = settings.end if settings.end is not None else (listed[-1].at if listed else line.end)
+    for name, place in (("begin", begin), ("end", end)):
+        if not line.begin - 1e-6 <= place <= line.end + 1e-6:
+            raise ValueError(
+                f"{name} of the plan at km {place / 1000:.3f} lies beyond line '{line.name}' (km "
+                f"{line.begin / 1000:.3f} ... {line.end / 1000:.3f}); choose a place on the line"
+            )
+    if end - begin < 0.1:
+        raise ValueError(f"the plan from km {begin / 1000:.3f} to km {end / 1000:.3f} has no length; move its end on")
+    between = [stop for stop in listed if settings.calling and begin + 0.1 < stop.at < end - 0.1]
+    dwells = tuple(stop.dwell if settings.dwell is None else settings.dwell for stop in between)
+    return Stops((begin, *(stop.at for stop in between), end), dwells)

@@ -2,24 +2,33 @@
 
 A journey is a file of its own (``train_ato/journey/1``) or the key ``points`` of a plan. Times are those of the run: 0
 is its start. Places are those of the train's front.
+
+Journey files: own YAML, and the journeys of TTOBench 1.5 (JSON, BSD-2).
+
+A TTOBench journey is a list of timing points with place, lower and upper time, lower and upper speed; null is no
+constraint.  First and last point are the departure and the arrival, a point with both speeds 0 is a stop.
 """
 
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Literal
+from pathlib import Path
+from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
-from plant_sim.si_model import SiModel
-from plant_sim.units import Length, Speed, Time
+from plant_sim.formats.fields import Fields, finite_number, read_data
+from plant_sim.input_error import build_model
+from plant_sim.line import Line
+from plant_sim.si_model import SiModel, Source
+from plant_sim.units import Place, Speed, Time
 
 
 class TimeWindow(SiModel):
     """Earliest and latest time; each may be left out."""
 
-    earliest: Time | None = Field(None, ge=0, description="not before this time")
-    latest: Time | None = Field(None, ge=0, description="not after this time")
+    earliest: Time | None = Field(None, ge=0, description="earliest time", examples=[120.0])
+    latest: Time | None = Field(None, ge=0, description="latest time", examples=[130.0])
 
     @model_validator(mode="after")
     def _order(self) -> TimeWindow:
@@ -33,8 +42,8 @@ class TimeWindow(SiModel):
 class SpeedWindow(SiModel):
     """Least and largest speed at a place; each may be left out."""
 
-    least: Speed | None = Field(None, ge=0, description="not slower than this speed")
-    most: Speed | None = Field(None, gt=0, description="not faster than this speed")
+    least: Speed | None = Field(None, ge=0, description="lowest speed", examples=[10.0])
+    most: Speed | None = Field(None, gt=0, description="highest speed", examples=[20.0])
 
     @model_validator(mode="after")
     def _order(self) -> SpeedWindow:
@@ -48,13 +57,13 @@ class SpeedWindow(SiModel):
 class TimingPoint(SiModel):
     """A place with the times at which the train stops there or passes it."""
 
-    at: Length = Field(description="place of the front")
-    name: str = Field("", max_length=100)
-    stop: bool = Field(False, description="stop here; arrival, departure or dwell imply it")
+    at: Place = Field(description="place of the front", examples=[1200.0])
+    name: str = Field("", max_length=100, description="name of the station", examples=["Market"])
+    stop: bool = Field(False, description="stop at this place; arrival, departure or dwell imply it")
     arrival: TimeWindow | None = Field(None, description="window of the arrival")
     departure: TimeWindow | None = Field(None, description="window of the departure")
     passing: TimeWindow | None = Field(None, description="window of passing without a stop")
-    dwell: Time | None = Field(None, ge=0, description="least time at rest; default: 0")
+    dwell: Time | None = Field(None, ge=0, description="least time at rest; default: 0", examples=[30.0])
     speed: SpeedWindow | None = Field(None, description="window of the speed when passing")
 
     @property
@@ -104,12 +113,101 @@ def check_points(points: tuple[TimingPoint, ...]) -> None:
 class JourneyFile(SiModel):
     """Timing points of a journey, in the order of running."""
 
-    schema_: Literal["train_ato/journey/1"] = Field(alias="schema")
-    name: str = Field(max_length=100)
-    source: str = Field("", max_length=500)
-    points: tuple[TimingPoint, ...]
+    schema_: Literal["train_ato/journey/1"] = Field(alias="schema", description="kind and version of the file")
+    name: str = Field(max_length=100, description="name in lists and reports", examples=["metro_morning"])
+    source: Source = ""
+    points: tuple[TimingPoint, ...] = Field(
+        description="timing points by rising place",
+        examples=[[{"at": 0.0, "stop": True}, {"at": 12e3, "arrival": {"latest": 900.0}}]],
+    )
 
     @model_validator(mode="after")
     def _order(self) -> JourneyFile:
         check_points(self.points)
         return self
+
+
+LENGTHS, TIMES, SPEEDS = {"m": 1.0, "km": 1e3}, {"s": 1.0}, {"km/h": 1 / 3.6, "m/s": 1.0}
+COLUMNS = (
+    ("position", LENGTHS),
+    ("lower time constraint", TIMES),
+    ("upper time constraint", TIMES),
+    ("lower speed constraint", SPEEDS),
+    ("upper speed constraint", SPEEDS),
+)
+
+
+def read_journey(name: str, line: Line) -> JourneyFile:
+    """Return the journey in a file; every place must be on the line.
+
+    Raises
+    ------
+    ValueError
+        One line that names the file, the key, the value and the remedy.
+    """
+    if not Path(name).is_file():
+        raise ValueError(f"{name}: no such file; give a journey (train_ato YAML, TTOBench 1.5 JSON)")
+    data = read_data(Path(name))
+    if "timing points" in data:
+        journey = _ttobench_journey(data, name, line)
+    elif str(data.get("schema", "")).startswith("train_ato/journey/"):
+        journey = build_model(JourneyFile, data, name)
+    else:
+        raise ValueError(
+            f"{name}: schema = '{str(data.get('schema', ''))[:60]}': no supported journey format (train_ato YAML, "
+            "TTOBench 1.5 JSON); begin a train_ato file with 'schema: train_ato/journey/1'"
+        )
+    for point in journey.points:
+        if not line.begin - 1e-6 <= point.at <= line.end + 1e-6:
+            raise ValueError(
+                f"{name}: timing point {point.label} lies beyond line '{line.name}' (km {line.begin / 1000:.3f} ... "
+                f"{line.end / 1000:.3f}); give the line of the journey or move the point"
+            )
+    return journey
+
+
+def _ttobench_journey(data: dict[str, Any], name: str, line: Line) -> JourneyFile:
+    top = Fields(data, name)
+    metadata = top.below("metadata") if "metadata" in top else Fields({}, f"{name}: metadata")
+    track = metadata.text("associated track", line.name)
+    if line.source.startswith("TTOBench") and track != line.name:
+        raise ValueError(f"{name}: metadata: associated track = '{track}': the line is '{line.name}'; give that track")
+    fields = top.below("timing points")
+    units = fields.below("units")
+    factors = [_unit(units, column, known) for column, known in COLUMNS]
+    rows = fields.rows("values", len(COLUMNS), 2)
+    points = []
+    for k, row in enumerate(rows):
+        place = f"{fields.place}: values[{k}]"
+        at = finite_number(row[0], f"{place}[0]", -1e8, 1e8) * factors[0]
+        values = [
+            None if value is None else finite_number(value, f"{place}[{i + 1}]", 0.0, 1e8) * factor
+            for i, (value, factor) in enumerate(zip(row[1:], factors[1:], strict=True))
+        ]
+        points.append(_point(at, values, first=k == 0, last=k == len(rows) - 1))
+    source = f"TTOBench journey {metadata.text('id', Path(name).stem)}, BSD-2-Clause"
+    plain = {"schema": "train_ato/journey/1", "name": Path(name).stem[:100], "source": source[:500], "points": points}
+    return build_model(JourneyFile, plain, name)
+
+
+def _unit(units: Fields, column: str, known: dict[str, float]) -> float:
+    unit = units.text(column)
+    if unit not in known:
+        raise ValueError(f"{units.place}: {column} = '{unit}': must be one of {', '.join(known)}")
+    return known[unit]
+
+
+def _point(at: float, values: list[float | None], *, first: bool, last: bool) -> dict[str, Any]:
+    """Return the keys of a timing point from earliest, latest, least and largest speed."""
+    earliest, latest, least, most = values
+    window = {"earliest": earliest, "latest": latest}
+    if first or last:
+        return {"at": at, "stop": True, "departure" if first else "arrival": window}
+    if most == 0.0:
+        return {"at": at, "stop": True, "arrival": window}
+    point: dict[str, Any] = {"at": at}
+    if earliest is not None or latest is not None:
+        point["passing"] = window
+    if least or most is not None:
+        point["speed"] = {"least": least, "most": most}
+    return point

@@ -7,23 +7,260 @@ is below the true value; W is divided by the inertia, without auxiliaries.
 
 Jerk limit and limits of forces by place, except the air of tunnels, are left out, which lowers the bound only.  The gap
 has two causes: the plan is not optimal or keeps the jerk limit, and the slabs are finite.
+
+Least energy + price x time of a section, from below: dynamic programming backward over slabs, compiled.
+
+For a run through a slab of length h from E to E', with the mean grade force g, efficiency 1 / a, recovered share c:
+
+* traction and brake work is E' - E + int r ds + h g, at least with the resistance r at the lowest E of the run.  Within
+  the slab E changes by at most alpha upward and beta downward, hence this E is at least min(E, E') - alpha beta h /
+  (alpha + beta).  r is concave in E: a chord is below it.  The cost increases with the work: less r, less cost.
+* Tunnel air is a part of r, the least of the slab; it is linear in E.
+* The time is int ds / sqrt(2 E) >= h / sqrt(2 mean E) (Jensen), with the mean of the highest run from E to E', up with
+  alpha and down with beta.
+* More traction and as much more brake work, x, costs (a - c) x.  It raises E by at most x, which saves at most
+  x h / (2 E)^(3/2) of time, or lowers it by at most x, with h r'(E) x less resistance work.  Where this is worth less,
+  x = 0 is a lower bound: with work > 0 E falls by coasting only, else it rises by coasting only, and both rates of the
+  mean and of the lowest E are smaller.
+* Speed limits hold at the borders of the slabs only, forces have the largest value of the slab, and a train that would
+  stall is at rest with the force that it lacks.
+
+V at the border of a slab is stored at points of a grid of E with spacing d; between them the chord must be below V.
+Let the run from E, between two points, end at E'.  The runs from both points with the same work end at E' - x d and
+E' + (1 - x) d; the chord of their values exceeds the value of the run by at most that of the next V over an interval d.
+This is at most d / 4 times the increase of the slope there, which is therefore subtracted from the next V.  Of a chord
+over the time half the curvature times d² / 4 is subtracted, twice: for the point and for the end between two points.
+Forces, resistance and time of a run from a grid point are those of the best E within d, so that both runs exist.
+
+All energies and forces are divided by the inertia.  All compiled code of the values is in this file, because numba's
+cache detects changes of this file only.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from plant_sim.summation import plain_dot, plain_sum
+from plant_sim.compiled import compiled
+from plant_sim.elementary import plain_dot, plain_sum
 from train_ato.messages.types import Array
 from train_ato.profile.planner.dynamic_programming import EnergyWeights, Resolution
 from train_ato.profile.planner.net_energy import energy_weights
 from train_ato.profile.planner.passes import BRAKE, COAST, ELECTRIC, TRACTION, durations
 from train_ato.profile.planner.section import PlanSection
-from train_ato.profile.planner.slab_values import least_value
 from train_ato.profile.planner.train_tables import SPEED_STEP
+
+RESISTANCE, PULL, STOPPING, RECOVERING = range(4)
+"""Rows of the table: resistance, largest traction, whole brake, electric brake [m/s²]."""
+MIN_RATE = 0.02
+"""Least rise and fall of E of a coasting train that is assumed, against a large curvature of the time [m/s²]."""
+
+
+@compiled
+def _number(energy: float, width: float) -> int:
+    """Return the number of the cell of an E."""
+    return int(np.sqrt(2.0 * max(energy, 0.0)) / width)
+
+
+@compiled
+def _largest(row: Array, first: float, last: float, width: float) -> Any:
+    """Return the largest value of a row of cells between two E."""
+    i = min(_number(first, width), row.size - 1)
+    found = row[i]
+    for k in range(i + 1, min(_number(last, width), row.size - 1) + 1):
+        found = max(found, row[k])
+    return found
+
+
+@compiled
+def _at(row: Array, energy: float, width: float, last: int) -> Any:
+    """Return a row at an E by a chord between its points up to ``last``; beyond them the chord continues."""
+    i = min(_number(energy, width), last - 1)
+    first = 0.5 * (i * width) ** 2
+    return row[i] + (energy - first) / ((i + 0.5) * width**2) * (row[i + 1] - row[i])
+
+
+@compiled
+def _braking_rate(table: Array, energy: float, reach: float, line: float, service: float, width: float) -> Any:
+    """Return an upper bound of the decrease of E over the place within ``reach`` of an E [m/s²]."""
+    drag = table[RESISTANCE, min(_number(energy + reach, width) + 1, table.shape[1] - 1)] + line
+    brake = _largest(table[STOPPING], energy - reach, energy + reach, width)
+    return max(min(service, brake + drag), drag, 1e-6)
+
+
+@compiled
+def _step_value(
+    end: float, energy: float, h: float, line: float, price: float, gap: float, weights: tuple[float, float],
+    rates: tuple[float, float, float, float, float], drag: tuple[float, float, float], electric: float,
+) -> Any:  # fmt: skip
+    """Return the cost of a run through a slab to an E, from below; ``drag``: at E, its decrease and span of E.
+
+    ``rates`` are the largest rise and fall of E of a run without brake work, of one without traction work, and the
+    excess of E of the latter.
+    """
+    resistance = drag[0] - drag[1] * min(max(energy - end, 0.0), drag[2])
+    work = end - energy + h * (resistance + line)
+    cost = weights[0] * max(work, 0.0) - weights[1] * min(max(-work, 0.0), h * electric)
+    up, down, excess = (rates[0], rates[1], 0.0) if work >= 0.0 else (rates[2], rates[3], rates[4])
+    rise = min(max((end - energy + down * h) / (up + down), 0.0), h)
+    fall = h - rise
+    mean = ((energy + 0.5 * up * rise) * rise + (end + 0.5 * down * fall) * fall) / h + excess
+    time = h / np.sqrt(2.0 * max(mean + 2.0 * gap, gap))
+    if mean > 2.0 * gap:  # the curvature of the time is the smaller loss
+        slow = 1.0 / (2.0 * (mean - gap))
+        bend = np.sqrt(slow) * slow * (6.0 * h * slow + 1.0 / (up + down))
+        time = max(time, h / np.sqrt(2.0 * mean) - 0.125 * gap**2 * bend)
+    return cost + price * time
+
+
+@compiled
+def _end_of_work(work: float, energy: float, h: float, line: float, drag: tuple[float, float, float]) -> Any:
+    """Return the E at the end of a slab after traction less brake work."""
+    lack = h * (drag[0] + line) - work
+    if lack <= 0.0:
+        return energy - lack
+    part = min(lack, drag[2] * (1.0 + h * drag[1]))  # the chord of the resistance falls over its span
+    return energy - part / (1.0 + h * drag[1]) - (lack - part)
+
+
+@compiled
+def _run_rates(
+    energy: float, gap: float, h: float, line: Array, price: float, weights: tuple[float, float],
+    extreme: tuple[float, float], table: Array, width: float,
+) -> Any:  # fmt: skip
+    """Return the rates of :func:`_step_value`, and the largest fall of E in a slab below both of its ends.
+
+    Where traction and brake in the same slab cost more than their time and resistance are worth, a run has one of them.
+    """
+    up, down = extreme
+    dip = up * down * h / (up + down)
+    lowest, size = energy - gap - dip - h * down, table.shape[1]
+    i = _number(lowest, width) - 1
+    if lowest > 0.0 and i >= 0:
+        steepest = (table[RESISTANCE, i + 1] - table[RESISTANCE, i]) / ((i + 0.5) * width**2)
+        gain = price * h / (2.0 * lowest) ** 1.5 + weights[0] * h * steepest
+        if gain < weights[0] - weights[1]:
+            least = _at(table[RESISTANCE], lowest, width, size - 1)
+            most = _at(table[RESISTANCE], energy + gap + h * up, width, size - 1)
+            most = max(most, table[RESISTANCE, min(_number(energy + gap + h * up, width) + 1, size - 1)])
+            rising, falling = max(-least - line[0], MIN_RATE), max(most + line[2], MIN_RATE)
+            rising, falling, excess = min(rising, up), min(falling, down), h * (most - least)
+            dip = max(up * falling / (up + falling), rising * down / (rising + down)) * h + excess
+            return (up, falling, rising, down, excess), dip
+    return (up, down, up, down, 0.0), dip
+
+
+@compiled
+def _point_value(
+    energy: float, h: float, line: Array, price: float, width: float, ceiling: float, table: Array,
+    service: tuple[float, float], weights: tuple[float, float], steepest: float, values: Array, last: int,
+) -> Any:  # fmt: skip
+    """Return the least value of the runs through a slab from an E."""
+    gap = (_number(energy + h * steepest, width) + 2) * width**2
+    down = _braking_rate(table, energy, h * steepest + gap, line[2], service[1], width)
+    pull = _largest(table[PULL], energy - h * down - gap, energy + h * steepest + gap, width)
+    up = max(min(service[0], pull - table[RESISTANCE, 0] - line[0]), 1e-6)
+    rates, dip = _run_rates(energy, gap, h, line, price, weights, (up, down), table, width)
+    low_from = max(energy - gap - dip, 0.0)
+    low_to = max(low_from - h * down, 0.0)
+    drag, span = _at(table[RESISTANCE], low_from, width, table.shape[1] - 1), low_from - low_to
+    slope = (drag - _at(table[RESISTANCE], low_to, width, table.shape[1] - 1)) / span if span > 0.0 else 0.0
+    pull = _largest(table[PULL], low_from, energy + h * up + gap, width)
+    rate = pull - drag - line[1]
+    fast = energy + h * min(service[0], rate) if rate > 0.0 else min(energy, energy + h * (rate + slope * span))
+    fast = max(min(fast, ceiling + gap), -gap)
+    low = min(max(energy - h * down, -gap), fast)
+    electric = _largest(table[RECOVERING], energy - h * down - gap, energy + gap, width)
+    chord = (drag, slope, span)
+    coast = _end_of_work(0.0, energy, h, line[1], chord)
+    brake = _end_of_work(-h * electric, energy, h, line[1], chord)
+    best = np.inf
+    for corner in (low, fast, coast, brake, energy, energy - span):
+        end = min(max(corner, low), fast)
+        cost = _step_value(end, energy, h, line[1], price, gap, weights, rates, chord, electric)
+        best = min(best, cost + _at(values, end, width, last))
+    for j in range(_number(low, width), min(_number(fast, width), last) + 1):
+        end = 0.5 * (j * width) ** 2
+        if end >= low:
+            cost = _step_value(end, energy, h, line[1], price, gap, weights, rates, chord, electric)
+            best = min(best, cost + values[j])
+    return best
+
+
+@compiled
+def _lower_by_bends(values: Array, last: int, reach: float, width: float, found: Array) -> None:
+    """Write the values less the excess of their chords over an interval of a grid of runs that end near them.
+
+    The interval is the spacing of the grid at most ``reach`` above the point.
+    """
+    for j in range(last + 1):
+        energy = 0.5 * (j * width) ** 2
+        interval = (_number(energy + reach, width) + 2) * width**2
+        first = max(_number(energy - 2.0 * interval, width), 1)
+        largest, bend, left = 0.0, 0.0, first
+        for k in range(first, last):
+            at = 0.5 * (k * width) ** 2
+            if at > energy + 2.0 * interval:
+                break
+            bend += _bend(values, k, width)
+            while 0.5 * (left * width) ** 2 < at - interval:
+                bend -= _bend(values, left, width)
+                left += 1
+            largest = max(largest, bend)
+        found[j] = values[j] - 0.25 * interval * largest
+
+
+@compiled
+def _bend(values: Array, k: int, width: float) -> Any:
+    """Return the increase of the slope of the chords at a point, or 0."""
+    before = (values[k] - values[k - 1]) / ((k - 0.5) * width**2)
+    return max((values[k + 1] - values[k]) / ((k + 0.5) * width**2) - before, 0.0)
+
+
+@compiled
+def _continue_chord(values: Array, first: int, width: float) -> None:
+    """Lower the values below a point to the chord above it, where the grid is finer than a step of E in a slab."""
+    slope = (values[first + 1] - values[first]) / ((first + 0.5) * width**2)
+    for j in range(first):
+        values[j] = min(values[j], values[first] - 0.5 * slope * (first**2 - j**2) * width**2)
+
+
+@compiled
+def least_value(
+    steps: Array, line: Array, air: Array, limit: Array, open_table: Array, width: float, service: tuple[float, float],
+    ends: tuple[float, float], price: float, weights: tuple[float, float],
+) -> Any:  # fmt: skip
+    """Return a lower bound of the least energy + price x time from the begin to the end."""
+    size, table = open_table.shape[1], open_table.copy()
+    values, lowered = np.zeros(size), np.zeros(size)
+    for j in range(size):
+        values[j] = weights[0] * max(ends[1] - 0.5 * (j * width) ** 2, 0.0)
+    top, last = ends[1], size - 1
+    pull, brake = table[PULL].max(), table[STOPPING].max()
+    for k in range(steps.size - 1, -1, -1):
+        h, force = steps[k], line[:, k]
+        for j in range(size):
+            table[RESISTANCE, j] = open_table[RESISTANCE, j] + air[k] * (j * width) ** 2
+        drag = table[RESISTANCE].max()
+        steepest = max(
+            min(service[0], pull - force[0]), min(service[1], brake + drag + force[2]), drag + force[2], 1e-6
+        )
+        _lower_by_bends(values, last, h * steepest, width, lowered)
+        down = _braking_rate(table, top, h * steepest, force[2], service[1], width)
+        higher = min(limit[k], top + h * down)
+        number = min(max(_number(higher, width) + 1, 1), size - 1)
+        for j in range(number + 1):
+            energy = 0.5 * (j * width) ** 2
+            values[j] = _point_value(
+                energy, h, force, price, width, top, table, service, weights, steepest, lowered, last
+            )
+        top, last = higher, number
+        _continue_chord(values, min(_number(h * steepest, width) + 1, last - 1), width)
+    return _at(values, ends[0], width, last)
+
 
 FIRST, LAST = Resolution(400, 400), Resolution(800, 1200)
 """Slabs of all sections together and grid points of E, of the search for the price and of the bound."""

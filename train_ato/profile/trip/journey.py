@@ -13,8 +13,7 @@ import numpy as np
 
 from train_ato.messages.types import Array
 from train_ato.profile.trip import search as s
-from train_ato.profile.trip.reduced_train import AGE_STEP, SPEED_STEP, ReducedTrain
-from train_ato.profile.trip.section_forces import Integers
+from train_ato.profile.trip.reduced_train import AGE_STEP, SPEED_STEP, Integers, ReducedTrain
 from train_ato.profile.trip.settings import TripSettings
 
 ROLLING = 0.7

@@ -3,6 +3,24 @@
 The line force is that of every vehicle at its own place. The shoe force of an application or release is the sum over
 the vehicles of the plant's own closed form (:class:`plant_sim.air_brake.BrakeForecast`): wave along the train, then
 filling or emptying of every cylinder. Longitudinal motion between the vehicles is omitted; :mod:`.driven_run` adds it.
+
+Quasi-static coupler forces of the reduced train: vehicles without motion against each other.
+
+All vehicles in front of coupler j have the acceleration a of the train. Its force, > 0 draft, is therefore::
+
+    f_j = S_j F - M_j a - L_j(x) - r_j R(v) - B_j(age) phi(v)
+
+with the sums over these vehicles: S_j share of the force F of the drives, M_j mass with rotating parts, L_j line force,
+r_j share of the running resistance R, B_j shoe force at standstill, and the friction law phi of the shoes. The search
+needs it for a train with power units inside: there a part of the train pushes or pulls against another one although the
+force of the drives is small, for example after a release with the rear part in a fall.
+
+Traction and electric brake of a trip in neutral sections, power limits, and sections with another adhesion.
+
+The limits are those of the planner for shorter trains (:class:`train_ato.profile.planner.line_tables.PlaceLimits`):
+the units share a force in proportion, so the most limited unit limits the train. The profile is an average of the run
+over time. The limits of a section therefore hold :data:`MARGIN` before and after it, and the force changes to them with
+the rate of the settings. Shoes at low adhesion are limited by the plant of :mod:`.driven_run` only.
 """
 
 from __future__ import annotations
@@ -11,18 +29,169 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from plant_sim.air_brake import BrakeForecast, braking_factor
 from plant_sim.consist import Consist
+from plant_sim.elementary import plain_sum
 from plant_sim.line import Line
 from plant_sim.packing import pipe_distances
-from plant_sim.summation import plain_sum
-from train_ato.control.train_model import TrainModel
+from train_ato.control.train_model import GRID, LineForceTable, TrainModel
 from train_ato.messages.types import Array
-from train_ato.profile.planner.line_tables import SpeedLimits
-from train_ato.profile.trip.quasi_static_couplers import CouplerTables, coupler_tables
-from train_ato.profile.trip.section_forces import Integers, SectionForces
+from train_ato.profile.planner.line_tables import PlaceLimits, SpeedLimits
+from train_ato.profile.planner.train_tables import SPEED_STEP as TABLE_STEP
+from train_ato.profile.planner.train_tables import TrainTables
 from train_ato.profile.trip.settings import TripSettings
+
+Integers = NDArray[np.int64]
+MARGIN = 7.5
+"""Time before and after a section with its limits [s]: half of the window of the average of the speed."""
+
+
+class SectionForces:
+    """Largest traction and electric brake of a train by the place of vehicle 0's centre.
+
+    Parameters
+    ----------
+    model
+        Nominal train on its line.
+    top_speed
+        Largest speed of the tables [m/s].
+
+    Attributes
+    ----------
+    breaks : Array, shape (m,)
+        Rising places at which the forces change [m]; empty for a line without such sections.
+    """
+
+    def __init__(self, model: TrainModel, top_speed: float) -> None:
+        line, offsets = model.line, model.offsets
+        self.breaks: Array = np.zeros(0)
+        if not (line.neutral_sections or line.power_limits or line.adhesion):
+            return
+        limits = PlaceLimits(line, model.consist, TrainTables(model.consist, top_speed))
+        self.breaks = np.unique(limits.breaks[:, None] + offsets)
+        inside = np.concatenate(([self.breaks[0] - 1.0], self.breaks))
+        zones = np.zeros((inside.size, len(model.consist.vehicles)), dtype=np.int64)
+        zones[:, list(model.units)] = limits.zones_at(inside[:, None] - offsets)
+        rows, which = np.unique(zones, axis=0, return_inverse=True)
+        tables = np.stack([np.stack(limits.available(tuple(row), equal_parts=True)[:2]) for row in rows.tolist()])
+        self._tables = tables[which.ravel()]
+
+    def least(self, begin: float, end: float) -> Array:
+        """Return the least forces between two places over the speed [N], shape (2, speeds): traction, electric brake.
+
+        The speeds are multiples of ``TABLE_STEP``.
+        """
+        first, last = np.searchsorted(self.breaks, (begin, end), side="right")
+        return np.asarray(self._tables[first : last + 1].min(axis=0))
+
+    def over_cells(self, edges: Array, limit: Array, speed: Array) -> tuple[Array, Integers]:
+        """Return the tables of the cells and the table of every cell, with the margin at the limit of the speed.
+
+        Parameters
+        ----------
+        edges : Array, shape (cells + 1,)
+            Limits of the cells [m].
+        limit : Array, shape (cells + 1,)
+            Highest speed there [m/s].
+        speed : Array, shape (speeds,)
+            Speeds of the tables [m/s].
+
+        Returns
+        -------
+        tables : Array, shape (tables, 2, speeds)
+            Traction and electric brake [N].
+        which : Array, shape (cells,)
+            Number of the table.
+        """
+        way = MARGIN * limit
+        found = np.stack([self.least(*row) for row in zip(edges[:-1] - way[:-1], edges[1:] + way[1:], strict=True)])
+        index = np.minimum(np.rint(speed / TABLE_STEP).astype(np.int64), found.shape[2] - 1)
+        tables, which = np.unique(found[:, :, index], axis=0, return_inverse=True)
+        return tables, which.ravel()
+
+    def at(self, position: float, velocity: float, slew: float) -> tuple[float, float]:
+        """Return the largest traction and electric brake at a place and speed, with the change before a section [N].
+
+        Parameters
+        ----------
+        position, velocity
+            Of vehicle 0 [m, m/s].
+        slew
+            Largest rate of the force [N/s].
+        """
+        way, speed = MARGIN * velocity, max(velocity, 0.1)
+        first, last = np.searchsorted(self.breaks, (position - way, position + way), side="right")
+        column = self._tables[first:, :, min(round(velocity / TABLE_STEP), self._tables.shape[2] - 1)]
+        present, ahead = column[: last - first + 1].min(axis=0), column[last - first + 1 :]
+        if len(ahead):
+            time = (self.breaks[last:] - position - way) / speed
+            present = np.minimum(present, (ahead + slew * time[:, None]).min(axis=0))
+        return float(present[0]), float(present[1])
+
+
+NUMBER = 12
+"""Number of couplers along the train beside those of the power units; every 18th one of 212 vehicles."""
+TYPICAL_SPEED = 60 / 3.6
+"""Speed of the shares of the running resistance [m/s]."""
+
+
+@dataclass(frozen=True)
+class CouplerTables:
+    """Sums over the vehicles in front of selected couplers.
+
+    Attributes
+    ----------
+    numbers : tuple of int
+        Couplers, by the vehicle in front of them.
+    constant : Array, shape (3, couplers)
+        Mass with rotating parts [kg], share of the force of the drives, share of the running resistance.
+    line_force : Array, shape (couplers, cells)
+        Grade, curve and tunnel force [N], > 0 resists.
+    """
+
+    numbers: tuple[int, ...]
+    constant: Array
+    line_force: Array
+
+
+def coupler_tables(model: TrainModel, places: Array) -> CouplerTables:
+    """Return the tables of a train with several power units; without couplers for another train.
+
+    Parameters
+    ----------
+    model
+        Nominal train on its line.
+    places
+        Middle of every cell, as places of vehicle 0's centre [m], shape (cells,).
+    """
+    consist = model.consist
+    vehicles = consist.vehicles
+    if model.n_units < 2:
+        return CouplerTables((), np.zeros((3, 0)), np.zeros((0, places.size)))
+    numbers = selected_couplers(len(vehicles), model.units)
+    chosen = list(numbers)
+    inertia = np.array([vehicle.mass * vehicle.rotating_mass_factor for vehicle in vehicles])
+    share = np.zeros(len(vehicles))
+    share[list(model.units)] = model.share
+    polynomials = np.array([vehicle.resistance.polynomial(vehicle.mass, consist.gravity) for vehicle in vehicles])
+    running = polynomials @ np.array([1.0, TYPICAL_SPEED, TYPICAL_SPEED**2])
+    constant = np.stack([column.cumsum()[chosen] for column in (inertia, share, running / running.sum())])
+    table = LineForceTable(consist, model.line)
+    grid = table.begin + GRID * np.arange(len(table.specific))
+    masses = np.array([vehicle.mass for vehicle in vehicles])
+    offsets = np.array(consist.offsets)
+    specific = np.interp(places[:, None] - offsets, grid, table.specific)
+    return CouplerTables(numbers, constant, np.ascontiguousarray((specific * masses).cumsum(axis=1)[:, chosen].T))
+
+
+def selected_couplers(vehicles: int, units: tuple[int, ...]) -> tuple[int, ...]:
+    """Return couplers along the train and those in front of and behind every power unit, by the vehicle in front."""
+    along = np.linspace(0, vehicles - 2, NUMBER).round().astype(int).tolist()
+    beside = [number for unit in units for number in (unit - 1, unit) if 0 <= number <= vehicles - 2]
+    return tuple(sorted({*along, *beside}))
+
 
 CELL = 100.0
 """Length of a cell of the search [m]."""

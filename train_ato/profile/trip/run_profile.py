@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from plant_sim.summation import plain_sum
+from plant_sim.elementary import plain_sum
 from train_ato.control.train_model import TrainModel
 from train_ato.messages.types import Array
 from train_ato.profile.driver import average_speed

@@ -15,7 +15,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from plant_sim.warm_up import compile_kernel
+from plant_sim.train import compile_kernel
 from train_ato.errors import FirstFailure, of_own_code
 from train_ato.log.compression import DEFAULT
 from train_ato.log.run_log import RunLog
@@ -28,6 +28,7 @@ from train_ato.loop.supervisor import SupervisorStage
 from train_ato.messages.topics import Role, topics_of
 from train_ato.ros.nodes.controller import ControllerNode
 from train_ato.ros.nodes.endpoints import NodeEndpoints
+from train_ato.ros.nodes.lifecycle import serve_lifecycle
 from train_ato.ros.nodes.observer import ObserverNode
 from train_ato.ros.nodes.plant import PlantNode
 from train_ato.ros.nodes.profile import ProfileNode
@@ -122,6 +123,7 @@ def make_node(
     setup: RunSetup,
     endpoints: NodeEndpoints,
     folder: Path | None,
+    *,
     lockstep: bool,
     timeout: float,
     recorded: bool = True,
@@ -135,6 +137,7 @@ def make_node(
     ValueError
         If a start parameter is refused, or the log cannot be written.
     """
+    serve_lifecycle(endpoints)
     if role is Role.PLANT:
         compile_kernel()
         resolved = (folder or setup.folder) / "scenario.yaml"
@@ -158,5 +161,17 @@ def make_node(
     if folder is None:
         raise ValueError("the recorder needs a folder; give --out DIR")
     attached = attachments_for(setup.resolved_yaml())
-    log = RunLog(folder, topics_of(setup.layout), endpoints.node.resolve_topic_name, attached, compression)
-    return RecorderNode(log, endpoints)
+    log = RunLog(
+        folder,
+        topics_of(setup.layout),
+        lambda name: endpoints.node.resolve_topic_name(endpoints.placed(name)),
+        attachments=attached,
+        compression=compression,
+    )
+    last_due = {}
+    if endpoints.external is Role.PLANT:
+        last_due = {
+            topic.name: setup.tick_ns * (setup.ticks - (Role.PLANT not in topic.publishers))
+            for topic in topics_of(setup.layout)
+        }
+    return RecorderNode(log, endpoints, last_due)

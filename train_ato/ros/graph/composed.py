@@ -14,12 +14,13 @@ from train_ato.loop.run_end import INTERRUPTED
 from train_ato.loop.setup import RunSetup
 from train_ato.messages.codec.codec import Wire
 from train_ato.messages.topics import Role
+from train_ato.messages.types import Tick
 from train_ato.ros.graph import shared_memory
 from train_ato.ros.graph.assembly import TURN_S, executor_of, make_node
 from train_ato.ros.graph.graph_result import ANSWERING, STOPPING_S, GraphOptions, GraphResult, Report
 from train_ato.ros.graph.wait_note import WaitNote
 from train_ato.ros.nodes.endpoints import NodeEndpoints, roles_of
-from train_ato.ros.nodes.plant import PlantNode
+from train_ato.ros.nodes.outside_plant import OutsidePlant
 
 RECORD_EVERY = 50
 """Ticks after which the recorder empties its queues of 1000 messages."""
@@ -47,23 +48,33 @@ def run_composed(
     """
     shared_memory.clean()
     watch = FirstFailure(folder / "log")
+    external = options.external
     with interruptible() as interrupt, executor_of(domain, watch=watch) as (context, executor):
         wire = Wire(setup.layout)
-        all_endpoints = {role: NodeEndpoints(role, wire, context, watch) for role in roles_of(setup.layout)}
+        all_endpoints = {
+            role: NodeEndpoints(role, wire, context, watch, external=external)
+            for role in roles_of(setup.layout)
+            if role is not external
+        }
         nodes = {
             role: make_node(
                 role,
                 setup,
                 all_endpoints[role],
                 folder,
-                options.lockstep,
-                options.patience,
+                lockstep=options.lockstep,
+                timeout=options.patience,
                 rate=options.rate,
                 compression=options.compression,
             )
             for role in all_endpoints
         }
-        nodes[Role.OBSERVER].stage.on_fault = nodes[Role.CONTROLLER].stage.fail
+        if Role.OBSERVER in nodes and Role.CONTROLLER in nodes:
+            nodes[Role.OBSERVER].stage.on_fault = nodes[Role.CONTROLLER].stage.fail
+        if external is Role.PLANT:
+            nodes[external] = OutsidePlant(setup, nodes[Role.RECORDER], options.patience)
+        else:
+            nodes[Role.PLANT].outside = "" if external is None else external.value
         for role, endpoints in all_endpoints.items():
             if role is not Role.RECORDER:
                 executor.add_node(endpoints.node)
@@ -91,25 +102,28 @@ class _Composed:
         self._watch = watch
         self._interrupt = interrupt
         self._options = options
-        self._plant: PlantNode = nodes[Role.PLANT]
+        self._left = False
+        self._plant = nodes[Role.PLANT]
 
     def run(self, report: Report | None) -> GraphResult:
         end = GraphResult()
         try:
-            if self._wait_for_nodes():
+            if self._wait_for(self._absent):
                 gc.collect()
                 gc.freeze()
                 begin = time.perf_counter()
-                self._all_endpoints[Role.PROFILE].guard(self._nodes[Role.PROFILE].begin)
-                self._all_endpoints[Role.PLANT].guard(self._plant.begin)
-                self._drive(report)
+                if Role.PROFILE in self._nodes:
+                    self._all_endpoints[Role.PROFILE].guard(self._nodes[Role.PROFILE].begin)
+                if self._wait_for(self._unmeasured):
+                    self._of_plant.guard(self._plant.begin)
+                    self._drive(report)
                 end.wall_s = time.perf_counter() - begin
         finally:
             self._close(end)
             gc.unfreeze()
         plant_end = self._plant.end
         end.ticks = plant_end.ticks
-        end.step_ns = self._nodes[Role.CONTROLLER].stage.step_times.nanoseconds
+        end.step_ns = self._nodes[Role.CONTROLLER].stage.step_times if Role.CONTROLLER in self._nodes else []
         end.ignored = {
             role.value: count for role, node in self._nodes.items() if (count := getattr(node, "ignored", 0))
         }
@@ -132,17 +146,32 @@ class _Composed:
     def _record(self) -> None:
         self._all_endpoints[Role.RECORDER].guard(self._nodes[Role.RECORDER].poll)
 
-    def _wait_for_nodes(self) -> bool:
-        limit = START_LIMIT_S if self._options.start_limit is None else self._options.start_limit
+    @property
+    def _of_plant(self) -> NodeEndpoints:
+        """Endpoints of the plant, those of the recorder for an external one."""
+        return self._all_endpoints.get(Role.PLANT, self._all_endpoints[Role.RECORDER])
+
+    def _absent(self) -> list[tuple[str, list[str]]]:
+        """Return the missing conditions for the start, by node."""
+        lacking = ((role.value, endpoints.missing()) for role, endpoints in self._all_endpoints.items())
+        return [(name, lacks) for name, lacks in lacking if lacks]
+
+    def _unmeasured(self) -> list[tuple[str, list[str]]]:
+        """Return the missing first measurement of an external plant, after a message that all nodes read from it."""
+        self._record()
+        if Role.PLANT in self._all_endpoints or self._nodes[Role.RECORDER].measured:
+            return []
+        self._all_endpoints[Role.RECORDER].repeat("recorder/progress", Tick(0))
+        return [(Role.PLANT.value, ["its first measurement"])]
+
+    def _wait_for(self, lacking: Callable[[], list[tuple[str, list[str]]]]) -> bool:
+        """Run callbacks until nothing is lacking; return False after the limit of the start, a failure or Ctrl-C."""
+        limit = self._options.starting(START_LIMIT_S)
         last, note = time.monotonic() + limit, WaitNote()
         while not self._interrupt.asked:
-            absent = [
-                (role.value, endpoints.missing())
-                for role, endpoints in self._all_endpoints.items()
-                if endpoints.missing()
-            ]
-            if not absent:
-                return True
+            absent = lacking()
+            if not absent or self._watch.failure is not None:
+                return not absent
             note("; ".join(f"node {name}, which lacks {', '.join(lacks)}" for name, lacks in absent))
             if time.monotonic() > last:
                 name, lacks = absent[0]
@@ -157,15 +186,15 @@ class _Composed:
         look, record = time.monotonic() + TURN_S, 0
         while not plant.finished and watch.failure is None:
             spin_once(timeout_sec=TURN_S)
-            if plant.stage.tick >= record:
-                record = plant.stage.tick + RECORD_EVERY
+            if plant.tick >= record:
+                record = plant.tick + RECORD_EVERY
                 self._record()
             now = time.monotonic()
             if now >= look:
                 look = now + TURN_S
                 self._record()
                 if report is not None:
-                    report(plant.stage.tick)
+                    report(plant.tick)
                 self._look()
                 if self._interrupt.asked:
                     plant.request_stop()
@@ -173,9 +202,15 @@ class _Composed:
                     return
 
     def _look(self) -> None:
-        """Fail the run by the node whose answer is overdue."""
-        if self._plant.check_overdue():
+        """Lose the external node if it has left, or the node whose answer is overdue."""
+        external, recorder = self._options.external, self._all_endpoints[Role.RECORDER]
+        left, self._left = self._left, recorder.external_left
+        if external is not None and left and self._left and not self._plant.finished:  # its last messages are read
+            self._plant.lose_departed([external])
+        elif self._plant.check_overdue():
             last = {role: endpoints.last_stamp for role, endpoints in self._all_endpoints.items()}
+            if external is not None:
+                last[external] = self._nodes[Role.RECORDER].last_stamp_of(external)
             self._plant.lose_silent(
                 last, {role: endpoints.awaited() for role, endpoints in self._all_endpoints.items()}
             )
@@ -183,17 +218,28 @@ class _Composed:
     def _close(self, end: GraphResult) -> None:
         """Record the messages in flight, close the log and compare the message counts."""
         recorder, plant = self._nodes[Role.RECORDER], self._plant
-        due = [(self._all_endpoints[role], plant.sent_stamp) for role in ANSWERING]
+        due = [(self._all_endpoints[role], plant.sent_stamp) for role in ANSWERING if role in self._nodes]
         if Role.SUPERVISOR in self._all_endpoints:
             due.append((self._all_endpoints[Role.SUPERVISOR], plant.supervised_stamp))
         # A run without lockstep ends before the answers to its last measurement; they still count.
-        self._turn_until(lambda: all(endpoints.last_stamp >= stamp for endpoints, stamp in due), STOPPING_S)
+        self._turn_until(
+            lambda: plant.answered and all(endpoints.last_stamp >= stamp for endpoints, stamp in due), STOPPING_S
+        )
         self._plant.announce_end()
         if self._watch.failure is not None:
-            self._all_endpoints[Role.PLANT].log(self._watch.failure)
+            self._of_plant.log(self._watch.failure)
         for endpoints in self._all_endpoints.values():
             for name, count in endpoints.published.items():
                 end.published[name] = end.published.get(name, 0) + count
-        self._turn_until(lambda: recorder.complete(end.published), self._options.draining)
-        expected = end.published if self._watch.failure is None else None
+        if self._options.external is not Role.PLANT:  # it goes on, and so do the answers
+            self._turn_until(lambda: recorder.complete(end.published), self._options.draining)
+        in_order = self._watch.failure is None and self._options.external is not Role.PLANT
+        expected = end.published if in_order else None
         self._all_endpoints[Role.RECORDER].guard(lambda: recorder.close(expected))
+        if (external := self._options.external) is not None:
+            end.outside = {external.value: recorder.endpoints.external_name}
+            end.published |= {
+                name: n
+                for name, n in recorder.log.counts.items()
+                if external is Role.PLANT or recorder.endpoints.sent_outside(name)
+            }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -13,7 +14,8 @@ ANSWERING = (Role.PROFILE, Role.OBSERVER, Role.CONTROLLER)
 STOPPING_S = 10.0
 """Maximum wall time for answers in flight at the end of a run [s]."""
 LOCKSTEP_TIMEOUT_S = 10.0
-FREE_TIMEOUT_S = 1.0
+FREE_TIMEOUT_S = 3.0
+"""Longer than a link that is cut for a second, with the time of the messages after it [s]."""
 
 IGNORED = "messages ignored: they came twice, or for a step that was over or not due"
 
@@ -32,15 +34,17 @@ class GraphOptions:
     rate : float
         Maximum simulated seconds per second of wall time; 0 is unlimited in lockstep, 1 without it.
     timeout : float or None
-        Wall time without an answer of a node after which the run fails [s]; None: 10 in lockstep, 1 without it.
+        Wall time without an answer of a node after which the run fails [s]; None: 10 in lockstep, 3 without it.
     start_limit : float or None
-        Maximum wall time of the start of the nodes [s]; None: 30 in one process, 180 with a process for each.
+        Maximum wall time of the start of the nodes [s]; None: :meth:`starting`.
     draining : float
         Maximum wall time for the recorder to receive the messages in flight at the end [s].
     compression : str
         Of the log: ``none``, ``fast`` or ``small``.
     restarts : int
         With one process per node: maximum number of restarts of each node; 0 restarts none.
+    external : Role or None
+        Node of the graph in whose place another program runs.
     """
 
     lockstep: bool = True
@@ -50,6 +54,7 @@ class GraphOptions:
     draining: float = 30.0
     compression: str = DEFAULT
     restarts: int = 0
+    external: Role | None = None
 
     @property
     def patience(self) -> float:
@@ -57,6 +62,12 @@ class GraphOptions:
         if self.timeout is not None:
             return self.timeout
         return LOCKSTEP_TIMEOUT_S if self.lockstep else FREE_TIMEOUT_S
+
+    def starting(self, default: float) -> float:
+        """Return the effective limit of the start [s]: ``default`` if none is given, infinite with an external node."""
+        if self.start_limit is not None:
+            return self.start_limit
+        return default if self.external is None else math.inf
 
 
 @dataclass
@@ -74,3 +85,5 @@ class GraphResult:
     failure: str | None = None
     restarts: dict[str, int] = field(default_factory=dict)
     """Number of restarts by the name of the node."""
+    outside: dict[str, str] = field(default_factory=dict)
+    """Names of programs in place of nodes, by node."""

@@ -15,7 +15,7 @@ from train_ato.arguments import BAD_INPUT
 from train_ato.messages.topics import Role
 from train_ato.ros.graph.domain_lock import inherited_locks
 from train_ato.ros.graph.environment import variables
-from train_ato.ros.standalone.notices import FAILURE, INTERRUPTION, LAST_COUNT, NOTE, Notice
+from train_ato.ros.standalone.notices import FAILURE, INTERRUPTION, LAST_COUNT, NOTE, OUTSIDE, Notice
 
 LEAVING_S = 5.0
 """Wall time for a node to end after a failure of the run [s]."""
@@ -89,7 +89,7 @@ class NodeProcess:
             if line.startswith(NOTE):
                 sys.stderr.write(line.removeprefix(NOTE))
                 continue
-            if line.startswith((FAILURE, INTERRUPTION)):
+            if line.startswith((FAILURE, INTERRUPTION, OUTSIDE)):
                 self._said[line.partition(" ")[0]] = line.partition(" ")[2].strip()
                 continue
             name, _, values = line.rpartition(":")
@@ -106,6 +106,11 @@ class NodeProcess:
     def interruption(self) -> str | None:
         """Signal or request that ended the run of a plant; None without one."""
         return self._said.get(INTERRUPTION.strip())
+
+    @property
+    def outside(self) -> str:
+        """Name of the external node at the recorder, "" as long as it is unknown."""
+        return self._said.get(OUTSIDE.strip(), "")
 
     @property
     def last_error(self) -> str:

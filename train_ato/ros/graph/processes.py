@@ -19,7 +19,7 @@ from train_ato.ros.graph.node_process import LEAVING_S, NodeProcess
 from train_ato.ros.graph.restarts import Restarts
 from train_ato.ros.graph.wait_note import WaitNote
 from train_ato.ros.nodes.answer_watch import SUSPENDED_S
-from train_ato.ros.standalone.notices import LAST_COUNT, Notice, NoticeKind
+from train_ato.ros.standalone.notices import LAST_COUNT, TRAIN_STOPPED, Notice, NoticeKind
 
 ROLES = (Role.RECORDER, Role.CONTROLLER, Role.OBSERVER, Role.PROFILE, Role.SUPERVISOR, Role.PLANT)
 """Start order of the processes."""
@@ -69,17 +69,17 @@ def run_processes(
         )
         try:
             for role in ROLES:
-                if role is Role.SUPERVISOR and not setup.layout.supervised:
-                    continue
-                nodes[role] = start(role)
+                absent = role is Role.SUPERVISOR and not setup.layout.supervised
+                if not absent and role is not options.external:
+                    nodes[role] = start(role)
             silence = _REPORTING_S + options.patience
-            start_limit = START_LIMIT_S if options.start_limit is None else options.start_limit
+            start_limit = options.starting(START_LIMIT_S)
             end = GraphResult(failure=_supervise(nodes, interrupt, report, silence, start_limit, twins, restarts))
         finally:
             twins.end()
             _end_all(nodes, failed=True)
             shared_memory.clean()
-    _collect(nodes, end)
+    _collect(nodes, end, options.external)
     end.interruption = "" if interrupt.asked else nodes[Role.PLANT].interruption
     end.restarts = {role.value: count for role, count in restarts.begun.items()}
     return end
@@ -121,6 +121,7 @@ class _Twins:
 def _arguments(role: Role, scenario: Path, folder: Path, options: GraphOptions) -> list[str]:
     """Return the options of a node."""
     arguments = ["--scenario", str(scenario.resolve())]
+    arguments += [] if options.external is None else ["--external", options.external.value]
     if role is Role.RECORDER:
         arguments += ["--out", str(folder.resolve()), "--compression", options.compression]
     if role is Role.PLANT:
@@ -151,7 +152,7 @@ def _supervise(
     plant = nodes[Role.PLANT]
     last, note = time.monotonic() + start_limit, WaitNote()
     stopped = False
-    while plant.process.poll() is None:
+    while plant.process.poll() is None and LAST_COUNT not in plant.counts:
         before = time.monotonic()
         time.sleep(_TURN_S)
         if time.monotonic() - before > SUSPENDED_S:  # this process was suspended; the reports wait in the pipes
@@ -159,7 +160,7 @@ def _supervise(
         if plant.counts and not interrupt.asked:
             restarts.step()
         if failure := _failure(nodes):
-            if not _stops_train(nodes):
+            if not _plant_ends_run(nodes):
                 return failure
             _report_lost(nodes)
         if interrupt.asked and not stopped:
@@ -180,24 +181,25 @@ def _supervise(
                 return f"node plant failed: no report for {silence:g} s after tick {plant.tick}; its process hangs"
             return f"node plant failed: no first tick within {start_limit:g} s: {plant.last_error or 'no reason given'}"
     restarts.end()
+    plant.ends_within(LEAVING_S)
     _end_all(nodes, failed=bool(failure := _failure(nodes)))
     return failure or _failure(nodes)
 
 
-def _stops_train(nodes: dict[Role, NodeProcess]) -> bool:
-    """Return True if the plant has begun and goes on without the failed nodes until its train is at standstill."""
+def _plant_ends_run(nodes: dict[Role, NodeProcess]) -> bool:
+    """Return True if the plant has begun and is to end the run without the failed nodes."""
     needed = (nodes[Role.PLANT], nodes[Role.RECORDER])
-    begun = bool(nodes[Role.PLANT].counts)
-    return begun and Role.SUPERVISOR in nodes and not any(node.failure for node in needed)
+    return bool(nodes[Role.PLANT].counts) and not any(node.failure for node in needed)
 
 
 def _report_lost(nodes: dict[Role, NodeProcess]) -> None:
-    """Send the failed nodes to the plant, which goes on until its train is at standstill."""
+    """Send the failed nodes to the plant, which stops its train unless the controller has done it."""
     for node in nodes.values():
         if node.failure and not node.lost:
             node.lost = True
             reason = node.failure.partition(" failed: ")[2]
-            nodes[Role.PLANT].send(Notice(NoticeKind.LOST, node.role, reason))
+            kind = NoticeKind.FAILED if TRAIN_STOPPED in node.counts else NoticeKind.LOST
+            nodes[Role.PLANT].send(Notice(kind, node.role, reason))
 
 
 def _failure(nodes: dict[Role, NodeProcess]) -> str | None:
@@ -212,7 +214,7 @@ def _failure(nodes: dict[Role, NodeProcess]) -> str | None:
     return next(iter(own if plant.process.poll() is None else own + missed), None)
 
 
-def _end_all(nodes: dict[Role, NodeProcess], failed: bool) -> None:
+def _end_all(nodes: dict[Role, NodeProcess], *, failed: bool) -> None:
     """End every process; after a failure, nodes other than the recorder get little time."""
     if failed:
         for node in nodes.values():
@@ -227,7 +229,7 @@ def _end_all(nodes: dict[Role, NodeProcess], failed: bool) -> None:
             nodes[role].release()
 
 
-def _collect(nodes: dict[Role, NodeProcess], end: GraphResult) -> None:
+def _collect(nodes: dict[Role, NodeProcess], end: GraphResult, external: Role | None) -> None:
     """Read the reports of the nodes; fewer messages recorded than published are a failure."""
     for role, node in nodes.items():
         for name, values in node.counts.items():
@@ -236,10 +238,15 @@ def _collect(nodes: dict[Role, NodeProcess], end: GraphResult) -> None:
                 end.published[topic] = end.published.get(topic, 0) + values[0]
         if any(node.counts.get(LAST_COUNT, ())):
             end.ignored[role.value] = node.counts[LAST_COUNT][0]
-    end.ticks = nodes[Role.PLANT].tick
-    end.wall_s = nodes[Role.PLANT].counts.get("wall_ns", [0])[0] * 1e-9
-    end.step_ns = nodes[Role.CONTROLLER].counts.get("step_ns", [])
     recorded = nodes[Role.RECORDER].counts
+    end.ticks = nodes[Role.PLANT].tick
+    if LAST_COUNT not in nodes[Role.PLANT].counts:  # killed: its last report is older than its last message
+        end.ticks = max(end.ticks, recorded.get("recorded train/vehicles", [0])[0] - 1)
+    end.wall_s = nodes[Role.PLANT].counts.get("wall_ns", [0])[0] * 1e-9
+    if external is not None:
+        end.outside = {external.value: nodes[Role.RECORDER].outside or external.value}
+    if Role.CONTROLLER in nodes:
+        end.step_ns = nodes[Role.CONTROLLER].counts.get("step_ns", [])
     for topic, count in end.published.items():
         found = recorded.get(f"recorded {topic}", [count])[0]
         if end.failure is None and found < count:

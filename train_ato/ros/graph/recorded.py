@@ -10,16 +10,14 @@ from pathlib import Path
 import numpy as np
 
 from train_ato.log.bag_layout import LOG
-from train_ato.log.changes import outside_nodes
 from train_ato.log.reading import iter_raw
-from train_ato.log.recorded import read_recording, read_reports
+from train_ato.log.recorded import outside_nodes, read_recording, read_reports
 from train_ato.log.run_folder import RunFolder
 from train_ato.loop.recording import DIAGNOSTICS, FIELDS, LIMITS, PROFILE, Recording
 from train_ato.loop.recording_builder import RecordingBuilder
 from train_ato.loop.result import RunResult
 from train_ato.loop.run_end import FAILED, INTERRUPTED, RunEnd
 from train_ato.loop.setup import RunSetup
-from train_ato.loop.step_times import StepTimes
 from train_ato.messages.codec.codec import Wire
 from train_ato.messages.topics import BY_NAME
 from train_ato.ros.graph.environment import opened_by
@@ -46,12 +44,12 @@ def recorded_result(
         recording,
         end.wall_s,
         end.ticks,
-        StepTimes(end.step_ns),
-        end.interruption is not None,
-        end.failure or failure,
-        end.published,
-        end.interruption or "",
-        outside,
+        end.step_ns,
+        interrupted=end.interruption is not None,
+        failure=end.failure or failure,
+        published=end.published,
+        interruption=end.interruption or "",
+        outside=outside,
     )
 
 
@@ -113,7 +111,9 @@ def _end_of(
     return RunEnd.judged(ticks, setup.ticks, failure, interruption)
 
 
-def _driven(setup: RunSetup, folder: Path, names: Mapping[str, str]) -> tuple[RunSetup, dict[str, str]]:
+def _driven(
+    setup: RunSetup, folder: Path, names: Mapping[str, str], counts: Mapping[str, int]
+) -> tuple[RunSetup, dict[str, str]]:
     """Return the setup with the start parameters that the nodes reported, and the programs outside of this project.
 
     Unreadable reports fail the run later; then both are as in the scenario.
@@ -123,7 +123,14 @@ def _driven(setup: RunSetup, folder: Path, names: Mapping[str, str]) -> tuple[Ru
         begun = RunChanges.of(reports).begun(setup.scenario)
     except ValueError:
         return setup, {}
-    return replace(setup, scenario=begun), outside_nodes(reports, setup.layout.supervised, names)
+    sent: dict[str, float] = {}
+    for name, count in counts.items():
+        if len(BY_NAME[name].publishers) == 1:
+            role = BY_NAME[name].publishers[0].value
+            sent[role] = max(sent.get(role, 0.0), count * setup.tick)
+    return replace(setup, scenario=begun), outside_nodes(
+        reports, supervised=setup.layout.supervised, names=names, sent_s=sent
+    )
 
 
 def complete_folder(
@@ -131,6 +138,7 @@ def complete_folder(
     folder: Path,
     counts: dict[str, int],
     wall_s: float,
+    *,
     failure: str | None = None,
     announced: RunEnd | None = None,
     stopped: str = "",
@@ -157,7 +165,7 @@ def complete_folder(
     RunResult or None
         Result of the run; None if the log does not begin at its start.
     """
-    setup, outside = _driven(setup, folder, names or {})
+    setup, outside = _driven(setup, folder, names or {}, counts)
     home = RunFolder(folder)
     home.begin(setup)
     first = next((stamp for topic, stamp, _ in iter_raw(folder, ("train/measurement",))), None)

@@ -17,7 +17,7 @@ WAIT_S = 30.0
 
 
 def resolve_domain(wanted: int | None) -> int:
-    """Return the wanted domain, or that of the run on ``ROS_DOMAIN_ID`` or of the only run on this machine.
+    """Return the wanted domain, that of ``ROS_DOMAIN_ID``, or that of the only run on this machine.
 
     Raises
     ------
@@ -26,13 +26,13 @@ def resolve_domain(wanted: int | None) -> int:
     """
     require_ros()
     held = held_domains()
-    if wanted is not None:
-        if wanted not in held:
-            raise ValueError(f"--domain {wanted}: no run holds it; running: {_listed(held)}")
-        return wanted
-    own = domain_of_environment()
-    if own is not None and own in held:
-        return own
+    own = domain_of_environment() if wanted is None else None
+    for name, domain in (("--domain", wanted), ("ROS_DOMAIN_ID", own)):
+        if domain is not None and domain not in held:
+            remedy = "" if own is None else "; give --domain N, or unset it"
+            raise ValueError(f"{name} {domain}: no run holds it; running: {_listed(held)}{remedy}")
+        if domain is not None:
+            return domain
     if not held:
         raise ValueError("no run is in progress on this machine; start one with `train-ato run SCENARIO`")
     if len(held) > 1:

@@ -12,6 +12,7 @@ from pathlib import Path
 from train_ato.log.compression import DEFAULT
 from train_ato.loop.result import Progress, RunResult
 from train_ato.loop.setup import RunSetup
+from train_ato.messages.topics import Role
 from train_ato.ros.graph.environment import applied, claim_domain, domain_of_environment, print_domain, variables
 from train_ato.ros.graph.graph_result import IGNORED, GraphOptions, GraphResult
 from train_ato.ros.graph.recorded import recorded_result
@@ -30,6 +31,7 @@ def run_graph(
     compression: str = DEFAULT,
     restarts: int = 0,
     start_limit: float | None = None,
+    external: str | None = None,
 ) -> RunResult:
     """Run ROS nodes to the end of a scenario, recorded into an existing empty folder.
 
@@ -46,13 +48,16 @@ def run_graph(
     domain
         ROS domain; None takes that of ``ROS_DOMAIN_ID``, without it a free one.
     timeout
-        Wall time without an answer of a node after which the run fails [s]; None: 10 in lockstep, 1 without it.
+        Wall time without an answer of a node after which the run fails [s]; None: 10 in lockstep, 3 without it.
     compression
         Of the log: ``none``, ``fast`` or ``small``.
     restarts
         In ``processes``: maximum number of restarts of each node whose process has ended; 0 restarts none.
     start_limit
-        Maximum wall time of the start of the nodes [s]; None: 30 in ``composed``, 180 in ``processes``.
+        Maximum wall time of the start of the nodes [s]; None: 30 in ``composed``, 180 in ``processes``, none with
+        ``external``.
+    external
+        Node of the graph in whose place another program runs.
 
     Raises
     ------
@@ -66,6 +71,7 @@ def run_graph(
         start_limit=start_limit,
         compression=compression,
         restarts=restarts,
+        external=None if external is None else Role(external),
     )
     begin = time.perf_counter()
 
@@ -83,7 +89,7 @@ def run_graph(
             folder.rmdir()
         raise
     _tidy(folder / "log")
-    return _with_notes(recorded_result(setup, folder, end), end)
+    return _with_notes(recorded_result(setup, folder, end, end.outside), end)
 
 
 def _with_notes(outcome: RunResult, end: GraphResult) -> RunResult:

@@ -1,9 +1,11 @@
-"""Watch of the answers to the plant: time without an answer, and name of the node without one."""
+"""Wall times of the plant node: time without an answer with the name of its node, and lateness of the ticks."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+
+import numpy as np
 
 from train_ato.messages.topics import BY_NAME, Role
 
@@ -67,7 +69,7 @@ class AnswerWatch:
         return time.monotonic() - self._heard_release
 
 
-def silent_node(last: Mapping[Role, int], stamp: int, blocked: bool, supervised: int = -1) -> Role:
+def silent_node(last: Mapping[Role, int], stamp: int, *, blocked: bool, supervised: int = -1) -> Role:
     """Return the node without an answer to the stamp: the first in the order of dependence.
 
     Parameters
@@ -110,3 +112,67 @@ def awaited_node(role: Role, awaited: Mapping[Role, str]) -> tuple[Role, str]:
         chain = f": node {role.value} waits for its {topic}"
         role = sender
     return role, chain
+
+
+def departure(gone: Sequence[Role], stamp: int) -> str:
+    """Return the reason of a failure by the first of the nodes that have left at a stamp [ns]."""
+    others = f", as did {' and '.join(role.value for role in gone[1:])}" if gone[1:] else ""
+    return f"it left the run at {stamp * 1e-9:.3f} s{others}: its process ended, or the link is cut"
+
+
+LATE = 1.5
+"""Shortest step of a late tick from the one before, in periods."""
+
+
+class TickLateness:
+    """Lateness of the ticks.
+
+    Attributes
+    ----------
+    late : int
+        Number of ticks after more than :data:`LATE` periods.
+    """
+
+    def __init__(self) -> None:
+        self.late = 0
+        self._lateness: list[float] = []
+        self._wall = self._planned = 0.0
+        self._last: int | None = None
+        self._unreported: list[int] = []
+
+    def begin(self, period: float) -> None:
+        """Note the begin of a tick, due a period after the last one [s]; a period of 0 has no due time."""
+        now = time.monotonic_ns()
+        if self._last is not None and period > 0:
+            step = (now - self._last) * 1e-9
+            self._wall, self._planned = self._wall + step, self._planned + period
+            self._lateness.append(step - period)
+            self.late += step > LATE * period
+        self._last = now
+        if period > 0:
+            self._unreported.append(time.time_ns())
+
+    def restart(self) -> None:
+        """Begin again after a pause, which is no lateness."""
+        self._last = None
+
+    def report(self) -> dict[str, str]:
+        """Return the figures for the diagnostics, with the wall times of the ticks since the last report.
+
+        ``wall_tick_begin_ns`` is the begin of the first of these ticks [ns since 1970], ``wall_tick_steps_us`` has the
+        steps between them.
+        """
+        if not self._unreported:
+            return {}
+        begins, self._unreported = np.array(self._unreported), []
+        found = {
+            "wall_tick_begin_ns": str(begins[0]),
+            "wall_tick_steps_us": " ".join(str(step) for step in np.diff(begins) // 1000),
+        }
+        if self._lateness:
+            lateness = np.array(self._lateness)
+            found["wall_ticks_late"] = str(self.late)
+            found["wall_lateness_max_s"] = f"{max(0.0, lateness.max()):.6f}"
+            found["wall_lateness_p99_s"] = f"{max(0.0, np.percentile(lateness, 99)):.6f}"
+            found["wall_behind_share"] = f"{max(0.0, 1.0 - self._planned / self._wall):.6f}"
+        return found

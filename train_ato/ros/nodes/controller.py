@@ -117,9 +117,8 @@ class ControllerNode:
         for inputs in self._inputs.put(kind, message):
             if inputs.profile is not None:
                 self.stage.set_profile(profile_of(inputs.profile))
-            messages = self.stage.step(
-                inputs.measurement, inputs.reference, inputs.estimate, inputs.protection, inputs.speeds
-            )
+            self.stage.receive(inputs.measurement, inputs.reference, inputs.estimate, inputs.protection, inputs.speeds)
+            messages = self.stage.command()
             if self.stage.changed:
                 self._sync_parameters(self.stage.changed)
             self.endpoints.publish_all(messages.published())

@@ -19,7 +19,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 
 from train_ato.errors import FirstFailure, NodeFault
 from train_ato.messages.codec.codec import Wire
-from train_ato.messages.layout import TrainLayout
+from train_ato.messages.topic import TrainLayout
 from train_ato.messages.topics import BY_NAME, END_TOPIC, EPOCH_NS, Rate, Role, Topic, published_by
 from train_ato.messages.types import Diagnostic
 from train_ato.ros.nodes.parameter_services import ParameterServices
@@ -29,6 +29,11 @@ ROLES = (Role.PLANT, Role.SUPERVISOR, Role.PROFILE, Role.OBSERVER, Role.CONTROLL
 """Nodes of a graph, a supervisor only in a supervised run (:func:`roles_of`)."""
 ROSOUT = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """Quality of service of the lines on ``/rosout``."""
+SETTLING_S = 1.0
+"""Wall time without a new connection before the start of a run with a program in place of a node [s].
+
+The topics that the program reads are unknown; a message before its connection would be lost.
+"""
 COMMAND_DEPTH = 10
 """Queue length of the plant for commands; in lockstep only a few are in flight."""
 
@@ -67,8 +72,9 @@ def _of_ticks(handler: Callable[[Any], None], tick_ns: int) -> Callable[[Any], N
         stamp, due = measurement.stamp, last + tick_ns if last >= 0 else 0
         if stamp < 0 or stamp % tick_ns or (last == 0 and stamp > due):
             came = "stamped 0" if stamp == -EPOCH_NS else f"for {stamp * 1e-9:.3f} s"
+            first = f", the first stamp {EPOCH_NS // 10**9} s (2026-01-01)" if stamp < 0 else ""
             reason = f"measurement {came} came, {due * 1e-9:.3f} s was due: the tick of the scenario is"
-            raise NodeFault(Role.PLANT.value, f"{reason} {tick_ns * 1e-9:g} s")
+            raise NodeFault(Role.PLANT.value, f"{reason} {tick_ns * 1e-9:g} s{first}")
         last = stamp
         handler(measurement)
 
@@ -90,6 +96,8 @@ class NodeEndpoints:
         Receiver of failures of callbacks.
     roles
         Nodes of the graph; :meth:`missing` waits for them.
+    external
+        Node of the graph in whose place another program runs. It needs only the publishers that others wait for.
 
     Attributes
     ----------
@@ -117,8 +125,10 @@ class NodeEndpoints:
         watch: FirstFailure,
         roles: Collection[Role] = ROLES,
         arguments: list[str] | None = None,
+        external: Role | None = None,
     ) -> None:
         self.role = role
+        self.external = external
         self.name = role.value
         self.wire = wire
         self.watch = watch
@@ -132,14 +142,14 @@ class NodeEndpoints:
         )
         # A refused parameter leaves the node in a reference cycle; without this it would publish into the next run.
         context.on_shutdown(self.node.destroy_node)
-        if role is not Role.RECORDER:  # it is not spun and would answer no request
-            self.parameter_services = ParameterServices(self.node, watch)
-        self._roles = [role for role in roles if role in roles_of(wire.layout)]
+        self.parameter_services = ParameterServices(self.node, watch)
+        self._roles = [role for role in roles if role in roles_of(wire.layout) and role is not external]
         self.last_stamp = -1
         self.on_second_publisher: Callable[[str, str], bool] = lambda topic, reason: False
         self.awaited: Callable[[], str] = lambda: ""
         self.on_note: Callable[[str], Any] = lambda text: sys.stderr.write(f"{text}\n")
         self._planned_end: tuple[int, int] | None = None
+        self._connected: tuple[tuple[int, ...], float] = (), 0.0
         self.published: dict[str, int] = {}
         self._publishers: dict[str, Any] = {}
         self._senders: dict[str, Callable[[bytes], None]] = {}
@@ -150,7 +160,7 @@ class NodeEndpoints:
         for topic in published_by(role):
             if topic.exists(wire.layout):
                 self._publishers[topic.name] = self.node.create_publisher(
-                    message_class(topic.type), topic.name, quality_of_service(topic)
+                    message_class(topic.type), self.placed(topic.name), quality_of_service(topic)
                 )
                 self._senders[topic.name] = self._publishers[topic.name].handle.publish_raw
                 self.published[topic.name] = 0
@@ -164,6 +174,13 @@ class NodeEndpoints:
         elif role in BY_NAME[END_TOPIC].readers:
             self.subscribe({END_TOPIC: self._on_end})
 
+    def placed(self, name: str) -> str:
+        """Return the name of a topic in the namespace of the node, also of an absolute one: each train has its own.
+
+        Without a namespace ``/clock`` and ``/diagnostics`` have the names that tools expect.
+        """
+        return name if self.node.get_namespace() == "/" else name.removeprefix("/")
+
     def _on_end(self, notice: Diagnostic) -> None:
         self._end = notice
 
@@ -173,6 +190,17 @@ class NodeEndpoints:
         if self._take_end is not None and (found := self._take_end()) is not None:
             self._end = self.wire.decode(END_TOPIC, found[0])
         return self._end
+
+    @property
+    def begun(self) -> bool:
+        """True after the first message of a tick, sent or received."""
+        ticking = (source.begun for name, source in self._sources.items() if name in self._ticking)
+        return self.last_stamp >= 0 or any(ticking)
+
+    @property
+    def ended(self) -> bool:
+        """True after the end notice, sent or received, or a failure."""
+        return bool(self.watch.failure or self.published.get(END_TOPIC) or self.end is not None)
 
     def end_process_at(self, stamp: int, signal_number: int) -> None:
         """Send a signal to this process in place of the first message from a stamp [ns] on: a fault of the node."""
@@ -255,7 +283,7 @@ class NodeEndpoints:
         depth = COMMAND_DEPTH if name == "ato/command" and self.role is Role.PLANT else None
         self._subscriptions[name] = self.node.create_subscription(
             message_class(topic.type),
-            name,
+            self.placed(name),
             guarded,
             quality_of_service(topic, depth),
             event_callbacks=SubscriptionEventCallbacks(matched=matched),
@@ -300,9 +328,19 @@ class NodeEndpoints:
     def _polled(self, name: str) -> Callable[[], Any]:
         topic = BY_NAME[name]
         kind = message_class(topic.type)
-        subscription = self.node.create_subscription(kind, name, _never, quality_of_service(topic), raw=True)
+        subscription = self.node.create_subscription(
+            kind, self.placed(name), _never, quality_of_service(topic), raw=True
+        )
         self._subscriptions[name] = subscription
         return partial(subscription.handle.take_message, kind, True)
+
+    def answer_requests(self) -> None:
+        """Answer the waiting requests of every service of a node that is in no executor."""
+        for service in self.node.services:
+            with service.handle:
+                request, header = service.handle.service_take_request(service.srv_type.Request)
+            if header is not None:
+                service.send_response(service.callback(request, service.srv_type.Response()), header)
 
     def guard(self, action: Callable[[], None]) -> None:
         """Run an action outside of callbacks; an exception fails the run as in callbacks."""
@@ -331,7 +369,9 @@ class NodeEndpoints:
             if publisher.get_subscription_count() < len(readers):
                 absent.append(f"a reader of {name} ({', '.join(role.value for role in readers)})")
         for name, subscription in self._subscriptions.items():
-            senders = [role for role in BY_NAME[name].publishers if role in roles and BY_NAME[name].awaited]
+            topic = BY_NAME[name]
+            needed = roles if topic.optional or self.external is None else {*roles, self.external}
+            senders = [role for role in topic.publishers if role in needed and topic.awaited]
             if len(BY_NAME[name].publishers) > 1:  # a program in place of a node may send no diagnostics
                 continue
             if subscription.get_publisher_count() < len(senders):
@@ -340,10 +380,19 @@ class NodeEndpoints:
         own = (self.node.get_name(), self.node.get_namespace())
         if self.node.get_node_names_and_namespaces().count(own) > 1:
             absent.append(f"the end of a second node {self.name}")
+        if not absent and self.external is not None and self._settling():
+            absent.append(f"a wait of {SETTLING_S:g} s for further readers in node {self.external.value}")
         if not absent:
             for source in self._sources.values():
                 source.pin()
         return absent
+
+    def _settling(self) -> bool:
+        """Return True if the numbers of connections have changed in the last :data:`SETTLING_S`."""
+        connected = self.connections()
+        if connected != self._connected[0]:
+            self._connected = connected, time.monotonic()
+        return time.monotonic() - self._connected[1] < SETTLING_S
 
     def left(self, role: Role) -> bool:
         """Return True if no publisher of a node is left on the topics that only this node sends."""
@@ -352,8 +401,18 @@ class NodeEndpoints:
     @property
     def publisher_names(self) -> dict[str, str]:
         """Names of the nodes that publish, by node of the graph."""
-        named = {BY_NAME[name].publishers[0].value: source.name for name, source in self._sources.items()}
-        return {role: name for role, name in named.items() if name}
+        return {BY_NAME[name].publishers[0].value: source.name for name, source in self._sources.items() if source.name}
+
+    @property
+    def external_name(self) -> str:
+        """Name of the program in place of a node, that of the node as long as it is unknown; "" without one."""
+        return "" if self.external is None else self.publisher_names.get(self.external.value, self.external.value)
+
+    @property
+    def external_left(self) -> bool:
+        """True if the external node has sent messages to this node, and has left."""
+        begun = [name for name, source in self._sources.items() if self.sent_outside(name) and source.begun]
+        return bool(begun) and not any(map(self.senders, begun))
 
     def renew(self, role: Role) -> None:
         """Accept a new publisher on every topic of a node, after the old one has left."""
@@ -383,6 +442,19 @@ class NodeEndpoints:
         last = time.monotonic() + limit
         for publisher in (*self._publishers.values(), self._log):
             publisher.wait_for_all_acked(Duration(seconds=max(0.0, last - time.monotonic())))
+
+    def connections(self) -> tuple[int, ...]:
+        """Return the number of readers of every publisher, and of publishers of every subscription."""
+        readers = (publisher.get_subscription_count() for publisher in self._publishers.values())
+        return (*readers, *(subscription.get_publisher_count() for subscription in self._subscriptions.values()))
+
+    def sent_outside(self, name: str) -> bool:
+        """Return True if a program in place of a node publishes a topic, alone or among others."""
+        return self.external in BY_NAME[name].publishers
+
+    def left_out(self, name: str) -> bool:
+        """Return True if the program in place of its node does not publish an optional topic."""
+        return self.sent_outside(name) and BY_NAME[name].optional and not self.senders(name)
 
     def senders(self, name: str) -> int:
         """Return the number of discovered publishers of a topic."""

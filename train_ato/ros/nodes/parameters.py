@@ -16,7 +16,7 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
-from plant_sim.number_text import number_text
+from plant_sim.units import number_text
 from train_ato.control.contract import Parameter
 from train_ato.control.parameters import closest
 from train_ato.control.registry import LAWS, OBSERVERS

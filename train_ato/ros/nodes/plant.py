@@ -7,23 +7,23 @@ counted.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from rclpy.clock import Clock, ClockType
 
+from train_ato.log.recorded import OUTSIDE_KEY
 from train_ato.loop.plant import PlantStage
 from train_ato.loop.rate_limit import SteadyRateLimit
 from train_ato.loop.run_end import RunEnd
 from train_ato.loop.stage_messages import Published
-from train_ato.messages.topics import BY_NAME, END_TOPIC, Role
+from train_ato.messages.topics import BY_NAME, END_TOPIC, EPOCH_NS, Role
 from train_ato.messages.types import BrakeRelease, Command, Diagnostic, Pipe, Tick
-from train_ato.ros.nodes.answer_watch import AnswerWatch, awaited_node, silent_node
+from train_ato.ros.nodes.answer_watch import AnswerWatch, TickLateness, awaited_node, departure, silent_node
 from train_ato.ros.nodes.endpoints import NodeEndpoints
 from train_ato.ros.nodes.outage import OUTAGE_RATE, Outage
 from train_ato.ros.nodes.plant_requests import NO_RATE, PlantRequests
 from train_ato.ros.nodes.tick_answers import TickAnswers
-from train_ato.ros.nodes.tick_lateness import TickLateness
 
 LEAD = 400
 """Maximum lead of the plant over the recorder [ticks]: less than half of the recorder's queues."""
@@ -71,6 +71,8 @@ class PlantNode:
         Nodes whose process is started again.
     answers : TickAnswers
         Answers of the other nodes to the ticks.
+    outside : str
+        Nodes that are programs outside of this project, with spaces between them.
     late, held : int
         Numbers of commands after their tick, and of ticks without a command.
     """
@@ -90,6 +92,7 @@ class PlantNode:
         self.endpoints = endpoints
         self.finished = False
         self.late = self.held = 0
+        self.outside = ""
         self.answers = TickAnswers(stage.setup)
         self.sent_stamp = -1
         self.blocked = self.recorder_connected = False
@@ -104,7 +107,9 @@ class PlantNode:
         self._standing = 0
         self.outage = Outage(2 * stage.setup.supervision_ticks)
         self._lockstep_rate: float | None = None
-        self._requests = PlantRequests(self, endpoints, lockstep, timeout, rate, scenario)
+        self._requests = PlantRequests(
+            self, endpoints, lockstep=lockstep, timeout=timeout, rate=rate, scenario=scenario
+        )
         given = self._requests.given
         self._period = None if given["lockstep"] else stage.setup.tick_ns / given["rate"]
         self._rate = SteadyRateLimit(stage.setup.tick, 0.0 if self._period is not None else given["rate"])
@@ -144,6 +149,11 @@ class PlantNode:
     def timeout(self) -> float:
         """Effective time-out [s]."""
         return float(self.endpoints.node.get_parameter("timeout").value)
+
+    @property
+    def tick(self) -> int:
+        """Number of complete ticks."""
+        return self.stage.tick
 
     @property
     def stamp(self) -> int:
@@ -205,10 +215,14 @@ class PlantNode:
         elif commanded and not released and not self.blocked:
             role, chain, stamp = Role.SUPERVISOR, "", self.supervised_stamp
         else:
-            role = silent_node(last, stamp, self.blocked, -1 if released else self.supervised_stamp)
+            role = silent_node(last, stamp, blocked=self.blocked, supervised=-1 if released else self.supervised_stamp)
             role, chain = awaited_node(role, awaited)
         reason = f"no answer to stamp {stamp * 1e-9:.3f} s within {self.timeout:g} s"
         self.lose(role, f"{reason}{chain}{answers.unused_of(role)}")
+
+    def lose_departed(self, gone: Sequence[Role]) -> None:
+        """Lose the nodes that have left, by the name of the first one."""
+        self.lose(gone[0], departure(gone, self.stamp))
 
     def lose(self, role: Role, reason: str) -> None:
         """Stop the train with the service brake, or a stronger fail-safe reaction; then fail the run.
@@ -268,6 +282,8 @@ class PlantNode:
         return True
 
     def _on_command(self, command: Command) -> None:
+        if self.answers.commanded < 0:
+            self.answers.piped = self.answers.piped and not self.endpoints.left_out("ato/brake_pipe_command")
         if self._take(command):
             self.answer_watch.hear()
             self._act_if_complete()
@@ -286,7 +302,10 @@ class PlantNode:
         due = answer.stamp <= self.sent_stamp
         if self._period is None:
             due = self._waiting and answer.stamp == self.stage.stamp
-        taken = self.answers.take(answer, due)
+        unstamped = self._period is not None and answer.stamp == -EPOCH_NS and self.endpoints.external is not None
+        if unstamped and self.sent_stamp >= 0:  # a command of the present tick, and of several the newest
+            answer, due = replace(answer, stamp=self.sent_stamp), True
+        taken = self.answers.take(answer, expected=due, again=unstamped)
         if not taken and (text := self.answers.wrong_stamp(answer, self.sent_stamp)):
             self.endpoints.note(text)
         return taken
@@ -343,10 +362,10 @@ class PlantNode:
         self.endpoints.publish(END_TOPIC, self.end.notice(self.stamp))
 
     def _send(self, messages: Published) -> None:
-        """Send messages of the stage; counts from the wall clock are added to its diagnostics."""
-        paced = self._tick_period > 0
-        if (paced or self.ignored or self.held) and any(isinstance(message, Diagnostic) for _, message in messages):
-            counts = self._lateness.report()
+        """Send messages of the stage; counts from the wall clock and other programs are added to its diagnostics."""
+        paced, notes = self._tick_period > 0, self.ignored or self.held or self.outside
+        if (paced or notes) and any(isinstance(message, Diagnostic) for _, message in messages):
+            counts = self._lateness.report() | ({OUTSIDE_KEY: self.outside} if self.outside else {})
             if self._period is not None or self.ignored or self.held:
                 wall = {"wall_late": self.late, "wall_held": self.held, "wall_ignored": self.ignored}
                 counts |= {name: str(count) for name, count in wall.items()}

@@ -120,7 +120,7 @@ class PlantRequests:
     """
 
     def __init__(
-        self, plant: Plant, endpoints: NodeEndpoints, lockstep: bool, timeout: float, rate: float, scenario: str
+        self, plant: Plant, endpoints: NodeEndpoints, *, lockstep: bool, timeout: float, rate: float, scenario: str
     ) -> None:
         self._plant = plant
         self._endpoints = endpoints

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from train_ato.loop.awaited_report import AwaitedReport
 from train_ato.loop.profile import ProfileStage
+from train_ato.loop.stamp_synchronizer import AwaitedReport
 from train_ato.messages.types import AtoReport, Measurement
 from train_ato.ros.nodes.endpoints import NodeEndpoints
 
@@ -14,7 +14,7 @@ class ProfileNode:
     def __init__(self, stage: ProfileStage, endpoints: NodeEndpoints) -> None:
         self.stage = stage
         self.endpoints = endpoints
-        self._inputs = AwaitedReport(stage.setup)
+        self._inputs = AwaitedReport(stage.setup, lambda: endpoints.left_out("ato/state"))
         self._joins = False
         endpoints.awaited = lambda: "ato/state" if self._inputs.waits else ""
         endpoints.subscribe(

@@ -17,8 +17,8 @@ from train_ato.errors import NodeFault
 from train_ato.messages.codec.variable import status_name
 from train_ato.messages.topics import Role, Topic
 
-_NAMING_S = 0.3
-"""Maximum wall time until the name of a new node arrives, after its endpoints [s]."""
+_NAMING_S = 3.0
+"""Maximum wall time until the name of a new node arrives, after its endpoints [s]; a busy machine takes over 0.3."""
 _UNKNOWN = "_NODE_NAME_UNKNOWN_"
 
 
@@ -170,7 +170,7 @@ class OnePublisher:
         names = wait_for_names(self._names, 2)
         others = [name for name in names if name != self._role]
         if others:
-            return " and ".join(f"node {name}" for name in others)
+            return " and ".join(f"node {name}" if name != _UNKNOWN else "a node without a name" for name in others)
         return f"a second node {self._role}" if len(names) > 1 else "a node that has left"
 
     def _names(self) -> list[str]:

@@ -3,20 +3,22 @@
 Its queues hold 1000 messages and are polled a few times a second, at a third of the cost of callbacks.
 ``recorder/progress`` limits the lead of the plant, so that no queue overflows and no message is lost at any speed; the
 counts are compared at the end.  All programs of a domain publish ``/diagnostics``; only messages of the graph's nodes
-are written.  A repeated ``/clock`` of a pause is not written.
+are written.  A repeated ``/clock`` of a pause is not written, nor what an external plant causes after the last tick.
 """
 
 from __future__ import annotations
 
+import sys
 import time
 from bisect import bisect_right
 from collections.abc import Mapping
 from operator import itemgetter
+from types import MappingProxyType
 
 from train_ato.errors import NodeFault
 from train_ato.log.run_log import RunLog
-from train_ato.messages.codec.codec import stamp_of
-from train_ato.messages.topics import BY_NAME, EPOCH_NS, Role, tick_topics, topics_of
+from train_ato.messages.codec.cdr import stamp_of, with_stamp
+from train_ato.messages.topics import BY_NAME, EPOCH_NS, Rate, Role, published_by, tick_topics, topics_of
 from train_ato.messages.types import Tick
 from train_ato.ros.nodes.answer_watch import LEASE_S
 from train_ato.ros.nodes.endpoints import NodeEndpoints
@@ -39,15 +41,22 @@ Received = tuple[int, int, int, bytes, float]
 class RecorderNode:
     """ROS node with raw subscriptions to all recorded topics, and one log.
 
+    Parameters
+    ----------
+    log, endpoints
+        Log of the run and endpoints of the node.
+    last_due : dict
+        Last stamp to be recorded [ns], by topic, for an external plant that goes on after the run.
+
     Attributes
     ----------
     closed : bool
         True after the log is closed.
-    suspended : float
-        Longest wall time between two readings of the queues [s].
     """
 
-    def __init__(self, log: RunLog, endpoints: NodeEndpoints) -> None:
+    def __init__(
+        self, log: RunLog, endpoints: NodeEndpoints, last_due: Mapping[str, int] = MappingProxyType({})
+    ) -> None:
         self.log = log
         self.endpoints = endpoints
         self.closed = False
@@ -55,9 +64,10 @@ class RecorderNode:
         self._ticking = tick_topics(endpoints.wire.layout)
         self._of_plant = [name for name in self._ticking if Role.PLANT in BY_NAME[name].publishers]
         self._last: dict[str, int] = {}
+        self._last_due = last_due
         self._wrong: ValueError | None = None
         self._held: list[Received] = []
-        self.suspended, self._polled = 0.0, time.monotonic()
+        self._suspended, self._polled = 0.0, time.monotonic()
         names = [topic.name for topic in topics_of(endpoints.wire.layout) if topic.recorded]
         self._takers = [(name, log.numbers[name], *endpoints.taker(name)) for name in names if name != _SHARED]
         self._sources = {name: source for name, _, _, source in self._takers}
@@ -67,6 +77,26 @@ class RecorderNode:
     def measured(self) -> bool:
         """True after the first measurement."""
         return self._sources["train/measurement"].begun
+
+    @property
+    def answered(self) -> bool:
+        """True without an external node, or after its answer to the last measurement."""
+        external = self.endpoints.external
+        return external is None or self.last_stamp_of(external) >= self.last_stamp("train/measurement")
+
+    @property
+    def suspended(self) -> float:
+        """Longest wall time without a reading of the queues, the present one included [s]."""
+        return max(self._suspended, time.monotonic() - self._polled)
+
+    def last_stamp(self, name: str) -> int:
+        """Return the stamp of the last message of a topic [ns], -1 without one."""
+        return self._last.get(name, -1)
+
+    def last_stamp_of(self, role: Role) -> int:
+        """Return the stamp of the last message of a node on a topic that it must answer [ns], -1 without one."""
+        names = [topic.name for topic in published_by(role) if topic.rate is Rate.TICK and not topic.optional]
+        return min((self._last.get(name, -1) for name in names), default=-1)
 
     def poll(self, *, last: bool = False) -> int:
         """Read the queues and write the messages in the order of their stamps; return the number of messages read.
@@ -83,23 +113,28 @@ class RecorderNode:
         OSError
             If the disk is full or gone.
         """
-        now = time.monotonic()
-        self.suspended, self._polled = max(self.suspended, now - self._polled), now
+        now, self._suspended = time.monotonic(), self.suspended
+        self._polled = now
         waiting: list[Received] = []
         wrong: ValueError | None = None
         last_stamps = self._last
         watched = self._wrong is None  # one failure is enough; its search takes time
         for name, number, take, source in self._takers:
             try:
-                clock = name == "/clock"
+                clock, last_due = name == "/clock", self._last_due.get(name, sys.maxsize)
                 while (found := take()) is not None:
                     data, information = found
                     if watched:
                         source.take(information["publication_sequence_number"])
                     stamp = _stamp(name, data)
+                    if stamp == -EPOCH_NS and self.endpoints.sent_outside(name):  # the plant takes it for this tick
+                        stamp = max(0, last_stamps.get("train/measurement", 0))
+                        data = with_stamp(data, stamp)
                     if clock and stamp == last_stamps.get(name):
                         continue
                     last_stamps[name] = stamp
+                    if stamp > last_due:
+                        continue
                     waiting.append((stamp, information["received_timestamp"], number, data, now))
                 if watched:
                     source.check()
@@ -116,6 +151,7 @@ class RecorderNode:
             self._wrong = wrong
             self.endpoints.note(f"the run will fail: node {getattr(wrong, 'node', self.endpoints.name)}: {wrong}")
         self._acknowledge()
+        self.endpoints.answer_requests()
         return len(waiting)
 
     def _read_shared(self, waiting: list[Received], now: float, *, lossy: bool) -> ValueError | None:
@@ -125,7 +161,8 @@ class RecorderNode:
             data, information = found
             if senders.take(data, information["publication_sequence_number"], lossy=lossy):
                 self._last[_SHARED] = stamp = _stamp(_SHARED, data)
-                waiting.append((stamp, information["received_timestamp"], number, data, now))
+                if stamp <= self._last_due.get(_SHARED, stamp):
+                    waiting.append((stamp, information["received_timestamp"], number, data, now))
         for name in senders.newcomers():
             self.endpoints.note(
                 f"node {name} publishes /diagnostics too; only messages of the run's nodes are recorded"
@@ -200,6 +237,8 @@ class RecorderNode:
         if self._wrong is not None:
             raise self._wrong
         for name, recorded in self.log.counts.items():
+            if self.endpoints.sent_outside(name):
+                continue
             if published is not None and published.get(name, 0) != recorded:
                 raise ValueError(f"{recorded} messages of {name} are recorded, {published.get(name, 0)} were published")
 

@@ -29,6 +29,9 @@ class TickAnswers:
     ----------
     command, pipe, release
         Answers that are not yet used; None without one.
+    piped : bool
+        True if a pressure belongs to every tick; a program in place of the controller may leave it out, and the brake
+        pipe of a train with an air brake stays charged.
     ignored : int
         Number of duplicate or unexpected answers.
     """
@@ -39,6 +42,7 @@ class TickAnswers:
         self.pipe: Pipe | None = None
         self.release: BrakeRelease | None = None
         self.ignored = 0
+        self.piped = setup.layout.air_brake
         self._stamps: dict[type, int] = {Command: -1, Pipe: -1, BrakeRelease: -1}
         self._unused: dict[type, int] = {}
         self._named: set[type] = set()
@@ -56,7 +60,7 @@ class TickAnswers:
 
     def all_commanded(self, stamp: int) -> bool:
         """Return True if command and pressure for a stamp [ns] have arrived."""
-        return all(self._stamps[kind] >= stamp for kind in [Command] + [Pipe] * self._setup.layout.air_brake)
+        return all(self._stamps[kind] >= stamp for kind in [Command] + [Pipe] * self.piped)
 
     def lose(self, role: Role) -> None:
         """Use no answers of a lost node any more."""
@@ -80,10 +84,14 @@ class TickAnswers:
         tick = f"; the tick of the scenario is {self._setup.tick:g} s" if stamp >= 0 else ""
         return f"node {role.value}: {NAMES[kind]} stamped {_shown(stamp)} came; echo the stamp of {ECHOED[role]}{tick}"
 
-    def take(self, answer: Command | Pipe | BrakeRelease, expected: bool) -> bool:
-        """Take an answer to an expected stamp that is newer than the last one; count others and return False."""
+    def take(self, answer: Command | Pipe | BrakeRelease, *, expected: bool, again: bool = False) -> bool:
+        """Take an answer to an expected stamp that is newer than the last one; count others and return False.
+
+        ``again`` takes one of the same stamp too.
+        """
         kind = type(answer)
-        if kind in self._lost or not expected or answer.stamp <= self._stamps[kind]:
+        newer = answer.stamp > self._stamps[kind] or (again and answer.stamp == self._stamps[kind])
+        if kind in self._lost or not expected or not newer:
             self.ignored += 1
             self._unused[kind] = answer.stamp
             return False
@@ -98,24 +106,29 @@ class TickAnswers:
 
     def all_arrived(self, stamp: int) -> bool:
         """Return True if every answer to a stamp [ns] has arrived."""
-        due = [Command] + [Pipe] * self._setup.layout.air_brake + [BrakeRelease] * self._setup.supervised_at(stamp)
+        due = [Command] + [Pipe] * self.piped + [BrakeRelease] * self._setup.supervised_at(stamp)
         return all(self._stamps[kind] == stamp for kind in due)
 
     def use(self, stamp: int) -> tuple[Command, Pipe | None, BrakeRelease | None] | None:
         """Return the answers to a stamp [ns] and forget them; None if one is missing."""
         command, pipe, release = self.command, self.pipe, self.release
-        if command is None or (pipe is None and self._setup.layout.air_brake):
+        if command is None or (pipe is None and self.piped):
             return None
         if release is None and self._setup.supervised_at(stamp):
             return None
         self.command = self.pipe = self.release = None
-        return command, pipe, release
+        return command, self._charged(stamp) or pipe, release
 
     def use_newest(self) -> tuple[Command | None, Pipe | None, BrakeRelease | None]:
         """Return the answers without a wait for missing ones, and forget them except the pressure."""
         command, release = self.command, self.release
         self.command = self.release = None
-        return command, self.pipe, release
+        return command, self.pipe or self._charged(0), release
+
+    def _charged(self, stamp: int) -> Pipe | None:
+        """Return the pressure of the released brake in a run without pressure commands, else None."""
+        brake = self._setup.consist.air_brake
+        return None if brake is None or self.piped else Pipe(stamp, brake.charged)
 
 
 def _shown(stamp: int) -> str:

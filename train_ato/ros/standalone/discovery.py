@@ -61,7 +61,9 @@ class Discovery:
     recorded : bool
         True if a recorder is part of the run.
     others : list of Role
-        Nodes of the run besides plant and recorder.
+        Nodes of the run that offer ``~/ready``: all besides plant, recorder and the external one.
+    outside : set of Role
+        Programs outside of this project: the external one, and those whose answer has no fingerprint.
     """
 
     def __init__(
@@ -75,7 +77,8 @@ class Discovery:
         self.recorded = recorded
         self._fingerprint = fingerprint
         self._endpoints = endpoints
-        besides = (Role.PLANT, Role.RECORDER)
+        besides = (Role.PLANT, Role.RECORDER, endpoints.external)
+        self.outside = set() if endpoints.external is None else {endpoints.external}
         self.others = [role for role in roles_of(endpoints.wire.layout) if role not in besides]
         self._clients = {role: endpoints.node.create_client(SetBool, f"{role.value}/ready") for role in self.others}
         self._asked: dict[Role, tuple[list[Any], float]] = {}
@@ -100,6 +103,8 @@ class Discovery:
     def departed(self) -> list[Role]:
         """Return the nodes of the run that have left, the recorder included, in the order of dependence."""
         gone = [role for role in self.others if not self._clients[role].service_is_ready()]
+        if self._endpoints.external is not None and self._endpoints.external_left:
+            gone.append(self._endpoints.external)
         if self.recorded and not self._endpoints.senders("recorder/progress"):
             gone.append(Role.RECORDER)
         return gone
@@ -107,13 +112,14 @@ class Discovery:
     def progress(self, turn: Callable[[], None]) -> tuple[dict[Role, int], dict[Role, str]]:
         """Return the stamps of the last messages of the nodes that answer [ns], and the topics for which they wait.
 
-        ``turn`` runs the executor once.  A program whose answer has no stamp counts as up to date.
+        ``turn`` runs the executor once.  A program without an answer, or without a stamp in it, counts as up to date.
         """
         futures = {role: client.call_async(SetBool.Request()) for role, client in self._clients.items()}
         last = time.monotonic() + ANSWER_S
         while not all(future.done() for future in futures.values()) and time.monotonic() < last:
             turn()
-        stamps, awaited = {}, {}
+        external = self._endpoints.external
+        stamps, awaited = {} if external is None else {external: sys.maxsize}, {}
         for role, future in futures.items():
             if future.done() and future.result() is not None:
                 text, separator, stamp = future.result().message.partition(_SCENARIO)[0].rpartition(_STAMP)
@@ -151,6 +157,8 @@ class Discovery:
             del self._asked[role]
             if answered.result() is not None:
                 text, _, theirs = answered.result().message.partition(_SCENARIO)
+                if not theirs:
+                    self.outside.add(role)
                 self._missing[role] = "" if answered.result().success else text.partition(_STAMP)[0]
                 self._compare(role, theirs)
         elif self._clients[role].service_is_ready() and time.monotonic() - since > REQUEST_EVERY_S:

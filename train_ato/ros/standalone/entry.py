@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import ctypes
 import math
 import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import FrameType
@@ -17,7 +19,7 @@ from train_ato.arguments import BAD_INPUT, OneLineParser, add_no_lockstep, add_r
 from train_ato.interrupt import Interrupt
 from train_ato.log.compression import DEFAULT, add_compression
 from train_ato.messages.faults import node_faults
-from train_ato.messages.topics import Role
+from train_ato.messages.topics import EXTERNAL, Role
 from train_ato.ros import require_ros
 from train_ato.ros.graph.environment import domain_of_environment, middleware, opened_by
 from train_ato.ros.graph.graph_result import FREE_TIMEOUT_S, LOCKSTEP_TIMEOUT_S
@@ -27,8 +29,12 @@ if TYPE_CHECKING:
     from train_ato.loop.result import RunResult
     from train_ato.loop.setup import RunSetup
     from train_ato.ros.nodes.endpoints import NodeEndpoints
+    from train_ato.ros.standalone.runner import StandaloneRunner
 
     Completed = Callable[[RunSetup, RunResult, Path], None]
+
+LEAVING_S = 10.0
+"""Maximum wall time from the end of a node's work to the end of its process [s]."""
 
 
 def _arguments(role: Role, words: Sequence[str]) -> argparse.Namespace:
@@ -39,6 +45,10 @@ def _arguments(role: Role, words: Sequence[str]) -> argparse.Namespace:
     parser.add_argument("--attached", action="store_true", help=argparse.SUPPRESS)
     # for `run --processes --restart`: join the run in progress after the notice `begin`
     parser.add_argument("--restarted", action="store_true", help=argparse.SUPPRESS)
+    parser.add_argument(
+        "--external", metavar="NODE", choices=[other for other in EXTERNAL if other not in (role.value, "plant")],
+        help="a program of yours runs in place of this node; give every node the same",
+    )  # fmt: skip
     if role is Role.PLANT:
         add_rate(parser)
         add_no_lockstep(parser)
@@ -124,7 +134,6 @@ def _run(
 ) -> int:
     """Create and run the node; imports are late because rclpy reads the environment at import."""
     from train_ato.errors import FirstFailure
-    from train_ato.loop.run_end import FAILED, RunEnd
     from train_ato.loop.setup import prepare
     from train_ato.messages.codec.codec import Wire
     from train_ato.ros.graph.assembly import check_arguments, executor_of, make_node
@@ -133,6 +142,8 @@ def _run(
     from train_ato.scenario.scenario import load_scenario
 
     setup = prepare(*load_scenario(options.scenario, tuple(options.set)))
+    if role is Role.SUPERVISOR and not setup.layout.supervised:
+        raise ValueError(f"{options.scenario}: the run has no supervision; set supervision.enabled: true")
     lockstep = getattr(options, "lockstep", True)
     timeout = getattr(options, "timeout", None)
     if timeout is None:
@@ -148,41 +159,87 @@ def _run(
     watch = FirstFailure(log_folder)
     check_arguments(options.ros)
     with executor_of(None, options.ros or None, watch) as (context, executor):
-        endpoints = NodeEndpoints(role, Wire(setup.layout), context, watch, ROLES[:-1], options.ros or None)
+        external = None if options.external is None else Role(options.external)
+        endpoints = NodeEndpoints(role, Wire(setup.layout), context, watch, ROLES[:-1], options.ros or None, external)
         if role is not Role.RECORDER:
             executor.add_node(endpoints.node)
         limit = getattr(options, "rate", math.inf)
         rate = 0.0 if math.isinf(limit) else limit
         compression = getattr(options, "compression", DEFAULT)
-        node = make_node(role, setup, endpoints, folder, lockstep, timeout, False, rate, compression)
+        node = make_node(
+            role, setup, endpoints, folder, lockstep=lockstep, timeout=timeout, recorded=False, rate=rate,
+            compression=compression,
+        )  # fmt: skip
         _plan_end(role, setup, endpoints, joined)
-        recorded = getattr(options, "recorded", False)
         turner = StandaloneRunner(
-            role,
-            node,
-            endpoints,
-            executor,
-            stopped,
-            setup.fingerprint(),
-            recorded,
-            options.attached,
-            notices,
-            joined,
-        )
+            role, node, endpoints, executor, stopped=stopped, fingerprint=setup.fingerprint(),
+            recorded=getattr(options, "recorded", False), attached=options.attached, notices=notices, restarted=joined,
+        )  # fmt: skip
         status = turner.run()
         if folder is not None and not node.log.failure and not options.attached:
-            from train_ato.ros.graph.recorded import complete_folder
-
-            wall_s = turner.last_heard - turner.first_heard
-            announced = RunEnd.of(endpoints.end) if endpoints.end is not None else None
-            counts = node.log.counts
-            result = complete_folder(
-                setup, folder, counts, wall_s, watch.failure, announced, stopped.signal, endpoints.publisher_names
-            )
-            if completed is not None and result is not None:
-                completed(setup, result, folder)
-            unread = result.failure if result is not None and watch.failure is None else None
-            if unread is not None and (announced is None or announced.status != FAILED):
-                sys.stderr.write(f"{unread}\n")
-                return 1
+            unread = _complete_recording(setup, folder, turner, watch.failure, stopped, completed=completed)
+            status = 1 if unread else status
+        exit_within(LEAVING_S, status)
         return status
+
+
+class _TimerEvent(ctypes.Structure):
+    """``struct sigevent`` of Linux."""
+
+    _fields_ = (
+        ("value", ctypes.c_void_p),
+        ("signal", ctypes.c_int),
+        ("notify", ctypes.c_int),
+        ("function", ctypes.c_void_p),
+        ("attributes", ctypes.c_void_p),
+        ("unused", ctypes.c_byte * 32),
+    )
+
+
+def exit_within(seconds: float, status: int) -> None:
+    """End this process with ``status`` after ``seconds`` [s], unless it ends before.
+
+    Fast DDS 2.14 can turn in circles for minutes while it destroys a participant, if another one leaves the graph at
+    the same moment (its issue 6513). The interpreter's lock is held then, so that only the system can end the process.
+    """
+    sys.stdout.flush()
+    libc = ctypes.CDLL(None)
+    if not hasattr(libc, "timer_create"):
+        return
+    call_function = 2
+    event = _TimerEvent(value=status, notify=call_function, function=ctypes.cast(libc._exit, ctypes.c_void_p).value)
+    timer = ctypes.c_void_p()
+    if libc.timer_create(time.CLOCK_MONOTONIC, ctypes.byref(event), ctypes.byref(timer)) == 0:
+        whole, part = divmod(round(seconds * 1e9), 1_000_000_000)
+        libc.timer_settime(timer, 0, (ctypes.c_long * 4)(0, 0, whole, part), None)
+
+
+def _complete_recording(
+    setup: RunSetup,
+    folder: Path,
+    turner: StandaloneRunner,
+    failure: str | None,
+    stopped: EndOrder,
+    *,
+    completed: Completed | None,
+) -> bool:
+    """Complete the folder of a recorder started by hand; return True if the record fails and nothing else has."""
+    from train_ato.loop.run_end import FAILED, RunEnd
+    from train_ato.ros.graph.recorded import complete_folder
+
+    endpoints = turner.endpoints
+    wall_s = turner.last_heard - turner.first_heard
+    announced = RunEnd.of(endpoints.end) if endpoints.end is not None else None
+    counts = turner.node.log.counts
+    result = complete_folder(
+        setup, folder, counts, wall_s, failure=failure, announced=announced, stopped=stopped.signal,
+        names=endpoints.publisher_names,
+    )  # fmt: skip
+    if result is None:
+        return False
+    if completed is not None:
+        completed(setup, result, folder)
+    if failure is not None or result.failure is None or (announced is not None and announced.status == FAILED):
+        return False
+    sys.stderr.write(f"{result.failure}\n")
+    return True

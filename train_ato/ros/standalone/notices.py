@@ -1,7 +1,8 @@
 """Notices of the process that started the nodes, as lines on their standard input.
 
 =======================  ==============================================================================
-``lost ROLE REASON``     the node has failed for good; the plant stops its train and fails the run
+``lost ROLE REASON``     the process of the node has ended; the plant stops its train and fails the run
+``failed ROLE REASON``   the law has failed and braked the train to a stop; the plant fails the run at once
 ``away ROLE N REASON``   the process of the node has ended and is started again for the Nth time
 ``begin ROLE STAMP``     to this new process: the old one has left the graph at the stamp [ns]
 =======================  ==============================================================================
@@ -20,8 +21,12 @@ from train_ato.messages.topics import Role
 LAST_COUNT = "ignored"
 """Name of the number that a node prints last: the messages it could not use. After it the work of the node is done."""
 
-FAILURE, INTERRUPTION, NOTE = "failure ", "interruption ", "note "
-"""Begins of standard-output lines of an attached node: its failure, the end of the plant by a signal, or a note.
+TRAIN_STOPPED = "train stopped"
+"""Name of the number that a controller prints if its law, or another component, has failed: it has braked the train."""
+
+FAILURE, INTERRUPTION, OUTSIDE, NOTE = "failure ", "interruption ", "outside ", "note "
+"""Begins of standard-output lines of an attached node: its failure, the end of the plant by a signal, the name of the
+external node at the recorder, or a note.
 
 Its standard error may be on a full disk."""
 
@@ -30,6 +35,7 @@ class NoticeKind(Enum):
     """Kind of a notice."""
 
     LOST = "lost"
+    FAILED = "failed"
     AWAY = "away"
     BEGIN = "begin"
 

@@ -22,13 +22,15 @@ from train_ato.messages.types import Tick
 from train_ato.ros.graph.environment import opened_by
 from train_ato.ros.graph.graph_result import IGNORED, STOPPING_S
 from train_ato.ros.nodes.answer_watch import LEASE_S
-from train_ato.ros.nodes.endpoints import NodeEndpoints
+from train_ato.ros.nodes.endpoints import ROSOUT, NodeEndpoints
 from train_ato.ros.standalone.discovery import Discovery, answer_ready
 from train_ato.ros.standalone.notices import (
     FAILURE,
     INTERRUPTION,
     LAST_COUNT,
     NOTE,
+    OUTSIDE,
+    TRAIN_STOPPED,
     EndOrder,
     Notice,
     NoticeKind,
@@ -52,6 +54,8 @@ SILENCE_S = 5.0
 """Wall time without a message after which the recording ends, if the plant has sent the notice of the end [s]."""
 JOINING_S = 0.02
 """Period of the checks for missing endpoints of a restarted node [s]."""
+HEARING = 20
+"""Number of callbacks run before the reason of a node that has left is read; more than wait at once."""
 REPORT_EVERY_S = 3.0
 """Wall time between two reports of missing nodes [s]."""
 
@@ -88,12 +92,13 @@ class StandaloneRunner:
         node: Any,
         endpoints: NodeEndpoints,
         executor: Any,
+        *,
         stopped: EndOrder,
         fingerprint: dict[str, str],
-        recorded: bool = False,
-        attached: bool = False,
-        notices: Notices | None = None,
-        restarted: int | None = None,
+        recorded: bool,
+        attached: bool,
+        notices: Notices,
+        restarted: int | None,
     ) -> None:
         self.role = role
         self.node = node
@@ -111,8 +116,11 @@ class StandaloneRunner:
         if attached:
             endpoints.on_note = lambda text: self._say(NOTE, text)
         self._discovery = None
+        self._said: dict[str, str] = {}
         if role is Role.PLANT:
             self._discovery = Discovery(endpoints, fingerprint, recorded, lambda: bool(node.recorder_connected))
+        if role is Role.PLANT and not attached:
+            endpoints.node.create_subscription(LogMessage, "/rosout", self._hear, ROSOUT)
         if role not in (Role.PLANT, Role.RECORDER):
             answer_ready(endpoints, fingerprint)
 
@@ -124,7 +132,8 @@ class StandaloneRunner:
         if self.role is Role.PLANT:
             self.node.announce_end()
         if self.endpoints.watch.failure is not None:
-            self.endpoints.log(self.endpoints.watch.failure)
+            stopped = f"{TRAIN_STOPPED}: " if self.endpoints.watch.of_component else ""
+            self.endpoints.log(f"{stopped}{self.endpoints.watch.failure}")
         self.endpoints.deliver(STOPPING_S)
         ignored = getattr(self.node, "ignored", 0)
         if self._attached:
@@ -172,8 +181,12 @@ class StandaloneRunner:
         if self.role is Role.RECORDER:
             for topic, count in self.node.log.counts.items():
                 self._print(f"recorded {topic}", count)
+            if self.endpoints.external is not None:
+                self._say(OUTSIDE, self.endpoints.external_name)
         if self.role is Role.CONTROLLER:
-            self._print("step_ns", *self.node.stage.step_times.nanoseconds)
+            self._print("step_ns", *self.node.stage.step_times)
+            if self.endpoints.watch.of_component:
+                self._print(TRAIN_STOPPED, 1)
         self._print(LAST_COUNT, ignored)
 
     @property
@@ -196,13 +209,14 @@ class StandaloneRunner:
 
     def _check_end(self, turn: Callable[[], None]) -> None:
         """Fail the run by the name of the plant if it has left without the notice of the end."""
+        suspended = self.node.suspended if self.role is Role.RECORDER else 0.0
         last = time.monotonic() + NOTICE_S
         while not self._ends and self.endpoints.end is None and time.monotonic() < last:
             turn()
         if self._ends or self.endpoints.end is not None:
             return
-        if self.role is Role.RECORDER and self.node.suspended > LEASE_S:
-            self.endpoints.watch.fail(self.role.value, SUSPENDED.format(self.node.suspended))
+        if suspended > LEASE_S:
+            self.endpoints.watch.fail(self.role.value, SUSPENDED.format(suspended))
         else:
             self.endpoints.watch.fail(Role.PLANT.value, CUT)
 
@@ -231,6 +245,8 @@ class StandaloneRunner:
     def _follow_notice(self, notice: Notice) -> None:
         if notice.kind is NoticeKind.LOST and self.role is Role.PLANT:
             self.node.lose(notice.role, notice.text)
+        elif notice.kind is NoticeKind.FAILED and self.role is Role.PLANT:
+            self.endpoints.watch.fail(notice.role.value, notice.text)
         elif notice.kind is NoticeKind.AWAY:
             number, _, reason = notice.text.partition(" ")
             self._away[notice.role] = int(number)
@@ -242,8 +258,9 @@ class StandaloneRunner:
 
         A program in place of a node may run on: after the notice of the end, silence ends the recording too.
         """
-        topics = [name for name in self.endpoints.subscribed if len(BY_NAME[name].publishers) == 1]
-        while not self._ends and not self._left(*topics) and not self._silent_after_end():
+        alone = [name for name in self.endpoints.subscribed if len(BY_NAME[name].publishers) == 1]
+        topics = [name for name in alone if not self.endpoints.sent_outside(name)]
+        while not self._ends and not (self._left(*topics) and self.node.answered) and not self._silent_after_end():
             self.endpoints.guard(self._poll)
             self._announce_connected()
             self._take_notices()
@@ -313,6 +330,7 @@ class StandaloneRunner:
         assert self._discovery is not None
         while not self._ends:
             if self._discovery.complete():
+                self.node.outside = " ".join(sorted(role.value for role in self._discovery.outside))
                 return True
             self._report_waiting(self._discovery.missing_peers())
             self._executor.spin_once(timeout_sec=0.02)
@@ -342,14 +360,28 @@ class StandaloneRunner:
                 return
             self._executor.spin_once(timeout_sec=TURN_S)
 
+    def _hear(self, line: LogMessage) -> None:
+        """Store the failure that a node of the run has said of itself."""
+        if line.level >= LogMessage.ERROR and f"node {line.name} failed: " in line.msg:
+            self._said[line.name] = line.msg
+
     def _check_departed(self) -> None:
-        """Lose the nodes that have left; of an attached plant the process that started it names them."""
+        """Lose the nodes that have left; the process that started an attached plant names those that it has started."""
         assert self._discovery is not None
-        if self._attached or self.node.finished or not (gone := self._discovery.departed()):
+        gone = [] if self.node.finished else self._discovery.departed()
+        if self._attached:
+            gone = [role for role in gone if role is self.endpoints.external]
+        if not gone:
             return
-        others = f", as did {' and '.join(role.value for role in gone[1:])}" if gone[1:] else ""
-        when = f"left the run at {self.node.stamp * 1e-9:.3f} s{others}"
-        self.node.lose(gone[0], f"it {when}: its process ended, or the link is cut")
+        for _ in range(HEARING):  # a node leaves after its last line has arrived here, which may wait for its callback
+            self._executor.spin_once(timeout_sec=0.0)
+        stopped, _, reason = self._said.get(gone[0].value, "").rpartition(f"node {gone[0].value} failed: ")
+        if stopped:
+            self.endpoints.watch.fail(gone[0].value, reason)
+        elif reason:
+            self.node.lose(gone[0], reason)
+        else:
+            self.node.lose_departed(gone)
 
     def _check_answers(self) -> None:
         """Fail the run by the name of the silent node if an answer is overdue, or of a plant that was suspended."""

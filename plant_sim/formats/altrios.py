@@ -1,0 +1,322 @@
+"""Networks and trains of ALTRIOS (NREL): links with heights, headings and speed limits; locomotives and rail vehicles.
+
+A link is a track in one direction, its ``idx_flip`` the same track in the other one. Heights are linear between their
+points. A curve is the change of the heading over its length, with the change taken between -180° and 180°: ALTRIOS
+counts a heading that passes north as a curve of almost 360°. The curve resistance is that of ALTRIOS, linear below 1°
+per 100 ft and quadratic above it, with the coefficients that its rail vehicles share.
+
+The drag of a rail vehicle is ``cd_area`` times density times v², without the factor one half. ALTRIOS gives the rolling
+resistance of the cars to the locomotives too, and no drag.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+from plant_sim.consist import Consist
+from plant_sim.elementary import plain_sum
+from plant_sim.formats.fields import Fields, keys_not_carried, print_assumption
+from plant_sim.formats.network_path import BEGIN, END, STRAIGHT, Network, Range, TrackPath, line_data
+from plant_sim.formats.ttobench import BRAKED_GRADE
+from plant_sim.input_error import build_model
+from plant_sim.line import ENDING, Line
+from plant_sim.units import GRAVITY, number_text
+
+AIR_DENSITY = 1.225
+CURVE = (0.056, 0.4387579, 0.01025485)
+"""Coefficients of the curve resistance over the weight, for curvatures in rad/m."""
+ONE_DEGREE = math.radians(1.0) / 30.48
+"""Curvature of 1° per 100 ft [rad/m]."""
+CATEGORY = "Freight"
+"""Speed set of a network with several, without a category in the selection."""
+CARRIED_LINK = (
+    "[].idx_curr", "[].idx_flip", "[].idx_next", "[].idx_next_alt", "[].idx_prev", "[].idx_prev_alt",
+    "[].length_meters", "[].elevs[].offset_meters", "[].elevs[].elev_meters", "[].headings[].offset_meters",
+    "[].headings[].heading_radians", "[].speed_set", "[].speed_sets",
+)  # fmt: skip
+"""Keys of a link that the line carries; ``idx_prev`` follows from the others."""
+
+
+def links_of(data: Any) -> list[dict[str, Any]] | None:
+    """Return the links in the data of a file; None for another file."""
+    if isinstance(data, dict):
+        data = data.get("network")
+    if isinstance(data, list) and len(data) == 2 and isinstance(data[1], list):
+        data = data[1]
+    links = data if isinstance(data, list) and data and all(isinstance(link, dict) for link in data) else None
+    return links if links and all("idx_next" in link and "length_meters" in link for link in links) else None
+
+
+def altrios_line(
+    links: list[dict[str, Any]], place: str, selection: str = "", *, against: bool = False
+) -> tuple[Line, tuple[str, ...]]:
+    """Return the line along a path, and the keys that it does not carry.
+
+    Parameters
+    ----------
+    selection
+        ``FROM..TO`` or ``FROM..VIA..TO``, numbers of links, perhaps with a speed set after a comma: ``71..557,Local``.
+    against
+        True for the flipped links from ``TO`` to ``FROM``.
+
+    Raises
+    ------
+    ValueError
+        One line with location, key, value and remedy.
+    """
+    selection, _, category = selection.partition(",")
+    known = {str(link.get("idx_curr")): Fields(link, f"{place}: link {link.get('idx_curr')}") for link in links}
+    known = {name: link for name, link in known.items() if link.number("length_meters") > 0}
+    network = Network(place, {name: link.number("length_meters", None, 1e-6, 1e7) for name, link in known.items()})
+    for name, link in known.items():
+        for key in ("idx_next", "idx_next_alt"):
+            if not (other := link.data.get(key)):
+                continue
+            if str(other) not in known:
+                raise ValueError(f"{link.place}: {key} = {str(other)[:20]}: no link of this network; correct it")
+            network.join((name, END), (str(other), BEGIN), both=False)
+    path = network.path(selection)
+    if against:
+        flips = [str(known[name].required("idx_flip")) for name, _ in reversed(path.parts)]
+        path = TrackPath(network, [(name, True) for name in flips if name in known])
+        if len(path.parts) < len(flips):
+            raise ValueError(f"{place}: a link of the path has no idx_flip; name a path of this direction FROM..TO")
+    grades: list[Range] = []
+    curves: list[dict[str, Any]] = []
+    limits: list[Range] = []
+    by_category: dict[str, list[Range]] = {}
+    others: set[str] = set()
+    at = 0.0
+    for name, _ in path.parts:
+        link = known[name]
+        grades += [Range(at + a, at + b, rise / (b - a), link.place) for a, b, rise in _changes(link, "elev")]
+        curves += [curve for a, b, turn in _changes(link, "heading") for curve in _curve(at + a, at + b, turn)]
+        limits += _limits(link, at, category, others)
+        for name_of_set in link.data.get("speed_sets") or {}:
+            by_category.setdefault(str(name_of_set), []).extend(_limits(link, at, str(name_of_set), others))
+        at += network.lengths[name]
+    data = line_data(
+        path,
+        f"{Path(place).stem} {selection}{ENDING if against else ''}",
+        f"ALTRIOS network {Path(place).name}",
+        grades=grades,
+        radii=[],
+        speeds=limits,
+        sections={"curves": curves},
+        by_category=by_category,
+    )
+    used = [known[name].data for name, _ in path.parts]
+    left = [*(key for key in keys_not_carried(used, CARRIED_LINK) if _is_given(used, key)), *sorted(others)]
+    print_assumption(f"{place}: curve resistance of ALTRIOS with the coefficients {', '.join(map(str, CURVE))}")
+    return build_model(Line, data, place), tuple(dict.fromkeys(left))
+
+
+def _is_given(links: list[dict[str, Any]], key: str) -> bool:
+    """Return True if a key is more than an empty list in one of the links."""
+    first = key.removeprefix("[].").partition("[")[0].partition(".")[0]
+    return any(link.get(first) not in ([], None) for link in links)
+
+
+def _changes(link: Fields, what: str) -> list[tuple[float, float, float]]:
+    """Return begin and end on a link [m], and the change between them, of heights [m] or headings [rad]."""
+    key, unit = (f"{what}s", {"elev": "elev_meters", "heading": "heading_radians"}[what])
+    rows = (
+        [Fields(row, f"{link.place}: {key}[{k}]") for k, row in enumerate(link.entries(key, 0))] if key in link else []
+    )
+    points = [(row.number("offset_meters", None, -1e-3, 1e7), row.number(unit, None, -1e4, 1e4)) for row in rows]
+    for k, ((a, _), (b, _)) in enumerate(pairwise(points), 1):
+        if b <= a:
+            raise ValueError(f"{link.place}: {key}[{k}]: offset_meters = {number_text(b)}: must rise; correct it")
+    return [(a, b, after - before) for (a, before), (b, after) in pairwise(points)]
+
+
+def _curve(begin: float, end: float, turn: float) -> list[dict[str, Any]]:
+    """Return the curve of a change of heading [rad]; none for a straight stretch."""
+    wrapped = (turn + math.pi) % (2 * math.pi) - math.pi
+    curvature = abs(wrapped) / (end - begin)
+    if curvature < 1 / STRAIGHT:
+        return []
+    radius = max(1 / curvature, 5.0)
+    resistance = curve_resistance(curvature)
+    side = "right" if wrapped > 0 else "left"
+    return [{"begin": begin, "end": end, "radius": radius, "side": side, "resistance_n_per_kn": 1e3 * resistance}]
+
+
+def curve_resistance(curvature: float) -> float:
+    """Return the curve resistance of ALTRIOS over the weight at a curvature [rad/m]."""
+    sharp = max(curvature - ONE_DEGREE, 0.0)
+    return CURVE[0] * min(curvature, ONE_DEGREE) + CURVE[1] * sharp + CURVE[2] * sharp * sharp
+
+
+def _limits(link: Fields, at: float, category: str, others: set[str]) -> list[Range]:
+    """Return the speed limits of a link on the path; ``others`` takes the keys that are not carried."""
+    if "speed_sets" in link:
+        sets = link.below("speed_sets")
+        chosen = category or (CATEGORY if CATEGORY in sets else next(iter(sets.data), ""))
+        if chosen not in sets:
+            raise ValueError(f"{link.place}: speed_sets: '{chosen[:30]}' is none of {', '.join(sets.data)}")
+        chosen_set, chosen_name = sets.below(chosen), f"[].speed_sets.{chosen}"
+    elif "speed_set" in link:
+        chosen_set, chosen_name = link.below("speed_set"), "[].speed_set"
+    else:
+        return []
+    if chosen_set.data.get("speed_params"):
+        others.add(f"{chosen_name}.speed_params")
+    if chosen_set.data.get("is_head_end"):
+        others.add(f"{chosen_name}.is_head_end")
+    found = []
+    for k, row in enumerate(chosen_set.entries("speed_limits", 0)):
+        entry = Fields(row, f"{chosen_set.place}: speed_limits[{k}]")
+        begin, end = (entry.number(f"offset_{edge}_meters", None, -1e-3, 1e7) for edge in ("start", "end"))
+        speed = entry.number("speed_meters_per_second", None, 0.1, 300.0)
+        found.append(Range(at + begin, at + end, speed, entry.place))
+    return found
+
+
+def is_altrios_train(data: dict[str, Any]) -> bool:
+    """Return True if the data of a file are a train of ALTRIOS: its configuration, perhaps with locomotives."""
+    config = data.get("train_config", data)
+    return isinstance(config, dict) and "rail_vehicles" in config and "n_cars_by_type" in config
+
+
+CARRIED_TRAIN = (
+    *(f"{above}{key}" for above in ("", "train_config.") for key in (
+        "n_cars_by_type", "rail_vehicles[].car_type", "rail_vehicles[].length_meters", "rail_vehicles[].axle_count",
+        "rail_vehicles[].mass_static_base_kilograms", "rail_vehicles[].mass_freight_kilograms",
+        "rail_vehicles[].speed_max_meters_per_second", "rail_vehicles[].braking_ratio",
+        "rail_vehicles[].mass_rot_per_axle_kilograms", "rail_vehicles[].bearing_res_per_axle_newtons",
+        "rail_vehicles[].rolling_ratio", "rail_vehicles[].davis_b_seconds_per_meter",
+        "rail_vehicles[].cd_area_square_meters",
+    )),
+    "train_id", *(f"loco_con.loco_vec[].{key}" for key in (
+        "mass", "force_max", "mass_kilograms", "force_max_newtons", "pwr_out_max_watts",
+        *(f"loco_type.{kind}.{part}.pwr_out_max_watts" for kind in (
+            "ConventionalLoco", "HybridLoco", "BatteryElectricLoco",
+        ) for part in ("edrv", "res", "fc")),
+    )),
+)  # fmt: skip
+"""Keys of a train that the consist carries."""
+LOCOMOTIVE_LENGTH = 22.0
+"""Assumed length of a locomotive, which ALTRIOS does not have [m]."""
+
+
+def altrios_train(data: dict[str, Any], place: str) -> Consist:
+    """Return the train in the data of a file; the locomotives are at its head.
+
+    Raises
+    ------
+    ValueError
+        One line with location, key, value and remedy.
+    """
+    top = Fields(data, place)
+    config = top.below("train_config") if "train_config" in top else top
+    counts = config.below("n_cars_by_type")
+    kinds: dict[str, dict[str, Any]] = {}
+    parts: list[dict[str, Any]] = []
+    speeds: list[float] = []
+    brake = 0.0
+    for k, row in enumerate(config.entries("rail_vehicles")):
+        car = Fields(row, f"{config.place}: rail_vehicles[{k}]")
+        name, count = car.text("car_type"), int(counts.number(car.text("car_type"), None, 0, 5000))
+        axles = car.number("axle_count", None, 1, 64)
+        mass = car.number("mass_static_base_kilograms", None, 500, 1e6) + car.number(
+            "mass_freight_kilograms", 0, 0, 1e6
+        )
+        rolling = [
+            car.number(key, 0.0, 0, 1) * mass * GRAVITY for key in ("rolling_ratio", "davis_b_seconds_per_meter")
+        ]
+        kinds[name] = {
+            "mass": mass,
+            "length": car.number("length_meters", None, 1, 100),
+            "rotating_mass_factor": 1 + axles * car.number("mass_rot_per_axle_kilograms", 0.0, 0, 1e4) / mass,
+            "resistance": {"n": [
+                axles * car.number("bearing_res_per_axle_newtons", 0.0, 0, 1e4) + rolling[0], rolling[1],
+                AIR_DENSITY * car.number("cd_area_square_meters", 0.0, 0, 100),
+            ]},
+        }  # fmt: skip
+        for key, own in zip(("curve_coeff_0", "curve_coeff_1", "curve_coeff_2"), CURVE, strict=True):
+            if car.number(key, own) != own:
+                print_assumption(f"{car.place}: {key}: the curves of a line have {own}; no effect")
+        speeds.append(car.number("speed_max_meters_per_second", 100.0, 0.1, 200))
+        brake += count * mass * GRAVITY * car.number("braking_ratio", 0.0, 0, 1)
+        parts += [{"type": name, "count": count}] if count else []
+    towed = plain_sum(part["count"] * kinds[part["type"]]["mass"] for part in parts)
+    if not towed:
+        raise ValueError(f"{counts.place}: no cars; give the number of every car_type")
+    ratio = plain_sum(
+        part["count"] * car.number("rolling_ratio", 0.0) * kinds[part["type"]]["mass"] / towed
+        for part in parts
+        for car in (Fields(row, config.place) for row in config.entries("rail_vehicles"))
+        if car.text("car_type") == part["type"]
+    )  # fmt: skip
+    heads = _locomotives(top, kinds, ratio, max(min(speeds), 1.0), brake)
+    raw = {
+        "schema": "train_ato/consist/1",
+        "name": top.text("train_id", Path(place).stem),
+        "source": f"ALTRIOS train {Path(place).name}",
+        "vehicle_types": kinds,
+        "train": [*heads, *parts],
+        "draft_gears": {"rigid": {"kind": "rigid"}},
+        "default_gear": "rigid",
+        "plan_limits": {"speed": min(speeds)}
+        | ({"deceleration": brake / _inertia(kinds, [*heads, *parts])} if brake else {}),
+    }
+    print_assumption(f"{place}: rigid couplers; the friction brake of the cars acts in the locomotives")
+    return build_model(Consist, raw, place)
+
+
+def _inertia(kinds: dict[str, dict[str, Any]], parts: list[dict[str, Any]]) -> float:
+    return plain_sum(
+        part["count"] * kinds[part["type"]]["mass"] * kinds[part["type"]].get("rotating_mass_factor", 1.0)
+        for part in parts
+    )
+
+
+def _locomotives(
+    top: Fields, kinds: dict[str, dict[str, Any]], ratio: float, speed: float, brake: float
+) -> list[dict[str, Any]]:
+    """Return the parts of the locomotives, whose types are added to ``kinds``; equal ones are one type."""
+    if "loco_con" not in top:
+        raise ValueError(f"{top.place}: loco_con: no locomotives; add loco_con: {{loco_vec: [...]}}")
+    rows = top.below("loco_con").entries("loco_vec")
+    parts: list[dict[str, Any]] = []
+    for k, row in enumerate(rows):
+        loco = Fields(row, f"{top.place}: loco_vec[{k}]")
+        mass, force = (
+            loco.number(key if key in loco else f"{key}_{unit}", None, 1e3, high)
+            for key, unit, high in (("mass", "kilograms", 1e6), ("force_max", "newtons", 1e8))
+        )
+        power = loco.number("pwr_out_max_watts", None, 1e3, 1e9) if "pwr_out_max_watts" in loco else _drive(loco)
+        corner = power / force
+        end = 1.05 * speed
+        traction = [{"to": min(corner, end), "force": force}, *([{"to": end, "power": power}] if corner < end else [])]
+        kind = {
+            "mass": mass, "length": LOCOMOTIVE_LENGTH, "traction": traction, "independent_power": True,
+            "resistance": {"n": [ratio * mass * GRAVITY, 0.0, 0.0]},
+            "brake": [{"to": end, "force": (brake + BRAKED_GRADE * GRAVITY * mass) / len(rows)}],
+        }  # fmt: skip
+        same = next((name for name, other in kinds.items() if other == kind), f"locomotive {k}")
+        kinds[same] = kind
+        if parts and parts[-1]["type"] == same:
+            parts[-1]["count"] += 1
+        else:
+            parts.append({"type": same, "count": 1})
+    print_assumption(f"{top.place}: locomotives of {LOCOMOTIVE_LENGTH:g} m")
+    return parts
+
+
+def _drive(loco: Fields) -> float:
+    """Return the largest power of the electric drivetrain of a locomotive, or of its source [W]."""
+    kind = loco.below("loco_type")
+    found = [
+        kind.below(name).below(part).number("pwr_out_max_watts", None, 1e3, 1e10)
+        for name in kind.data
+        for part in ("edrv", "res", "fc")
+        if part in kind.below(name)
+    ]
+    if not found:
+        raise ValueError(f"{kind.place}: no edrv with pwr_out_max_watts; give pwr_out_max_watts of the locomotive")
+    return min(found)

@@ -1,0 +1,244 @@
+"""Lines as a table (CSV): one row per place with grade or height, speed limit, radius and station.
+
+A title is a quantity with its unit: ``position_km``, ``grade_permille``, ``Speed limit [km/h]``. A value holds from its
+row to the next one with a value of its column; an empty cell changes nothing, and a radius of 0 is straight. Heights
+become grades, linear between their rows.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+from plant_sim.formats.fields import finite_number, print_assumption, read_bytes
+from plant_sim.input_error import build_model, close_match
+from plant_sim.line import Line, order_fault
+from plant_sim.units import number_text
+
+FOOT, MILE = 0.3048, 1609.344
+LENGTHS = {"m": 1.0, "km": 1e3, "mi": MILE, "ft": FOOT}
+QUANTITIES: dict[str, dict[str, float]] = {
+    "position": LENGTHS,
+    "grade": {"permille": 1e-3, "percent": 1e-2, "1": 1.0, "ft_mi": FOOT / MILE},
+    "elevation": LENGTHS,
+    "speed_limit": {"kmh": 1 / 3.6, "m_s": 1.0, "mph": 0.44704},
+    "radius": {"m": 1.0, "ft": FOOT},
+    "latitude": {"deg": 1.0},
+    "longitude": {"deg": 1.0},
+}
+"""SI value of one unit of every quantity."""
+OTHER_NAMES = {
+    "place": "position", "chainage": "position", "km": "position", "s": "position", "milepost": "position",
+    "distance": "position", "gradient": "grade", "slope": "grade", "height": "elevation", "altitude": "elevation",
+    "ele": "elevation", "speed": "speed_limit", "limit": "speed_limit", "vmax": "speed_limit", "v_max": "speed_limit",
+    "curve_radius": "radius", "lat": "latitude", "lon": "longitude", "station": "stop", "name": "stop",
+}  # fmt: skip
+UNITS = {"km_h": "kmh", "kph": "kmh", "": "1", "degree": "deg", "miles": "mi", "feet": "ft", "promille": "permille"}
+TEXT = "stop"
+NOT_IN_A_TABLE = (
+    "category_limits", "vertical_curves", "temporary_restrictions", "neutral_sections", "power_limits", "adhesion",
+    "tunnels", "summary",
+)  # fmt: skip
+"""Keys of a line that a table does not have."""
+SEPARATORS = (";", "\t", ",")
+_BRACKETS = re.compile(r"^(.*?)\s*[\[(]\s*([^\[\]()]*?)\s*[\])]\s*$")
+_KM_PLUS = re.compile(r"^(-?\d+)\+(\d{3}(?:[.,]\d+)?)$")
+
+
+@dataclass(frozen=True, slots=True)
+class _Column:
+    title: str
+    quantity: str
+    factor: float
+
+
+def is_line_table(path: Path) -> bool:
+    """Return True for a file with an ending of a table."""
+    return path.suffix.lower() in (".csv", ".tsv")
+
+
+def table_line(path: Path) -> Line:
+    """Return the line in a table.
+
+    Raises
+    ------
+    ValueError
+        One line with file, line, column and remedy.
+    """
+    columns, rows = _read(path)
+    titles = {column.quantity: column.title for column in columns}
+    if "grade" in titles and "elevation" in titles:
+        raise ValueError(
+            f"{path}: line 1: '{titles['grade']}' and '{titles['elevation']}' are both the grade; remove one"
+        )
+    places = [row["position"] for _, row in rows]
+    if len(rows) < 2 or (fault := order_fault(places)):
+        why = fault if len(rows) > 1 else f": {len(rows)} rows; a line needs two"
+        raise ValueError(f"{path}: {titles['position']}{why}")
+    listed = {key: [(row["position"], row[key]) for _, row in rows if key in row] for key in (*QUANTITIES, TEXT)}
+    limits = listed["speed_limit"]
+    if not limits:
+        print_assumption(f"{path}: no speed limit; only the train limits the speed")
+    raw = {
+        "schema": "train_ato/line/1",
+        "name": path.stem,
+        "source": f"table {path.name}",
+        "begin": places[0],
+        "end": places[-1],
+        "grades": _steps(slopes(listed["elevation"]) or listed["grade"], places[-1], "grade"),
+        "speed_limits": _steps(limits, places[-1], "speed"),
+        "curves": _curves(listed["radius"], places[-1]),
+        "stops": [{"at": at, "name": str(name)} for at, name in listed[TEXT]],
+        "coordinates": [
+            {"at": row["position"], "latitude": row["latitude"], "longitude": row["longitude"]}
+            for _, row in rows
+            if "latitude" in row and "longitude" in row
+        ],
+    }
+    return build_model(Line, raw, str(path))
+
+
+def slopes(heights: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Return place [m] and grade of the stretches between places [m] with a height [m]."""
+    return [(a, (high - low) / (b - a)) for (a, low), (b, high) in pairwise(heights)]
+
+
+def _steps(values: list[tuple[float, Any]], end: float, key: str) -> list[dict[str, float]]:
+    """Return every change of a value before the end of the line."""
+    found: list[dict[str, float]] = []
+    for at, value in values:
+        if at < end and (not found or found[-1][key] != value):
+            found.append({"at": at, key: value})
+    return found
+
+
+def _curves(radii: list[tuple[float, Any]], end: float) -> list[dict[str, Any]]:
+    """Return the curves; a radius > 0 turns to the right, 0 is straight."""
+    stops = [*(at for at, _ in radii[1:]), end][: len(radii)]
+    return [
+        {"begin": at, "end": stop, "radius": abs(radius), "side": "right" if radius > 0 else "left"}
+        for (at, radius), stop in zip(radii, stops, strict=True)
+        if radius and stop > at
+    ]
+
+
+def _read(path: Path) -> tuple[list[_Column], list[tuple[int, dict[str, Any]]]]:
+    """Return the columns, and number and values of every row."""
+    try:
+        text = read_bytes(path).decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = read_bytes(path).decode("latin-1")
+    head = next((line for line in text.splitlines() if line.strip() and not line.startswith("#")), "")
+    mark = next((mark for mark in SEPARATORS if mark in head), ",")
+    listed = csv.reader(io.StringIO(text), delimiter=mark)
+    lines = [(listed.line_num, cells) for cells in listed if any(cells) and not cells[0].startswith("#")]
+    if not lines:
+        raise ValueError(f"{path}: is empty; write a line with titles, as position_km,grade_permille,speed_limit_kmh")
+    columns: list[_Column] = []
+    for title in lines[0][1]:
+        column = _column(title.strip(), f"{path}: line {lines[0][0]}")
+        if any(column.quantity == other.quantity for other in columns):
+            raise ValueError(f"{path}: line {lines[0][0]}: two columns of {column.quantity}; remove one")
+        columns.append(column)
+    if not any(column.quantity == "position" for column in columns):
+        raise ValueError(f"{path}: line {lines[0][0]}: no place; name a column position_m or position_km")
+    rows = []
+    for number, cells in lines[1:]:
+        if len(cells) != len(columns):
+            raise ValueError(f"{path}: line {number}: {len(cells)} values for {len(columns)} columns; correct the line")
+        place = f"{path}: line {number}"
+        pairs = ((column, cell.strip()) for column, cell in zip(columns, cells, strict=True))
+        row = {column.quantity: _value(column, cell, place, mark) for column, cell in pairs if cell}
+        if "position" not in row:
+            raise ValueError(f"{place}: no place; give one or remove the row")
+        rows.append((number, row))
+    return columns, rows
+
+
+def _column(title: str, place: str) -> _Column:
+    """Return quantity and factor of a title."""
+    parts = _BRACKETS.match(title)
+    plain = re.sub(r"[^a-z0-9]+", "_", (parts[1] if parts else title).lower().replace("‰", "permille")).strip("_")
+    known = sorted({*OTHER_NAMES, *QUANTITIES, TEXT}, key=len, reverse=True)
+    name = next((name for name in known if plain == name or (not parts and plain.startswith(f"{name}_"))), None)
+    if name is None:
+        raise ValueError(f"{place}: unknown column '{title}'{close_match(plain, known)}; rename or remove it")
+    quantity = OTHER_NAMES.get(name, name)
+    if quantity == TEXT:
+        return _Column(title, TEXT, 1.0)
+    own = "km" if name == "km" else "deg" if quantity in ("latitude", "longitude") else ""
+    raw = (
+        parts[2].replace("‰", "permille").replace("%", "percent").replace("°", "deg")
+        if parts
+        else plain[len(name) + 1 :]
+    )
+    unit = re.sub(r"[^a-z0-9]+", "_", raw.lower()).strip("_") or own
+    factor = QUANTITIES[quantity].get(UNITS.get(unit, unit))
+    if factor is None or (not unit and quantity != "grade"):
+        units = ", ".join(f"{quantity}_{unit}" for unit in QUANTITIES[quantity])
+        raise ValueError(f"{place}: column '{title}' has no known unit; name it {units}")
+    return _Column(title, quantity, factor)
+
+
+def _value(column: _Column, text: str, place: str, mark: str) -> Any:
+    """Return a cell in SI."""
+    if column.quantity == TEXT:
+        return text
+    where = f"{place}, {column.title}"
+    if column.quantity == "position" and column.factor in (1.0, 1e3) and (parts := _KM_PLUS.match(text)):
+        metres = float(parts[2].replace(",", "."))
+        return 1e3 * float(parts[1]) + (-metres if text.startswith("-") else metres)
+    if "," in text and mark == ",":
+        raise ValueError(f"{where} = '{text[:30]}': separate the columns by semicolons, or write a decimal point")
+    try:
+        number = float(text.replace(",", "."))
+    except ValueError:
+        raise ValueError(f"{where} = '{text[:30]}': is not a number; correct it") from None
+    value = finite_number(number, where) * column.factor
+    if column.quantity == "speed_limit" and value <= 0:
+        raise ValueError(f"{where} = {number_text(number)}: must be above 0; correct it")
+    return value
+
+
+def line_csv(line: Line) -> tuple[str, tuple[str, ...]]:
+    """Return a line as table, and its keys that a table does not carry."""
+    cells: dict[float, dict[str, str]] = {line.begin: {}, line.end: {}}
+
+    def put(at: float, key: str, value: float | str) -> None:
+        cells.setdefault(at, {})[key] = value if isinstance(value, str) else repr(value)
+
+    left = [key for key in NOT_IN_A_TABLE if getattr(line, key)]
+    left += ["stops[].dwell"] if any(stop.dwell for stop in line.stops) else []
+    for grade in line.grades:
+        put(grade.at, "grade_1", grade.grade)
+    for limit in line.speed_limits:
+        put(limit.at, "speed_limit_m_s", limit.speed)
+    bends = sorted(line.curves, key=lambda curve: curve.begin)
+    left += ["curves: overlapping ones"] if any(b.begin < a.end for a, b in pairwise(bends)) else []
+    left += ["curves[].resistance_n_per_kn"] if any(bend.resistance_n_per_kn is not None for bend in bends) else []
+    left += ["curves[].side (none: right)"] if any(bend.side is None for bend in bends) else []
+    for bend in bends:
+        put(bend.begin, "radius_m", -bend.radius if bend.side == "left" else bend.radius)
+        if not math.isclose(bend.end, line.end) and not any(other.begin == bend.end for other in bends):
+            put(bend.end, "radius_m", 0.0)
+    for stop in line.stops:
+        put(stop.at, TEXT, stop.name or f"stop at {number_text(stop.at)} m")
+    for spot in line.coordinates:
+        put(spot.at, "latitude_deg", spot.latitude)
+        put(spot.at, "longitude_deg", spot.longitude)
+    beyond = [at for at in cells if not line.begin <= at <= line.end]
+    left += [f"entries beyond the line at {number_text(at)} m" for at in beyond]
+    named = ("grade_1", "speed_limit_m_s", "radius_m", TEXT, "latitude_deg", "longitude_deg")
+    keys = [key for key in named if any(key in row for row in cells.values())]
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(["position_m", *keys])
+    for at in sorted(set(cells) - set(beyond)):
+        writer.writerow([repr(at), *(cells[at].get(key, "") for key in keys)])
+    return out.getvalue(), tuple(left)

@@ -1,0 +1,314 @@
+"""Rolling stock of OSRD (RailJSON 3.2, Open Rail Association) as a train of one vehicle, and a train as one.
+
+Efforts are in N over speeds in m/s, linear between their points; the first and the last hold beyond them. The Davis
+coefficients are in N, N/(m/s) and N/(m/s)². The service brake has ``const_gamma`` (2025; before: ``gamma``) on a fall
+of 50 per mille too; of type MAX its force is bounded by gamma times the inertial mass. The first curve whose
+conditions hold is in effect, else the default curve of the mode. Figures without effect here, as ``startup_time``, are
+kept for the way back.
+"""
+
+from __future__ import annotations
+
+import json
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from plant_sim.consist import PLAIN_SUPPLY, Consist, ForcePoints, PlanLimits, SupplyCurve
+from plant_sim.elementary import plain_sum
+from plant_sim.formats.fields import Fields, finite_number, print_assumption
+from plant_sim.formats.ttobench import BRAKED_GRADE, OVERSPEED, emergency_brake
+from plant_sim.input_error import build_model, close_match
+from plant_sim.traction import Envelope
+from plant_sim.units import GRAVITY, number_text
+
+CONDITIONS = {
+    "comfort": "comfort", "electrical_profile_level": "electrical_level", "power_restriction_code": "power_restriction",
+}  # fmt: skip
+"""Key of a condition in the file, and in the consist."""
+GAMMAS = ("const_gamma", "constant_gamma", "gamma")
+USED = {"name", "mass", "length", "max_speed", "inertia_coefficient", "rolling_resistance", "effort_curves",
+        "comfort_acceleration", *GAMMAS}  # fmt: skip
+"""Keys with an effect; the others are kept."""
+KEPT = "osrd"
+ADDED: dict[str, Any] = {
+    "railjson_version": "3.2", "locked": False, "startup_time": 0.0, "startup_acceleration": 0.0, "loading_gauge": "G1",
+    "metadata": {},
+}  # fmt: skip
+"""Keys of a rolling stock without a figure in the consist."""
+SAMPLES = 24
+"""Points of a hyperbola; linear between them, its error is below 0.1 % for a speed ratio of 3."""
+STEP = 1e-3
+"""Rise of the speed in place of a step of the effort [m/s], because the format needs rising speeds."""
+
+
+def is_osrd_stock(data: dict[str, Any]) -> bool:
+    """Return True if the data of a file are a rolling stock of OSRD."""
+    return isinstance(data.get("effort_curves"), dict)
+
+
+def osrd_train(data: dict[str, Any], place: str, selection: str = "") -> Consist:
+    """Return the train in the data of a rolling stock.
+
+    Parameters
+    ----------
+    selection
+        Conditions of the effort curve, see :func:`with_supply`; empty for the default mode.
+
+    Raises
+    ------
+    ValueError
+        One line with location, key, value and remedy.
+    """
+    top = Fields(data, place)
+    mass, speed = top.number("mass", None, 1.0, 1e9), top.number("max_speed", None, 0.1, 200.0)
+    factor = top.number("inertia_coefficient", None, 1.0, 2.0)
+    davis = top.below("rolling_resistance")
+    if davis.text("type") != "davis":
+        raise ValueError(f"{davis.place}: type = '{davis.text('type')[:30]}': only davis is read; give A, B and C")
+    curves, default = _curves(top.below("effort_curves"))
+    gamma, largest = _gamma(top)
+    force = mass * factor * gamma + (0.0 if largest else mass * BRAKED_GRADE * GRAVITY)
+    kept = {key: value for key, value in data.items() if key not in USED}
+    if "gamma" in top and isinstance(data["gamma"], dict):
+        kept["gamma"] = {"type": data["gamma"].get("type")}
+    vehicle = {
+        "mass": mass,
+        "length": top.number("length", None, 1.0, 1e5),
+        "rotating_mass_factor": factor,
+        "resistance": {"n": [davis.number(key, None, 0.0, 1e9) for key in "ABC"]},
+        "traction": [],
+        "brake": [{"to": OVERSPEED * speed, "force": force}],
+        "supply_curves": curves,
+    }
+    raw = {
+        "schema": "train_ato/consist/1",
+        "name": top.text("name"),
+        "source": f"OSRD rolling stock {Path(place).name}",
+        "vehicle_types": {"train": vehicle},
+        "train": [{"type": "train"}],
+        "plan_limits": {"speed": speed, "deceleration": gamma}
+        | (
+            {"acceleration": acceleration}
+            if (acceleration := top.number("comfort_acceleration", 0.0, 0.0, 10.0))
+            else {}
+        ),
+        "emergency_brake": _etcs_brake(top),
+        "kept": {KEPT: kept | {"default_mode": default}},
+    }
+    if unused := [key for key in ("startup_time", "startup_acceleration") if top.number(key, 0.0, 0.0, 1e4)]:
+        print_assumption(f"{place}: {', '.join(unused)}: no effect here, as in OSRD's own run; kept for the way back")
+    return with_supply(build_model(Consist, raw, place), selection or f"mode={default}", place)
+
+
+def _curves(fields: Fields) -> tuple[list[dict[str, Any]], str]:
+    """Return all curves in the order of their match, and the default mode."""
+    _refuse_unknown(fields, ("modes", "default_mode"))
+    modes, default = fields.below("modes"), fields.text("default_mode")
+    if default not in modes.data:
+        raise ValueError(f"{fields.place}: default_mode = '{default[:40]}': not in modes ({', '.join(modes.data)})")
+    found = []
+    for name in modes.data:
+        mode = modes.below(name)
+        _refuse_unknown(mode, ("curves", "default_curve", "is_electric"))
+        of_mode = {"mode": str(name), "electric": mode.required("is_electric") is not False}
+        for k, entry in enumerate(mode.entries("curves", 0)):
+            curve = Fields(entry, f"{mode.place}: curves[{k}]")
+            _refuse_unknown(curve, ("cond", "curve"))
+            conditions = curve.below("cond") if curve.data.get("cond") else Fields({}, curve.place)
+            _refuse_unknown(conditions, tuple(CONDITIONS))
+            held = {CONDITIONS[key]: conditions.text(key) for key in CONDITIONS if key in conditions}
+            found.append(of_mode | held | _points(curve.below("curve")))
+        found.append(of_mode | _points(mode.below("default_curve")))
+    return found, default
+
+
+def _refuse_unknown(fields: Fields, known: tuple[str, ...]) -> None:
+    for key in fields.data:
+        if key not in known:
+            raise ValueError(f"{fields.place}: unknown key '{str(key)[:40]}'{close_match(str(key), known)}; remove it")
+
+
+def _points(fields: Fields) -> dict[str, list[float]]:
+    _refuse_unknown(fields, ("speeds", "max_efforts"))
+    speeds, efforts = (
+        [
+            finite_number(value, f"{fields.place}: {key}[{k}]", 0.0, 1e9)
+            for k, value in enumerate(fields.entries(key, 2))
+        ]
+        for key in ("speeds", "max_efforts")
+    )
+    if len(speeds) != len(efforts):
+        raise ValueError(f"{fields.place}: {len(speeds)} speeds and {len(efforts)} max_efforts; give as many of both")
+    for k, (before, after) in enumerate(pairwise(speeds), 1):
+        if after <= before:
+            raise ValueError(f"{fields.place}: speeds[{k}] = {number_text(after)}: speeds must rise; correct them")
+    return {"speed": speeds, "force": efforts}
+
+
+def _gamma(top: Fields) -> tuple[float, bool]:
+    """Return the service deceleration [m/s²], and True if it bounds the brake force."""
+    key = next((key for key in GAMMAS if key in top), GAMMAS[0])
+    if key != "gamma" or not isinstance(top.data["gamma"], dict):
+        return top.number(key, None, 1e-3, 10.0), False
+    fields = top.below("gamma")
+    if (kind := fields.text("type")) not in ("CONST", "MAX"):
+        raise ValueError(f"{fields.place}: type = '{kind[:20]}': must be CONST or MAX")
+    return fields.number("value", None, 1e-3, 10.0), kind == "MAX"
+
+
+def _etcs_brake(top: Fields) -> dict[str, float] | None:
+    """Return the emergency brake of the ETCS data; without them that of the defaults."""
+    if "etcs_brake_params" not in top:
+        return None
+    etcs = top.below("etcs_brake_params")
+    curve = etcs.below("gamma_emergency")
+    bounds = [finite_number(value, f"{curve.place}: boundaries", 0, 1e3) for value in curve.entries("boundaries", 0)]
+    values = [finite_number(value, f"{curve.place}: values", 1e-3, 10) for value in curve.entries("values")]
+    if len(values) != len(bounds) + 1:
+        raise ValueError(f"{curve.place}: {len(bounds)} boundaries need {len(bounds) + 1} values; correct them")
+    return emergency_brake(zip([0.0, *bounds], values, strict=True), etcs.number("t_be", None, 1e-3, 60.0))
+
+
+def with_supply(consist: Consist, selection: str, place: str) -> Consist:
+    """Return a train with the traction of the first curve that holds under some conditions.
+
+    Parameters
+    ----------
+    selection
+        ``mode=25000V,comfort=HEATING,electrical_level=22500V,power_restriction=C1``, each where it is known; the mode
+        alone also without its key.
+
+    Raises
+    ------
+    ValueError
+        One line for an unknown condition, or one that no curve has.
+    """
+    known = [curve for kind in consist.vehicle_types.values() for curve in kind.supply_curves]
+    keys = ("mode", *CONDITIONS.values())
+    if not known:
+        raise ValueError(f"{place}: selection '{selection}': the file has one train; remove it")
+    chosen: dict[str, str] = {}
+    for part in selection.split(","):
+        key, mark, value = part.partition("=")
+        key, value = (key, value) if mark else ("mode", key)
+        values = sorted({str(getattr(curve, key)) for curve in known} - {"None"}) if key in keys else []
+        if value not in values:
+            fit = f"{key} is one of {', '.join(values)}" if key in keys else f"write {', '.join(keys)}"
+            raise ValueError(f"{place}: selection '{part[:60]}': not in its effort curves; {fit}")
+        chosen[key] = value
+    mode = chosen.setdefault("mode", str(consist.kept.get(KEPT, {}).get("default_mode", known[0].mode)))
+    types = {}
+    for name, kind in consist.vehicle_types.items():
+        held = [
+            curve
+            for curve in kind.supply_curves
+            if curve.mode == mode
+            and all(getattr(curve, key) in (None, chosen.get(key)) for key in CONDITIONS.values())
+        ]  # fmt: skip
+        if kind.supply_curves and not held:
+            raise ValueError(f"{place}: selection '{selection}': no effort curve without conditions in mode {mode}")
+        if held:
+            end = consist.plan_limits.speed if consist.plan_limits and consist.plan_limits.speed else 0.0
+            change = {"traction": held[0].segments(end), "independent_power": not held[0].electric}
+            kind = kind.model_copy(update=change)
+        types[name] = kind
+    return consist.model_copy(update={"vehicle_types": types})
+
+
+def osrd_stock_json(consist: Consist) -> tuple[str, tuple[str, ...]]:
+    """Return a train as rolling stock of OSRD, and the keys of the consist that it does not carry, or that it adds.
+
+    Raises
+    ------
+    ValueError
+        One line for a train without traction or service deceleration.
+    """
+    kept = dict(consist.kept.get(KEPT, {}))
+    default = kept.pop("default_mode", None)
+    inertia = plain_sum(vehicle.inertia for vehicle in consist.vehicles)
+    limits = consist.plan_limits or PlanLimits()
+    davis = [vehicle.resistance.polynomial(vehicle.mass, consist.gravity) for vehicle in consist.vehicles]
+    curves = consist.vehicles[0].supply_curves if len(consist.vehicles) == 1 else ()
+    curves = curves or (_summed(consist),)
+    if (deceleration := limits.deceleration) is None:
+        raise ValueError(
+            f"train '{consist.name}': plan_limits.deceleration: this key is missing, and OSRD needs it; add the "
+            "service deceleration"
+        )
+    speed = limits.speed or curves[-1].speed[-1]
+    old = kept.pop("gamma", None)
+    added = {} if KEPT in consist.kept else dict(ADDED)
+    if limits.acceleration is None:
+        added["comfort_acceleration"] = curves[-1].force[0] / inertia
+    data: dict[str, Any] = {
+        "name": consist.name,
+        "mass": consist.mass,
+        "length": consist.length,
+        "max_speed": speed,
+        "inertia_coefficient": inertia / consist.mass,
+        "rolling_resistance": {"type": "davis"}
+        | {key: plain_sum(row[k] for row in davis) for k, key in enumerate("ABC")},
+        "effort_curves": _effort_curves(curves, default),
+        **({"gamma": {**old, "value": deceleration}} if old else {"const_gamma": deceleration}),
+        **({"comfort_acceleration": limits.acceleration} if limits.acceleration is not None else {}),
+    }
+    text = json.dumps(data | kept | added, indent=1, ensure_ascii=False) + "\n"
+    return text, (*_left_out(consist), *(f"added {key} = {value}" for key, value in added.items()))
+
+
+def _summed(consist: Consist) -> SupplyCurve:
+    """Return the traction of all power units as points."""
+    units = [vehicle for vehicle in consist.vehicles if vehicle.traction]
+    if not units:
+        raise ValueError(f"train '{consist.name}': no vehicle has traction; OSRD needs a powered train")
+    envelopes = [Envelope(unit.traction) for unit in units]
+    ends = sorted({0.0, *(segment.to for unit in units for segment in unit.traction)})
+    curved = any(segment.power for unit in units for segment in unit.traction)
+    speeds: list[float] = []
+    for begin, end in pairwise(ends):
+        inner = np.geomspace(max(begin, 0.05 * end), end - STEP, SAMPLES if curved else 2)
+        speeds += [begin + (STEP if begin else 0.0), *inner[1:].tolist()]
+    forces = [plain_sum(envelope.force(v) for envelope in envelopes) for v in speeds]
+    electric = not all(unit.independent_power for unit in units)
+    return SupplyCurve(mode=PLAIN_SUPPLY[electric], electric=electric, speed=tuple(speeds), force=tuple(forces))
+
+
+def _effort_curves(curves: tuple[SupplyCurve, ...], default: str | None) -> dict[str, Any]:
+    """Return the modes with their curves; the last one without conditions is the default curve of its mode."""
+    modes: dict[str, Any] = {}
+    for curve in curves:
+        mode = modes.setdefault(curve.mode, {"curves": [], "default_curve": None, "is_electric": curve.electric})
+        held = {key: getattr(curve, name) for key, name in CONDITIONS.items()}
+        mode["curves"].append({"cond": held, "curve": _written(curve)})
+    for mode in modes.values():
+        free = [entry for entry in mode["curves"] if not any(entry["cond"].values())]
+        mode["default_curve"] = free[-1]["curve"] if free else mode["curves"][-1]["curve"]
+        if free:
+            mode["curves"].remove(free[-1])
+    return {"modes": modes, "default_mode": default or next(iter(modes))}
+
+
+def _written(curve: ForcePoints) -> dict[str, list[float]]:
+    return {"speeds": list(curve.speed), "max_efforts": list(curve.force)}
+
+
+def _left_out(consist: Consist) -> list[str]:
+    """Return the keys of a consist that a rolling stock does not carry."""
+    used = {"schema_", "name", "vehicle_types", "train", "gravity", "plan_limits", "kept", "source"}
+    found = [key for key in type(consist).model_fields if key not in used and getattr(consist, key)]
+    if "etcs_brake_params" in consist.kept.get(KEPT, {}) and "emergency_brake" in found:
+        found.remove("emergency_brake")  # its source goes back unchanged
+    if consist.plan_limits and (consist.plan_limits.traction_efficiency or consist.plan_limits.recovery_efficiency):
+        found.append("plan_limits: efficiencies")
+    if len(consist.vehicles) > 1:
+        found.append(f"train: {len(consist.vehicles)} vehicles (now one)")
+    for key in ("electric_brake", "shoes", "adhesive_mass", "tunnel_resistance"):
+        found += [f"vehicle_types.{name}.{key}" for name, kind in consist.vehicle_types.items() if getattr(kind, key)]
+    if KEPT not in consist.kept:
+        found += [
+            f"vehicle_types.{n}.brake (now const_gamma)" for n, kind in consist.vehicle_types.items() if kind.brake
+        ]
+    return found

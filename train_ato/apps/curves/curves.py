@@ -1,0 +1,187 @@
+"""Braking curves and supervision limits of the cases of a file, or of the train of a scenario on its line."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+from plant_sim.units import KMH
+from train_ato.apps.curves.case_file import read_cases
+from train_ato.apps.curves.figure import draw_curves
+from train_ato.apps.curves.table import case_table, largest_deviations, line_curves
+from train_ato.apps.runs.scenario_choice import GivenScenario, choose_scenario
+from train_ato.arguments import check_new_file, option_name
+from train_ato.loop.scenario_data import scenario_consist, scenario_line
+from train_ato.supervision.odometry import MotionEstimate, motion_estimate
+from train_ato.supervision.plant_line import line_supervision
+from train_ato.supervision.track_supervision import TrackSupervision
+
+FIGURES = (".png", ".pdf", ".svg")
+MAX_SPEED_KMH = 600.0
+CASE_KEYS = {
+    "at_km": "target_location_m",
+    "max_speed_kmh": "max_speed_kmh",
+    "acceleration": "A_est1",
+    "balise_m": "distance_since_balise_m",
+}
+"""Options of a scenario, and the keys of a case with the same meaning."""
+
+
+def curves(
+    case: GivenScenario,
+    *,
+    at_km: float | None = None,
+    max_speed_kmh: float | None = None,
+    acceleration: float | None = None,
+    balise_m: float | None = None,
+    deviation: bool = False,
+    out: str | Path | None = None,
+) -> dict[str, dict[str, Any]]:
+    """Compute braking curves and supervision limits after SUBSET-026, 3.13, as ``train-ato curves`` does.
+
+    Parameters
+    ----------
+    case
+        JSON file of cases, or a scenario for its train and line.
+    at_km
+        End of authority on the line of a scenario [km]; default: last stop of the line, or its end.
+    max_speed_kmh
+        Maximum speed of the train of a scenario; default: highest limit of the line, 80 without limits.
+    acceleration
+        Estimated acceleration of the train of a scenario [m/s²]; default: 0.
+    balise_m
+        Distance since the last balise [m], for the errors of the odometry; default: exact odometry.
+    deviation
+        Add the largest deviation from the distances in the file of cases.
+    out
+        New figure (.png, .pdf, .svg).
+
+    Returns
+    -------
+    dict
+        By case: ``inputs``; ``curves`` by name, a list of speed [km/h] and distance before the target [m];
+        ``release`` and ``deviation_m`` if there are any.
+
+    Raises
+    ------
+    ValueError
+        Bad input, in one line with the remedy.
+
+    Examples
+    --------
+    >>> import train_ato as ta
+    >>> (found,) = ta.curves("demo", at_km=3.5).values()
+    >>> sorted(found["curves"])[:2], found["curves"]["EBD"][0]
+    (['EBD', 'EBI'], [0.0, 0.0])
+    """
+    found, _ = curves_by_case(
+        case, at_km=at_km, max_speed_kmh=max_speed_kmh, acceleration=acceleration, balise_m=balise_m,
+        deviation=deviation, out=out,
+    )  # fmt: skip
+    return found
+
+
+def curves_by_case(
+    case: GivenScenario, *, deviation: bool = False, out: str | Path | None = None, dash: str = "", **given: Any
+) -> tuple[dict[str, dict[str, Any]], bool]:
+    """Return the curves by case, and False for a file of cases with names; ``dash`` precedes options in messages."""
+    if out is not None:
+        check_new_file(Path(out), FIGURES, f"{dash}out")
+    from_file = isinstance(case, (str, Path)) and str(case).lower().endswith(".json")
+    if from_file:
+        result, bare = _of_cases(Path(str(case)), deviation, given, dash)
+    elif deviation:
+        raise ValueError(f"{dash}deviation: needs distances; name a JSON file of cases")
+    else:
+        result, bare = _of_scenario(case, given, dash), True
+    if out is not None:
+        draw_curves({name: entry["curves"] for name, entry in result.items()}, Path(out))
+    return result, bare
+
+
+def _of_cases(path: Path, deviation: bool, given: Mapping[str, Any], dash: str) -> tuple[dict[str, Any], bool]:
+    """Return inputs and curves of every case of a file, and True for a file with one case without a name."""
+    for option, key in CASE_KEYS.items():
+        if given.get(option) is not None:
+            raise ValueError(f"{option_name(option, dash)}: belongs to a scenario; write {key} in {path}")
+    cases, bare = read_cases(path)
+    if deviation and not any(case.has_distances for case in cases.values()):
+        raise ValueError(f"{path}: curves: no distance for {dash}deviation; write [speed, distance] in place of speeds")
+    found: dict[str, Any] = {}
+    for name, case in cases.items():
+        table = case_table(case, f"{path}: {name}")
+        found[name] = {"inputs": case.inputs.model_dump(mode="json", exclude_unset=True), "curves": table}
+        if (release := case.inputs.release(case.inputs.limits())) is not None:
+            found[name]["release"] = release
+        if deviation:
+            found[name]["deviation_m"] = largest_deviations(case, table)
+    return found, bare
+
+
+def _of_scenario(case: GivenScenario, given: Mapping[str, Any], dash: str) -> dict[str, Any]:
+    """Return brake model and curves of the train of a scenario on its line."""
+    if isinstance(case, (str, Path)):
+        _refuse_case_file(Path(case))
+    choice = choose_scenario(case)
+    scenario, path = choice.checked, choice.path
+    consist = scenario_consist(scenario.plant.consist, path.parent)
+    line = scenario_line(scenario.plant.line, path.parent)
+    last = line.stops[-1].at if line.stops else line.end
+    at = last if given.get("at_km") is None else 1e3 * given["at_km"]
+    if not line.begin <= at <= line.end:
+        bounds = f"km {line.begin / 1e3:g} to {line.end / 1e3:g}"
+        raise ValueError(f"{option_name('at_km', dash)} {at / 1e3:g}: not on line '{line.name}'; give {bounds}")
+    fastest = given.get("max_speed_kmh")
+    if fastest is not None and not 0 < fastest <= MAX_SPEED_KMH:
+        option = option_name("max_speed_kmh", dash)
+        raise ValueError(f"{option} {fastest:g}: out of range; give a speed up to {MAX_SPEED_KMH:g} km/h")
+    name = f"{consist.name} on {line.name}, end of authority at km {at / 1e3:g}"
+    try:
+        supervision = line_supervision(
+            consist, line, scenario.plant, at, max_speed=None if fastest is None else fastest / KMH
+        )
+        found = line_curves(name, supervision, _motion(given, supervision.train.max_speed, dash))
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+    return {name: {"inputs": _train_data(found.supervision), "curves": found.table}}
+
+
+def _refuse_case_file(path: Path) -> None:
+    """Raise ValueError for a file that is no scenario but a JSON object: a case file with another name."""
+    if path.is_file():
+        with path.open(encoding="utf-8-sig", errors="replace") as file:
+            begin = file.read(2**16)
+        if begin.lstrip().startswith("{") and "schema" not in begin:
+            raise ValueError(f"{path}: begins with '{{': cases need a name ending in .json; rename the file")
+
+
+def _motion(given: Mapping[str, Any], speed: float, dash: str) -> MotionEstimate:
+    """Return the motion estimate of the options, with the speed error at a speed [m/s]."""
+    acceleration, distance = given.get("acceleration") or 0.0, given.get("balise_m")
+    if not abs(acceleration) <= 5.0:
+        raise ValueError(f"{dash}acceleration {acceleration:g}: out of range; give -5 to 5 m/s²")
+    if distance is None:
+        return MotionEstimate(acceleration)
+    if not (isfinite(distance) and 0 <= distance <= 1e5):
+        raise ValueError(f"{option_name('balise_m', dash)} {distance:g}: out of range; give 0 to 100000 m")
+    return motion_estimate(speed, acceleration, distance)
+
+
+def _train_data(supervision: TrackSupervision) -> dict[str, Any]:
+    """Return the brake model of the train as plain data."""
+    train = supervision.train
+    brake = train.brake
+    starts = [0.0, *(round(bound * KMH, 6) for bound in brake.safe.bounds)]
+    return {
+        "model": "gamma, from the brakes of the plant",
+        "length_m": train.length,
+        "max_speed_kmh": round(train.max_speed * KMH, 6),
+        "m_rotating_nom_pct": train.m_rotating_nom,
+        "t_traction_cutoff_s": train.t_traction_cut_off,
+        "A_brake_emergency": [list(step) for step in zip(starts, brake.safe.values, strict=True)],
+        "T_brake_emergency": brake.emergency_time.to_standstill,
+        "T_brake_service": brake.service_time.to_standstill,
+        "without_service_curve": supervision.without_service_curve,
+    }

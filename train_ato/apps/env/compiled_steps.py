@@ -1,0 +1,73 @@
+"""Steps of many trains in one compiled call: the compiled ticks of every train, its costs and its observation."""
+
+# mypy: allow-untyped-defs
+
+from __future__ import annotations
+
+import numpy as np
+
+from plant_sim import kernel as k
+from plant_sim.compiled import compiled
+from train_ato.apps.env.observation import DIRECTION, ENGAGED, SUPERVISED, add_costs, write_values
+from train_ato.loop.spans.kernel import BEGIN, END, SEEN
+from train_ato.loop.spans.native_arguments import arguments_of
+
+TICKS, ROWS, GOES_ON = range(3)
+"""Results of a train: ticks of this call, rows of its span that have been run, and 1 if its next tick was observed."""
+
+
+@compiled
+def step_trains(kind, rows, who, most, stamp_unit, results, costs, memories, states, found):
+    """Run some ticks of trains; a train whose next tick is left to Python ends earlier.
+
+    Parameters
+    ----------
+    kind
+        Kind of the rows.
+    rows : Array of int, shape (trains, numbers)
+        :func:`train_ato.loop.spans.kernel.run_span`, its arguments, and the arrays of
+        :class:`train_ato.apps.env.observation.Sight` of every train.
+    who : Array of int
+        Numbers of the trains of this call.
+    most
+        Number of ticks; 0: only observe.
+    stamp_unit
+        Seconds of a unit of a stamp.
+    results : Array of int, shape (trains, 3)
+        Receives :data:`TICKS` and those after it.
+    costs, memories, states, found : Array, one row per train
+        Costs and memory of :func:`add_costs`, state and values of :func:`write_values`.
+    """
+    for m in who:
+        run, args, sight = arguments_of(kind, rows[m])
+        stamp, tick_ns, train, reference = args[0], args[1], args[3], args[16]
+        count, history, measured, couplers, supervision = args[24], args[27], args[30], args[31], args[35]
+        state, vehicles, unit, index, gear = train[0], train[1].shape[1], train[7], train[8], train[3]
+        errors, now, ticks, at, steps = np.empty(measured.shape[2]), np.empty(3), 0, 0, supervision[0][3]
+        while True:
+            acts = count[SEEN] > 0
+            if acts:
+                for u in range(errors.size):
+                    errors[u] = state[k.V, index[k.UNIT_VEHICLE, u]] - reference[1, count[BEGIN]]
+            count[END] = count[BEGIN] + acts
+            at = run(*args)
+            if acts:
+                add_costs(costs[m], memories[m], errors, state, unit, gear, vehicles, tick_ns * stamp_unit)
+                ticks += 1
+            if count[SEEN] == 0:
+                break
+            now[0], now[1], now[2] = reference[0, at], reference[1, at], reference[2, at]
+            own = states[m]
+            own[ENGAGED] = 1.0
+            if supervision[0][0][0].period > 0:
+                own[SUPERVISED], own[SUPERVISED + 1] = steps[0].permitted, steps[0].warning
+                own[SUPERVISED + 2], own[SUPERVISED + 3] = steps[0].service, steps[0].emergency
+            if now[1] != 0.0:
+                own[DIRECTION] = np.sign(now[1])
+            write_values(
+                found[m], (stamp + at * tick_ns) * stamp_unit, measured[at], couplers[at], now, args[12][4][at],
+                history, own, sight,
+            )  # fmt: skip
+            if ticks >= most:
+                break
+        results[m, TICKS], results[m, ROWS], results[m, GOES_ON] = ticks, at, count[SEEN]

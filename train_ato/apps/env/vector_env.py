@@ -1,0 +1,500 @@
+"""Many environments in one: a step drives all trains in one compiled call, spread over the cores."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+from numba import types
+
+from train_ato.apps.env.compiled_steps import GOES_ON, ROWS, TICKS, step_trains
+from train_ato.apps.env.env import MAX_SEED, caller_setup, checked_seed
+from train_ato.apps.env.observation import (
+    DIRECTION,
+    PER_TICK,
+    Known,
+    Quantity,
+    Sight,
+    add_costs,
+    cost_memory,
+    end_costs,
+    observed,
+    weights_of,
+)
+from train_ato.apps.runs.scenario_choice import Changes, GivenScenario, ScenarioChoice, choose_scenario
+from train_ato.apps.sweep.dimensions import read_dimensions
+from train_ato.control.caller import Caller
+from train_ato.errors import FirstFailure, refusing
+from train_ato.loop.engine import TickLoop
+from train_ato.loop.result import RunResult
+from train_ato.loop.scenario_data import PartCache
+from train_ato.loop.setup import RunSetup
+from train_ato.loop.spans import kernel
+from train_ato.loop.spans.native_arguments import function_of, reader_of, row_numbers
+from train_ato.loop.spans.span import CompiledSpans, Span
+from train_ato.messages.types import Array
+
+DOMAIN_STREAM = 33
+"""Second seed of the draw of a domain, beside the seed of the run."""
+NS = 1e-9
+
+
+class _Train:
+    """One run of the vector.
+
+    Attributes
+    ----------
+    loop : TickLoop
+        Its stages.
+    span : Span or None
+        Its compiled ticks, observed up to the present one; None: the stages have observed it.
+    ended : bool
+        True after the last tick.
+    domain : dict
+        Keys drawn for this run.
+    """
+
+    def __init__(self, setup: RunSetup, caller: Caller, force: Array, domain: dict[str, Any]) -> None:
+        self.setup, self.domain, self.watch = setup, domain, FirstFailure()
+        brief = not setup.scenario.criteria.requirements and not setup.scenario.evaluation.couplers
+        self.loop = loop = TickLoop(setup, None, compiled=True, summary_only=brief)
+        loop.start()
+        caller.force = force
+        self.span: Span | None = None
+        self.spans: CompiledSpans | None = None
+        self.known: Known | None = None
+        self.ended = False
+        self.begin = time.perf_counter()
+
+    def new_span(self) -> Span | None:
+        """Return the compiled ticks from the present one on; None if it is left to Python."""
+        if self.loop.ticks == 0:
+            return None
+        if self.spans is None:
+            self.spans = self.loop.compiled_spans()
+        self.spans.ato = self.loop.last_report
+        return self.spans.begin(without_python=True)
+
+    def end_span(self, done: int) -> None:
+        """Set the stages to their state after the compiled ticks."""
+        assert self.spans is not None
+        assert self.span is not None
+        self.loop.ticks += self.spans.end(self.span, done)
+        self.loop.last_report = self.spans.ato
+        self.span = None
+
+    def metrics(self) -> dict[str, Any]:
+        """Return the metrics of the ended run."""
+        loop = self.loop
+        counts, recording, wall = loop.recording.counts, loop.recording.finish(), time.perf_counter() - self.begin
+        outcome = RunResult.of(
+            self.setup, recording, wall, loop.ticks, [], interrupted=False, failure=self.watch.failure, published=counts
+        )
+        return {**outcome.summary, "mode": "engine"}
+
+
+class VectorEnv:
+    """Environments of one scenario, all of whose trains are driven by one call; as :class:`train_ato.Env` for each.
+
+    Made by :func:`train_ato.vector_env`. The autoreset mode is that of Gymnasium's default, ``NEXT_STEP``: the step
+    after the end of a run ignores its force, begins the next run and returns its first observation, reward 0.
+
+    Parameters
+    ----------
+    scenario
+        As for :class:`train_ato.Env`.
+    num_envs
+        Number of trains.
+    seed
+        Seed of the first :meth:`reset`, as there.
+    set
+        Other keys of the scenario.
+    over
+        Domain randomisation: keys of the scenario with their values or ranges, as ``over:`` of a sweep. Every run draws
+        one value for each key; the draw follows from the seed of the run and is in ``domains``.
+    observe
+        Names of the observed quantities; default: all that every train has in the same number.
+    normalised
+        True: the force of a step is relative to the envelope, from -1 to 1.
+    reward
+        Weights of the costs, as for :class:`train_ato.Env`.
+    threads
+        Number of threads; default: that of the processors.
+
+    Attributes
+    ----------
+    quantities : dict of Quantity
+        Observed quantities; the observation is one vector per train in their order.
+    num_envs, n_units : int
+        Number of trains, and of power units of each.
+    domains : list of dict
+        Keys drawn for the present run of every train.
+
+    Raises
+    ------
+    ValueError
+        One line: bad scenario, quantity, cost or key.
+
+    Examples
+    --------
+    >>> import train_ato as ta
+    >>> masses = {"plant.mismatch.mass_scale": {"from": 0.8, "to": 1.2}}
+    >>> envs = ta.vector_env("xuzhou_metro", 4, over=masses, observe=("speed", "speed_error"), normalised=True)
+    >>> obs, info = envs.reset(seed=8)
+    >>> for _ in range(100):
+    ...     obs, reward, terminated, truncated, info = envs.step(-obs[:, 1:])
+    >>> obs.shape, len(envs.domains)
+    ((4, 2), 4)
+    """
+
+    @refusing
+    def __init__(
+        self,
+        scenario: GivenScenario,
+        num_envs: int,
+        *,
+        seed: int | None = None,
+        set: Changes | None = None,
+        over: Mapping[str, Any] | None = None,
+        observe: Sequence[str] | None = None,
+        normalised: bool = False,
+        reward: Mapping[str, float] | None = None,
+        threads: int | None = None,
+    ) -> None:
+        if isinstance(num_envs, bool) or not isinstance(num_envs, (int, np.integer)) or num_envs < 1:
+            raise ValueError(f"num_envs {num_envs!r}: give a whole number from 1 on")
+        if threads is not None and threads < 1:
+            raise ValueError(f"threads {threads}: give a number from 1 on")
+        self._choice = choose_scenario(scenario).changed(set, seed)
+        self._dimensions = read_dimensions(over, "over") if over else ()
+        self.num_envs, self.normalised = int(num_envs), normalised
+        self._parts, self._weights = PartCache(), weights_of(reward)
+        self._threads = min(threads or os.cpu_count() or 1, self.num_envs)
+        self._pool = ThreadPoolExecutor(self._threads - 1) if self._threads > 1 else None
+        self._bounds(observe)
+        sight = Sight(self.setup)
+        n, units = self.num_envs, self.n_units
+        self._forces, self._force_parts = np.zeros((n, units)), self._parts_of(("force_min", "force_max"))
+        self._rows: Any = None
+        self._results = np.zeros((n, 3), dtype=np.int64)
+        self._costs, self._memories = np.zeros((n, len(PER_TICK))), np.zeros((n, 4))
+        self._states, self._found = np.zeros((n, DIRECTION + 1)), np.zeros((n, sight.size))
+        self._outputs = self._results, self._costs, self._memories, self._states, self._found
+        self._trains: list[_Train] = []
+        self._kept: list[Sight] = [sight] * n
+        self._seeds: list[np.random.Generator] = []
+        self._ended, self._compiled = np.zeros(n, dtype=bool), np.zeros(0, dtype=np.int64)
+
+    def _bounds(self, observe: Sequence[str] | None) -> None:
+        """Set the observed quantities with bounds for all domains, from the corners of the ranges."""
+        corners = [{}, *({d.key: value} for d in self._dimensions for value in (d.at(0.0), d.at(1.0)))]
+        setups = [caller_setup(self._choice.with_(corner), Caller(), self._parts) for corner in corners]
+        self.setup = setups[0]
+        found = [observed(setup, observe) for setup in setups]
+        common = {}
+        for name, first in found[0].items():
+            same = [entry[name] for entry in found if name in entry]
+            if any((entry.begin, entry.low.size) != (first.begin, first.low.size) for entry in same):
+                raise ValueError(
+                    f"over: the observation has another size ({name}: {sorted({q.low.size for q in same})} values); "
+                    "fix the key, for example 'model.delay' for a random delay of the commands"
+                )
+            if len(same) < len(found):  # limits of a line that another line lacks
+                continue
+            low = np.minimum.reduce([entry.low for entry in same])
+            high = np.maximum.reduce([entry.high for entry in same])
+            common[name] = Quantity(name, first.unit, first.meaning, low, high, first.begin)
+        self.quantities: dict[str, Quantity] = common
+        self._columns = np.concatenate([np.arange(q.begin, q.begin + q.low.size) for q in common.values()])
+        self._all = np.array_equal(self._columns, np.arange(Sight(self.setup).size))
+
+    def _parts_of(self, names: Sequence[str]) -> list[slice]:
+        known = observed(self.setup)
+        return [known[name].part for name in names]
+
+    @property
+    def n_units(self) -> int:
+        """Number of power units of a train."""
+        return self.setup.layout.n_units
+
+    @property
+    def period(self) -> float:
+        """Duration of a step [s]."""
+        return self.setup.control_period
+
+    @property
+    def domains(self) -> list[dict[str, Any]]:
+        """Keys drawn for the present run of every train."""
+        return [train.domain for train in self._trains]
+
+    @property
+    def seeds(self) -> list[int]:
+        """Seed of the present run of every train; with its domain, :class:`train_ato.Env` repeats it."""
+        return [train.setup.seed for train in self._trains]
+
+    @property
+    def force_bounds(self) -> tuple[Array, Array]:
+        """Smallest and largest force of a step [N], or -1 and 1, shape (units,) each."""
+        if self.normalised:
+            return -np.ones(self.n_units), np.ones(self.n_units)
+        model = self.setup.model
+        least = np.array([-envelope.largest() for envelope in model.brake])
+        return least, np.array([envelope.largest() for envelope in model.traction])
+
+    @refusing
+    def reset(
+        self, *, seed: int | Sequence[int] | None = None, options: Changes | None = None
+    ) -> tuple[Array, dict[str, Any]]:
+        """Begin a run of every train and return the observations, shape (trains, values), and ``info``.
+
+        Parameters
+        ----------
+        seed
+            Seeds of the runs: one per train, or that of the first one, with the next numbers for the others. Default:
+            at the first call that of the scenario, then those that follow from the last seeds given.
+        options
+            Other keys of the scenario, up to the next :meth:`reset`.
+
+        Raises
+        ------
+        ValueError
+            One line: bad seed or option.
+        """
+        self._changed = self._choice.with_(options) if options else self._choice
+        if seed is None and self._seeds:
+            own = [int(random.integers(MAX_SEED)) for random in self._seeds]
+        else:
+            first = self._changed.checked.seed if seed is None else seed
+            own = [checked_seed(each) for each in first] if isinstance(first, Sequence) else [
+                checked_seed(first) + number for number in range(self.num_envs)
+            ]  # fmt: skip
+            if len(own) != self.num_envs:
+                raise ValueError(
+                    f"reset: {len(own)} seeds for {self.num_envs} trains; give one for each, or one number"
+                )
+            self._seeds = [np.random.default_rng(each) for each in own]
+        self._trains = []
+        for number, each in enumerate(own):
+            self._trains.append(self._begun(number, each))
+        self._ended[:], self._compiled = False, np.zeros(0, dtype=np.int64)
+        return self._observation(), {"engaged": self._states[:, 0] > 0.0}
+
+    def _begun(self, number: int, seed: int) -> _Train:
+        """Begin the run of a train and observe its first tick."""
+        shares = np.random.default_rng((seed, DOMAIN_STREAM)).random(len(self._dimensions))
+        domain = {
+            dimension.key: dimension.at(float(share)) for dimension, share in zip(self._dimensions, shares, strict=True)
+        }
+        caller = Caller()
+        choice: ScenarioChoice = self._changed.with_(domain) if domain else self._changed
+        train = _Train(caller_setup(choice, caller, self._parts, seed), caller, self._forces[number], domain)
+        sight = self._kept[number] = Sight(train.setup)
+        if sight.size != self._found.shape[1]:
+            raise ValueError(
+                "reset: the observation of another line or train has another size; make another vector_env"
+            )
+        self._memories[number] = cost_memory(train.loop.plant.train.velocity.item(0))
+        train.loop.observe()
+        train.known = Known.of(train.loop.controller)
+        self._states[number], train.known.state = train.known.state, self._states[number]
+        self._take(number, train)
+        return train
+
+    def _take(self, number: int, train: _Train) -> None:
+        """Write the values that the stages have observed."""
+        assert train.known is not None
+        train.known.take(train.loop.controller)
+        self._found[number] = train.known.values(self._kept[number])
+
+    @refusing
+    def step(self, forces: Any) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
+        """Drive all trains for one control period and return observations, rewards, terminated, truncated, ``info``.
+
+        Parameters
+        ----------
+        forces : array, shape (trains, units)
+            Force demand of every unit of every train, as for :meth:`train_ato.Env.step`.
+
+        Returns
+        -------
+        observations, rewards, terminated, truncated, info
+            Shapes (trains, values) and (trains,). ``info`` has ``costs`` by name, ``engaged``; after the end of a run
+            ``metrics``, ``verdict`` and ``failure``, with a mask under the name with ``_``, as in Gymnasium.
+
+        Raises
+        ------
+        ValueError
+            One line: forces of another shape or not finite, or a step before :meth:`reset`.
+        """
+        if not self._trains:
+            raise ValueError("the environments have no run; call reset() first")
+        self._forces[:] = self._checked(forces)
+        self._costs[:] = 0.0
+        ticks = round(self.period / self.setup.tick)
+        self._run_compiled(self._compiled, ticks)
+        quick = self._compiled.size == self.num_envs and bool(self._results[:, GOES_ON].all())
+        if not quick:
+            self._run_others(ticks)
+        found = self._costs.T.copy()
+        costs = dict(zip(PER_TICK, found, strict=True))
+        info: dict[str, Any] = {"engaged": self._states[:, 0] > 0.0}
+        if not quick and self._ended.any():
+            info |= self._ends(costs)
+        info["costs"] = costs
+        rewards = np.zeros(self.num_envs)
+        for name, weight in self._weights.items():
+            if name in costs:
+                rewards += weight * costs[name]
+        return self._observation(), -rewards, self._ended.copy(), np.zeros(self.num_envs, bool), info
+
+    def _run_others(self, ticks: int) -> None:
+        """Drive the trains that the common call did not drive to its end, and begin the next runs of ended ones."""
+        for number, train in enumerate(self._trains):
+            if self._ended[number]:
+                self._trains[number] = self._begun(number, int(self._seeds[number].integers(MAX_SEED)))
+            elif train.span is None:
+                self._advance(number, train, ticks)
+            elif not self._results[number, GOES_ON]:
+                left = ticks - int(self._results[number, TICKS])
+                self._leave_span(number, train)
+                self._advance(number, train, left)
+        self._ended[:] = [train.ended for train in self._trains]
+        compiled = [number for number, train in enumerate(self._trains) if train.span is not None]
+        self._compiled = np.array(compiled, dtype=np.int64)
+
+    def _checked(self, given: Any) -> Array:
+        """Return the force of every unit [N] from those of a step."""
+        shape = (self.num_envs, self.n_units)
+        try:
+            forces = np.asarray(given, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise ValueError(f"step: forces {str(given)[:60]!r} are not numbers; give the shape {shape}") from None
+        if forces.shape != shape:
+            raise ValueError(f"step: forces have the shape {forces.shape}; give {shape}, a row for every train")
+        if not np.isfinite(forces).all():
+            raise ValueError("step: a force is not finite; give numbers")
+        if not self.normalised:
+            return forces
+        low, high = (self._found[:, part] for part in self._force_parts)
+        return np.where(forces < 0.0, -low, high) * forces
+
+    def _run_compiled(self, who: Any, ticks: int) -> None:
+        """Run ticks of the compiled spans of some trains, divided over the threads."""
+        if not who.size:
+            return
+        if self._pool is None or who.size < self._threads:
+            self._call(who, ticks)
+            return
+        parts = np.array_split(who, self._threads)
+        waits = [self._pool.submit(self._call, part, ticks) for part in parts[1:]]
+        self._call(parts[0], ticks)
+        for wait in waits:
+            wait.result()
+
+    def _call(self, who: Any, ticks: int) -> None:
+        self._step(self._rows, who, ticks, NS, *self._outputs)
+
+    def _advance(self, number: int, train: _Train, ticks: int) -> None:
+        """Run ticks of a train outside of the common call: in Python up to its next span."""
+        while ticks > 0 and not train.ended:
+            if train.span is None:
+                self._tick(number, train)
+                ticks -= 1
+                continue
+            self._run_compiled(np.array([number]), ticks)
+            ticks -= int(self._results[number, TICKS])
+            if not self._results[number, GOES_ON]:
+                self._leave_span(number, train)
+
+    def _tick(self, number: int, train: _Train) -> None:
+        """Run law and train of a tick with the stages, and observe the next one."""
+        loop, plant = train.loop, train.loop.plant.train
+        error = plant.velocity[list(plant.units)] - loop.profile.profile.at(loop.plant.stamp * NS)[1]
+        try:
+            loop.act()
+            self._look(number, train)
+        except Exception as failure:  # of a component of the run
+            train.watch.fail(loop.active, failure)
+            train.ended = True
+        arrays = plant.arrays
+        add_costs(
+            self._costs[number], self._memories[number], error, arrays.state, arrays.unit, arrays.gear, plant.n,
+            train.setup.tick,
+        )  # fmt: skip
+
+    def _leave_span(self, number: int, train: _Train) -> None:
+        """End a span and observe the present tick, in the next span or with the stages."""
+        try:
+            train.end_span(int(self._results[number, ROWS]))
+            self._look(number, train)
+        except Exception as failure:  # of a component of the run
+            train.watch.fail(train.loop.active, failure)
+            train.ended = True
+
+    def _look(self, number: int, train: _Train) -> None:
+        """Observe the present tick, or conclude the run after its last one."""
+        loop = train.loop
+        if loop.plant.finished:
+            loop.conclude()
+            train.ended = True
+            return
+        train.span = train.new_span()
+        if train.span is not None:
+            self._set_row(number, train.span)
+            self._run_compiled(np.array([number]), 0)
+            if self._results[number, GOES_ON]:
+                return
+            train.end_span(0)
+        loop.observe()
+        self._take(number, train)
+
+    def _set_row(self, number: int, span: Span) -> None:
+        """Put the arguments of the compiled ticks of a train into its row; ``span`` keeps their arrays."""
+        if self._rows is None:
+            self._run = function_of(kernel.run_span, types.int64, span.arguments)
+        arguments = self._run, span.arguments, self._kept[number].arrays
+        row = row_numbers(arguments)
+        if self._rows is None:
+            self._rows = [row] * self.num_envs if isinstance(row, tuple) else np.zeros((self.num_envs, len(row)), int)
+            one = np.zeros(1, dtype=np.int64)
+            self._step = reader_of(step_trains, arguments, self._rows, one, 1, NS, *self._outputs)
+        self._rows[number] = row
+
+    def _ends(self, costs: dict[str, Array]) -> dict[str, Any]:
+        """Return the ``info`` of ended runs, and add the costs of their ends."""
+        found: dict[str, Any] = {name: np.full(self.num_envs, None) for name in ("metrics", "verdict", "failure")}
+        costs |= {"stop": np.zeros(self.num_envs), "punctuality": np.zeros(self.num_envs)}
+        for number in np.flatnonzero(self._ended).tolist():
+            train = self._trains[number]
+            metrics = train.metrics()
+            for name, cost in end_costs(train.setup, metrics, float(train.loop.plant.train.position[0])).items():
+                costs[name][number] = cost
+            found["metrics"][number], found["verdict"][number] = metrics, metrics.get("verdict")
+            found["failure"][number] = train.watch.failure
+        return found | {f"_{name}": self._ended.copy() for name in found}
+
+    def _observation(self) -> Array:
+        return self._found.copy() if self._all else self._found[:, self._columns]
+
+    def close(self) -> None:
+        """End all runs and threads."""
+        self._trains = []
+        if self._pool is not None:
+            self._pool.shutdown()
+            self._pool = None
+
+    def __enter__(self) -> VectorEnv:
+        """Return the environments, which are closed at the end of the block."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def vector_env(scenario: GivenScenario, num_envs: int, **choices: Any) -> VectorEnv:
+    """Return many environments whose trains one call drives, see :class:`VectorEnv` for the other arguments."""
+    return VectorEnv(scenario, num_envs, **choices)

@@ -1,0 +1,246 @@
+"""Trains behind each other: one ordinary run for each, in the order of the line, and a common summary.
+
+The reports of a train go backwards only. The run of a train is therefore complete before that of the train behind it,
+whose scenario contains the reports: it is an ordinary run in every mode, which ``verify`` repeats. Its links deliver
+each report at its time, as in a common run.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from plant_sim.states import Odometry
+from plant_sim.units import KMH
+from train_ato.apps.runs.drive import RunMode, drive
+from train_ato.apps.runs.run import Run
+from train_ato.apps.runs.scenario_choice import choose_scenario
+from train_ato.errors import RunFailed
+from train_ato.log.run_folder import RunFolder, summary_text
+from train_ato.log.whole_file import write_whole
+from train_ato.loop.headway import following_weight
+from train_ato.loop.recording import TRUTH, Recording
+from train_ato.loop.scenario_data import PartCache
+from train_ato.loop.setup import RunSetup
+from train_ato.scenario.following import FollowingSpec
+from train_ato.supervision.train_report import TrainReport, TrainReporter, reports_text
+
+SUMMARY = "summary.json"
+
+
+@dataclass(frozen=True)
+class FollowingResult:
+    """Result of trains behind each other.
+
+    Attributes
+    ----------
+    runs : dict of Run
+        Run of every train by its name.
+    summary : dict
+        Content of the common ``summary.json``.
+    """
+
+    runs: dict[str, Run]
+    summary: dict[str, Any]
+
+
+def reporter_of(setup: RunSetup) -> TrainReporter:
+    """Return the reporter of a train.
+
+    Raises
+    ------
+    ValueError
+        Without a supervisor, whose odometry the reports have.
+    """
+    if not setup.layout.supervised:
+        raise ValueError(f"{setup.scenario.name}: reports need the odometry; set supervision.enabled: true")
+    return TrainReporter(setup.consist, setup.plant, setup.line, setup.supervisor().track.train.max_speed)
+
+
+def train_reports(recording: Recording, setup: RunSetup) -> list[TrainReport]:
+    """Return the reports of a recorded train, one at every step of its supervisor."""
+    reporter = reporter_of(setup)
+    columns = [recording.of("train/odometry", name) for name in ("position", "speed", "since_balise")]
+    found = [column for column in columns if column is not None]
+    rows = zip(found[0][0].tolist(), *(values for _, values in found), strict=True)
+    return [reporter.report(Odometry(round(time * 1e9), *values)) for time, *values in rows]
+
+
+def first_report(setup: RunSetup) -> TrainReport:
+    """Return the report of a train at its start."""
+    train = setup.train()
+    front = float(train.position[0]) + setup.consist.vehicles[0].length / 2.0
+    speed = float(train.velocity[0])
+    return reporter_of(setup).report(Odometry(0, np.full(2, front), np.full(2, speed), np.zeros(2)))
+
+
+class _Preparation:
+    """Prepared runs of all trains.
+
+    Parameters
+    ----------
+    spec, folder
+        Checked following file, and its folder.
+    """
+
+    def __init__(self, spec: FollowingSpec, folder: Path) -> None:
+        self._spec, self._folder, self._parts = spec, folder, PartCache()
+
+    def setup(self, number: int, reports: list[TrainReport]) -> RunSetup:
+        """Return the run of a train with the reports of the train ahead, none for the first train."""
+        data = self._spec.scenario_of(number, self._folder)
+        name = self._spec.trains[number].name
+        if number:
+            given = data.get("leader", {})
+            if not isinstance(given, dict):
+                raise ValueError(f"{name}: leader: {given!r}: is no block; write leader: {{headway: 150}}")
+            data["leader"] = {**given, "reports": reports_text(reports)}
+        elif "leader" in data:
+            raise ValueError(f"{name}: leader: the first train has no train ahead; remove it")
+        try:
+            return choose_scenario(data).prepare(parts=self._parts)
+        except ValueError as error:
+            raise ValueError(f"train {name}: {error}") from None
+
+    def check(self) -> None:
+        """Prepare every train behind the start of the train ahead.
+
+        Raises
+        ------
+        ValueError
+            For a train that cannot run, or two trains at one place.
+        """
+        ahead: RunSetup | None = None
+        report: list[TrainReport] = []
+        for number, train in enumerate(self._spec.trains):
+            setup = self.setup(number, report)
+            report = [first_report(setup)]
+            if ahead is not None and (gap := _start_gap(ahead, setup)) <= 0.0:
+                raise ValueError(
+                    f"train {train.name}: begins {-gap:.0f} m inside the train ahead; start it further back"
+                )
+            ahead = setup
+
+
+def _start_gap(ahead: RunSetup, setup: RunSetup) -> float:
+    """Return the distance of two trains at the start [m]."""
+    rear = float(ahead.train().position[-1]) - ahead.consist.vehicles[-1].length / 2.0
+    return rear - float(setup.train().position[0]) - setup.consist.vehicles[0].length / 2.0
+
+
+def run_following(
+    spec: FollowingSpec, folder: Path, run_mode: RunMode, out: Path | None = None, shown: bool | None = None
+) -> FollowingResult:
+    """Run trains behind each other.
+
+    Parameters
+    ----------
+    spec, folder
+        Checked following file, and its folder.
+    run_mode
+        Checked mode of every run.
+    out
+        Folder to make, with a run folder for each train and the common summary; None: in memory.
+    shown
+        As for :func:`train_ato.apps.runs.drive.drive`.
+
+    Raises
+    ------
+    ValueError
+        Bad input, before the first run.
+    RunFailed, RunInterrupted
+        If a run fails; those before it are recorded.
+    """
+    preparation = _Preparation(spec, folder)
+    preparation.check()
+    place = None if out is None else RunFolder.make(out, spec.name).path
+    runs: dict[str, Run] = {}
+    rows: list[dict[str, Any]] = []
+    reports: list[TrainReport] = []
+    ahead: Recording | None = None
+    for number, train in enumerate(spec.trains):
+        setup = preparation.setup(number, reports)
+        try:
+            run = drive(setup, run_mode, out=None if place is None else place / train.name, shown=shown)
+        except RunFailed as error:
+            if not error.printed:
+                error.args = (f"train {train.name}: {error}", *error.args[1:])
+            raise
+        recording = run.recording
+        row = {"name": train.name, **({} if ahead is None else follower_figures(ahead, recording, setup))}
+        rows.append({**row, **run.metrics})
+        runs[train.name], ahead, reports = run, recording, train_reports(recording, setup)
+    summary = {"following": spec.name, "seed": spec.seed, **_judged(spec, rows), "trains": rows}
+    if place is not None:
+        write_whole(place / SUMMARY, summary_text(summary))
+    return FollowingResult(runs, summary)
+
+
+def follower_figures(ahead: Recording, own: Recording, setup: RunSetup) -> dict[str, Any]:
+    """Return the figures of a train behind another one, on the truth of both.
+
+    Gap: rear of the train ahead less the front, at the common ticks. Headway errors: place and speed of the front less
+    those of the train ahead one headway before, where the profile follows it, away from own stops.
+    """
+    leader = ahead.setup
+    assert leader is not None
+    rear = ahead.of(TRUTH, "rear_position")
+    last = rear[1][:, 0] if rear is not None else ahead.front_position
+    time = own.time[own.time <= ahead.time[-1]]
+    front = own.front_position + setup.consist.vehicles[0].length / 2.0
+    rears = np.interp(time, ahead.time if rear is None else rear[0], last) - leader.consist.vehicles[-1].length / 2.0
+    gap = rears - front[: time.size]
+    touching = gap <= 0.0
+    figures: dict[str, Any] = {
+        "gap_min_m": float(gap.min()),
+        "gap_min_s": float(time[gap.argmin()]),
+        "contacts": int(touching[0]) + int((touching[1:] & ~touching[:-1]).sum()),
+    }
+    spec = setup.scenario.leader
+    if spec is None or spec.headway is None:
+        return figures
+    followed = setup.profile.time[following_weight(setup.profile, spec).value >= 1.0]
+    used = np.isin(np.rint(own.time * 1e9), np.rint(followed * 1e9))
+    used &= (own.time >= spec.headway) & (own.time - spec.headway <= ahead.time[-1])
+    if not used.any():
+        return figures
+    before = own.time[used] - spec.headway
+    shift = leader.consist.vehicles[0].length / 2.0
+    error = front[used] - np.interp(before, ahead.time, ahead.front_position) - shift
+    speed = own.front_velocity[used] - np.interp(before, ahead.time, ahead.front_velocity)
+    return figures | {
+        "headway_error_max_m": float(np.abs(error).max()),
+        "headway_error_rms_m": float(np.sqrt((error**2).mean())),
+        "headway_speed_error_max_kmh": float(np.abs(speed).max() * KMH),
+    }
+
+
+def _judged(spec: FollowingSpec, rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return verdict, broken requirements and number of contacts of all trains."""
+    criteria, broken = spec.criteria, list[str]()
+    limits = (
+        ("headway_error_max_m", criteria.headway_error, "headway error", "m"),
+        ("headway_error_rms_m", criteria.headway_error_rms, "rms headway error", "m"),
+        (
+            "headway_speed_error_max_kmh",
+            None if criteria.headway_speed_error is None else criteria.headway_speed_error * KMH,
+            "headway speed error",
+            "km/h",
+        ),
+        ("brake_interventions", criteria.brake_interventions, "brake interventions", ""),
+    )
+    for row in rows:
+        for key, limit, words, unit in limits:
+            if limit is not None and row.get(key) is not None and row[key] > limit:
+                broken.append(f"{row['name']}: {words} {row[key]:.3g} {unit}, permitted {limit:g} {unit}".rstrip())
+        if row.get("contacts"):
+            broken.append(f"{row['name']}: {row['contacts']} contacts with the train ahead")
+        if criteria.gap is not None and row.get("gap_min_m", np.inf) < criteria.gap:
+            broken.append(f"{row['name']}: gap {row['gap_min_m']:.1f} m, at least {criteria.gap:g} m")
+        if row.get("verdict") == "failed":
+            broken.append(f"{row['name']}: verdict of its run: failed")
+    contacts = sum(row.get("contacts", 0) for row in rows)
+    return {"verdict": "failed" if broken else "passed", "broken": broken, "contacts": contacts}

@@ -1,0 +1,208 @@
+"""A measured speed and force history as a run, or as a speed profile."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from plant_sim.library import load_consist, load_line
+from plant_sim.line import ENDING, Line
+from train_ato.apps.import_csv.columns import LARGEST_GAP
+from train_ato.apps.import_csv.layout import RecorderLayout, add_notch_force, load_layout
+from train_ato.apps.import_csv.recording import Measured, measured
+from train_ato.apps.import_csv.run import measured_result, measured_setup, write_messages
+from train_ato.apps.import_csv.samples import sort_rows
+from train_ato.apps.import_csv.series import series_of
+from train_ato.apps.import_csv.smoothing import MAX_WINDOW, measured_profile, window_of
+from train_ato.apps.import_csv.table import CsvTable, read_table, titles_of
+from train_ato.apps.runs.progress import activity, progress_bar
+from train_ato.apps.runs.run import Run
+from train_ato.arguments import option_name
+from train_ato.log.run_folder import RunFolder, summary_text
+from train_ato.log.versions import SUMMARY
+from train_ato.loop.result import Progress
+from train_ato.loop.setup import RunSetup
+from train_ato.profile.file import write_profile
+
+PROFILE = "profile.csv"
+STEP = 0.005
+"""Plant step of an imported scenario; the tick is a multiple of it [s]."""
+
+
+@dataclass(frozen=True)
+class MeasuredRun:
+    """Measured run before it is written: setup, samples, and averaging window of its profile [s]."""
+
+    setup: RunSetup
+    found: Measured
+    window: float
+
+    def write_profile(self, path: Path) -> None:
+        """Write the profile with its source."""
+        means = f"speed averaged over {self.window:.3g} s twice" if self.window else "the speed as it is"
+        source = f"measured: {self.found.table.path.name}, {self.found.table.lines.size} rows, {means}"
+        write_profile(self.setup.profile, path, source)
+
+    def write(self, out: Path | None, option: str = "--out") -> Run:
+        """Write the run folder with log, profile, summary and figure; a failure leaves none."""
+        setup = self.setup
+        series = series_of(self.found, setup)
+        outcome = measured_result(setup, self.found, series, self.window)
+        attached = {SUMMARY: summary_text(outcome.summary).encode()}
+        folder = RunFolder.make(out, setup.scenario.name, option)
+        begin = time.perf_counter()
+        try:
+            folder.begin(setup)
+            with progress_bar(f"writing {folder.path}") as progress, folder.sink(setup, attached, timed=False) as sink:
+
+                def report(tick: int) -> None:
+                    if tick % 1000 == 0:
+                        progress(Progress(tick * setup.tick, setup.ticks * setup.tick, time.perf_counter() - begin))
+
+                write_messages(setup, series, sink, report)
+            self.write_profile(folder.path / PROFILE)
+            folder.finish(setup, outcome)
+            from train_ato.apps.report.print_figures import write_run_figure  # matplotlib: not needed before the end
+
+            write_run_figure(setup, outcome, folder.path)
+        except BaseException:
+            folder.discard(converted=True)
+            raise
+        return Run(outcome.summary, folder.path, setup=setup)
+
+
+def import_run(
+    csv: str | Path,
+    *,
+    train: str | Path,
+    line: str | Path,
+    layout: str | Path | None = None,
+    rename: Mapping[str, str] | None = None,
+    ignore: Sequence[str] = (),
+    from_km: float | None = None,
+    tick: float = 0.1,
+    largest_gap: float = LARGEST_GAP,
+    smooth: float | None = None,
+    sort: bool = False,
+    name: str | None = None,
+    out: str | Path | None = None,
+) -> Run:
+    """Convert the file of an on-board recorder to a run, as ``train-ato import`` does.
+
+    Parameters
+    ----------
+    csv
+        File with the columns that ``train-ato import --help`` lists.
+    train, line
+        Measured train and its line: shipped name or file.
+    layout
+        Layout of the recorder: shipped name or file.
+    rename, ignore
+        Columns read under another name, and columns that are not read.
+    from_km
+        Position of the front at the first row [km], for a file without a position column.
+    tick
+        Period of the run [s].
+    largest_gap
+        Longest gap to bridge [s].
+    smooth
+        Averaging window of the profile [s], 0: none; default: from the resolution of the speed.
+    sort
+        Sort the rows by time and remove repeated rows.
+    name
+        Name of the run; default: that of the file.
+    out
+        Run folder to make; default: ``runs/NAME-N``, as for the command.
+
+    Raises
+    ------
+    ValueError
+        Bad input, one line for each fault; nothing was written.
+    """
+    found = read_recorder(
+        csv, train=train, line=line, layout=layout, rename=rename, ignore=ignore, from_km=from_km, tick=tick,
+        largest_gap=largest_gap, smooth=smooth, sort=sort, name=name,
+    )  # fmt: skip
+    return found.write(None if out is None else Path(out), "out")
+
+
+def read_recorder(
+    csv: str | Path,
+    *,
+    train: str | Path,
+    line: str | Path,
+    layout: str | Path | None = None,
+    rename: Mapping[str, str] | None = None,
+    ignore: Sequence[str] = (),
+    from_km: float | None = None,
+    tick: float = 0.1,
+    largest_gap: float = LARGEST_GAP,
+    smooth: float | None = None,
+    sort: bool = False,
+    name: str | None = None,
+    dash: str = "",
+) -> MeasuredRun:
+    """Read and check a measured run with the parameters of :func:`import_run`.
+
+    ``dash`` precedes names of options in messages.
+    """
+    _check_numbers(largest_gap, tick, smooth, from_km, dash)
+    consist, on = load_consist(str(train)), load_line(str(line))
+    if not consist.power_units:
+        option = "--train" if dash else "train"
+        raise ValueError(f"{option} {train}: has no power unit; name the measured train")
+    kind = None if layout is None else load_layout(str(layout))
+    with activity(f"reading {csv}"):
+        table = _table(Path(csv), kind, dict(rename or {}), frozenset(ignore))
+    notes = [sort_rows(table) if sort or (kind is not None and kind.sort) else "", add_notch_force(table, consist)]
+    half = consist.vehicles[0].length / 2
+    offsets = np.array(consist.offsets)[list(consist.power_units)]
+    mirror = on.begin + on.end if str(line).endswith(ENDING) else None
+    found = measured(table, len(consist.power_units), half, offsets, largest_gap=largest_gap, mirror=mirror)
+    found.notes += [note for note in notes if note]
+    window = window_of(found) if smooth is None else smooth
+    profile = measured_profile(found, tick, _start(from_km, found, half, on, dash), window)
+    setup = measured_setup(found, profile, str(train), str(line), name or run_name(Path(csv)))
+    return MeasuredRun(setup, found, window)
+
+
+def _table(path: Path, kind: RecorderLayout | None, rename: dict[str, str], ignore: frozenset[str]) -> CsvTable:
+    """Return the rows of a file; a layout names the columns that the options do not."""
+    if kind is None:
+        return read_table(path, rename, ignore)
+    titles = set(titles_of(path, kind.rules()))
+    named = {title: name for title, name in kind.renames().items() if title in titles - ignore}
+    return read_table(path, named | rename, ignore | ((titles & {*kind.ignore}) - {*rename}), kind.rules())
+
+
+def _check_numbers(largest_gap: float, tick: float, smooth: float | None, from_km: float | None, dash: str) -> None:
+    """Check the numbers of the options."""
+    if not 0 < largest_gap < float("inf"):
+        raise ValueError(f"{option_name('largest_gap', dash)} {largest_gap}: out of range; give more than 0 s")
+    steps = tick / STEP
+    if not STEP <= tick <= 10 or abs(steps - round(steps)) > 1e-6:
+        raise ValueError(f"{dash}tick {tick}: out of range; give a multiple of {STEP:g} s up to 10 s, for example 0.1")
+    if smooth is not None and not 0 <= smooth <= MAX_WINDOW:
+        raise ValueError(f"{dash}smooth {smooth}: out of range; give 0 to {MAX_WINDOW:g} s")
+    if from_km is not None and not abs(from_km) < 1e5:
+        raise ValueError(f"{option_name('from_km', dash)} {from_km}: out of range; give kilometres of the line")
+
+
+def run_name(path: Path) -> str:
+    """Return a valid name of a scenario from a file name."""
+    return re.sub(r"[^A-Za-z0-9_.+-]+", "_", path.stem).strip("_.+-")[:80] or "measured"
+
+
+def _start(from_km: float | None, found: Measured, half: float, line: Line, dash: str) -> float:
+    """Return the position of vehicle 0's centre at the first row [m]."""
+    if found.position is not None:
+        if from_km is not None:
+            option, ignored = option_name("from_km", dash), f"{dash}ignore '{found.position.column.title}'"
+            raise ValueError(f"{option} {from_km}: the file has a position column; remove the option, or add {ignored}")
+        return float(found.position.values[0])
+    return line.begin if from_km is None else from_km * 1e3 - half

@@ -1,0 +1,144 @@
+"""Difference of two driven motions over time and place, at the stops, and of the energy."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from train_ato.apps.runs.result import StopOfRun, TypedResult
+from train_ato.loop.metrics import front_of_train
+from train_ato.loop.recording import Recording
+from train_ato.messages.types import Array
+
+STOP_COLUMNS = ("km", "arrival_s", "second_arrival_s", "difference_arrival_s", "difference_stop_m")
+ENERGY = {"energy_traction_kwh": "traction energy", "energy_regenerated_kwh": "regenerated energy"}
+
+
+@dataclass(frozen=True)
+class DrivenMotion:
+    """DrivenMotion of one run at its k ticks, with its metrics.
+
+    Attributes
+    ----------
+    time, front, speed, force : Array, shape (k,)
+        Time [s], place of the front [m], speed [km/h], force of all power units [kN].
+    metrics : dict
+        Metrics of the run.
+    measured : bool
+        The run was measured and has no targets.
+    """
+
+    time: Array
+    front: Array
+    speed: Array
+    force: Array
+    metrics: dict[str, Any]
+    measured: bool = False
+
+    @classmethod
+    def of(cls, recording: Recording, metrics: dict[str, Any]) -> DrivenMotion | None:
+        """Return the motion of a recording; None without a tick or without the length of its first vehicle."""
+        if recording.setup is None or not recording.time.size:
+            return None
+        front = front_of_train(recording.setup, recording)
+        force = recording.applied.sum(axis=1) / 1e3
+        return cls(recording.time, front, 3.6 * recording.front_velocity, force, metrics, recording.measured_only)
+
+
+@dataclass(frozen=True)
+class MotionDifference:
+    """Second motion minus first motion; arrays of the columns of ``RunDifference``."""
+
+    time: Array
+    over_time: dict[str, Array]
+    place: Array
+    over_place: dict[str, Array]
+    stops: list[dict[str, float | None]]
+    energy: dict[str, float | None]
+
+    @property
+    def line(self) -> str:
+        """Largest differences in one line, and those of the energy."""
+        speed, late = np.abs(self.over_place["speed_kmh"]), np.abs(self.over_place["time_s"])
+        energy = [f"{ENERGY[key]} by {value:+.3g} kWh" for key, value in self.energy.items() if value is not None]
+        return "; ".join(
+            [
+                f"speed differs by up to {speed.max():.3g} km/h, at km {self.place[speed.argmax()] / 1e3:.3f}",
+                f"time at a place by up to {late.max():.3g} s, at km {self.place[late.argmax()] / 1e3:.3f}",
+                *energy,
+            ]
+        )
+
+
+def motion_difference(first: DrivenMotion, second: DrivenMotion, *, step: float = 1.0) -> MotionDifference:
+    """Return the difference of two motions; see :func:`train_ato.difference`."""
+    if not step > 0:
+        raise ValueError(f"step {step:g}: out of range; give more than 0 m")
+    time = first.time[(first.time >= second.time[0]) & (first.time <= second.time[-1])]
+    begin, end = max(first.front.min(), second.front.min()), min(first.front.max(), second.front.max())
+    if not time.size or begin > end:
+        shared = "time" if not time.size else "place"
+        raise ValueError(f"{first.metrics.get('scenario')}, {second.metrics.get('scenario')}: no common {shared}")
+    place = np.arange(begin, end + step / 2, step)
+    passed = [_first_passing(motion.front, motion.time, place) for motion in (first, second)]
+    speeds = [np.interp(at, motion.time, motion.speed) for at, motion in zip(passed, (first, second), strict=True)]
+    columns = {
+        "speed_kmh": (first.speed, second.speed),
+        "position_m": (first.front, second.front),
+        "force_kn": (first.force, second.force),
+    }
+    over_time = {
+        name: np.interp(time, second.time, b) - np.interp(time, first.time, a) for name, (a, b) in columns.items()
+    }
+    over_place = {"speed_kmh": speeds[1] - speeds[0], "time_s": passed[1] - passed[0]}
+    energy = {key: _minus(second.metrics.get(key), first.metrics.get(key)) for key in ENERGY}
+    return MotionDifference(time, over_time, place, over_place, _stops(first, second), energy)
+
+
+def _first_passing(front: Array, time: Array, place: Array) -> Array:
+    """Return the times at which the front of a train is first at each place [s]."""
+    farthest = np.maximum.accumulate(front)
+    new = np.diff(farthest, prepend=-np.inf) > 0
+    return np.interp(place, farthest[new], time[new])
+
+
+def _minus(second: float | None, first: float | None) -> float | None:
+    """Return a difference; None without one of its values."""
+    return None if second is None or first is None else second - first
+
+
+NEAR_KM = 1e-3
+"""Largest distance of the targets of one stop in two runs [km]."""
+STANDS_M, STANDS_KMH = 50.0, 0.5
+"""Largest distance from the target of another run, and largest speed, of a standstill without a target of its own."""
+
+
+def _standstills(motion: DrivenMotion, others: Sequence[StopOfRun]) -> list[StopOfRun]:
+    """Return the standstills of a measured motion at the targets of another run; nothing for a simulated one."""
+    found = []
+    for stop in others if motion.measured else ():
+        beyond = motion.front - 1e3 * stop.km
+        stands = np.flatnonzero((np.abs(beyond) <= STANDS_M) & (np.abs(motion.speed) <= STANDS_KMH))
+        if stands.size:
+            arrival = float(motion.time[stands[0]])
+            found.append(StopOfRun(stop.km, stop.planned_s, arrival, None, float(beyond[stands[-1]])))
+    return found
+
+
+def _stops(first: DrivenMotion, second: DrivenMotion) -> list[dict[str, float | None]]:
+    """Return the stops of either run by place, with the differences of arrival and error."""
+    own, other = TypedResult.of(first.metrics).stops, TypedResult.of(second.metrics).stops
+    own, other = own or tuple(_standstills(first, other)), other or tuple(_standstills(second, own))
+    pairs = [(a, next((b for b in other if abs(a.km - b.km) <= NEAR_KM), None)) for a in own]
+    lone = [(None, b) for b in other if all(abs(a.km - b.km) > NEAR_KM for a in own)]
+    rows = []
+    for a, b in (*pairs, *lone):
+        arrivals = [None if stop is None else stop.arrival_s for stop in (a, b)]
+        errors = [None if stop is None else stop.beyond_m for stop in (a, b)]
+        km = next(stop.km for stop in (a, b) if stop is not None)
+        values = (km, *arrivals, _minus(arrivals[1], arrivals[0]), _minus(errors[1], errors[0]))
+        rows.append(dict(zip(STOP_COLUMNS, values, strict=True)))
+    return sorted(rows, key=lambda row: row["km"] or 0.0)

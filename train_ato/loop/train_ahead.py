@@ -1,0 +1,139 @@
+"""Reports of the train ahead as they arrive, and the moving end of authority of the supervisor.
+
+Rules of a receiving end: a report that is repeated or older than the newest one, invalid, or further from it than a
+train can move, is refused and counted; the newest accepted one remains in effect.  The first report is known at the
+start of the run.
+
+Rules of the end of authority: it is the safe rear of the newest report, less a margin; with relative braking distance
+plus the shortest stop of the train ahead.  Without a new report it stays, and is never extended.  A report older than
+the timeout loses its shortest stop, because nothing then shows that the train ahead still brakes by its own brakes.  A
+nearer end acts at once.  It is never beyond the end of authority of the own stop.
+"""
+
+from __future__ import annotations
+
+from train_ato.loop.setup import RunSetup
+from train_ato.messages.links import Link
+from train_ato.supervision.limits import BrakingTarget
+from train_ato.supervision.track_supervision import TrackSupervision
+from train_ato.supervision.train_report import TrainReport
+
+LARGEST_SPEED = 200.0
+"""Speed above that of every train [m/s]."""
+LARGEST_CORRECTION = 50.0
+"""Largest change of a reported place at a balise, beside the motion [m]."""
+
+
+class ReportReceiver:
+    """Receiving end of the reports of the train ahead.
+
+    Parameters
+    ----------
+    setup
+        Prepared run with a block ``leader``.
+    name
+        Name of the receiving end, key of its random stream.
+
+    Attributes
+    ----------
+    newest : TrainReport
+        Newest accepted report.
+    refused : int
+        Number of refused reports.
+    problem : str
+        Reason of the last refusal.
+    """
+
+    def __init__(self, setup: RunSetup, name: str) -> None:
+        spec = setup.scenario.leader
+        assert spec is not None
+        self._reports, self._next = setup.leader_reports, 0
+        self._link = Link(spec.link, 1, setup.step_ns, setup.seed, f"leader/{name}")
+        self._arrived = self._sent = 0
+        self.newest: TrainReport = self._reports[0]
+        self.refused, self.problem = 0, ""
+
+    def receive(self, now: int) -> TrainReport | None:
+        """Return a report that has arrived since the last call and is accepted at a time [ns], else None."""
+        while self._next < len(self._reports) and self._reports[self._next].stamp <= now:
+            self._sent = max(self._sent, self._reports[self._next].stamp)  # a repeated report is sent now
+            self._next += 1
+            self._link.push(self._sent, (self._next,))
+        number = int(self._link.pop(now)[0])
+        if number == self._arrived:
+            return None
+        self._arrived = number
+        report = self._reports[number - 1]
+        problem = self._problem(report)
+        if problem:
+            self.refused, self.problem = self.refused + 1, problem
+            return None
+        self.newest = report
+        return report
+
+    def _problem(self, report: TrainReport) -> str:
+        """Return the reason to refuse a report, "" for none."""
+        last = self.newest
+        if report is self._reports[0] or (problem := report.problem):
+            return report.problem
+        if report.number <= last.number or report.time <= last.time:
+            return f"report {report.number} is not newer than report {last.number}"
+        if abs(report.front - last.front) > LARGEST_SPEED * (report.time - last.time) + LARGEST_CORRECTION:
+            return f"report {report.number} is {abs(report.front - last.front):.0f} m from report {last.number}"
+        return problem
+
+    def age(self, now: int) -> float:
+        """Return the age of the newest report at a time [ns] in seconds."""
+        return (now - self.newest.stamp) * 1e-9
+
+    def diagnostics(self, now: int) -> dict[str, str]:
+        """Return age and refusals of the reports as text."""
+        values = {"leader_age": repr(self.age(now))}
+        if self.refused:
+            values |= {"leader_refused": str(self.refused), "leader_problem": self.problem}
+        return values
+
+
+class MovingAuthority:
+    """End of authority behind the train ahead.
+
+    Parameters
+    ----------
+    setup
+        Prepared run with a block ``leader``.
+    track
+        Limits of the supervisor up to the own stop.
+
+    Attributes
+    ----------
+    end : float
+        Present end of authority [m].
+    receiver : ReportReceiver
+        Receiving end of the supervisor.
+    """
+
+    def __init__(self, setup: RunSetup, track: TrackSupervision) -> None:
+        spec = setup.scenario.leader
+        assert spec is not None
+        self._margin, self._timeout = spec.rear_margin, spec.timeout
+        self._relative = spec.authority == "relative"
+        self._track = track
+        self._own_end = track.end
+        self.receiver = ReportReceiver(setup, "supervisor")
+        self.end = float("inf")
+
+    def move(self, now: int) -> None:
+        """Move the end of authority to that of the newest report at a time [ns]."""
+        self.receiver.receive(now)
+        report = self.receiver.newest
+        end = report.rear - self._margin
+        if self._relative and self.receiver.age(now) <= self._timeout:
+            end += report.stop
+        end = min(end, self._own_end)
+        if end != self.end:
+            self.end = end
+            self._track.move_end(BrakingTarget(end, kind="EOA"))
+
+    def diagnostics(self, now: int) -> dict[str, str]:
+        """Return the end of authority with the state of its reports as text."""
+        return {"end_of_authority": repr(self.end), **self.receiver.diagnostics(now)}

@@ -1,0 +1,88 @@
+"""Running-time supplements of a timetable: per cent, time per distance and time per stop, on sections of the line.
+
+The forms are those of UIC leaflet 451-1 (per cent, minutes per 100 km) and of the margins of OSRD (``5%``,
+``3min/100km``).
+"""
+
+from __future__ import annotations
+
+import re
+
+from pydantic import Field, model_validator
+
+from plant_sim.si_model import SiModel
+from plant_sim.units import Place, Ratio, Time
+
+PER_DISTANCE = 100e3
+"""Distance to which ``per_100km`` refers [m]."""
+SHORTEST = 1.0
+"""Least distance of the end of a supplement from a stop; a nearer one is taken as the stop [m]."""
+
+
+class Allowance(SiModel):
+    """Supplement on the least running time, on the whole plan or between two places; several of them add up."""
+
+    share: Ratio | None = Field(None, ge=0, le=10, description="part of the least running time", examples=[0.05])
+    per_100km: Time | None = Field(None, ge=0, le=36_000, description="time per 100 km", examples=[90.0])
+    per_stop: Time | None = Field(
+        None, ge=0, le=36_000, description="time for every stop after the first, the last one included", examples=[10.0]
+    )
+    begin: Place | None = Field(
+        None, description="place of the front at which it begins; default: that of the plan", examples=[1200.0]
+    )
+    end: Place | None = Field(
+        None, description="place of the front at which it ends; default: that of the plan", examples=[5400.0]
+    )
+
+    @model_validator(mode="after")
+    def _has_time(self) -> Allowance:
+        if self.share is None and self.per_100km is None and self.per_stop is None:
+            raise ValueError("an allowance has no time; give share_percent, per_100km_min or per_stop")
+        if self.begin is not None and self.end is not None and self.end <= self.begin:
+            raise ValueError(f"end = {self.end:g} m must lie beyond begin = {self.begin:g} m; exchange them")
+        return self
+
+    def covers(self, first: float, last: float) -> bool:
+        """Return True for a part of the line between two places [m] on which the supplement holds."""
+        begins = self.begin is None or self.begin <= first + SHORTEST
+        return begins and (self.end is None or self.end >= last - SHORTEST)
+
+    def seconds(self, least: float, distance: float, *, at_stop: bool) -> float:
+        """Return the supplement [s] of a part with a least running time [s] and a distance [m]."""
+        per_stop = (self.per_stop or 0.0) if at_stop else 0.0
+        return (self.share or 0.0) * least + (self.per_100km or 0.0) * distance / PER_DISTANCE + per_stop
+
+
+_NUMBER = r"(\d+(?:\.\d*)?|\.\d+)"
+_FORMS = (
+    (re.compile(_NUMBER + r"%"), "share_percent"),
+    (re.compile(_NUMBER + r"min/100km"), "per_100km_min"),
+    (re.compile(_NUMBER + r"s/stop"), "per_stop"),
+)
+_SECTION = re.compile(r"(-?\d+(?:\.\d*)?)\.\.(-?\d+(?:\.\d*)?)")
+
+
+def parse_allowance(text: str) -> Allowance:
+    """Return the supplement of ``5%``, ``1.5min/100km``, ``10s/stop``, sums with ``+``, ``:KM..KM`` for a section.
+
+    Raises
+    ------
+    ValueError
+        One line: problem; fix.
+    """
+    amounts, colon, section = text.replace(" ", "").partition(":")
+    data: dict[str, float] = {}
+    for amount in amounts.split("+"):
+        found = [(key, match[1]) for form, key in _FORMS if (match := form.fullmatch(amount))]
+        if not found or found[0][0] in data:
+            raise ValueError(
+                f"'{text}': '{amount}' is no supplement of its own; write 5%, 1.5min/100km or 10s/stop, joined by +, "
+                "and for a section :KM..KM"
+            )
+        data[found[0][0]] = float(found[0][1])
+    if colon:
+        places = _SECTION.fullmatch(section)
+        if places is None:
+            raise ValueError(f"'{text}': '{section}' is no section; write two kilometres, as 5%:12.5..18")
+        data |= {"begin_km": float(places[1]), "end_km": float(places[2])}
+    return Allowance.model_validate(data)

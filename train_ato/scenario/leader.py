@@ -1,0 +1,63 @@
+"""Block ``leader:`` of a scenario: the train ahead, which the train follows and which its supervisor keeps free."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from plant_sim.si_model import SiModel
+from plant_sim.units import Place, Time
+from train_ato.messages.links import LinkSpec
+
+
+class LeaderSpec(SiModel):
+    """Reports of the train ahead and their use."""
+
+    reports: str = Field(
+        "",
+        description="reports of the train ahead as CSV; `train-ato run` of a following file writes them",
+        examples=["number,time,front,rear,speed,stop\n1,0.0,5721.0,4420.0,18.6,410.0\n"],
+    )
+    link: LinkSpec = Field(
+        LinkSpec(),
+        description="delay and loss of the reports; profile and supervisor have a receiver each",
+        examples=[{"delay": 0.8, "loss": 0.05}],
+    )
+    headway: Time | None = Field(
+        None,
+        gt=0,
+        description="time after which the train is where the train ahead was; default: the own profile is followed",
+        examples=[150.0],
+    )
+    smoothing: Time = Field(
+        30.0, gt=0, description="half of the time over which the motion of the train ahead is averaged"
+    )
+    until: Time | None = Field(
+        None, gt=0, description="time of the run from which the own profile is followed again", examples=[2000.0]
+    )
+    authority: Literal["absolute", "relative"] | None = Field(
+        "absolute",
+        description="moving end of authority: safe rear of the train ahead, or this plus its shortest stop; null: none",
+    )
+    timeout: Time = Field(5.0, gt=0, description="age of the newest report from which its shortest stop does not count")
+    rear_margin: Place = Field(10.0, ge=0, description="distance from the safe rear to the end of authority")
+
+    @model_validator(mode="after")
+    def _known_in_time(self) -> LeaderSpec:
+        self.link.per_unit(1, "link")
+        if self.headway is not None and self.headway < self.shortest_headway:
+            raise ValueError(
+                f"headway {self.headway:g} s: shorter than smoothing, longest delay and a reserve, "
+                f"{self.shortest_headway:g} s; increase it or lower smoothing"
+            )
+        return self
+
+    @property
+    def shortest_headway(self) -> float:
+        """Smallest headway with which the averaged motion is known in time [s]."""
+        return self.smoothing + self.link.longest + RESERVE
+
+
+RESERVE = 10.0
+"""Time for which the profile behind a train is known in advance, for the preview of the laws [s]."""
