@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from train_ato.supervision.fixed_values import FixedValues
+from train_ato.supervision.settings import FixedValues
 from train_ato.supervision.step_function import StepFunction
 from train_ato.supervision.train_model import SupervisedTrain, gamma_brake
 
@@ -20,5 +20,5 @@ def supervised_train(
     """Return a train of 200 m and 50 m/s with T_be = 5 s."""
     safe = StepFunction.constant(emergency) if isinstance(emergency, float) else emergency
     curve = None if service is None else StepFunction.constant(service)
-    brake = gamma_brake(safe, 5.0, curve, service_time, ONE, ONE, 1.0)
+    brake = gamma_brake(safe, 5.0, curve, service_time, kdry=ONE, kwet=ONE, adhesion=1.0)
     return SupervisedTrain(200.0, 50.0, brake, **more)  # type: ignore[arg-type]

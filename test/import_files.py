@@ -9,7 +9,7 @@ import numpy as np
 
 from train_ato.cli.main import main
 
-TRAIN = ["--consist", "xuzhou_metro_3", "--line", "level"]
+TRAIN = ["--train", "xuzhou_metro_3", "--line", "level"]
 MASS, ACCELERATION, BRAKE, TOP = 181e3, 0.8, 0.7, 15.0
 CRUISE = (5 + TOP / ACCELERATION, 65 + TOP / ACCELERATION)
 

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
+import judge_results
 import numpy as np
+import yaml
 
 from train_ato.loop.recording import COMMAND, ESTIMATE, MEASUREMENT, TRUTH, Recording
 from train_ato.loop.series import TopicSamples
@@ -14,35 +17,18 @@ from train_ato.papers.claims import Claim, Result, Verdict
 
 GOOD, ELSEWHERE, BAD = Verdict.REPRODUCED, Verdict.OTHER_SETTING, Verdict.NOT_REPRODUCED
 Figures = Mapping[str, Any]
-Make = Callable[..., Result]
 
 
 @dataclass(frozen=True)
 class Edge:
-    """One figure of some results on both sides of a bound.
-
-    Parameters
-    ----------
-    keys
-        Cases with this figure.
-    figure
-        Name of the figure for the maker of the results.
-    inside, outside
-        Values within and beyond the bound, both within 3 % of it.
-    elsewhere
-        The other figures are those of "only in another setting".
-    """
+    """One figure of the results of some cases within and beyond a bound, both within 3 % of it."""
 
     keys: tuple[str, ...]
     figure: str
     inside: float
     outside: float
-    elsewhere: bool = False
-
-
-def edge(keys: str | Iterable[str], figure: str, inside: float, outside: float, elsewhere: bool = False) -> Edge:
-    """Return an edge of one case or several."""
-    return Edge((keys,) if isinstance(keys, str) else tuple(keys), figure, inside, outside, elsewhere)
+    elsewhere: bool
+    """The other figures are those of "only in another setting"."""
 
 
 @dataclass(frozen=True)
@@ -66,11 +52,24 @@ class Trial:
     """
 
     claim: str
-    make: Make
+    make: Callable[..., Result]
     good: Mapping[str, Figures]
     edges: tuple[Edge, ...]
-    elsewhere: Mapping[str, Figures] | None = None
-    others: frozenset[str] = field(default_factory=frozenset)
+    elsewhere: Mapping[str, Figures] | None
+    others: frozenset[str]
+
+    @classmethod
+    def of(cls, row: Mapping[str, Any]) -> Trial:
+        """Return the trial of a row of the table."""
+        edges = tuple(
+            Edge((keys,) if isinstance(keys, str) else tuple(keys), figure, float(inside), float(outside), elsewhere)
+            for elsewhere, name in ((False, "edges"), (True, "edges elsewhere"))
+            for keys, figure, inside, outside in row.get(name, ())
+        )
+        make = getattr(judge_results, row["make"])
+        return cls(
+            row["claim"], make, row.get("good", {}), edges, row.get("elsewhere"), frozenset(row.get("others", ()))
+        )
 
     def results(
         self, claim: Claim, elsewhere: bool = False, keys: Iterable[str] = (), **figures: Any
@@ -90,6 +89,15 @@ class Trial:
                 for value in (entry.inside, entry.outside)
             )
             yield entry, within, beyond
+
+
+TRIALS: dict[str, list[Trial]] = {
+    paper: [Trial.of(row) for row in rows]
+    for paper, rows in yaml.safe_load(
+        Path(__file__).with_name("data").joinpath("judge_trials.yaml").read_text(encoding="utf-8")
+    ).items()
+}
+"""Trials by paper."""
 
 
 def _figures(result: Result, change: Callable[[float], float]) -> dict[str, Any]:

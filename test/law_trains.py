@@ -175,5 +175,5 @@ def measured(of: TrainModel, stamp: int, position: Any, velocity: Any, applied: 
 
 def asked(of: TrainModel, along: Profile, stamp: int) -> tuple[Reference, DisturbanceEstimate]:
     """Return the reference and an estimate of 0 at a stamp."""
-    position, velocity, acceleration, _ = along.at_stamp(stamp)
+    position, velocity, acceleration, _ = along.at(stamp * 1e-9)
     return Reference(stamp, position, velocity, acceleration), DisturbanceEstimate(stamp, np.zeros(of.n_units))

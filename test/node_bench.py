@@ -20,10 +20,11 @@ class Bench:
         self.watch = FirstFailure()
         self.wire = Wire(setup.layout)
         self.endpoints = NodeEndpoints(role, self.wire, self.context, self.watch, ROLES[:-1], arguments)
-        recorded = options.pop("recorded", False)
+        rate = options.get("rate") or 0.0
         self.node = make_node(
-            role, setup, self.endpoints, None, not options.get("rate"), 10.0, recorded, options.get("rate") or 0.0
-        )
+            role, setup, self.endpoints, None, lockstep=not rate, timeout=10.0, rate=rate,
+            recorded=options.get("recorded", False),
+        )  # fmt: skip
         self.other = Node("other", context=self.context, enable_rosout=False, start_parameter_services=False)
         self.executor.add_node(self.endpoints.node)
         self.executor.add_node(self.other)

@@ -78,7 +78,7 @@ def train(
 ) -> Train:
     """Return a train on a line (default: level) with a setup as in a scenario file."""
     where = load_line("level") if line is None else line
-    return Train(consist, where, PlantSetup.model_validate(setup), step_ns, tick_ns, seed=7)
+    return Train(consist, where, PlantSetup.model_validate(setup), step_ns=step_ns, tick_ns=tick_ns, seed=7)
 
 
 def drive(plant: Train, seconds: float, force: float | Array = 0.0, pipe: float | None = None) -> Train:

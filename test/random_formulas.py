@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-SIGNALS = ("speed", "limit", "reference_speed")
+DRAWN = ("speed", "limit", "reference_speed")
 RTAMT_WORDS = {"G": "always", "F": "eventually", "H": "historically", "O": "once", "U": "until", "S": "since"}
 
 
@@ -37,7 +37,7 @@ def random_formula(stream: np.random.Generator, depth: int, longest: int) -> Nod
 def random_term(stream: np.random.Generator, depth: int) -> Node:
     kind = str(stream.choice(["signal", "number", "abs", "+", "-", "*"])) if depth else "signal"
     if kind == "signal":
-        return Node("signal", (str(stream.choice(SIGNALS)),))
+        return Node("signal", (str(stream.choice(DRAWN)),))
     if kind == "number":
         return Node("number", (round(float(stream.normal()), 3),))
     if kind == "abs":
@@ -111,10 +111,10 @@ def with_rtamt(node: Node, signals: dict[str, np.ndarray]) -> np.ndarray:
     import rtamt
 
     spec = rtamt.StlDiscreteTimeSpecification()
-    for name in SIGNALS:
+    for name in DRAWN:
         spec.declare_var(name, "float")
     spec.spec = text_of(node, rtamt=True)
     spec.parse()
     size = len(signals["speed"])
-    rows = spec.evaluate({"time": list(range(size)), **{name: list(signals[name]) for name in SIGNALS}})
+    rows = spec.evaluate({"time": list(range(size)), **{name: list(signals[name]) for name in DRAWN}})
     return np.array([value for _, value in rows])

@@ -8,9 +8,9 @@ from pathlib import Path
 
 from waiting import wait_for
 
-from train_ato.apps.replay.options import ReplayOptions
+from train_ato.apps.replay.log import ReplayOptions
 from train_ato.apps.replay.player import NODE
-from train_ato.apps.replay.publishing import Replayed, replay
+from train_ato.apps.replay.publishing import Replayed, publish_run
 
 
 class Listener:
@@ -101,7 +101,7 @@ class Replaying:
 
     def _run(self, run, options, domain):
         try:
-            self.outcome = replay(run, options, domain=domain, progress=self.states.append)
+            self.outcome = publish_run(run, options, domain=domain, progress=self.states.append)
         except Exception as error:
             self.error = error
 

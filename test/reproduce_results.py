@@ -10,16 +10,10 @@ from train_ato.messages.types import Array
 from train_ato.papers.claims import Claim, Paper, Result
 
 FIGURES = {
-    "speed_rmse_kmh": 0.01,
-    "speed_error_max_kmh": 0.05,
-    "coupler_draft_max_kn": 500.0,
-    "coupler_buff_max_kn": -400.0,
-    "command_variation_kn_per_s": 8.0,
-    "saturated_s": 0.0,
-    "stop_error_m": 0.01,
-    "position_error_max_m": 0.1,
+    "speed_rmse_kmh": 0.01, "speed_error_max_kmh": 0.05, "coupler_draft_max_kn": 500.0, "coupler_buff_max_kn": -400.0,
+    "command_variation_kn_per_s": 8.0, "saturated_s": 0.0, "stop_error_m": 0.01, "position_error_max_m": 0.1,
     "overspeed_max_kmh": 0.1,
-}
+}  # fmt: skip
 
 
 def series(error: Array, command: Array, period: float = 0.05) -> Recording:

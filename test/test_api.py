@@ -5,7 +5,9 @@ from __future__ import annotations
 import doctest
 import importlib
 import importlib.metadata
+import json
 import os
+import pydoc
 import signal
 import subprocess
 import sys
@@ -13,6 +15,7 @@ import threading
 import types
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -20,11 +23,12 @@ import pytest
 import yaml
 
 import train_ato as ta
-from train_ato.apps.runs import progress, record
+from train_ato.apps.runs import progress
 from train_ato.cli.list import catalogue
 from train_ato.cli.main import main
 from train_ato.control.contract import LawOutput, parameter
 from train_ato.control.registry import LAWS
+from train_ato.errors import refusing
 from train_ato.scenario.scenario import check_scenario
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -137,7 +141,7 @@ def test_the_record_is_the_same_wherever_it_is_held(tmp_path, monkeypatch):
     held = ta.run("demo", set=SHORT)
     recorded = ta.run("demo", set=SHORT, out=tmp_path / "run")
     assert recorded.path == tmp_path / "run" and (tmp_path / "run" / "figure.png").is_file()
-    monkeypatch.setattr(record, "MESSAGES_IN_MEMORY", 500)
+    monkeypatch.setattr("train_ato.apps.runs.run.MESSAGES_IN_MEMORY", 500)
     spilt = ta.run("demo", set=SHORT)
     same_tables(held, recorded)
     same_tables(held, spilt)
@@ -189,20 +193,14 @@ def test_the_template_takes_its_parameters_as_keywords(monkeypatch):
         ("demo", {"law": "my_law:MyLaw"}),
         pytest.param("demo", {"law": "my_law:MyLaw", "laws.my_law:MyLaw.gain": 0.04}, marks=pytest.mark.slow),
         pytest.param("demo", {"law": "my_planning_law:MyPlanningLaw"}, marks=pytest.mark.slow),
-        pytest.param(
-            "crh380a_gpc:short",
-            {"law": "my_planning_law:MyPlanningLaw", "compensation": "preview"},
-            marks=pytest.mark.slow,
-        ),
+        pytest.param("crh380a_gpc:short", {"law": "my_planning_law:MyPlanningLaw", "compensation": "preview"},
+            marks=pytest.mark.slow),
         pytest.param("demo", {"compensation": "my_compensation:MyCompensation"}, marks=pytest.mark.slow),
         pytest.param("demo", {"observer": "my_observer:MyObserver"}, marks=pytest.mark.slow),
-        pytest.param(
-            "demo",
-            {"observer": "my_observer:MyObserver", "compensation": "my_compensation:MyCompensation"},
-            marks=pytest.mark.slow,
-        ),
+        pytest.param("demo", {"observer": "my_observer:MyObserver", "compensation": "my_compensation:MyCompensation"},
+            marks=pytest.mark.slow),
     ],
-)
+)  # fmt: skip
 def test_every_template_passes_where_its_docstring_runs_it(monkeypatch, scenario, components):
     """Breaks if a template oscillates, misses a criterion or the stop: it would teach the wrong gains."""
     monkeypatch.syspath_prepend(str(ROOT / "examples"))
@@ -309,6 +307,49 @@ def test_bad_input_is_refused_in_one_line(options, message, tmp_path, monkeypatc
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("kind", ["law", "observer"])
+def test_an_object_without_parameters_is_the_object_that_runs(kind: str) -> None:
+    """Breaks if an object whose constructor takes nothing ends in a KeyError, or another object runs in its place."""
+
+    class Counting:
+        def __init__(self) -> None:
+            self.steps = 0
+
+        def reset(self) -> None:
+            """Nothing to clear."""
+
+        def step(self, inputs: Any) -> Any:
+            self.steps += 1
+            force = np.zeros(len(inputs.velocity))
+            return LawOutput(force=force) if kind == "law" else force
+
+    counting: Any = Counting()
+    run = ta.run("demo", **{kind: counting}, set=SHORT, progress=False)
+    assert counting.steps == run.metrics["ticks"] > 0
+
+
+@pytest.mark.parametrize("method", ["__init__", "bind", "reset"])
+@pytest.mark.parametrize("option", ["law", "observer"])
+def test_an_error_at_the_start_of_an_own_component_has_its_file_and_line(
+    option: str, method: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Breaks if a constructor, ``bind`` or ``reset`` of a user ends the command with a traceback."""
+    methods = {"__init__": "(self)", "bind": "(self, model, period)", "reset": "(self)", "step": "(self, inputs)"}
+    module = f"starts_{option}_{method.strip('_')}"
+    lines = ["class Own:"]
+    for name, given in methods.items():
+        lines += [f"    def {name}{given}:", "        1 / 0" if name == method else "        pass"]
+    (tmp_path / f"{module}.py").write_text("\n".join(lines))
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", "demo", "--engine", f"--{option}", f"{module}:Own", "--set", "duration=2", "--out", "a"]) == 2
+    err = capsys.readouterr().err
+    place = f"{tmp_path / module}.py:{lines.index('        1 / 0') + 1}"
+    assert f"{option} Own: ZeroDivisionError: division by zero, {place}\n" in err and len(err.splitlines()) == 1
+    (tmp_path / f"{module}_all.py").write_text("\n1 / 0\n")
+    assert main(["run", "demo", "--engine", f"--{option}", f"{module}_all:Own", "--out", "a"]) == 2
+    assert f"ZeroDivisionError: division by zero, {tmp_path / module}_all.py:2" in capsys.readouterr().err
+
+
 def test_a_law_of_a_function_cannot_go_to_other_processes():
     """Breaks if the refusal comes from another process, or without the remedy."""
 
@@ -340,9 +381,7 @@ def test_a_run_that_does_not_end_well_keeps_its_record(law, error, status, kept,
 def test_a_comparison_goes_on_after_a_refusal_and_a_failure(tmp_path):
     """Breaks if one failed law stops the others, or its row has no reason."""
     options = {"compensation": "twin", "set": SHORT}
-    both = ta.compare(
-        "demo", ["pid", "lag_smc", Gain(0.2), Gain(gain=0.3), Breaking], keep=tmp_path / "kept", **options
-    )
+    both = ta.compare("demo", ["pid", "lag_smc", Gain(0.2), Gain(gain=0.3), Breaking], out=tmp_path / "kept", **options)
     table = both.table
     ends = {
         "pid": "done",
@@ -383,10 +422,10 @@ def test_the_command_compares_laws_of_modules(own_module, capsys):
     arguments = ["compare", "demo", "--set=duration=10", "--out=out"]
     assert main([*arguments, f"--laws=pid,{own_module}:Own"]) == 0
     assert f"{own_module}:Own" in capsys.readouterr().out
-    assert main(["compare", "demo", "--set=duration=5", "--compensation=twin", "--laws=pid,funnel"]) == 1
+    assert main(["compare", "demo", "--set=duration=5", "--compensation=twin", "--laws=pid,lag_smc"]) == 1
     out, err = capsys.readouterr()
-    assert "refused: funnel: with compensation 'twin'" in " ".join(out.split())
-    assert err.startswith("train-ato: funnel: with compensation 'twin'")
+    assert "refused: lag_smc: with compensation 'twin'" in " ".join(out.split())
+    assert err.startswith("train-ato: lag_smc: with compensation 'twin'")
 
 
 def test_a_scenario_is_changed_without_changing_it():
@@ -494,3 +533,162 @@ def test_a_run_is_verified_from_python(tmp_path: Path) -> None:
     assert found.equal and found.messages > 300
     with pytest.raises(ValueError, match="relative 1: out of range"):
         ta.verify(tmp_path / "run", 1)
+
+
+def test_a_scenario_is_a_name_a_dict_or_an_object() -> None:
+    """Breaks if a function takes a scenario by its name only, or a dict loses its base or its refusals."""
+    content = {"base": "demo", "duration": 5, "law": "smc"}
+    by_dict, by_object = ta.run(content), ta.run(ta.scenario(content).checked)
+    assert by_dict.metrics["controller"] == "smc" and content == {"base": "demo", "duration": 5, "law": "smc"}
+    same_tables(by_dict, by_object)
+    assert ta.compare(content, ["pid"]).laws[0].status == "done"
+    assert ta.Env(content).reset()[1]["time"] >= 0
+    with pytest.raises(ta.InputError, match=r"^scenario: duratio: unknown key; did you mean 'duration'"):
+        ta.run({"base": "demo", "duratio": 5})
+    with pytest.raises(ta.InputError, match=r"^set 'a=b': not a mapping"):
+        ta.run("demo", set="a=b")
+
+
+def test_a_result_is_typed_and_a_notebook_begins_with_the_verdict(tmp_path: Path) -> None:
+    """Breaks if a value of the result differs from summary.json, or an object is shown without its verdict first."""
+    hop = {"phases": [{"accelerate_to": 3.0}, {"brake_to": 0.0}]}
+    short = ta.scenario("demo").with_({"profile": hop, "duration": 60, "plant.start": {}})
+    run = ta.run(short, set={"criteria.stop_window": 0.001})
+    failed, row = run.result.criteria[0], run.metrics["criteria"][0]
+    assert (run.result.verdict, run.result.passed, failed.name, failed.passed) == (
+        "failed",
+        False,
+        "stop_window",
+        False,
+    )
+    assert (failed.value, failed.unit, failed.at_s, failed.km) == (row["value"], "m", row["at_s"], row["km"])
+    assert [stop.beyond_m for stop in run.result.stops] == [failed.value]
+    assert run.result.energy.traction_kwh == run.metrics["energy_traction_kwh"]
+    assert ta.run("freight_consensus", set={"duration": 5, "criteria": {}}).result.verdict == "none"
+    folder = ta.run("demo", set=SHORT, out=tmp_path / "run").folder()
+    shown = {
+        "failed": (run, run.result),
+        "0 of 1 laws passed": (ta.compare(short, ["pid"]),),
+        "equal: ": (ta.verify(folder),),
+        "the same output in 200 of 200 ticks": (ta.replay(folder, "pid"),),
+        "expected verdict: passed": (ta.scenario("demo"),),
+        "planned in ": (ta.plan("xuzhou_metro_test", "xuzhou_metro_3", end_km=1),),
+        "stable at 60 km/h": (ta.linearise("xuzhou_metro", speed_kmh=60),),
+    }
+    env = ta.Env("xuzhou_metro", set={"duration": 0.2})
+    titles = [env._repr_html_()]
+    env.reset()
+    titles.append(env._repr_html_())
+    while not env.step(0.0)[2]:
+        pass
+    titles.append(env._repr_html_())
+    words = ("xuzhou_metro: not begun", "xuzhou_metro: running, 0.0 s of 0.2 s", env.run.result.title)
+    assert all(text.startswith(f"<p><b>{word}") for text, word in zip(titles, words, strict=True)), titles
+    for verdict, objects in shown.items():
+        assert all(entry._repr_html_().startswith(f"<p><b>{verdict}") for entry in objects), verdict
+
+
+def test_a_run_is_a_dataset_of_xarray(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Breaks if a dimension mixes vehicles, a unit is missing, or a missing package is no refusal with its command."""
+    run = ta.run("demo", set={"duration": 5})
+    with monkeypatch.context() as without:
+        without.setitem(sys.modules, "xarray", None)
+        with pytest.raises(ta.InputError, match=r"^to_xarray: .* not installed; install it: pip install xarray$"):
+            run.to_xarray()
+    pytest.importorskip("xarray", reason="an extra: pip install 'train_ato[xarray]'")
+    force = run.to_xarray()["train_vehicles_vehicle_coupler_force_n"]
+    assert force.attrs["units"] == "N" and force.sizes["vehicle"] == 106
+    assert force.sel(vehicle=17).values.tolist() == run["train/vehicles"]["vehicle_17_coupler_force_n"].tolist()
+
+
+def test_every_error_is_of_one_tree(tmp_path: Path) -> None:
+    """Breaks if a refusal of a function or method is no ``ta.Error``, or a user's ValueError becomes one."""
+    run = ta.run("demo", set={"duration": 5})
+    run.save(tmp_path / "run")
+    for refused in (
+        lambda: ta.run("demmo"),
+        lambda: ta.scenario("demo").with_(duratio=3),
+        lambda: run.save(tmp_path / "run"),
+        lambda: run.report(tmp_path / "a.txt"),
+        lambda: ta.Env("demmo"),
+        lambda: ta.curves("demo", at_km=99),
+        lambda: ta.import_run(tmp_path / "none.csv", train="hxd1_c80_105", line="level"),
+        lambda: ta.replay(tmp_path / "run", "pid", set={"tick": 0.2}),
+        lambda: ta.replay(tmp_path / "run", speed=2),
+    ):
+        with pytest.raises(ta.InputError) as caught:
+            refused()
+        assert isinstance(caught.value, (ta.Error, ValueError)) and "\n" not in str(caught.value)
+    assert issubclass(ta.RunInterrupted, ta.RunFailed) and issubclass(ta.RunFailed, ta.Error)
+
+    with pytest.raises(ValueError, match="invalid literal") as raised:
+        refusing(lambda: int("of a user"))()
+    assert not isinstance(raised.value, ta.InputError)
+
+
+def test_a_measured_run_and_braking_curves_are_those_of_the_commands(tmp_path: Path, capsys) -> None:
+    """Breaks if ``ta.import_run`` or ``ta.curves`` has other numbers than its command."""
+    arguments = ["examples/recorder.csv", "--consist", "xuzhou_metro_3", "--line", "level"]
+    arguments[0] = str(ROOT / arguments[0])
+    run = ta.import_run(arguments[0], train="xuzhou_metro_3", line="level", out=tmp_path / "a")
+    assert main(["import", *arguments, "--out", str(tmp_path / "b")]) == 0
+    same_tables(run, ta.load(tmp_path / "b"))
+    capsys.readouterr()
+    assert main(["curves", "demo", "--at-km", "3.5", "--json"]) == 0
+    (found,) = ta.curves("demo", at_km=3.5).values()
+    assert found == json.loads(capsys.readouterr().out)
+
+
+def test_help_shows_functions() -> None:
+    """Breaks if the help of a public name shows a package, or a parameter is hidden by a wrapper."""
+    text = pydoc.plain(pydoc.render_doc(ta.scenario))
+    assert "function scenario" in text and "scenario(name" in text
+    assert "law: " in pydoc.plain(pydoc.render_doc(ta.run)).partition("\n\n")[2].partition("\n")[0]
+
+
+def test_the_difference_of_two_runs_is_that_of_their_motion(tmp_path: Path) -> None:
+    """Breaks if a difference has the wrong sign, another place than the front's, or the stop of another station."""
+    hop = {"phases": [{"accelerate_to": 3.0, "acceleration": 0.1}, {"cruise_for": 5}, {"brake_to": 0.0}]}
+    first = ta.scenario("demo").with_({"profile": hop, "duration": 90, "plant.start": {}, "law": "pid"})
+    one = ta.run(first, out=tmp_path / "one")
+    later = ta.run(first, set={"profile": {"phases": [{"cruise_for": 4.0}, *hop["phases"]]}, "duration": 94})
+    same, found = ta.difference(one, one), ta.difference(tmp_path / "one", later)
+    assert not same.over_time.to_numpy().any() and not same.over_place.to_numpy().any()
+    fronts = [run["train/vehicles"]["vehicle_0_position_m"] + one.setup.consist.vehicles[0].length / 2
+              for run in (one, later)]  # fmt: skip
+    place = float(found.over_place.index[8])
+    passed = [float(np.interp(place, front, front.index)) for front in fronts]
+    assert (
+        found.over_place["time_s"].iloc[8] == pytest.approx(passed[1] - passed[0], abs=1e-6) and passed[1] > passed[0]
+    )
+    moment = float(found.over_time.index[300])
+    behind = float(np.diff([np.interp(moment, front.index, front) for front in fronts])[0])
+    assert found.over_time["position_m"].iloc[300] == pytest.approx(behind, abs=1e-6) and behind < -1
+    assert same.stops["km"].tolist() == [stop.km for stop in one.result.stops]
+    assert same.energy["energy_traction_kwh"] == 0
+    assert same._repr_html_().startswith("<p><b>speed differs by up to 0 km/h")
+    assert "traction energy by +0 kWh" in same.line
+
+
+def test_a_stop_that_one_run_does_not_reach_has_no_difference(tmp_path: Path, capsys) -> None:
+    """Breaks if a stop without arrival is left out or gets a number, or the page of both runs lacks the difference."""
+    hop = {"phases": [{"accelerate_to": 5.0, "acceleration": 0.5}, {"cruise_for": 5}, {"brake_to": 0.0}]}
+    first = ta.scenario("xuzhou_metro").with_({"profile": hop, "duration": 40, "plant.start": {}})
+    whole = ta.run(first, out=tmp_path / "whole")
+    (stop,) = whole.result.stops
+    assert stop.arrival_s is not None and stop.beyond_m is not None
+    for duration in (20, 23.1):  # the planned arrival is at 23.7 s
+        cut = ta.run(first, set={"duration": duration}, out=tmp_path / f"cut{duration:.0f}")
+        for found, arrival in (
+            (ta.difference(whole, cut), "arrival_s"),
+            (ta.difference(cut, whole), "second_arrival_s"),
+        ):
+            (row,) = found.stops.to_dict("records")
+            assert (row.pop("km"), row.pop(arrival)) == (stop.km, stop.arrival_s)
+            assert len(row) == 3 and np.isnan(list(row.values())).all()
+    line = ta.difference(whole, cut).line
+    assert main(["report", str(tmp_path / "whole"), str(tmp_path / "cut23"), "--out", str(tmp_path / "c.html")]) == 0
+    assert capsys.readouterr().out.startswith(f"cut23 against whole: {line}\n")
+    page = (tmp_path / "c.html").read_text()
+    assert "Difference from whole" in page and line in page
+    assert "time difference in s" in page and "difference of places in m" in page

@@ -10,58 +10,24 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 
 LAYERS = (
-    "plant_sim",
-    "train_ato.version",
-    "train_ato.errors",
-    "train_ato.interrupt",
-    "train_ato.arguments",
-    "train_ato.messages",
-    "train_ato.supervision",
-    "train_ato.control",
-    "train_ato.profile",
-    "train_ato.scenario",
-    "train_ato.loop",
-    "train_ato.log",
-    "train_ato.ros",
-    "train_ato.apps",
-    "train_ato.papers",
-    "train_ato.cli",
-    "train_ato",
-    "train_ato.__main__",
-)
+    "plant_sim", "train_ato.version", "train_ato.errors", "train_ato.interrupt", "train_ato.arguments",
+    "train_ato.messages", "train_ato.supervision", "train_ato.control", "train_ato.profile", "train_ato.scenario",
+    "train_ato.loop", "train_ato.log", "train_ato.ros", "train_ato.apps", "train_ato.papers", "train_ato.cli",
+    "train_ato", "train_ato.__main__",
+)  # fmt: skip
 """Layers from lowest to highest; CONTRIBUTING.md describes them."""
 CONTROL_LAYERS = (
-    (
-        "contract",
-        "command_history",
-        "component_fault",
-        "parameters",
-        "learned_resistance",
-        "train_model",
-        "gains",
-        "keyword_form",
-        "plan_text",
-        "rows_by_place",
-    ),
+    ("contract", "command_history", "component_fault", "parameters", "learned_resistance", "train_model", "gains",
+     "keyword_form", "plan_text", "rows_by_place"),
     ("algorithms",),
     ("law",),
     ("air_brake",),
     ("observers", "compensation"),
-    ("laws",),
+    ("laws", "open_loop"),
     ("registry", "compiled"),
-    (
-        "standstill",
-        "force_distribution",
-        "planned_displacement",
-        "command_hold",
-        "stack",
-        "ato_state",
-        "assurance",
-        "plausibility",
-        "takeover",
-        "caller",
-    ),
-)
+    ("standstill", "force_distribution", "planned_displacement", "command_hold", "stack", "ato_state", "assurance",
+     "plausibility", "takeover", "caller"),
+)  # fmt: skip
 """Modules and packages of ``train_ato.control`` from lowest to highest; those of one layer may import each other."""
 CONVENTIONS = {
     "add_arguments": "command line of a command: one per module of train_ato.cli",
@@ -74,14 +40,8 @@ CONVENTIONS = {
 NO_ROS = LAYERS[: LAYERS.index("train_ato.ros")]
 """Layers that must run where no ROS package is installed."""
 ROS_MODULES = {
-    "rclpy",
-    "sensor_msgs",
-    "trajectory_msgs",
-    "std_srvs",
-    "rosgraph_msgs",
-    "diagnostic_msgs",
-    "rcl_interfaces",
-}
+    "rclpy", "sensor_msgs", "trajectory_msgs", "std_srvs", "rosgraph_msgs", "diagnostic_msgs", "rcl_interfaces",
+}  # fmt: skip
 
 
 def module_name(path: Path) -> str:
@@ -205,16 +165,33 @@ def test_layers_below_ros_import_no_ros() -> None:
 
 def test_a_public_name_has_one_meaning() -> None:
     """Breaks if two modules declare a public class or function of the same name."""
-    declared: dict[str, list[str]] = {}
+    declared: dict[str, set[str]] = {}
     for package in ("plant_sim", "train_ato", "msgs_docs"):
         for path in sorted((ROOT / package).rglob("*.py")):
             known = MODULES.get(module_name(path)) == path
             for node in (tree(module_name(path)) if known else ast.parse(path.read_text(encoding="utf-8"))).body:
                 if isinstance(node, (ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)) and node.name[0] != "_":
-                    declared.setdefault(node.name, []).append(module_name(path))
+                    declared.setdefault(node.name, set()).add(module_name(path))
     several = {name: modules for name, modules in declared.items() if len(modules) > 1}
     assert {name: modules for name, modules in several.items() if name not in CONVENTIONS} == {}
     assert several.keys() == CONVENTIONS.keys(), "a convention that nothing uses"
+
+
+def test_few_functions_take_many_positional_parameters() -> None:
+    """Breaks if a call with a row of bare values or a bare ``True`` becomes usual again; kernels take no keywords."""
+    many, flags = [], []
+    for name in MODULES:
+        for node in ast.walk(tree(name)):
+            if not isinstance(node, ast.FunctionDef) or any(
+                "compiled" in ast.dump(mark) for mark in node.decorator_list
+            ):
+                continue
+            given = [entry for entry in node.args.posonlyargs + node.args.args if entry.arg not in ("self", "cls")]
+            typed = [entry for entry in given if entry.annotation is not None]
+            many += [f"{name}.{node.name}"] if len(typed) > 5 else []
+            flags += [f"{name}.{node.name}: {entry.arg}" for entry in typed if ast.unparse(entry.annotation) == "bool"]
+    assert len(many) <= 25, many
+    assert len(flags) <= 24, flags
 
 
 def test_the_first_level_is_small() -> None:

@@ -1,4 +1,4 @@
-"""Runs with a disengaged ATO: emergency brake, failed law, takeover by the braking law, and the next engagement."""
+"""Engagement, disengagement and takeover of the ATO."""
 
 from __future__ import annotations
 
@@ -8,14 +8,21 @@ from typing import Any
 import numpy as np
 import pytest
 
+from train_ato.control.assurance import AT_ONCE
 from train_ato.control.laws.pid import Pid
-from train_ato.loop.engine import run_engine
+from train_ato.control.takeover import TakeoverRamp
+from train_ato.loop.controller import ControllerStage
+from train_ato.loop.engine import TickLoop, run_engine
+from train_ato.loop.profile import REJOINED, ProfileStage
 from train_ato.loop.recording import Recording
 from train_ato.loop.result import RunResult
-from train_ato.loop.setup import prepare
-from train_ato.messages.types import AtoState
+from train_ato.loop.setup import RunSetup, prepare
+from train_ato.loop.stamp_synchronizer import StampSynchronizer
+from train_ato.loop.supervisor import SupervisorStage
+from train_ato.messages.types import AtoState, Reference, Tick, Trajectory
 from train_ato.ros.graph.runner import run_graph
 from train_ato.scenario.scenario import load_scenario
+from train_ato.supervision.supervisor import SupervisionState
 
 METRO = "xuzhou_metro:disturbed"
 TICK_S, LAG_S, PERIOD_S = 0.05, 0.4, 0.4
@@ -120,3 +127,146 @@ def test_the_braking_law_keeps_a_bad_law_below_the_warning_limit(monkeypatch: py
     assert interventions(bad) > 0
     assert interventions(kept) == 0
     assert max(int(report.values.get("takeovers", 0)) for report in kept.reports) > 0
+
+
+STRUCK_S = 30.0
+
+
+def metro(*changes: str) -> RunSetup:
+    return prepare(*load_scenario("xuzhou_metro:disturbed", ("duration=120", *changes)))
+
+
+def begun(setup: RunSetup) -> TickLoop:
+    """Return a run at the time of the restart, in motion with traction."""
+    loop = TickLoop(setup, None)
+    loop.start()
+    go_on(loop, STRUCK_S)
+    return loop
+
+
+def go_on(loop: TickLoop, time: float) -> None:
+    while loop.ticks < round(time / loop.plant.setup.tick):
+        loop.tick()
+
+
+def new_controller(loop: TickLoop) -> None:
+    loop.controller = ControllerStage(loop.plant.setup)
+    loop.controller.set_profile(loop.profile.profile)
+    loop.controller.join(loop.plant.stamp)
+
+
+def demands(recording: Recording) -> tuple[np.ndarray, np.ndarray]:
+    """Return demands and measured forces of the train from the restart on [N]."""
+    later = recording.time >= STRUCK_S - 1e-9
+    return recording.command[later].sum(axis=1), recording.applied[later].sum(axis=1)
+
+
+@pytest.mark.parametrize("case", ["new process", "other node"])
+def test_the_demand_begins_at_the_force_that_acts_and_keeps_the_jerk(case: str) -> None:
+    """Breaks if the demand jumps to the full brake, or does not reach it."""
+    setup = metro()
+    loop = begun(setup)
+    if case == "new process":
+        new_controller(loop)
+    else:
+        loop.controller.follow_outage("node observer restarted: test")
+    go_on(loop, STRUCK_S + 15.0)
+    demand, applied = demands(loop.recording.finish())
+    largest = float(np.abs(setup.profile.jerk()).max()) * setup.model.inertia * setup.tick
+    assert abs(demand[0] - applied[0]) <= largest * (1 + 1e-9)
+    ramp = demand[: int(demand.argmin()) + 1]
+    assert np.abs(np.diff(ramp)).max() <= largest * (1 + 1e-9)
+    assert demand.min() == pytest.approx(float(setup.model.force_limits(np.full(setup.model.n_units, 5.0))[0].sum()))
+    assert loop.controller.ato.machine.reason.endswith("restarted" if case == "new process" else "test")
+
+
+def test_a_takeover_without_a_valid_measurement_begins_at_no_force() -> None:
+    """Breaks if NaN reaches the train."""
+    ramp = TakeoverRamp(metro().model, 0.5)
+    units = np.full(metro().model.n_units, np.nan)
+    assert np.isfinite(ramp.step(np.zeros(units.size), units)).all()
+    assert ramp.ended
+
+
+def test_a_limit_makes_the_ramp_steeper_but_not_the_return() -> None:
+    """Breaks if the brake waits for its jerk although the supervisor would intervene, or the law returns as steeply."""
+    model = metro().model
+    brake, none = np.full(model.n_units, -2e5), np.zeros(model.n_units)
+    plain, steeper, at_once = (TakeoverRamp(model, 0.5, none, least) for least in (0.0, 2.0, AT_ONCE))
+    first = plain.step(brake, none)
+    assert steeper.step(brake, none) == pytest.approx(4.0 * first)
+    assert at_once.step(brake, none) == pytest.approx(brake)
+    assert at_once.change == pytest.approx(plain.change)
+
+
+def test_an_engagement_after_the_restart_plans_from_the_place_of_the_train() -> None:
+    """Breaks if a request before the restart is repeated, a later one is lost, or the plan begins elsewhere."""
+    setup = metro("ato_requests=[{at: 29, do: engage}, {at: 80, do: engage}]", "duration=150")
+    loop = TickLoop(setup, None)
+    loop.start()
+    go_on(loop, 5.0)
+    new_controller(loop)
+    loop.controller.join(round(STRUCK_S * 1e9))
+    go_on(loop, 79.0)
+    assert loop.controller.ato.machine.state.text == "ready"
+    assert abs(float(loop.plant.train.velocity[0])) < 0.1
+    place = float(loop.plant.train.position[0])
+    go_on(loop, 82.0)
+    assert loop.controller.ato.drives
+    assert loop.profile.profile.at(loop.profile.planned * 1e-9)[0] == pytest.approx(place, abs=1.0)
+    go_on(loop, 110.0)
+    assert float(loop.plant.train.velocity[0]) > 1.0
+
+
+def test_a_profile_that_joins_is_sent_again_with_its_first_reference() -> None:
+    """Breaks if the references are not those of the controller's profile, or it plans while the train moves."""
+    setup = metro()
+    loop = begun(setup)
+    loop.controller.follow_outage("node profile restarted: test")
+    loop.profile = ProfileStage(setup)
+    loop.profile.join()
+    stamp = loop.plant.stamp
+    go_on(loop, STRUCK_S + 20.0)
+    assert loop.profile.planned == stamp
+    assert loop.profile.profile == setup.profile
+    recording = loop.recording.finish()
+    assert [plan.stamp for plan in recording.profiles] == [0, stamp]
+    reports = [report for report in recording.reports if report.node == "profile" and report.stamp >= stamp]
+    assert reports[0].values["reason"] == REJOINED
+    refused = [report for report in recording.reports if "refused ato/reference" in report.values]
+    assert refused == []
+
+
+def test_a_supervisor_that_joins_releases_at_standstill() -> None:
+    """Breaks if it releases a moving train, or the time before it counts as a movement backwards."""
+    setup = metro()
+    loop = begun(setup)
+    loop.supervisor = SupervisorStage(setup)
+    loop.supervisor.join()
+    go_on(loop, STRUCK_S + 40.0)
+    recording = loop.recording.finish()
+    reports = [report for report in recording.reports if report.node == "supervisor"]
+    later = [report for report in reports if report.stamp >= STRUCK_S * 1e9]
+    assert later[0].message == SupervisionState.EMERGENCY_BRAKE.text
+    assert later[0].values["reason"] == "node supervisor restarted"
+    assert later[-1].message == SupervisionState.NORMAL.text
+    released = next(report for report in later if report.message == SupervisionState.NORMAL.text)
+    speed = np.interp(released.stamp * 1e-9, recording.time, recording.front_velocity)
+    assert abs(speed) < 0.1
+
+
+def test_messages_of_incomplete_stamps_are_not_counted_after_a_restart() -> None:
+    """Breaks if a node that joins reports ignored messages, or counts none later."""
+    inputs = StampSynchronizer(ahead=10)
+    inputs.join()
+    inputs.put("profile", Trajectory(0, "train", *(np.zeros(2) for _ in range(4))))
+    inputs.put("reference", Reference(100, 0.0, 0.0, 0.0))
+    inputs.put("measurement", Tick(100))
+    inputs.put("estimate", Tick(100))
+    inputs.put("measurement", Tick(110))
+    inputs.put("reference", Reference(110, 0.0, 0.0, 0.0))
+    assert inputs.put("estimate", Tick(110))
+    assert inputs.ignored == 0
+    inputs.put("measurement", Tick(120))
+    inputs.put("measurement", Tick(120))
+    assert inputs.ignored == 1

@@ -14,8 +14,8 @@ from request_desk import Desk, command, started
 from waiting import LIMIT_S
 
 from train_ato.cli.main import main
-from train_ato.log.changes import read_changes
 from train_ato.log.difference import compare_logs
+from train_ato.log.recorded import read_changes
 from train_ato.log.run_folder import RunFolder, read_run_folder
 from train_ato.loop.engine import run_engine
 from train_ato.loop.setup import prepare

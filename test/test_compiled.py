@@ -77,10 +77,8 @@ def kernels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_a_kernel_is_found_by_its_content(tmp_path: Path, kernels: Path) -> None:
-    """Breaks if a copy of the source compiles again, or if an old kernel is used after a change of its parts.
-
-    numba takes the path of the file, and the content of that file only.
-    """
+    """Breaks if a copy of the source compiles again, or if an old kernel is used after a change of its parts."""
+    # numba takes the path of the file, and the content of that file only.
     assert law_of(tmp_path / "a") == (5.0, True)
     assert law_of(tmp_path / "a") == (5.0, False)
     assert law_of(tmp_path / "copy") == (5.0, False)
@@ -99,6 +97,17 @@ def test_a_kernel_is_found_by_its_content(tmp_path: Path, kernels: Path) -> None
     assert law_of(tmp_path / "a", **enumerated, constants=state) == (5.0, True)
     assert law_of(tmp_path / "a", **enumerated, constants=state) == (5.0, False)
     assert law_of(tmp_path / "a", **enumerated, constants=state.replace("= 2", "= 3")) == (7.5, True)
+
+
+def test_a_type_in_another_module_is_compiled_again(tmp_path: Path, kernels: Path) -> None:
+    """Breaks if a kernel of an earlier version is loaded that looks for a type where it is no longer."""
+    kind = "from typing import NamedTuple\n\n\nclass Pair(NamedTuple):\n    low: float\n    high: float\n"
+    callee = PACKAGE["callee"].replace("return value + 1", "return Pair(value + 1, value)")
+    caller = PACKAGE["caller"].replace("callee.plus(value)", "callee.plus(value).low")
+    old = f"from kernel_package.constants import Pair\n{callee}"
+    assert law_of(tmp_path, constants=f"{kind}\n\nFACTOR = 2.0\n", callee=old, caller=caller) == (5.0, True)
+    new = f"from kernel_package.places import Pair\n{callee}"
+    assert law_of(tmp_path, places=kind, callee=new, caller=caller) == (5.0, True)
 
 
 STEPS = "\n".join(f"    x = {k} - x / (own.value + {k})" for k in range(1, 60))
@@ -141,9 +150,7 @@ def test_kernels_of_two_processes_are_told_apart(tmp_path: Path, order: list[str
         assert [float(text) for text in done.stdout.split()] == [scope["value"](own)] * len(names), done.stderr
 
 
-def test_a_kernel_of_another_processor_or_version_is_not_used(
-    tmp_path: Path, kernels: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_kernel_of_another_processor_or_version_is_not_used(tmp_path, kernels, monkeypatch):
     """Breaks if a folder shared by two machines gives one the machine code of the other."""
     assert law_of(tmp_path) == (5.0, True)
     with monkeypatch.context() as patch:
@@ -216,9 +223,7 @@ def test_an_unused_kernel_of_an_earlier_source_is_removed(tmp_path: Path, kernel
     assert len([file for file in files if file.exists()]) == 1
 
 
-def test_a_line_is_printed_if_a_kernel_is_compiled_and_none_if_it_is_loaded(
-    tmp_path: Path, kernels: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_line_is_printed_if_a_kernel_is_compiled_and_none_if_it_is_loaded(tmp_path, kernels, capsys, monkeypatch):
     """Breaks if a slow load counts as a compilation, as it did on a busy machine, or a compilation is silent."""
     monkeypatch.setattr(progress, "_printed", set())  # the note is printed once in a process; another test may have
     printed = []
@@ -261,7 +266,7 @@ print(*(bits_of(run_engine(setup_of("demo", {{"duration": 20}}), compiled=form))
 """
 
 
-@pytest.mark.campaign
+@pytest.mark.graph
 def test_a_run_without_compiler_has_the_same_bits() -> None:
     """With NUMBA_DISABLE_JIT=1 all compiled functions are plain Python: law, loop and train have the same bits."""
     found = set()

@@ -9,11 +9,10 @@ from typing import Any
 
 import pytest
 
-from train_ato.apps.curves.case_file import CurveCase, read_cases
-from train_ato.apps.curves.case_inputs import CurveInputs
+from train_ato.apps.curves.case_file import CurveCase, CurveInputs, read_cases
 from train_ato.apps.curves.table import case_table
 from train_ato.cli.main import main
-from train_ato.supervision.gradient import gradient_acceleration
+from train_ato.supervision.step_function import gradient_acceleration
 
 FILE = Path(__file__).parent / "data" / "etcs_braking_cases.json"
 PAGE = Path(__file__).parents[1] / "msgs_docs" / "supervision.md"
@@ -63,10 +62,8 @@ def deviation_of_cells(name: str, width_kmh: float) -> float:
 
 @pytest.mark.parametrize("name", [name for name, case in PUBLISHED.items() if case["inputs"]["model"] == "lambda"])
 def test_the_rest_of_the_deviation_is_an_integration_in_cells(name: str) -> None:
-    """Breaks if the published lambda cases deviate for another reason than their cells of 0.1 km/h.
-
-    The bound is the rounding of figures with two decimals.
-    """
+    """Breaks if the published lambda cases deviate for another reason than their cells of 0.1 km/h."""
+    # The bound is the rounding of figures with two decimals.
     assert deviation_of_cells(name, 0.1) < 0.005 + 1e-4
     assert deviation_of_cells(name, 0.05) > 0.1  # the first step ends at 121.0 km/h in wide cells, 120.948 in the model
 
@@ -95,9 +92,7 @@ TIMES = [  # T_be and T_bs [s] of A.3.8 and A.3.9, by hand: a + b L/100 + c (L/1
 
 @pytest.mark.parametrize(("position", "length", "emergency", "service"), TIMES)
 @pytest.mark.parametrize(("target", "correction"), [(0.0, 0.0), (60.0, None)])
-def test_build_up_times(
-    position: str, length: float, emergency: float, service: float, target: float, correction: float | None
-) -> None:
+def test_build_up_times(position, length, emergency, service, target, correction):
     """Breaks if a position, a length step, the shortest length or the correction for target speeds is wrong."""
     if correction is None:
         correction = 0.16 if position == "FreightTrainInG" else 0.2
@@ -212,10 +207,8 @@ def test_odometry_and_release_speed_of_a_case(tmp_path: Path, capsys: pytest.Cap
     ],
 )
 def test_release_speed_counts_distances_from_the_last_balise(behind: float, limit: float, expected: float) -> None:
-    """Breaks if 10 % of the distance to the EOA are taken from the front, or the speed limit does not limit the speed.
-
-    The odometer error grows from the last balise on; the share from the front gave 59.13 and 49.49 km/h.
-    """
+    """Breaks if 10 % of the distance to the EOA are taken from the front, or the speed limit does not limit it."""
+    # The odometer error grows from the last balise on; the share from the front gave 59.13 and 49.49 km/h.
     end = {"target_type": "EOA", "eoa_location_m": 6700.0, "release_computed_at_m": 5700.0, "gradients": []}
     case = CurveInputs.model_validate(GAMMA | end | {"distance_since_balise_m": behind, "mrsp_kmh": limit})
     release = case.release(case.limits())

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from train_ato.apps.curves.case_inputs import CurveInputs
+from train_ato.apps.curves.case_file import CurveInputs
 from train_ato.cli.main import main
 
 PUBLISHED: dict[str, dict[str, Any]] = json.loads(
@@ -32,60 +32,34 @@ REFUSED: list[tuple[str, dict[str, Any], str]] = [
     ("gradients out of order", {"gradients": [[0, 1], [500, 2], [400, 0]]}, "gradients: starts must rise"),
     ("gradient as a ratio times 1e6", {"gradients": [[0, 2000]]}, "gradients: a grade is above 500"),
     ("unknown position", {"brake_position": "P"}, "inputs.brake_position = 'P': input should be 'PassengerTrainInP'"),
-    (
-        "without percentage",
-        {"brake_percentage": None},
-        "key brake_percentage is missing, a lambda train needs it; add it",
-    ),
-    (
-        "gamma without deceleration",
-        {"model": "gamma"},
-        "key A_brake_emergency is missing, a gamma train needs it; add it",
-    ),
-    (
-        "steps out of order",
-        {"Kv_int": [[0, 1], [90, 0.8], [80, 0.7]]},
-        "steps of Kv_int: give .start, value. by rising start",
-    ),
+    ("without percentage", {"brake_percentage": None},
+     "key brake_percentage is missing, a lambda train needs it; add it"),
+    ("gamma without deceleration", {"model": "gamma"},
+     "key A_brake_emergency is missing, a gamma train needs it; add it"),
+    ("steps out of order", {"Kv_int": [[0, 1], [90, 0.8], [80, 0.7]]},
+     "steps of Kv_int: give .start, value. by rising start"),
     ("factor 0", {"Kv_int": 0}, r"inputs\.Kv_int = 0: input should be greater than or equal to 0.000001"),
     ("factor 0 of the length", {"Kr_int": 0.0}, r"inputs\.Kr_int = 0\.0: input should be greater than or equal to"),
     ("step of 0", {"Kv_int": [[0, 1], [90, 0]]}, "steps of Kv_int: a value is outside 1e-06 ... 2; correct it"),
-    (
-        "weak brake",
-        {"Kv_int": 1e-6, "gradients": [[0, -1]]},
-        r"the brake \(8.26e-07 m/s² at 7.5 km/h\) is not stronger than the gradient \(0.0096",
-    ),
+    ("weak brake", {"Kv_int": 1e-6, "gradients": [[0, -1]]},
+     r"the brake \(8.26e-07 m/s² at 7.5 km/h\) is not stronger than the gradient \(0.0096"),
     ("gamma key", {"Kdry": 0.9}, "key Kdry belongs to a gamma train; remove it, or write the model gamma"),
-    (
-        "lambda key",
-        {"model": "gamma", "A_brake_emergency": 1.0, "T_brake_emergency": 2.0, "Kv_int_b": 0.9},
-        "key Kv_int_b belongs to a lambda train; remove it, or write the model lambda",
-    ),
-    (
-        "pivot alone",
-        {"A_P12": 0.5},
-        "pivots A_P12 and A_P23 belong to Kv_int_b, which is missing; add it, or remove them",
-    ),
-    (
-        "subset b of a freight train",
-        {"Kv_int_b": 0.5, "brake_position": "FreightTrainInP"},
-        "key Kv_int_b belongs to a passenger train in P; remove it",
-    ),
+    ("lambda key", {"model": "gamma", "A_brake_emergency": 1.0, "T_brake_emergency": 2.0, "Kv_int_b": 0.9},
+     "key Kv_int_b belongs to a lambda train; remove it, or write the model lambda"),
+    ("pivot alone", {"A_P12": 0.5},
+     "pivots A_P12 and A_P23 belong to Kv_int_b, which is missing; add it, or remove them"),
+    ("subset b of a freight train", {"Kv_int_b": 0.5, "brake_position": "FreightTrainInP"},
+     "key Kv_int_b belongs to a passenger train in P; remove it"),
     ("too steep", {"gradients": [[0, -100]]}, "is not stronger than the gradient"),
     ("release without an end", {"release_computed_at_m": 0}, "release_computed_at_m: only an end of authority"),
-    (
-        "release speed at level 1",
-        {"target_type": "EOA", "release_computed_at_m": 0, "level": 1},
-        "release_computed_at_m: the delay of the trip at level 1 .T41. is not covered; write level 2",
-    ),
+    ("release speed at level 1", {"target_type": "EOA", "release_computed_at_m": 0, "level": 1},
+     "release_computed_at_m: the delay of the trip at level 1 .T41. is not covered; write level 2"),
     ("end of authority with a speed", {"target_type": "EOA", "target_speed_kmh": 30}, "target_speed_kmh: an end of"),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("what", "change", "text"), REFUSED, ids=[row[0] for row in REFUSED])
-def test_refused_inputs(
-    what: str, change: dict[str, Any], text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_refused_inputs(what, change, text, tmp_path, capsys):
     """Breaks if bad input is accepted, gives a traceback, or the line lacks file, case and key."""
     path = tmp_path / "case.json"
     path.write_text(json.dumps({"first": {"inputs": LAMBDA | change, "curves": {"EBD": [10]}}}))

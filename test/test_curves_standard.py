@@ -1,24 +1,38 @@
-"""Braking curves against the formulas of SUBSET-026, 3.13, and against an integration in small steps."""
+"""Braking curves against the formulas of SUBSET-026, 3.13, a small-step integration, and their ends and trains."""
 
 from __future__ import annotations
 
 import math
 
 import pytest
-from curve_trains import FIXED, LEVEL
+from curve_trains import FIXED, LEVEL, ONE
 from curve_trains import supervised_train as train
 from hypothesis import given
 from hypothesis import strategies as st
 
-from train_ato.supervision.ceiling import ceiling_speeds
+from train_ato.supervision import deceleration_curve
 from train_ato.supervision.deceleration_curve import DecelerationCurve
-from train_ato.supervision.fixed_values import FixedValues
-from train_ato.supervision.gradient import gradient_acceleration, lowest_under_train
-from train_ato.supervision.limits import BrakingTarget, TargetLimits, intervention_times
+from train_ato.supervision.limits import (
+    BrakingTarget,
+    TargetLimits,
+    intervention_times,
+    release_speed,
+    release_start,
+    trip_location,
+)
 from train_ato.supervision.odometry import MotionEstimate, motion_estimate, odometer_error, speed_measurement_error
-from train_ato.supervision.release_speed import release_speed, release_start, trip_location
-from train_ato.supervision.step_function import StepFunction
+from train_ato.supervision.settings import FixedValues
+from train_ato.supervision.step_function import StepFunction, ceiling_speeds, gradient_acceleration, lowest_under_train
 from train_ato.supervision.track_supervision import TrackSupervision, ceiling, limits_under_train
+from train_ato.supervision.train_model import (
+    LIMIT_EXPONENT,
+    LIMIT_FACTOR,
+    BrakePosition,
+    basic_deceleration,
+    check_conversion,
+    lambda_brake,
+    passenger_kv_int,
+)
 
 
 @pytest.mark.parametrize(
@@ -44,9 +58,7 @@ def test_ceiling_margins(limit: float, warning: float, service: float, emergency
         (True, True, False, 1.0, (1, 4, 6, 6, 5)),
     ],
 )
-def test_times_of_the_interfaces(
-    command: bool, feedback: bool, traction: bool, cut_off: float, expected: tuple[float, ...]
-) -> None:
+def test_times_of_the_interfaces(command, feedback, traction, cut_off, expected):
     """Breaks if an interface combination of 3.13.9.3.2.3 or 3.13.9.3.3.3-5 gives other times."""
     given_train = train(
         service_command=command, service_feedback=feedback, traction_command=traction, t_traction_cut_off=cut_off
@@ -143,14 +155,12 @@ STEPS = st.lists(st.tuples(st.floats(1, 60), st.floats(0.4, 1.5)), max_size=6, u
 
 
 @given(GRADES, STEPS, st.floats(10, 800), st.floats(0, 30))
-def test_curve_against_small_steps(
-    grades: list[tuple[float, float]], steps: list[tuple[float, float]], length: float, foot: float
-) -> None:
+def test_curve_against_small_steps(grades, steps, length, foot):
     """Breaks if an arc begins or ends at a wrong speed or location, or takes a deceleration of its neighbour."""
     ordered = sorted(steps)
     brake = StepFunction(tuple(speed for speed, _ in ordered), (0.9, *(value for _, value in ordered)))
     gradient = gradient_acceleration(grades, length, None, FIXED)
-    curve = DecelerationCurve(5000.0, foot, brake, gradient, 62.0, 70.0)
+    curve = DecelerationCurve(5000.0, foot, brake, gradient, needed_speed=62.0, top_speed=70.0)
     place, square, dx = 5000.0, foot * foot, 0.5
     while square < 60.0**2 and place > -5000.0:
         middle = math.sqrt(square)
@@ -163,9 +173,7 @@ def test_curve_against_small_steps(
 
 
 @given(GRADES, st.floats(0, 0.6), st.floats(0, 3), st.sampled_from([0.0, 10.0]), st.floats(12, 45))
-def test_speeds_invert_the_locations(
-    grades: list[tuple[float, float]], acceleration: float, error: float, target_speed: float, speed: float
-) -> None:
+def test_speeds_invert_the_locations(grades, acceleration, error, target_speed, speed):
     """Breaks if the speeds for a position do not belong to the locations for a speed."""
     gradient = gradient_acceleration(grades, 200.0, None, FIXED)
     supervised = train(service_command=True, traction_command=True, t_traction_cut_off=9.0, service=None)
@@ -183,13 +191,13 @@ def test_a_curve_ends_where_the_gradient_is_stronger() -> None:
     """Breaks if a steep grade far behind or beyond the target refuses the curve, or one inside it does not."""
     weak = StepFunction.constant(0.3)
     steep = gradient_acceleration([(0.0, -40.0), (1000.0, 0.0), (3000.0, -40.0)], 100.0, 0.0, FIXED)
-    short = DecelerationCurve(2900.0, 0.0, weak, steep, 30.0, 60.0)
+    short = DecelerationCurve(2900.0, 0.0, weak, steep, needed_speed=30.0, top_speed=60.0)
     assert short.end_speed == pytest.approx(math.sqrt(2 * 0.3 * 1800.0)) and short.location(30.0) == pytest.approx(1400)
     with pytest.raises(ValueError, match=r"the braking curve ends at 118\.3 km/h"):
         short.location(33.0)
     with pytest.raises(ValueError, match="is not stronger than the gradient"):
-        DecelerationCurve(2900.0, 0.0, weak, steep, 33.0, 60.0)
-    beyond = DecelerationCurve(2999.0, 10.0, weak, steep, 20.0, 60.0)
+        DecelerationCurve(2900.0, 0.0, weak, steep, needed_speed=33.0, top_speed=60.0)
+    beyond = DecelerationCurve(2999.0, 10.0, weak, steep, needed_speed=20.0, top_speed=60.0)
     assert beyond.location(10.0) == 2999.0
     with pytest.raises(ValueError, match="beyond its target the gradient is stronger"):
         beyond.location(5.0)
@@ -278,3 +286,132 @@ def test_every_target_within_reach_is_evaluated(motion: MotionEstimate) -> None:
         ]
         for name in ("permitted", "warning", "service", "emergency"):
             assert getattr(found, name) == min(getattr(speeds, name) for speeds in every), (place, name)
+
+
+def test_arcs_beyond_the_crossing_at_a_step_of_the_brake() -> None:
+    """Breaks if the curve below the crossing speed has the brake of another speed."""
+    brake = StepFunction((10.0,), (1.0, 2.0))
+    curve = DecelerationCurve(1000.0, 20.0, brake, LEVEL, needed_speed=30.0, top_speed=40.0)
+    assert [curve.location(speed) for speed in (20.0, 10.0, 0.0)] == [1000.0, 1075.0, 1125.0]
+    assert curve.speed(1037.5) == pytest.approx(math.sqrt(250.0))
+    assert curve.speed(1100.0) == pytest.approx(math.sqrt(50.0))
+    assert curve.location(30.0) == pytest.approx(1000.0 - (900.0 - 400.0) / 4)
+
+
+@pytest.mark.parametrize(
+    ("bound", "stop"), [(1050.0, 1050 + 300 / 4), (1199.9, 1199.9 + 0.2 / 4), (1200.0, 1200.0), (1300.0, 1200.0)]
+)
+def test_arcs_beyond_the_crossing_at_a_step_of_the_gradient(bound: float, stop: float) -> None:
+    """Breaks if the gradient beyond the crossing has no effect, or the last arc before the standstill is lost."""
+    curve = DecelerationCurve(1000.0, 20.0, ONE, StepFunction((bound,), (0.0, 1.0)), needed_speed=30.0, top_speed=40.0)
+    assert curve.location(0.0) == pytest.approx(stop, abs=1e-9)
+    assert curve.speed(1040.0) == pytest.approx(math.sqrt(320.0))
+    assert curve.speed(stop) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_gradient_as_strong_as_the_brake() -> None:
+    """Breaks if a deceleration of exactly 0 gives a curve, or another error than that of a weak brake."""
+    before, beyond = StepFunction((900.0,), (-1.0, 0.0)), StepFunction((1000.0,), (0.0, -1.0))
+    with pytest.raises(ValueError, match=r"the brake \(1 m/s² at 50.91 km/h\) is not stronger"):
+        DecelerationCurve(1000.0, 0.0, ONE, before, needed_speed=20.0, top_speed=40.0)
+    short = DecelerationCurve(1000.0, 0.0, ONE, before, needed_speed=14.0, top_speed=40.0)
+    assert short.end_speed == pytest.approx(math.sqrt(200.0))
+    assert DecelerationCurve(1000.0, 20.0, ONE, beyond, needed_speed=30.0, top_speed=40.0).arcs["speed"].tolist() == [
+        20.0
+    ]
+
+
+def test_curve_ends_exactly_at_the_needed_and_at_the_top_speed() -> None:
+    """Breaks if a curve that reaches the needed speed is refused, or has arcs above the top speed."""
+    none_above = StepFunction((30.0,), (1.0, 0.0))
+    assert DecelerationCurve(1000.0, 0.0, none_above, LEVEL, needed_speed=30.0, top_speed=60.0).end_speed == 30.0
+    more_above = StepFunction((30.0,), (1.0, 2.0))
+    assert DecelerationCurve(1000.0, 0.0, more_above, LEVEL, needed_speed=20.0, top_speed=30.0).end_speed == 30.0
+    assert DecelerationCurve(1000.0, 0.0, more_above, LEVEL, needed_speed=20.0, top_speed=30.1).end_speed == math.inf
+
+
+def test_number_of_arcs_is_limited(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Breaks if one arc more than the limit is accepted, or a curve with as many is refused."""
+    steps = StepFunction((10.0, 20.0, 30.0), (1.0, 1.1, 1.2, 1.3))
+    monkeypatch.setattr(deceleration_curve, "MAX_PIECES", 4)
+    assert len(DecelerationCurve(1000.0, 0.0, steps, LEVEL, needed_speed=40.0, top_speed=60.0).arcs) == 4
+    monkeypatch.setattr(deceleration_curve, "MAX_PIECES", 3)
+    with pytest.raises(ValueError) as refused:
+        DecelerationCurve(1000.0, 0.0, steps, LEVEL, needed_speed=40.0, top_speed=60.0)
+    assert str(refused.value) == "more than 3 arcs of a braking curve; simplify the gradients"
+
+
+def test_speeds_outside_the_curve() -> None:
+    """Breaks if a speed beyond an end has a location, the end has none, or a message has other speeds."""
+    between = StepFunction((900.0, 1000.0), (-2.0, 0.0, -2.0))
+    curve = DecelerationCurve(1000.0, 10.0, ONE, between, needed_speed=15.0, top_speed=40.0)
+    end = math.sqrt(300.0)
+    assert curve.location(10.0) == 1000.0 and curve.location(curve.end_speed) == pytest.approx(900.0)
+    upper = f"the braking curve ends at {3.6 * end:.4g} km/h; give lower speeds than {3.6 * end + 0.36:.4g} km/h"
+    lower = (
+        "the braking curve ends at 36 km/h, beyond its target the gradient is stronger than the brake; give speeds "
+        "above that, not 34.2 km/h"
+    )
+    for speed, text in ((end + 0.1, upper), (9.5, lower)):
+        with pytest.raises(ValueError) as refused:
+            curve.location(speed)
+        assert str(refused.value) == text
+
+
+@pytest.mark.parametrize("percentage", [30.0, 250.0])
+@pytest.mark.parametrize(
+    ("position", "length"),
+    [("PassengerTrainInP", 900.0), ("FreightTrainInP", 1500.0), ("FreightTrainInG", 1500.0)],
+)
+def test_the_limits_of_the_conversion_model_belong_to_it(percentage, position, length):
+    """Breaks if a train with a limit of 3.13.3.2.1 is refused."""
+    check_conversion(percentage, position, length, 200 / 3.6)
+
+
+REFUSED: list[tuple[BrakePosition, float, float, float, str, str]] = [
+    ("PassengerTrainInP", 29.9, 900.0, 200.0, "brake_percentage: 29.9 %", "; give 30 ... 250 %"),
+    ("PassengerTrainInP", 250.1, 900.0, 200.0, "brake_percentage: 250.1 %", "; give 30 ... 250 %"),
+    ("PassengerTrainInP", 100.0, 900.0, 200.1, "max_speed_kmh: 200.1 km/h", "; give at most 200 km/h"),
+    ("PassengerTrainInP", 100.0, 900.1, 200.0, "length_m: 900.1 m", " of PassengerTrainInP; give at most 900 m"),
+    ("FreightTrainInP", 100.0, 1500.1, 200.0, "length_m: 1500.1 m", " of FreightTrainInP; give at most 1500 m"),
+    ("FreightTrainInG", 100.0, 1500.1, 200.0, "length_m: 1500.1 m", " of FreightTrainInG; give at most 1500 m"),
+]
+
+
+@pytest.mark.parametrize(("position", "percentage", "length", "speed_kmh", "value", "remedy"), REFUSED)
+def test_trains_outside_the_conversion_model(position, percentage, length, speed_kmh, value, remedy):
+    """Breaks if a train beyond a limit is accepted, or the line lacks key, value or remedy."""
+    with pytest.raises(ValueError) as refused:
+        check_conversion(percentage, position, length, speed_kmh / 3.6)
+    assert str(refused.value) == f"{value} is outside the conversion model{remedy}, or give a gamma train"
+    with pytest.raises(ValueError, match="is outside the conversion model"):
+        lambda_brake(percentage, position, length, speed_kmh / 3.6, kv_int=ONE, kr_int=ONE, kt_int=1.0)
+
+
+def test_correction_of_the_emergency_time() -> None:
+    """Breaks if Kt_int does not act on T_be, or acts on T_bs."""
+    full, half = (
+        lambda_brake(100.0, "PassengerTrainInP", 300.0, 50.0, kv_int=ONE, kr_int=ONE, kt_int=kt) for kt in (1.0, 0.5)
+    )
+    assert full.emergency_time.to_standstill == pytest.approx(2.3 + 0.17 * 16)
+    assert half.emergency_time.to_standstill == pytest.approx(0.5 * full.emergency_time.to_standstill)
+    assert half.emergency_time.to_speed == pytest.approx(0.5 * full.emergency_time.to_speed)
+    assert half.service_time == full.service_time
+
+
+@pytest.mark.parametrize(("largest", "expected"), [(0.2, 0.8), (0.7, 0.8), (0.8, 0.7), (0.9, 0.6), (1.5, 0.6)])
+def test_mix_of_the_passenger_subsets(largest: float, expected: float) -> None:
+    """Breaks if the mix continues beyond its pivots of 0.7 and 0.9 m/s²."""
+    lower, upper = StepFunction.constant(0.8), StepFunction.constant(0.6)
+    assert passenger_kv_int(lower, upper, 0.7, 0.9, largest).at(10.0) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("bound", [100.0, 120.0, 150.0])
+def test_first_step_that_ends_at_the_bound_of_another(bound: float) -> None:
+    """Breaks if a step of no width is made where V_lim is exactly 100, 120 or 150 km/h."""
+    near = (bound / LIMIT_FACTOR) ** (1 / LIMIT_EXPONENT)
+    exact = [near * (1 + k * 2**-52) for k in range(-64, 65)]
+    percentage = next(value for value in exact if LIMIT_FACTOR * value**LIMIT_EXPONENT == bound)
+    steps = basic_deceleration(percentage)
+    assert steps.bounds[0] == pytest.approx(bound / 3.6)
+    assert len(steps.bounds) == {100.0: 4, 120.0: 3, 150.0: 2}[bound]

@@ -5,13 +5,25 @@ from __future__ import annotations
 import pytest
 from curve_trains import FIXED, LEVEL, supervised_train
 
-from train_ato.supervision.ceiling import EMERGENCY_MARGIN, SupervisionSpeeds, ceiling_speeds
 from train_ato.supervision.deceleration_curve import DecelerationCurve, advanced_speed
-from train_ato.supervision.gradient import gradient_acceleration, lowest_under_train
-from train_ato.supervision.limits import BrakingTarget, InterventionTimes, TargetLimits, intervention_times
+from train_ato.supervision.limits import (
+    BrakingTarget,
+    InterventionTimes,
+    TargetLimits,
+    intervention_times,
+    release_speed,
+    release_start,
+    trip_location,
+)
 from train_ato.supervision.odometry import MotionEstimate, motion_estimate, speed_measurement_error
-from train_ato.supervision.release_speed import release_speed, release_start, trip_location
-from train_ato.supervision.step_function import StepFunction
+from train_ato.supervision.step_function import (
+    EMERGENCY_MARGIN,
+    StepFunction,
+    SupervisionSpeeds,
+    ceiling_speeds,
+    gradient_acceleration,
+    lowest_under_train,
+)
 from train_ato.supervision.track_supervision import WIDEST_MOTION, TrackSupervision, ceiling
 from train_ato.supervision.train_model import BuildUpTime
 
@@ -105,7 +117,7 @@ def test_service_curve_without_a_service_brake() -> None:
 
 def test_curve_beyond_its_end() -> None:
     """Breaks if the advanced speed beyond the curve is above 0."""
-    curve = DecelerationCurve(1000.0, 0.0, StepFunction.constant(1.0), LEVEL, 30.0, 40.0)
+    curve = DecelerationCurve(1000.0, 0.0, StepFunction.constant(1.0), LEVEL, needed_speed=30.0, top_speed=40.0)
     assert advanced_speed(curve.arcs, 1200.0, 0.0, 0.0, 0.0) == 0.0
     assert advanced_speed(curve.arcs, 1200.0, 2.0, 3.0, 5.0) == -5.0
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import pickle
 import subprocess
 import sys
@@ -12,8 +13,10 @@ import numpy as np
 import pytest
 
 import train_ato as ta
-from train_ato.apps.env.observation import DISTANCES
-from train_ato.apps.env.reward import COSTS
+from train_ato.apps.env.observation import COSTS, DISTANCES
+from train_ato.apps.report.page_data import page_data
+from train_ato.apps.report.quantities import traces_of
+from train_ato.apps.report.run_page import run_sections
 from train_ato.cli.main import main
 
 FREE = {"supervision.enabled": False}
@@ -79,6 +82,26 @@ def test_a_state_continues_bit_for_bit(case):
         other.restore(state)
         assert [_outcome(other.step(force)) for force in ahead] == first
         assert_same_arrays(other.run, env.run)
+
+
+@pytest.mark.parametrize("places", [14, pytest.param(1000, marks=pytest.mark.campaign)])
+def test_a_state_of_a_random_place_continues_bit_for_bit(places):
+    """Breaks if a state at a start, a stop, a message under way or a step of the supervisor lacks a part."""
+    random, count = np.random.default_rng(places), 0
+    for name, changes in itertools.cycle(RUNS.values()):
+        env = ta.Env(name, set=changes, flat=True, normalised=True)
+        env.reset(seed=count)
+        for _ in range(round(changes["duration"] / env.period) // 8 if places > 99 else 2):
+            for _ in range(int(random.integers(1, 8))):
+                env.step(random.uniform(-0.5, 1.0, env.n_units))
+            state, forces = env.save(), random.uniform(-1.0, 1.0, (3, env.n_units))
+            ahead = [_outcome(env.step(force)) for force in forces]
+            env.restore(pickle.loads(pickle.dumps(state)))
+            assert [_outcome(env.step(force)) for force in forces] == ahead
+            env.restore(state)
+            count += 1
+        if count >= places:
+            break
 
 
 def _outcome(step: Any) -> tuple[Any, ...]:
@@ -304,7 +327,7 @@ def test_wrong_uses_are_refused_in_one_line():
 
 
 def test_own_signals_are_in_the_log_and_verified(tmp_path, capsys):
-    """Breaks if a signal is in another tick, changes the run, or is missing in the repeated run."""
+    """Breaks if a signal is in another tick, changes the run, or is missing in the report or in the repeated run."""
 
     def ahead(obs: dict[str, np.ndarray]) -> dict[str, float]:
         return {"ahead": obs["position_error"][0]}
@@ -322,6 +345,12 @@ def test_own_signals_are_in_the_log_and_verified(tmp_path, capsys):
     assert info["my_signal"] == 19
     assert env.run.recording.reported("signals", "my_signal")[1].tolist() == [float(step) for step in range(20)]
     assert main(["verify", str(env.run.save(tmp_path / "env"))]) == 0
+    for told, name, values in ((run, "ahead", found), (env.run, "my_signal", np.arange(20.0))):
+        data = page_data(told.recording)
+        assert data.curves["signals"].columns[f"signal:{name}"] == pytest.approx(values)
+        assert [trace.look.words for trace in traces_of(data.curves["signals"].columns)] == [name]
+        assert [part.anchor for part in run_sections(data)[0]].count("signals") == 1
+    assert "signals" not in page_data(plain.recording).curves | page_data(plain.recording).left_out
     assert capsys.readouterr().out.count("bit for bit") == 2
 
 

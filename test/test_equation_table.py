@@ -1,4 +1,4 @@
-"""The table of the equations of the papers is complete and agrees with the code."""
+"""Tables of the equations and of the open choices of the papers agree with the code."""
 
 from __future__ import annotations
 
@@ -9,10 +9,18 @@ from typing import Any
 
 import pytest
 
-from msgs_docs.generate.equations import page as equation_page
-from msgs_docs.generate.equations.check import problems
-from msgs_docs.generate.equations.places import source_line
-from msgs_docs.generate.equations.row import EQUATION_TABLES, EquationTable, Form
+from msgs_docs.generate import left_out_page
+from msgs_docs.generate.equation_page import EQUATION_TABLES, EquationTable, Form, problems, source_line
+from msgs_docs.generate.left_out_page import (
+    CHOICES,
+    Choice,
+    ChoiceRun,
+    ChoiceTable,
+    drive_choice,
+    read_metrics,
+    unmeasured_choices,
+    wanted,
+)
 from plant_sim.gears import ClipGear
 from plant_sim.library import load_consist
 from train_ato.scenario.scenario import load_scenario
@@ -29,12 +37,6 @@ def test_every_equation_has_one_row_that_agrees_with_the_code(table: EquationTab
     """Breaks if an equation has no row, a function is renamed, or a setting is refused or without effect."""
     assert table.last == LAST[table.paper]
     assert problems(table, ROOT) == []
-
-
-def test_the_page_is_that_of_the_tables() -> None:
-    """Breaks if a row, or the line of a function, changes and the page does not."""
-    page = (ROOT / equation_page.PAGE).read_text(encoding="utf-8")
-    assert page == equation_page.page(ROOT), "run python -m msgs_docs.generate"
 
 
 def broken(number: int, changes: dict[str, Any]) -> list[str]:
@@ -104,3 +106,61 @@ def test_printed_gear_of_paper_000_differs_by_its_damping_only() -> None:
     shipped = load_consist("hxd1_c80_105").draft_gears["mt2_mt2"]
     assert isinstance(printed, ClipGear) and isinstance(shipped, ClipGear)
     assert printed == shipped.model_copy(update={"damping": 0.0, "transition_damping": 0.0})
+
+
+RUNS = {run.key: run for run, _ in wanted()}
+
+
+@pytest.mark.parametrize("table", CHOICES, ids=lambda table: table.paper)
+def test_every_choice_has_a_place_and_a_sensitivity_or_a_reason(table: ChoiceTable) -> None:
+    """Breaks if a choice has no place in the code, no run and no reason, or a paper has fewer than six choices."""
+    assert len(table.choices) >= 6
+    for choice in table.choices:
+        source_line(choice.where, ROOT)
+        assert bool(choice.others) != bool(choice.reason), choice.missing
+        assert not choice.others or (choice.metric in left_out_page.UNITS and choice.base in table.bases), (
+            choice.missing
+        )
+
+
+def test_a_run_of_every_choice_is_accepted_and_differs_from_its_base() -> None:
+    """Breaks if a key of a scenario or of a train is renamed: the run of a choice then is refused."""
+    for run in RUNS.values():
+        run.setup()
+    for table in CHOICES:
+        for choice in table.choices:
+            assert table.bases[choice.base].key not in {run.key for run in choice.others} if choice.others else True
+
+
+def test_a_key_of_the_train_is_changed_in_plant_and_model() -> None:
+    """Breaks if the changed train reaches only one of the two, or the other keys of the gear are lost."""
+    run = ChoiceRun("demo", (), {"draft_gears": {"mt2_mt2": {"slack_mm": 12}}})
+    setup = run.setup()
+    for consist in (setup.consist, setup.model.consist):
+        gear = consist.draft_gears["mt2_mt2"]
+        assert isinstance(gear, ClipGear)
+        assert (gear.slack, gear.stroke) == (0.012, 0.166)
+
+
+def test_an_unmeasured_run_is_listed(tmp_path: Path) -> None:
+    """Breaks if a run without figures, or figures without a run, are not found by the check of the pages."""
+    (tmp_path / "msgs_docs").mkdir()
+    assert len(unmeasured_choices(tmp_path)) == len(RUNS)
+    (tmp_path / "msgs_docs" / "left_out_measured.json").write_text('{"other": {}}', encoding="utf-8")
+    assert unmeasured_choices(tmp_path)[-1].startswith("choice other: no such run")
+
+
+def test_a_measured_figure_is_that_of_its_run() -> None:
+    """Breaks if a figure of the page is not the result of its run on this code."""
+    table, choice = _quick()
+    for run in (table.bases[choice.base], choice.others[0]):
+        assert drive_choice(run, [choice.metric])[choice.metric] == pytest.approx(
+            read_metrics(ROOT)[run.key][choice.metric], rel=0.02
+        )
+
+
+def _quick() -> tuple[ChoiceTable, Choice]:
+    """Return the choice of the weight lambda of paper 004, whose runs are short."""
+    table = CHOICES[4]
+    (choice,) = [choice for choice in table.choices if choice.missing == "weight lambda"]
+    return table, choice

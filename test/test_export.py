@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import re
 
 import numpy as np
 import pandas as pd
@@ -17,7 +16,7 @@ import train_ato
 from train_ato.cli.main import main
 from train_ato.log.run_folder import RunFolder
 from train_ato.log.tables import files as writing
-from train_ato.log.tables import loading, portions
+from train_ato.log.tables import loading, tables
 from train_ato.log.tables.files import file_names
 from train_ato.loop.setup import prepare
 from train_ato.messages.types import Diagnostic
@@ -98,7 +97,7 @@ def assert_parts_are_the_tables(run, out, monkeypatch, capsys, size):
     """Export a log in parts of ``size`` bytes and messages, and compare the files with the loaded tables."""
     monkeypatch.setattr(loading, "PART", size)
     monkeypatch.setattr(loading, "REPORTS_OF_PART", size)
-    monkeypatch.setattr(portions, "PORTION", size)
+    monkeypatch.setattr(tables, "PORTION", size)
     assert main(["export", str(run), "--out", str(out), "--json"]) == 0
     frames = train_ato.load(run)
     files = json.loads(capsys.readouterr().out)["files"]
@@ -129,35 +128,6 @@ def test_parts_with_other_columns_and_late_diagnostics_are_the_same_table(tmp_pa
     assert table.index.tolist() == [0, 5, 20, 20, 40]
     assert table["a"].dropna().to_dict() == {0.0: "1", 40.0: "x"}
     assert table["b"].tolist()[0] == 2.0 and table["message"].tolist() == ["7"] * 5
-
-
-REFUSED = [
-    ([], r"export: exists already; give another folder with --out"),
-    (["--out", "/proc/x/y"], r"/proc/x/y: cannot be created"),
-    (
-        ["--out", "{tmp}/new", "--topics", "train/vehiclez"],
-        r"holds no topic 'train/vehiclez'; did you mean '/train/vehicles'",
-    ),
-    (["--out", "{tmp}/new", "--topics"], r"--topics: expected at least one argument"),
-]
-
-
-@pytest.mark.parametrize(("options", "text"), REFUSED)
-def test_what_cannot_be_is_refused_in_one_line(run, tmp_path, capsys, options, text):
-    """Breaks if files of an earlier export are overwritten, or a rejected export leaves a folder."""
-    (run / "export").mkdir()
-    (run / "export" / "train_vehicles.parquet").write_bytes(b"old")
-    try:
-        status = main(["export", str(run), *(entry.format(tmp=tmp_path) for entry in options)])
-    except SystemExit as end:
-        status = int(end.code or 0)
-    captured = capsys.readouterr()
-    assert status == 2
-    assert captured.out == ""
-    assert len(captured.err.splitlines()) == 1
-    assert re.search(text, captured.err), captured.err
-    assert (run / "export" / "train_vehicles.parquet").read_bytes() == b"old"
-    assert not (tmp_path / "new").exists()
 
 
 def test_a_full_disk_leaves_nothing(run, tmp_path, monkeypatch, capsys):

@@ -17,8 +17,7 @@ from remains import check_nothing_left
 from waiting import LIMIT_S
 
 from msgs_docs.generate.fault_page import RECORDER_ROWS, ends_process, ways_of
-from msgs_docs.generate.fault_runs import STANDSTILL, FaultRun, setup_of
-from msgs_docs.generate.fault_table import ROWS
+from msgs_docs.generate.fault_runs import ROWS, STANDSTILL, FaultRun, setup_of
 from train_ato.log.difference import compare_logs
 from train_ato.log.reading import iter_raw
 from train_ato.log.recover import recover
@@ -102,10 +101,8 @@ def failure_of(fault):
 
 @pytest.mark.parametrize("row", LOST, ids=lambda row: row.name)
 def test_a_lost_process_stops_the_train(row, tmp_path):
-    """Breaks if the train goes on without a node, the run ends while it moves, or the log is not complete.
-
-    A second node starts late: the demand counts from the last answer that the train used.
-    """
+    """Breaks if the train goes on without a node, the run ends while it moves, or the log is not complete."""
+    # A second node starts late: the demand counts from the last answer that the train used.
     folder = tmp_path / "run"
     rate = 2.0 if "duplicate" in row.sets[0] else 0.0
     run = graph_run(row, "processes", folder, rate, SILENT_S if "do: stop" in row.sets[0] else LIMIT_S)

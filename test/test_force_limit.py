@@ -12,16 +12,16 @@ from report_runs import drive
 from train_ato.apps.report.comparison_page import comparison_sections
 from train_ato.apps.report.events import detect_events
 from train_ato.apps.report.page_data import page_data
-from train_ato.apps.report.run_figure import titles
+from train_ato.apps.report.print_figures import titles
 from train_ato.apps.report.run_page import run_sections
 from train_ato.apps.report.words import driven_laws
 from train_ato.apps.report.writing import comparison_title, write_run
 from train_ato.log.recorded import open_recording
 from train_ato.loop.engine import run_engine
-from train_ato.loop.force_limit import time_at_force_limit
 from train_ato.loop.metrics import summarise
 from train_ato.loop.recording import Recording
 from train_ato.loop.setup import RunSetup, prepare
+from train_ato.loop.tracking import time_at_force_limit
 from train_ato.messages.types import Diagnostic
 from train_ato.scenario.scenario import load_scenario
 

@@ -21,8 +21,7 @@ import train_ato as ta
 from train_ato.apps.replay.log import ReplayLog
 from train_ato.apps.view.recorded import RecordedFeed
 from train_ato.cli import main
-from train_ato.log.mcap_records import RawMessage
-from train_ato.log.reading import stream
+from train_ato.log.mcap_records import RawMessage, stream
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)
 SQL, MCAP = StoragePlugin.SQLITE3, StoragePlugin.MCAP
@@ -163,9 +162,7 @@ def assert_equal_tables(one: Path, other: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", READ)
-def test_a_bag_of_another_recorder_is_read(
-    kind: str, run: Path, messages: list[RawMessage], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_bag_of_another_recorder_is_read(kind, run, messages, tmp_path, capsys):
     """Breaks if a kind is refused, loses a message or a row, or its times are those of another clock."""
     bag = READ[kind](messages, tmp_path)
     before = sorted((path, path.stat().st_size) for path in tmp_path.rglob("*"))
@@ -228,9 +225,7 @@ def many(messages: list[RawMessage]) -> list[RawMessage]:
 
 
 @pytest.mark.parametrize("kind", REFUSED)
-def test_the_remedy_for_a_damaged_bag_works(
-    kind: str, many: list[RawMessage], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_remedy_for_a_damaged_bag_works(kind, many, tmp_path, capsys):
     """Breaks if a damaged bag is read as whole, or the command of the message does not make it readable."""
     bag = REFUSED[kind](many, tmp_path)
     lines = set()
@@ -258,9 +253,7 @@ def test_a_bag_of_ros_1_names_its_converter(tmp_path: Path, capsys: pytest.Captu
         assert "ROS 1; convert it: `rosbags-convert --src" in capsys.readouterr().err
 
 
-def test_a_missing_file_of_a_split_bag_is_named(
-    messages: list[RawMessage], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_missing_file_of_a_split_bag_is_named(messages, tmp_path, capsys):
     """Breaks if the messages of a missing file are left out without a word."""
     bag = split(messages, tmp_path / "long", metadata=True)
     (bag / "long_4.mcap").unlink()

@@ -10,16 +10,21 @@ import numpy as np
 import pytest
 import yaml
 from plant_trains import plain_line, train
+from test_brought_lines import LINKS, ORE, TABLE, gpx, track
 from test_readers import BENCH, PATH, TRAIN
 
-from plant_sim.formats.notes import keys_not_carried
-from plant_sim.formats.ttobench_train import ttobench_train
+from plant_sim.consist import Consist
+from plant_sim.formats.fields import keys_not_carried
+from plant_sim.formats.osrd_stock import osrd_stock_json, osrd_train
+from plant_sim.formats.reading import own_yaml
+from plant_sim.formats.ttobench import ttobench_train
+from plant_sim.input_error import build_model
 from plant_sim.library import load_consist, load_line
 from plant_sim.traction import Envelope
 from train_ato.cli.main import main
 from train_ato.loop.setup import prepare
-from train_ato.profile.planner.inputs import find_line, find_train
 from train_ato.profile.planner.planner import plan_profile
+from train_ato.profile.planner.settings import find_line, find_train
 from train_ato.profile.planner.train_tables import TrainTables
 from train_ato.scenario.scenario import load_scenario
 
@@ -67,16 +72,18 @@ def files(tmp_path: Path) -> Path:
 def test_a_bench_train_by_hand() -> None:
     """Breaks if a unit, the rotating masses, the hyperbola, the pneumatic part or its bound is read wrongly."""
     read = ttobench_train(UNIT_TRAIN, "hand.json")
-    vehicle = read.consist.vehicles[0]
-    assert (read.consist.mass, read.consist.length, vehicle.inertia) == pytest.approx((122e3, 74, 134.2e3))
+    vehicle = read.vehicles[0]
+    assert (read.mass, read.length, vehicle.inertia) == pytest.approx((122e3, 74, 134.2e3))
     assert vehicle.resistance.polynomial(122e3, 9.81) == pytest.approx((2400, 61.2, 12.0))
     traction, brake = Envelope(vehicle.traction), Envelope(vehicle.brake)
     assert [traction.force(v) for v in (1, 13, 26, 45)] == pytest.approx([200e3, 200e3, 100e3, 0])
     assert [brake.force(v) for v in (1, 26, 40)] == pytest.approx([180e3, 180e3, 80e3 + 2.6e6 / 40])
-    strong = ttobench_train(UNIT_TRAIN | {"max pn braking force": quantity(1220, "kN")}, "hand.json").consist
+    strong = ttobench_train(UNIT_TRAIN | {"max pn braking force": quantity(1220, "kN")}, "hand.json")
     assert Envelope(strong.vehicles[0].brake).largest() == pytest.approx(134.2e3 + 0.05 * 9.81 * 122e3)
-    assert (read.deceleration, read.acceleration, read.speed_max) == (1.0, None, pytest.approx(160 / 3.6))
-    assert (read.traction_efficiency, read.recovery_efficiency) == pytest.approx((0.9, 0.8))
+    limits = read.plan_limits
+    assert limits is not None
+    assert (limits.deceleration, limits.acceleration, limits.speed) == (1.0, None, pytest.approx(160 / 3.6))
+    assert (limits.traction_efficiency, limits.recovery_efficiency) == pytest.approx((0.9, 0.8))
     assert Envelope(vehicle.electric_brake).force(1.0) == 100e3
     assert [vehicle.tunnel_coefficient(area) for area in (10, 24, 32, 99)] == pytest.approx(
         [15.16, 15.16, 11.195, 7.23]
@@ -101,7 +108,7 @@ def test_former_layout_and_etcs_data_of_a_bench_train(capsys: pytest.CaptureFixt
             "T_be": quantity(2.0, "s"),
         },
     }
-    consist = ttobench_train(former, "former.json").consist
+    consist = ttobench_train(former, "former.json")
     assert consist.length == 100 and "former.json: length is missing; assumed 100 m" in capsys.readouterr().err
     brake = consist.emergency_brake
     assert brake is not None and brake.delay + brake.time_constant == pytest.approx(2.0)
@@ -146,12 +153,10 @@ def test_efficiencies_of_the_file_are_those_of_the_plan(tmp_path: Path) -> None:
 
 
 def test_only_the_electric_part_of_a_brake_is_regenerated() -> None:
-    """Breaks if the pneumatic part of a brake is counted as electric in a run or in a plan.
-
-    100 kN and 2.6 MW of the 180 kN are electric; from 30 m/s on a level line, the electric part follows from the
-    motion at constant force, less the running resistance.
-    """
-    consist = ttobench_train(UNIT_TRAIN, "hand.json").consist
+    """Breaks if the pneumatic part of a brake is counted as electric in a run or in a plan."""
+    # 100 kN and 2.6 MW of the 180 kN are electric; from 30 m/s on a level line, the electric part follows from the
+    # motion at constant force, less the running resistance.
+    consist = ttobench_train(UNIT_TRAIN, "hand.json")
     made = train(consist, plain_line(), start={"position": 100, "speed": 30}, holding_speed=0.0)
     for _ in range(200):
         made.advance(np.full((made.substeps, 1), -100e3 - 80e3))
@@ -172,7 +177,7 @@ def test_only_the_electric_part_of_a_brake_is_regenerated() -> None:
 
 def test_the_friction_part_of_a_brake_works_in_a_neutral_section() -> None:
     """Breaks if a neutral section takes away the pneumatic brake, or leaves the electric one."""
-    consist = ttobench_train(UNIT_TRAIN, "hand.json").consist
+    consist = ttobench_train(UNIT_TRAIN, "hand.json")
     line = plain_line(neutral_sections=[{"begin": 0, "end": 5000}])
     made = train(consist, line, start={"position": 100, "speed": 40}, holding_speed=0.0)
     for _ in range(20):
@@ -202,9 +207,7 @@ def test_a_scenario_takes_every_file_that_plan_reads(files: Path, consist: str, 
     assert (again.consist, again.line) == (setup.consist, setup.line)
 
 
-def test_tunnels_of_a_bench_line_are_read_and_without_train_data_named(
-    files: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_tunnels_of_a_bench_line_are_read_and_without_train_data_named(files, capsys):
     """Breaks if tunnels are dropped silently, as they were, or a train without figures for them is not named."""
     line = find_line(str(files / "bench.json"))
     assert [(entry.begin, entry.end, entry.cross_section) for entry in line.tunnels] == [(1000, 1500, 32)]
@@ -216,9 +219,7 @@ def test_tunnels_of_a_bench_line_are_read_and_without_train_data_named(
 
 
 @pytest.mark.parametrize("name", ["unit.json", "bench.json", "train.yaml", "path.yaml", "path.yaml:reverse"])
-def test_convert_keeps_every_value_and_names_the_others(
-    files: Path, name: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_convert_keeps_every_value_and_names_the_others(files, name, capsys):
     """Breaks if a value changes on the way to own YAML, or a lost key is not named on stderr."""
     source, target = str(files / name), files / "own.yaml"
     assert main(["convert", source, str(target), "--json"]) == 0
@@ -256,3 +257,166 @@ def test_keys_below_carried_ones_are_carried() -> None:
     """Breaks if a carried block lists its own keys, or an unknown one in a list is missed or repeated."""
     data = {"stops": {"unit": "m"}, "altitude": 3, "rows": [{"a": 1, "b": 2}, {"b": 3}]}
     assert keys_not_carried(data, ("stops", "rows[].a")) == ("altitude", "rows[].b")
+
+
+def effort(scale: float) -> dict[str, list[float]]:
+    return {
+        "speeds": [0.0, 10.0, 25.0, 40.0],
+        "max_efforts": [200e3 * scale, 200e3 * scale, 80e3 * scale, 50e3 * scale],
+    }
+
+
+STOCK: dict[str, Any] = {
+    "railjson_version": "3.2", "locked": False, "name": "two_supplies", "mass": 120e3, "length": 75.0,
+    "max_speed": 44.0, "startup_time": 10.0, "startup_acceleration": 0.05, "comfort_acceleration": 0.6,
+    "inertia_coefficient": 1.1, "const_gamma": 0.7, "loading_gauge": "G1", "base_power_class": "5",
+    "power_restrictions": {"C1": "3"}, "metadata": {"series": "own"}, "energy_sources": [],
+    "rolling_resistance": {"type": "davis", "A": 2000.0, "B": 30.0, "C": 6.5},
+    "effort_curves": {"default_mode": "25000V", "modes": {
+        "thermal": {"curves": [], "default_curve": effort(0.5), "is_electric": False},
+        "25000V": {"is_electric": True, "default_curve": effort(1.0), "curves": [
+            {"cond": {"comfort": "HEATING", "electrical_profile_level": None, "power_restriction_code": "C1"},
+             "curve": effort(0.7)},
+            {"cond": {"comfort": "HEATING", "electrical_profile_level": None, "power_restriction_code": None},
+             "curve": effort(0.9)},
+            {"cond": {"comfort": None, "electrical_profile_level": "22500V", "power_restriction_code": None},
+             "curve": effort(0.8)},
+        ]},
+    }},
+    "etcs_brake_params": {"gamma_emergency": {"boundaries": [20.0], "values": [1.2, 0.9]}, "t_be": 2.0, "t_bs1": 3.0},
+}  # fmt: skip
+"""Rolling stock in the layout of OSRD of 2025, with made-up figures."""
+
+
+@pytest.mark.parametrize(
+    ("conditions", "scale", "diesel"),
+    [
+        ("", 1.0, False),
+        ("thermal", 0.5, True),
+        ("25000V,comfort=HEATING", 0.9, False),
+        ("comfort=HEATING,power_restriction=C1", 0.7, False),
+        ("comfort=HEATING,electrical_level=22500V", 0.9, False),  # the first one that holds
+        ("electrical_level=22500V,power_restriction=C1", 0.8, False),
+    ],
+)
+def test_an_osrd_train_has_the_curve_of_its_conditions(
+    tmp_path: Path, conditions: str, scale: float, diesel: bool
+) -> None:
+    """Breaks if a condition, the order of the curves, Davis, gamma or the ETCS brake is read wrongly; also in YAML."""
+    _written(tmp_path / "stock.json", STOCK)
+    assert main(["convert", str(tmp_path / "stock.json"), str(tmp_path / "own.yaml")]) == 0
+    for name in ("stock.json", "own.yaml"):
+        consist, settings = find_train(f"{tmp_path / name}{':' if conditions else ''}{conditions}")
+        vehicle = consist.vehicles[0]
+        traction = Envelope(vehicle.traction)
+        forces = [traction.force(v) for v in (0.0, 5.0, 17.5, 25.0, 43.0, 44.1)]
+        assert forces == pytest.approx([scale * f for f in (200e3, 200e3, 140e3, 80e3, 50e3, 0.0)])
+        assert vehicle.independent_power is diesel
+        assert vehicle.resistance.polynomial(120e3, 9.81) == (2000.0, 30.0, 6.5) and vehicle.inertia == 132e3
+        assert Envelope(vehicle.brake).force(44.0) == pytest.approx(132e3 * 0.7 + 0.05 * 9.81 * 120e3)
+        assert (settings.deceleration, settings.acceleration, settings.speed_max) == (0.7, 0.6, 44.0)
+        brake = consist.emergency_brake
+        assert brake is not None and brake.delay + brake.time_constant == pytest.approx(2.0)
+        for kmh, most in ((0, 1.2), (71, 1.2), (72, 0.9), (158, 0.9)):
+            assert brake.deceleration * (2 * kmh + 150) / (3 * kmh + 150) <= most * (1 + 1e-12)
+    bounded = STOCK | {"gamma": {"type": "MAX", "value": 0.5}, "const_gamma": None}
+    assert Envelope(osrd_train(bounded, "x").vehicles[0].brake).largest() == pytest.approx(66e3)
+
+
+def test_an_osrd_train_goes_back_unchanged(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if a key of the file is lost on its way through the own file, or has no effect without a word."""
+    stock, own, back = tmp_path / "stock.json", tmp_path / "own.yaml", tmp_path / "back.json"
+    _written(stock, STOCK)
+    assert main(["convert", str(stock), str(own)]) == 0 and main(["convert", str(own), str(back)]) == 0
+    assert json.loads(back.read_text()) == STOCK
+    assert "startup_time, startup_acceleration: no effect here" in capsys.readouterr().err
+
+
+BROUGHT: dict[str, tuple[str, str, float]] = {
+    "osrd": ("stock.json:thermal", "xuzhou_metro_test", 200.0), "table": ("stock.json", "line.csv", 12_200.0),
+    "altrios": ("ore.yaml", "net.yaml:1..4", 700.0), "gpx": ("stock.json", "way.gpx", 200.0),
+}  # fmt: skip
+"""Train, line, and place of the first vehicle [m], by the format under test."""
+
+
+@pytest.mark.parametrize("form", BROUGHT)
+def test_a_brought_file_is_planned_run_and_reported(tmp_path: Path, form: str) -> None:
+    """Breaks if a file that convert reads has no plan, no run or no report."""
+    for name, data in (("stock.json", STOCK), ("ore.yaml", ORE), ("net.yaml", [{}, LINKS])):
+        (tmp_path / name).write_text(json.dumps(data))
+    (tmp_path / "line.csv").write_text(TABLE)
+    (tmp_path / "way.gpx").write_text(gpx(track(), {"A": track()[0], "B": track()[-1]}))
+    consist, line = (str(tmp_path / name) if "." in name else name for name in BROUGHT[form][:2])
+    assert main(["plan", line, consist, "--point-mass", "--out", str(tmp_path / "plan.csv")]) == 0
+    scenario = {
+        "schema": "train_ato/scenario/1", "name": "brought", "duration": 8,
+        "plant": {"consist": consist, "line": line, "start": {"position": BROUGHT[form][2]}},
+        "profile": {"phases": [{"cruise_for": 2}, {"accelerate_to": 2}, {"brake_to": 0}]},
+    }  # fmt: skip
+    (tmp_path / "s.yaml").write_text(yaml.safe_dump(scenario))
+    assert main(["run", "--engine", str(tmp_path / "s.yaml"), "--out", str(tmp_path / "run")]) == 0
+    assert main(["report", str(tmp_path / "run")]) == 0
+    assert (tmp_path / "run" / "report.html").stat().st_size > 1000
+
+
+def test_a_train_of_several_vehicles_becomes_rolling_stock(tmp_path: Path) -> None:
+    """Breaks if mass, Davis or traction of the vehicles are not summed, or a lost key is not named."""
+    data = load_consist("hxd1_c80_105").model_dump(by_alias=True, mode="json", exclude_unset=True)
+    data |= {"plan_limits": {"deceleration": 0.9, "speed_kmh": 80}}
+    text, left_out = osrd_stock_json(build_model(Consist, data, "x"))
+    found = json.loads(text)
+    consist, again = load_consist("hxd1_c80_105"), osrd_train(found, "back.json")
+    assert (again.mass, again.length) == pytest.approx((consist.mass, consist.length))
+    whole = [sum(Envelope(v.traction).force(speed) for v in consist.vehicles) for speed in (0.5, 9.0, 14.0, 20.0)]
+    traction = Envelope(again.vehicles[0].traction)
+    assert [traction.force(speed) for speed in (0.5, 9.0, 14.0, 20.0)] == pytest.approx(whole, rel=1e-3)
+    davis = [v.resistance.polynomial(v.mass, consist.gravity) for v in consist.vehicles]
+    assert again.vehicles[0].resistance.n == pytest.approx([sum(row) for row in zip(*davis, strict=True)])
+    assert any(key.startswith("train: ") for key in left_out) and "draft_gears" in left_out
+    assert "added startup_time = 0.0" in left_out
+    with pytest.raises(ValueError, match=r"plan_limits\.deceleration: this key is missing, and OSRD needs it"):
+        osrd_stock_json(consist)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"const_gamma": None}, "const_gamma: this key is missing"),
+        ({"rolling_resistance": {"type": "other"}}, "type = 'other': only davis is read"),
+        ({"effort_curves": {"default_mode": "x", "modes": {}}}, "default_mode = 'x': not in modes"),
+        ({"effort_curves": STOCK["effort_curves"] | {"more": 1}}, "unknown key 'more'"),
+        ({"etcs_brake_params": {"gamma_emergency": {"boundaries": [1], "values": [1]}}}, "1 boundaries need 2 values"),
+    ],
+)
+def test_a_faulty_osrd_train_is_refused_in_one_line(tmp_path: Path, change: dict[str, Any], message: str) -> None:
+    """Breaks if a fault is a traceback, or names neither file nor key."""
+    with pytest.raises(ValueError, match=message) as caught:
+        find_train(_written(tmp_path / "fault.json", STOCK | change))
+    assert "\n" not in str(caught.value) and "fault.json" in str(caught.value)
+
+
+@pytest.mark.parametrize("wrong", ["1500V", "comfort=COLD", "speed=3", "25000V,thermal2"])
+def test_an_unknown_condition_is_refused(tmp_path: Path, wrong: str) -> None:
+    """Breaks if a misspelt supply is taken as the default one."""
+    with pytest.raises(ValueError, match="not in its effort curves; "):
+        find_train(f"{_written(tmp_path / 'stock.json', STOCK)}:{wrong}")
+
+
+def test_an_envelope_as_points_has_the_forces_between_them(tmp_path: Path) -> None:
+    """Breaks if points of speed and force are refused, take a wrong unit, or bend between the points."""
+    text = own_yaml(load_consist("xuzhou_metro_3"))
+    data = yaml.safe_load(text)
+    name, kind = next((name, kind) for name, kind in data["vehicle_types"].items() if kind.get("traction"))
+    kind["traction"] = {"speed_kmh": [0, 36, 72], "force_kn": [100, 90, 30]}
+    vehicle = build_model(Consist, data, "x").vehicle_types[name]
+    forces = [Envelope(vehicle.traction).force(v) for v in (0.0, 5.0, 15.0, 19.99, 20.1)]
+    assert forces == pytest.approx([100e3, 95e3, 60e3, 30.06e3, 0.0])
+    for points, message in (
+        ({"speed": [0, 5], "force": [1.0]}, "traction: force: "),
+        ({"speed": [5, 0], "force": [1.0, 2.0]}, "traction: speeds must rise"),
+        ({"speeds": [5, 0], "force": [1.0, 2.0]}, "traction: speed"),
+    ):
+        kind["traction"] = points
+        with pytest.raises(ValueError, match=message) as caught:
+            build_model(Consist, data, "x")
+        assert "\n" not in str(caught.value)

@@ -29,7 +29,8 @@ from std_srvs.srv import SetBool
 from test_standalone_nodes import terminals  # noqa: F401
 from waiting import LIMIT_S
 
-from train_ato.log.reading import iter_raw, stream
+from train_ato.log.mcap_records import stream
+from train_ato.log.reading import iter_raw
 from train_ato.log.run_folder import RunFolder
 from train_ato.loop.engine import run_engine
 from train_ato.loop.setup import prepare
@@ -157,22 +158,13 @@ TICK = 100_000_000
 TAKEOVERS = [
     pytest.param("ato/reference", lambda stamp: Reference(stamp, 0.0, 0.0, 0.0), [SLOW], id="reference"),
     pytest.param("ato/estimate", lambda stamp: DisturbanceEstimate(stamp, np.array([1e6])), [SLOW], id="estimate"),
-    pytest.param(
-        "ato/brake_pipe_command",
-        lambda stamp: Pipe(stamp, 0.0),
-        ["--no-lockstep", "--rate=20"],
-        id="brake_pipe_realtime",
-    ),
+    pytest.param("ato/brake_pipe_command", lambda stamp: Pipe(stamp, 0.0), ["--no-lockstep", "--rate=20"],
+        id="brake_pipe_realtime"),
     pytest.param("recorder/progress", Tick, [SLOW], id="acknowledgement"),
     pytest.param("/clock", Tick, [SLOW], id="clock", marks=pytest.mark.graph),
-    pytest.param(
-        "ato/reference",
-        lambda stamp: Reference(stamp, 0.0, 0.0, 0.0),
-        [SLOW, "--processes"],
-        id="reference to processes",
-        marks=pytest.mark.graph,
-    ),
-]
+    pytest.param("ato/reference", lambda stamp: Reference(stamp, 0.0, 0.0, 0.0), [SLOW, "--processes"],
+        id="reference to processes", marks=pytest.mark.graph),
+]  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -219,11 +211,9 @@ def test_a_publisher_that_has_left_is_noticed_too(start):
 
 
 def test_a_run_does_not_begin_beside_a_second_publisher(tmp_path):
-    """Fails if the run ends without the name of the foreign node, or continues after its discovery.
-
-    On a loaded machine its discovery may take longer than the start of the run, and any node may name it first;
-    `test_two_controllers_are_refused` has the discovery before the start.
-    """
+    """Fails if the run ends without the name of the foreign node, or continues after its discovery."""
+    # On a loaded machine its discovery may take longer than the start of the run, and any node may name it first;
+    # `test_two_controllers_are_refused` has the discovery before the start.
     setup = prepare(*load_scenario("demo", ("duration=3600",)))
     with claim_domain() as domain, applied(variables(domain, tmp_path / "log")), ForeignNode(domain) as foreign:
         foreign.publisher("ato/command")
@@ -264,6 +254,7 @@ def test_an_answer_that_comes_after_the_next_request_counts(monkeypatch):
         node=SimpleNamespace(create_client=lambda *_: client),
         wire=Wire(prepare(*load_scenario("demo", ("duration=1", "supervision.enabled=false"))).layout),
         senders=lambda topic: (),
+        external=None,
         missing=lambda roles: [],
     )
     clock = itertools.count()
@@ -274,10 +265,9 @@ def test_an_answer_that_comes_after_the_next_request_counts(monkeypatch):
 
 @pytest.mark.graph
 def test_a_second_observer_started_alone_is_named(terminals):  # noqa: F811
-    """Fails if the controller uses the estimates of two observers, or no node of the run names the second one.
-
-    On a loaded machine its discovery may take longer than the start of the run: then the controller names it and ends.
-    """
+    """Fails if the controller uses the estimates of two observers, or no node of the run names the second one."""
+    # On a loaded machine its discovery may take longer than the start of the run: then the controller names it and
+    # ends.
     for role in ("supervisor", "profile", "controller"):
         terminals.start(role, "--scenario=demo")
     terminals.start("observer", "--scenario=demo")

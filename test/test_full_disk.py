@@ -6,7 +6,10 @@ A limit on the size of files replaces the full disk: writing fails at the same p
 from __future__ import annotations
 
 import errno
+import json
 import os
+import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -18,8 +21,7 @@ from waiting import LIMIT_S, wait_for
 import plant_sim
 from train_ato.apps.runs.drive import finish
 from train_ato.apps.runs.progress import COMPILE_NOTE
-from train_ato.apps.runs.record import RunRecord
-from train_ato.apps.runs.run import Run
+from train_ato.apps.runs.run import Run, RunRecord
 from train_ato.cli.main import main
 from train_ato.errors import FirstFailure, RunFailed
 from train_ato.log.run_folder import RunFolder
@@ -30,7 +32,7 @@ from train_ato.scenario.scenario import load_scenario
 
 PROGRAM = """
 import resource, signal, sys
-from plant_sim.warm_up import compile_kernel
+from plant_sim.train import compile_kernel
 from train_ato.cli.main import main
 compile_kernel()
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
@@ -97,6 +99,50 @@ def test_every_writer_that_finds_no_room_names_its_file(tmp_path: Path, monkeypa
     assert not [path for path in Path().glob("?.*") if path.name not in ("s.yaml", "o.yaml")]
 
 
+SERIES = {
+    "sweep": "sweep s.yaml --jobs 1",
+    "tune": "tune demo --law pid --parameters kp --set duration=2 --runs 12",
+    "falsify": "falsify demo --requirement 'speed <= 999 m/s' --over o.yaml --set duration=2 --runs 40",
+}
+"""Commands that write a folder of many runs."""
+
+
+@pytest.mark.parametrize("command", SERIES)
+def test_a_series_that_finds_no_more_room_keeps_its_runs_and_goes_on(command, tmp_path, monkeypatch):
+    """Breaks if the finished runs are lost, or the line has neither the file nor the way to go on."""
+    monkeypatch.chdir(tmp_path)
+    seeds = ", ".join(map(str, range(12)))
+    Path("s.yaml").write_text(f"{{scenario: demo, design: grid, over: {{seed: [{seeds}]}}, set: {{duration: 2}}}}")
+    Path("o.yaml").write_text("over: {plant.lag: {from: 0.3, to: 0.5}}")
+    words = shlex.split(SERIES[command])
+    done = run(1500 if command == "falsify" else 3000, *words, "--out", "out")
+    said = [line for line in done.stderr.splitlines() if line.startswith("train-ato: ")][-1]
+    kept = len((Path("out") / "runs.jsonl").read_text().splitlines()) - 1
+    assert done.returncode == 1 and kept > 0 and "Traceback" not in done.stderr
+    assert re.fullmatch(
+        rf"train-ato: out/\S+: File too large; ({kept}|{kept + 1}) finished runs are in out; "
+        "make room and repeat the command to go on",
+        said,
+    )
+    assert main([*words, "--out", "out"]) == 0
+    assert main([*words, "--out", "whole"]) == 0
+    numbers = [[json.loads(line)["run"] for line in _whole_lines(Path(name))] for name in ("out", "whole")]
+    assert sorted(numbers[0]) == sorted(numbers[1])
+
+
+def _whole_lines(folder: Path) -> list[str]:
+    return [line for line in (folder / "runs.jsonl").read_text().splitlines() if line.endswith("}")]
+
+
+def test_a_comparison_without_room_for_its_files_has_its_table(tmp_path: Path) -> None:
+    """Breaks if the runs of a comparison are lost with its figure."""
+    words = ("compare", "demo", "--laws=pid,smc", "--set=duration=2", "--engine", "--out", str(tmp_path / "out"))
+    done = run(400_000, *words)
+    assert done.returncode == 1 and "comparison.html: File too large" in done.stderr.splitlines()[-1]
+    assert "Traceback" not in done.stderr and "difference from the best value" in done.stdout
+    assert {law["controller"] for law in json.loads((tmp_path / "out" / "summary.json").read_text())} == {"pid", "smc"}
+
+
 @pytest.mark.parametrize("way", ["--engine", "--composed"])
 def test_a_log_that_cannot_go_on_is_named(way: str, tmp_path: Path) -> None:
     """Breaks if the line does not contain the unwritten file and the remedy for reading the rest."""
@@ -127,6 +173,17 @@ def test_a_full_disk_is_named_with_a_process_for_each_node(tmp_path: Path) -> No
         assert main(["info", str(disk / "run")]) == 0
     finally:
         subprocess.run(["umount", "--lazy", str(disk)], check=True)
+
+
+@pytest.mark.parametrize(("largest", "name"), [(300, "reproduce.json"), (29_000, "paper002.json")])
+def test_a_reproduction_without_room_names_its_file(largest: int, name: str, tmp_path: Path) -> None:
+    """Breaks if a claim of a paper is judged, and the message of a full disk has no file, or half of a file stays."""
+    out = tmp_path / "out"
+    done = run(largest, "reproduce", "002", "--jobs=1", "--claim=delay", "--out", str(out))
+    line = next(row for row in done.stderr.splitlines() if row.startswith("train-ato: "))
+    assert done.returncode == 1 and "Traceback" not in done.stderr
+    assert line == f"train-ato: {out / name}: File too large"
+    assert not out.exists()
 
 
 def test_what_failed_is_told_where_its_traceback_finds_no_room(tmp_path: Path) -> None:

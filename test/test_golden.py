@@ -17,7 +17,8 @@ import yaml
 from train_ato.cli import main
 from train_ato.log.bag_layout import table_name
 from train_ato.log.difference import compare_logs
-from train_ato.log.reading import attachments, stream
+from train_ato.log.mcap_records import stream
+from train_ato.log.reading import attachments
 from train_ato.log.run_folder import read_run_folder
 from train_ato.log.run_log import LogFile
 from train_ato.log.versions import VERSIONS, read_versions, versions
@@ -72,10 +73,8 @@ def altered(folder: Path, topic: str, number: int, change) -> Path:
 
 
 def test_golden_run_is_driven_again(capsys: pytest.CaptureFixture[str]) -> None:
-    """Breaks if any number of the physics, a law, a link or an encoder changes; `test/golden/make.py` is the way then.
-
-    Bit for bit where processor and versions are those that recorded it, else up to rounding.
-    """
+    """Breaks if any number of the physics, a law, a link or an encoder changes; `test/golden/make.py` changes it."""
+    # Bit for bit where processor and versions are those that recorded it, else up to rounding.
     others = other_numbers(read_versions(attachments(GOLDEN)[VERSIONS]))
     relative = ELSEWHERE if others else 0.0
     assert main(["verify", str(GOLDEN), f"--relative={relative}", "--json"]) == 0, capsys.readouterr().err
@@ -103,9 +102,7 @@ def test_attached_scenario_is_that_of_the_file() -> None:
     assert attached == file
 
 
-def test_the_first_difference_is_named_in_one_short_line(
-    tmp_path: Path, wire: Wire, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_first_difference_is_named_in_one_short_line(tmp_path, wire, capsys):
     """Breaks if topic, stamp, field or place is wrong or missing, or the line is too long."""
 
     def push(data: bytes) -> bytes:

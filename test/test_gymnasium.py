@@ -56,6 +56,32 @@ def test_a_vector_begins_the_next_run_in_the_step_after_the_end():
     assert obs[0].tolist() != obs[1].tolist() and obs[0, 0] == pytest.approx(3.55)
 
 
+@pytest.mark.parametrize("flat", [True, False])
+def test_one_compiled_call_is_a_vector_with_the_results_of_single_environments(flat):
+    """Breaks if the vector has another space, seed, reset or run than the environments that Gymnasium joins."""
+    from gymnasium.utils.env_checker import data_equivalence
+
+    name, choices = f"{ENVS}:train_ato/XuzhouMetro-v0", {"set": {"duration": 2}}
+    one = gymnasium.make_vec(name, 3, flat=flat, **choices)
+    joined = gymnasium.make_vec(name, 3, vectorization_mode="sync", flat=flat, **choices)
+    assert "train_ato" in type(one.unwrapped).__module__
+    assert one.metadata["autoreset_mode"] is joined.metadata["autoreset_mode"]
+    for space in ("observation_space", "action_space", "single_observation_space", "single_action_space"):
+        assert getattr(one, space) == getattr(joined, space), space
+    joined.action_space.seed(1)
+    assert data_equivalence(one.reset(seed=7)[0], joined.reset(seed=7)[0])
+    for number in range(41):
+        forces = joined.action_space.sample()
+        mine, theirs = one.step(forces), joined.step(forces)
+        if number < 40:  # the reset after it draws other seeds
+            assert data_equivalence(mine[0], theirs[0]) and np.array_equal(mine[1], theirs[1])
+            assert one.observation_space.contains(mine[0])
+        assert mine[2].tolist() == theirs[2].tolist() == [number == 39] * 3 and not mine[3].any()
+    assert mine[1].tolist() == [0.0] * 3
+    one.close()
+    joined.close()
+
+
 def test_the_registration_does_not_import_the_compiler():
     """Breaks if the import of Gymnasium, of this project or of the registration loads numba."""
     code = f"import sys, gymnasium, train_ato, {ENVS}; assert not {{'numba', 'pandas'}} & sys.modules.keys()"

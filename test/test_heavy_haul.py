@@ -92,20 +92,16 @@ def test_the_figures_are_near_those_measured(variant: str, assignments: tuple[st
     [("smc", 0.4975, 729), ("rbf_switching_smc", 0.9986, 855), ("funnel", 1.016, 851), ("gpc", 1.682, 900)],
 )
 def test_published_gains_swing_in_the_couplers(law: str, rms: float, draft: float) -> None:
-    """Effect of fitted gains; breaks if `gains: printed` has others than those of the paper.
-
-    The laws oscillate without end: a bound of 10 % below the measured figure permits another phase.
-    """
+    """Effect of fitted gains; breaks if `gains: printed` has others than those of the paper."""
+    # The laws oscillate without end: a bound of 10 % below the measured figure permits another phase.
     result = summary("daqin_heavy_haul", f"law={law}", f"laws.{law}.gains=printed")
     assert result["speed_rmse_kmh"] > 0.9 * rms
     assert result["coupler_draft_max_kn"] > 0.9 * draft
 
 
 def test_the_printed_law_is_lost_with_lag_and_delay() -> None:
-    """Unstable above a total lag of 0.17 s. At 1.2 s it winds up: 33.2 and 68 km/h, 1549 kN, 4442 m past the stop.
-
-    These are the figures of the law alone; with supervision the braking law stops the train ahead of the stop.
-    """
+    """Unstable above a total lag of 0.17 s. At 1.2 s it winds up: 33.2 and 68 km/h, 1549 kN, 4442 m past the stop."""
+    # These are the figures of the law alone; with supervision the braking law stops the train ahead of the stop.
     result = summary("daqin_heavy_haul", *UNLIMITED, "compensation=none", "supervision.enabled=false")
     assert result["speed_rmse_kmh"] > 0.9 * 33.2
     assert result["speed_error_max_kmh"] > 0.9 * 68.0

@@ -9,7 +9,7 @@ from datetime import datetime, timedelta
 import numpy as np
 import pytest
 import yaml
-from import_files import CRUISE, TRAIN, metro, recorded, take, text_of
+from import_files import BRAKE, CRUISE, TOP, TRAIN, metro, recorded, take, text_of
 
 import train_ato
 from train_ato.apps.import_csv import run as measured_run
@@ -129,6 +129,24 @@ def test_what_reads_runs_reads_a_measured_one(tmp_path, capsys):
     scenario = str(tmp_path / "imported" / "scenario.yaml")
     assert main(["compare", scenario, "--laws", "pid", "--json", "--out", str(tmp_path / "c")]) == 0
     assert main(["export", run, "--json"]) == 0
+
+
+def test_noise_at_standstill_makes_no_motion(tmp_path, capsys):
+    """Breaks if single steps of the resolution at a stop move the profile, or a measured run has no stop."""
+    time = np.arange(0.0, 141.0)
+    v, x, f = metro(time)
+    speed = np.round(3.6 * v, 1)
+    speed[[110, 115, 116, 120]] = (0.1, 0.1, -0.1, 0.1)  # noise after the stop at 105.2 s
+    take(
+        tmp_path, capsys, text_of({"time_s": time, "speed_kmh": speed, "position_m": x, "force_kn": f / 1e3}, digits=1)
+    )
+    profile = np.genfromtxt(tmp_path / "imported" / "profile.csv", delimiter=",", skip_header=3)
+    assert not profile[profile[:, 0] > 106.5, 2].any() and np.ptp(profile[profile[:, 0] > 106.5, 1]) == 0
+    assert profile[3, 2] == 0 and profile[60, 2] > 0  # and a slow begin of the motion is kept
+    driven = train_ato.run(tmp_path / "imported" / "scenario.yaml", law="pid")
+    (row,) = train_ato.difference(tmp_path / "imported", driven).stops.to_dict("records")
+    assert row["arrival_s"] == pytest.approx(CRUISE[1] + TOP / BRAKE, abs=1.5)
+    assert abs(row["difference_arrival_s"]) < 2 and abs(row["difference_stop_m"]) < 0.5
 
 
 def test_a_law_beside_a_measured_run_is_not_compared_with_a_law(tmp_path, capsys):
@@ -304,15 +322,12 @@ def test_a_missing_file_and_a_taken_folder(tmp_path, capsys):
 
 def test_a_full_disk_leaves_nothing(tmp_path, capsys, monkeypatch):
     """Breaks if a partial run folder remains."""
-    written = measured_run.write_messages
 
-    def full(setup, series, sink, progress=None):
-        if progress is None:  # into memory, not into the log
-            return written(setup, series, sink)
+    def full(setup, series, sink, progress):
         sink.add("/clock", measured_run.Tick(0), 0)
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(measured_run, "write_messages", full)
+    monkeypatch.setattr("train_ato.apps.runs.importing.write_messages", full)
     (tmp_path / "run.csv").write_text(recorded())
     assert main(["import", str(tmp_path / "run.csv"), *TRAIN, "--out", str(tmp_path / "deep" / "run")]) == 1
     assert "No space left" in capsys.readouterr().err

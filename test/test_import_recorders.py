@@ -13,7 +13,11 @@ import numpy as np
 import pytest
 from import_files import TRAIN, metro, recorded, take, text_of
 
+from plant_sim.library import load_consist
+from plant_sim.traction import Envelope
+from train_ato.apps.import_csv.columns import layout_names
 from train_ato.apps.import_csv.table import column_name, is_units_row, moments
+from train_ato.apps.runs.importing import read_recorder
 from train_ato.cli.main import main
 
 pytestmark = pytest.mark.usefixtures("without_figure")
@@ -115,6 +119,12 @@ def test_an_impossible_date_is_refused(text: str) -> None:
         (["03/01/2026 23:59:59", "04/01/2026 00:00:01"], [2]),
         (["1727799360", "1727799362"], [2]),
         (["1727799360000", "1727799361500"], [1.5]),
+        (["1727799360000000", "1727799361500000"], [1.5]),
+        (["1727799360000000000", "1727799361500000000"], [1.5]),
+        (["2026/11/24 23:59:59", "2026/11/25 0:00:01"], [2]),
+        (["24-11-2026 23:59:59", "25-11-2026 00:00:01"], [2]),
+        (["11-24-2026 23:59:59", "11-25-2026 00:00:01"], [2]),
+        (["2026-10-25 02:59:59+02:00", "2026-10-25 02:00:01+01:00"], [2]),
     ],
 )
 def test_times_of_recorders(texts: list[str], seconds: list[float]) -> None:
@@ -229,9 +239,7 @@ def test_a_leap_of_the_odometer_is_refused_at_its_line(leap: float, tmp_path: Pa
         (1.4, 0, ""),
     ],
 )
-def test_the_work_of_the_force_is_compared_with_the_speed(
-    factor: float, status: int, message: str, tmp_path: Path, capsys
-) -> None:
+def test_the_work_of_the_force_is_compared_with_the_speed(factor, status, message, tmp_path, capsys):
     """Breaks if a force in kN under the name of N is imported without a word, or another load is refused."""
     time = np.arange(0.0, 120.5, 1.0)
     v, x, f = metro(time)
@@ -241,6 +249,67 @@ def test_the_work_of_the_force_is_compared_with_the_speed(
     printed = capsys.readouterr()
     assert message in printed.err + printed.out
     assert bool(message) == ("kWh for its speed and resistance" in printed.err + printed.out)
+
+
+def brake_as(unit: float, name: str) -> dict[str, Any]:
+    return {name: lambda t, v, x, f: f"{max(-f, 0.0) / unit:.4f}"}
+
+
+TRACTION = {"traction_force_kn": lambda t, v, x, f: f"{max(f, 0.0) / 1e3:.3f}"}
+NOTED: list[tuple[dict[str, Any], str]] = [
+    (SPEED | {"position_m": lambda t, v, x, f: f"{x + 30 * (t > 50):.3f}"} | FORCE,
+     "line 53, position_m: 44.999 m since the row above, 29.9998 m beside 'speed_kmh'"),
+    (SPEED | {"position_m": lambda t, v, x, f: f"{500 + 1.05 * (x - 500):.3f}"} | FORCE,
+     "position_m: covers 1.261 km, the integral of 'speed_kmh' is 1.201 km; read as it is"),
+    (SPEED | {"position_km": lambda t, v, x, f: f"{(x + 180 * (t > 50)) / 1e3:.1f}"} | FORCE,
+     "position_km: covers 1.4"),
+    (SPEED | PLACE | TRACTION | brake_as(1e3, "brake_force_n"), "brake_force_n: brake of at most 0.1267 kN"),
+    (SPEED | PLACE | FORCE | {"command_force_n": FORCE["force_kn"]}, "command_force_n: traction of at most 0.1448 kN"),
+    (SPEED | PLACE | FORCE | {"reference_speed_m_s": SPEED["speed_kmh"]},
+     "reference_speed_m_s: at most 194.39 km/h, the train runs 53.9971 km/h"),
+    (SPEED | PLACE | {"force_kn": lambda t, v, x, f: f"{abs(f) / 1e3:.3f}"},
+     "line 87, force_kn: 47 % of the work of the traction is done while the train brakes"),
+    (SPEED | PLACE | FORCE, ""),
+    (SPEED | PLACE | TRACTION | brake_as(1e3, "brake_force_kn"), ""),
+    (SPEED | {"position_km": lambda t, v, x, f: f"{x / 1e3:.1f}"} | FORCE, ""),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("columns", "note"), NOTED)
+def test_what_speed_and_traction_do_not_show_is_noted(
+    columns: dict[str, Any], note: str, tmp_path: Path, capsys
+) -> None:
+    """Breaks if a small leap, a wheel diameter or a wrong unit beside right ones is imported without a word."""
+    text = "".join(",".join(row) + "\n" for row in metro_rows(**(TIME | columns)))
+    notes = take(tmp_path, capsys, text).get("measured_notes") or ""
+    assert note in notes and bool(note) == bool(notes)
+
+
+@pytest.mark.parametrize(
+    ("first", "time", "message"),
+    [
+        ("Recorder 7\n", TIME["time_s"], "line 1: one column, 'Recorder 7', above rows of 3; remove the lines above"),
+        ("", lambda t, v, x, f: CLOCK.format(2 + (t < 60), int(t) // 60 % 60, int(t) % 60),
+         "the clock was set back by an hour: write date and time with the zone"),
+        ("", lambda t, v, x, f: CLOCK.format(1 + (t > 60), int(t) // 60 % 60, int(t) % 60),
+         "if the clock was set forward by an hour, write date and time with the zone"),
+        ("", lambda t, v, x, f: f"{int(t) // 60:02d}:{int(t) % 60:02d}", "08:15 is read as hours and minutes"),
+    ],
+)  # fmt: skip
+def test_a_refused_layout_has_a_remedy_that_works(first: str, time: Any, message: str, tmp_path: Path, capsys) -> None:
+    """Breaks if ``--sort`` is advised for the end of summer time, or a heading is called an unknown column."""
+    rows = metro_rows(timestamp=time, **SPEED, **FORCE) if not first else metro_rows(**TIME, **SPEED, **FORCE)
+    (tmp_path / "a.csv").write_text(first + "".join(",".join(row) + "\n" for row in rows))
+    assert main(["import", str(tmp_path / "a.csv"), *TRAIN, "--out", str(tmp_path / "a")]) == 2
+    assert message in (err := capsys.readouterr().err) and len(err.splitlines()) == 1
+
+
+def test_the_other_sign_of_a_force_is_named(tmp_path: Path, capsys) -> None:
+    """Breaks if a force with traction below 0 is called a matter of its unit."""
+    rows = metro_rows(**TIME, **SPEED, **PLACE, force_kn=lambda t, v, x, f: f"{-f / 1e3:.3f}")
+    (tmp_path / "a.csv").write_text("".join(",".join(row) + "\n" for row in rows))
+    assert main(["import", str(tmp_path / "a.csv"), *TRAIN, "--out", str(tmp_path / "a")]) == 2
+    assert "it does 5.50182 kWh with the other sign: traction is > 0" in capsys.readouterr().err
 
 
 def test_rows_out_of_order(plain: str, tmp_path: Path, capsys) -> None:
@@ -306,3 +375,135 @@ def test_the_sample_file_is_imported_by_the_command_in_it(tmp_path: Path, monkey
     assert main([*shlex.split(command)[1:], "--out", str(tmp_path / "run")]) == 0
     assert "recorded in" in capsys.readouterr().out
     assert main(["report", str(tmp_path / "run")]) == 0
+
+
+def morning(t: float) -> str:
+    """Return the time of day of a run from 8 o'clock on."""
+    return CLOCK.format(8, int(t) // 60, int(t) % 60)
+
+
+US = {
+    "Date": lambda t, v, x, f: "11/24/2026" if t < 60 else "11/25/2026", "Time": lambda t, v, x, f: clock(t),
+    "Speed [mph]": lambda t, v, x, f: f"{v / 0.44704:.4f}", "Milepost [mi]": lambda t, v, x, f: f"{x / 1609.344:.6f}",
+    "Notch": lambda t, v, x, f: "8" if f > 0 else "Idle", "Dynamic": lambda t, v, x, f: "4.0" if f < 0 else "",
+    "BP [psi]": lambda t, v, x, f: "72.3", "Horn": lambda t, v, x, f: "off",
+}  # fmt: skip
+RECORDERS: dict[str, tuple[dict[str, Any], str]] = {
+    "us_locomotive": (US, ";"),
+    "jru_german": (
+        {"Datum": lambda t, v, x, f: "24.11.2026", "Uhrzeit": lambda t, v, x, f: morning(t),
+         "Geschwindigkeit [km/h]": lambda t, v, x, f: f"{3.6 * v:.4f}".replace(".", ","),
+         "Weg [km]": lambda t, v, x, f: f"{x / 1e3:.6f}".replace(".", ","),
+         "Zugkraft [kN]": lambda t, v, x, f: f"{f / 1e3:.3f}".replace(".", ","), "PZB": lambda t, v, x, f: "aus"}, ";",
+    ),
+    "etcs_jru": (
+        {"DATE": lambda t, v, x, f: "2026-11-24", "TIME": lambda t, v, x, f: morning(t),
+         "V_TRAIN": lambda t, v, x, f: f"{3.6 * v:.4f}", "D_TRAIN": lambda t, v, x, f: f"{x:.3f}",
+         "V_PERMIT": lambda t, v, x, f: "60", "M_MODE": lambda t, v, x, f: "FS"}, ",",
+    ),
+    "osrd_export": (
+        {"op": lambda t, v, x, f: "stop", "time": lambda t, v, x, f: clock(t),
+         "seconds": lambda t, v, x, f: f"{1727799360 + t:.0f}",
+         "position": lambda t, v, x, f: f"{x / 1e3:.6f}".replace(".", ","),
+         "speed": lambda t, v, x, f: f"{3.6 * v:.4f}".replace(".", ",")}, ";",
+    ),
+    "bve_blackbox": (
+        {"Time": lambda t, v, x, f: f"{t:.3f}", "Position": lambda t, v, x, f: f"{x:.3f}",
+         "Speed": lambda t, v, x, f: f"{v:.4f}", "PowerSafety": lambda t, v, x, f: "4" if f > 0 else "0",
+         "BrakeSafety": lambda t, v, x, f: "4" if f < 0 else "0", "Event": lambda t, v, x, f: ""}, ",",
+    ),
+}  # fmt: skip
+"""Made-up files in the layouts that are shipped."""
+
+
+def recorder_file(path: Path, name: str, **changes: Callable[[float, float, float, float], str]) -> Path:
+    columns, separator = RECORDERS[name]
+    rows = metro_rows(**(columns | changes))
+    path.write_text("".join(separator.join(row) + "\n" for row in rows))
+    return path
+
+
+@pytest.mark.parametrize("name", layout_names())
+def test_a_shipped_layout_reads_the_files_of_its_recorder(name: str, tmp_path: Path) -> None:
+    """Breaks if a title, a unit, a notch or a time of a layout is wrong, or a layout is shipped without a file."""
+    file = recorder_file(tmp_path / "rec.csv", name)
+    pipe = name == "us_locomotive"
+    train, line = ("hxd1_c80_105", "daqin_section") if pipe else ("xuzhou_metro_3", "level")
+    made = read_recorder(file, train=train, line=line, layout=name)
+    profile, found = made.setup.profile, made.found
+    assert profile.end == pytest.approx(120) and found.speed.values.max() == pytest.approx(15, abs=1e-3)
+    assert profile.position[-1] - profile.position[0] == pytest.approx(metro(120.0)[1] - metro(0.0)[1], abs=0.5)
+    if pipe:
+        assert found.pressure is not None and found.pressure.values[0] == pytest.approx(72.3 * 6894.757 + 101_325)
+    if name in ("us_locomotive", "bve_blackbox"):
+        consist = load_consist(train)
+        units = [consist.vehicles[unit] for unit in consist.power_units]
+        command, force = found.command[None].values, found.force[None].values
+        for t, share in ((10, 1.0), (40, 0.0), (95, -0.5)):
+            v = float(metro(float(t))[0])
+            assert (metro(float(t))[2] > 0) == (share > 0)
+            envelopes = [Envelope(unit.traction if share > 0 else unit.brake) for unit in units]
+            by_hand = share * sum(envelope.force(v) for envelope in envelopes) if metro(float(t))[2] or not share else 0
+            assert command[t] == pytest.approx(by_hand, rel=1e-3) and force[t] == command[t]
+        assert "without a measured force in the file, the force" in " ".join(found.notes)
+
+
+OWN_LAYOUT = """
+schema: train_ato/recorder/1
+name: mine
+skip_lines: 1
+separator: ";"
+columns: {Spd: speed_kmh, Clock: timestamp, HL: brake_pipe_pressure_bar, Kraft: force_kn}
+date: Day
+gauge: true
+notches: {Handle: {B1: -1, N: 0, P1: 0.5}}
+ignore: [Door]
+"""
+
+
+def test_a_layout_of_the_user(tmp_path: Path, capsys) -> None:
+    """Breaks if a key of a layout has no effect, or a notch that it does not have is read."""
+    columns = {
+        "Day": lambda t, v, x, f: "24.11.2026", "Clock": lambda t, v, x, f: morning(t),
+        "Spd": lambda t, v, x, f: f"{3.6 * v:.4f}", "Kraft": lambda t, v, x, f: f"{f / 1e3:.3f}",
+        "Handle": lambda t, v, x, f: {5.0: "P1", 30.0: "n", 90.0: "B1"}.get(t, "" if t else "N"),
+        "Door": lambda t, v, x, f: "shut",
+    }  # fmt: skip
+    rows = [";".join(row) for row in metro_rows(**columns)]
+    file, layout = tmp_path / "rec.csv", tmp_path / "mine.yaml"
+    file.write_text("Recorder 7, car 12\n" + "\n".join(rows) + "\n")
+    layout.write_text(OWN_LAYOUT)
+    words = ["import", str(file), "--train", "xuzhou_metro_3", "--line", "level", "--layout", str(layout)]
+    assert main([*words, "--out", str(tmp_path / "p.csv"), "--profile-only"]) == 0
+    assert "Handle: share of the largest force at the speed; it is the demand\n" in capsys.readouterr().out
+    found = read_recorder(file, train="xuzhou_metro_3", line="level", layout=layout).found
+    command = found.command[None].values
+    traction, brake = (
+        Envelope(getattr(load_consist("xuzhou_metro_3").vehicles[0], kind)) for kind in ("traction", "brake")
+    )
+    assert command[:5] == pytest.approx([0] * 5) and command[20] == pytest.approx(
+        0.5 * traction.force(found.speed.values[20])
+    )
+    assert command[31] == 0 and command[95] == pytest.approx(-brake.force(found.speed.values[95]), rel=1e-3)
+    assert found.force[None].values[10] == pytest.approx(metro(10.0)[2], abs=1)
+    changes = {
+        "skip_lines: 1": "skip_lines: 0", "P1: 0.5": "P2: 0.5", "P1: 0.5}": "P1: 5}", "date: Day": "date: Dai",
+        "ignore: [Door]": "ignore: []", "separator": "separater", "Spd: speed_kmh": "Spd: speed",
+    }  # fmt: skip
+    for before, after in changes.items():
+        layout.write_text(OWN_LAYOUT.replace(before, after))
+        assert main([*words, "--out", str(tmp_path / "q.csv"), "--profile-only"]) == 2, after
+        told = capsys.readouterr().err
+        assert told and "Traceback" not in told and not (tmp_path / "q.csv").exists()
+        if after.startswith("P2"):
+            assert "'P1' is no notch of the layout (B1, N, P2); add it there" in told
+    layout.write_text(OWN_LAYOUT.replace("ignore: [Door]", "ignore_others: true"))
+    assert read_recorder(file, train="xuzhou_metro_3", line="level", layout=layout).found.end == 120
+
+
+def test_a_layout_that_is_not_known_is_refused(tmp_path: Path, capsys) -> None:
+    """Breaks if a misspelt layout is read as none."""
+    (tmp_path / "rec.csv").write_text("time_s,speed_kmh\n0,1\n1,2\n")
+    words = ["import", str(tmp_path / "rec.csv"), "--train", "xuzhou_metro_3", "--line", "level", "--profile-only"]
+    assert main([*words, "--layout", "us_locomotiv"]) == 2
+    assert "did you mean 'us_locomotive'?" in capsys.readouterr().err

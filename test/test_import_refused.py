@@ -70,10 +70,8 @@ ROWS = [
     (but(12, "9,20,50"), r"line 12, time_s: the same time as the row above"),
     (but(12, ",20,50"), r"line 12, time_s: is empty"),
     (rows(*GOOD[:10], *GOOD[20:]), r"line 12, time_s: 11 s after the row above.*--largest-gap 11"),
-    (
-        rows(*GOOD[:10], *(f"{t},{t * 2}," for t in range(10, 20)), *GOOD[20:]),
-        r"line 22, force_kn: 11 s after the last value, in line 11",
-    ),
+    (rows(*GOOD[:10], *(f"{t},{t * 2}," for t in range(10, 20)), *GOOD[20:]),
+     r"line 22, force_kn: 11 s after the last value, in line 11"),
     (rows(*GOOD[:30], *(f"{t},60," for t in range(30, 41))), r"line 42, force_kn: 11 s after the last value"),
     (but(7, "5,fast,50"), r"line 7, speed_kmh: 'fast' is not a number"),
     (but(7, "5,1_0,50"), r"line 7, speed_kmh: '1_0' is not a number"),
@@ -82,30 +80,22 @@ ROWS = [
     (but(7, "5,10"), r"line 7: 2 values for 3 columns"),
     (but(7, "5,10,5,50"), r"line 7: 4 values for 3 columns"),
     (but(7, '5,"1,250",50'), r"line 7, speed_kmh: '1,250' may be 1\.250 or 1250; write it without a comma"),
-    (
-        every(lambda t: f"{t}.5\t{t}\t{'1,050' if t == 20 else 50}").replace(FORCE, FORCE.replace(",", "\t")),
-        r"line 22, force_kn: '1,050' has a comma and '0\.5' a point; write all numbers with one decimal mark",
-    ),
+    (every(lambda t: f"{t}.5\t{t}\t{'1,050' if t == 20 else 50}").replace(FORCE, FORCE.replace(",", "\t")),
+     r"line 22, force_kn: '1,050' has a comma and '0\.5' a point; write all numbers with one decimal mark"),
     (but(7, "5,-12,50"), r"line 7, speed_kmh: -12 is negative"),
     (every(lambda t: f"{t},{t * 25},50"), r"line \d+, speed_kmh: .* faster than any train; check the unit"),
     (but(20, "18,100,50"), r"line 20, speed_kmh: 100 is an impossible jump"),
-    (
-        under("time_s,speed_kmh,brake_force_kn").replace("20,40,50", "20,40,-3"),
-        r"line 22, brake_force_kn: -3 is negative",
-    ),
+    (under("time_s,speed_kmh,brake_force_kn").replace("20,40,50", "20,40,-3"),
+     r"line 22, brake_force_kn: -3 is negative"),
     (every(lambda t: f"{t},{t},50000"), r"line 2, force_kn: 50000 kN is .* times the maximum of train"),
     (beside("position_m", lambda t: 900 - t), r"position_m: positions fall, from 0\.9 to 0\.86 km: .*LINE:reverse, or"),
-    (
-        beside("position_m", lambda t: 900 + 10 * t - (9 if 5 < t < 7 else 0) * 10),
-        r"line 8, position_m: 870 is behind an earlier position",
-    ),
-    (
-        beside("position_m", lambda t: 90 * t),
-        r"'position_m' covers 3\.600 km, the integral of 'speed_kmh' is 0\.4.*check the units",
-    ),
+    (beside("position_m", lambda t: 900 + 10 * t - (9 if 5 < t < 7 else 0) * 10),
+     r"line 8, position_m: 870 is behind an earlier position"),
+    (beside("position_m", lambda t: 90 * t),
+     r"'position_m' covers 3\.600 km, the integral of 'speed_kmh' is 0\.4.*check the units"),
     (beside("reference_speed_kmh", lambda t: -t), r"line 3, reference_speed_kmh: -1 is negative"),
     (every(lambda t: f"{t},0,0"), r"'speed_kmh': the train does not move"),
-]
+]  # fmt: skip
 """Invalid rows."""
 FILES = [
     (rows("0,10,5"), r"1 rows of numbers; give at least two"),

@@ -140,9 +140,7 @@ def test_ctrl_c_in_a_callback_from_c_is_not_lost() -> None:
 
 
 @pytest.mark.parametrize("made_of_it", [RuntimeError, ValueError, SystemError, OSError])
-def test_an_error_that_a_library_makes_of_ctrl_c_is_ctrl_c(
-    made_of_it: type[Exception], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_error_that_a_library_makes_of_ctrl_c_is_ctrl_c(made_of_it, monkeypatch, capsys):
     """Breaks if Ctrl-C in a compiler or validator is reported as an error of this library or as bad input."""
 
     def execute(options: object) -> int:
@@ -158,9 +156,7 @@ def test_an_error_that_a_library_makes_of_ctrl_c_is_ctrl_c(
 
 
 @pytest.mark.parametrize("interrupted", [True, False])
-def test_destructors_of_incomplete_objects_print_nothing_after_ctrl_c(
-    interrupted: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_destructors_of_incomplete_objects_print_nothing_after_ctrl_c(interrupted, monkeypatch):
     """Breaks if a compiler's incomplete object prints a traceback after Ctrl-C, or every such error is hidden."""
 
     class Incomplete:
@@ -244,9 +240,7 @@ def test_a_law_that_exits_fails_the_run(mode: str, tmp_path: Path) -> None:
     assert (tmp_path / "out" / "summary.json").is_file()
 
 
-def test_a_module_that_exits_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_module_that_exits_is_refused(tmp_path, monkeypatch, capsys):
     """Breaks if ``sys.exit(0)`` at the import of a law ends the command with status 0."""
     (tmp_path / "exiting_law.py").write_text("import sys; sys.exit(0)")
     monkeypatch.syspath_prepend(str(tmp_path))

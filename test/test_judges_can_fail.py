@@ -6,28 +6,15 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
-import judge_trials_p000
-import judge_trials_p001
-import judge_trials_p002
-import judge_trials_p003
-import judge_trials_p004
 import numpy as np
 import pytest
-from judge_trials import ABSURD, APART, BAD, ELSEWHERE, EVERY, GOOD, Trial
+from judge_trials import ABSURD, APART, BAD, ELSEWHERE, EVERY, GOOD, TRIALS, Trial
 
-from train_ato.papers.bounds import CLOSE, Bound, Check
-from train_ato.papers.claims import Claim, Paper, Result, Verdict
-from train_ato.papers.judging import claims_of, judge_paper
+from train_ato.papers.claims import CLOSE, Bound, Check, Claim, Paper, Result, Verdict
+from train_ato.papers.page import claims_of, judge_paper
 from train_ato.papers.session import load_paper, paper_numbers
 
 ROOT = Path(__file__).resolve().parents[1]
-TRIALS = {
-    "000": judge_trials_p000.TRIALS,
-    "001": judge_trials_p001.TRIALS,
-    "002": judge_trials_p002.TRIALS,
-    "003": judge_trials_p003.TRIALS,
-    "004": judge_trials_p004.TRIALS,
-}
 PAPERS = {number: load_paper(number) for number in paper_numbers()}
 
 
@@ -176,5 +163,5 @@ def test_both_pages_count_the_same_verdicts() -> None:
 @pytest.mark.parametrize("number", PAPERS)
 def test_the_page_has_every_claim(number: str) -> None:
     """Breaks if a claim changes and the page is not written again."""
-    texts = [claim.text for claim in claims_of(PAPERS[number], False)]
+    texts = [claim.text for claim in claims_of(PAPERS[number], full=False)]
     assert [text for text in texts if f"| {text.replace('|', chr(92) + '|')} |" not in PAGE] == []

@@ -14,7 +14,7 @@ from plant_sim.plant_setup import PlantSetup
 from plant_sim.train import Train
 from train_ato.control.compensation.ahead_train import AheadTrain, TwinParameters
 from train_ato.control.compensation.contract import CompensationInput
-from train_ato.control.compensation.delay_estimate import DelayEstimate
+from train_ato.control.compensation.predictor import DelayEstimate
 from train_ato.control.compensation.rigid import RigidForce
 from train_ato.control.registry import COMPENSATIONS
 from train_ato.loop.setup import prepare
@@ -45,7 +45,7 @@ def step(of, name, parameters, along, state, commands_in_flight, disturbance=Non
 def plant(of, position, speed, lag, step_ns=1_000_000):
     """Return the simulated train of a model, without disturbances."""
     setup = PlantSetup.model_validate({"start": {"position": position, "speed": speed}, "lag": lag})
-    return Train(of.consist, of.line, setup, step_ns, TICK_NS)
+    return Train(of.consist, of.line, setup, step_ns=step_ns, tick_ns=TICK_NS)
 
 
 def test_resistance_of_many_points_equals_that_of_one():

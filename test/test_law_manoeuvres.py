@@ -20,7 +20,7 @@ from law_trains import HILLY, LEVEL, SINGLE, asked, model, printed, profile, sta
 from plant_sim.plant_setup import PlantSetup
 from plant_sim.train import Train
 from train_ato.control.air_brake.policy import BrakeSpec, make_brake_policy
-from train_ato.control.observers.stack import ObserverStack
+from train_ato.control.observers.contract import ObserverStack
 from train_ato.control.registry import LAWS, OBSERVERS
 from train_ato.messages.types import Array
 
@@ -92,7 +92,7 @@ def driven(law: str, manoeuvre: str) -> tuple[Array, Array, Array]:
     along = along.shifted(begin)
     control.set_profile(along)
     plant = PlantSetup.model_validate({"start": {"position": begin - case.behind}, "lag": case.lag})
-    train = Train(SINGLE, HILLY if case.hill else LEVEL, plant, STEP_NS, TICK_NS)
+    train = Train(SINGLE, HILLY if case.hill else LEVEL, plant, step_ns=STEP_NS, tick_ns=TICK_NS)
     queue = [np.zeros(1)] * round(case.delay / TICK)
     errors, commands = [], []
     for k in range(round(SECONDS / TICK)):
@@ -198,15 +198,13 @@ def test_departure_does_not_need_the_declared_noise_of_the_sensor(law: str) -> N
     [("gpc", {}), ("fixed_time_smc", {"unmatched": True}), ("pid", {"kd": 0.5}), ("funnel", {"variant": "printed"})],
 )
 def test_a_gap_is_no_jump(law: str, values: dict[str, Any]) -> None:
-    """0.8 s without a measurement at 20 m/s must not act like a step of 16 m.
-
-    Breaks if a law ignores the missed steps: the samples of gpc, d1 of paper 002 and every difference quotient.
-    """
+    """0.8 s without a measurement at 20 m/s must not act like a step of 16 m."""
+    # Breaks if a law ignores the missed steps: the samples of gpc, d1 of paper 002 and every difference quotient.
     of, along = model(SINGLE, LEVEL), profile(pull=0.8)
     peaks = []
     for gap in (range(0), range(300, 308)):
         control = stack(of, law, printed(law) | values, along=along)
-        train = Train(SINGLE, LEVEL, PlantSetup(), STEP_NS, TICK_NS)
+        train = Train(SINGLE, LEVEL, PlantSetup(), step_ns=STEP_NS, tick_ns=TICK_NS)
         errors = []
         for k in range(600):
             reference, estimate = asked(of, along, k * TICK_NS)

@@ -14,13 +14,12 @@ import train_ato as ta
 from plant_sim.library import load_consist, load_line
 from train_ato.control.algorithms.actuator_identification import ActuatorIdentification
 from train_ato.control.algorithms.disturbance_filters import RAMP_TIME, motion_by_rate
-from train_ato.control.algorithms.horizon_model import horizon_model, node_times, ramp_response, responses
+from train_ato.control.algorithms.force_plan import horizon_model, node_times, ramp_response, responses
 from train_ato.control.algorithms.motion_observer import MotionObserver
 from train_ato.control.algorithms.predictive_plan import decide, free_motion, node_values
 from train_ato.control.algorithms.quadratic_program import inverse, multipliers
-from train_ato.control.algorithms.riccati import filter_gain, regulator_gain
 from train_ato.control.algorithms.train_constants import force_tables
-from train_ato.control.algorithms.unit_deviations import UnitDeviations
+from train_ato.control.algorithms.unit_deviations import UnitDeviations, filter_gain, regulator_gain
 from train_ato.control.observers.force_balance import lag_weight
 from train_ato.control.train_model import TrainModel
 
@@ -92,7 +91,7 @@ def test_plan_without_constraints_has_the_gains_of_the_regulator():
     """Wrong weights change z = -2 omega e_v - a omega² e_p; the bound is the error of the trapezoidal rule."""
     omega, share = 0.4, 0.5
     nodes = node_times(0.1, 120.0, 40)
-    side = horizon_model(nodes, np.zeros(1), np.ones(1), 0.0, 0.0, omega, share)
+    side = horizon_model(nodes, np.zeros(1), np.ones(1), 0.0, 0.0, omega=omega, position_share=share)
     found = []
     for position, velocity in ((1.0, 0.0), (0.0, 1.0)):
         errors = np.array([position + velocity * nodes, velocity + 0.0 * nodes])
@@ -132,7 +131,7 @@ def _estimated(disturbance, coupled):
     random = np.random.default_rng(5)
     found = np.zeros(2)
     for _ in range(20):
-        observer = MotionObserver(0.05, 7.5, 0.0, coupled)
+        observer = MotionObserver(0.05, 7.5, 0.0, coupled=coupled)
         speed = position = 0.0
         for value in disturbance:
             position += (speed + 0.025 * value) * 0.05
@@ -329,10 +328,8 @@ def test_identification_reports_a_wrong_model():
 
 
 def test_gains_are_safe_until_the_model_is_right_again():
-    """A test that misses a delay of three times that of the model keeps full gains; without an end they stay low.
-
-    They end at a misfit of 5 %, not of the 15 % of their begin: between the two the gains would change at every step.
-    """
+    """A test that misses a delay of three times that of the model keeps full gains; without an end they stay low."""
+    # They end at a misfit of 5 %, not of the 15 % of their begin: between the two the gains would change at every step.
     model = _model(1.0)
     identification = ActuatorIdentification(model, 0.1, estimates=False)
     commands = [np.full(3, 3e4 * math.sin(0.1 * k)) for k in range(3000)]
@@ -451,15 +448,6 @@ def test_gusts_and_unknown_grades_of_the_metro(variant, rms, largest):
     assert run.metrics["speed_error_max_kmh"] / 3.6 <= largest
     assert abs(run.metrics["stop_error_m"]) <= 0.05
     assert run.metrics["command_variation_kn_per_s"] < 30.0
-
-
-@pytest.mark.parametrize(
-    ("scenario", "compensation"), [("demo", "pade"), ("demo", "predictor"), ("crh380a_gpc:short", "twin")]
-)
-def test_compensations_that_do_not_fit_are_refused(scenario, compensation):
-    """A predicting compensation would count the delay twice; a feed-forward alone is not used."""
-    with pytest.raises(ValueError, match="law 'mpc' with compensation"):
-        ta.run(scenario, law="mpc", compensation=compensation, set={"duration": 1}, progress=False)
 
 
 @pytest.mark.campaign

@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 from law_trains import FIVE, HILLY, SINGLE, inputs, model, printed_law
 
 from train_ato.control.algorithms.coupled_units import matrix_exponential
-from train_ato.control.algorithms.diophantine import diophantine, response_and_past, sampled_actuator
 from train_ato.control.algorithms.identification import Increments, ResidualNetwork
-from train_ato.control.algorithms.predictive_law import linear_law
+from train_ato.control.algorithms.predictive_law import diophantine, linear_law, response_and_past, sampled_actuator
 from train_ato.control.contract import Preview
 from train_ato.control.laws.gpc import Gpc, GpcParameters
 
@@ -170,10 +169,8 @@ def test_between_samples_the_command_is_held():
 
 
 def test_one_step_by_hand():
-    """(12), (18) on three units: least squares for the reference ahead, minus d_hat, split over the units.
-
-    At the first step the past is steady at 10 m/s without command and without residual.
-    """
+    """(12), (18) on three units: least squares for the reference ahead, minus d_hat, split over the units."""
+    # At the first step the past is steady at 10 m/s without command and without residual.
     of = model(FIVE, delay=1.0, lag=0.4)
     law = printed_law("gpc", {"sampling": 1.2, "command_weight": 0.3}, of, 0.4)
     ahead = 10.0 + 0.05 * np.arange(10)

@@ -11,7 +11,7 @@ from engine_runs import record_run
 from span_runs import Both, setup_of
 
 from plant_sim.units import KMH
-from train_ato.apps.view.planned import PLAN_LASTS, plan_columns, plan_words
+from train_ato.apps.view.facts import PLAN_LASTS, plan_columns, plan_words
 from train_ato.apps.view.recorded import RecordedFeed
 from train_ato.control.contract import LawInput, LawOutput, LawPlan, parameter
 from train_ato.control.plan_text import STATUS, TimedPlan, plan_from_text, plan_to_text

@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 from law_trains import FIVE, SINGLE, inputs, model, printed_law
 
-from train_ato.control.algorithms.diophantine import sampled_actuator
 from train_ato.control.algorithms.identification import Increments
-from train_ato.control.algorithms.predictive_law import linear_law
+from train_ato.control.algorithms.predictive_law import linear_law, sampled_actuator
 from train_ato.control.algorithms.rbf import RBF_CENTERS
 from train_ato.control.laws.fixed_time_smc import alternating
 from train_ato.control.laws.gpc import GpcParameters
 from train_ato.control.laws.rbf_switching_smc import identified_sign
-from train_ato.control.observers.cascade import Cascade, CascadedParameters
+from train_ato.control.observers.cascaded import Cascade, CascadedParameters
 
 MASS = 80e3
 ERRORS = [(0.004, 0.002), (0.006, -0.001), (0.001, 0.003), (-0.002, 0.001)]

@@ -10,8 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from law_trains import FIVE, SINGLE, inputs, measured, model, printed_law
 
-from train_ato.control.algorithms.diophantine import sampled_actuator
-from train_ato.control.algorithms.predictive_law import linear_law
+from train_ato.control.algorithms.predictive_law import linear_law, sampled_actuator
 from train_ato.control.algorithms.rbf import RBF_CENTERS
 from train_ato.control.algorithms.sliding import sig
 from train_ato.control.laws.fixed_time_smc import alternating
@@ -47,10 +46,8 @@ class OnePoint:
     de=st.floats(-0.01, 0.01),
 )
 def test_rbf_smc_falls_along_its_lyapunov_function(target, e, de):
-    """Paper 000, (36), (37): L = S²/2 + |W* - W|²/(2 gamma) falls by S (zeta sgn S + xi |S|^alpha sgn S + ks S).
-
-    The unmodelled part is W*'h. Breaks with the wrong sign of (28), and with a missing or doubled term of (21).
-    """
+    """Paper 000, (36), (37): L = S²/2 + |W* - W|²/(2 gamma) falls by S (zeta sgn S + xi |S|^alpha sgn S + ks S)."""
+    # The unmodelled part is W*'h. Breaks with the wrong sign of (28), and with a missing or doubled term of (21).
     gamma, period, ks = 0.5, 1e-3, 0.5
     values = {"model_error": 0.0, "gamma": gamma, "clip": False, "ks": ks, "l2": 0.0}
     point = OnePoint(("rbf_smc", values), period, e, de)
@@ -69,11 +66,9 @@ def test_rbf_smc_falls_along_its_lyapunov_function(target, e, de):
 
 @given(surface=st.floats(0.1, 5.0), push=st.floats(-0.8, 0.8), switching=st.sampled_from(["sign", "rbf", "tanh"]))
 def test_rbf_switching_smc_pulls_to_its_surface(surface, push, switching):
-    """Paper 001, (8)-(12): s s' < 0 outside a layer, for any disturbance below the switching gain of 1.4 m/s².
-
-    At the surface the relay has 1.4, the learnt term 0.9 of it at |s| = phi; breaks with a wrong sign of the initial
-    weights or of the clipped input.
-    """
+    """Paper 001, (8)-(12): s s' < 0 outside a layer, for any disturbance below the switching gain of 1.4 m/s²."""
+    # At the surface the relay has 1.4, the learnt term 0.9 of it at |s| = phi; breaks with a wrong sign of the initial
+    # weights or of the clipped input.
     phi = 0.05
     point = OnePoint(("rbf_switching_smc", {"switching": switching, "phi": phi, "eta": 0.0}), 0.02, 0.0, surface)
     sizes = [surface]
@@ -103,11 +98,9 @@ def test_the_learnt_switching_term_does_not_chatter():
 
 @pytest.mark.parametrize("gain", [0.5, 2.0])
 def test_fixed_time_smc_falls_along_its_lyapunov_function(gain):
-    """Paper 002, (22): V = S² falls by 2 alpha2 V^((p2+1)/2) + 2 beta2 V^((g2+1)/2) on every car of a coupled train.
-
-    Five sprung cars, 2 to 6 m out of place, with different speeds; breaks if a coupler, the resistance or dS_au/dE is
-    not cancelled, or an exponent is wrong.
-    """
+    """Paper 002, (22): V = S² falls by 2 alpha2 V^((p2+1)/2) + 2 beta2 V^((g2+1)/2) on every car of a coupled train."""
+    # Five sprung cars, 2 to 6 m out of place, with different speeds; breaks if a coupler, the resistance or dS_au/dE is
+    # not cancelled, or an exponent is wrong.
     of, period = model(FIVE), 1e-4
     law = printed_law("fixed_time_smc", {"surface": gain, "reaching": gain}, of, period)
     wide = {"force_min": np.full(5, -1e9), "force_max": np.full(5, 1e9)}
@@ -132,10 +125,8 @@ def test_fixed_time_smc_falls_along_its_lyapunov_function(gain):
 
 @given(e=st.floats(-0.5, 0.5), de=st.floats(-0.2, 0.2), start=st.floats(-20e3, 20e3))
 def test_lag_smc_contracts_to_its_surface_through_the_lag(e, de, start):
-    """With s3' = -k s3/(|s3| + phi) - k_i s3 the surface shrinks at least by exp(-k_i t) in every sample.
-
-    The actuator is a lag of 0.4 s with a constant demand for 0.1 s; breaks if that is not part of the law.
-    """
+    """With s3' = -k s3/(|s3| + phi) - k_i s3 the surface shrinks at least by exp(-k_i t) in every sample."""
+    # The actuator is a lag of 0.4 s with a constant demand for 0.1 s; breaks if that is not part of the law.
     of, period = model(SINGLE, lag=0.4), 0.02
     law = printed_law("lag_smc", {"k_i": 1.0}, of, period)
     keep, acting = math.exp(-period / 0.4), start
@@ -158,10 +149,9 @@ def test_lag_smc_contracts_to_its_surface_through_the_lag(e, de, start):
 @pytest.mark.parametrize("funnel", ["dynamic", "prescribed", "fixed"])
 @pytest.mark.parametrize("start", [(0.12, 0.0), (-0.2, 0.02), (0.1, -0.1)])
 def test_funnel_errors_stay_inside_and_go_to_zero(funnel, start):
-    """Paper 003, theorem 1, without saturation: |e1| < phi1 and |e2| < phi2 in every sample, and e1 goes to 0.
-
-    Breaks with a gain or a sign of (12), (20), (23); the printed form (leak of (21) inside the mass) does not reach 0.
-    """
+    """Paper 003, theorem 1, without saturation: |e1| < phi1 and |e2| < phi2 in every sample, and e1 goes to 0."""
+    # Breaks with a gain or a sign of (12), (20), (23); the printed form (leak of (21) inside the mass) does not reach
+    # 0.
     point = OnePoint(("funnel", {"resistance": "model", "funnel": funnel}), 0.01, *start)
     own = point.law.state[0]
     for step in range(6000):
@@ -187,10 +177,8 @@ def closed_loop_radius(delay: float, sampling: float, lam: float) -> float:
 
 @given(lam=st.floats(1e-6, 1e4), delay=st.floats(0.6, 1.2))
 def test_gpc_with_n_3_is_stable_only_at_a_sampling_of_1_2_s(lam, delay):
-    """N = 3, Nu = 2: at 1.2 s all poles are inside the unit circle for any delay.
-
-    At 0.4 s with 1.2 s of delay, 0.3 s with 1.1 s, and 0.2 s with any, no command weight stabilises the loop.
-    """
+    """N = 3, Nu = 2: at 1.2 s all poles are inside the unit circle for any delay."""
+    # At 0.4 s with 1.2 s of delay, 0.3 s with 1.1 s, and 0.2 s with any, no command weight stabilises the loop.
     assert closed_loop_radius(delay, 1.2, min(lam, 10.0)) < 0.95
     assert closed_loop_radius(1.2, 0.4, lam) > 1.0 - 1e-4
     assert closed_loop_radius(1.1, 0.3, lam) > 1.0 - 1e-4
@@ -209,10 +197,8 @@ def test_gpc_has_no_static_error(sampling, beyond):
 @pytest.mark.parametrize("name", ["ndo", "eso"])
 @given(omega=st.floats(0.5, 20.0), swing=st.floats(0.1, 0.5))
 def test_the_estimate_follows_a_moving_disturbance_within_its_rate_over_omega(name, omega, swing):
-    """Paper 000, (34): e' = -omega e + d', so |e| stays below max|d'|/omega (twice that with two equal poles).
-
-    A sinusoidal disturbance of 0.1 m/s², with a tolerance of one sample of the difference quotient.
-    """
+    """Paper 000, (34): e' = -omega e + d', so |e| stays below max|d'|/omega (twice that with two equal poles)."""
+    # A sinusoidal disturbance of 0.1 m/s², with a tolerance of one sample of the difference quotient.
     period, amplitude = 0.02, 0.1
     of = model(SINGLE, tick=period)
     values = {"omega": omega} | ({"model_error": 0.0} if name == "ndo" else {})
@@ -231,10 +217,8 @@ def test_the_estimate_follows_a_moving_disturbance_within_its_rate_over_omega(na
 
 
 def test_cascaded_by_hand_and_in_finite_time():
-    """(7), (11) with implicit signs: d2 within one sample without filter, then d1; estimate m (d2 + d1').
-
-    0.5 m/s² of unmodelled acceleration, and a position rate 0.4 m/s above the speed.
-    """
+    """(7), (11) with implicit signs: d2 within one sample without filter, then d1; estimate m (d2 + d1')."""
+    # 0.5 m/s² of unmodelled acceleration, and a position rate 0.4 m/s above the speed.
     of, period = model(SINGLE, tick=0.01), 0.01
     observer = OBSERVERS.make("cascaded", {"filter_time": 0.0}, of, period)
     place, speed, found = 500.0, 10.0, []

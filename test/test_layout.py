@@ -14,7 +14,7 @@ import pytest
 from report_runs import drive, without
 
 from train_ato.cli import main
-from train_ato.log.reading import stream
+from train_ato.log.mcap_records import stream
 from train_ato.messages.codec.cdr import typestore
 
 pytestmark = pytest.mark.usefixtures("without_figure")
@@ -93,10 +93,8 @@ def plotjuggler_value(messages: dict[str, Any], path: str) -> float:
 @pytest.mark.parametrize("viewer", ["foxglove", "studio"])
 @pytest.mark.parametrize("case", CASES)
 def test_every_path_of_foxglove_gives_numbers(case: str, viewer: str, run, tmp_path: Path) -> None:
-    """Breaks if a path names a topic, a field or a vehicle that is not in the log: its plot stays empty.
-
-    Studio 1.87, the last open version, has no multiplication: a path with one gives no value there.
-    """
+    """Breaks if a path names a topic, a field or a vehicle that is not in the log: its plot stays empty."""
+    # Studio 1.87, the last open version, has no multiplication: a path with one gives no value there.
     messages = contents(run(case))
     layout = json.loads(written(run(case), tmp_path, viewer).read_text(encoding="utf-8"))
     panels = layout["configById"]

@@ -14,9 +14,8 @@ from test_line_sections import driven, plain_line, railcar
 
 from plant_sim.library import load_consist, load_line
 from train_ato.apps.check_component.checking import check_component
-from train_ato.control.algorithms.limits_ahead import LimitsAhead
+from train_ato.control.algorithms.limits_ahead import LimitsAhead, limits_at_nodes, within_units
 from train_ato.control.algorithms.predictive_plan import lowest_limit
-from train_ato.control.algorithms.section_limits import limits_at_nodes, within_units
 from train_ato.control.contract import LawPlan, Lookahead
 from train_ato.control.registry import load_class
 from train_ato.control.train_model import TrainModel
@@ -99,7 +98,7 @@ def test_a_short_section_keeps_its_impulse_between_the_nodes() -> None:
     force[3 + 1 * 4 + 1 : 3 + 1 * 4 + 3] = 0.0  # of the 4 steps from the second node, 2 values
     open_range = np.array([[-np.inf], [np.inf]]).repeat(4, axis=1)
     force[2] = 20.0  # row of the effect
-    found = limits_at_nodes(-force, force, nodes, 4, 2, open_range)
+    found = limits_at_nodes(-force, force, nodes, parts=4, effect=2, limits=open_range)
     assert found[1, 0] == 40.0
     assert found[1, 3] == 100.0
     lost = 100.0 - found[1]

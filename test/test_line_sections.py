@@ -1,25 +1,37 @@
-"""Sections of a line: neutral sections, power limits, adhesion, tunnels and temporary restrictions, plant and plan."""
+"""Sections, direction and plan of a line: its effects by place, run backwards, and drawn from curves or coordinates."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
 from plant_trains import plain_line, train
 from span_runs import Both, setup_of
 
+import train_ato as ta
 from plant_sim import kernel as k
+from plant_sim.alignment import EARTH_RADIUS, LARGEST_TURN, Alignment
 from plant_sim.batch import advance_trains
 from plant_sim.consist import Consist
-from plant_sim.library import load_consist, load_line
-from plant_sim.line import Line
+from plant_sim.data_text import parse_yaml
+from plant_sim.formats.reading import own_yaml
+from plant_sim.input_error import build_model
+from plant_sim.library import line_names, load_consist, load_line
+from plant_sim.line import Line, reversed_line
 from plant_sim.plant_setup import PlantSetup
 from plant_sim.section_effects import limited_segments
 from plant_sim.states import Array
+from plant_sim.track import Track
+from train_ato.apps.report.writing import stop_cells
+from train_ato.loop.verdict import place_text
 from train_ato.profile.planner.planner import Plan, plan_profile
 from train_ato.profile.planner.settings import PlanSettings
-from train_ato.supervision.plant_line import line_supervision
+from train_ato.supervision.plant_line import grades_permille, line_supervision
 
 FORCE, POWER = 100e3, 1e6
 TUNNEL = {"begin": 0, "end": 900, "cross_section": 30}
@@ -261,3 +273,262 @@ def test_compiled_ticks_of_a_run_stop_at_sections() -> None:
     both = Both(setup)
     both.assert_equal(least=0.2)
     assert both.part < 1.0
+
+
+ROUNDED: dict[str, Any] = {
+    "schema": "train_ato/line/1", "name": "crest", "end": 3000,
+    "grades": [{"at": 0, "grade_permille": 10}, {"at": 1000, "grade_permille": -6}, {"at": 2000, "grade": 0}],
+    "vertical_curves": [{"at": 1000, "radius": 20e3}],
+}  # fmt: skip
+
+
+def test_a_vertical_curve_rounds_the_change_of_grade() -> None:
+    """Breaks if a crest is a kink: 16 per mille with 20 km are 320 m, 0.64 m below the kink (R change² / 8)."""
+    line = Line.model_validate(ROUNDED)
+    track, kink = Track(line), Track(line.model_copy(update={"vertical_curves": ()}))
+    places = np.array([840.0, 920.0, 1000.0, 1080.0, 1160.0, 2500.0])
+    lowered = kink.elevation(places) - track.elevation(places)
+    assert lowered == pytest.approx([0.0, 0.16, 0.64, 0.16, 0.0, 0.0], abs=1e-9)  # (x - 840)² / 2R, and mirrored
+    inside = (track.breaks > 840) & (track.breaks < 1160)
+    slope = 10e-3 - (track.breaks[inside] - 840) / 20e3
+    assert np.abs(track.grade[1:][inside] - slope).max() <= 0.125e-3 + 1e-12
+    assert dict(grades_permille(line))[2000.0] == 0 and min(g for _, g in grades_permille(line)) == -6
+    back = reversed_line(line)
+    assert Track(back).elevation(3000 - places) == pytest.approx(
+        track.elevation(places) - track.elevation(np.array([3e3]))
+    )
+    assert build_model(Line, parse_yaml(own_yaml(line)), "again") == line
+
+
+@pytest.mark.parametrize(
+    ("curves", "problem"),
+    [
+        ([{"at": 900, "radius": 20e3}], "no grade changes there"),
+        ([{"at": 1000, "radius": 130e3}], "reach over the grade at 2000 m|reach beyond the line"),
+        ([{"at": 0, "radius": 20e3}], "reach beyond the line or the rounding before"),
+        ([{"at": 1000, "radius": 100e3}, {"at": 2000, "radius": 100e3}], "rounding before"),
+        ([{"at": 1000, "radius": 10}], "greater than or equal to 100"),
+    ],
+)  # fmt: skip
+def test_a_vertical_curve_without_room_is_refused(curves: list[dict[str, Any]], problem: str) -> None:
+    """Breaks if two roundings overlap: the height at their end would not be that of the line."""
+    with pytest.raises(ValueError, match=problem):
+        build_model(Line, {**ROUNDED, "vertical_curves": curves}, "hand")
+
+
+MIRRORED: dict[str, Any] = {
+    "schema": "train_ato/line/1",
+    "name": "one way",
+    "begin": -100,
+    "end": 900,
+    "grades": [{"at": 0, "grade": 0.02}, {"at": 300, "grade": -0.01}],
+    "curves": [{"begin": 100, "end": 250, "radius": 300, "side": "left"}],
+    "tunnels": [{"begin": 150, "end": 600, "resistance_n_per_kn": 0.5}],
+    "speed_limits": [{"at": -100, "speed": 20}, {"at": 400, "speed": 15}],
+    "stops": [{"at": 0, "name": "A"}, {"at": 850, "name": "B", "dwell": 9}],
+    "neutral_sections": [{"begin": 500, "end": 550}],
+    "power_limits": [{"begin": 0, "end": 100, "power": 1e6}],
+    "adhesion": [{"begin": 600, "end": 700, "factor": 0.5}],
+    "temporary_restrictions": [{"begin": 700, "end": 750, "speed": 10}],
+}
+OTHER_WAY: dict[str, Any] = {
+    "schema": "train_ato/line/1",
+    "name": "one way:reverse",
+    "begin": -100,
+    "end": 900,
+    "grades": [{"at": -100, "grade": 0.01}, {"at": 500, "grade": -0.02}, {"at": 800, "grade": 0}],
+    "curves": [{"begin": 550, "end": 700, "radius": 300, "side": "right"}],
+    "tunnels": [{"begin": 200, "end": 650, "resistance_n_per_kn": 0.5}],
+    "speed_limits": [{"at": -100, "speed": 15}, {"at": 400, "speed": 20}],
+    "stops": [{"at": -50, "name": "B", "dwell": 9}, {"at": 800, "name": "A"}],
+    "neutral_sections": [{"begin": 250, "end": 300}],
+    "power_limits": [{"begin": 700, "end": 800, "power": 1e6}],
+    "adhesion": [{"begin": 100, "end": 200, "factor": 0.5}],
+    "temporary_restrictions": [{"begin": 50, "end": 100, "speed": 10}],
+}
+"""The line above, mirrored by hand: place x is 800 - x."""
+
+
+def test_a_line_against_its_direction_by_hand() -> None:
+    """Breaks if a grade keeps its sign, a step holds on the wrong side, or a section is not mirrored."""
+    line, other = (build_model(Line, data, "hand") for data in (MIRRORED, OTHER_WAY))
+    assert reversed_line(line) == other
+    assert reversed_line(other).model_dump(exclude={"grades"}) == line.model_dump(exclude={"grades"})
+
+
+def test_a_mirrored_line_run_backwards_gives_the_same_run(tmp_path: Path) -> None:
+    """Breaks if any force of the plant does not turn with the line: the runs have equal bits."""
+    file = tmp_path / "other.yaml"
+    file.write_text(yaml.safe_dump(OTHER_WAY))
+    states = []
+    for line in (build_model(Line, MIRRORED, "hand"), load_line(f"{file}:reverse")):
+        made = train(load_consist("xuzhou_metro_3"), line, start={"position": 20, "speed": 8}, lag=0.4)
+        for _ in range(700):
+            made.advance(np.full((made.substeps, 1), 6e4))
+        assert made.position[0] > 900
+        states.append(made.arrays.state.tobytes())
+    assert states[0] == states[1]
+
+
+@pytest.mark.parametrize("name", line_names())
+def test_shipped_lines_twice_reversed_are_the_same(name: str) -> None:
+    """Breaks if a shipped line loses an entry against its direction."""
+    line, again = load_line(name), reversed_line(reversed_line(load_line(name)))
+    for one, other in ((line, again), (again, line)):
+        assert [(e.at, e.grade) for e in one.grades] == [(pytest.approx(e.at), e.grade) for e in other.grades]
+        assert [(e.at, e.speed) for e in one.speed_limits] == [
+            (pytest.approx(e.at), e.speed) for e in other.speed_limits
+        ]
+        assert [(e.begin, e.radius) for e in one.curves] == [(pytest.approx(e.begin), e.radius) for e in other.curves]
+
+
+def test_a_line_without_a_limit_at_its_begin_is_not_reversed() -> None:
+    """Breaks if a train in the other direction gets no limit where the line has none."""
+    line = build_model(Line, MIRRORED | {"speed_limits": [{"at": 0, "speed": 20}]}, "hand")
+    with pytest.raises(ValueError, match="speed_limits: none before 0 m"):
+        reversed_line(line)
+    with pytest.raises(ValueError, match="the file has one line; remove it"):
+        load_line("level:backwards")
+
+
+def line(**parts) -> Line:
+    return Line.model_validate({"schema": "train_ato/line/1", "name": "l", "begin": 0, "end": 5000, **parts})
+
+
+def test_a_quarter_circle_by_hand() -> None:
+    """Breaks if an arc turns to the wrong side, or the straight after it has another heading."""
+    radius = 400.0
+    quarter = radius * np.pi / 2
+    found = Alignment(line(curves=[{"begin": 1000, "end": 1000 + quarter, "radius": radius, "side": "left"}])).at(
+        np.array([-50.0, 0.0, 1000.0, 1000.0 + quarter, 1500.0 + quarter])
+    )
+    np.testing.assert_allclose(found.x, [-50, 0, 1000, 1400, 1400], atol=1e-9)
+    np.testing.assert_allclose(found.y, [0, 0, 0, 400, 900], atol=1e-9)
+    np.testing.assert_allclose(found.heading, [0, 0, 0, np.pi / 2, np.pi / 2], atol=1e-12)
+    assert not found.z.any() and not found.slope.any()
+
+
+def test_curves_without_a_side_turn_in_turn() -> None:
+    """Breaks if all curves turn to one side: a long line becomes a spiral."""
+    curves = [{"begin": 500, "end": 900, "radius": 800}, {"begin": 2000, "end": 2400, "radius": 800}]
+    found = Alignment(line(curves=curves)).at(np.array([1000.0, 3000.0]))
+    assert found.heading == pytest.approx([0.5, 0.0])
+
+
+def test_height_is_the_sum_of_the_grades() -> None:
+    """Breaks if the height does not begin at 0, or a grade goes on beyond the line."""
+    grades = [{"at": 1000, "grade": 0.01}, {"at": 2000, "grade": -0.02}]
+    found = Alignment(line(begin=500, grades=grades)).at(np.array([500.0, 1500.0, 2000.0, 3000.0, 6000.0]))
+    np.testing.assert_allclose(found.z, [0, 5, 10, -10, -50], atol=1e-9)
+    np.testing.assert_allclose(found.slope, np.arctan([0, 0.01, -0.02, -0.02, 0]))
+
+
+def test_coordinates_give_plan_and_heading() -> None:
+    """Breaks if latitude and longitude are exchanged, or the plan ignores the coordinates."""
+    north = np.degrees(1000.0 / EARTH_RADIUS)
+    found = line(
+        coordinates=[
+            {"at": 0, "latitude": 40.0, "longitude": 113.0},
+            {"at": 1000, "latitude": 40.0 + north, "longitude": 113.0},
+        ]
+    )
+    pose = Alignment(found).at(np.array([0.0, 500.0, 2000.0]))
+    np.testing.assert_allclose(pose.x, 0.0, atol=1e-6)
+    np.testing.assert_allclose(pose.y, [0.0, 500.0, 2000.0], rtol=1e-9, atol=1e-6)
+    np.testing.assert_allclose(pose.heading, np.pi / 2)
+    latitude, longitude = Alignment(found).coordinates(np.array([500.0]))
+    assert (latitude[0], longitude[0]) == pytest.approx((40.0 + north / 2, 113.0))
+    assert Alignment(line()).coordinates(np.array([0.0])) is None
+
+
+def test_one_coordinate_is_refused() -> None:
+    with pytest.raises(ValueError, match="coordinates has one entry; give at least two"):
+        line(coordinates=[{"at": 0, "latitude": 40, "longitude": 113}])
+
+
+@given(
+    st.lists(
+        st.tuples(st.floats(0, 4000), st.floats(1, 2000), st.floats(200, 5000)),
+        max_size=5,
+    ),
+    st.lists(st.floats(-100, 6000), min_size=2, max_size=20),
+)
+def test_the_plan_is_as_long_as_the_line_and_has_no_gap(curves, places) -> None:
+    """Breaks if pieces do not join: over a small step the plan moves by exactly that step, along the heading."""
+    alignment = Alignment(line(curves=[{"begin": b, "end": b + n, "radius": r} for b, n, r in curves]))
+    place = np.array(places)
+    here, ahead = alignment.at(place), alignment.at(place + 1e-3)
+    step = np.hypot(ahead.x - here.x, ahead.y - here.y)
+    np.testing.assert_allclose(step, 1e-3, rtol=1e-5)
+    np.testing.assert_allclose(np.cos(np.arctan2(ahead.y - here.y, ahead.x - here.x) - here.heading), 1.0, atol=1e-5)
+
+
+@pytest.mark.parametrize("name", ["daqin_section", "highspeed_286km", "level", "xuzhou_metro_test"])
+def test_a_drawn_track_follows_every_shipped_line(name: str) -> None:
+    """Breaks if the points of the drawing are too far apart in a curve, or miss an end of the line."""
+    found = load_line(name)
+    alignment = Alignment(found)
+    places = alignment.drawn_places()
+    assert (places[0], places[-1]) == (found.begin, found.end)
+    heading = alignment.at(places).heading
+    assert np.abs(np.diff(heading)).max(initial=0.0) <= LARGEST_TURN + 1e-9
+    assert len(places) < 3000
+
+
+POSTS = Path(__file__).parent.parent / "examples" / "metro" / "posts.yaml"
+TRAIN = POSTS.with_name("train.yaml")
+
+
+def test_falling_kilometres_with_a_jump_are_read_and_shown_again() -> None:
+    """Breaks if a post beyond the jump is off by its 150 m, or the direction is turned: places by hand."""
+    line = load_line(str(POSTS))
+    assert [stop.at for stop in line.stops] == [200, 2750, 2800 + 2050]
+    assert [grade.at for grade in line.grades] == [0, 1500, 2850, 4250] and line.end == 5000
+    assert [line.post_at(x) for x in (0, 2799.5, 2800, 2850, 5000)] == [
+        "17+000",
+        "14+200.5",
+        "14+050",
+        "14+000",
+        "11+850",
+    ]
+    assert [line.place_of(text) for text in ("14+200", "14+050", "11+850")] == [2800, 2800, 5000]
+    assert build_model(Line, yaml.safe_load(own_yaml(line)), "again") == line
+    assert "- at: 14+000" in own_yaml(line)
+    back = load_line(f"{POSTS}:reverse")
+    assert [back.post_at(5000 - x) for x in (0, 2799.5, 2850, 5000)] == ["17+000", "14+200.5", "14+000", "11+850"]
+    assert load_line("level").post_at(1234.0) == "1.234"
+
+
+@pytest.mark.parametrize(
+    ("changes", "problem"),
+    [
+        ({"grades": [{"at": "14+100", "grade": 0}]}, r"grades\[0\].at: '14\+100': the line has this kilometre nowhere"),
+        ({"chainage": [{"begin": "10+000", "end": "12+000"}, {"begin": "11+500", "end": "14+500"}],
+          "grades": [{"at": "11+700", "grade": 0}]}, r"this kilometre at 1700 and 2200 m; write the distance"),
+        ({"end": 4900}, "its sections have 5000 m, the line 4900 m"),
+        ({"chainage": [{"begin": "10+000", "end": "10+000"}]}, "has no length"),
+        ({"chainage": []}, "should be a number, not text"),
+        ({"stops": [{"at": "12+000"}, {"at": "14+250"}]}, r"stops\[1\]: 2750 m after 4850 m"),
+    ],
+)  # fmt: skip
+def test_a_post_without_one_place_is_refused(changes: dict[str, Any], problem: str) -> None:
+    """Breaks if a kilometre that exists twice or not at all is given a place in silence."""
+    with pytest.raises(ValueError, match=problem):
+        build_model(Line, {**yaml.safe_load(POSTS.read_text()), **changes}, "hand")
+
+
+def test_plan_run_and_displays_show_the_posts(tmp_path: Path) -> None:
+    """Breaks if a report has distances where the driver sees posts, or a plan refuses a post as its begin."""
+    found = ta.plan(POSTS, TRAIN, begin="16+800", end="14+250")
+    assert [stop["post"] for stop in found.summary()["stops"]] == ["16+800", "14+250"]
+    with pytest.raises(ValueError, match=r"'14\+100': the line has this kilometre nowhere"):
+        ta.plan(POSTS, TRAIN, end="14+100")
+    data = {
+        "name": "posts", "duration": 175, "plant": {"line": str(POSTS), "consist": str(TRAIN)},
+        "profile": {"plan": {"end": 2750}}, "criteria": {"stop_window": 1.0},
+    }  # fmt: skip
+    run = ta.run(data)
+    assert [stop["post"] for stop in run.metrics["stops"]] == ["14+250"]
+    assert stop_cells(run.metrics)[0][1] == "14+250" and run.result.stops[0].post == "14+250"
+    (row,) = (row for row in run.metrics["criteria"] if row["criterion"] == "stop_window")
+    assert row["post"].startswith("14+25") and f"km {row['post']}" in place_text(row)

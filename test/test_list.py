@@ -1,4 +1,4 @@
-"""`train-ato list`: all names with one line each, and the details of one name."""
+"""Commands list and compare."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from case_costs import sampled
 
+import train_ato as ta
 from plant_sim.library import consist_path, line_path
 from train_ato.cli import main
 from train_ato.cli.list import catalogue
@@ -54,13 +55,6 @@ def test_figures_of_a_train_a_line_and_a_law(capsys: pytest.CaptureFixture[str])
     assert listed(capsys, "daqin_heavy_haul:ideal")["scenario daqin_heavy_haul:ideal"]["compensation"] == "none"
 
 
-def test_an_unknown_name_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["list", "daqin_secton"]) == 2
-    assert "unknown name 'daqin_secton'; did you mean 'daqin_section'?" in capsys.readouterr().err
-    assert main(["list", "demo:nosuch"]) == 2
-    assert "no variant 'nosuch'" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize(
     ("path", "name"),
     [
@@ -78,15 +72,68 @@ def test_a_file_has_the_details_of_its_name(path: Path, name: str, capsys: pytes
     }
 
 
-def test_a_file_of_another_kind_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Breaks if a YAML file without a schema ends with a traceback."""
-    for number, text in enumerate(("a: 1\n", "- 1\n", "schema: train_ato/other/1\n")):
-        (tmp_path / f"{number}.yaml").write_text(text)
-        assert main(["list", str(tmp_path / f"{number}.yaml")]) == 2
-        assert "write one of train_ato/scenario/1, train_ato/consist/1, train_ato/line/1" in capsys.readouterr().err
-
-
 def test_crh380a_gpc_runs_its_law(capsys: pytest.CaptureFixture[str]) -> None:
     """Breaks if the scenario of paper 004 runs another law by default, or without the preview that its law now uses."""
     facts = listed(capsys, "crh380a_gpc")["scenario crh380a_gpc"]
     assert (facts["law"], facts["compensation"]) == ("gpc", "preview")
+
+
+SHORT = ["--set=duration=3", "--set=supervision.enabled=false"]
+
+
+def test_a_leaderboard_counts_the_laws_over_scenarios_and_seeds(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Breaks if a run is counted twice or for another law, a seed is repeated, or a refused law has a run."""
+    words = ["--laws=pid,lag_smc", "--seeds=2", "--seed=4", "--set=plant.lag=0.4", "--set=model.lag=0"]
+    folder = tmp_path / "compared"
+    compared(tmp_path, "demo", "xuzhou_metro:ideal", *words)
+    told = json.loads((folder / "summary.json").read_text())
+    cells = [(row["scenario"], row["seed"], row["controller"]) for rows in told["runs"] for row in rows]
+    assert sorted(set(cells)) == sorted(cells) and len(cells) == 8
+    assert {cell[:2] for cell in cells} == {(name, seed) for name in ("demo", "xuzhou_metro:ideal") for seed in (4, 5)}
+    for law in told["laws"]:
+        own = [row for rows in told["runs"] for row in rows if row["controller"] == law["law"]]
+        driven = [row for row in own if row["status"] != "refused"]
+        assert (law["runs"], law["refused"]) == (len(driven), len(own) - len(driven))
+        assert law["passed"] == sum(row.get("verdict") == "passed" for row in driven)
+    assert sum(law["first"] for law in told["laws"]) == 4
+    assert (folder / "leaderboard.md").read_text().count("\n| ") >= 3 and "leaderboard" in capsys.readouterr().out
+    assert main(["compare", "demo", "--seeds=0"]) == 2 and main(["compare", "demo", "--seeds=2", "--keep"]) == 2
+
+
+def compared(folder: Path, *options: str) -> int:
+    return main(["compare", *options, *SHORT, f"--out={folder / 'compared'}"])
+
+
+def test_gains_of_every_law_have_their_source(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if printed gains run in silence, fitted ones have a note, or `laws: {}` counts as a choice of gains."""
+    options = ["--set=laws.smc.gains=printed", "--set=laws.lag_smc.c1=0.4", "--set=duration=5", "--engine"]
+    assert compared(tmp_path, "demo", "--laws=pid,smc,lag_smc,mpc", *options) == 0
+    notes = [line for line in capsys.readouterr().err.splitlines() if "gains" in line]
+    assert len(notes) == 1 and notes[0].startswith("train-ato: smc: printed gains, not made for this train; try ")
+    rows = {row["controller"]: row for row in json.loads((tmp_path / "compared" / "summary.json").read_text())}
+    assert {law: row["gains"] for law, row in rows.items()} == {
+        "pid": "fitted", "smc": "printed", "lag_smc": "fitted", "mpc": "model",
+    }  # fmt: skip
+    assert "c1 given" in rows["lag_smc"]["gains_reason"]
+
+
+def test_a_refused_law_has_a_row_and_the_others_are_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if a refused law stops the comparison, ends with status 0, or is missing in the table or the JSON."""
+    laws = ["demo", "--laws=lag_smc,pid", "--compensation=twin"]
+    assert compared(tmp_path / "a", *laws) == 1
+    shown = capsys.readouterr()
+    assert "refused: lag_smc: with compensation 'twin'" in shown.out
+    assert "train-ato: lag_smc: with compensation 'twin'" in shown.err
+    assert compared(tmp_path / "b", *laws, "--json") == 1
+    rows = json.loads(capsys.readouterr().out)
+    assert [(row["controller"], row["status"]) for row in rows] == [("pid", "done"), ("lag_smc", "refused")]
+    assert "twin" in rows[1]["reason"] and rows[0]["speed_rmse_kmh"] >= 0
+
+
+def test_every_law_starts_at_the_begin_of_the_profile() -> None:
+    """Breaks if a law after the first one starts at position 0, 38 m behind its reference."""
+    both = ta.compare("crh380a_gpc:short", ["pid", "smc"], set={"duration": 4})
+    for law, error in both.table["position_error_max_m"].items():
+        assert error == ta.run("crh380a_gpc:short", law=law, set={"duration": 4}).metrics["position_error_max_m"]

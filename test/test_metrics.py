@@ -1,18 +1,22 @@
-"""Figures of a run against hand calculations."""
+"""Figures and criteria of a run against hand calculations."""
 
 from __future__ import annotations
 
 import dataclasses
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
-from recordings import recording_of, with_final
+import yaml
+from recordings import recording_of, with_final, with_series
 
-from plant_sim.line import Line
+from plant_sim.line import Line, SpeedLimit
 from train_ato.loop.engine import run_engine
 from train_ato.loop.metrics import (
     differences,
     evaluated_ticks,
+    excess_speed,
     limit_over_train,
     mean_jerk_1s,
     overspeed,
@@ -20,9 +24,13 @@ from train_ato.loop.metrics import (
     summarise,
 )
 from train_ato.loop.recording import Recording
+from train_ato.loop.result import worst_places
 from train_ato.loop.setup import RunSetup, prepare
+from train_ato.loop.stops import planned_stops, stops_of_run
+from train_ato.loop.verdict import CRITERIA, judge_run, verdict_line
 from train_ato.messages.types import Diagnostic
-from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.criteria import Criteria
+from train_ato.scenario.scenario import load_scenario, shipped_scenarios
 
 
 def setup_of(name: str = "demo", *assignments: str) -> RunSetup:
@@ -205,3 +213,240 @@ def test_summary_has_every_key_of_the_design() -> None:
     """
     assert set(wanted.split()) <= set(outcome.summary)
     assert outcome.summary["ticks"] == 50
+
+
+STOP = [{"km": 3.7, "planned_s": 766.0, "arrival_s": 768.0, "delay_s": 2.0, "beyond_m": -0.23}]
+METRICS: dict[str, Any] = {
+    "stops": STOP, "stop_error_max_m": -0.23, "arrival_delay_max_s": 2.0, "overspeed_max_kmh": 0.4,
+    "speed_rmse_kmh": 0.1, "speed_error_run_max_kmh": 1.5, "position_error_max_m": 3.0, "coupler_draft_max_kn": 500.0,
+    "coupler_buff_max_kn": -400.0, "acceleration_max": 0.3, "jerk_1s_max": 0.2, "lateness_max_s": 0.5,
+    "brake_interventions": 1,
+}  # fmt: skip
+SI = {
+    "stop_window": 0.23, "arrival_delay": 2.0, "overspeed": 0.4 / 3.6, "speed_error_rms": 0.1 / 3.6,
+    "speed_error": 1.5 / 3.6, "position_error": 3.0, "coupler_draft": 500e3, "coupler_buff": 400e3,
+    "acceleration": 0.3, "jerk": 0.2, "real_time": 0.5, "brake_interventions": 1,
+}  # fmt: skip
+"""Every criterion with the magnitude of its metric as limit [SI]."""
+
+
+def two_stops(*assignments: str) -> RunSetup:
+    """Return a run with a stop of 20 s on the way and one at the end."""
+    phases = "[{accelerate_to: 5}, {brake_to: 0}, {cruise_for: 20}, {accelerate_to: 5}, {brake_to: 0}]"
+    limits = "{jerk: 0.1, acceleration: 0.2, deceleration: 0.2}"
+    texts = (f"profile={{phases: {phases}, limits: {limits}}}", "duration=200", "supervision.enabled=false")
+    return prepare(*load_scenario("demo", (*texts, *assignments)))
+
+
+def on_profile(setup: RunSetup, late: float, beyond: float) -> Recording:
+    """Return a run on its profile ``late`` seconds later and, from the first stop on, ``beyond`` metres ahead."""
+    time = setup.tick * np.arange(setup.ticks)
+    states, on_time = (np.array([setup.profile.at(max(0.0, t - shift)) for t in time]) for shift in (late, 0.0))
+    position = states[:, 0] + np.where(states[:, 0] > 0.99 * planned_stops(setup.profile)[0].position, beyond, 0.0)
+    zeros = np.zeros((time.size, 1))
+    found = recording_of(
+        time, position=position[:, None], velocity=states[:, 1:2], front_position=position, front_velocity=states[:, 1],
+        coupler_draft_max=zeros[:, 0], coupler_buff_max=zeros[:, 0], applied=zeros, command=zeros, estimate=zeros,
+        disturbance=zeros, reference_position=on_time[:, 0], reference_velocity=on_time[:, 1],
+        reference_acceleration=on_time[:, 2],
+    )  # fmt: skip
+    return with_final(found, float(position[-1]), 0.0)
+
+
+@pytest.mark.parametrize("criterion", CRITERIA, ids=lambda entry: entry.key)
+def test_a_metric_at_its_limit_passes_and_above_it_fails(criterion) -> None:
+    """Breaks if a criterion reads another metric, ignores the sign or compares in another unit."""
+    limit = SI[criterion.key]
+    below = limit - 1 if isinstance(limit, int) else 0.99 * limit
+    for value, verdict in ((limit, "passed"), (below, "failed")):
+        found = judge_run(Criteria.model_validate({criterion.key: value}), METRICS)
+        assert found["verdict"] == verdict
+        assert [row["metric"] for row in found["criteria"]] == [criterion.metric]
+
+
+def test_every_criterion_is_evaluated() -> None:
+    """Breaks if a key of the scenario has no evaluation."""
+    others = ["requirements", "tracking"]
+    assert [*(entry.key for entry in CRITERIA), *others] == list(Criteria.model_fields) == [*SI, *others]
+
+
+def test_a_train_that_does_not_stop_fails_and_a_stop_beyond_the_run_is_not_evaluated() -> None:
+    """Breaks if a missing stop passes, or a shortened run fails for its stop."""
+    criteria = Criteria(stop_window=1.0)
+    moving = {"stops": [{**STOP[0], "beyond_m": None, "arrival_s": None}], "stop_error_max_m": None}
+    assert judge_run(criteria, moving)["verdict"] == "failed"
+    assert judge_run(criteria, {"stops": [], "stop_error_max_m": None})["verdict"] == "incomplete"
+    assert judge_run(criteria, {**METRICS, "status": "interrupted"})["verdict"] == "incomplete"
+    assert judge_run(criteria, {**METRICS, "status": "failed"})["verdict"] == "failed"
+    assert judge_run(Criteria(), METRICS) == {}
+    assert judge_run(Criteria(arrival_delay=0.0), {"stops": STOP, "arrival_delay_max_s": -3.0})["verdict"] == "passed"
+
+
+def test_the_line_has_stop_overspeed_couplers_and_every_failed_criterion() -> None:
+    """Breaks if the first line of a report leaves out an answer."""
+    judged = judge_run(Criteria(stop_window=0.5, coupler_draft=450e3, coupler_buff=450e3, jerk=0.1), METRICS)
+    assert verdict_line({**METRICS, **judged}) == (
+        "failed (2 of 4 criteria): coupler draft 500 kN (limit 450); jerk over 1 s 0.2 m/s³ (limit 0.1); "
+        "stopped 0.23 m short of the target; overspeed 0.4 km/h; "
+        "couplers -400 ... +500 kN (limits -450 ... +450 kN); speed error 0.1 km/h rms; "
+        "1 brake intervention"
+    )
+    limits = Criteria(stop_window=0.2, overspeed=0.1 / 3.6, jerk=0.3)
+    places = {"stop_error_max_m": {"at_s": 768.0, "km": 3.69977}, "overspeed_max_kmh": {"at_s": 12.34, "km": 0.1}}
+    judged = judge_run(limits, METRICS, places=places)
+    assert [row["passed"] for row in judged["criteria"]] == [False, False, True]
+    assert verdict_line({**METRICS, **judged}).startswith(
+        "failed (2 of 3 criteria): stopped 0.23 m short of the target (limit 0.2) at 768.0 s, km 3.700; "
+        "overspeed 0.4 km/h (limit 0.1) at 12.3 s, km 0.100; couplers "
+    )
+    assert verdict_line({}) == ""
+    cut = {"speed_rmse_kmh": 0.1, "speed_rmse_run_kmh": 0.25}
+    assert verdict_line(cut).endswith("speed error 0.1 km/h rms, 0.25 km/h with the braking to the stop")
+
+
+def test_stops_of_a_profile_are_its_rests_and_its_end() -> None:
+    """Breaks if the standstill before the start, or a change of direction, counts as a stop."""
+    stops = planned_stops(two_stops().profile)
+    assert [stop.departure - stop.arrival for stop in stops] == [pytest.approx(20.0, abs=1.0), np.inf]
+    turn = prepare(*load_scenario("freight_consensus:realistic"))
+    assert len(planned_stops(turn.profile)) == 1
+
+
+def test_every_stop_has_its_error_and_its_delay() -> None:
+    """Breaks if only the last stop is evaluated, or the delay is that of another event."""
+    setup = two_stops()
+    run = on_profile(setup, late=3.0, beyond=0.4)
+    first, second = stops_of_run(setup, run)
+    assert [first.error, second.error] == pytest.approx([0.4, 0.4], abs=1e-3)
+    assert [stop.as_row()["delay_s"] for stop in (first, second)] == pytest.approx([3.0, 3.0], abs=setup.tick)
+    figures = summarise(setup, run)
+    assert figures["stop_error_max_m"] == pytest.approx(0.4, abs=1e-3)
+    profile = setup.profile
+    planned = planned_stops(profile)[-1].arrival - float(profile.time[profile.velocity > 0.01][0])
+    assert figures["running_time_s"] == pytest.approx(planned, abs=2 * setup.tick)
+    assert figures["arrival_delay_max_s"] == pytest.approx(3.0, abs=setup.tick)
+
+
+def test_beyond_a_stop_is_in_the_direction_of_the_run() -> None:
+    """Breaks if a train that has run back to its stop is short of it with a larger kilometre."""
+    setup = prepare(*load_scenario("freight_consensus:realistic", ("duration=370",)))
+    (stop,) = stops_of_run(setup, on_profile(setup, late=0.0, beyond=0.4))
+    assert (stop.error, stop.as_row()["beyond_m"]) == (pytest.approx(0.4), pytest.approx(-0.4))
+
+
+def worst_of(limits: str, **series: Any) -> dict[str, tuple[float | None, float | None]]:
+    """Return time and place of every criterion of a metro run of 20 s, in 0.1 s, at 10 m/s from km 0 on."""
+    setup = prepare(*load_scenario("demo", (f"criteria={limits}", "duration=20", "supervision.enabled=false")))
+    time = 0.1 * np.arange(200)
+    units, even = setup.layout.n_units, np.full(200, 10.0)
+    given: dict[str, Any] = {
+        "front_position": 10.0 * time - setup.consist.vehicles[0].length / 2, "front_velocity": even,
+        "velocity": np.repeat(even[:, None], units, axis=1), "reference_position": np.zeros(200),
+        "position": np.zeros((200, units)) - setup.model.offsets, "reference_velocity": even,
+        "coupler_draft_max": np.zeros(200), "coupler_buff_max": np.zeros(200), "applied": np.zeros((200, units)),
+        "command": np.zeros((200, units)), "estimate": np.zeros((200, units)), "disturbance": np.zeros((200, units)),
+        "reference_acceleration": np.zeros(200),
+    }  # fmt: skip
+    run = with_final(recording_of(time, **{**given, **series}), 0.0, 10.0)
+    metrics = summarise(setup, run)
+    rows = judge_run(setup.scenario.criteria, metrics, places=worst_places(setup, run, metrics))["criteria"]
+    found = {row["criterion"]: (row["at_s"], row["km"]) for row in rows}
+    return {key: place for key, place in found.items() if place != (None, None)}
+
+
+def pulse(tick: int, height: float) -> np.ndarray:
+    """Return 10 m/s with a pulse of one tick."""
+    return 10.0 + height * (np.arange(200) == tick)
+
+
+@pytest.mark.parametrize(
+    ("limits", "series", "at_s", "km"),
+    [
+        ("{overspeed: 1}", {"front_velocity": pulse(70, 90.0)}, 7.0, 0.07),
+        ("{speed_error_rms: 1}", {"velocity": pulse(80, -2.0)[:, None]}, 8.0, 0.08),
+        ("{speed_error: 1}", {"velocity": pulse(190, -2.0)[:, None]}, 19.0, 0.19),
+        ("{position_error: 1}", {"reference_position": pulse(60, -90.0) - 10.0}, 6.0, 0.06),
+        ("{coupler_draft: 1}", {"coupler_draft_max": pulse(33, 2e4)}, 3.3, 0.033),
+        ("{coupler_buff: 1}", {"coupler_buff_max": -pulse(44, 2e4)}, 4.4, 0.044),
+        ("{acceleration: 1}", {"front_velocity": 10.0 - 3.0 * (np.arange(200) >= 51)}, 5.05, 0.0505),
+        ("{jerk: 0.1}", {"front_velocity": 10.0 + np.maximum(0.0, 0.1 * (np.arange(200) - 90))}, 9.0, 0.09),
+    ],
+)
+def test_a_criterion_has_time_and_place_of_its_worst_value(limits, series, at_s, km):
+    """Breaks if the place is that of the largest instead of the worst value, of the centre, or of another tick."""
+    ((_, place),) = worst_of(limits, **series).items()
+    assert place == pytest.approx((at_s, km))
+
+
+def test_a_criterion_without_a_worst_value_has_no_place() -> None:
+    """Breaks if an overspeed or a coupler force of 0 is said to be at the start."""
+    assert worst_of("{overspeed: 1, coupler_draft: 1, coupler_buff: 1, jerk: 1, speed_error: 1}") == {}
+
+
+def test_the_worst_stop_has_its_arrival_and_a_missed_one_its_plan() -> None:
+    """Breaks if the place of a stop criterion is that of the last stop, or of the end of the run."""
+    setup = two_stops("criteria={stop_window: 0.1, arrival_delay: 1}")
+    run = on_profile(setup, late=3.0, beyond=0.4)
+    first = stops_of_run(setup, run)[0]
+    assert worst_places(setup, run, summarise(setup, run))["stop_error_max_m"] == {
+        "at_s": first.arrival, "km": pytest.approx((first.front + 0.4) / 1e3, abs=1e-5)
+    }  # fmt: skip
+    moving = with_series(run, front_velocity=np.maximum(run.front_velocity, 0.5))
+    assert worst_places(setup, moving, summarise(setup, moving))["arrival_delay_max_s"]["at_s"] == first.planned
+
+
+def test_the_largest_stop_error_has_the_largest_magnitude() -> None:
+    """Breaks without the magnitude: 10 m short and 1 m beyond would pass a window of 5 m with 1 m."""
+    setup = two_stops("criteria={stop_window: 5}")
+    run, first = on_profile(setup, late=0.0, beyond=0.0), planned_stops(setup.profile)[0]
+    moved = np.where(run.time <= first.departure, -10.0, 1.0)
+    moved = with_final(with_series(run, front_position=run.front_position + moved), run.final[0] + 1.0, 0.0)
+    assert [stop.error for stop in stops_of_run(setup, moved)] == pytest.approx([-10.0, 1.0], abs=2e-3)
+    metrics = summarise(setup, moved)
+    assert metrics["stop_error_max_m"] == pytest.approx(-10.0, abs=2e-3)
+    assert judge_run(setup.scenario.criteria, metrics)["verdict"] == "failed"
+
+
+def test_overspeed_begins_with_the_front_and_ends_with_the_rear() -> None:
+    """At 15 m/s, 20 m/s permitted and 10 m/s from 1000 to 1200 m: breaks if the place is that of vehicle 0's centre."""
+    setup = prepare(*load_scenario("demo", ("duration=20",)))
+    limits = [SpeedLimit(at=0.0, speed=20.0), SpeedLimit(at=1000.0, speed=10.0), SpeedLimit(at=1200.0, speed=20.0)]
+    setup = replace(setup, line=setup.line.model_copy(update={"speed_limits": tuple(limits)}))
+    half, length = setup.consist.vehicles[0].length / 2, setup.consist.length
+    fronts = np.array([999.9, 1000.1, 1000.0 + half + 0.1, 1199.9 + length, 1200.1 + length])
+    run = recording_of(0.1 * np.arange(5), front_position=fronts - half, front_velocity=np.full(5, 15.0))
+    assert excess_speed(setup, run) == pytest.approx([-5.0, 5.0, 5.0, 5.0, -5.0])
+
+
+@pytest.mark.parametrize(("until", "ticks"), [(2.0, 21), (1.99, 20), (0.3, 4), (0.7, 8)])
+def test_an_evaluation_ends_with_the_tick_at_its_time(until: float, ticks: int) -> None:
+    """Breaks if the tick exactly at ``until_time`` is left out, or lost to the rounding of 0.1 s: 3 x 0.1 > 0.3."""
+    setup = two_stops(f"evaluation.until_time={until}")
+    moving = recording_of(
+        0.1 * np.arange(50), front_velocity=np.ones(50), front_position=np.zeros(50), reference_velocity=np.ones(50)
+    )
+    assert evaluated_ticks(setup, moving) == slice(0, ticks)
+
+
+def test_errors_of_the_run_include_the_braking_behind_the_evaluation() -> None:
+    """Breaks if the largest error of the whole run is that of the evaluated part."""
+    setup = two_stops("evaluation.until_time=2")
+    figures = summarise(setup, on_profile(setup, late=3.0, beyond=0.0))
+    assert figures["speed_error_run_max_kmh"] > figures["speed_error_max_kmh"] + 0.1
+
+
+def test_jerk_over_a_second_is_the_change_of_the_mean_acceleration() -> None:
+    """A ramp of 0.5 m/s³ has 0.5 m/s³; a step of the acceleration by 1 m/s² within 0.1 s has 1 m/s³."""
+    time = 0.1 * np.arange(60)
+    assert mean_jerk_1s(0.5 * time, 0.1) == pytest.approx(np.full(41, 0.5))
+    assert mean_jerk_1s(np.where(time < 3, 0.0, 1.0), 0.1).max() == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("name", shipped_scenarios())
+def test_a_shipped_scenario_states_criteria_with_their_reasons(name: str) -> None:
+    """Breaks if a shipped scenario has no stop window; freight_consensus ends at full speed."""
+    assert (load_scenario(name)[0].criteria.stop_window is None) == (name == "freight_consensus")
+    if name != "crh380a_gpc":  # the criteria of its base
+        text = shipped_scenarios()[name].read_text()
+        assert yaml.safe_load(text)["criteria"]
+        assert text[: text.index("\ncriteria:")].rsplit("\n", 1)[1].startswith("#")

@@ -80,6 +80,11 @@ def test_page_has_the_score_of_every_file() -> None:
     assert [path for path, outcomes in measured.items() if mutation.score(Counter(outcomes)) < mutation.BOUND] == []
 
 
+def test_the_tests_of_the_score_are_there() -> None:
+    """Breaks if a test file of the score was folded into another one: no mutant is run any more."""
+    assert [name for name in mutation.TESTS if not (BENCH.parent / f"test/test_{name}.py").is_file()] == []
+
+
 @pytest.mark.campaign
 def test_score_of_a_sample() -> None:
     """Breaks if fewer than 85 % of random mutants of supervision and links fail a test."""

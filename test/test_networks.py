@@ -12,11 +12,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 from plant_sim.formats import osrd
-from plant_sim.library import load_line, named_line
-from plant_sim.line_direction import reversed_line
+from plant_sim.library import load_consist, load_line, named_line
+from plant_sim.line import line_for, reversed_line
+from train_ato.apps.runs.planning import plan
 from train_ato.cli.main import main
+from train_ato.loop.setup import prepare
+from train_ato.scenario.scenario import load_scenario
 
 
 def ends(*names: str) -> dict[str, Any]:
@@ -93,6 +97,41 @@ def test_a_path_of_an_osrd_network_by_hand(infra: Path) -> None:
     assert load_line(f"{infra}:West..East").end == 28450, "the shorter of two tracks"
 
 
+def test_limits_by_train_category_are_those_of_the_train(infra: Path, tmp_path: Path) -> None:
+    """Breaks if a limit by tag is lost, holds for all trains, or is that of another direction or place."""
+    found = load_line(f"{infra}:TA..East")
+    freight = line_for(found, ["D4", "freight"])
+    assert [(e.at, e.speed) for e in freight.speed_limits] == [(0, 5), (9, 40), (3000, 20), (4000, 40)]
+    assert line_for(found, ["D4"]) == found == line_for(found, [])
+    back = line_for(reversed_line(found), ["freight"])
+    assert [(e.at, e.speed) for e in back.speed_limits] == [(0, 40), (24500, 20), (25500, 40), (28491, 5)]
+    own = tmp_path / "own.yaml"
+    assert main(["convert", f"{infra}:TA..East", str(own)]) == 0 and load_line(str(own)) == found
+
+
+def test_a_plan_and_a_run_have_the_limits_of_the_category(tmp_path: Path) -> None:
+    """Breaks if the categories of a train have no effect in a plan or in a run, or one of another train has."""
+    data = load_consist("xuzhou_metro_3").model_dump(by_alias=True, mode="json", exclude_unset=True)
+    line = {
+        "schema": "train_ato/line/1", "name": "l", "end": 2000.0, "speed_limits": [{"at": 0, "speed": 20.0}],
+        "category_limits": [{"category": "freight", "speed_limits": [{"at": 0, "speed": 5.0}]}],
+    }  # fmt: skip
+    (tmp_path / "line.yaml").write_text(yaml.safe_dump(line))
+    times = {}
+    for name, categories in (("any", []), ("freight", ["freight"])):
+        (tmp_path / f"{name}.yaml").write_text(yaml.safe_dump(data | {"categories": categories}))
+        times[name] = plan(tmp_path / "line.yaml", tmp_path / f"{name}.yaml").running_time
+        scenario = {
+            "schema": "train_ato/scenario/1", "name": name, "duration": 8,
+            "plant": {"consist": f"{name}.yaml", "line": "line.yaml", "start": {"position": 200}},
+            "profile": {"phases": [{"cruise_for": 2}, {"accelerate_to": 2}, {"brake_to": 0}]},
+        }  # fmt: skip
+        (tmp_path / "s.yaml").write_text(yaml.safe_dump(scenario))
+        setup = prepare(*load_scenario(str(tmp_path / "s.yaml")))
+        assert setup.line.speed_limits[0].speed == (5 if categories else 20)
+    assert times["any"] < 160 and times["freight"] > 2000 / 5
+
+
 def test_the_path_back_is_the_reversed_line_of_what_holds_in_both_directions(infra: Path) -> None:
     """Breaks if the direction of the path changes more than the directed entries."""
     there, back = load_line(f"{infra}:East..TA"), reversed_line(load_line(f"{infra}:TA..East"))
@@ -107,7 +146,7 @@ def test_gaps_and_keys_that_are_not_carried_are_named(infra: Path, capsys: pytes
     printed = capsys.readouterr()
     assert "no speed limit from 0 to 1950 m of the path; assumed 72 km/h" in printed.err
     left = json.loads(printed.out)["left_out"]
-    for key in ("track_sections[].geo", "speed_sections[].speed_limit_by_tag", "neutral_sections[].lower_pantograph"):
+    for key in ("track_sections[].geo", "neutral_sections[].lower_pantograph"):
         assert key in left and f"{key}\n" in printed.err
     assert load_line(str(infra.with_suffix(".yaml"))) == load_line(f"{infra}:TB..East")
 
@@ -293,6 +332,22 @@ def test_tunnels_and_electrification_of_railml(railml: Path, capsys: pytest.Capt
     assert load_line(f"{railml}:n1..Birch").neutral_sections == ()
 
 
+def test_a_location_against_its_net_element_turns_the_sign(railml: Path) -> None:
+    """Breaks if an end before the begin is refused although keepsOrientation says it, or the sign is not turned."""
+    turned = 'keepsOrientation="false" posBegin="900" posEnd="300"'
+    railml.write_text(RAILML.replace('posBegin="300" posEnd="900"', turned))
+    assert [(e.at, e.grade) for e in load_line(f"{railml}:Alder..Birch").grades][1:] == [(1000, -0.0125), (1600, 0)]
+
+
+def test_the_track_of_a_station_with_several_is_named(infra: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if one of two stations of one name is chosen without a word."""
+    data = json.loads(infra.read_text())
+    data["operational_points"].append(station("East", ("TD0", 100.0)))
+    infra.write_text(json.dumps(data))
+    assert load_line(f"{infra}:TA..East").end == 27_000
+    assert "infra.json: 'East' is on the tracks TD0, TE; the path ends on TD0" in capsys.readouterr().err
+
+
 def test_a_chain_of_tracks_needs_no_selection(tmp_path: Path) -> None:
     """Breaks if a network without branches is refused, or its tracks are not in order."""
     chain = INFRA | {"switches": [{"id": "l", "switch_type": "link", "ports": ends("TD0/END", "TE/END")}]}
@@ -465,10 +520,8 @@ def sections(*rows: tuple[float, Any]) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (
-            sections((8, part("A_", 1000, 2000))),
-            r"speed_sections\[0\]: track_ranges\[0\]: track 'A_': no track of this",
-        ),
+        (sections((8, part("A_", 1000, 2000))),
+         r"speed_sections\[0\]: track_ranges\[0\]: track 'A_': no track of this"),
         (sections((8, part("A", 500, 20000))), "from 500 to 20000 m: beyond the track A of 1000 m; end it there"),
         (sections((8, part("A", -50, 200))), "from -50 to 200 m: beyond the track A"),
         (sections((8, part("A", 200, 100))), "end = 100: lies before begin 200; exchange them"),
@@ -476,20 +529,22 @@ def sections(*rows: tuple[float, Any]) -> dict[str, Any]:
         ({"neutral_sections": [{"track_ranges": [part("C", 0, 9000)]}]}, "beyond the track C of 2000 m"),
         ({"operational_points": [station("Far", ("A", 4000))]}, "position = 4000: must lie between 0 and"),
         ({"track_sections": [track("A", 1000), track("A", 900)]}, "id = 'A': two tracks have this id"),
-        (
-            {"track_sections": [track("A", 1000, [(5, 500, 2000)]), *LOOP["track_sections"][1:]]},
-            r"slopes\[0\]: from 500",
-        ),
-        (
-            {"track_sections": [track("A", 1000, [(5, 0, 600), (-5, 500, 900)]), *LOOP["track_sections"][1:]]},
-            r"two grades from 500 to 600 m of the path, 0.005 and -0.005 .* correct one of them",
-        ),
-        (
-            {"track_sections": [track("A", 1000, (), [(300, 0, 900), (-400, 50, 100)]), *LOOP["track_sections"][1:]]},
-            r"curves\[1\]: two radii from 50 to 100 m of the path, 300 and -400",
-        ),
+        ({"track_sections": [track("A", 1000, [(5, 500, 2000)]), *LOOP["track_sections"][1:]]},
+         r"slopes\[0\]: from 500"),
+        ({"track_sections": [track("A", 1000, [(5, 0, 600), (-5, 500, 900)]), *LOOP["track_sections"][1:]]},
+         r"two grades from 500 to 600 m of the path, 0.005 and -0.005 .* correct one of them"),
+        ({"track_sections": [track("A", 1000, (), [(300, 0, 900), (-400, 50, 100)]), *LOOP["track_sections"][1:]]},
+         r"curves\[1\]: two radii from 50 to 100 m of the path, 300 and -400"),
+        ({"track_sections": [track("A", 1000, (), [(300, 0, 900), (0, 50, 100)]), *LOOP["track_sections"][1:]]},
+         r"curves\[1\]: two radii from 50 to 100 m of the path, 300 and 0"),
+        ({"speed_sections": [{"speed_limit": 8}]}, r"speed_sections\[0\]: track_ranges: none, so its place is not"),
+        ({"speed_sections": [{"speed_limit": 8, "track_ranges": []}]}, "track_ranges: none"),
+        ({"neutral_sections": [{"track_ranges": None}]}, r"neutral_sections\[0\]: track_ranges: none"),
+        ({"operational_points": [station("Far", ("A", 1001.5))]}, "position = 1001.5: must lie between 0 and 1000"),
+        ({"speed_sections": {}}, "speed_sections = {}: must be a list$"),
+        ({"track_sections": []}, "track_sections: empty; add the tracks"),
     ],
-)
+)  # fmt: skip
 def test_an_entry_that_cannot_be_placed_is_refused(change: dict[str, Any], message: str) -> None:
     """Breaks if an entry vanishes, runs on over the next track, or one of two values wins without a word."""
     with pytest.raises(ValueError, match=message) as caught:
@@ -509,6 +564,14 @@ def test_an_entry_that_cannot_be_placed_is_refused(change: dict[str, Any], messa
          'netElementRef="g1"><linearCoordinateBegin positioningSystemRef="lps" measure="2400"',
          "speedSection: netElement g1: measure 2400 to 2550 m: outside the linear coordinates of 'lps' of its parts"),
         ('id="n2"', 'id="n1"', "two net elements have this id"),
+        ('posBegin="300" posEnd="900"', 'posBegin="900" posEnd="300"', "its end lies before its begin, and keeps"),
+        ('netElementRef="n4" posBegin', 'keepsOrientation="no" netElementRef="n4" posBegin',
+         "associatedNetElement n4: keepsOrientation = 'no': must be true or false; correct it"),
+        ('isTemporary="true"', 'isTemporary="True"', "speedSection: isTemporary = 'True': must be true or false"),
+        ('gradient="12.5"', 'gradient="1_2"', "gradient = '1_2': must be a number"),
+        ("</infrastructure>", '</infrastructure><infrastructure id="b"/>', "infrastructure: 2 elements of this name"),
+        ("<signals/>", '<electrifications><electrificationSection id="e" isInsulatedSection="yes"/></electrifications>',
+         "electrificationSection e: isInsulatedSection = 'yes': must be true or false"),
         ("</gradientCurves>", curves("gradientCurve", ('gradient="3"', 500, 600)).replace('"e"', '"n4"')
          + "</gradientCurves>", "two grades from 1200 to 1300 m of the path"),
     ],
@@ -556,9 +619,7 @@ def with_collection(railml: Path, where: str, direction: str = "both", element: 
         (measured("g1", 100, 400), 100, 400, 1),
     ],
 )  # fmt: skip
-def test_an_entry_on_a_collection_holds_on_its_parts(
-    railml: Path, where: str, begin: float, end: float, sign: int
-) -> None:
+def test_an_entry_on_a_collection_holds_on_its_parts(railml, where, begin, end, sign):
     """Breaks if an entry on net elements of a higher level vanishes, is moved, or has the wrong direction."""
     name = with_collection(railml, where)
     line = load_line(name)
@@ -593,9 +654,7 @@ def test_a_limit_of_one_direction_of_a_collection(railml: Path, direction: str, 
          "length = 5000: its parts have 3800 m; correct one of them"),
     ],
 )  # fmt: skip
-def test_an_entry_on_a_collection_that_cannot_be_placed_is_refused(
-    railml: Path, where: str, element: str, message: str
-) -> None:
+def test_an_entry_on_a_collection_that_cannot_be_placed_is_refused(railml, where, element, message):
     """Breaks if the reason is not the true one, or the entry is placed somewhere."""
     with pytest.raises(ValueError, match=message) as caught:
         load_line(with_collection(railml, where, element=element))

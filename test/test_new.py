@@ -62,27 +62,3 @@ def test_new_code_drives(kind: str, like: bool, capsys: pytest.CaptureFixture[st
     (target,) = [word for word in capsys.readouterr().out.split() if ":" in word and word != "next:"]
     run = ta.run("demo", set={"duration": 20}, progress=False, **{kind: target})
     assert run.metrics["tracking"] == "tracked"
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["train", "Bad"], "NAME Bad: begin with a lower-case letter"),
-        (["wagon", "x"], "'wagon' is none of train, line"),
-        (["train", "x", "--like", "hxd"], "--like hxd: no shipped train"),
-        (["law", "x", "--like", "smcc"], "did you mean 'smc'"),
-        (["journey", "x", "--like", "y"], "no journey is shipped"),
-        (["train", "there"], "there.yaml: exists already"),
-    ],
-)
-def test_a_wrong_order_writes_nothing(arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """Breaks if a file of the user is replaced, or a wrong name is not refused in one line."""
-    Path("there.yaml").write_text("mine", encoding="utf-8")
-    try:
-        status = main(["new", *arguments])
-    except SystemExit as ending:
-        status = ending.code
-    assert status == 2
-    assert words in capsys.readouterr().err
-    assert [path.name for path in Path().iterdir()] == ["there.yaml"]
-    assert Path("there.yaml").read_text(encoding="utf-8") == "mine"

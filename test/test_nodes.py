@@ -12,6 +12,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from foreign_node import ForeignNode
+from lifecycle_msgs.srv import ChangeState, GetState
 from node_bench import Bench, set_parameter
 from rclpy.duration import Duration
 from rclpy.node import Node
@@ -105,7 +106,7 @@ def test_synchronizer_refuses_answers_beyond_the_step_that_is_due():
     ],
 )
 def test_the_first_node_without_an_answer_is_named(last, blocked, named):
-    assert silent_node(last, 5, blocked) is named
+    assert silent_node(last, 5, blocked=blocked) is named
 
 
 @pytest.mark.parametrize("role", [Role.PLANT, Role.CONTROLLER])
@@ -123,6 +124,22 @@ def test_endpoints_are_those_of_the_table(make, role, setup):
     table = {(f"/{t.name.lstrip('/')}", "out") for t in TOPICS if role in t.publishers and t.exists(setup.layout)}
     table |= {(f"/{t.name.lstrip('/')}", "in") for t in read_by(role) if t.exists(setup.layout)}
     assert own - {("/parameter_events", "out"), ("/rosout", "out")} == table
+
+
+def test_trains_of_two_namespaces_have_no_topic_in_common(make):
+    """Fails if a namespace leaves the clock or the diagnostics of a train where those of another train are."""
+    trains = [
+        {
+            place.topic_name
+            for role in (Role.PLANT, Role.CONTROLLER)
+            for node in [make(role, arguments=["--ros-args", "-r", f"__ns:=/{name}"]).endpoints.node]
+            for place in (*node.publishers, *node.subscriptions)
+        }
+        - {"/rosout", "/parameter_events"}
+        for name in ("a", "b")
+    ]
+    assert not trains[0] & trains[1]
+    assert {"/a/clock", "/a/diagnostics", "/a/train/vehicles"} <= trains[0]
 
 
 def _answer(bench, publisher, stamp, force=0.0):
@@ -264,7 +281,7 @@ def test_an_answer_with_a_wrong_stamp_is_named(stamp, shown):
     """Breaks if the message of a missing answer does not name the stamp of the answer that came."""
     answers = TickAnswers(_unsupervised(2))
     assert answers.unused_of(Role.CONTROLLER) == ""
-    assert not answers.take(Command(stamp, np.zeros(1)), False)
+    assert not answers.take(Command(stamp, np.zeros(1)), expected=False)
     assert (
         answers.unused_of(Role.CONTROLLER) == f"; a command stamped {shown} came; echo the stamp of train/measurement"
     )
@@ -300,7 +317,22 @@ def test_a_plant_with_another_tick_is_named(make, stamps, came, due):
         publisher.publish(bench.wire.encode("train/measurement", dataclasses.replace(model, stamp=stamp)))
     bench.until(lambda: bench.watch.failure is not None)
     text = f"node plant failed: measurement {came} came, {due} s was due: the tick of the scenario is 0.1 s"
-    assert bench.watch.failure == text
+    assert bench.watch.failure == text + ", the first stamp 1767225600 s (2026-01-01)" * (stamps[0] < 0)
+
+
+def test_the_state_of_a_node_is_that_of_a_managed_node(make, capsys):
+    """Breaks if a lifecycle tool gets no state, a state of before, or a transition."""
+    bench = make(Role.OBSERVER)
+    assert bench.call(GetState, "observer/get_state").current_state.label == "unconfigured"
+    answer = bench.call(ChangeState, "observer/change_state")
+    assert not answer.success and "node observer: ~/change_state: refused" in capsys.readouterr().err
+    publisher = bench.speaker("train/measurement")
+    measurement = PlantStage(_unsupervised(2)).observe().measurement
+    publisher.publish(bench.wire.encode("train/measurement", measurement))
+    bench.until(lambda: bench.endpoints.last_stamp == 0)
+    assert bench.call(GetState, "observer/get_state").current_state.label == "active"
+    bench.watch.fail("observer", "by this test")
+    assert bench.call(GetState, "observer/get_state").current_state.label == "finalized"
 
 
 def test_a_node_that_joins_in_a_pause_knows_the_time(plant):
@@ -340,6 +372,16 @@ class Recording:
 def recording(setup, domain, tmp_path):
     with ExitStack() as stack:
         yield lambda: Recording(stack, setup, domain, tmp_path)
+
+
+def test_the_suspension_of_a_recorder_is_known_before_it_reads_again(recording):
+    """Breaks if a suspended recorder that finds its plant gone names the plant: it has not read its queues since."""
+    node = recording().node
+    node.poll()
+    node._polled -= 7.0  # as after SIGSTOP
+    assert node.suspended >= 7.0
+    node.poll()
+    assert 7.0 <= node.suspended < 7.0 + LIMIT_S
 
 
 def _report(wire, node, second):
@@ -496,10 +538,8 @@ def test_the_timeout_is_a_parameter_with_a_range(plant):
 
 @pytest.mark.parametrize("seconds", [0.8, 1.2])
 def test_a_suspension_of_the_plant_is_no_silence_of_the_others(seconds, plant):
-    """Breaks if the plant fails the run by the name of another node as soon as its process continues.
-
-    With the wait before it, the suspension of 0.8 s is longer than the time-out too.
-    """
+    """Breaks if the plant fails the run by the name of another node as soon as its process continues."""
+    # With the wait before it, the suspension of 0.8 s is longer than the time-out too.
     node = plant[0].node
     assert set_parameter(plant[0].endpoints.node, "timeout", 1.0).successful
     node.begin()

@@ -12,9 +12,14 @@ from plant_sim.odometry import Odometers, OdometryReading, write_reading
 from plant_sim.plant_setup import OdometrySpec, WheelSlip
 from plant_sim.record import zeros
 from train_ato.messages.types import Odometry
-from train_ato.supervision.odometry import odometer_error, speed_measurement_error
-from train_ato.supervision.odometry_check import OdometryCheck
-from train_ato.supervision.position_estimate import ACCELERATION_TIME, estimate_motion, past_speeds
+from train_ato.supervision.odometry import (
+    ACCELERATION_TIME,
+    OdometryCheck,
+    estimate_motion,
+    odometer_error,
+    past_speeds,
+    speed_measurement_error,
+)
 from train_ato.supervision.supervisor import SupervisorState
 
 PERIOD = 0.4

@@ -10,7 +10,7 @@ from reproduce_results import series
 from plant_sim.streams import random_stream
 from train_ato.control.laws.rbf_smc import RbfSmcParameters
 from train_ato.papers.p000_heavy_haul.cases import CASES, DURATION
-from train_ato.papers.p000_heavy_haul.series import LOCOMOTIVE, disturbance_40, network_estimate, unexplained
+from train_ato.papers.p000_heavy_haul.checks import LOCOMOTIVE, disturbance_40, network_estimate, unexplained
 
 
 @pytest.mark.parametrize("clip", [False, True])

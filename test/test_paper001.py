@@ -14,8 +14,7 @@ from train_ato.cli.main import main
 from train_ato.papers.claims import Result
 from train_ato.papers.p001_metro.cases import CASES, INERTIA, TRAINS
 from train_ato.papers.p001_metro.checks import shaking
-from train_ato.papers.p001_metro.claims import PAPER
-from train_ato.papers.p001_metro.figures import truth_and_estimate
+from train_ato.papers.p001_metro.claims import PAPER, truth_and_estimate
 
 
 def ms(rms: float, largest: float = 0.05, **more: Any) -> Result:

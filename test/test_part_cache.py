@@ -10,7 +10,7 @@ import yaml
 
 from train_ato.apps.runs.scenario_choice import choose_scenario
 from train_ato.loop.engine import run_engine
-from train_ato.loop.part_cache import PartCache, file_state
+from train_ato.loop.scenario_data import PartCache, file_state
 from train_ato.loop.setup import RunSetup
 from train_ato.scenario.scenario import shipped_scenarios
 

@@ -13,10 +13,9 @@ from plan_cases import broken_promises
 from plant_sim.consist import Consist
 from plant_sim.library import load_consist, load_line
 from plant_sim.line import Line
-from train_ato.profile.planner.inputs import find_line, find_train
 from train_ato.profile.planner.planner import Plan, plan_profile
-from train_ato.profile.planner.settings import PlanSettings
-from train_ato.profile.planner.statics import balancing_speed, holding_force, steepest_start
+from train_ato.profile.planner.settings import PlanSettings, find_line, find_train
+from train_ato.profile.planner.train_tables import balancing_speed, holding_force, steepest_start
 
 BARE = {"jerk": None, "acceleration": None, "deceleration": None, "force_margin": 0}
 
@@ -188,9 +187,7 @@ def test_grades_are_averaged_over_the_vehicle_length_on_request() -> None:
         ({}, {"begin": 1999.99}, "has no length"),
     ],
 )  # fmt: skip
-def test_an_impossible_plan_is_refused_with_place_and_reason(
-    parts: dict[str, Any], asked: dict[str, Any], message: str
-) -> None:
+def test_an_impossible_plan_is_refused_with_place_and_reason(parts, asked, message):
     with pytest.raises(ValueError, match=message) as caught:
         plan_profile(line(2000, **parts), STRONG, PlanSettings(**asked))
     assert "\n" not in str(caught.value)

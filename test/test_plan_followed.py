@@ -35,10 +35,8 @@ CASES: dict[str, dict[str, Any]] = {
 
 @pytest.mark.parametrize("case", CASES)
 def test_a_plan_is_followed_within_the_force_limits(case: str) -> None:
-    """Planned without its margin, the train of 106 vehicles is at a limit for 531 s and misses the stop by 78 m.
-
-    No brake policy applies its air brake: a plan with the air brake would overrun the stop.
-    """
+    """Planned without its margin, the train of 106 vehicles is at a limit for 531 s and misses the stop by 78 m."""
+    # No brake policy applies its air brake: a plan with the air brake would overrun the stop.
     data = {"schema": "train_ato/scenario/1", "name": "followed", "law": "pid", "compensation": "preview"}
     path = Path("followed.yaml")
     setup = prepare(check_scenario(data | CASES[case], path), path)

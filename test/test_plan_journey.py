@@ -15,12 +15,10 @@ from train_ato.cli.plan import plan_from_options
 from train_ato.loop.engine import run_engine
 from train_ato.loop.setup import prepare
 from train_ato.messages.types import Measurement
-from train_ato.profile.planner.catch_up import catch_up, timetable_points
-from train_ato.profile.planner.journey_file import read_journey
-from train_ato.profile.planner.plan_from_state import TrainState
+from train_ato.profile.planner.plan_from_state import TrainState, catch_up, timetable_points
 from train_ato.profile.planner.planner import Plan, plan_profile
 from train_ato.profile.planner.settings import PlanSettings
-from train_ato.profile.planner.timing_points import SpeedWindow, TimeWindow, TimingPoint, check_points
+from train_ato.profile.planner.timing_points import SpeedWindow, TimeWindow, TimingPoint, check_points, read_journey
 from train_ato.scenario.scenario import load_scenario
 
 KEPT = 0.06
@@ -139,9 +137,7 @@ def test_ttobench_journeys_are_read(tmp_path: Path) -> None:
         ([[0, 0, 0, 0, 0], [8, None, None, 0, 0]], {}, "no arrival: latest"),
     ],
 )
-def test_bad_journeys_are_refused_in_one_line(
-    tmp_path: Path, rows: list[list[float | None]], changes: dict[str, str], message: str
-) -> None:
+def test_bad_journeys_are_refused_in_one_line(tmp_path, rows, changes, message):
     """Breaks if a bad window reaches the planner."""
     path = ttobench(tmp_path, rows, **changes)
     with pytest.raises(ValueError, match=message) as refused:
@@ -169,7 +165,7 @@ def test_a_late_train_catches_up_or_reports_the_lost_window(free: Plan, delay: f
     points = timetable_points(hills(), PlanSettings(time=LATEST))
     now = 100.0
     x, v, a, _ = free.profile.at(now)
-    rest, lost = catch_up(TrainState(now + delay, x, v, a), points, hills(), metro(), PlanSettings(), 0.1)
+    rest, lost = catch_up(TrainState(now + delay, x, v, a), points, hills(), metro(), PlanSettings(), period=0.1)
     arrival = rest.arrivals[-1][1]
     if delay < 50:
         assert lost is None and LATEST - 0.5 <= arrival <= LATEST + KEPT

@@ -76,7 +76,7 @@ def test_a_replan_starts_here_needs_what_is_left_and_meets_the_stops(seed: int, 
     now = TrainState(float(old.time[knot]), float(old.position[knot]) - behind, speed, float(old.acceleration[knot]))
     force = AvailableForce(traction=0.8 + 0.2 * left, brake=0.85 + 0.15 * left)
     try:
-        again = replan(now, old, line, consist, asked, force)
+        again = replan(now, old, line, consist, asked, available=force)
     except ValueError as error:
         assert "\n" not in str(error)
         return

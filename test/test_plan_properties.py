@@ -11,8 +11,7 @@ from plan_cases import limit_by_hand, random_case
 
 from plant_sim.consist import Consist
 from plant_sim.library import load_consist, load_line
-from plant_sim.line import Line
-from plant_sim.line_direction import reversed_line
+from plant_sim.line import Line, reversed_line
 from train_ato.profile.planner.line_tables import SpeedLimits
 from train_ato.profile.planner.planner import net_energy_bound, plan_profile
 from train_ato.profile.planner.settings import PlanSettings
@@ -264,10 +263,8 @@ def test_a_stall_at_the_end_of_a_dead_section_names_it() -> None:
 @pytest.mark.parametrize("jerk", [None, 0.5])
 @pytest.mark.parametrize("seed", [0, 4])
 def test_the_energy_is_that_of_the_written_profile(seed: int, jerk: float | None) -> None:
-    """Breaks if the figure is a sum over the knots: 0.6 % beside the work of the profile.
-
-    The work of the profile between its knots is summed in steps of 1 ms, on a line without grades.
-    """
+    """Breaks if the figure is a sum over the knots: 0.6 % beside the work of the profile."""
+    # The work of the profile between its knots is summed in steps of 1 ms, on a line without grades.
     line, car = obstacles(seed)
     consist = train_of({"car": {**car, "tunnel_resistance": []}}, 4)
     result = plan_profile(line, consist, PlanSettings(jerk=jerk))
@@ -306,10 +303,8 @@ def test_the_shortest_time_with_tunnels_dead_sections_and_steps_is_found(seed: i
     [*(pytest.param(*row, marks=pytest.mark.slow) for row in ((1.05, 31.781), (1.1, 27.701))), (1.2, 22.094)],
 )
 def test_the_energy_in_tunnels_is_that_of_an_independent_optimum(factor: float, least: float) -> None:
-    """Breaks if the air of a tunnel has the speed of full traction: 1.7 to 2.6 % above the optimum.
-
-    The optima in kWh are those of linear programs in sequence with its tunnels, ``studies_done/plan_optimum.py``.
-    """
+    """Breaks if the air of a tunnel has the speed of full traction: 1.7 to 2.6 % above the optimum."""
+    # The optima in kWh are those of linear programs in sequence with its tunnels, ``studies_done/plan_optimum.py``.
     line, car = obstacles(0)
     line = line.model_copy(update={"neutral_sections": ()})
     consist = train_of({"car": railcar(tunnel_resistance=car["tunnel_resistance"])}, 4)
@@ -320,17 +315,23 @@ def test_the_energy_in_tunnels_is_that_of_an_independent_optimum(factor: float, 
         assert 0.98 * found.energy < net_energy_bound(found) <= 1.0005 * least * 3.6e6
 
 
-@pytest.mark.parametrize(("factor", "least"), [pytest.param(1.1, 17.625, marks=pytest.mark.slow), (1.3, 11.291)])
-def test_the_energy_on_falls_to_a_limit_is_near_an_independent_optimum(factor: float, least: float) -> None:
-    """Breaks if the curves of one price are used at other speeds: the train brakes on three falls, 2.9 and 1.7 % more.
+@pytest.mark.parametrize(
+    ("factor", "least", "share"), [pytest.param(1.1, 17.625, 3e-3, marks=pytest.mark.slow), (1.3, 11.291, 5e-3)]
+)
+def test_the_energy_on_falls_to_a_limit_is_near_an_independent_optimum(
+    factor: float, least: float, share: float
+) -> None:
+    """Breaks if the curves of one price are used at other speeds: the train brakes on three falls, 2.9, 1.7 % more.
 
-    The optima in kWh are those of linear programs in sequence with 500 cells, ``studies_done/plan_optimum.py``.
+    It breaks too if coasting begins up to a cell of the search too late: .8 % more with 10 % more time. The aim is
+    .3 %; with 30 % more time the plan is .41 % above the optimum.
     """
+    # The optima in kWh are those of linear programs in sequence with 500 cells, ``studies_done/plan_optimum.py``.
     line, consist = load_line("xuzhou_metro_test"), load_consist("xuzhou_metro_3")
     settings = PlanSettings(jerk=None)
     fastest = plan_profile(line, consist, settings).running_time
     found = plan_profile(line, consist, settings.model_copy(update={"time": factor * fastest}))
-    assert least * 0.995 <= found.energy / 3.6e6 <= 1.012 * least
+    assert least * 0.995 <= found.energy / 3.6e6 <= (1.0 + share) * least
 
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 10))])

@@ -10,11 +10,10 @@ from plan_cases import broken_promises, random_case
 
 from plant_sim.consist import Consist
 from plant_sim.line import Line
-from train_ato.profile.planner.inputs import find_train
 from train_ato.profile.planner.line_tables import PlaceGrid
 from train_ato.profile.planner.planner import plan_profile
 from train_ato.profile.planner.section import ForceReserve
-from train_ato.profile.planner.settings import PlanSettings
+from train_ato.profile.planner.settings import PlanSettings, find_train
 
 GRID_SHARE = 5e-4
 """Permitted increase of a running time by a higher jerk: the grid of the places changes times by this share."""

@@ -12,7 +12,7 @@ from plant_sim.consist import Consist
 from plant_sim.library import load_consist
 from plant_sim.line import Line
 from train_ato.control.compensation.rigid import RigidForce
-from train_ato.control.planned_displacement import DisplacementAt, PlannedDisplacement
+from train_ato.control.force_distribution import DisplacementAt, PlannedDisplacement
 from train_ato.loop.engine import run_engine
 from train_ato.loop.metrics import summarise
 from train_ato.loop.setup import prepare
@@ -80,20 +80,6 @@ def test_a_train_that_moves_as_planned_has_no_error() -> None:
     seen = planned.without(measured, place)
     assert seen.position == pytest.approx([place, place])
     assert seen.velocity == pytest.approx([speed, speed], rel=3e-4)  # the slope counts with the speed of vehicle 0
-
-
-@pytest.mark.parametrize(
-    ("displacements", "word"),
-    [
-        ([{"at": 0, "displacement": [0.5, 0.5]}], "2 displacements at 0 m, but the train has 3 power units"),
-        ([{"at": 9, "displacement": [0] * 3}, {"at": 3, "displacement": [0] * 3}], "places do not increase"),
-    ],
-)
-def test_wrong_displacements_are_refused_before_the_run(displacements: list[Any], word: str) -> None:
-    """Breaks if wrong displacements are found in the run, or the message has several lines."""
-    with pytest.raises(ValueError, match=word) as raised:
-        prepare(*load_scenario("crh380a_gpc", changes={"unit_displacements": displacements}))
-    assert "\n" not in str(raised.value)
 
 
 def test_a_run_follows_the_displaced_places() -> None:

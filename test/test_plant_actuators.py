@@ -175,10 +175,8 @@ def test_jump_outside_the_train_is_refused() -> None:
 
 @pytest.mark.parametrize("place", [300.0, 1000.0, 2222.0])
 def test_grade_under_every_vehicle_of_its_own(place: float) -> None:
-    """The work of the grade is weight times height for every vehicle, also over breaks and backwards.
-
-    Within 0.4 mm of height: the work uses the mean speed of a step, the position the new one.
-    """
+    """The work of the grade is weight times height for every vehicle, also over breaks and backwards."""
+    # Within 0.4 mm of height: the work uses the mean speed of a step, the position the new one.
     grades = [{"at": at, "grade_permille": g} for at, g in ((0, 2), (250, -7.5), (700, 11), (1500, 0.5), (1600, -3))]
     line = plain_line(begin_km=-3, grades=grades)
     plant = train(

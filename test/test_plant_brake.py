@@ -11,10 +11,9 @@ from hypothesis import strategies as st
 from plant_trains import RIGID, chain, drive, heavy, plain_line, train
 
 from plant_sim import kernel as k
-from plant_sim.air_brake import BrakeForecast, braking_factor
+from plant_sim.air_brake import BrakeForecast, PipePressure, PressureChange, braking_factor
 from plant_sim.consist import Consist
 from plant_sim.library import load_consist
-from plant_sim.pipe_pressure import PipePressure, PressureChange
 from plant_sim.states import Array
 from plant_sim.train import Train
 
@@ -58,10 +57,8 @@ def test_waves_reach_the_last_vehicle() -> None:
 
 
 def test_shoe_forces_by_hand() -> None:
-    """743 kN on the whole train at 70 km/h and 50 kPa; 4 s to 63 %, 6 s to release 63 %.
-
-    One wagon: 0.17 x 8 x 16.18 kN x .481 x (216.18/264.72) x (290/360) = 6.962 kN.
-    """
+    """743 kN on the whole train at 70 km/h and 50 kPa; 4 s to 63 %, 6 s to release 63 %."""
+    # One wagon: 0.17 x 8 x 16.18 kN x .481 x (216.18/264.72) x (290/360) = 6.962 kN.
     plant = fine()
     plant.advance(np.zeros((1, 1)), APPLIED)
     drive(plant, 4.0)
@@ -295,10 +292,8 @@ def test_no_brake_without_air() -> None:
 
 @pytest.mark.parametrize("electric", [0.0, 20e3])
 def test_rails_limit_the_shoes(electric: float) -> None:
-    """Shoe forces are limited by adhesion times weight, less the electric brake of a locomotive.
-
-    Empty wagons of 20 t at 70 km/h: shoes of 30 kN, adhesion limit 3.9 kN.
-    """
+    """Shoe forces are limited by adhesion times weight, less the electric brake of a locomotive."""
+    # Empty wagons of 20 t at 70 km/h: shoes of 30 kN, adhesion limit 3.9 kN.
     data = load_consist("hxd1_c80_105").model_dump(by_alias=True, exclude_none=True)
     data["vehicle_types"]["c80"]["mass"] = 20e3
     data["air_brake"]["braking_factor"] = (0, 0.6)

@@ -44,10 +44,8 @@ def work(force: Array, deflection: Array) -> Array:
     ids=["MT-2", "QKX100"],
 )
 def test_curves_of_the_spec(data: dict[str, Any], stroke: float, at_stroke: float, ratio: float) -> None:
-    """Loading reaches fl(D) at the stroke, unloading is r fl, the stop adds 200 MN/m, buff mirrors draft.
-
-    Without damping.  Loading at d = 20 mm by hand for MT-2: 60 kN 20/22 + 2.5 MN/m 20 mm + a2 d² = 130.6 kN.
-    """
+    """Loading reaches fl(D) at the stroke, unloading is r fl, the stop adds 200 MN/m, buff mirrors draft."""
+    # Without damping. Loading at d = 20 mm by hand for MT-2: 60 kN 20/22 + 2.5 MN/m 20 mm + a2 d² = 130.6 kN.
     loading = force_along(gear(data, damping=0.0), path(0.005 + stroke), FAST)
     assert loading[-1] == pytest.approx(at_stroke, rel=1e-6)
     beyond = force_along(gear(data, damping=0.0), path(0.005 + stroke + 0.002), FAST)
@@ -105,6 +103,23 @@ def test_table_equals_its_source_curve() -> None:
     turns = path(0.09, 0.04, 0.12, -0.07, 0.02)
     difference = force_along(gear(table), turns, SLOW) - force_along(gear(CLIP, damping=0.0), turns, SLOW)
     assert np.abs(difference).max() < 2.5e3
+
+
+def test_draft_and_buff_have_their_own_tables() -> None:
+    """Breaks if one table, its stroke or its hysteresis is used on both sides: 100 and 400 kN at 20 mm, by hand."""
+    buff = {"deflection": [0, 0.08], "loading": [50e3, 1450e3], "unloading": [0, 700e3]}
+    draft = {"deflection": [0, 0.1], "loading": [0, 500e3], "unloading": [0, 200e3], "slack": 0.01, "buff": buff}
+    made = gear({"kind": "table", **draft})
+    turns = path(0.025, -0.025, -0.087, 0.0, 0.107)
+    force = dict(zip(np.round(turns, 6).tolist(), force_along(made, turns, SLOW).tolist(), strict=True))
+    assert force_along(made, path(0.025), SLOW)[-1] == pytest.approx(100e3)  # 20 mm of 5 MN/m
+    assert force_along(made, path(0.025, -0.025), SLOW)[-1] == pytest.approx(-(50e3 + 350e3))  # 17.5 MN/m
+    assert force[-0.087] == pytest.approx(-(1450e3 + 2e-3 * 200e6))  # 82 mm: 2 mm beyond the stroke of buff
+    assert force[0.107] == pytest.approx(500e3 + 2e-3 * 200e6)
+    back = force_along(made, path(-0.085, -0.045), SLOW)[-1]
+    assert back == pytest.approx(-350e3)  # unloading at 40 of 80 mm
+    with pytest.raises(ValueError, match="below the largest slope"):
+        gear({"kind": "table", **draft}, transition_stiffness=10e6)
 
 
 def test_table_beyond_its_end_adds_the_stop() -> None:

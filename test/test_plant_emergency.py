@@ -14,7 +14,7 @@ from plant_sim.brake_data import EmergencyBrake
 from plant_sim.brake_events import ATMOSPHERE
 from plant_sim.consist import Consist
 from plant_sim.library import consist_names, load_consist
-from plant_sim.service_brake import FullServiceBrake
+from plant_sim.traction import FullServiceBrake
 from plant_sim.train import Train
 
 DEAD: dict[str, Any] = {"mismatch": {"traction_scale": 0.0, "electric_brake_scale": 0.0}}
@@ -89,10 +89,8 @@ def test_a_train_without_a_block_has_the_documented_default() -> None:
      ("freight_five", 60)],
 )  # fmt: skip
 def test_distance_of_an_independent_integration(name: str, kmh: float) -> None:
-    """Breaks if delay, build-up, friction over speed, rotating mass or running resistance is wrong or missing.
-
-    The bound is the path of one step at the initial speed: the plant applies the force of a step after the position.
-    """
+    """Breaks if delay, build-up, friction over speed, rotating mass or running resistance is wrong or missing."""
+    # The bound is the path of one step at the initial speed: the plant applies the force of a step after the position.
     consist = load_consist(name)
     brake = consist.friction_emergency_brake
     assert brake is not None

@@ -175,22 +175,11 @@ def test_couplers_that_cannot_part_are_refused(consist: Any, vehicles: list[int]
         train(consist, jumps=[{"at": 1.0, "what": "coupler", "vehicles": vehicles}])
 
 
-def test_a_run_with_a_separation_and_its_refusals(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Breaks if a scenario cannot part a train, or bad data gives more or less than one line."""
+def test_a_run_with_a_separation(tmp_path: Path) -> None:
+    """Breaks if a scenario cannot part a train."""
     jump = "plant.jumps=[{at: 5, what: coupler, vehicles: [20]}]"
     words = ["run", "demo", "--engine", "--set", "duration=30", "--set"]
     assert main([*words, jump, "--out", str(tmp_path / "parted")]) == 0
-    capsys.readouterr()
-    for bad, text in (
-        ("{at: 5, what: coupler, vehicles: []}", "vehicles"),
-        ("{at: 5, what: coupler, vehicles: [20], factor: 0}", "factor"),
-        ("{at: 5, what: coupler, vehicles: [105]}", "no coupler is behind vehicle 105"),
-        ("{what: coupler, vehicles: [5]}", "exactly one of 'at'"),
-        ("{at: 5, what: couplers, vehicles: [5]}", "what"),
-    ):
-        assert main([*words, f"plant.jumps=[{bad}]", "--out", str(tmp_path / "bad")]) == 2
-        line = capsys.readouterr().err
-        assert text in line and line.count("\n") == 1
 
 
 PAGE = Path(__file__).resolve().parents[1] / "msgs_docs" / "plant.md"

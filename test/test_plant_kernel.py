@@ -1,10 +1,11 @@
-"""The compiled kernel against plain numpy, against itself at half the step, and against conservation laws."""
+"""The compiled kernel against plain numpy, half the step, conservation laws, and in batches of trains."""
 
 from __future__ import annotations
 
 import platform
 import re
 import sys
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +14,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numba import njit
-from plant_trains import GEARS, LINEAR, RIGID, SLACK, chain, drive, heavy, plain_line, run_ramps, train
+from plant_trains import GEARS, LINEAR, RIGID, SLACK, TICK_NS, chain, drive, heavy, plain_line, run_ramps, train
 
 from plant_sim import kernel as k
+from plant_sim.batch import advance_trains
 from plant_sim.consist import Consist
 from plant_sim.library import load_consist, load_line
+from plant_sim.states import Array
+from plant_sim.train import Train
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "bench"))
 from plain_numpy_train import PlainTrain
@@ -137,11 +141,9 @@ def test_rigid_train_is_one_mass() -> None:
 
 
 def test_convergence_of_the_largest_coupler_force() -> None:
-    """Halving the default 5 ms moves the largest force of the 106-vehicle train by under 1 % (measured 0.01 %).
-
-    100 s with traction, brake, air application and release; too large a step chatters at 400 kN
-    instead of exploding, which this catches (20 ms: +43 %).
-    """
+    """Halving the default 5 ms moves the largest force of the 106-vehicle train by under 1 % (measured 0.01 %)."""
+    # 100 s with traction, brake, air application and release; too large a step chatters at 400 kN instead of exploding,
+    # which this catches (20 ms: +43 %).
     coarse = run_ramps(train(heavy(), start={"speed_kmh": 50})).totals
     fine = run_ramps(train(heavy(), step_ns=2_500_000, start={"speed_kmh": 50})).totals
     assert abs(coarse.draft_max / fine.draft_max - 1.0) < 0.01
@@ -274,10 +276,8 @@ def test_short_loops_have_the_bits_of_the_long_one(slowest: float, braked: bool)
     ["_linear", "_clip", "_smoothed", "_speeds", "_braked_speeds", "_held_speeds", "_cylinders", "_slide_protection"],
 )
 def test_loops_over_vehicles_are_vectorised(name: str) -> None:
-    """Breaks if a loop takes one vehicle at a time, or stores under a mask, which takes twice as long on some CPUs.
-
-    Reasons are for example an index with a sign, more than 128 pairs of rows to compare, a conditional store.
-    """
+    """Breaks if a loop takes one vehicle at a time, or stores under a mask, which takes twice as long on some CPUs."""
+    # Reasons are for example an index with a sign, more than 128 pairs of rows to compare, a conditional store.
     a = train(heavy()).arrays
     couplers = (a.state[k.X], a.state[k.V], a.state, a.vehicle, a.gear)
     arguments: dict[str, tuple[Any, ...]] = {
@@ -293,3 +293,87 @@ def test_loops_over_vehicles_are_vectorised(name: str) -> None:
     (instructions,) = fresh.inspect_asm().values()
     assert re.search(r"\sv?(mul|add|sub)pd\s", instructions)
     assert "maskmov" not in instructions
+
+
+WIND = {"kind": "turbulence", "acceleration_rms": 0.01}
+CASES: dict[str, dict[str, Any]] = {
+    "released": {},
+    "mass": {"mismatch": {"mass_scale": 1.1}, "lag": 0.4},
+    "wind": {"disturbances": [WIND, {"kind": "eq40", "vehicles": [0, 3, 7]}], "adhesion": {"kind": "curtius_kniffler"}},
+    "cubes": {"disturbances": [{"kind": "eq40", "vehicles": [0, 2], "speed_power": 3, "scale": 0.01}]},
+    "jump": {"jumps": [{"at": 2.05, "what": "mass", "factor": 1.1, "vehicles": [3]}]},
+    "parting": {"jumps": [{"at": 1.0, "what": "coupler", "vehicles": [4]}]},
+}
+
+
+def plant(name: str, pipe_pa: float | None = None) -> Train:
+    """Return a short train of a case after its first tick, optionally with a demand of the brake pipe."""
+    start = {"position_km": 20.15, "speed_kmh": 40}
+    made = train(heavy(wagons=9), load_line("daqin_section"), start=start, **CASES[name])
+    made.advance(np.zeros((made.substeps, 1)), pipe_pa)
+    return made
+
+
+def demands(ticks: int) -> Array:
+    """Return commands [N] of shape (ticks, substeps, 1) with traction and electric brake."""
+    ramp = 400e3 * np.sin(np.arange(ticks * 20) * 2e-3)
+    return ramp.reshape(ticks, 20, 1)
+
+
+@pytest.mark.parametrize("pipe_pa", [None, 550e3], ids=["released", "braked"])
+def test_batch_has_the_bits_of_single_ticks(pipe_pa: float | None) -> None:
+    """Breaks if a jump, wave, disturbance or the end of their block is lost between two compiled calls."""
+    single = [plant(name, pipe_pa) for name in CASES]
+    batch = [plant(name, pipe_pa) for name in CASES]
+    commands = [demands(90 + 7 * number) for number in range(len(CASES))]
+    for one, demand in zip(single, commands, strict=True):
+        for due in demand:
+            one.advance(due)
+    advance_trains(batch, commands, threads=2)
+    for name, one, other in zip(CASES, single, batch, strict=True):
+        assert one.stamp == other.stamp, name
+        for part in ("state", "gear", "unit", "setting"):
+            assert getattr(one.arrays, part).tobytes() == getattr(other.arrays, part).tobytes(), (name, part)
+        np.testing.assert_array_equal(one.outside_force, other.outside_force)
+        one.advance(demands(1)[0])
+        other.advance(demands(1)[0])
+        assert one.arrays.state.tobytes() == other.arrays.state.tobytes(), name
+
+
+def test_quiet_ticks_are_one_call() -> None:
+    """Breaks if quiet ticks are integrated one by one, which holds the lock of the interpreter."""
+    quiet = plant("released")
+    assert quiet.is_quiet
+    assert quiet.advance_quiet(demands(50)) == 50
+    assert quiet.stamp == 51 * TICK_NS
+    assert not plant("released", 550e3).is_quiet
+    assert not plant("jump").is_quiet
+    assert not plant("cubes").is_quiet
+
+
+@pytest.mark.skipif(not hasattr(k.advance_ticks, "targetoptions"), reason="without compiler")
+def test_compiled_ticks_release_the_lock_of_the_interpreter() -> None:
+    """Breaks if threads wait for each other: another thread then sees the train at the begin and at the end only."""
+    moving, long = plant("released"), demands(50_000)
+    moving.advance_quiet(demands(2))  # compiled or loaded from the cache
+    worker = threading.Thread(target=moving.advance_quiet, args=(long,))
+    positions = {float(moving.arrays.state[k.X, 0])}
+    worker.start()
+    while worker.is_alive():
+        positions.add(float(moving.arrays.state[k.X, 0]))
+    assert len(positions) > 3
+
+
+def test_batch_is_checked_before_the_first_step() -> None:
+    """Breaks if a bad demand of the last train is found after the others have moved."""
+    trains, good = [plant("released"), plant("mass")], demands(3)
+    for bad, text in (
+        ([good], "2 trains have 1 demands"),
+        ([good, good[:, :5]], r"demand of train 1 has the shape \(3, 5, 1\)"),
+        ([good, np.full_like(good, np.nan)], "demand of train 1 is not finite"),
+    ):
+        with pytest.raises(ValueError, match=text):
+            advance_trains(trains, bad)
+    with pytest.raises(ValueError, match="listed twice"):
+        advance_trains([trains[0], trains[0]], [good, good])
+    assert trains[0].stamp == TICK_NS

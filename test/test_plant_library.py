@@ -88,10 +88,8 @@ def test_daqin_section_has_the_described_shape() -> None:
 
 
 def test_trigger_finds_four_steep_segments_ahead() -> None:
-    """The brake trigger needs 4 pieces below -8 per mille with over 500 m inside the next 2500 m.
-
-    Each long falling grade has positions with that, the undulating part has none.
-    """
+    """The brake trigger needs 4 pieces below -8 per mille with over 500 m inside the next 2500 m."""
+    # Each long falling grade has positions with that, the undulating part has none.
     line = load_line("daqin_section")
     at = np.array([entry.at for entry in line.grades] + [line.end])
     steep = np.array([entry.grade < -8e-3 for entry in line.grades])
@@ -106,16 +104,13 @@ def test_trigger_finds_four_steep_segments_ahead() -> None:
 
 
 BAD = {
-    "text: [": "line 1",
-    "[1, 2]": "keys and values",
-    "schema: train_ato/line/1\nname: x\nend_km: 1\ngradez: []": "gradez",
-    "schema: train_ato/line/1\nname: x": "end",
+    "text: [": "line 1", "[1, 2]": "keys and values",
+    "schema: train_ato/line/1\nname: x\nend_km: 1\ngradez: []": "gradez", "schema: train_ato/line/1\nname: x": "end",
     "schema: train_ato/line/1\nname: x\nend: -5": "end -5 m must be beyond begin 0 m",
-    "schema: train_ato/line/1\nname: x\nend: .nan": "end",
-    "schema: train_ato/line/9\nname: x\nend: 5": "schema",
+    "schema: train_ato/line/1\nname: x\nend: .nan": "end", "schema: train_ato/line/9\nname: x\nend: 5": "schema",
     "schema: train_ato/line/1\nname: x\nend: 5\nend_km: 1": "the same quantity",
     "schema: train_ato/line/1\nname: x\nend: 5\ngrades: [{at: 0, grade: 12}]": "write grade_permille",
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("text", BAD)

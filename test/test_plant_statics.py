@@ -14,7 +14,7 @@ from pydantic import ValidationError
 
 from plant_sim import kernel as k
 from plant_sim.consist import Consist, Resistance
-from plant_sim.formats import notes
+from plant_sim.formats import fields as notes
 from plant_sim.library import load_consist
 from plant_sim.states import Array
 from plant_sim.train import Train
@@ -53,13 +53,9 @@ def test_pull_through_linear_couplers_settles_to_the_same() -> None:
     assert force[[0, 52, 104]] == pytest.approx([746.4e3, 376.8e3, 7.11e3], rel=5e-3)
 
 
-def test_resistance_per_weight_has_its_speed_in_kmh(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Breaks if A + B V + C V² takes V in m/s, or if the former key of this form is lost or read without a word.
-
-    40 t at 72 km/h: 392.4 kN x (1.2 + 0.0065 x 72 + 0.000279 x 72²) N/kN = 1222.07 N.
-    """
+def test_resistance_per_weight_has_its_speed_in_kmh(capsys, monkeypatch):
+    """Breaks if A + B V + C V² takes V in m/s, or if the former key of this form is lost or read without a word."""
+    # 40 t at 72 km/h: 392.4 kN x (1.2 + 0.0065 x 72 + 0.000279 x 72²) N/kN = 1222.07 N.
     monkeypatch.setattr(notes, "_printed", set())
     table = [1.2, 0.0065, 0.000279]
     c0, c1, c2 = Resistance.model_validate({"n_per_kn_kmh": table}).polynomial(40e3, 9.81)
@@ -168,21 +164,17 @@ def ringing(transition_damping: float) -> float:
 
 
 def test_steady_pull_decays_to_the_tail_without_ringing() -> None:
-    """In a steady pull the coupler force falls towards the tail, without oscillation below 0.2 Hz.
-
-    Two of the nine simulators of the international benchmark (Wu et al. 2018) have this fault, and so has the printed
-    clip law: 11 % of the mean, against 1 % with the transition damping of the shipped train.
-    """
+    """In a steady pull the coupler force falls towards the tail, without oscillation below 0.2 Hz."""
+    # Two of the nine simulators of the international benchmark (Wu et al. 2018) have this fault, and so has the printed
+    # clip law: 11 % of the mean, against 1 % with the transition damping of the shipped train.
     assert ringing(5e6) < 0.015
     assert ringing(0.0) > 0.08
 
 
 @pytest.mark.parametrize("grade", [-8.0, -3.0, 0.0, 3.0, 12.0, 25.0])
 def test_standstill_never_rolls_back_or_creeps(grade: float) -> None:
-    """After a stop on any grade with brakes and holding brake, the train moves less than 1 µm in 60 s.
-
-    On 12 and 25 per mille the air brake alone (about 1000 kN) would let the train roll back.
-    """
+    """After a stop on any grade with brakes and holding brake, the train moves less than 1 µm in 60 s."""
+    # On 12 and 25 per mille the air brake alone (about 1000 kN) would let the train roll back.
     plant = train(heavy(), slope(grade), start={"position_km": 20, "speed_kmh": 15})
     drive(plant, 100.0, -1e6, 550e3)
     assert not plant.velocity.any()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import json
 import os
 import queue
 import re
@@ -22,7 +23,9 @@ from recordings import message_counts
 from remains import processes_of
 from waiting import LIMIT_S, LOOK_S, wait_for
 
-from train_ato.log.reading import iter_raw, read_log, stream
+from train_ato.interrupt import Interrupt
+from train_ato.log.mcap_records import stream
+from train_ato.log.reading import iter_raw, read_log
 from train_ato.log.recover import recover
 from train_ato.loop.setup import prepare
 from train_ato.messages.codec.codec import Wire
@@ -31,6 +34,7 @@ from train_ato.ros.graph import processes, shared_memory
 from train_ato.ros.graph.environment import claim_domain
 from train_ato.ros.graph.graph_result import GraphOptions, GraphResult
 from train_ato.ros.graph.processes import NodeProcess
+from train_ato.ros.graph.restarts import Restarts
 from train_ato.ros.graph.runner import run_graph
 from train_ato.ros.nodes.answer_watch import LEASE_S
 from train_ato.ros.nodes.endpoints import ROLES
@@ -88,16 +92,33 @@ def test_a_node_that_dies_or_hangs_is_named(victim, number, limit, says, setup, 
 
 
 @pytest.mark.graph
+def test_a_law_that_raises_ends_the_run_as_in_the_engine(tmp_path):
+    """Breaks if the plant brakes a train that the ATO has stopped: other ticks, and the reaction of a lost node."""
+    (tmp_path / "late.py").write_text(
+        "from train_ato.control.laws.pid import Pid\n\n\n"
+        "class Late(Pid):\n    def step(self, inputs):\n"
+        "        return super().step(inputs) if inputs.t < 5 else 1 / 0\n"
+    )
+    found = []
+    for mode in ("--engine", "--processes"):
+        command = [sys.executable, "-m", "train_ato", "run", "demo", mode, "--law=late:Late", "--set=duration=60"]
+        place = {"cwd": tmp_path, "env": {**os.environ, "PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"}}
+        run = subprocess.run([*command, "--json", f"--out={mode}"], capture_output=True, check=False, **place)
+        summary = json.loads((tmp_path / mode / "summary.json").read_text())
+        keys = ("status", "failure", "ticks", "strongest_reaction", "tracking")
+        found.append((run.returncode, *(summary[key] for key in keys), message_counts(tmp_path / mode)))
+    assert found[0] == found[1]
+    assert found[0][0] == 1 and "ZeroDivisionError" in found[0][2] and found[0][3] > 50
+
+
+@pytest.mark.graph
 @pytest.mark.parametrize(
     ("seconds", "says"),
     [
-        (
-            LEASE_S + 2.0,
-            r"node plant failed: its process was suspended for \d+\.\d s; after 3 s the other .*",
-        ),
+        (LEASE_S + 2.0, r"node plant failed: its process was suspended for \d+\.\d s; after 3 s the other .*"),
         (None, r"node plant failed: no report for 25 s after tick \d+; its process hangs"),
     ],
-)
+)  # fmt: skip
 def test_a_suspended_plant_is_named(seconds, says, setup, tmp_path):
     """Breaks if another node is named, or the runner waits for ever for a plant without reports."""
     suspended = []
@@ -125,7 +146,7 @@ def test_a_message_lost_at_the_end_fails_the_run(recorded, failure):
     nodes[Role.CONTROLLER].counts["published ato/command"] = [12]
     nodes[Role.RECORDER].counts["recorded ato/command"] = [recorded]
     end = GraphResult()
-    processes._collect(nodes, end)
+    processes._collect(nodes, end, None)
     assert (end.failure, end.published, end.ticks) == (failure, {"ato/command": 12}, 12)
 
 
@@ -192,6 +213,29 @@ def test_a_process_that_hangs_after_its_last_count_fails_no_run(prints, failure,
     assert node.process.returncode == -signal.SIGKILL
 
 
+def test_a_plant_that_hangs_after_its_last_count_fails_no_run(tmp_path, monkeypatch):
+    """Breaks if the entry waits for the end of the plant's process: a complete run fails by `its process hangs`."""
+    program = tmp_path / "hangs"
+    program.write_text("#!/bin/sh\necho ignored:0\nexec sleep 600\n")
+    program.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(program))
+    monkeypatch.setattr(processes, "_CLOSING_S", 0.1)
+    monkeypatch.setattr(processes, "LEAVING_S", 0.1)
+    nodes = {role: NodeProcess(role, [], 1, tmp_path) for role in (Role.RECORDER, Role.PLANT)}
+    wait_for(lambda: all(node.counts for node in nodes.values()))
+    restarts = Restarts(nodes, lambda role, number: nodes[role], 0)
+    assert processes._supervise(nodes, Interrupt(), None, 0.0, 0.0, None, restarts) is None
+    assert nodes[Role.PLANT].process.returncode == -signal.SIGKILL
+
+
+def test_a_node_ends_while_its_middleware_holds_the_lock_of_the_interpreter():
+    """Breaks if the exit of a node by hand needs the interpreter: Ctrl-C would not end it either."""
+    code = "import ctypes; from train_ato.ros.standalone.entry import exit_within; print('said', end=''); "
+    code += "exit_within(0.3, 7); ctypes.PyDLL(None).sleep(600)"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=120)
+    assert (done.returncode, done.stdout, done.stderr) == (7, "said", "")
+
+
 def _command_line(folder: Path, *options: str) -> subprocess.Popen[str]:
     code = "import sys; from train_ato.cli.main import main; sys.exit(main())"
     command = [sys.executable, "-c", code, "run", "demo", "--set=duration=600", f"--out={folder}", *options]
@@ -214,10 +258,8 @@ def _command_line(folder: Path, *options: str) -> subprocess.Popen[str]:
     ],
 )
 def test_ctrl_c_ends_a_run_cleanly(way, number, tmp_path):
-    """One line, exit status 1, a complete log, no remaining process or shared memory.
-
-    In lockstep no message is late on a slow machine, which would be a line of its own.
-    """
+    """One line, exit status 1, a complete log, no remaining process or shared memory."""
+    # In lockstep no message is late on a slow machine, which would be a line of its own.
     folder = tmp_path / "run"
     options = [way] if way == "--processes" else []
     process = _command_line(folder, *options, f"--rate={PACED:g}")

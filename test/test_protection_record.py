@@ -76,9 +76,7 @@ def test_the_end_of_the_last_engagement_counts() -> None:
     assert summary_events(found) == ""
 
 
-def test_a_braked_run_has_the_reason_in_summary_table_and_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_braked_run_has_the_reason_in_summary_table_and_line(tmp_path, capsys):
     """Breaks if an intervention is not counted, the strongest reaction is that of the end, or the line is missing."""
     folder = tmp_path / "run"
     assert main(["run", "demo", "--engine", "--set=duration=280", f"--set={BLOWN}", "--out", str(folder)]) == 0

@@ -12,9 +12,12 @@ from span_runs import Both, compiled_part, setup_of
 from test_compiled_spans import CASES as LAWS
 from test_span_components import CASES as COMPONENTS
 
+from train_ato.apps.sweep.row import WALL_TIMES
 from train_ato.control.compensation.base import CompensationBase
 from train_ato.control.compensation.contract import CompensationInput
 from train_ato.control.contract import LawInput, LawOutput, parameter
+from train_ato.control.observers.contract import ObserverInput
+from train_ato.control.observers.record_observer import GuardedObserver
 from train_ato.loop.engine import TickLoop, run_engine
 from train_ato.loop.spans import python_law, span
 
@@ -36,6 +39,31 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
     "supervised": ("demo", {"duration": 120}),
 }  # fmt: skip
 """Scenario and changes, for every input of a law and every event that ends a span."""
+LATE = {"delay": 0.15, "jitter": 0.1, "loss": 0.1}
+PLANNED = {"policy": "planned", "events": [{"time": 20, "reduction": 5e4}, {"place": 900, "reduction": 0}]}
+WHOLE: dict[str, tuple[str, dict[str, Any]]] = {
+    "measurement late and lost": ("demo", {**DEMO, "links.measurement": LATE, "observer": "eso"}),
+    "reference and estimate late": (
+        "demo", {"duration": 60, "links.reference": LATE, "links.estimate": LATE, "observer": "ndo"}
+    ),
+    "brake pipe late": (
+        "daqin_heavy_haul", {**FREE, "duration": 60, "tick": 0.05, "links.brake_pipe": LATE, "brake": PLANNED}
+    ),
+    "law changes": (
+        "demo", {**DEMO, "law_changes": [{"at": 20.05, "law": "smc"}, {"at": 40, "law": "pid"}],
+                 "links.measurement.delay": 0.1}
+    ),
+    "re-planning": (
+        "xuzhou_metro", {"duration": 60, "replan": {}, "plant.jumps": [{"at": 12, "what": "gain", "factor": 0.5}]}
+    ),
+    "force shares and displacements": ("daqin_two_locomotives", {"duration": 60, "supervision.enabled": True}),
+    "observer in Python, air brake": (
+        "daqin_heavy_haul", {**FREE, "duration": 60, "tick": 0.05, "observer": f"{HERE}:Filtered", "brake": PLANNED}
+    ),
+    "observer in Python, supervised": ("demo", {"duration": 60, "observer": f"{HERE}:Filtered"}),
+    "slow law with diagnostics": ("demo", {**DEMO, "law": f"{HERE}:Observed", "control_period": 0.3}),
+}  # fmt: skip
+"""Scenario and changes, for every part of a run that compiled ticks call with the whole control stack."""
 
 
 @dataclasses.dataclass
@@ -96,7 +124,23 @@ class Counted(CompensationBase):
         if inputs.t >= self.parameters.fails_at:
             raise ValueError("no input at this time")
         shoes = self.shoes.at(inputs.t, inputs.reference.velocity)
-        return self.law_input(inputs, inputs.t, self.feedforward(inputs.t, shoes.total), shoes)
+        return self.law_input(inputs, inputs.t, self.feedforward(inputs.t, shoes.total), shoes=shoes)
+
+
+@dataclasses.dataclass
+class Filtered(GuardedObserver):
+    """Filter of the measured forces, with an exception at a time."""
+
+    fails_at: float = parameter(1e6, "s", 0.0, 1e6, "time of an exception")
+
+    def clear_state(self) -> None:
+        self.last = 0.0
+
+    def estimate(self, inputs: ObserverInput) -> np.ndarray:
+        if inputs.t >= self.fails_at:
+            raise ValueError("no estimate at this time")
+        self.last = 0.9 * self.last + 0.01 * (inputs.applied + inputs.shoe_force)
+        return np.array(self.last)
 
 
 def _fields(inputs: LawInput) -> dict[str, Any]:
@@ -126,14 +170,39 @@ def test_a_law_in_python_sends_the_messages_of_python(case: str) -> None:
     Both(setup_of(*CASES[case])).assert_equal(least=0.4)
 
 
+@pytest.mark.parametrize("case", sampled(WHOLE, every=2))
+def test_a_control_stack_is_called_as_a_whole(case: str) -> None:
+    """Breaks if a delayed message, a pressure, a decision or an estimate is taken twice, late or not at all."""
+    Both(setup_of(*WHOLE[case])).assert_equal(least=0.6)
+
+
+def test_the_case_of_replanning_has_a_new_profile() -> None:
+    """Breaks if the comparison above has no decision of re-planning in it."""
+    result = run_engine(setup_of(*WHOLE["re-planning"]), compiled=True)
+    assert result.summary["replans"] == 1
+
+
+def test_an_error_of_an_observer_brakes_as_in_python() -> None:
+    """Breaks if compiled ticks drop the exception of an observer, or call it again."""
+    name = f"{HERE}:Filtered"
+    changes = {**DEMO, "observer": name, f"observers.{name}.fails_at": 20.0}
+    results = [run_engine(setup_of("demo", changes), compiled=chosen) for chosen in (False, True)]
+    assert results[0].failure == results[1].failure
+    assert results[0].failure is not None and "no estimate at this time" in results[0].failure
+    python, compiled = (
+        {key: value for key, value in each.summary.items() if key not in WALL_TIMES} for each in results
+    )
+    assert python == compiled
+
+
 def _received(name: str, changes: dict[str, Any], *, compiled: bool) -> Observed:
     loop = TickLoop(setup_of(name, {**changes, "law": f"{HERE}:Observed"}), None, compiled=compiled)
     loop.start()
     while not loop.plant.finished:
         loop.advance()
     assert not compiled or (loop._spans is not None and loop._spans.ticks > 0.4 * loop.ticks)
-    assert loop.controller._stack is not None
-    law: Any = loop.controller._stack._law
+    assert loop.controller.stack is not None
+    law: Any = loop.controller.stack.law
     assert isinstance(law, Observed)
     return law
 
@@ -179,8 +248,8 @@ def test_an_own_compensation_is_called_as_in_python(unusual: str) -> None:
         while not loop.plant.finished:
             loop.advance()
         assert not chosen or (loop._spans is not None and loop._spans.ticks > 0.4 * loop.ticks)
-        assert loop.controller._stack is not None
-        compensation: Any = loop.controller._stack._compensation
+        assert loop.controller.stack is not None
+        compensation: Any = loop.controller.stack.compensation
         seen.append(compensation.calls)
     assert seen[0] == seen[1]
 

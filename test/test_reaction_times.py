@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from msgs_docs.generate.fault_table import BASES
+from msgs_docs.generate.fault_runs import BASES
 from train_ato.loop.engine import run_engine
 from train_ato.loop.protection_record import state_spans
 from train_ato.loop.setup import prepare

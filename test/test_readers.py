@@ -17,9 +17,9 @@ from hypothesis import strategies as st
 from plant_sim.data_text import TextDumper, parse_yaml
 from plant_sim.formats import railtoolkit, ttobench
 from plant_sim.input_error import build_model
-from plant_sim.library import load_consist, load_line
+from plant_sim.library import load_consist, load_line, named_line
 from plant_sim.line import Line
-from train_ato.profile.planner.inputs import find_line, find_train
+from train_ato.profile.planner.settings import find_line, find_train
 
 TRAIN: dict[str, Any] = {
     "schema": "https://railtoolkit.org/schema/rolling-stock.json",
@@ -68,11 +68,11 @@ def test_resistance_of_the_published_freight_train(open_data: Path) -> None:
 
 def test_rules_by_hand() -> None:
     """Full load, wind on coaches, driven and other axles of the locomotive, rotating masses weighted by mass."""
-    read = railtoolkit.train_from(TRAIN, "hand")
-    consist = read.consist
+    consist = railtoolkit.train_from(TRAIN, "hand")
     g = 9.80665
     assert consist.mass == 180e3 and consist.length == 70
-    assert read.deceleration == 0.375 and read.speed_max == pytest.approx(120 / 3.6)
+    limits = consist.plan_limits
+    assert limits is not None and (limits.deceleration, limits.speed) == pytest.approx((0.375, 120 / 3.6))
     rotating = (80 * 1.1 + 2 * 40 * 1.05) / 160
     assert consist.vehicles[0].rotating_mass_factor == pytest.approx(rotating)
     for index, speed, expected in (
@@ -88,7 +88,7 @@ def test_rules_by_hand() -> None:
 def test_tractive_effort_is_linear_between_its_points() -> None:
     from plant_sim.traction import Envelope
 
-    envelope = Envelope(railtoolkit.train_from(TRAIN, "hand").consist.vehicles[0].traction)
+    envelope = Envelope(railtoolkit.train_from(TRAIN, "hand").vehicles[0].traction)
     for kmh, force in ((0, 200e3), (30, 175e3), (60, 150e3), (90, 105e3), (119.9, 60150.0), (125, 0)):
         assert envelope.force(kmh / 3.6) == pytest.approx(force, rel=1e-9)
 
@@ -176,18 +176,18 @@ def test_a_section_without_speed_or_resistance_has_that_before_it(capsys: pytest
 @pytest.mark.parametrize(
     ("name", "text", "line", "train"),
     [
-        ("a.gpx", "<gpx/>", "GPX is not read", ""),
-        ("a.csv", "time_s,speed_kmh\n0,1\n", r"a table \(CSV\) is not read", ""),
+        ("a.gpx", "<gpx/>", "0 tracks", r"holds a line \(GPX\), no train"),
+        ("a.csv", "time_s,speed_kmh\n0,1\n", "unknown column 'time_s'", r"holds a line \(table\), no train"),
         ("a.xlsx", "PK\x03", r"a table \(Excel\) is not read", ""),
         ("a.yaml", "- {offset_meters: 0, elev_meters: 3}\n", "a list of heights of ALTRIOS is not read", ""),
         ("a.yaml", "- {offset: 0, top: 3}\n", "holds a list of entries with offset, top", ""),
-        ("a.yaml", "network: [{idx_next: 2}]\n", "network of ALTRIOS is not read; a line is read", ""),
+        ("a.yaml", "network: [{idx_next: 2}]\n", "no supported line format", "no supported train format"),
         ("a.yaml", "loco_vec: []\n", "consist of ALTRIOS is not read; a train is read from train_ato YAML", ""),
-        ("a.json", '{"effort_curves": {}}', "a rolling stock of OSRD is not read; a train is read from", ""),
+        ("a.json", '{"effort_curves": {}}', r"holds a train \(OSRD\), no line", None),
         ("a.railml", '<railML version="3.2"><rollingstock/></railML>', "of railML is not read; a train is", ""),
         ("a.yaml", "60\n", "holds one number in place of keys and values", ""),
         ("a.yaml", "", "is empty", ""),
-        ("a.yaml", "<gpx/>", "XML is read as railML only, in a file that ends in .railml or .xml", ""),
+        ("a.yaml", "<gpx/>", "XML is read as railML, in a file that ends in .railml or .xml, and as GPX in .gpx", ""),
         ("a.yaml", yaml.safe_dump(TRAIN), r"holds a train \(railtoolkit\), no line; exchange them", None),
         ("a.yaml", "schema: train_ato/consist/1\n", r"holds a train \(train_ato\), no line; exchange them", None),
         ("a.yaml", yaml.safe_dump(PATH), None, r"holds a line \(railtoolkit\), no train; exchange them"),
@@ -196,9 +196,7 @@ def test_a_section_without_speed_or_resistance_has_that_before_it(capsys: pytest
         ("a.yaml", "x: 1\n", "no supported line format .*train_ato/line/1", "no supported train format.*consist/1"),
     ],
 )  # fmt: skip
-def test_a_file_of_another_kind_is_named(
-    tmp_path: Path, name: str, text: str, line: str | None, train: str | None
-) -> None:
+def test_a_file_of_another_kind_is_named(tmp_path, name, text, line, train):
     """Breaks if a file of another kind is called a 'str', or the remedy does not help; an empty message is the same."""
     (tmp_path / name).write_text(text)
     for message, read in ((line, find_line), (line if train == "" else train, find_train)):
@@ -230,6 +228,43 @@ def test_traps_of_an_own_line_are_noted(tmp_path: Path, capsys: pytest.CaptureFi
     printed = capsys.readouterr().err
     assert "speed_limits[0]: speed 300 is 1080 km/h; write speed_kmh for km/h" in printed
     assert "grades[1]: 13000 m lies beyond the end of the line, 12000 m" in printed and "grades[0]" not in printed
+
+
+@pytest.mark.parametrize(
+    ("what", "path", "value", "message"),
+    [
+        ("bench", ("gradients", "values", 1, 0), 14e3, "grades[1]: 14000 m lies beyond the end of the line, 5000 m"),
+        ("bench", ("speed limits", "values", 1, 1), 900, "speed_limits[1]: speed 250 is 900 km/h; check its unit"),
+        ("path", ("paths", 0, "characteristic_sections", 1, 2), 400, "grades[1]: grade 0.4 is 400 per mille"),
+        ("own", ("stops",), [{"at": -50}], "stops[0]: -50 m lies before the begin of the line, 0 m"),
+        ("own", ("neutral_sections",), [{"begin": -9, "end": -3}], "neutral_sections[0]: -9 m lies before the begin"),
+        ("own", ("curves",), [{"begin": 0, "end": 9, "radius": 300}, {"begin": 5, "end": 20, "radius": 400}],
+         "curves: two from 5 to 9 m; their resistances add"),
+        ("train", ("vehicles", 0, "mass"), 80e3, "loco: mass 80000000 kg on 18 m; check its unit"),
+        ("train", ("vehicles", 0, "tractive_effort"), [[0, 200], [120, 60]], "traction 199.58 N for 180000 kg"),
+        ("train", ("vehicles", 1, "a_braking"), -0.1, "vehicles[1]: a_braking: no effect in a vehicle of type"),
+    ],
+)  # fmt: skip
+def test_traps_of_every_format_are_noted(tmp_path, what, path, value, message, capsys):
+    """Breaks if a figure in another unit, or an entry without effect, is taken without a word in one of the formats."""
+    own = {"schema": "train_ato/line/1", "name": "y", "end": 3000}
+    base = {"train": TRAIN, "path": PATH, "bench": BENCH, "own": own}[what]
+    file = tmp_path / f"trap.{'json' if what == 'bench' else 'yaml'}"
+    data = changed(base, path, value)
+    file.write_text(json.dumps(data) if what == "bench" else yaml.safe_dump(data))
+    (find_train if what == "train" else find_line)(str(file))
+    assert message in capsys.readouterr().err
+
+
+def test_keys_of_sections_that_a_line_does_not_carry_are_named(tmp_path: Path) -> None:
+    """Breaks if a key below a carried one is dropped without a word."""
+    file = tmp_path / "path.yaml"
+    rows = [dict(row, tunnel=30) for row in NAMED]
+    file.write_text(yaml.safe_dump({"paths": [{"id": "p", "characteristic_sections": rows}]}))
+    assert "paths[].characteristic_sections[].tunnel" in named_line(str(file)).left_out
+    bench = tmp_path / "bench.json"
+    bench.write_text(json.dumps(BENCH | {"stops": BENCH["stops"] | {"names": ["a"]}}))
+    assert "stops.names" in named_line(str(bench)).left_out
 
 
 @pytest.mark.parametrize(
@@ -314,6 +349,8 @@ def changed(base: dict[str, Any], path: tuple[Any, ...], value: Any) -> dict[str
         ("train", ("vehicles", 1, "vehicle_type"), "bus", "vehicle_type = 'bus': must be one of"),
         ("train", ("vehicles", 0, "tractive_effort"), [[0, 1], [0, 2]], "speeds must rise"),
         ("train", ("vehicles", 0, "tractive_effort"), [[0, 1, 2]], "must be a list of 2"),
+        ("train", ("vehicles", 1, "id"), "loco", r"vehicles\[1\]: id = 'loco': two vehicles have this id"),
+        ("train", ("vehicles", 0, "mass_traction"), 200, "mass_traction = 200: must lie between 0 and 80"),
         ("path", ("paths",), {}, "must be a list of at least 1"),
         ("path", ("paths", 0, "characteristic_sections"), [[0, 1, 2]], "at least 2"),
         ("path", ("paths", 0, "characteristic_sections", 1, 1), 0, "= 0: must lie between"),
@@ -326,13 +363,15 @@ def changed(base: dict[str, Any], path: tuple[Any, ...], value: Any) -> dict[str
         ("bench", ("curvatures", "values", 1, 0), -3, "places must rise in the direction of running"),
         ("path", ("paths", 0, "characteristic_sections", 1, 0), 4000, "3000 m after 4000 m: places must rise"),
         ("path", ("paths", 0, "characteristic_sections", 1), {"position": 1000}, "it has neither speed nor resistance"),
+        ("bench", ("speed limits", "values", 1, 0), 0, r"speed limits: values\[1\]: two values at 0 m; keep one"),
+        ("bench", ("gradients", "values", 1, 0), 0, r"gradients: values\[1\]: two values at 0 m; keep one"),
+        ("bench", ("gradients", "values", 1, 1), 600, r"values\[1\]\[1\] = 600: 600 per mille; correct its unit"),
+        ("path", ("path",), {"id": "q"}, r"paths: holds 2 \(has q, p\); name one as FILE:NAME"),
         ("bench", ("gradients", "units"), KeyError, "unit: this key is missing"),
         ("bench", ("curvatures", "values", 1), [1, 2], "must be a list of 3"),
     ],
 )
-def test_every_fault_is_named_with_file_key_and_value(
-    tmp_path: Path, what: str, path: tuple[Any, ...], value: Any, message: str
-) -> None:
+def test_every_fault_is_named_with_file_key_and_value(tmp_path, what, path, value, message):
     base = {"train": TRAIN, "path": PATH, "bench": BENCH}[what]
     file = tmp_path / ("fault.json" if what == "bench" else "fault.yaml")
     data = changed(base, path, value)

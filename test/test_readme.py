@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
+from msgs_docs.generate.tutorials import Block, executed, page_blocks, run_block
 from train_ato.ros.graph.environment import claim_domain
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -20,33 +18,38 @@ FIRST = "train-ato run demo"
 PAGES = sorted({ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "msgs_docs").rglob("*.md")})
 
 
-def scripts() -> list[tuple[str, str]]:
-    """Return language and text of every block after the installation, in order."""
-    section = TEXT[TEXT.index("## First run") :]
-    found = re.finditer(r"^```python\n(?P<python>(?s:.*?))^```|(?P<sh>(?:^ {4}\S.*\n)+)", section, re.MULTILINE)
-    return [(match.lastgroup or "", match[0] if match["sh"] else match["python"]) for match in found]
-
-
 @pytest.mark.graph
 @pytest.mark.timeout(900)
 def test_every_block_runs_to_a_passed_verdict(tmp_path: Path) -> None:
     """Breaks if a command of README is refused, a call of Python fails, or a run does not pass its criteria."""
     with claim_domain() as domain:  # free: `train-ato param` without a domain needs a single run on the machine
         pass
-    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    environment = {**os.environ, "PATH": path, "PYTHONPATH": str(tmp_path), "ROS_DOMAIN_ID": str(domain)}
     assert f" && .venv/bin/{FIRST}\n" in TEXT
-    blocks = [("sh", FIRST), *scripts()]
-    assert {language for language, _ in blocks} == {"sh", "python"}
-    for language, block in blocks:
-        order = [sys.executable, "-c", block] if language == "python" else ["bash", "-euc", block]
-        done = subprocess.run(order, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, f"{block}\n{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
+    found = [Block("sh", FIRST, "", 0), *page_blocks(TEXT[TEXT.index("## First run") :])]
+    assert {"sh", "python"} <= {block.language for block in found}
+    for block in found:
+        run_block(block, tmp_path, domain)
     logs = tmp_path.rglob("run.mcap")
     runs = [json.loads((log.parent / "summary.json").read_text(encoding="utf-8")) for log in logs]
     assert len(runs) >= 4
     assert [(run["scenario"], run["verdict"]) for run in runs if run["verdict"] != "passed"] == []
     assert any(change["value"] == "smc" for run in runs for change in run["changes"])
+
+
+def test_a_tutorial_shows_what_its_blocks_print_and_draw(tmp_path: Path) -> None:
+    """Breaks if a block is left out, a picture is lost, or a tutorial with a failed command or verdict is built."""
+    page = (
+        "# A\n\n```python one.py\nNAME = 'passed'\n```\n\n    echo shown > a.png\n\n"
+        "```python\nfrom one import NAME\nprint(NAME, 'in the end')\n```\nB\n\n```text\nfailed\n```\n"
+    )
+    text = executed(page, tmp_path / "a_page")
+    assert text == page.replace("a.png\n", "a.png\n\n![a.png](a_page_a.png)\n").replace(
+        "end')\n```\n", "end')\n```\n\n```text\npassed in the end\n```\n"
+    )
+    assert (tmp_path / "a_page_a.png").read_text() == "shown\n"
+    for change, told in (("'failed'", "not passed"), ("1 / 0", "ZeroDivisionError"), ("'-'", "not passed")):
+        with pytest.raises(ValueError, match=told):
+            executed(page.replace("'passed'", change), tmp_path / "a_page")
 
 
 def test_readme_fits_on_two_screens() -> None:

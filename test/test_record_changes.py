@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import subprocess
 from pathlib import Path
 from typing import Any
@@ -15,12 +16,13 @@ from request_desk import Desk, command, started
 from waiting import LIMIT_S
 
 from train_ato.cli import main
-from train_ato.log.changes import late_commands, read_changes
 from train_ato.log.difference import compare_logs
+from train_ato.log.recorded import OUTSIDE_KEY, OWN_KEYS, late_commands, outside_nodes, read_changes
 from train_ato.log.run_folder import STARTED, RunFolder, read_run_folder
 from train_ato.loop.engine import run_engine
 from train_ato.loop.setup import prepare
 from train_ato.messages.codec.codec import Wire
+from train_ato.messages.topics import BY_NAME
 from train_ato.messages.types import Diagnostic
 from train_ato.ros.graph.recorded import complete_folder
 from train_ato.scenario.changes import GIVEN, RunChanges, change_at, changes_from_json, values_of
@@ -97,21 +99,6 @@ def test_stamps_survive_the_scenario_file(stamp: int) -> None:
     assert values_of(read) == {"smc.k": 0.1, "controller": "smc"}
 
 
-@pytest.mark.parametrize(
-    ("swaps", "says"),
-    [
-        ("[{at: 5}]", "has no effect"),
-        ("[{at: 5, laws: {pid: {kpp: 1}}}]", "did you mean 'kp'"),
-        ("[{at: 5, laws: {pid: {kp: -1}}}]", "pid.kp"),
-        ("[{at: 5, laws: {pidd: {kp: 1}}}]", "did you mean 'pid'"),
-        ("[{at: 5, law: pidd}]", "did you mean 'pid'"),
-    ],
-)
-def test_impossible_swaps_are_refused_before_the_start(swaps: str, says: str) -> None:
-    with pytest.raises(ValueError, match=says):
-        prepare(*load_scenario("demo", (f"law_changes={swaps}",)))
-
-
 @pytest.mark.parametrize("text", ["", "[]", '{"pid.kp": [1]}', "{'a': 1}"])
 def test_foreign_texts_are_refused(text: str) -> None:
     with pytest.raises(ValueError, match="not written by this version"):
@@ -120,9 +107,7 @@ def test_foreign_texts_are_refused(text: str) -> None:
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("way", [[], ["--processes"]], ids=["one", "several"])
-def test_a_law_set_from_another_process_is_recorded_and_verified(
-    way: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_law_set_from_another_process_is_recorded_and_verified(way, tmp_path, monkeypatch):
     """Breaks if the log lacks the time of a change of law or parameter, or ``verify`` omits the change."""
     pytest.importorskip("rclpy")
     from train_ato.ros.graph.environment import claim_domain, middleware
@@ -189,10 +174,20 @@ def test_late_commands_of_a_paced_run_are_counted(tmp_path: Path) -> None:
     assert late_commands(drive(tmp_path / "lockstep")) == 0
 
 
-def record_by_hand(folder: Path, changed: tuple[str, ...], told: dict[str, Any]) -> dict[str, Any]:
+NAMES = {"controller": "my_controller", "observer": "my_observer"}
+
+
+def record_by_hand(
+    folder: Path,
+    changed: tuple[str, ...],
+    told: dict[str, Any],
+    names: dict[str, str] = NAMES,
+    lost: dict[str, float] | None = None,
+) -> dict[str, Any]:
     """Record a run with start parameters of nodes that the recorder does not have; return its summary.
 
-    ``told`` has the start parameters in the first diagnostics of a node, None for a program that sends none.
+    ``told`` has the start parameters in the first diagnostics of a node, None for a program that sends none; ``lost``
+    the stamp from which on the link has lost all messages of a node [s].
     """
     driven = prepare(*load_scenario("demo", ("duration=20", *changed)))
 
@@ -201,8 +196,9 @@ def record_by_hand(folder: Path, changed: tuple[str, ...], told: dict[str, Any])
             self.sink = sink
 
         def add(self, topic: str, message: Any, stamp: int) -> None:
+            sender = getattr(message, "node", "") or BY_NAME[topic].publishers[0].value
             given = told.get(getattr(message, "node", ""), {})
-            if given is None:
+            if given is None or stamp * 1e-9 >= (lost or {}).get(sender, math.inf):
                 return
             if given and stamp == 0:
                 message = dataclasses.replace(message, values={**message.values, GIVEN: json.dumps(given)})
@@ -212,7 +208,6 @@ def record_by_hand(folder: Path, changed: tuple[str, ...], told: dict[str, Any])
     with RunFolder.make(folder, "demo").sink(setup) as sink:
         run_engine(driven, sink=Nodes(sink))
         counts = sink.counts
-    names = {"controller": "my_controller", "observer": "my_observer"}
     found = complete_folder(setup, folder, counts, 1.0, names=names)
     assert found is not None
     return json.loads((folder / "summary.json").read_text())
@@ -242,3 +237,38 @@ def test_a_program_in_place_of_a_node_is_named(tmp_path: Path, capsys: pytest.Ca
     assert "cannot be driven again, a node was a program outside of this project: controller was my_controller" in (
         capsys.readouterr().err
     )
+
+
+@pytest.mark.parametrize(("node", "sent_s"), [*((node, 1.0) for node in OWN_KEYS), *((node, 0.0) for node in NAMES)])
+def test_a_node_whose_report_was_lost_is_no_other_program(node: str, sent_s: float, tmp_path: Path) -> None:
+    """Breaks if the log of a link cut at the start names another program, without any sign of one, as the driver."""
+    names = {role: role for role in OWN_KEYS}
+    lost = dict.fromkeys(OWN_KEYS, 1.0) | {node: sent_s}
+    summary = record_by_hand(tmp_path / "run", (), {node: None}, names, lost)
+    assert "external" not in summary
+    assert (summary["controller"], summary["observer"], summary["compensation"]) == ("pid", "none", "preview")
+
+
+PLANT = Diagnostic(0, "plant", 0, "running", {OWN_KEYS["plant"]: "0"})
+SENT = dict.fromkeys(OWN_KEYS, 0.5)
+
+
+@pytest.mark.parametrize("node", [*OWN_KEYS][1:])
+def test_signs_of_a_program_in_place_of_a_node(node: str) -> None:
+    """Breaks if one sign of another program is not enough, or a missing report is one."""
+    others = [Diagnostic(0, role, 0, "", {key: ""}) for role, key in OWN_KEYS.items() if role not in (node, "plant")]
+
+    def found(*reports: Diagnostic, plant: Diagnostic = PLANT, name: str = node, sent_s: float = 0.5) -> dict[str, str]:
+        return outside_nodes(
+            [plant, *others, *reports], supervised=True, names={node: name}, sent_s=SENT | {node: sent_s}
+        )
+
+    assert found() == {}
+    assert found(Diagnostic(0, node, 0, "", {OWN_KEYS[node]: ""}), sent_s=60.0) == {}
+    met = dataclasses.replace(PLANT, values={**PLANT.values, OUTSIDE_KEY: f"lidar {node}"})
+    assert found(plant=met) == {node: node}
+    assert found(plant=met, name="mine") == found(name="mine") == {node: "mine"}
+    assert found(name="mine", sent_s=0.0) == {}
+    assert found(Diagnostic(0, node, 0, "", {})) == {node: node}
+    assert found(Diagnostic(0, node, 0, "", {node: "my law"}), plant=met) == {node: "my law"}
+    assert found(sent_s=3.0) == {node: node}

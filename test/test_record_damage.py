@@ -22,9 +22,8 @@ from rosbags.rosbag2 import Reader
 
 from train_ato.cli import main
 from train_ato.log.definitions import definition
-from train_ato.log.mcap_chunk import chunk_content
-from train_ato.log.mcap_records import Damage
-from train_ato.log.reading import attachments, log_file, stream
+from train_ato.log.mcap_records import Damage, chunk_content, stream
+from train_ato.log.reading import attachments, log_file
 from train_ato.log.recover import recover
 from train_ato.log.run_log import LogFile
 from train_ato.log.tables.loading import load

@@ -13,10 +13,9 @@ from engine_runs import record_run
 
 from train_ato.apps.report.page_data import page_data
 from train_ato.cli.main import main
-from train_ato.log.changes import read_changes
 from train_ato.log.difference import compare_logs
 from train_ato.log.overview import log_overview
-from train_ato.log.recorded import open_recording
+from train_ato.log.recorded import open_recording, read_changes
 from train_ato.log.recover import recover
 from train_ato.log.run_folder import read_run_folder
 from train_ato.loop.engine import run_engine
@@ -36,15 +35,10 @@ PROGRAM = 2e8
 BYTES_PER_TICK = (1e9 - PROGRAM) / DAY
 """Memory for a tick in a day of ticks of 0.05 s within 1 GB [bytes]."""
 WINDOWS = {
-    "log.difference.PORTION": 64,
-    "log.difference.WINDOW_NS": 10**10,
-    "log.tables.loading.PART": 2**14,
-    "log.tables.loading.REPORTS_OF_PART": 64,
-    "log.tables.portions.PORTION": 2**14,
-    "loop.kept_samples.CACHED": 2**14,
-    "loop.kept_samples.IN_MEMORY": 2**14,
-    "loop.spans.forecast.WINDOW": 2**10,
-}
+    "log.difference.PORTION": 64, "log.difference.WINDOW_NS": 10**10, "log.tables.loading.PART": 2**14,
+    "log.tables.loading.REPORTS_OF_PART": 64, "log.tables.tables.PORTION": 2**14, "loop.kept_samples.CACHED": 2**14,
+    "loop.kept_samples.IN_MEMORY": 2**14, "loop.spans.forecast.WINDOW": 2**10,
+}  # fmt: skip
 """Windows in memory: messages, bytes, ticks."""
 TRIPS = """
 schema: train_ato/scenario/1
@@ -111,17 +105,9 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Callable[[int], Path]:
     ("read", "lengths"),
     [(compared, FEW), *((read, LENGTHS) for read in (info, recovered, repeated, exported, reported))],
 )
-def test_a_day_needs_less_than_a_gigabyte(
-    read: Callable[[Path, Path], None],
-    lengths: tuple[int, int],
-    runs: Callable[[int], Path],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Fails if a run or a reader keeps all messages or samples, or several copies of the profile.
-
-    The windows in memory are so small that the short run fills them, too.
-    """
+def test_a_day_needs_less_than_a_gigabyte(read, lengths, runs, tmp_path, monkeypatch):
+    """Fails if a run or a reader keeps all messages or samples, or several copies of the profile."""
+    # The windows in memory are so small that the short run fills them, too.
     for place, size in WINDOWS.items():
         monkeypatch.setattr(f"train_ato.{place}", size)
     short, long = lengths

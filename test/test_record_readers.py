@@ -14,7 +14,7 @@ from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
-from train_ato.log import chunk_thread, wall_time
+from train_ato.log import chunk_thread, reading
 from train_ato.log.bag_layout import table_name
 from train_ato.log.definitions import definition
 from train_ato.log.run_folder import RunFolder
@@ -120,13 +120,11 @@ def test_the_file_is_laid_out_as_ros2_bag_does() -> None:
 
 
 def test_equal_runs_of_the_engine_give_equal_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Breaks if anything of the wall clock, of memory or of the order of a dictionary gets into the file.
-
-    Only the record of the wall time and the age at which a chunk is closed depend on the wall clock; the first is fixed
-    and the limit of the second is not reached here.
-    """
+    """Breaks if anything of the wall clock, of memory or of the order of a dictionary gets into the file."""
+    # Only the record of the wall time and the age at which a chunk is closed depend on the wall clock; the first is
+    # fixed and the limit of the second is not reached here.
     monkeypatch.setattr(chunk_thread, "CLOSE_AFTER_S", 60.0)
-    monkeypatch.setattr(wall_time, "clock_ns", lambda: 10**18)
+    monkeypatch.setattr(reading, "clock_ns", lambda: 10**18)
     setup = prepare(*load_scenario("demo", ("duration=60", "observer=ndo", "law_changes=[{at: 30, law: smc}]")))
     for name in ("one", "other"):
         with RunFolder.make(tmp_path / name, "demo").sink(setup) as sink:

@@ -1,14 +1,17 @@
-"""Size of a log on the disk with every compression."""
+"""Size of a record, and what info says of it."""
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
 
+from train_ato.cli import main
 from train_ato.log.chunk_thread import CLOSE_AFTER_S
 from train_ato.log.compression import COMPRESSIONS
-from train_ato.log.reading import stream
+from train_ato.log.mcap_records import stream
+from train_ato.log.overview import log_overview
 from train_ato.log.run_folder import RunFolder
 from train_ato.log.run_log import CHUNK, LogFile
 from train_ato.loop.engine import run_engine
@@ -17,7 +20,102 @@ from train_ato.messages.topic import SUPERVISED
 from train_ato.messages.topics import EPOCH_NS, TOPICS
 from train_ato.scenario.scenario import load_scenario
 
+GOLDEN = Path(__file__).resolve().parent / "golden" / "short_train" / "run.mcap"
+
+
+def info(capsys: pytest.CaptureFixture[str], path: Path) -> dict:
+    assert main(["info", str(path), "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_a_log_alone_tells_all_but_the_summary(capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if the laws and their times are missing for a log without its folder."""
+    found = info(capsys, GOLDEN)
+    assert found["duration_s"] == pytest.approx(44.0)
+    assert found["messages"]["/train/vehicles"] == 441
+    by_name = {topic["name"]: topic for topic in found["topics"]}
+    assert by_name["/train/vehicles"]["rate_hz"] == pytest.approx(10.0)
+    assert by_name["/diagnostics"]["rate_hz"] == pytest.approx(4.0, abs=0.1)
+    assert by_name["/ato/profile"]["rate_hz"] is None
+    assert all(topic["gaps"] == 0 for topic in found["topics"])
+    assert [(row["at_s"], row["name"]) for row in found["changes"]] == [
+        (12.0, "pid.kp"),
+        (20.0, "controller"),
+        (24.0, "gust"),
+        (26.0, "delay_jump"),
+    ]
+    assert found["versions"]["train_ato"]
+    assert found["note"] == ""
+
+
+def test_a_run_folder_tells_its_summary_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run = tmp_path / "run"
+    swaps = "--set=law_changes=[{at: 3, law: smc}]"
+    assert main(["run", "demo", "--engine", "--set=duration=5", swaps, f"--out={run}", "--json"]) == 0
+    capsys.readouterr()
+    found = info(capsys, run)
+    assert found["ticks"] == 50
+    assert found["status"] == "done"
+    assert found["changes"] == [{"at_s": 3.0, "name": "controller", "value": "smc", "planned": True}]
+    assert main(["info", str(run)]) == 0
+    shown = capsys.readouterr().out
+    for part in ("controller = smc", "planned", "/ato/command", "recorded with train_ato"):
+        assert part in shown
+
+
+def test_gaps_are_found_where_they_are(tmp_path: Path) -> None:
+    """Breaks if lost messages in the middle of a run are not shown."""
+    log, numbers = LogFile(tmp_path), {}
+    for m in stream(GOLDEN):
+        name, stamp = m.channel.topic, m.publish_ns - EPOCH_NS
+        if name not in numbers:
+            numbers[name] = log.channel(name, m.schema.name, m.schema.data.decode(), "", "[]")
+        lost = name == "/ato/command" and (10e9 < stamp < 12e9 or stamp == 30e9)
+        if not lost:
+            log.write(numbers[name], m.publish_ns, m.log_ns, m.data)
+    log.close()
+    topics = {topic.name: topic for topic in log_overview(log.path).topics}
+    command = topics.pop("/ato/command")
+    assert (command.gaps, command.longest_gap_s, command.longest_gap_at_s) == (2, 2.0, 10.0)
+    assert all(topic.gaps == 0 for topic in topics.values())
+
+
+def test_a_log_that_was_never_closed_names_recover(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if a killed run shows nothing, or the remedy for its log is missing."""
+    partial = tmp_path / "run.mcap.partial"
+    partial.write_bytes(GOLDEN.read_bytes()[:200_000])
+    for path in (partial, tmp_path):
+        found = info(capsys, path)
+        assert f"train-ato recover {partial}" in found["note"]
+        assert 100 < found["messages"]["/train/vehicles"] <= 441
+        assert found["versions"]
+    assert main(["info", str(partial)]) == 0
+    assert "train-ato recover" in capsys.readouterr().out
+
+
+def test_a_log_that_is_being_written_is_not_called_killed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log = LogFile(tmp_path)
+    number = log.channel("/ato/command", "sensor_msgs/msg/JointState", "", "", "[]")
+    log.write(number, EPOCH_NS, EPOCH_NS, bytes(12))
+    log.flush()
+    found = info(capsys, tmp_path)
+    assert "still goes on" in found["note"]
+    assert found["messages"] == {"/ato/command": 1}
+    log.close()
+
+
+def test_a_foreign_log_counts_from_its_first_message(tmp_path: Path) -> None:
+    log = LogFile(tmp_path)
+    number = log.channel("/chatter", "std_msgs/msg/Byte", "byte data\n", "", "[]")
+    for k in range(5):
+        log.write(number, 10**18 + k * 10**9, 0, bytes(8))
+    log.close()
+    (topic,) = log_overview(log.path).topics
+    assert (topic.first_s, topic.last_s, topic.rate_hz, topic.gaps) == (0.0, 4.0, 1.0, 0)
+
+
 BEGIN_S, END_S = 300, 400
+
 # 340 MB with names car_i; vehicle_i adds 424 bytes to each message of three topics, 36 000 times an hour.
 MEGABYTES_AN_HOUR = {"none": 340 + 3 * 424 * 36_000 / 1e6, "fast": 110, "small": 100}
 """Largest sizes without the topics of the supervision and the pressure at the tail."""

@@ -1,4 +1,4 @@
-"""Recording of a run: equal from the memory of the engine and from its log, also with missing parts."""
+"""Recording of a run: equal from memory and log, also with missing parts and repeated reports."""
 
 from __future__ import annotations
 
@@ -17,8 +17,9 @@ from train_ato.loop import kept_samples
 from train_ato.loop.engine import run_engine
 from train_ato.loop.metrics import summarise
 from train_ato.loop.recording import COMMAND, FIELDS, TRUTH, Recording
+from train_ato.loop.repeated_reports import KeptReports, RepeatedReport
 from train_ato.loop.setup import RunSetup, prepare
-from train_ato.messages.types import Trajectory
+from train_ato.messages.types import Diagnostic, Trajectory
 from train_ato.scenario.scenario import load_scenario
 
 
@@ -48,9 +49,7 @@ def assert_same(one: np.ndarray, other: np.ndarray, what: str) -> None:
     assert np.ascontiguousarray(one).tobytes() == np.ascontiguousarray(other).tobytes(), what
 
 
-def test_samples_of_a_long_run_are_in_a_file(
-    run: tuple[Path, RunSetup, Recording], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_samples_of_a_long_run_are_in_a_file(run, monkeypatch):
     """Breaks if samples of the file differ from those in memory, are not released, or are lost without room."""
     folder, setup, kept = run
     monkeypatch.setattr(kept_samples, "IN_MEMORY", 20_000)
@@ -103,9 +102,7 @@ def test_figures_from_memory_and_from_the_log_are_equal(run: tuple[Path, RunSetu
     assert summarise(setup, kept) == summarise(setup, read_recording(folder, setup))
 
 
-def test_vehicles_are_kept_on_request_and_agree_with_what_is_taken_of_them(
-    run: tuple[Path, RunSetup, Recording],
-) -> None:
+def test_vehicles_are_kept_on_request_and_agree_with_what_is_taken_of_them(run):
     """Breaks if units, front or coupler extremes are from other vehicles."""
     folder, setup, _ = run
     truth = open_recording(folder).topics[TRUTH]
@@ -132,3 +129,66 @@ def test_ticks_without_a_command_hold_the_last_one(run: tuple[Path, RunSetup, Re
     missing = read_recording(without(folder, tmp_path / "part", {COMMAND}), setup)
     assert COMMAND not in missing.topics
     assert missing.time.size == 0
+
+
+SECOND = 1_000_000_000
+STAMPS = [SECOND, 2 * SECOND, 3 * SECOND]
+PLANT = RepeatedReport(Diagnostic(SECOND, "plant", 0, "running", {"energy_traction": "1.5", "law": "pid"}), STAMPS,
+                       {"energy_traction": [1.5, 2.5, 0.1]})  # fmt: skip
+PROFILE = RepeatedReport(Diagnostic(SECOND, "profile", 1, "following", {"replans": "2"}), STAMPS)
+START = Diagnostic(0, "plant", 0, "running", {"energy_traction": "0.0", "law": "smc"})
+RECORDING = Recording(kept_reports=(START, PLANT, PROFILE))
+
+
+def test_messages_are_in_the_order_of_the_ticks() -> None:
+    """Breaks if the messages of a node are not between those of the others, or with a number of another stamp."""
+    assert RECORDING.reports == (
+        START,
+        *(
+            Diagnostic(stamp, node, level, text, values)
+            for stamp, energy in zip(STAMPS, ("1.5", "2.5", "0.1"), strict=True)
+            for node, level, text, values in (
+                ("plant", 0, "running", {"energy_traction": energy, "law": "pid"}),
+                ("profile", 1, "following", {"replans": "2"}),
+            )
+        ),
+    )
+
+
+def test_messages_of_equal_texts_are_joined_and_given_back() -> None:
+    """Breaks if a joined message has another number or text, or an event is lost between equal ones."""
+    values = [
+        {"speed": "1.5", "count": "0", "state": "on"},
+        {"speed": "0.1", "count": "0", "state": "on"},
+        {"speed": "-0.0", "count": "3", "state": "on"},  # a constant number becomes a column
+        {"speed": "1", "count": "3", "state": "on"},  # an integer is another text
+        {"speed": "1", "count": "3", "state": "off"},
+        {"speed": "1.50", "count": "3", "state": "off"},  # no number that is written like this
+        {"speed": "nan", "count": "3", "state": "off"},
+        *[{"speed": "nan", "count": "3", "state": "off", "changed": "{}"}] * 3,
+    ]
+    messages = [Diagnostic(SECOND * at, "controller", 0, "engaged", entry) for at, entry in enumerate(values)]
+    kept = KeptReports()
+    for message in messages:
+        kept.add(message)
+    found = Recording(kept_reports=kept.finish())
+    assert found.reports == tuple(messages)
+    assert len(kept.finish()) < len(messages)
+    assert [report.stamp // SECOND for report in found.changed_reports] == [0, 2, 3, 4, 5, 6, 7, 8, 9]
+    one, other = found.diagnostics["controller"], Recording(kept_reports=tuple(messages)).diagnostics["controller"]
+    assert {key: one.texts(key) for key in one.values} == {key: other.texts(key) for key in other.values}
+    late = KeptReports()
+    for message in (messages[1], messages[0]):
+        late.add(message)
+    assert late.finish() == tuple(messages[:2])
+
+
+def test_totals_and_series_are_those_of_the_messages() -> None:
+    """Breaks if the last message of a span is missing in the totals, or a number or text in the series."""
+    alone = Recording(kept_reports=RECORDING.reports)
+    assert RECORDING.totals == alone.totals == {"energy_traction": 0.1, "replans": 2.0}
+    for node in ("plant", "profile"):
+        one, other = RECORDING.diagnostics[node], alone.diagnostics[node]
+        assert one.time.tolist() == other.time.tolist()
+        assert (one.level.tolist(), one.message) == (other.level.tolist(), other.message)
+        assert {key: one.texts(key) for key in one.values} == {key: other.texts(key) for key in other.values}

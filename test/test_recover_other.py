@@ -12,7 +12,7 @@ from mcap.writer import Writer
 from rosbags.rosbag2 import Reader
 
 from train_ato.cli import main
-from train_ato.log.reading import stream
+from train_ato.log.mcap_records import stream
 from train_ato.log.recover import recover
 
 GOLDEN = Path(__file__).resolve().parent / "golden" / "short_train" / "run.mcap"

@@ -14,7 +14,7 @@ from recordings import message_counts
 from replay_listener import Listener, Replaying
 from waiting import LIMIT_S
 
-from train_ato.apps.replay.options import ReplayOptions
+from train_ato.apps.replay.log import ReplayOptions
 from train_ato.apps.replay.player import REPLAY_PROFILE
 from train_ato.log.reading import iter_raw
 from train_ato.loop.setup import prepare
@@ -53,7 +53,7 @@ def listen(domain):
 
 @pytest.fixture(autouse=True)
 def without_rosbag2(monkeypatch):
-    """With rosbag2_interfaces the services have its types; see test_replay_rosbag2.py."""
+    """With rosbag2_interfaces the services have its types; see test_replay_command.py."""
     monkeypatch.setitem(sys.modules, "rosbag2_interfaces.srv", None)
 
 
@@ -80,8 +80,7 @@ def test_a_listener_that_waits_already_hears_every_message_as_it_was_recorded(ru
 
 def test_a_participant_that_is_not_discovered_yet_is_awaited(run, listen, domain):
     """Fails if a reader that a loaded machine discovers late loses the first messages: its socket is there before."""
-    from train_ato.apps.replay.log import ReplayLog
-    from train_ato.apps.replay.options import chosen_topics
+    from train_ato.apps.replay.log import ReplayLog, chosen_topics
     from train_ato.apps.replay.player import Player
     from train_ato.ros.graph.assembly import executor_of
 

@@ -1,4 +1,4 @@
-"""``train-ato replay`` as a process, with another process as listener, keys and Ctrl-C."""
+"""``train-ato replay`` as a process: another process as listener, keys, Ctrl-C, and the services of rosbag2."""
 
 from __future__ import annotations
 
@@ -15,11 +15,15 @@ from pathlib import Path
 
 import pytest
 from recordings import message_counts
-from test_replay import COMMAND, PROFILE, domain, listen, recorded, run  # noqa: F401
+from replay_listener import Replaying
+from test_replay import COMMAND, PROFILE, SECONDS, TICKS, domain, listen, paused, recorded, run  # noqa: F401  # noqa: F401
 from waiting import LIMIT_S
 
+from train_ato.apps.replay.player import NODE
 from train_ato.cli.main import main
 from train_ato.cli.replay import KEYS, pressed
+from train_ato.messages.codec.codec import stamp_of
+from train_ato.messages.topics import EPOCH_NS
 
 COMMAND_LINE = [sys.executable, "-m", "train_ato", "replay"]
 
@@ -169,36 +173,6 @@ def test_somebody_else_on_the_topic_is_told_of(run, listen, domain):  # noqa: F8
     )
 
 
-@pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
-        (("--rate", "0"), "--rate: 0: not a rate; give a number above 0"),
-        (("--rate", "fast"), "fast: not a rate; give a number above 0, 1 for real time, or max"),
-        (("--start-offset", "16"), "--start-offset 16: the run has 15 s; give 0 to 15"),
-        (("--start-offset", "-1"), "--start-offset -1"),
-        (("--playback-duration", "nan"), "--playback-duration nan"),
-        (("--delay", "inf"), "--delay inf"),
-        (("--clock", "-5"), "--clock -5"),
-        (("--domain", "500"), "--domain 500"),
-        (("--topics", "ato/comand"), "did you mean '/ato/command'"),
-        (("--exclude-topics", "nothing"), "--exclude-topics nothing: not in the log"),
-        (("--remap", "ato/command"), "write it as from:=to"),
-        (("--remap", "ato/command:=two words"), "invalid topic name"),
-        (("--wait-for-all-acked", "-1"), "--wait-for-all-acked -1"),
-    ],
-)
-def test_bad_input_is_one_line(run, capfd, arguments, says):  # noqa: F811
-    try:
-        status = main(["replay", str(run), *arguments])
-    except SystemExit as end:
-        status = end.code
-    captured = capfd.readouterr()
-    assert status == 2
-    assert says in captured.err
-    assert captured.err.count("\n") == 1
-    assert captured.out == ""
-
-
 def test_a_domain_of_the_environment_that_is_none(run, capfd, monkeypatch):  # noqa: F811
     monkeypatch.setenv("ROS_DOMAIN_ID", "abc")
     assert main(["replay", str(run)]) == 2
@@ -229,3 +203,67 @@ def test_the_counts_are_those_of_the_log(run, domain, capfd):  # noqa: F811
     assert main(["replay", str(run), "--domain", str(domain), "--rate", "max"]) == 0
     rows = [line.split() for line in capfd.readouterr().out.splitlines()]
     assert {row[0]: int(row[1]) for row in rows if row[-1].isdigit()} == message_counts(run)
+
+
+types = pytest.importorskip("rosbag2_interfaces.srv", reason="rosbag2_interfaces is not installed")
+
+
+def test_every_order_of_rosbag2(run, listen, domain):  # noqa: F811
+    """Same names, types and answers; times are absolute times of the log, durations are relative."""
+    listener = listen({COMMAND: COMMAND})
+    expected = recorded(run, COMMAND)
+
+    def ask(kind, service, **fields):
+        return listener.answer(kind, f"/{NODE}/{service}", kind.Request(**fields))
+
+    def moment(seconds):
+        from builtin_interfaces.msg import Time
+
+        whole, rest = divmod(EPOCH_NS + round(seconds * 1e9), 10**9)
+        return Time(sec=whole, nanosec=rest)
+
+    with Replaying(run, paused(topics=(COMMAND,)), domain, listener) as replaying:
+        assert ask(types.IsPaused, "is_paused").paused
+        assert ask(types.GetRate, "get_rate").rate == 1.0
+        assert not ask(types.SetRate, "set_rate", rate=0.0).success
+        assert ask(types.SetRate, "set_rate", rate=50.0).success
+        assert ask(types.GetRate, "get_rate").rate == 50.0
+        assert ask(types.PlayNext, "play_next").success
+        assert ask(types.Burst, "burst", num_messages=3).actually_burst == 3
+        assert listener.hear(COMMAND, 4) == expected[:4]
+        assert not ask(types.Seek, "seek", time=moment(SECONDS + 1)).success
+        assert ask(types.Seek, "seek", time=moment(10.0)).success
+        assert ask(types.PlayNext, "play_next").success
+        assert stamp_of(listener.hear(COMMAND, 5)[-1]) == 10 * 10**9
+        assert not ask(types.Play, "play").success, "messages are left"
+        assert ask(types.Burst, "burst", num_messages=0).actually_burst == TICKS - 101
+        ask(types.TogglePaused, "toggle_paused")
+        replaying.wait()
+        assert replaying.outcome.end == "end"
+
+
+def test_pause_resume_play_and_stop(run, listen, domain):  # noqa: F811
+    from builtin_interfaces.msg import Duration, Time
+
+    listener = listen({COMMAND: COMMAND})
+    expected = recorded(run, COMMAND)
+    with Replaying(run, paused(topics=(COMMAND,)), domain, listener) as replaying:
+
+        def ask(kind, service, **fields):
+            return listener.answer(kind, f"/{NODE}/{service}", kind.Request(**fields))
+
+        ask(types.Resume, "resume")
+        assert not ask(types.IsPaused, "is_paused").paused
+        assert ask(types.Burst, "burst", num_messages=5).actually_burst == 0, "no burst without a pause"
+        ask(types.Pause, "pause")
+        assert ask(types.IsPaused, "is_paused").paused
+        ask(types.Burst, "burst", num_messages=0)
+        assert listener.hear(COMMAND, TICKS) == expected
+        play = {"start_offset": Time(sec=14), "playback_duration": Duration(nanosec=300_000_000)}
+        assert ask(types.Play, "play", **play).success
+        assert listener.hear(COMMAND, TICKS + 4) == expected + expected[140:144]
+        replaying.wait()
+    with Replaying(run, paused(topics=(COMMAND,)), domain, listener) as replaying:
+        ask(types.Stop, "stop")
+        replaying.wait()
+        assert replaying.outcome.end == "stopped"

@@ -1,8 +1,9 @@
-"""Law on recorded inputs: both outputs as numbers, table and figure."""
+"""Replay of a law against a recording, and the clock of a replay."""
 
 from __future__ import annotations
 
 import json
+import math
 import shutil
 from pathlib import Path
 
@@ -13,7 +14,8 @@ from matplotlib.image import imread
 from report_runs import without
 
 from train_ato.apps.replay.open_loop import replay_open_loop
-from train_ato.cli.main import main
+from train_ato.apps.replay.playback import ReplayClock
+from train_ato.cli import main
 from train_ato.loop.setup import prepare
 from train_ato.scenario.scenario import load_scenario
 
@@ -104,39 +106,80 @@ def test_a_log_alone_is_enough(run, tmp_path, capsys):
     assert alone == beside
 
 
-@pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
-        (("--law", "pidd"), "did you mean 'pid'"),
-        (("--law", "smc", "--set", "laws.smc.gain=1"), "gain"),
-        (("--law", "smc", "--set", "tick=0.2"), "--set: train, sensors and tick of a recording"),
-        (("--law", "smc", "--out", "figure.bmp"), "use .png, .svg, .pdf"),
-        (("--law", "smc", "--out", "nowhere/figure.png"), ": no folder "),
-        (("--law", "smc", "--out", __file__ + ".png/../../conftest.png"), ": no folder "),
-        (("--law", "smc", "--rate", "2"), "--rate: no effect with --law"),
-        (("--law", "smc", "--loop"), "--loop: no effect with --law"),
-        (("--set", "seed=2"), "add --law NAME"),
-        (("--out", "figure.png"), "add --law NAME"),
-    ],
-)
-def test_bad_input_is_one_line(run, capsys, arguments, says):
-    assert main(["replay", str(run), *arguments]) == 2
-    captured = capsys.readouterr()
-    assert says in captured.err
-    assert captured.err.count("\n") == 1
-    assert captured.out == ""
-
-
-def test_an_existing_figure_is_not_overwritten_where_it_was_named(run, tmp_path, capsys):
-    figure = tmp_path / "mine.png"
-    figure.write_bytes(b"mine")
-    assert main(["replay", str(run), "--law", "smc", "--out", str(figure)]) == 2
-    assert "exists already" in capsys.readouterr().err
-    assert figure.read_bytes() == b"mine"
-
-
 def test_a_log_without_a_scenario_is_refused(tmp_path, capsys):
     from test_replay_log import other
 
     assert main(["replay", str(other(tmp_path / "other.mcap")), "--law", "smc"]) == 2
     assert "no scenario.yaml is attached" in capsys.readouterr().err
+
+
+class Wall:
+    """Wall clock set by the test."""
+
+    def __init__(self) -> None:
+        self.now = 1000.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def wall() -> Wall:
+    return Wall()
+
+
+def test_time_flows_by_the_rate_and_a_change_of_it_does_not_jump(wall):
+    clock = ReplayClock(2.0, paused=False, steady=wall)
+    wall.now += 3
+    assert clock.now == 6
+    assert clock.until(10) == 2
+    clock.set_rate(0.5)
+    assert clock.now == 6
+    assert clock.until(10) == 8
+    wall.now += 8
+    assert (clock.now, clock.until(10), clock.until(9)) == (10, 0, 0)
+
+
+def test_time_stands_in_a_pause_and_goes_on_from_there(wall):
+    clock = ReplayClock(1.0, paused=False, steady=wall)
+    wall.now += 5
+    clock.set_paused(True)
+    wall.now += 100
+    assert (clock.now, clock.until(5)) == (5, math.inf)
+    clock.reached(7)
+    assert clock.now == 7
+    clock.set_rate(10)
+    clock.set_paused(False)
+    assert clock.until(8) == pytest.approx(0.1)
+
+
+def test_a_jump_with_a_delay(wall):
+    """The delay is in wall time, at any rate; a pause does not change it."""
+    for rate in (4.0, math.inf):
+        clock = ReplayClock(rate, paused=False, steady=wall)
+        clock.jump(20, delay=3)
+        wall.now += 1
+        assert (clock.now, clock.until(20)) == (20, 2)
+        clock.set_paused(True)
+        clock.set_paused(False)
+        wall.now += 2
+        assert clock.until(20) == 0
+
+
+def test_as_fast_as_possible_time_follows_the_messages(wall):
+    clock = ReplayClock(math.inf, paused=False, steady=wall)
+    wall.now += 50
+    assert (clock.now, clock.until(1e9)) == (0, 0)
+    clock.reached(12)
+    assert clock.now == 12
+    clock.set_rate(1.0)
+    wall.now += 1
+    assert clock.now == 13
+
+
+@pytest.mark.parametrize("rate", [0.0, -1.0, math.nan])
+def test_a_rate_that_is_none_is_refused(wall, rate):
+    clock = ReplayClock(1.0, paused=False, steady=wall)
+    with pytest.raises(ValueError, match="above 0"):
+        clock.set_rate(rate)
+    assert clock.rate == 1.0

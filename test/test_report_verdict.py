@@ -13,7 +13,7 @@ from report_runs import drive
 import train_ato as ta
 from train_ato.apps.report.page_data import PageData, empty_page_data, page_data
 from train_ato.apps.report.run_page import run_sections
-from train_ato.apps.report.verdict_rows import best_text, criterion_cells, typeset, verdict_texts
+from train_ato.apps.report.summary_rows import best_text, criterion_cells, typeset, verdict_texts
 from train_ato.apps.report.writing import write_comparison_page
 from train_ato.apps.runs.ranking import best_value, difference_from_best, rank_of
 from train_ato.cli import main

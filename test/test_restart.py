@@ -17,7 +17,6 @@ from waiting import LIMIT_S, wait_for
 
 import train_ato as ta
 from train_ato.apps.report.events import detect_events
-from train_ato.cli import main
 from train_ato.log.reading import iter_raw, read_log
 from train_ato.log.recorded import open_recording
 from train_ato.log.run_folder import RunFolder
@@ -175,27 +174,3 @@ def test_a_planned_kill_of_a_node_acts_once() -> None:
     faults = [{"node": "controller", "do": "kill", "at": 20}]
     run = ta.run("demo", mode="processes", restarts=2, set={"duration": 60, "faults": faults})
     assert (run.metrics["status"], run.metrics["restarts"]) == ("done", {"controller": 1})
-
-
-@pytest.mark.parametrize(
-    ("words", "says"),
-    [
-        (["--restart"], "--restart: only a node in a process of its own can be restarted; add --processes"),
-        (["--engine", "--restart"], "--restart: only a node in a process of its own can be restarted"),
-        (["--processes", "--restart-limit=2"], "--restart-limit 2: nothing is restarted; add --restart"),
-        (["--processes", "--restart", "--restart-limit=0"], "--restart-limit 0: give 1 or more"),
-        (
-            ["--processes", "--restart", "--set=supervision.enabled=false"],
-            "--restart: the run has no supervision, so nothing brakes the train while a node is away; set supervision",
-        ),
-    ],
-)  # fmt: skip
-def test_restarts_that_are_not_possible_are_refused(
-    words: list[str], says: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    """Breaks if the run starts, or on another exit status than 2 or a second line."""
-    assert main(["run", "demo", f"--out={tmp_path / 'run'}", *words]) == 2
-    lines = capfd.readouterr().err.strip().splitlines()
-    assert len(lines) == 1
-    assert says in lines[0]
-    assert not (tmp_path / "run").exists()

@@ -220,7 +220,7 @@ except ta.RunInterrupted as error:
 
 def begun(folder: Path) -> bool:
     """Return True if the log of a run has commands."""
-    from train_ato.log.reading import stream
+    from train_ato.log.mcap_records import stream
 
     partial = folder / "run.mcap.partial"
     return partial.exists() and any(m.channel.topic == "/ato/command" for m in stream(partial, broken=True))
@@ -306,12 +306,12 @@ def test_the_end_of_a_run_has_its_status_and_reason(case: Case, tmp_path: Path) 
 def test_the_lateness_of_ticks_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     """Periods of 10 ms, one of 38 ms and a pause: one late tick, 28 ms, 28 of 138 ms behind; the pause is none."""
     pytest.importorskip("rclpy")
-    from train_ato.ros.nodes import tick_lateness
+    from train_ato.ros.nodes import answer_watch
 
     clock = [0]
-    monkeypatch.setattr(tick_lateness.time, "monotonic_ns", lambda: clock[0])
-    monkeypatch.setattr(tick_lateness.time, "time_ns", lambda: clock[0] + 7)
-    lateness = tick_lateness.TickLateness()
+    monkeypatch.setattr(answer_watch.time, "monotonic_ns", lambda: clock[0])
+    monkeypatch.setattr(answer_watch.time, "time_ns", lambda: clock[0] + 7)
+    lateness = answer_watch.TickLateness()
     assert lateness.report() == {}
     for step in [0, *[10] * 10, 38]:
         clock[0] += step * 1_000_000

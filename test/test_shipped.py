@@ -1,4 +1,4 @@
-"""Consistency of shipped schemas, topic page, scenarios and version."""
+"""Consistency of shipped schemas, topic page, scenarios with their bases, and version."""
 
 from __future__ import annotations
 
@@ -12,18 +12,21 @@ from typing import Any
 from xml.etree import ElementTree
 
 import jsonschema
+import numpy as np
 import pytest
 import yaml
 from case_costs import sampled
 from jsonschema.validators import validator_for
+from pydantic import TypeAdapter, ValidationError
 
 import train_ato as ta
-from msgs_docs.generate import topic_page as topic_docs
-from msgs_docs.generate.schemas import MODELS, schema_path, schema_text
+from msgs_docs.generate.schemas import MODELS, schema_text
 from plant_sim.library import consist_names, consist_path, line_names, line_path
+from plant_sim.si_model import blocks_of, example_of_key
 from train_ato.loop.setup import prepare
 from train_ato.scenario.criteria import Expectation
-from train_ato.scenario.scenario import expectation_of, load_scenario, shipped_scenarios, variants_of
+from train_ato.scenario.following import shipped_following
+from train_ato.scenario.scenario import expectation_of, load_scenario, raw_scenario, shipped_scenarios, variants_of
 from train_ato.version import VERSION
 
 REPO = Path(__file__).resolve().parents[1]
@@ -43,14 +46,9 @@ def validator(kind: str) -> Any:
     return made(schema)
 
 
-@pytest.mark.parametrize("kind", MODELS)
-def test_schema_is_that_of_the_models(kind: str) -> None:
-    """Breaks if a model changes but its schema does not; run python -m msgs_docs.generate."""
-    assert schema_path(kind).read_text() == schema_text(kind)
-
-
 FILES = [
     *(("scenario", path) for path in shipped_scenarios().values()),
+    *(("following", path) for path in shipped_following().values()),
     *(("consist", consist_path(name)) for name in consist_names()),
     *(("line", line_path(name)) for name in line_names()),
 ]
@@ -84,9 +82,44 @@ def test_schema_has_bounds_and_unit_of_the_key(key: str, most: float, unit: str)
         validator("scenario").validate({**data, key: 1.001 * most})
 
 
-def test_topic_page_is_that_of_the_table() -> None:
-    """Breaks if a topic changes but its documentation does not; run python -m msgs_docs.generate."""
-    assert (REPO / "msgs_docs" / "topics.md").read_text() == topic_docs.page()
+def _kinds(part: Any) -> set[str]:
+    """Return the JSON types of a key and of the entries of its list."""
+    inner = [*part.get("anyOf", ()), *part.get("prefixItems", ()), part.get("items")]
+    given = part.get("type", ())
+    return ({given} if isinstance(given, str) else set(given)).union(*(_kinds(entry) for entry in inner if entry))
+
+
+@pytest.mark.parametrize("kind", MODELS)
+def test_every_key_has_a_text_a_unit_and_an_example(kind: str) -> None:
+    """Breaks if a key of a schema is bare: without text, a number without unit, or without an example it accepts."""
+    schema = json.loads(schema_text(kind))
+    blocks = {"": schema, **schema.get("$defs", {})}
+    bare = []
+    for block, key, part in ((b, k, p) for b, found in blocks.items() for k, p in found.get("properties", {}).items()):
+        text, _, unit = part.get("description", "").partition("[")
+        examples = part.get("examples", [])
+        check = validator_for(schema)({**part, "$schema": schema["$schema"], "$defs": schema.get("$defs", {})})
+        needs_unit = bool(_kinds(part) & {"number", "integer"})
+        in_mm = key.endswith("_mm") and np.max(examples) > 25e3  # a place in millimetres is no key of a railway
+        if len(text) < 3 or needs_unit != unit.endswith("]") or not examples or in_mm:
+            bare.append(f"{block}.{key}: {part}")
+        bare += [f"{block}.{key}: {value}" for value in examples if not check.is_valid(value)]
+    assert not bare, "\n".join(bare)
+
+
+@pytest.mark.parametrize("kind", MODELS)
+def test_the_model_accepts_every_example(kind: str) -> None:
+    """Breaks if an example of a key is refused by the checks that a schema does not have."""
+    blocks: list[Any] = [MODELS[kind]]
+    refused = []
+    for block in blocks:  # grows while it is read
+        for name, field in block.model_fields.items():
+            blocks += [inner for inner in blocks_of(field.annotation) if inner not in blocks]
+            try:
+                TypeAdapter(field.rebuild_annotation()).validate_python(example_of_key(field))
+            except ValidationError as error:
+                refused.append(f"{block.__name__}.{name}: {example_of_key(field)}: {error}")
+    assert not refused, "\n".join(refused)
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
@@ -195,3 +228,50 @@ def test_setup_runs_as_a_link_of_colcon(tmp_path: Path) -> None:
     command = [sys.executable, "setup.py", "-q", "--version"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout.split()[-1:]) == (0, [VERSION]), done.stderr
+
+
+def overlay(folder: Path, base: str, more: str = "") -> str:
+    path = folder / "mine.yaml"
+    path.write_text(f"schema: train_ato/scenario/1\nbase: {base}\nname: mine\n{more}")
+    return str(path)
+
+
+def test_base_can_be_a_variant(tmp_path: Path) -> None:
+    """Breaks if the variant of a base is ignored, or if the variants of the base are lost."""
+    name = overlay(tmp_path, "xuzhou_metro:slower", "laws: {pid: {kp: 1.0}}\n")
+    scenario = load_scenario(name)[0]
+    assert scenario.plant.lag == 0.5 and scenario.laws["pid"] == {"kp": 1.0, "ki": 0.43, "integral_limit": 0.7}
+    assert load_scenario(f"{name}:ideal")[0].plant.lag == 0.0
+
+
+def test_base_with_an_unknown_variant_is_refused(tmp_path: Path) -> None:
+    """Breaks if a misspelt variant is ignored."""
+    with pytest.raises(ValueError, match="no variant 'slow'"):
+        load_scenario(overlay(tmp_path, "xuzhou_metro:slow"))
+
+
+def test_base_can_have_files_in_another_folder(tmp_path: Path) -> None:
+    """Breaks if the profile file of a base is searched beside the overlay."""
+    run = ta.run(overlay(tmp_path, "daqin_heavy_haul"), set={"duration": 1})
+    assert run.metrics["ticks"] == 10
+
+
+@pytest.mark.parametrize(
+    ("name", "changes"),
+    [
+        ("demo", {}),
+        ("xuzhou_metro:slower", {"duration": 20, "laws.smc.ks": 0.1}),
+        ("daqin_heavy_haul:tuned", {"plant": {"consist": "hxd1_c80_105", "line": "level"}}),
+    ],
+)
+def test_overlay_of_a_choice_has_the_same_content(name: str, changes: dict[str, object], tmp_path: Path) -> None:
+    """Breaks if a change of `with_` is lost in the overlay, also one that replaces a whole block."""
+    choice = ta.scenario(name).with_(changes)
+    path = tmp_path / "mine.yaml"
+    path.write_text(yaml.safe_dump(choice.as_overlay))
+    found = ta.scenario(str(path)).checked
+    expected = choice.checked
+    assert found.model_copy(update={"name": "", "profile": None}) == expected.model_copy(
+        update={"name": "", "profile": None}
+    )
+    assert raw_scenario(str(path))[1]["profile"].keys() == raw_scenario(name)[1]["profile"].keys()

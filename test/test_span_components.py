@@ -156,6 +156,6 @@ def test_laws_without_a_compiled_step_are_called_in_python(name: str, changes: d
     """Breaks if a parameter that the compiled step lacks is accepted: the run would have the numbers of another one."""
     loop = TickLoop(setup_of(name, changes), None)
     loop.start()
-    assert loop.controller._stack is not None
-    assert not is_in_loop(loop.controller._stack._law)
+    assert loop.controller.stack is not None
+    assert not is_in_loop(loop.controller.stack.law)
     Both(setup_of(name, changes)).assert_equal()

@@ -20,7 +20,7 @@ import train_ato
 from msgs_docs.generate import node_page as node_docs
 from train_ato.cli import main
 from train_ato.log.difference import compare_logs
-from train_ato.log.reading import stream
+from train_ato.log.mcap_records import stream
 from train_ato.log.run_folder import read_run_folder
 from train_ato.messages.codec.codec import Wire
 from train_ato.ros.graph import shared_memory
@@ -97,9 +97,7 @@ PATIENT = f"--timeout={LIMIT_S}"
         pytest.param(tuple(reversed(ROLES)), id="plant first", marks=pytest.mark.graph),
     ],
 )
-def test_nodes_started_alone_leave_the_folder_of_a_composed_run(
-    order: tuple[str, ...], terminals: Terminals, tmp_path: Path
-) -> None:
+def test_nodes_started_alone_leave_the_folder_of_a_composed_run(order, terminals, tmp_path):
     """Breaks if the train starts before all nodes are ready, or a node ends before its last message is received."""
     for role in order:
         extra = {"recorder": ["--out=alone"], "plant": ["--recorded", PATIENT]}.get(role, [])
@@ -209,3 +207,26 @@ def test_node_page_is_that_of_the_nodes() -> None:
     """Breaks if a parameter or service changes but its page does not; run python -m msgs_docs.generate."""
     page = Path(__file__).resolve().parents[1] / node_docs.PAGE
     assert page.read_text(encoding="utf-8") == node_docs.page(page)
+
+
+@pytest.mark.graph
+def test_a_law_that_raises_ends_a_run_by_hand_as_in_the_engine(terminals, tmp_path, monkeypatch):
+    """Fails if the failure lacks the line of the law, or the train brakes again at standstill."""
+    (tmp_path / "late.py").write_text(
+        "from train_ato.control.laws.pid import Pid\n\n\n"
+        "class Late(Pid):\n    def step(self, inputs):\n"
+        "        return super().step(inputs) if inputs.t < 5 else 1 / 0\n"
+    )
+    options = ("--scenario=demo", "--set=duration=60", "--set=law=late:Late")
+    for role in ("profile", "observer", "controller", "supervisor"):
+        terminals.start(role, *options)
+    terminals.start("recorder", *options, "--out=hand")
+    terminals.start("plant", *options, "--recorded")
+    ended = terminals.ends()
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    assert main(["run", "demo", "--engine", "--law=late:Late", "--set=duration=60", "--out=engine"]) == 1
+    hand, engine = (json.loads((tmp_path / name / "summary.json").read_text()) for name in ("hand", "engine"))
+    keys = ("status", "failure", "ticks", "strongest_reaction", "tracking")
+    assert {key: hand[key] for key in keys} == {key: engine[key] for key in keys}
+    assert "late.py:6" in engine["failure"] and ended["plant"] == (1, engine["failure"])

@@ -88,11 +88,9 @@ MOSTLY = ("heavy haul", "balises", "gust", "varying delay", "commands late and l
 
 @pytest.mark.parametrize("case", sampled(CASES, every=2))
 def test_supervised_ticks_give_messages_and_recording_of_python(case: str) -> None:
-    """Breaks if limits, odometry, state, brake release or report of a compiled step differ in one bit.
-
-    A fault or an intervention that begins inside a span, a state of a stage that a span does not continue, or a topic
-    of the supervisor with another shape in the recording does too.
-    """
+    """Breaks if limits, odometry, state, brake release or report of a compiled step differ in one bit."""
+    # A fault or an intervention that begins inside a span, a state of a stage that a span does not continue, or a topic
+    # of the supervisor with another shape in the recording does too.
     Both(setup_of(*CASES[case])).assert_equal(least=0.8 if case in MOSTLY else 0.0)
 
 

@@ -16,8 +16,8 @@ from train_ato.loop.setup import RunSetup, prepare
 from train_ato.loop.train_protection import Protection, TrainProtection
 from train_ato.messages.types import AtoState, BrakeRelease, Measurement, Odometry, SupervisedSpeeds
 from train_ato.scenario.scenario import load_scenario
-from train_ato.supervision.ceiling import ceiling_speeds
 from train_ato.supervision.settings import SupervisionSpec
+from train_ato.supervision.step_function import ceiling_speeds
 from train_ato.supervision.supervisor import SupervisionState, Supervisor
 
 METRO = "xuzhou_metro:disturbed"
@@ -144,14 +144,11 @@ def supervised(stamp: int, front: float, speed: float, limits: Sequence[float] =
 @pytest.mark.parametrize(
     ("position", "speed", "word"),
     [
-        (1000.0, 20.0, ""),
-        (1029.0, 20.0, ""),
-        (1031.0, 20.0, "front at"),
-        (1000.0, 23.5, "km/h"),
+        (1000.0, 20.0, ""), (1029.0, 20.0, ""), (1031.0, 20.0, "front at"), (1000.0, 23.5, "km/h"),
         (np.nan, 20.0, "fini"),
     ],
     ids=["equal", "within the error", "position", "speed", "not a number"],
-)
+)  # fmt: skip
 def test_an_implausible_measurement_is_found_after_the_confirmation(position: float, speed: float, word: str) -> None:
     """Breaks if a difference counts at once, not at all, or without the error of the odometry."""
     check = MeasurementCheck(SupervisionSpec(), 10.0)

@@ -1,18 +1,20 @@
-"""Decisions of the supervisor at the edges of its conditions: limits, releases, repeated brakes, reasons."""
+"""Decisions and settings of the supervisor at their edges: limits, releases, repeated brakes, reasons, ranges."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from train_ato.loop.setup import RunSetup, prepare
 from train_ato.messages.types import Odometry
 from train_ato.scenario.scenario import load_scenario
-from train_ato.supervision.ceiling import ceiling_speeds
-from train_ato.supervision.fixed_values import MIN_INDICATION_TIME
+from train_ato.supervision.settings import MIN_INDICATION_TIME, FailsafeSpec, SupervisionSpec
+from train_ato.supervision.step_function import ceiling_speeds
 from train_ato.supervision.supervisor import SupervisionDecision, SupervisionState, Supervisor
 from train_ato.supervision.track_supervision import TrackSupervision
 
@@ -122,9 +124,7 @@ def test_the_speed_of_standstill_is_a_movement(supervisor: Supervisor) -> None:
 
 
 @pytest.mark.parametrize(("distance", "released"), [(10.0, False), (REPEATED, True), (200.0, True)])
-def test_a_second_emergency_brake_at_the_same_place_is_not_released(
-    distance: float, released: bool, supervisor: Supervisor
-) -> None:
+def test_a_second_emergency_brake_at_the_same_place_is_not_released(distance, released, supervisor):
     """Breaks if the ATO repeats a brake near the end of the first one, or far ones add up."""
     again = PLACE + distance
     at(supervisor, EMERGENCY + 0.1, 0.0)
@@ -204,3 +204,50 @@ def test_the_first_movement_backwards_counts_from_its_first_period(supervisor: S
     """Breaks if the distance begins with another value than zero, or before the first odometry."""
     found = at(supervisor, *[-1.0] * 7, first=3)
     assert [one.state for one in found] == [State.NORMAL] * 6 + [State.EMERGENCY_BRAKE]
+
+
+DEFAULTS: dict[str, Any] = {
+    "enabled": None, "period": 0.4, "overlap": 100.0, "kdry": 0.8, "service_brake": True, "service_curve": False,
+    "roll_away": 2.0, "speed_difference": 2.0, "position_difference": 20.0, "confirmation": 1.0, "assurance": True,
+    "assurance_limit": "warning", "assurance_margin": 0.5, "plan_margin": 0.5,
+    "failsafe": {"hold": 0.5, "coast": 1.0, "service": 5.0, "release": None},
+}  # fmt: skip
+RANGES = [
+    # model, key, smallest and largest accepted value (None: no bound), refused values
+    (SupervisionSpec, "period", (0.001, 2.0), (0.0009, 2.001)),
+    (SupervisionSpec, "overlap", (0.0, 1e5), (-0.001, 100_000.1)),
+    (SupervisionSpec, "kdry", (0.001, 1.0), (0.0, 1.001)),
+    (SupervisionSpec, "roll_away", (0.001, None), (0.0,)),
+    (SupervisionSpec, "speed_difference", (0.001, None), (0.0,)),
+    (SupervisionSpec, "position_difference", (0.001, None), (0.0,)),
+    (SupervisionSpec, "confirmation", (0.0, None), (-0.001,)),
+    (SupervisionSpec, "assurance_margin", (0.0, None), (-0.001,)),
+    (SupervisionSpec, "plan_margin", (0.0, None), (-0.001,)),
+    (FailsafeSpec, "hold", (0.0, None), (-0.001,)),
+    (FailsafeSpec, "coast", (0.0, None), (-0.001,)),
+    (FailsafeSpec, "service", (0.0, None), (-0.001,)),
+    (FailsafeSpec, "release", (0.001, None), (0.0,)),
+]
+
+
+def test_defaults() -> None:
+    """Breaks if a default is changed without its entry here: the figures of every shipped run depend on it."""
+    assert SupervisionSpec().model_dump() == DEFAULTS
+
+
+@pytest.mark.parametrize(("model", "key", "accepted", "refused"), RANGES, ids=[row[1] for row in RANGES])
+def test_ranges(model, key, accepted, refused):
+    """Breaks if a bound of a setting moves or is left out."""
+    for value in accepted:
+        if value is not None:
+            assert getattr(model.model_validate({key: value}), key) == value
+    for value in refused:
+        with pytest.raises(ValidationError, match=key):
+            model.model_validate({key: value})
+
+
+def test_states_by_severity() -> None:
+    """Breaks if a state of a recorded run changes its number: the log and the page have numbers."""
+    names = ["NORMAL", "INDICATION", "OVERSPEED", "WARNING", "SERVICE_BRAKE", "EMERGENCY_BRAKE"]
+    assert [(state.name, state.value) for state in SupervisionState] == list(zip(names, range(6), strict=True))
+    assert SupervisionState.SERVICE_BRAKE.text == "service brake"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import signal
 import socket
@@ -22,17 +23,16 @@ import yaml
 from waiting import wait_for
 
 import train_ato as ta
-from train_ato.apps.sweep import execution
+from plant_sim.library import consist_path, line_path
 from train_ato.apps.sweep import sweep as sweep_module
-from train_ato.apps.sweep.batch import run_batch
 from train_ato.apps.sweep.cluster import OWNER, SCRATCH, SETTINGS, _scratch_folder, sweep_client
 from train_ato.apps.sweep.folder import SweepFolder
 from train_ato.apps.sweep.groups import NotDrawable
 from train_ato.apps.sweep.rerun import run_row_again
-from train_ato.apps.sweep.result import SweepResult
-from train_ato.apps.sweep.row import WALL_TIMES
+from train_ato.apps.sweep.result import METADATA, SweepResult, read_results, write_results
+from train_ato.apps.sweep.row import WALL_TIMES, run_batch
 from train_ato.apps.sweep.spec import read_sweep
-from train_ato.apps.sweep.table import METADATA, read_results, write_results
+from train_ato.apps.sweep.sweep import prepare_sweep
 from train_ato.cli.main import main
 from train_ato.interrupt import Interrupt, ending_like_ctrl_c
 from train_ato.log.run_folder import read_summary
@@ -41,6 +41,7 @@ ROOT = Path(__file__).resolve().parents[1]
 LAWS = '''
 import os
 import signal
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from train_ato.control.algorithms.guard import GuardedLaw
@@ -72,6 +73,14 @@ class Freezes(GuardedLaw):
             frozen.touch()
             os.kill(os.getpid(), signal.SIGSTOP)
         raise RuntimeError("broken on purpose")
+
+
+@dataclass
+class Sleeps(GuardedLaw):
+    """Law whose step never returns from C."""
+
+    def demand(self, inputs):
+        time.sleep(1e6)
 '''
 SPEC: dict[str, Any] = {
     "scenario": "demo",
@@ -328,7 +337,7 @@ def test_the_run_of_a_frozen_worker_is_named_and_runs_again(tmp_path: Path, monk
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     monkeypatch.setenv("FROZEN", str(tmp_path / "frozen"))
     monkeypatch.setitem(SETTINGS, "distributed.scheduler.worker-ttl", "15s")
-    monkeypatch.setattr(execution, "SILENT_S", 0.0)
+    monkeypatch.setattr("train_ato.apps.sweep.sweep.SILENT_S", 0.0)
     spec = {"scenario": "demo", "over": {"law": ["pid", "own_laws:Freezes"]}, "set": {"duration": 20}}
     said: list[str] = []
     found = sweep_module.prepare_sweep(read_sweep(spec), jobs=2).run(announce=said.append)
@@ -336,6 +345,23 @@ def test_the_run_of_a_frozen_worker_is_named_and_runs_again(tmp_path: Path, monk
     assert found.table["status"].tolist() == ["done", "failed"]
     assert "broken on purpose" in found.table["reason"][1]
     assert said[-1].startswith("no run has ended for ") and said[-1].endswith("under way: run 2"), said
+
+
+@pytest.mark.graph
+def test_a_run_that_does_not_end_is_a_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Breaks if a run that never ends in a living worker keeps its sweep from its end, or costs the rows of others."""
+    (tmp_path / "own_laws.py").write_text(LAWS)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.setattr(sweep_module, "LOOK_S", 1.0)
+    monkeypatch.setattr(sweep_module, "END_S", 40.0)
+    monkeypatch.setattr(sweep_module, "END_BATCHES", 0.0)
+    spec = {"scenario": "demo", "over": {"law": ["pid", "own_laws:Sleeps", "smc"]}, "set": {"duration": 2}}
+    said: list[str] = []
+    found = sweep_module.prepare_sweep(read_sweep(spec), jobs=1).run(announce=said.append)
+    assert found.table["status"].tolist() == ["done", "failed", "done"]
+    assert re.fullmatch(r"did not end within \d+ s, twice; its worker was ended", found.table["reason"][1])
+    assert re.fullmatch(r"run 2 did not end within \d+ s; once more at the end, alone", said[0])
 
 
 @pytest.mark.graph
@@ -399,10 +425,36 @@ def test_a_running_scheduler_is_used(tmp_path: Path) -> None:
         ta.sweep(spec, scheduler=address)
 
 
+@pytest.mark.parametrize("changed", ["line.yaml", "train.yaml", "swept_law.py", ""])
+def test_a_sweep_does_not_go_on_with_other_files(changed: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Breaks if rows of an old line, train or law are mixed with those of the new one, in fixed or varied keys."""
+    shutil.copy(line_path("daqin_section"), tmp_path / "line.yaml")
+    shutil.copy(consist_path("hxd1_c80_105"), tmp_path / "train.yaml")
+    (tmp_path / "swept_law.py").write_text("from train_ato.control.laws.pid import Pid as Own\n")
+    monkeypatch.delitem(sys.modules, "swept_law", raising=False)
+    monkeypatch.syspath_prepend(tmp_path)
+    scenario = {"base": "demo", "plant": {"consist": "train.yaml"}, "duration": 20}
+    (tmp_path / "own.yaml").write_text(yaml.safe_dump({"schema": "train_ato/scenario/1", **scenario}))
+    over = {"law": ["pid", "swept_law:Own"], "plant.line": ["line.yaml"]}
+    spec = read_sweep({"scenario": str(tmp_path / "own.yaml"), "design": "grid", "over": over})
+    identities = []
+    for more in ("", "# longer\n"):
+        if changed:
+            with (tmp_path / changed).open("a") as file:
+                file.write(more)
+        identities.append(prepare_sweep(spec).identity)
+    folder = SweepFolder.opened(tmp_path / "out")
+    folder.begin(identities[0])
+    folder.begin(identities[0])
+    refused = pytest.raises(ValueError, match="the scenario has changed; name a new folder")
+    with refused if changed else nullcontext():
+        folder.begin(identities[1])
+
+
 def test_ctrl_c_pressed_three_times_keeps_the_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Breaks if a second or third Ctrl-C, in the end of the workers or the writing, loses ``results.parquet``."""
 
-    def pressed(client: Any, base: Any, points: Any, take: Any, announce: Any) -> None:
+    def pressed(client: Any, base: Any, points: Any, take: Any, announce: Any, **_: Any) -> None:
         take(run_batch(base, points[:2]))
         try:
             signal.raise_signal(signal.SIGINT)
@@ -413,7 +465,7 @@ def test_ctrl_c_pressed_three_times_keeps_the_table(tmp_path: Path, monkeypatch:
         signal.raise_signal(signal.SIGINT)
         write_results(*arguments)
 
-    monkeypatch.setattr(sweep_module, "sweep_client", lambda *_: nullcontext())
+    monkeypatch.setattr(sweep_module, "sweep_client", lambda *_, **__: nullcontext())
     monkeypatch.setattr(sweep_module, "execute_points", pressed)
     monkeypatch.setattr(sweep_module, "write_results", written)
     with ending_like_ctrl_c(Interrupt()), pytest.raises(ta.RunInterrupted, match="2 finished runs"):

@@ -10,16 +10,13 @@ import pytest
 import yaml
 
 from train_ato.apps.runs.scenario_choice import choose_scenario
-from train_ato.apps.sweep.check import check_values, sweep_base
 from train_ato.apps.sweep.cluster import sweep_client
-from train_ato.apps.sweep.design import design_points
-from train_ato.apps.sweep.pareto import pareto_front
-from train_ato.apps.sweep.robustness_map import CELLS, map_cells
+from train_ato.apps.sweep.result import sweep_table
+from train_ato.apps.sweep.robustness_map import CELLS, map_cells, pareto_front
 from train_ato.apps.sweep.row import drive_point
-from train_ato.apps.sweep.spec import read_sweep
-from train_ato.apps.sweep.table import sweep_table
-from train_ato.cli.main import main
-from train_ato.loop.part_cache import PartCache
+from train_ato.apps.sweep.spec import design_points, read_sweep
+from train_ato.apps.sweep.sweep import check_values, sweep_base
+from train_ato.loop.scenario_data import PartCache
 
 LAG = {"plant.lag": {"from": 0.1, "to": 0.5}}
 GOOD: dict[str, Any] = {"scenario": "demo", "over": {"seed": [1, 2]}}
@@ -65,21 +62,6 @@ def test_every_value_is_checked_before_the_start(over: dict[str, Any], fixed: di
     with pytest.raises(ValueError) as error:
         check_values(spec, sweep_base(spec), design_points(spec))
     assert str(error.value).startswith(f"study.yaml: {text}")
-
-
-def test_the_command_refuses_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Breaks if a refusal has a traceback or another exit status, or leaves a folder."""
-    file, out = tmp_path / "study.yaml", tmp_path / "out"
-    file.write_text(yaml.safe_dump({"scenario": "demo", "over": {"law": ["pdi"]}}))
-    for arguments in (
-        [str(file)],
-        [str(file), "--jobs", "0"],
-        [str(tmp_path / "none.yaml")],
-        [str(file), "--row", "1"],
-    ):
-        assert main(["sweep", *arguments, *(["--out", str(out)] if "--row" not in arguments else [])]) == 2
-        assert len(capsys.readouterr().err.splitlines()) == 1
-    assert not out.exists()
 
 
 @pytest.mark.parametrize("address", ["foo", "tcp://host:port", "foo://host:8786"])

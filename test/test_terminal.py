@@ -13,11 +13,12 @@ from pathlib import Path
 import pytest
 from import_files import TRAIN, recorded
 
-from plant_sim.number_text import number_text
-from train_ato.apps.runs.summary_table import format_value
+from plant_sim.units import number_text
+from train_ato.apps.runs.summary_table import PROTECTION, RESULTS, format_value
 from train_ato.cli import main
 from train_ato.cli.main import COMMANDS, MODULES, WITHOUT_JSON
 from train_ato.cli.screen import print_names, print_table
+from train_ato.loop.metric_names import metric_heading
 
 ROOT = Path(__file__).resolve().parents[1]
 SHORT = ["--set=duration=2", "--set=supervision.enabled=false"]
@@ -40,31 +41,6 @@ def test_no_arguments_print_the_help(capsys: pytest.CaptureFixture[str]) -> None
         main(["--help"])
     assert alone.out == capsys.readouterr().out
     assert alone.err == ""
-
-
-@pytest.mark.parametrize(
-    ("arguments", "text"),
-    [
-        (["rnu"], "unknown command 'rnu'; did you mean 'run'?; see `train-ato --help`"),
-        (["reprot", "x"], "unknown command 'reprot'; did you mean 'report'?; see `train-ato --help`"),
-        (["xyz"], "unknown command 'xyz'; see `train-ato --help`"),
-        (["run", "demo", "--observr=ndo"], "unknown argument '--observr'; did you mean '--observer'?"),
-        (["run", "demo", "again"], "unknown argument 'again'; see `train-ato run --help`"),
-        (["inject", "gusst"], "did you mean 'gust'?; see `train-ato inject --help`"),
-    ],
-)
-def test_an_unknown_word_has_the_nearest_known_one(
-    arguments: list[str], text: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Breaks if a misspelt command, option or action has no hint, or ends with another status than 2."""
-    try:
-        status: object = main(arguments)
-    except SystemExit as error:
-        status = error.code
-    shown = capsys.readouterr()
-    assert status == 2
-    assert text in shown.err and shown.err.count("\n") == 1
-    assert shown.out == ""
 
 
 BRACKETS = "V [/kmh] [bold] :car: km/h]"
@@ -93,16 +69,10 @@ def test_headers_with_brackets_reach_the_summary_and_info(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("value", "text"),
     [
-        (999.7, "1000"),
-        (1000.0, "1000"),
-        (-999.96, "-1000"),
-        (1234567.0, "1234567"),
-        (999.4, "999"),
-        (0.0123456, "0.0123"),
-        (float("nan"), "nan"),
-        (float("-inf"), "-inf"),
+        (999.7, "1000"), (1000.0, "1000"), (-999.96, "-1000"), (1234567.0, "1234567"), (999.4, "999"),
+        (0.0123456, "0.0123"), (float("nan"), "nan"), (float("-inf"), "-inf"),
     ],
-)
+)  # fmt: skip
 def test_numbers_of_tables_have_no_exponent(value: float, text: str) -> None:
     """Breaks if a number from 999.5 on is printed as ``1e+03``."""
     assert format_value(value) == text
@@ -134,6 +104,18 @@ def test_every_command_with_data_has_json() -> None:
     assert {name for name, _ in COMMANDS if f"train_ato.cli.{MODULES.get(name, name)}" in WITHOUT_JSON} == {
         "completion"
     }
+
+
+def test_the_output_of_a_run_fits_a_screen_and_its_page_explains_every_line(tmp_path, capsys):
+    """Breaks if a run prints more than a screen of 80 columns, or a row that the page of its last line lacks."""
+    assert main(["run", "demo", "--engine", "--set", "duration=20", "--out", str(tmp_path / "r")]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert sum(-(-len(line) // 80) for line in lines) < 24
+    page, _, heading = lines[-1].removeprefix("every line is explained in ").partition(", ")
+    text = (Path(__file__).resolve().parents[1] / page).read_text().partition(f"## {heading}\n")[2]
+    explained = {row.split(" | ")[0].strip("| ") for row in text.partition("\n## ")[0].splitlines()}
+    printed = {line.rsplit(None, 1)[0].strip() for line in lines[3:-2]}
+    assert len(printed) > 10 and printed | {metric_heading(key) for key in (*RESULTS, *PROTECTION)} <= explained
 
 
 @pytest.mark.parametrize("mode", [[], ["--processes"]])

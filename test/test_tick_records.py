@@ -13,9 +13,9 @@ from mcap.records import Chunk, MessageIndex
 from mcap.stream_reader import StreamReader
 from span_runs import setup_of
 
+from train_ato.log.mcap_writer import MESSAGE, MESSAGE_TYPE
 from train_ato.log.run_folder import Encoder
 from train_ato.log.run_log import RunLog
-from train_ato.log.tick_records import MESSAGE, MESSAGE_TYPE
 from train_ato.loop.engine import run_engine
 from train_ato.messages.codec.codec import Wire
 from train_ato.messages.topics import topics_of

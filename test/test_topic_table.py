@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -15,10 +16,9 @@ from train_ato.log.run_folder import RunFolder
 from train_ato.loop import engine
 from train_ato.loop.plant import PlantStage
 from train_ato.loop.setup import prepare
-from train_ato.loop.stage_messages import PlantMessages, Published
+from train_ato.loop.stage_messages import PlantMessages
 from train_ato.messages.codec.codec import Wire
-from train_ato.messages.layout import Owner, TrainLayout
-from train_ato.messages.topic import AIR_BRAKE, Condition, Place, Rate, Role, Topic, joint_states
+from train_ato.messages.topic import AIR_BRAKE, Condition, Owner, Place, Rate, Role, Topic, TrainLayout, joint_states
 from train_ato.messages.topics import BY_NAME, topics_of
 from train_ato.messages.types import Array
 from train_ato.scenario.scenario import load_scenario
@@ -71,9 +71,7 @@ class WarmMessages(PlantMessages):
     motors: Motors
     cabin: Cabin
 
-    def published(self) -> Published:
-        """Return the messages in the order in which they are sent."""
-        return [(MOTORS.name, self.motors), (CABIN.name, self.cabin), *PlantMessages.published(self)]
+    order: ClassVar[dict[str, str]] = {"motors": MOTORS.name, "cabin": CABIN.name, **PlantMessages.order}
 
 
 class WarmPlant(PlantStage):
@@ -85,9 +83,7 @@ class WarmPlant(PlantStage):
         units = np.arange(float(self.setup.layout.n_units))
         motors = Motors(self.stamp, 300.0 + self.tick + units, 0.01 * units)
         cabin = Cabin(self.stamp, 293.0 + 0.5 * self.tick)
-        return WarmMessages(
-            found.truth, found.measurement, found.odometry, found.protection, motors=motors, cabin=cabin
-        )
+        return WarmMessages(*(getattr(found, entry.name) for entry in fields(found)), motors=motors, cabin=cabin)
 
 
 @pytest.fixture

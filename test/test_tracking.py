@@ -80,9 +80,7 @@ def test_a_train_on_its_reference_is_tracked() -> None:
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize(("factor", "found"), [(1.01, "lost"), (0.99, TRACKED)])
-def test_a_position_error_at_the_end_beyond_the_way_of_ten_seconds_is_lost(
-    factor: float, found: str, sign: float
-) -> None:
+def test_a_position_error_at_the_end_beyond_the_way_of_ten_seconds_is_lost(factor, found, sign):
     """Breaks if the limit is not the running time at the largest speed, or the sign is wrong."""
     setup = demo()
     error = sign * factor * 10.0 * top_speed(setup)
@@ -180,9 +178,7 @@ def dead_time(setup: RunSetup) -> float:
         (0.3, 1.0, 9.0, TRACKED),
     ],
 )
-def test_a_sustained_oscillation_of_the_command_is_a_limit_cycle(
-    amplitude: float, periods: float, seconds: float, found: str
-) -> None:
+def test_a_sustained_oscillation_of_the_command_is_a_limit_cycle(amplitude, periods, seconds, found):
     """Breaks if amplitude, longest period or shortest duration is not that of the definition."""
     setup = demo()
     period = periods * dead_time(setup)
@@ -399,30 +395,20 @@ def test_a_strict_run_that_is_not_tracked_has_exit_status_1(tmp_path: Any, capsy
 @pytest.mark.parametrize(
     ("scenario", "changes", "found"),
     [
-        (
-            "freight_consensus:realistic",
-            {"law": "pid", "observer": "cascaded", "compensation": "train_predictor"},
-            ["lost", "limit cycle", "saturated"],
-        ),
+        ("freight_consensus:realistic", {"law": "pid", "observer": "cascaded", "compensation": "train_predictor"},
+         ["lost", "limit cycle", "saturated"]),
         ("freight_consensus:realistic", {}, [TRACKED]),
-        (
-            "daqin_heavy_haul",
-            {"law": "gpc", "laws": {"gpc": {"gains": "printed"}}, "control_period": 0.2, "duration": 200},
-            ["limit cycle"],
-        ),
-        (
-            "crh380a_gpc:short",
-            {"laws": {"gpc": {"gains": "printed", "sampling": 0.2}}, "duration": 120},
-            ["never departed", "lost", "saturated"],
-        ),
+        ("daqin_heavy_haul",
+         {"law": "gpc", "laws": {"gpc": {"gains": "printed"}}, "control_period": 0.2, "duration": 200},
+         ["limit cycle"]),
+        ("crh380a_gpc:short", {"laws": {"gpc": {"gains": "printed", "sampling": 0.2}}, "duration": 120},
+         ["never departed", "lost", "saturated"]),
         ("xuzhou_metro:long_delay", {"duration": 200, "step": 0.005}, ["limit cycle", "saturated"]),
         ("xuzhou_metro:disturbed", {"duration": 120, "step": 0.005}, [TRACKED]),
         ("demo", {"duration": 200}, [TRACKED]),
     ],
-)
-def test_driven_runs_have_the_outcome_that_their_figures_show(
-    scenario: str, changes: dict[str, Any], found: list[str]
-) -> None:
+)  # fmt: skip
+def test_driven_runs_have_the_outcome_that_their_figures_show(scenario, changes, found):
     """Breaks if a law that loses the train is called tracked, or the answer to the waves of paper 002 a limit cycle."""
     summary = run_engine(prepare(*load_scenario(scenario, (), changes))).summary
     rows = summary["tracking_findings"]

@@ -14,14 +14,12 @@ import pytest
 from plant_sim.consist import Consist
 from plant_sim.library import load_consist
 from plant_sim.line import Line
-from train_ato.cli.plan import add_arguments, execute
-from train_ato.cli.plan_trip import trip_from_options
+from train_ato.cli.plan import add_arguments, execute, trip_from_options
 from train_ato.errors import RunInterrupted
 from train_ato.interrupt import Interrupt, ending_like_ctrl_c
-from train_ato.profile.trip.fatigue import coupler_damage, reversals
 from train_ato.profile.trip.journey import Journey, JourneySearch
-from train_ato.profile.trip.objective import TripSearch, plan_trip
-from train_ato.profile.trip.planner import TripPlanner
+from train_ato.profile.trip.plan import coupler_damage, reversals
+from train_ato.profile.trip.planner import TripPlanner, TripSearch, plan_trip
 from train_ato.profile.trip.reduced_train import nominal_train_model, reduced_train, shoe_response
 from train_ato.profile.trip.run_profile import braking_distance, final_deceleration, stop_knots
 from train_ato.profile.trip.settings import TripSettings

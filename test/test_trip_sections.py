@@ -14,8 +14,7 @@ from plant_sim.line import Line
 from train_ato.messages.types import Array
 from train_ato.profile.trip.plan import TripPlan
 from train_ato.profile.trip.planner import TripPlanner
-from train_ato.profile.trip.reduced_train import nominal_train_model, reduced_train
-from train_ato.profile.trip.section_forces import MARGIN, SectionForces
+from train_ato.profile.trip.reduced_train import MARGIN, SectionForces, nominal_train_model, reduced_train
 from train_ato.profile.trip.settings import TripSettings
 
 SETTINGS = TripSettings(end=12_000.0)

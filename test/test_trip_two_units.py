@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -14,12 +12,10 @@ from train_ato.control.force_distribution import ForceDistribution, SharesAt
 from train_ato.control.train_model import TrainModel
 from train_ato.loop.engine import run_engine
 from train_ato.loop.setup import prepare
-from train_ato.profile.trip.driven_run import TripRun, follow_journey
+from train_ato.profile.trip.driven_run import TripRun, follow_journey, shares_for_run
 from train_ato.profile.trip.journey import Journey, JourneySearch
-from train_ato.profile.trip.quasi_static_couplers import coupler_tables
-from train_ato.profile.trip.reduced_train import nominal_train_model, reduced_train
+from train_ato.profile.trip.reduced_train import coupler_tables, nominal_train_model, reduced_train
 from train_ato.profile.trip.settings import TripSettings
-from train_ato.profile.trip.unit_shares import shares_for_run
 from train_ato.scenario.scenario import load_scenario
 
 MIDDLE = 21
@@ -105,21 +101,6 @@ def test_a_unit_at_its_limit_leaves_the_rest_to_the_other() -> None:
     assert distribution.forces(0.0, [400.0, 400.0], [-400.0] * 2, [400.0] * 2) == pytest.approx([400.0, 400.0])
 
 
-@pytest.mark.parametrize(
-    ("shares", "word"),
-    [
-        ([{"at": 0, "shares": [0.7, 0.7, 0.7]}], "sum 2.1"),
-        ([{"at": 0, "shares": [0.5, 0.5]}], "2 shares at 0 m, but the train has 3 power units"),
-        ([{"at": 9, "shares": [1, 0, 0]}, {"at": 3, "shares": [1, 0, 0]}], "places do not increase"),
-    ],
-)
-def test_wrong_shares_are_refused_before_the_run(shares: list[Any], word: str) -> None:
-    """Breaks if wrong shares are found in the run, or the message has several lines."""
-    with pytest.raises(ValueError, match=word) as raised:
-        prepare(*load_scenario("crh380a_gpc", changes={"force_shares": shares}))
-    assert "\n" not in str(raised.value)
-
-
 def test_a_run_commands_the_shares_of_its_scenario() -> None:
     """Breaks if the shares of a scenario do not reach the commands of the power units."""
     shares = [{"at": -1e4, "shares": [0.5, 0.5, 0.0]}]
@@ -130,9 +111,7 @@ def test_a_run_commands_the_shares_of_its_scenario() -> None:
     assert len(pulling) and np.allclose(pulling[:, 0], pulling[:, 1]) and not pulling[:, 2].any()
 
 
-def test_the_shares_of_a_run_lower_the_forces_between_the_units(
-    model: TrainModel, settings: TripSettings, journey: Journey, equal_run: TripRun
-) -> None:
+def test_the_shares_of_a_run_lower_the_forces_between_the_units(model, settings, journey, equal_run):
     """Breaks if the shift has the wrong sign: the unit at the larger draft would pull more."""
     shares = shares_for_run(model, equal_run, ())
     run = follow_journey(model, settings, journey, journey.applications, shares)
@@ -153,9 +132,7 @@ def test_quasi_static_forces_are_those_of_rest(consist: Consist) -> None:
     assert {MIDDLE - 1, MIDDLE} <= set(tables.numbers)
 
 
-def test_the_search_keeps_a_limit_of_the_coupler_forces(
-    model: TrainModel, settings: TripSettings, equal_run: TripRun
-) -> None:
+def test_the_search_keeps_a_limit_of_the_coupler_forces(model, settings, equal_run):
     """Breaks if the search ignores the couplers: with a small limit it must pull and brake less."""
     journey = journey_of(model, settings, 150e3)
     run = follow_journey(model, settings, journey, journey.applications)

@@ -14,11 +14,11 @@ import pytest
 from rosbags.rosbag2 import Reader
 
 from train_ato.cli import main
-from train_ato.log.reading import stream
+from train_ato.log.mcap_records import stream
+from train_ato.log.reading import WallTime, read_wall_time
 from train_ato.log.recover import recover
 from train_ato.log.run_folder import read_run_folder
 from train_ato.log.run_log import LogFile, RunLog
-from train_ato.log.wall_time import WallTime, read_wall_time
 from train_ato.messages.codec.codec import Wire
 from train_ato.messages.topics import EPOCH_NS, topics_of
 from train_ato.ros.nodes import recorder
@@ -113,14 +113,19 @@ class LateQueues:
 
     shared_taker = taker
 
+    def answer_requests(self) -> None:
+        """Answer no request."""
+
+    def sent_outside(self, name: str) -> bool:
+        """Have no program in place of a node."""
+        return False
+
     def publish(self, topic: str, message: Any) -> None:
         """Accept the progress of the recorder."""
 
 
 @pytest.mark.parametrize("hold", [60.0, 0.0], ids=["waits", "longest wait"])
-def test_messages_wait_for_the_last_topic_of_their_tick(
-    hold: float, run: Callable[[str], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_messages_wait_for_the_last_topic_of_their_tick(hold, run, tmp_path, monkeypatch):
     """Breaks if a tick is before the late command of an earlier one, or if a silent topic stops the recording."""
     monkeypatch.setattr(recorder, "HOLD_S", hold)
     queues = LateQueues(run("engine"), "ato/command")

@@ -60,9 +60,7 @@ def test_signs_of_zero_are_different_bits(one: Path, wire: Wire) -> None:
     assert _unequal("force", 0.0, -0.0, tolerant) is None
 
 
-def test_late_messages_are_compared_with_those_of_their_stamp(
-    wire: Wire, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_late_messages_are_compared_with_those_of_their_stamp(wire, tmp_path, monkeypatch):
     """Breaks if a message behind the others, or a foreign one far ahead, counts as missing."""
     messages: list[tuple[str, object, int]] = []
 

@@ -87,6 +87,7 @@ class Client:
 def test_a_recorded_run_goes_to_foxglove_as_it_was_recorded(run):
     """Breaks if a definition, a byte or a time differs from the log, or the latched profile does not arrive."""
     feed = RecordedFeed(run)
+    feed.seek(0.0)
 
     async def look(server):
         client = await Client.connect(server.url)
@@ -102,7 +103,7 @@ def test_a_recorded_run_goes_to_foxglove_as_it_was_recorded(run):
         await client.subscribe("/train/vehicles", "/ato/profile")
         await client.until(lambda: client.messages.get("/ato/profile") and client.messages.get("/train/vehicles"))
         feed.speed = 20.0
-        feed.set_playing(True)
+        feed.set_playing(playing=True)
         await client.until(lambda: feed.time >= 30.0 and len(client.messages["/train/vehicles"]) > 250)
         await client.until(lambda: client.times and client.times[-1] == EPOCH_NS + 30 * 10**9)
         return client

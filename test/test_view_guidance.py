@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
+from import_files import recorded, take
 
 from train_ato.apps.view.facts import Facts, ProfileCurve
-from train_ato.apps.view.feed import Feed, Mark
-from train_ato.apps.view.guidance import delay_at, guidance, targets
+from train_ato.apps.view.feed import Feed, Mark, ProtectionTracker
 from train_ato.apps.view.page import MOST_MESSAGES, message_rows, track_ahead
-from train_ato.apps.view.protection import ProtectionTracker
-from train_ato.messages.layout import TrainLayout
+from train_ato.apps.view.recorded import RecordedFeed
+from train_ato.apps.view.snapshot import delay_at, guidance, targets
+from train_ato.log.tables.loading import load
+from train_ato.messages.topic import TrainLayout
 from train_ato.messages.types import Diagnostic
-from train_ato.supervision.ceiling import ceiling_speeds
+from train_ato.supervision.step_function import ceiling_speeds
 from train_ato.supervision.supervisor import SupervisionState
 
 LINE = Facts(
@@ -50,22 +53,23 @@ def test_the_plan_has_stops_and_brake_applications() -> None:
 def test_the_curve_of_the_plan_is_the_permitted_speed_before_a_stop() -> None:
     """Breaks if a stop or a lower limit ahead does not lower the permitted speed, or a far one does."""
     front = 760.0
-    found = guidance(LINE, plan(), front, 5.0, None, "")
+    found = guidance(LINE, plan(), front, 5.0, limits=None, state="")
     assert (found.target_speed, found.target_distance) == (0.0, pytest.approx(50.0, abs=1.0))
     assert found.permitted == pytest.approx(math.sqrt(2 * 0.5 * found.target_distance))
     assert found.intervention == ceiling_speeds(found.permitted).service
-    far = guidance(LINE, plan(), 50.0, 5.0, None, "")
+    far = guidance(LINE, plan(), 50.0, 5.0, limits=None, state="")
     assert (far.permitted, far.state) == (20.0, SupervisionState.NORMAL)
-    slow = guidance(LINE, plan(), 900.0, 15.0, None, "")
+    slow = guidance(LINE, plan(), 900.0, 15.0, limits=None, state="")
     assert (slow.target_speed, slow.target_distance) == (10.0, pytest.approx(100.0))
 
 
 def test_states_follow_the_speed() -> None:
     """Breaks if an indication comes after the overspeed, or a state is skipped."""
     curve = plan()
-    permitted = guidance(LINE, curve, 700.0, 0.0, None, "").permitted
+    permitted = guidance(LINE, curve, 700.0, 0.0, limits=None, state="").permitted
     states = [
-        guidance(LINE, curve, 700.0, speed, None, "").state for speed in (1.0, permitted - 0.1, permitted + 0.5, 25.0)
+        guidance(LINE, curve, 700.0, speed, limits=None, state="").state
+        for speed in (1.0, permitted - 0.1, permitted + 0.5, 25.0)
     ]
     assert states == [
         SupervisionState.NORMAL, SupervisionState.INDICATION, SupervisionState.OVERSPEED,
@@ -76,14 +80,14 @@ def test_states_follow_the_speed() -> None:
 def test_the_supervisor_replaces_limits_and_plan() -> None:
     """Breaks if a supervised run shows the permitted speed of the plan, or a state of its own."""
     limits = np.array([12.0, 13.0, 14.0, 15.0])
-    found = guidance(LINE, plan(), 700.0, 13.5, limits, "warning")
+    found = guidance(LINE, plan(), 700.0, 13.5, limits=limits, state="warning")
     assert (found.permitted, found.intervention, found.state) == (12.0, 14.0, SupervisionState.WARNING)
-    assert guidance(LINE, None, 0.0, 1.0, limits, "not known").state is SupervisionState.NORMAL
+    assert guidance(LINE, None, 0.0, 1.0, limits=limits, state="not known").state is SupervisionState.NORMAL
 
 
 def test_without_limits_and_plan_nothing_is_permitted_or_forbidden() -> None:
     """Breaks if a line without limits has a number on the dial."""
-    found = guidance(Facts("none", TrainLayout(1, 1)), None, 0.0, 50.0, None, "")
+    found = guidance(Facts("none", TrainLayout(1, 1)), None, 0.0, 50.0, limits=None, state="")
     assert (found.permitted, found.state) == (math.inf, SupervisionState.NORMAL)
     assert math.isnan(found.target_distance)
     assert targets(LINE, None, 1200.0)[0].size == 0
@@ -134,3 +138,23 @@ def test_interventions_and_failures_need_an_acknowledgement() -> None:
     ):
         found += tracker.take(Diagnostic(time * 1_000_000_000, node, 0, text, values))
     assert [(mark.time, mark.acknowledge) for mark in found] == [(1.0, False), (2.0, True), (4.0, True)]
+
+
+def test_a_measured_run_is_shown_as_it_was_recorded(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if the display needs true states, or shows the front of the train at its power unit."""
+    take(tmp_path, capsys, recorded(0.2, 60.0), train=["--consist", "crh380a_three_units", "--line", "level"])
+    feed = RecordedFeed(tmp_path / "imported")
+    table = load(tmp_path / "imported")["train/measurement"]
+    assert feed.facts.layout.n_vehicles == 1, "no strip of couplers along the train"
+    feed.seek(30.0)
+    assert feed.frame is not None
+    moment, row = feed.frame.moment, table.iloc[300]
+    assert moment.speed == pytest.approx(3.6 * row["unit_0_speed_m_s"], abs=1e-9)
+    assert moment.applied.sum() == pytest.approx(sum(row[f"unit_{unit}_applied_force_n"] for unit in range(3)))
+    assert feed.recording.setup is not None
+    offset = feed.recording.setup.model.offsets[0]
+    assert moment.position[0] == pytest.approx(row["unit_0_position_m"] + offset, abs=1e-9)
+    part = feed.part(0.0, 60.0)
+    assert np.isfinite(part["speed"]).all()
+    feed.step(1)
+    assert feed.time == pytest.approx(30.1)

@@ -15,8 +15,7 @@ from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import websocket_connect
 from view_browser import viewing
 
-from train_ato.apps.view.origin_gate import _accepted
-from train_ato.apps.view.origins import host_of, may_read_topics
+from train_ato.apps.view.origin_gate import _accepted, host_of, may_read_topics
 from train_ato.loop.setup import prepare
 from train_ato.scenario.scenario import load_scenario
 

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import json
+import re
 import socket
 from pathlib import Path
+from urllib.request import urlopen
 
 import pytest
+from bokeh.client import pull_session
+from bokeh.util.token import get_session_id
 from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import websocket_connect
 
@@ -28,6 +32,7 @@ from view_browser import (
 )
 from waiting import still, wait_for
 
+import train_ato.apps.view.page  # noqa: F401  # the types that a pulled session has
 from train_ato.loop.setup import prepare
 from train_ato.ros.graph.environment import held_domains
 from train_ato.scenario.scenario import load_scenario
@@ -42,6 +47,19 @@ def recorded(tmp_path_factory) -> Path:
     """Record the first three minutes of the demo."""
     setup = prepare(*load_scenario("demo", ("duration=180", "law_changes=[{at: 100, law: smc}]")))
     return record_run(setup, tmp_path_factory.mktemp("recorded") / "run")
+
+
+def test_a_request_of_the_page_makes_no_session(recorded):
+    """Breaks if every request makes the figures anew, two browsers share a session, or the figures find no place."""
+    with viewing(str(recorded)) as view:
+        texts = [urlopen(view.url).read().decode() for _ in range(3)]
+        tokens = [re.search('"token":"([^"]+)"', text)[1] for text in texts]
+        assert len(set(tokens)) == 3
+        assert len({text.replace(token, "") for text, token in zip(texts, tokens, strict=True)}) == 1
+        places = json.loads(re.search(r'"roots":({[^}]+})', texts[2])[1])
+        with pull_session(session_id=get_session_id(tokens[2]), url=view.url) as session:
+            assert {root.id for root in session.document.roots} == {*places}
+        assert all(f'id="{place}"' in texts[2] for place in places.values())
 
 
 def clock_of(page) -> float:
@@ -119,7 +137,12 @@ def test_a_recorded_run_is_played(recorded, tmp_path):
     """Breaks if slider, play and pause or the list of events have no effect, or the browser reports an error."""
     with browser() as page, viewing(str(recorded)) as view:
         opened(page, view.url, frames=1)
-        assert text(page, "clock_text") == "0:00:00.0"
+        assert clock_of(page) > 0.0  # where something happens
+        place = page.evaluate("(() => { const b = document.getElementById('overview').getBoundingClientRect();"
+                              " return [b.left + overview.across(60, b.width), b.top + 20] })()")  # fmt: skip
+        page.mouse("mousePressed", *place, clicks=1)
+        page.mouse("mouseReleased", *place, clicks=1)
+        wait_for(lambda: clock_of(page) == pytest.approx(60.0, abs=0.5), "the moment of the click")
         page.evaluate("model('time').value = 120.04")
         wait_for(lambda: clock_of(page) == 120.0)
         assert text(page, "law") == "smc"

@@ -12,10 +12,12 @@ import pytest
 from engine_runs import record_run
 from waiting import wait_for
 
-from train_ato.apps.view.ending import Ending, ending_of
+from train_ato.apps.view.controls import Tunable, coerced, slider_scale
 from train_ato.apps.view.facts import Facts, ProfileCurve, facts_of
-from train_ato.apps.view.feed import KEPT_S, Feed, Strip
+from train_ato.apps.view.feed import KEPT_S, Ending, Feed, Mark, Strip, ending_of
 from train_ato.apps.view.live import WAITING_RATE
+from train_ato.apps.view.overview import MOST_POINTS as POINTS_OF_OVERVIEW
+from train_ato.apps.view.overview import WholeRun
 from train_ato.apps.view.recorded import MOST_POINTS, RecordedFeed
 from train_ato.apps.view.snapshot import (
     DIAL_BEGIN,
@@ -29,14 +31,13 @@ from train_ato.apps.view.snapshot import (
     now,
     strip_row,
 )
-from train_ato.apps.view.tuning import Tunable, coerced, slider_scale
 from train_ato.cli import main
 from train_ato.cli.main import command_line
 from train_ato.cli.view import _command, _next_beside, _Started, _Waiting
 from train_ato.errors import RunFailed
 from train_ato.interrupt import Interrupt
 from train_ato.loop.setup import prepare
-from train_ato.messages.layout import TrainLayout
+from train_ato.messages.topic import TrainLayout
 from train_ato.ros.graph.environment import applied, variables
 from train_ato.scenario.interventions import EmergencyBrakeNow, GustNow, planned_for
 from train_ato.scenario.scenario import load_scenario
@@ -274,6 +275,40 @@ def test_a_recorded_run_shows_any_moment(run):
     assert feed.time == 90.0
 
 
+def test_the_overview_has_the_whole_run_and_the_page_opens_at_its_event(run):
+    """Breaks if a band begins at another time, too many points are sent, or the page opens on an empty run."""
+    feed = RecordedFeed(run)
+    whole = feed.whole()
+    assert whole["span"] == [0.0, 90.0] and 300 < len(whole["points"]) <= POINTS_OF_OVERVIEW
+    assert [text for _, text in whole["law"]] == ["pid", "smc"]
+    assert whole["law"][1][0] == pytest.approx(next(mark.time for mark in feed.marks if "smc" in mark.text), abs=0.25)
+    error = feed.part(0.0, 90.0)["error"]
+    moment = feed.frame.moment
+    assert abs(moment.error) == pytest.approx(np.abs(error).max(), rel=1e-6) and moment.time > 0
+    longest = WholeRun((0.0, 0.0))  # a run of unknown duration
+    for tick in range(5000):
+        longest.add(0.1 * tick, float(tick), math.nan, law="pid", ato="")
+    points = longest.columns()["points"]
+    assert POINTS_OF_OVERVIEW / 2 <= len(points) <= POINTS_OF_OVERVIEW and points[-1][0] > 498.0
+    assert np.diff([time for time, _, _ in points]).max() < 1.5 and points[0] == [0.0, 0.0, None]
+
+
+def test_a_live_run_fills_its_overview(run):
+    """Breaks if the frames of a running graph do not reach the overview."""
+    feed = Feed(RecordedFeed(run).facts)
+    source = RecordedFeed(run)
+    for at in (10.0, 20.0, 71.0):
+        source.seek(at)
+        feed.show(source.frame.moment)
+    feed.marks = [Mark(20.0, "gust", "a gust"), Mark(30.0, "", "not in the charts")]
+    found = feed.whole()
+    assert [time for time, _, _ in found["points"]] == [10.0, 20.0, 71.0] and found["law"] == [
+        [10.0, "pid"],
+        [71.0, "smc"],
+    ]
+    assert found["marks"] == [[20.0, "a gust", 0]]
+
+
 def test_playing_goes_on_until_the_end_and_begins_again(run, monkeypatch):
     """Breaks if the rate is wrong, time passes the end, or does not restart after the end."""
     feed = RecordedFeed(run)
@@ -281,7 +316,7 @@ def test_playing_goes_on_until_the_end_and_begins_again(run, monkeypatch):
     monkeypatch.setattr("train_ato.apps.view.recorded.time.monotonic", lambda: clock_now[0])
     feed.seek(30.0)
     feed.speed = 10.0
-    feed.set_playing(True)
+    feed.set_playing(playing=True)
     clock_now[0] += 2.0
     feed.advance()
     feed.advance()
@@ -289,7 +324,7 @@ def test_playing_goes_on_until_the_end_and_begins_again(run, monkeypatch):
     clock_now[0] += 60.0
     feed.advance()
     assert (feed.time, feed.playing) == (90.0, False)
-    feed.set_playing(True)
+    feed.set_playing(playing=True)
     assert (feed.time, feed.playing) == (0.0, True)
 
 
@@ -305,29 +340,6 @@ def test_the_strip_of_a_recorded_run_is_that_of_the_log(run):
     for name in STRIP:
         assert part[name][row] == pytest.approx(live[name], rel=1e-3, abs=1e-3), name
     assert feed.part(-1e9, 1e9)["time"].size <= MOST_POINTS
-
-
-def test_a_run_without_the_truth_is_refused_in_one_line(tmp_path, capfd):
-    """Breaks if an unsuitable log gives a traceback."""
-    assert main(["view", str(tmp_path)]) == 2
-    assert capfd.readouterr().err.count("\n") == 1
-
-
-@pytest.mark.parametrize(
-    ("arguments", "text"),
-    [
-        (("--port", "70000"), "--port 70000"),
-        (("--law", "smc"), "--law: only for a started run"),
-        (("--domain", "555"), "--domain 555"),
-        (("--scenario", "dmo", "--no-browser"), "unknown scenario 'dmo'"),
-    ],
-)
-def test_bad_input_is_refused_before_anything_starts(arguments, text, capfd):
-    """Breaks if an error on the command line starts a server or gives a traceback."""
-    assert main(["view", *arguments]) == 2
-    said = capfd.readouterr().err
-    assert text in said
-    assert said.count("\n") == 1
 
 
 def test_a_run_that_starts_slowly_is_waited_for_until_it_ends(tmp_path, monkeypatch, capfd):

@@ -15,9 +15,10 @@ from engine_runs import record_run
 from view_browser import answer, click, number, opened, said_wrong, strangers, text, viewing
 from waiting import wait_for
 
-from train_ato.apps.view.protection import protection_history, states_after
+from train_ato.apps.view.feed import protection_history, states_after
 from train_ato.apps.view.recorded import RecordedFeed
 from train_ato.apps.view.snapshot import LIMIT_NAMES, ProtectionStates, now
+from train_ato.loop.engine import run_engine
 from train_ato.loop.setup import prepare
 from train_ato.messages.types import Diagnostic
 from train_ato.scenario.scenario import load_scenario
@@ -81,6 +82,19 @@ def test_gains_that_do_not_fit_are_a_message_of_the_page() -> None:
     ]
 
 
+def test_a_run_reports_the_advice_of_a_change_of_law_and_of_a_gain_to_the_page() -> None:
+    """Breaks if the controller reports only the advice of the start, or keeps it after gains that fit."""
+    changes = "{at: 2, law: smc, laws: {smc: {gains: printed}}}, {at: 4, laws: {smc: {gains: model}}}"
+    again = "{at: 6, laws: {smc: {gains: printed}}}"
+    setup = prepare(*load_scenario("demo", [f"law_changes=[{changes}, {again}]", "duration=8"]))
+    recording = run_engine(setup).recording
+    assert recording is not None
+    _, _, marks = protection_history(recording.reports)
+    remedy = "smc: printed gains, not made for this train; try --set laws.smc.gains=model"
+    told = [(round(mark.time), mark.text) for mark in marks if "gains" in mark.text]
+    assert told == [(2, remedy), (6, remedy)]
+
+
 def test_a_recorded_run_has_limits_and_states_of_its_time(braked: Path, plain: Path) -> None:
     """Breaks if limits are those of another time, a state is late, or a run without a supervisor has any."""
     feed = RecordedFeed(braked)
@@ -120,9 +134,9 @@ def test_the_page_of_a_braked_run(braked: Path, plain: Path, tmp_path: Path) -> 
     with browser() as page, viewing(str(braked)) as view:
         opened(page, view.url, frames=1)
         page.evaluate("model('time').value = 193.5")
-        wait_for(lambda: text(page, "supervision_text") == "service brake", "the intervention")
+        wait_for(lambda: page.evaluate("document.body.dataset.ato") == "disengaging", "the state of that time")
+        assert text(page, "supervision_text") == "service brake"
         assert number(page, "permitted_text") < number(page, "warning_text") < number(page, "emergency_text")
-        assert page.evaluate("document.body.dataset.ato") == "disengaging"
         drawn = page.evaluate("model('now').data.emergency_angle[0]")
         assert drawn < page.evaluate("model('now').data.permitted_angle[0]")
         rings = page.evaluate("model('dial').renderers.length")

@@ -20,12 +20,12 @@ from engine_runs import record_run
 from view_browser import answer, opened, said_wrong, text, viewing
 from waiting import LIMIT_S, wait_for
 
+from train_ato.apps.view.controls import Tunable
 from train_ato.apps.view.facts import Facts
 from train_ato.apps.view.snapshot import Snapshot, now, signed
-from train_ato.apps.view.tuning import Tunable
 from train_ato.log.bag_layout import PARTIAL
 from train_ato.loop.setup import prepare
-from train_ato.messages.layout import TrainLayout
+from train_ato.messages.topic import TrainLayout
 from train_ato.ros.graph.environment import claim_domain
 from train_ato.scenario.scenario import load_scenario
 

@@ -12,8 +12,7 @@ from train_ato.loop.run_end import RunEnd
 from train_ato.messages.codec.cdr import typestore
 from train_ato.messages.codec.codec import Wire, stamp_of
 from train_ato.messages.codec.variable import _decode_knots, decode_trajectory, encode_trajectory
-from train_ato.messages.layout import TrainLayout
-from train_ato.messages.topic import SUPERVISED
+from train_ato.messages.topic import SUPERVISED, TrainLayout
 from train_ato.messages.topics import BY_NAME, EPOCH_NS, TOPICS, topics_of
 from train_ato.messages.types import (
     BrakeShoes,

@@ -13,8 +13,11 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 
+from train_ato.cli import main
+
 ROOT = Path(__file__).resolve().parents[1]
 SHORT = {"duration": 20}
+PLAN = ["plan", "level", "xuzhou_metro_3", "--to-km", "1", "--time", "200"]
 
 
 def declared() -> list[str]:
@@ -66,20 +69,41 @@ def test_the_engine_runs_where_no_ros_package_is_installed(tmp_path):
     assert (done.returncode, done.stdout) == (0, "200\n"), done.stderr
     for arguments in (
         ["run", "demo", "--engine", "--set", "duration=20", "--out", "run"], ["--help"], ["list"], ["info", "run"],
-        ["verify", "saved"], ["report", "run"], ["export", "run"],
-        ["compare", "demo", "--laws", "pid,smc", "--set", "duration=10"],
+        ["verify", "saved"], ["export", "run"], [*PLAN, "--no-bound"],
+        ["compare", "demo", "--laws", "pid,smc", "--set", "duration=10", "--out", "laws"],
     ):  # fmt: skip
         done = command(*arguments)
         assert done.returncode == 0, (arguments, done.stderr)
+    assert "without comparison.html: bokeh, Jinja2 are not installed" in done.stderr
+    assert (tmp_path / "laws" / "figure.png").exists()
     for arguments in (
         ["run", "demo"], ["run", "demo", "--processes"], ["param", "law=smc"], ["inject", "pause"],
-        ["replay", "run"], ["view"],
+        ["replay", "run"],
     ):  # fmt: skip
         done = command(*arguments)
         assert done.returncode == 2, (arguments, done.stderr)
         assert len(done.stderr.splitlines()) == 1 and "ROS 2 is not installed" in done.stderr, (arguments, done.stderr)
     done = python("import train_ato as ta; ta.run('demo', mode='composed')")
-    assert "ValueError: ROS 2 is not installed (no rclpy); run the engine" in done.stderr
+    assert "InputError: ROS 2 is not installed (no rclpy); run the engine" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "packages"),
+    [
+        (["report", "runs/demo-1"], "bokeh Jinja2"),
+        (["view", "runs/demo-1"], "bokeh Jinja2 tornado"),
+        (["view", "runs/demo-1", "--foxglove"], "bokeh Jinja2 tornado foxglove-sdk"),
+        (PLAN, "scipy"),
+    ],
+)
+def test_a_missing_extra_is_refused_with_its_command(arguments, packages, monkeypatch, capsys):
+    """Breaks if a command without its packages fails with a traceback, starts its work, or names too few packages."""
+    for module in ("bokeh", "jinja2", "tornado", "foxglove", "scipy"):
+        monkeypatch.setitem(sys.modules, module, None)
+    assert main(arguments) == 2
+    said = capsys.readouterr()
+    assert said.out == "" and len(said.err.splitlines()) == 1
+    assert said.err.endswith(f"not installed; run `pip install {packages}`\n")
 
 
 def test_the_guide_installs_every_requirement_without_ros():

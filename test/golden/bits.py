@@ -28,7 +28,7 @@ import test_span_components  # noqa: E402
 import test_supervised_spans  # noqa: E402
 from law_trains import printed  # noqa: E402
 
-from msgs_docs.generate.fault_table import BASES, ROWS  # noqa: E402
+from msgs_docs.generate.fault_runs import BASES, ROWS  # noqa: E402
 from train_ato.apps.runs.scenario_choice import choose_scenario  # noqa: E402
 from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS  # noqa: E402
 from train_ato.log.versions import versions  # noqa: E402

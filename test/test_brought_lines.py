@@ -1,0 +1,314 @@
+"""Lines and trains that people bring: tables, GPX and GeoJSON with heights, ALTRIOS, paths over via points."""
+
+from __future__ import annotations
+
+import json
+import math
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from plant_sim.formats.altrios import curve_resistance
+from plant_sim.formats.network_path import BEGIN, END, Network
+from plant_sim.formats.reading import read_line, read_train
+from plant_sim.line import Line, line_for
+from plant_sim.track import Track
+from train_ato.cli.main import main
+from train_ato.profile.planner.settings import find_line
+
+TABLE = """\
+# our survey of 2026
+Chainage [km];Gradient [permille];Speed limit [km/h];Radius [m];Station
+12+000;5,0;80;;West
+12+400;-2,5;;-600;
+13+000;;60;0;Mid
+14+500;;;;East
+"""
+
+
+def written(path: Path, text: str) -> str:
+    path.write_text(text, encoding="utf-8")
+    return str(path)
+
+
+def test_a_table_by_hand_and_back(tmp_path: Path) -> None:
+    """Breaks if a unit, a place 12+345, an empty cell or a side is read wrongly, or the table back has other values."""
+    line = find_line(written(tmp_path / "line.csv", TABLE))
+    assert (line.begin, line.end) == (12e3, 14.5e3)
+    assert [(e.at, e.grade) for e in line.grades] == [(12e3, 0.005), (12.4e3, -0.0025)]
+    assert [(e.at, round(3.6 * e.speed, 9)) for e in line.speed_limits] == [(12e3, 80), (13e3, 60)]
+    assert [(e.begin, e.end, e.radius, e.side) for e in line.curves] == [(12.4e3, 13e3, 600, "left")]
+    assert [(e.at, e.name) for e in line.stops] == [(12e3, "West"), (13e3, "Mid"), (14.5e3, "East")]
+    own, back = tmp_path / "own.yaml", tmp_path / "back.csv"
+    assert main(["convert", str(tmp_path / "line.csv"), str(own)]) == 0 and main(["convert", str(own), str(back)]) == 0
+    again = find_line(str(back))
+    for key in ("begin", "end", "grades", "speed_limits", "curves", "stops"):
+        assert getattr(again, key) == getattr(line, key), key
+    assert find_line(f"{tmp_path / 'line.csv'}:reverse").grades[0].grade == 0.0025
+
+
+@pytest.mark.parametrize(
+    ("head", "row", "key", "value"),
+    [
+        ("position_m,elevation_m", "0,10\n1000,15\n3000,5", "grades", [0.005, -0.005]),
+        ("position_mi,elevation_ft", "0,0\n1,52.8\n2,0", "grades", [0.01, -0.01]),
+        ("position_ft,grade_percent", "0,1.5\n5280,1.5", "grades", [0.015]),
+        ("km,speed_limit_mph", "0,25\n2,25", "speed_limits", [25 * 0.44704]),
+        ("position_m\tv_max_m_s", "0\t25\n2000\t25", "speed_limits", [25.0]),
+    ],
+)
+def test_units_of_a_table(tmp_path: Path, head: str, row: str, key: str, value: list[float]) -> None:
+    """Breaks if the unit of a title is not that of its numbers."""
+    line = find_line(written(tmp_path / "a.csv", f"{head}\n{row}\n"))
+    found = [entry.grade if key == "grades" else entry.speed for entry in getattr(line, key)]
+    assert found == pytest.approx(value, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "is empty; write a line with titles"),
+        ("grade_permille\n1\n2\n", "no place; name a column position_m"),
+        ("position,grade_permille\n0,1\n", "'position' has no known unit; name it position_m"),
+        ("position_m,slop\n0,1\n", "unknown column 'slop'; did you mean 'slope'"),
+        ("position_m,grade_permille\n0,x\n5,1\n", "line 2, grade_permille = 'x': is not a number"),
+        ("position_m,grade_permille\n0,1\n", "1 rows; a line needs two"),
+        ("position_m,grade_permille\n9,1\n0,1\n", "places fall"),
+        ("position_m,grade_permille\n0,1,5\n9,1\n", "line 2: 3 values for 2 columns"),
+        ("position_m,grade_permille,elevation_m\n0,1,5\n9,1,5\n", "are both the grade; remove one"),
+        ("position_m,grade_permille\n0,nan\n9,1\n", "must be a finite number"),
+        ("position_m,speed_limit_kmh\n0,0\n9,1\n", "speed_limit_kmh = 0: must be above 0"),
+        ("position_m,v_max_kmh,limit_kmh\n0,0,1\n9,1,1\n", "two columns of speed_limit"),
+    ],
+)
+def test_a_faulty_table_is_refused_in_one_line(tmp_path: Path, text: str, message: str) -> None:
+    """Breaks if a fault is a traceback, or names neither file nor line."""
+    with pytest.raises(ValueError, match=message) as caught:
+        find_line(written(tmp_path / "a.csv", text))
+    assert "\n" not in str(caught.value) and str(caught.value).startswith(str(tmp_path / "a.csv"))
+
+
+EAST = 1 / (6_378_137.0 / math.sqrt(1 - 6.694379990141e-3 * math.sin(math.radians(48)) ** 2))
+"""Longitude of 1 m on the parallel of 48° over its cosine [rad]."""
+
+
+def track(rise: float = 0.01, noise: float = 0.0, length: float = 4000.0, step: float = 20.0) -> list[list[float]]:
+    """Return longitude, latitude and height of points to the east with a constant grade in the middle half."""
+    places = np.arange(0.0, length + 1, step)
+    heights = 100 + rise * np.clip(places - length / 4, 0, length / 2)
+    heights += noise * np.where(np.arange(places.size) % 2, 1, -1)
+    degrees = np.degrees(places * EAST / math.cos(math.radians(48)))
+    return [[11 + lon, 48.0, height] for lon, height in zip(degrees.tolist(), heights.tolist(), strict=True)]
+
+
+def geojson(points: list[list[float]], stations: dict[str, list[float]]) -> dict[str, Any]:
+    shapes = [
+        {"type": "Feature", "properties": {"name": "Ours"}, "geometry": {"type": "LineString", "coordinates": points}}
+    ]
+    shapes += [
+        {"type": "Feature", "properties": {"name": name}, "geometry": {"type": "Point", "coordinates": spot}}
+        for name, spot in stations.items()
+    ]
+    return {"type": "FeatureCollection", "features": shapes}
+
+
+def gpx(points: list[list[float]], stations: dict[str, list[float]]) -> str:
+    marks = "".join(f'<wpt lat="{s[1]}" lon="{s[0]}"><name>{name}</name></wpt>' for name, s in stations.items())
+    rows = "".join(f'<trkpt lat="{p[1]}" lon="{p[0]}"><ele>{p[2]}</ele></trkpt>' for p in points)
+    return (
+        '<gpx version="1.1" xmlns="http://www.topografix.com/GPX/1/1">'
+        f"{marks}<trk><name>Ours</name><trkseg>{rows}</trkseg></trk></gpx>"
+    )
+
+
+@pytest.mark.parametrize("form", ["gpx", "geojson"])
+@pytest.mark.parametrize("noise", [0.0, 1.5])
+def test_a_track_with_heights_by_hand(
+    tmp_path: Path, form: str, noise: float, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Breaks if distances, heights or stations are wrong, or noise of 1.5 m becomes grades of 150 per mille."""
+    points = track(noise=noise)
+    spots = {"Start": points[0][:2], "End": [points[-1][0], 48.0005], "Far": [11.0, 49.0]}
+    text = gpx(points, spots) if form == "gpx" else json.dumps(geojson(points, spots))
+    line = find_line(written(tmp_path / f"way.{'gpx' if form == 'gpx' else 'json'}", text))
+    told = capsys.readouterr().err
+    assert line.name == "Ours" and line.end == pytest.approx(4000, abs=0.05)
+    grades = [(entry.at + 50, entry.grade) for entry in line.grades]
+    for middle, grade in grades:
+        expected = 0.01 if 1200 < middle < 2800 else 0.0 if not 800 < middle < 3200 else None
+        tolerance = (2e-3 if 200 < middle < 3800 else 2e-2) if noise else 1e-9
+        assert expected is None or grade == pytest.approx(expected, abs=tolerance), middle
+    rise = sum(grade * 100 for _, grade in grades)
+    assert rise == pytest.approx(20, abs=2 * noise + 1e-6)
+    assert [(round(stop.at), stop.name) for stop in line.stops] == [(0, "Start"), (4000, "End")]
+    assert "heights averaged over 300 m" in told and "'Far' is 1" in told and "no speed limits and no curves" in told
+    assert len(line.coordinates) == len(points)
+
+
+def test_a_faulty_track_is_refused(tmp_path: Path) -> None:
+    """Breaks if a document type is read, or a faulty number or an ambiguous track is a traceback."""
+    points = track()
+    one = gpx(points, {})
+    two = one.replace("</gpx>", f"<trk><name>B</name><trkseg>{one.partition('<trkseg>')[2]}")
+    doctype = '<!DOCTYPE gpx [<!ENTITY a "b">]>' + gpx(points, {})
+    for name, text, message in (
+        ("a.gpx", doctype, "DOCTYPE: document types and entities are refused"),
+        ("a.gpx", two, "2 tracks .*select one as FILE:NAME"),
+        ("a.gpx", gpx(points, {}).replace("<ele>100.0", "<ele>high", 1), "ele = 'high': is not a number"),
+        ("a.gpx", gpx(points[:5], {}), "80 m long; a line needs 200 m"),
+        ("a.json", json.dumps(geojson([[1, 2, 3], [math.inf, 2]], {})), "(finite number|not valid)"),
+        ("a.json", json.dumps(geojson([[1, 2, 3, 4], [1, 2]], {})), "longitude, latitude, height"),
+        ("a.json", json.dumps({"type": "FeatureCollection", "features": []}), "0 tracks"),
+    ):
+        with pytest.raises(ValueError, match=message) as caught:
+            find_line(written(tmp_path / name, text))
+        assert "\n" not in str(caught.value)
+    assert find_line(f"{written(tmp_path / 'a.gpx', two)}:B").name == "B"
+
+
+def link(number: int, flip: int, after: int, before: int, other: int = 0, **more: Any) -> dict[str, Any]:
+    """Return a link of 1 km that rises 5 m; the heading passes north within it."""
+    return {
+        "idx_curr": number, "idx_flip": flip, "idx_next": after, "idx_next_alt": other, "idx_prev": before,
+        "idx_prev_alt": 0, "length_meters": 1000.0, "osm_id": "7",
+        "elevs": [{"offset_meters": 0.0, "elev_meters": 10.0}, {"offset_meters": 1000.0, "elev_meters": 15.0}],
+        "headings": [
+            {"offset_meters": 0.0, "heading_radians": 6.1}, {"offset_meters": 600.0, "heading_radians": 0.1},
+            {"offset_meters": 1000.0, "heading_radians": 0.1},
+        ],
+        "speed_sets": {
+            name: {"speed_limits": [
+                {"offset_start_meters": 0.0, "offset_end_meters": 1000.0, "speed_meters_per_second": speed},
+            ], "speed_params": [], "is_head_end": False}
+            for name, speed in (("Freight", 15.0), ("Passenger", 25.0))
+        },
+        "cat_power_limits": [], "link_idxs_lockout": [],
+    } | more  # fmt: skip
+
+
+def limited(first: float, second: float) -> dict[str, Any]:
+    """Return speed sets with a limit [m/s] up to 400 m and another one beyond."""
+    rows = [
+        {"offset_start_meters": begin, "offset_end_meters": end, "speed_meters_per_second": speed}
+        for begin, end, speed in ((0.0, 400.0, first), (400.0, 1000.0, second))
+    ]
+    return {"Freight": {"speed_limits": rows, "speed_params": [], "is_head_end": False}, "Local": {"speed_limits": []}}
+
+
+LINKS = [
+    link(1, 5, 2, 0, 3), link(2, 6, 4, 1), link(3, 7, 4, 1, length_meters=1500.0), link(4, 8, 0, 2),
+    link(8, 4, 6, 0, 7), link(6, 2, 5, 8), link(7, 3, 5, 8, length_meters=1500.0), link(5, 1, 0, 6),
+]  # fmt: skip
+"""Two ways from link 1 to link 4, and their flips."""
+
+
+def test_an_altrios_network_by_hand(tmp_path: Path) -> None:
+    """Breaks if a heading over north is a curve of 344°, or a via point, a speed set or a flip is passed over."""
+    name = written(tmp_path / "net.yaml", yaml.safe_dump([{"max_grade": 0.06}, LINKS]))
+    found = read_line(Path(name), "1..4")
+    line = found.line
+    assert line.end == 3000 and [round(e.grade, 9) for e in line.grades] == [0.005]
+    turn = 0.1 - 6.1 + 2 * math.pi
+    curve = line.curves[0]
+    assert len(line.curves) == 3 and (curve.begin, curve.end, curve.side) == (0, 600, "right")
+    assert curve.radius == pytest.approx(600 / turn)
+    assert curve.resistance_n_per_kn == pytest.approx(1e3 * 0.056 * turn / 600)  # below 1° per 100 ft
+    assert Track(line).dry.max() == pytest.approx(0.056 * turn / 600)
+    assert [e.speed for e in line.speed_limits] == [15.0]
+    assert set(found.left_out) == {"[].osm_id"}
+    assert read_line(Path(name), "1..4,Passenger").line.speed_limits[0].speed == 25.0
+    assert line_for(line, ["Passenger"]).speed_limits[0].speed == 25.0
+    assert read_line(Path(name), "1..3..4").line.end == 3500
+    back = read_line(Path(name), "1..3..4", against=True).line
+    assert back.end == 3500 and back.grades[0].grade == 0.005  # a flip has heights of its own
+    for wrong, message in (
+        ("4..1", "no path between"),
+        ("1..9", "'9' is no track"),
+        ("1..4,Fast", "'Fast' is none of"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            read_line(Path(name), wrong)
+
+
+def test_curve_resistance_of_altrios_by_hand() -> None:
+    """At 0.01 rad/m: 1°/30.48 m = 5.7262e-4; 0.056 of it, 0.4387579 of the rest, 0.01025485 of its square."""
+    assert curve_resistance(0.01) == pytest.approx(3.20666e-5 + 4.136338e-3 + 9.1140e-7, rel=1e-5)
+
+
+CAR = {
+    "car_type": "Loaded", "freight_type": "Ore", "length_meters": 12.0, "axle_count": 4, "brake_count": 1,
+    "mass_static_base_kilograms": 28e3, "mass_freight_kilograms": 92e3, "speed_max_meters_per_second": 20.0,
+    "braking_ratio": 0.11, "mass_rot_per_axle_kilograms": 750.0, "bearing_res_per_axle_newtons": 40.0,
+    "rolling_ratio": 0.0015, "davis_b_seconds_per_meter": 1e-5, "cd_area_square_meters": 4.0, "curve_coeff_0": 0.056,
+    "curve_coeff_1": 0.4387579, "curve_coeff_2": 0.01025485,
+}  # fmt: skip
+LOCOMOTIVE = {"mass_kilograms": 195e3, "force_max_newtons": 667.2e3, "pwr_out_max_watts": 3.3e6, "pwr_aux_offset": 8e3}
+ORE: dict[str, Any] = {
+    "train_id": "ore", "train_config": {"rail_vehicles": [CAR], "n_cars_by_type": {"Loaded": 40}},
+    "loco_con": {"loco_vec": [LOCOMOTIVE, LOCOMOTIVE]},
+}  # fmt: skip
+"""Train of ALTRIOS with made-up figures."""
+
+
+def test_an_altrios_train_by_hand(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if the drag gets a half, an axle is counted once, or the rolling resistance of a locomotive is lost."""
+    found = read_train(Path(written(tmp_path / "ore.yaml", yaml.safe_dump(ORE))))
+    loco, car = found.consist.vehicles[0], found.consist.vehicles[2]
+    assert found.consist.mass == pytest.approx(2 * 195e3 + 40 * 120e3) and len(found.consist.vehicles) == 42
+    assert car.resistance.n == pytest.approx((160 + 0.0015 * 120e3 * 9.81, 1e-5 * 120e3 * 9.81, 1.225 * 4.0))
+    assert car.inertia == pytest.approx(123e3) and loco.resistance.n == pytest.approx((0.0015 * 195e3 * 9.81, 0, 0))
+    forces = [segment.at(v) for segment, v in zip(loco.traction, (1.0, 15.0), strict=True)]
+    assert forces == pytest.approx([667.2e3, 3.3e6 / 15]) and loco.independent_power
+    limits = found.consist.plan_limits
+    assert limits is not None and limits.speed == 20
+    inertia = 40 * 123e3 + 2 * 195e3
+    assert limits.deceleration == pytest.approx(0.11 * 40 * 120e3 * 9.81 / inertia)
+    assert "train_config.rail_vehicles[].freight_type" in found.left_out
+    assert "loco_con.loco_vec[].pwr_aux_offset" in found.left_out
+    told = capsys.readouterr().err
+    assert "rigid couplers" in told and "locomotives of 22 m" in told
+    for change, message in (({"loco_con": None}, "loco_con: no locomotives"), ({"train_config": {
+        "rail_vehicles": [CAR], "n_cars_by_type": {}}}, "n_cars_by_type: Loaded: this key is missing")):  # fmt: skip
+        with pytest.raises(ValueError, match=message):
+            read_train(Path(written(tmp_path / "bad.yaml", yaml.safe_dump(ORE | change))))
+
+
+def test_a_path_over_via_points_is_the_shortest_one_that_passes_them() -> None:
+    """Breaks if a via point is left out, the order of two is exchanged, or the train turns at one."""
+    lengths = {"a": 100.0, "b": 100.0, "c": 300.0, "d": 100.0, "e": 50.0}
+    network = Network("net", lengths)
+    for one, other in (("a", "b"), ("a", "c"), ("b", "d"), ("c", "d"), ("d", "e")):
+        network.join((one, END), (other, BEGIN))
+    assert [name for name, _ in network.path("a..e").parts] == ["a", "b", "d", "e"]
+    assert [name for name, _ in network.path("a..c..e").parts] == ["a", "c", "d", "e"]
+    assert [name for name, _ in network.path("a..b..d..e").parts] == ["a", "b", "d", "e"]
+    for wrong in ("a..e..d", "a..b..c", "a..", "a....e"):
+        with pytest.raises(ValueError, match="selection"):
+            network.path(wrong)
+
+
+def test_the_planner_takes_brought_lines_and_trains(tmp_path: Path) -> None:
+    """Breaks if a file that convert reads has no plan."""
+    train = written(tmp_path / "ore.yaml", yaml.safe_dump(ORE))
+    for name in (
+        written(tmp_path / "line.csv", TABLE),
+        written(tmp_path / "way.gpx", gpx(track(), {"A": track()[0], "B": track()[-1]})),
+        written(tmp_path / "net.yaml", yaml.safe_dump([{}, LINKS])) + ":1..4",
+    ):
+        assert main(["plan", name, train, "--point-mass", "--no-air-brake"]) == 0, name
+
+
+def test_curves_of_their_own_resistance_are_named_where_they_are_lost(tmp_path: Path) -> None:
+    """Breaks if a format without this key loses it in silence, or the mirrored line has another resistance."""
+    name = written(tmp_path / "net.yaml", yaml.safe_dump([{}, LINKS])) + ":1..4"
+    own = tmp_path / "own.yaml"
+    assert main(["convert", name, str(own)]) == 0
+    kept: Line = find_line(str(own))
+    assert kept.curves[0].resistance_n_per_kn == find_line(name).curves[0].resistance_n_per_kn
+    for a, b in pairwise(("own.yaml", "own.yaml:reverse")):
+        dry = [sorted(set(np.round(Track(find_line(str(tmp_path / end))).dry, 12))) for end in (a, b)]
+        assert dry[0] == dry[1]

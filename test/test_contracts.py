@@ -1,0 +1,476 @@
+"""Contract tests of laws, observers and compensations: shipped components pass, and every fault is found."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from law_trains import FIVE, SINGLE, inputs, model
+
+from train_ato.apps.check_component import checking, common
+from train_ato.apps.check_component.checking import check_component, findings_table
+from train_ato.cli import main
+from train_ato.control.compensation.preview import PreviewFeedforward
+from train_ato.control.contract import LawInput, LawOutput, Lookahead, NoParameters, parameter
+from train_ato.control.laws.pid import Pid
+from train_ato.control.observers.ndo import Ndo
+from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS, load_class
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+TEMPLATES = {
+    "law": "my_law:MyLaw", "observer": "my_observer:MyObserver", "compensation": "my_compensation:MyCompensation",
+}  # fmt: skip
+SHIPPED = [("observer", OBSERVERS.get(name)) for name in OBSERVERS.names()]
+SHIPPED += [("compensation", COMPENSATIONS.get(name)) for name in COMPENSATIONS.names()]
+FIELDS = [
+    entry.name
+    for entry in dataclasses.fields(LawInput)
+    if entry.name not in ("preview", "saturated", "force_min", "force_max", "commands_in_flight", "deflection", "rate")
+]
+WILD = st.one_of(
+    st.floats(allow_nan=True, allow_infinity=True), st.floats(-1e12, 1e12), st.sampled_from([math.nan, 1e300, -1e300])
+)
+
+
+def failures(findings):
+    return [finding for finding in findings if finding.passed is False]
+
+
+@pytest.mark.parametrize("name", LAWS.names())
+def test_every_law_passes_the_contract(name):
+    """Bounds, determinism, reset, hostile inputs, recovery after NaN, on four shipped trains."""
+    found = check_component("law", LAWS.get(name))
+    assert not failures(found), findings_table(found)
+    assert sum(finding.test == "recovers after NaN" for finding in found) >= 2
+
+
+@pytest.mark.parametrize(("kind", "component"), SHIPPED, ids=lambda value: getattr(value, "__name__", value))
+def test_every_shipped_component_passes(kind, component):
+    """Breaks if a shipped observer or compensation violates its contract on a shipped train."""
+    found = check_component(kind, component)
+    assert not failures(found), findings_table(found)
+    assert {finding.test for finding in found} >= set(checking.KINDS[kind].tests)
+
+
+@pytest.mark.parametrize("kind", TEMPLATES)
+def test_the_template_passes(kind, monkeypatch):
+    """Breaks if a template fails a contract test, or is longer than a screen."""
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    found = check_component(kind, TEMPLATES[kind])
+    assert not failures(found), findings_table(found)
+    lines = (EXAMPLES / f"{TEMPLATES[kind].partition(':')[0]}.py").read_text(encoding="utf-8").splitlines()
+    assert len(lines) <= (55 if kind == "law" else 60)
+
+
+def _filled(entry, value):
+    """Return an entry of the input of a law with a value in all its places."""
+    if isinstance(entry, Lookahead):
+        return Lookahead(*np.full((4, entry.position.size), value))
+    return np.full_like(entry, value) if isinstance(entry, np.ndarray) else value
+
+
+@pytest.mark.parametrize("name", LAWS.names())
+@given(steps=st.lists(st.dictionaries(st.sampled_from(FIELDS), WILD, max_size=4), min_size=1, max_size=8))
+def test_no_law_ever_returns_a_force_that_may_not_be_sent(name, steps):
+    """For any sequence of values every force is finite and inside the limits."""
+    of = model(FIVE)
+    law = LAWS.make(name, {}, of, 0.1)
+    size = len(getattr(law, "lookahead_times", ()))
+    for spoilt in steps:
+        base = dataclasses.replace(inputs(of), lookahead=Lookahead(*np.zeros((4, size))))
+        changes = {field: _filled(getattr(base, field), value) for field, value in spoilt.items()}
+        out = law.step(dataclasses.replace(base, **changes))
+        assert np.isfinite(out.force).all()
+        assert (np.abs(out.force) <= 400e3).all()
+
+
+class Wrapped:
+    """Calls ``of``, an observer without fault; ``spoil`` changes its result. ``kept`` is not cleared by a reset."""
+
+    Parameters = NoParameters
+    of = Ndo
+    kept = 0.0
+
+    def __init__(self, parameters, model, period):
+        self.inner = self.of(self.of.Parameters(), model, period)
+        self.steps = 0
+
+    def reset(self):
+        self.inner.reset()
+        self.steps = 0
+
+    def spoil(self, given, result):
+        return result
+
+    def step(self, given):
+        self.steps += 1
+        return self.spoil(given, self.inner.step(given))
+
+
+class Layer(Wrapped):
+    """Calls a compensation without fault; ``change`` returns the changed fields of its output."""
+
+    of = PreviewFeedforward
+
+    def set_profile(self, rigid):
+        self.inner.set_profile(rigid)
+
+    def change(self, given, output):
+        return {}
+
+    def spoil(self, given, output):
+        return dataclasses.replace(output, **self.change(given, output))
+
+
+class Leaky(Wrapped):
+    """Keeps its state on reset()."""
+
+    def reset(self):
+        pass
+
+
+class Counting(Layer):
+    """Keeps the number of its steps on reset()."""
+
+    def change(self, given, output):
+        self.kept += 1
+        return {"feedforward": output.feedforward + self.kept}
+
+
+class Mute:
+    """Has no step()."""
+
+    Parameters = Pid.Parameters
+
+    def __init__(self, parameters, of, period):
+        self.reset()
+
+    def reset(self):
+        pass
+
+
+class NoReset:
+    """Keyword form without reset()."""
+
+    def step(self, inputs):
+        return 0.0 * inputs.velocity
+
+
+@dataclasses.dataclass
+class Beyond(NoReset):
+    """Has a default outside its range."""
+
+    gain: float = parameter(3.0, "1", 0.0, 2.0, "gain")
+
+    def reset(self):
+        pass
+
+
+def broken(base, **members):
+    return type("Broken", (base,), members)
+
+
+def fail(error):
+    raise error
+
+
+def kept(part, value):
+    """Add a value to what a component keeps over a reset, and return the sum."""
+    part.kept = getattr(part, "kept", 0.0) + value
+    return part.kept
+
+
+def late(part, given):
+    """Raise in the hundredth step."""
+    return fail(ZeroDivisionError("late")) if kept(part, 1) >= 100 else 0.0
+
+
+def overwritten(values, value=0.0):
+    """Write into an array of the inputs, if it can be written."""
+    if values.flags.writeable:
+        values[0] = value
+    return 0.0
+
+
+def clipped(given, force):
+    return LawOutput(np.clip(force, given.force_min, given.force_max))
+
+
+def finite(values):
+    return 0.0 if np.isfinite(values).all() else fail(RuntimeError("not finite"))
+
+
+def forces(change):
+    """Return a law whose forces are changed by a function of the law, its input and its forces."""
+    return broken(Pid, demand=lambda law, given: [f + change(law, given) for f in Pid.demand(law, given)])
+
+
+def law(step):
+    return broken(Pid, step=step)
+
+
+def layer(change):
+    return broken(Layer, change=change)
+
+
+def estimate(spoil):
+    return broken(Wrapped, spoil=spoil)
+
+
+FAULTS = {
+    "law": {
+        "raises from its hundredth step on": ("time of a step", forces(late)),
+        "ends the program": ("same inputs, same bits", law(lambda law, given: fail(SystemExit(3)))),
+        "raises in its constructor": (
+            "accepts the train", broken(Pid, __init__=lambda law, *rest: fail(TypeError("not made"))),
+        ),
+        "has no step()": ("has the methods and attributes of a law", Mute),
+        "declares a negative horizon": ("has the methods and attributes of a law", broken(Pid, horizon=-3)),
+        "writes into its preview after 10 s": (
+            "leaves its inputs alone",
+            broken(
+                forces(lambda law, given: overwritten(given.preview.velocity) if given.t > 10.0 else 0.0), horizon=5
+            ),
+        ),
+        "keeps its state on reset()": (
+            "reset forgets everything",
+            broken(forces(lambda law, given: kept(law, 1 / 5)), reset=lambda law: None),
+        ),
+        "returns forces beyond the limits": (
+            "finite and inside the limits", law(lambda law, given: LawOutput(np.array(law.demand(given)) * 50.0)),
+        ),
+        "writes into its inputs": (
+            "leaves its inputs alone",
+            forces(lambda law, given: overwritten(given.velocity, given.velocity[0] + 1.0)),
+        ),
+        "keeps a NaN in its state": (
+            "hostile inputs",
+            law(lambda law, given: clipped(given, np.array(law.demand(given)) + kept(law, 0.0 * given.velocity[0]))),
+        ),
+        "raises when a speed is not finite": (
+            "hostile inputs", law(lambda law, given: finite(given.velocity) or Pid.step(law, given)),
+        ),
+        "returns 0 N after a NaN": (
+            "recovers after NaN",
+            law(
+                lambda law, given: LawOutput(
+                    Pid.step(law, given).force * (not kept(law, not np.isfinite(given.velocity).all()))
+                )
+            ),
+        ),
+    },
+    "observer": {
+        "has a default outside its range": ("describes its parameters", Beyond),
+        "has no reset()": ("describes its parameters", NoReset),
+        "raises in its constructor": (
+            "accepts the train", broken(Wrapped, __init__=lambda part, *rest: fail(TypeError("not made"))),
+        ),
+        "rejects every train": (
+            "accepts at least one train", broken(Wrapped, __init__=lambda part, *rest: fail(ValueError("no train"))),
+        ),
+        "has no step()": ("has the methods and attributes of an observer", broken(Wrapped, step=None)),
+        "raises from its hundredth step on": (
+            "time of a step", estimate(lambda part, given, force: force + late(part, given)),
+        ),
+        "ends the program": ("same inputs, same bits", estimate(lambda part, given, force: fail(SystemExit(3)))),
+        "adds a random force": (
+            "same inputs, same bits", estimate(lambda part, given, force: force + np.random.default_rng().normal()),
+        ),
+        "returns the force of the train": (
+            "finite estimate of every unit", estimate(lambda part, given, force: force.sum()),
+        ),
+        "is infinite for a slow train": (
+            "finite estimate of every unit",
+            estimate(lambda part, given, force: force / 0.0 if given.velocity[0] < 6.0 else force),
+        ),
+        "keeps its state on reset()": ("reset forgets everything", Leaky),
+        "writes into its inputs after 10 s": (
+            "leaves its inputs alone",
+            estimate(lambda part, given, force: force + (given.t > 10.0 and overwritten(given.applied))),
+        ),
+        "keeps a NaN in its state": (
+            "hostile inputs", estimate(lambda part, given, force: force + kept(part, 0.0 * given.velocity[0])),
+        ),
+        "raises when a speed is not finite": (
+            "hostile inputs", estimate(lambda part, given, force: force + finite(given.velocity)),
+        ),
+        "has the wrong sign": ("finds a constant disturbance", estimate(lambda part, given, force: -force)),
+        "returns 0 N after a NaN": (
+            "recovers after NaN",
+            estimate(lambda part, given, force: force * (not kept(part, bool(np.isnan(given.velocity).any())))),
+        ),
+    },
+    "compensation": {
+        "has no set_profile()": ("has the methods and attributes of a compensation", broken(Layer, set_profile=None)),
+        "has a number for a method": (
+            "has the methods and attributes of a compensation", broken(Layer, on_command_sent=3),
+        ),
+        "adds a random force": (
+            "same inputs, same bits",
+            layer(lambda part, given, out: {"feedforward": out.feedforward + np.random.default_rng().normal()}),
+        ),
+        "returns its own input": ("valid input of the law", broken(Layer, step=lambda part, given: given)),
+        "changes the limits of the force": (
+            "valid input of the law", layer(lambda part, given, out: {"force_max": out.force_max * 2.0}),
+        ),
+        "changes the time of the measurement": (
+            "valid input of the law", layer(lambda part, given, out: {"t": out.t + 0.5}),
+        ),
+        "omits the preview": (
+            "valid input of the law",
+            broken(Layer, step=lambda part, given: Layer.step(part, dataclasses.replace(given, horizon=0))),
+        ),
+        "gives the feed-forward of the train": (
+            "valid input of the law",
+            layer(lambda part, given, out: {"feedforward": np.array([out.feedforward.sum()])}),
+        ),
+        "gives NaN for a slow train": (
+            "valid input of the law",
+            layer(lambda part, given, out: {
+                "feedforward": out.feedforward * (math.nan if given.measurement.velocity[0] < 6.0 else 1.0)
+            }),
+        ),
+        "keeps the number of its steps on reset()": ("reset forgets everything", Counting),
+        "keeps the brake events on reset()": (
+            "reset forgets everything", broken(PreviewFeedforward, reset=lambda part: None),
+        ),
+        "writes into the measurement": (
+            "leaves its inputs alone",
+            layer(lambda part, given, out: dict.fromkeys((), overwritten(given.measurement.velocity, -1.0))),
+        ),
+        "raises for an invalid sensor of a coupler": (
+            "hostile inputs", layer(lambda part, given, out: dict.fromkeys((), finite(given.measurement.force))),
+        ),
+        "reads a table at the measured position": (
+            "hostile inputs",
+            layer(lambda part, given, out: dict.fromkeys((), np.zeros(200_000)[int(given.measurement.position[0])])),
+        ),
+        "keeps an invalid reference in a filter": (
+            "hostile inputs",
+            layer(lambda part, given, out: {"acceleration_at_effect": kept(part, given.reference.acceleration)}),
+        ),
+        "compensates a delay of another model": (
+            "no effect without delay", layer(lambda part, given, out: {"delay_to_effect": 0.5}),
+        ),
+        "shifts the measured position": (
+            "no effect without delay", layer(lambda part, given, out: {"position": out.position + 0.1}),
+        ),
+        "gives the feed-forward with the wrong sign": (
+            "the law controls the train", layer(lambda part, given, out: {"feedforward": -3.0 * out.feedforward}),
+        ),
+    },
+}  # fmt: skip
+"""Faults of components by kind: the contract test that finds it, and the class with the fault."""
+AIR_BRAKE = ("keeps the brake events on reset()", "raises for an invalid sensor of a coupler")
+"""Faults of a train with an air brake and a sensor at a coupler."""
+
+
+@pytest.mark.parametrize(("kind", "fault"), [(kind, fault) for kind, rows in FAULTS.items() for fault in rows])
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_every_fault_is_found(kind, fault, monkeypatch):
+    """Breaks if a contract test does not detect its fault."""
+    monkeypatch.setattr(checking, "TRAINS", ("hxd1_c80_105" if fault in AIR_BRAKE else "freight_five",))
+    test, component = FAULTS[kind][fault]
+    assert test in {finding.test for finding in failures(check_component(kind, component))}
+
+
+def test_an_observer_without_effect_has_a_note(monkeypatch):
+    """Breaks if an estimate of 0 fails, or is reported as a disturbance found."""
+    monkeypatch.setattr(checking, "TRAINS", ("xuzhou_metro_3",))
+    found = check_component("observer", estimate(lambda part, given, force: force * 0.0))
+    assert not failures(found)
+    (note,) = [finding for finding in found if finding.test == "finds a constant disturbance"]
+    assert note.passed is None and note.detail.endswith("the disturbance is not found")
+
+
+@pytest.mark.parametrize(("kind", "base"), [("law", Pid), ("observer", Wrapped)])
+def test_a_component_slower_than_its_period_fails_without_further_tests(kind, base, monkeypatch):
+    """Breaks if such a component passes, or runs the thousands of steps of the other tests."""
+    monkeypatch.setattr(common, "TIMING_BUDGET", 0.0)
+    monkeypatch.setattr(checking, "TRAINS", ("xuzhou_metro_3",))
+    steps = []
+
+    class Sleeping(base):
+        def step(self, given):
+            steps.append(time.sleep(0.11))
+            return super().step(given)
+
+    assert [finding.test for finding in failures(check_component(kind, Sleeping))] == ["time of a step"]
+    assert len(steps) == 1
+
+
+def test_output_of_a_law_does_not_mix_with_the_findings(monkeypatch, tmp_path, capsys):
+    """Breaks if --json writes more than one JSON value to standard output."""
+    lines = ["from train_ato.control.laws.pid import Pid", "class Loud(Pid):", "    def demand(self, given):"]
+    lines += ["        print('step')", "        return super().demand(given)"]
+    (tmp_path / "loud_law.py").write_text("\n".join(lines), encoding="utf-8")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setattr(checking, "RANDOM_TRAINS", 1)
+    assert main(["check-law", "loud_law:Loud", "--json"]) == 0
+    out, err = capsys.readouterr()
+    assert all(finding["passed"] is not False for finding in json.loads(out))
+    assert "step" in err
+
+
+@pytest.mark.parametrize(("kind", "component"), [("observer", Leaky), ("compensation", Counting)])
+def test_the_commands_end_with_the_status_of_the_checks(kind, component, monkeypatch, capsys):
+    """Breaks if a fault ends with status 0, bad input with 1, or the JSON value is not alone on standard output."""
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    monkeypatch.setattr(checking, "TRAINS", ("xuzhou_metro_3",))
+    assert main([f"check-{kind}", TEMPLATES[kind], "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert {finding["passed"] for finding in found} == {True, None}
+    name = f"test_contracts:{component.__name__}"
+    assert main([f"check-{kind}", name]) == 1
+    out, err = capsys.readouterr()
+    assert "FAILED  xuzhou_metro_3" in out
+    assert err.endswith(f"train-ato: {name}: failed 1 of {len(found)} tests: reset forgets everything\n")
+    assert main([f"check-{kind}", "my_observer:Nothing"]) == 2
+    assert "has no class 'Nothing'" in capsys.readouterr().err
+
+
+def test_the_checker_needs_declared_parameters():
+    assert failures(check_component("law", type("Bare", (), {})))[0].test == "describes its parameters"
+
+
+@pytest.mark.parametrize(
+    ("target", "message"),
+    [
+        ("no_such_module:Law", "module 'no_such_module' cannot be imported"),
+        ("train_ato.control.laws.pid:Pidd", r"has no class 'Pidd' \(did you mean 'Pid'\?\)"),
+        ("law", "'law' does not name a class; write package.module:Class"),
+    ],
+)
+def test_a_target_that_is_no_class_is_refused(target, message):
+    with pytest.raises(ValueError, match=message):
+        load_class(target)
+
+
+@pytest.mark.parametrize(("kind", "name"), [("law", "pid"), ("observer", "eso")])
+def test_a_registered_name_is_checked(kind, name):
+    """Breaks if only ``module:Class`` is accepted, or the name of a law is looked up among the observers."""
+    assert not failures(check_component(kind, name))
+    with pytest.raises(ValueError, match=f"unknown {kind} 'pidd'"):
+        check_component(kind, "pidd")
+
+
+def test_refusals_are_reported_not_raised():
+    """A law for trains with one unit passes, and the rejected trains are listed."""
+
+    class Picky(Pid):
+        def __init__(self, parameters, of, period):
+            if of.n_units > 1:
+                raise ValueError("one unit only")
+            super().__init__(parameters, of, period)
+
+    found = check_component("law", Picky)
+    assert not failures(found)
+    assert sum("one unit only" in finding.detail for finding in found) == 2
+    assert model(SINGLE).n_units == 1

@@ -1,0 +1,419 @@
+"""Trains behind each other: reports, profile one headway behind, moving end of authority, figures of the gap."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+import train_ato as ta
+from plant_sim.line import Line
+from plant_sim.states import Odometry
+from plant_sim.traction import Envelope
+from train_ato.apps.runs.drive import RunMode
+from train_ato.apps.runs.following import FollowingResult, first_report, follower_figures, run_following, train_reports
+from train_ato.apps.runs.run import Run
+from train_ato.cli.main import main
+from train_ato.loop.headway import HeadwayProfile
+from train_ato.loop.setup import RunSetup
+from train_ato.loop.train_ahead import MovingAuthority, ReportReceiver
+from train_ato.scenario.following import load_following
+from train_ato.supervision.train_report import (
+    ShortestStop,
+    TrainReport,
+    TrainReporter,
+    parse_reports,
+    reports_text,
+    stretched_length,
+)
+
+CRUISE = [{"accelerate_to_kmh": 50}, {"cruise_until": 400}, {"brake_to": 0}]
+METRO: dict[str, Any] = {
+    "base": "xuzhou_metro",
+    "tick": 0.1,
+    "step": 0.005,
+    "supervision": {"enabled": True},
+    "profile": {"phases": CRUISE, "limits": {"jerk": 0.6, "acceleration": 0.8, "deceleration": 0.8}},
+}
+LEADER: dict[str, Any] = {"headway": 40.0, "smoothing": 10.0}
+
+
+def report(count: int, time: float, rear: float, stop: float = 200.0, front: float | None = None) -> TrainReport:
+    """Return a report of a train of 120 m."""
+    return TrainReport(count, time, rear + 120.0 if front is None else front, rear, 15.0, stop)
+
+
+def metro(reports: list[TrainReport], leader: dict[str, Any] | None = None, **changes: Any) -> RunSetup:
+    """Return the run of a metro train from the begin of the line behind reports."""
+    block = {"reports": reports_text(reports), **(leader or {})}
+    return ta.scenario({**METRO, "leader": block, **changes}).prepare()
+
+
+def ends(reports: list[TrainReport], times: tuple[float, ...], **leader: Any) -> list[float]:
+    """Return the end of authority at some times."""
+    setup = metro(reports, leader)
+    authority = MovingAuthority(setup, setup.supervisor().track)
+    found = []
+    for time in times:
+        authority.move(round(time * 1e9))
+        found.append(authority.end)
+    return found
+
+
+REPORTS = [report(k + 1, 0.4 * k, 1000.0 + 6.0 * k) for k in range(5)]
+
+
+def test_the_end_of_authority_is_the_reported_rear_less_the_margin() -> None:
+    """Fails without the margin, with the front in place of the rear, or with an end that does not move."""
+    assert ends(REPORTS, (0.0, 0.4, 1.6), rear_margin=10) == [990.0, 996.0, 1014.0]
+
+
+def test_the_shortest_stop_counts_up_to_the_timeout_of_its_report() -> None:
+    """Fails if an old report keeps its shortest stop, or loses more than that.
+
+    The last report is of 1.6 s: rear 1024 m less 10 m, and 200 m up to 6.6 s.
+    """
+    times = (1.6, 6.6, 6.7, 60.0)
+    assert ends(REPORTS, times, authority="relative", timeout=5) == [1214.0, 1214.0, 1014.0, 1014.0]
+
+
+def test_an_end_is_kept_without_reports_and_never_extended() -> None:
+    """Fails if the end moves on with the last speed, or is given up."""
+    assert ends(REPORTS, (1.6, 100.0)) == [1014.0, 1014.0]
+
+
+def test_a_nearer_end_acts_at_once() -> None:
+    """Fails if a smaller end waits for a confirmation, for example after a train has rolled back."""
+    assert ends([*REPORTS, report(6, 2.0, 1004.0)], (1.6, 2.0)) == [1014.0, 994.0]
+
+
+def test_a_report_acts_after_its_delay() -> None:
+    """Fails if the link is not used: with 0.8 s of delay the report of 0.4 s acts from 1.2 s on."""
+    assert ends(REPORTS, (0.4, 1.1, 1.2), link={"delay": 0.8}) == [990.0, 990.0, 996.0]
+
+
+def test_the_end_is_not_beyond_that_of_the_own_stop() -> None:
+    """Fails if the reports extend the authority beyond the stop of the own profile and its overlap of 100 m."""
+    setup = metro(REPORTS)
+    own = setup.supervisor().track.end
+    stop = float(setup.profile.position[-1]) + setup.consist.vehicles[0].length / 2.0
+    assert own == pytest.approx(stop + 100.0)
+    assert ends([report(1, 0.0, 50_000.0)], (0.0,)) == [own]
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        REPORTS[2],  # repetition
+        report(2, 2.4, 1200.0),  # a number before the newest one
+        report(9, 1.2, 1200.0),  # a time before the newest one
+        report(9, 2.4, math.nan, front=1200.0),
+        report(9, 2.4, 1200.0, stop=-1.0),
+        report(9, 2.4, 1200.0, front=1100.0),
+        report(9, 2.4, 2000.0),  # 900 m in 0.8 s
+    ],
+)
+def test_a_wrong_report_is_refused_and_counted(wrong: TrainReport) -> None:
+    """Fails if a report of a threat of EN 50159 moves the end of authority."""
+    setup = metro(REPORTS)
+    receiver = ReportReceiver(setup, "test")
+    for time in (0.0, 0.4, 0.8, 1.2, 1.6):
+        receiver.receive(round(time * 1e9))
+    receiver._reports = (*REPORTS, wrong)
+    assert receiver.receive(2_400_000_000) is None
+    assert receiver.newest == REPORTS[-1]
+    assert receiver.refused == 1
+
+
+def test_reports_keep_their_bits_as_text() -> None:
+    """Fails if digits are lost in the scenario of the follower, which `verify` repeats."""
+    reports = [TrainReport(1, 0.1 + 0.2, 1.0 / 3.0, -2.0 / 3.0, math.pi, 0.0)]
+    assert parse_reports(reports_text(reports)) == tuple(reports)
+
+
+def test_the_safe_rear_is_behind_the_rear_with_the_errors_of_both_odometers() -> None:
+    """Fails with the larger position, without the error of SUBSET-041, or with the length of relaxed couplers.
+
+    By hand: 1000 - (5 + 0.05 * 300) - length; 3 m/s less the error of 2 km/h.
+    """
+    setup = metro(REPORTS)
+    reporter = TrainReporter(setup.consist, setup.plant, setup.line, 80.0 / 3.6)
+    odometry = Odometry(0, np.array([1002.0, 1000.0]), np.array([3.0, 3.2]), np.array([300.0, 290.0]))
+    found = reporter.report(odometry)
+    assert found.front == 1001.0
+    assert found.rear == pytest.approx(1000.0 - 20.0 - stretched_length(setup.consist))
+    slow = ShortestStop(setup.consist, setup.plant, setup.line, 80.0 / 3.6).way(3.0 - 2.0 / 3.6, 1021.0, found.rear)
+    assert found.stop == pytest.approx(slow)
+
+
+def test_the_length_of_a_heavy_train_contains_slack_and_stroke() -> None:
+    """Fails if the safe rear is that of relaxed couplers; the figures are those of the consist file."""
+    consist = ta.scenario("demo").prepare().consist
+    by_hand = consist.length
+    for gear in consist.gears:
+        by_hand += gear.slack / 2 + gear.stroke  # type: ignore[union-attr]
+    assert stretched_length(consist) == pytest.approx(by_hand)
+    assert stretched_length(consist) > consist.length + 5.0
+
+
+def test_the_shortest_stop_is_that_of_the_strongest_and_lightest_train() -> None:
+    """Fails with 100 % of a quantity, or without the rise; the integral of the test is in steps of 1 mm/s."""
+    setup = metro(REPORTS)
+    line = Line.model_validate({
+        "schema": "train_ato/line/1", "name": "rise", "end": 10_000.0,
+        "grades": [{"at": 0.0, "grade": 0.0}, {"at": 1500.0, "grade": 0.02}, {"at": 1600.0, "grade": -0.02}],
+    })  # fmt: skip
+    consist = setup.consist
+    stop = ShortestStop(consist, setup.plant, line, 80.0 / 3.6)
+    mass = sum(vehicle.mass * vehicle.rotating_mass_factor for vehicle in consist.vehicles)
+    full = sum(consist.friction_forces)
+
+    def by_hand(speed: float, rise: float) -> float:
+        v = np.arange(0.0005, speed, 0.001)
+        kmh = 3.6 * v
+        friction = full * (2.0 * kmh + 150.0) / (3.0 * kmh + 150.0)
+        electric = np.zeros_like(v)
+        resistance = np.zeros_like(v)
+        for vehicle in consist.vehicles:
+            c0, c1, c2 = vehicle.resistance.polynomial(vehicle.mass, consist.gravity)
+            resistance += c0 + c1 * v + c2 * v * v
+            if vehicle.brake:
+                electric += [Envelope(vehicle.brake).force(x) for x in v.tolist()]
+        a = (1.05 * (friction + electric) + 1.15 * resistance) / (0.97 * mass) + consist.gravity * rise
+        return float((v / a).sum() * 0.001)
+
+    assert stop.way(15.0, 800.0, 700.0) == pytest.approx(by_hand(15.0, 0.0), rel=5e-3)
+    assert stop.way(15.0, 1550.0, 1450.0) == pytest.approx(by_hand(15.0, 0.02), rel=5e-3)
+    assert stop.way(15.0, 1800.0, 1700.0) == pytest.approx(by_hand(15.0, 0.0), rel=5e-3)  # a fall does not count
+    assert stop.way(15.0, 1550.0, 1450.0) <= by_hand(15.0, 0.02)
+
+
+def test_no_train_within_the_safety_data_stops_on_a_shorter_way() -> None:
+    """Fails if a brake of the plant is missing in the shortest stop: 97 % mass, 105 % brakes, 115 % resistance."""
+    scale = {"mass_scale": 0.97, "resistance_scale": 1.15, "electric_brake_scale": 1.05, "brake_scale": 1.05}
+    run = ta.run({
+        **METRO, "duration": 40, "plant": {"mismatch": scale},
+        "interventions": [{"at": 20.0, "do": "emergency_brake"}],
+    })  # fmt: skip
+    recording = run.recording
+    reports = train_reports(recording, run.setup)
+    at = next(found for found in reports if found.time >= 20.0)
+    begun = np.interp(at.time, recording.time, recording.front_position)
+    assert recording.front_velocity[-1] < 0.01
+    assert recording.front_position[-1] - begun >= at.stop > 0.3 * (recording.front_position[-1] - begun)
+
+
+def shifted_profile(rate: float) -> tuple[RunSetup, HeadwayProfile, list[Any]]:
+    """Return a run behind a leader that leaves its plan with a constant rate [m/s], and the profiles behind it."""
+    plan = ta.scenario(METRO).prepare().profile
+    half = ta.scenario(METRO).prepare().consist.vehicles[0].length / 2.0
+    reports = [
+        report(k + 1, 0.4 * k, 0.0, front=plan.at(0.4 * k + 40.0)[0] + half + rate * 0.4 * k) for k in range(500)
+    ]
+    setup = metro([each._replace(rear=each.front - 120.0) for each in reports], LEADER)
+    headway = HeadwayProfile(setup)
+    found = [headway.step(stamp) for stamp in range(0, 200_000_000_000, 100_000_000)]
+    return setup, headway, [profile for profile in found if profile is not None]
+
+
+def test_a_leader_on_its_plan_leaves_the_own_profile_unchanged() -> None:
+    """Fails if the average changes what the own profile has already, for example its acceleration."""
+    setup, _, profiles = shifted_profile(0.0)
+    assert profiles
+    for profile in profiles:
+        same = slice(setup.profile.time.size - profile.time.size, None)
+        np.testing.assert_allclose(profile.position, setup.profile.position[same], atol=1e-9)
+        np.testing.assert_allclose(profile.velocity, setup.profile.velocity[same], atol=1e-9)
+
+
+def test_a_deviation_with_a_constant_rate_is_followed_without_a_lag() -> None:
+    """Fails with an average over the past only: with 0.1 m/s and 10 s that is 0.5 m or more behind.
+
+    At 120 s the profile has the place of the leader at 80 s: 8 m beyond the plan.
+    """
+    setup, _, profiles = shifted_profile(0.1)
+    profile = next(each for each in profiles if each.time[0] > 45.0)
+    own, found = setup.profile.at(120.0), profile.at(120.0)
+    late = profiles[-1].at(190.0)
+    assert late[0] - setup.profile.at(190.0)[0] == pytest.approx(15.0, abs=1e-3)
+    assert late[1] - setup.profile.at(190.0)[1] == pytest.approx(0.1, abs=1e-4)
+    assert found[1] == pytest.approx(own[1], abs=0.2)
+
+
+def test_places_speeds_and_accelerations_of_the_profile_agree() -> None:
+    """Fails for an error in a derivative: a law with a preview then oscillates."""
+    _, _, profiles = shifted_profile(0.3)
+    for profile in profiles:
+        period = profile.period
+        speed = np.gradient(profile.position, period)
+        acceleration = np.gradient(profile.velocity, period)
+        np.testing.assert_allclose(speed[1:-1], profile.velocity[1:-1], atol=2e-3)
+        np.testing.assert_allclose(acceleration[1:-1], profile.acceleration[1:-1], atol=4e-2)
+
+
+def test_a_new_profile_begins_at_the_present_one() -> None:
+    """Fails if a new report moves the reference of now: the law would have a step."""
+    _, headway, profiles = shifted_profile(0.3)
+    later = [(before, after) for before, after in pairwise(profiles) if after.time[0] > 0.1]
+    assert later
+    for before, after in later:
+        now = after.time[0] + 60.0
+        assert after.at(now)[0] == pytest.approx(before.at(now)[0], abs=1e-6)
+        assert after.at(now)[1] == pytest.approx(before.at(now)[1], abs=1e-6)
+    assert headway.receiver.refused == 0
+
+
+def test_the_train_stops_at_its_own_place() -> None:
+    """Fails if the deviation of the train ahead moves an own stop: a platform does not move."""
+    setup, _, profiles = shifted_profile(0.3)
+    assert profiles[-1].position[-1] == setup.profile.position[-1]
+    assert profiles[-1].velocity[-1] == 0.0
+
+
+def following_file(folder: Path, **changes: Any) -> Path:
+    """Write a following file of two short metro trains; return its path."""
+    phases = [{"accelerate_to_kmh": 50}, {"cruise_until": 300}, {"brake_to": 0}]
+    base = folder / "metro.yaml"
+    base.write_text(yaml.safe_dump({
+        "schema": "train_ato/scenario/1", "name": "metro", **METRO, "duration": 70,
+        "profile": {"phases": phases, "limits": METRO["profile"]["limits"]},
+    }))  # fmt: skip
+    data: dict[str, Any] = {
+        "schema": "train_ato/following/1", "name": "two",
+        "trains": [
+            {"name": "t1", "scenario": "metro.yaml", "set": {"profile": {"since": 80}}},
+            {"name": "t2", "scenario": "metro.yaml", "set": {
+                "profile": {"since": 40, "phases": [*phases[:1], {"cruise_until": 270}, phases[2]]}, "leader": LEADER}},
+        ],
+    }  # fmt: skip
+    path = folder / "two.yaml"
+    path.write_text(yaml.safe_dump({**data, **changes}))
+    return path
+
+
+@pytest.fixture(scope="module")
+def two(tmp_path_factory: pytest.TempPathFactory) -> tuple[FollowingResult, Path]:
+    """Return two recorded trains and their folder."""
+    folder = tmp_path_factory.mktemp("following")
+    path = following_file(folder)
+    return run_following(load_following(path), folder, RunMode("engine"), folder / "out", shown=False), folder / "out"
+
+
+def columns(run: Run) -> tuple[list[float], list[float], list[float]]:
+    """Return times, places of the front and places of the rear of a train from its log."""
+    table = run["train/vehicles"]
+    names = [name for name in table.columns if name.endswith("position_m")]
+    first, last = run.setup.consist.vehicles[0].length / 2.0, run.setup.consist.vehicles[-1].length / 2.0
+    seconds = [index * run.setup.tick for index in range(len(table))]
+    return seconds, (table[names[0]] + first).tolist(), (table[names[-1]] - last).tolist()
+
+
+def test_gap_and_headway_errors_are_those_of_both_logs(two: tuple[FollowingResult, Path]) -> None:
+    """Fails with another end of a train, another headway or another tick; computed here from the two logs."""
+    result, _ = two
+    times, front, _ = columns(result.runs["t2"])
+    _, ahead, rear = columns(result.runs["t1"])
+    row = result.summary["trains"][1]
+    assert row["gap_min_m"] == pytest.approx(min(b - a for a, b in zip(front[:-1], rear[:-1], strict=True)), abs=1e-6)
+    shift = 400  # 40 s in ticks of 0.1 s
+    errors = [abs(front[k] - ahead[k - shift]) for k in range(shift, len(times) - 1)]
+    assert row["headway_error_max_m"] == pytest.approx(max(errors), abs=1e-6)
+    assert row["contacts"] == 0
+    assert result.summary["verdict"] == "passed"
+    assert row["headway_error_max_m"] < 2.0
+
+
+def test_each_train_has_a_log_that_repeats_bit_for_bit(two: tuple[FollowingResult, Path]) -> None:
+    """Fails if the follower needs something that its own folder lacks."""
+    _, folder = two
+    assert json.loads((folder / "summary.json").read_text())["following"] == "two"
+    for name in ("t1", "t2"):
+        found = ta.verify(folder / name)
+        assert found.equal, found.first
+
+
+def test_the_log_has_the_end_of_authority(two: tuple[FollowingResult, Path]) -> None:
+    """Fails if the reason of an intervention cannot be found in the log: end, and age of the newest report."""
+    recording = two[0].runs["t2"].recording
+    times, values = recording.reported("supervisor", "end_of_authority")
+    assert times.size > 60
+    assert np.all(np.diff(values) > 0.0)
+    _, ages = recording.reported("supervisor", "leader_age")
+    assert ages.max() < 1.0
+
+
+def test_a_contact_is_counted(two: tuple[FollowingResult, Path]) -> None:
+    """Fails if the count cannot see a contact: the train ahead is moved back by 400 m here."""
+    ahead, own = two[0].runs["t1"].recording, two[0].runs["t2"].recording
+    truth = ahead.topics["train/vehicles"]
+    moved = {name: part - 600.0 if name.endswith("_position") else part for name, part in truth.values.items()}
+    nearer = replace(ahead, topics={**ahead.topics, "train/vehicles": replace(truth, values=moved)})
+    assert follower_figures(nearer, own, own.setup)["contacts"] == 1  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("leader_stops", "authority"), [("stands", "absolute"), ("emergency", "absolute"), ("emergency", "relative")]
+)
+def test_a_train_stops_behind_a_leader_that_stops(leader_stops: str, authority: str) -> None:
+    """Fails if the supervisor does not stop the train before the rear of a leader that stops at once or brakes."""
+    changes: dict[str, Any] = {"duration": 60, "profile": {**METRO["profile"], "since": 70}}
+    if leader_stops == "emergency":
+        changes["interventions"] = [{"at": 5.0, "do": "emergency_brake"}]
+    ahead = ta.run({**METRO, **changes})
+    reports = train_reports(ahead.recording, ahead.setup)
+    if leader_stops == "stands":
+        stood = next(found for found in reports if found.time >= 5.0)
+        reports = [
+            found if found.time < 5.0 else stood._replace(number=found.number, time=found.time, speed=0.0, stop=0.0)
+            for found in reports
+        ]
+    leader = {"reports": reports_text(reports), "authority": authority, "link": {"delay": 0.8, "loss": 0.05}}
+    own = ta.run({**METRO, "duration": 60, "profile": {**METRO["profile"], "since": 50}, "leader": leader})
+    front = own.recording.front_position[-1] + own.setup.consist.vehicles[0].length / 2.0
+    rear = reports[-1].rear if leader_stops == "stands" else float(columns(ahead)[2][-1])
+    assert own.recording.front_velocity[-1] < 0.01
+    assert 0.0 < rear - front < 200.0
+
+
+def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    """Return the line of a refused command."""
+    assert main(["run", *arguments, "--engine"]) == 2
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert len(lines) == 1
+    return lines[0]
+
+
+def test_bad_input_is_refused_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Fails if a wrong following file starts a run, or is refused without key and remedy."""
+    path = str(following_file(tmp_path))
+    out = tmp_path / "out"
+    assert "begin the key with a train: all., t1., t2." in refused(capsys, path, "--set", "law=smc")
+    assert "write --set all.law=smc" in refused(capsys, path, "--law", "smc")
+    assert "the first train has no train ahead" in refused(capsys, path, "--set", "t1.leader.headway=50")
+    assert "headway 19 s: shorter than" in refused(capsys, path, "--set", "t2.leader.headway=19")
+    assert "inside the train ahead" in refused(capsys, path, "--set", "t2.profile.since=76", "--out", str(out))
+    assert "set supervision.enabled: true" in refused(capsys, path, "--set", "all.supervision.enabled=false")
+    assert not out.exists()
+    trains = [{"name": "t1", "scenario": "demo"}] * 2
+    assert "2 trains have the name t1" in refused(capsys, str(following_file(tmp_path, trains=trains)))
+
+
+def test_the_first_report_is_that_of_the_start() -> None:
+    """Fails if the check before the first run has another place than the run."""
+    run = ta.run({**METRO, "duration": 1, "profile": {**METRO["profile"], "since": 30}})
+    assert first_report(run.setup)[2:4] == pytest.approx(train_reports(run.recording, run.setup)[0][2:4])
+
+
+def test_a_profile_begins_in_motion() -> None:
+    """Fails if the train has no speed at the begin of a profile cut by `since`, or is at another place."""
+    whole = ta.scenario(METRO).prepare().profile
+    setup = ta.scenario({**METRO, "profile": {**METRO["profile"], "since": 30}}).prepare()
+    assert (setup.plant.start.position, setup.plant.start.speed) == whole.at(30.0)[:2]
+    assert setup.profile.at(5.0)[:3] == whole.at(35.0)[:3]

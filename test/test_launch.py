@@ -1,0 +1,91 @@
+"""Launch files, and the parameter files of the nodes that they read."""
+
+from __future__ import annotations
+
+import ast
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from train_ato.arguments import BAD_INPUT
+from train_ato.cli.main import main
+from train_ato.messages.topics import Role
+from train_ato.ros.standalone.entry import run_role
+
+ROOT = Path(__file__).resolve().parents[1]
+LAUNCH = sorted((ROOT / "launch").glob("*.launch.py"))
+
+
+def literals(file: Path) -> dict[str, Any]:
+    """Return the constants of a launch file by name."""
+    found = {}
+    for node in ast.parse(file.read_text()).body:
+        if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
+            try:
+                found[node.targets[0].id] = ast.literal_eval(node.value)
+            except ValueError:
+                continue
+    return found
+
+
+def test_launch_files_name_nodes_and_options_that_exist(capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if a node or an option is renamed and a launch file, which needs a ROS 2 installation, is not."""
+    assert [file.name.partition(".")[0] for file in LAUNCH] == ["demo", "external", "two_hosts", "two_trains"]
+    of_demo, of_hosts = literals(LAUNCH[0])["ARGUMENTS"], literals(LAUNCH[2])["HOSTS"]
+    roles = {role.value for role in Role}
+    assert set(of_demo["nodes"][0].split()) == roles
+    assert sorted(" ".join(of_hosts.values()).split()) == sorted(roles)
+    for node in roles:
+        with pytest.raises(SystemExit) as ended:
+            run_role(Role(node), ["--help"])
+        assert ended.value.code == 0
+        options = ["--scenario", "--external", *{"recorder": ["--out"], "plant": ["--recorded"]}.get(node, [])]
+        text = capsys.readouterr().out
+        assert all(option in text for option in options)
+    source = LAUNCH[0].read_text()
+    assert all(f'given["{name}"]' in source for name in of_demo)
+
+
+@pytest.mark.parametrize("file", LAUNCH, ids=lambda file: file.name)
+def test_launch_files_describe_a_launch(file: Path) -> None:
+    """Breaks if a launch file uses what launch does not have."""
+    pytest.importorskip("launch_ros", reason="launch_ros comes with a ROS 2 installation; there is no wheel of it")
+    from launch import LaunchContext
+    from launch.launch_description_sources import PythonLaunchDescriptionSource
+
+    source = PythonLaunchDescriptionSource(str(file))
+    description = source.get_launch_description(LaunchContext())
+    names = [argument.name for argument in description.get_launch_arguments()]
+    assert names and all(argument.description for argument in description.get_launch_arguments())
+
+
+@pytest.mark.graph
+def test_the_parameters_of_a_scenario_are_those_of_its_nodes(capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if a value is not that of the scenario, or a parameter of another law is in the file."""
+    pytest.importorskip("rclpy")
+    assert main(["params", "demo", "--law=smc", "--set=laws.smc.ks=0.3", "--observer=eso"]) == 0
+    found = yaml.safe_load(capsys.readouterr().out)
+    assert list(found) == ["/**/plant", "/**/observer", "/**/controller"]
+    law = found["/**/controller"]["ros__parameters"]
+    assert law["law"] == "smc" and law["smc.ks"] == 0.3 and not any(name.startswith("pid.") for name in law)
+    observer = found["/**/observer"]["ros__parameters"]
+    assert observer["observer"] == "eso" and any(name.startswith("eso.") for name in observer)
+    assert main(["params", "demo", "--json"]) == 0
+    shipped = yaml.safe_load((ROOT / "config" / "demo.yaml").read_text())
+    told = json.loads(capsys.readouterr().out)
+    assert {f"/**/{node}": {"ros__parameters": values} for node, values in told.items()} == shipped
+
+
+@pytest.mark.graph
+def test_a_node_that_the_scenario_lacks_is_refused() -> None:
+    """Breaks if a supervisor of a run without supervision ends with a traceback."""
+    pytest.importorskip("rclpy")
+    words = [sys.executable, "-m", "train_ato.cli.nodes", "supervisor", "--scenario=xuzhou_metro"]
+    ended = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert ended.returncode == BAD_INPUT
+    assert ended.stderr == "supervisor: xuzhou_metro: the run has no supervision; set supervision.enabled: true\n"

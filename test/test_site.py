@@ -1,0 +1,160 @@
+"""The site: every page, link and key is in it, it needs no network, and ``train-ato docs`` opens it."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+from msgs_docs.generate import gallery_page, loop_page, reference_pages, run_pages, site
+from msgs_docs.generate.schemas import MODELS, schema_text
+from plant_sim.library import consist_names, line_names
+from train_ato.cli import main, new
+from train_ato.cli.main import COMMANDS
+from train_ato.scenario.scenario import expectation_of
+from train_ato.version import VERSION
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+@pytest.mark.graph
+@pytest.mark.timeout(1800)
+def test_the_site_is_built_without_a_warning_and_needs_no_network(tmp_path, capfd):
+    """Breaks if a link is dead, a page is in no table of contents, or a page loads a file of another host."""
+    assert site.build(ROOT, tmp_path / "site") == 0, capfd.readouterr().err
+    pages = {str(page.relative_to(tmp_path / "site")): page.read_text() for page in (tmp_path / "site").rglob("*.html")}
+    for path in [ROOT / name for name in site.DOCUMENTS] + sorted((ROOT / "msgs_docs").rglob("*.md")):
+        assert str(path.relative_to(ROOT).with_suffix(".html")) in pages
+    for name, text in pages.items():
+        assert not re.search(r"<(script|img|iframe)[^>]* src=\"(https?:)?//|<link[^>]* href=\"(https?:)?//", text), name
+    index = (tmp_path / "site" / "searchindex.js").read_text()
+    for made in ("reference/keys_scenario", "how_to/tune_by_symptom", "concepts/loop", "gallery/gallery"):
+        assert f"msgs_docs/{made}" in index
+    gallery = pages["msgs_docs/gallery/gallery.html"]
+    assert (
+        gallery.count("<strong>passed (") == gallery.count('<img alt="run of ') == len(gallery_page.gallery(ROOT)) > 6
+    )
+    for path in (ROOT / "msgs_docs" / "tutorials").glob("*.md"):
+        assert 'class="highlight-text' in pages[f"msgs_docs/tutorials/{path.stem}.html"], path
+    assert "msgs_docs/reference/keys_scenario" in index and "holding_brake_ratio" in index
+    assert sum(path.stat().st_size for path in (tmp_path / "site").rglob("*") if path.is_file()) < 15e6
+
+
+def test_the_gallery_has_every_scenario_train_and_line(tmp_path):
+    """Breaks if one is left out, a picture is not drawn, or a stored verdict is not the expected one."""
+    pages = [gallery_page.scenarios_page(ROOT, tmp_path), gallery_page.trains_page(tmp_path)]
+    pages.append(gallery_page.lines_page(tmp_path))
+    names = (gallery_page.scenario_names(), consist_names(), line_names())
+    for page, wanted in zip(pages, names, strict=True):
+        assert re.findall(r"^## (.*)$", page, re.MULTILINE) == list(wanted)
+        pictures = re.findall(r"!\[[^]]*\]\(([^)]*)\)", page)
+        assert len(set(pictures)) == len(wanted)
+        for picture in pictures:
+            lines = [
+                line.get("points", "") for line in ElementTree.parse(tmp_path / picture).iter() if line.get("stroke")
+            ]
+            assert len(lines) > 1 and "nan" not in "".join(lines)
+    for name, row in gallery_page.gallery_rows(ROOT).items():
+        expected = expectation_of(name)
+        assert expected is None or row["verdict"].startswith("passed") is (expected.verdict == "passed"), name
+    assert sum(path.stat().st_size for path in tmp_path.iterdir()) < 2e6
+
+
+def test_a_page_without_a_place_in_the_contents_is_missing_in_the_navigation():
+    """Breaks if the navigation lists a page that the contents do not have: Sphinx would find no missing one."""
+    text = site.with_navigation("README", "", ROOT)
+    assert "/msgs_docs/guide\n" in text and "/msgs_docs/README\n" in text and ":caption: Evidence" in text
+    assert site.with_navigation("msgs_docs/guide", "[a](plant.md)", ROOT) == "[a](plant.md)"
+    assert "\npid\n" in site.with_navigation("msgs_docs/laws/README", "[pid](pid.md), [up](../guide.md)", ROOT)
+
+
+@pytest.mark.parametrize("kind", MODELS)
+def test_the_reference_has_every_key_with_its_block(kind):
+    """Breaks if a block of keys is not reached from the top of its file, or a key has no row."""
+    page = reference_pages.keys_page(kind)
+    schema = json.loads(schema_text(kind))
+    blocks = re.split(r"\n## (?=\w)", page)
+    tables = {block.partition("\n")[0]: block for block in blocks[1:]} | {"": blocks[0]}
+    wanted = {"": schema} | {name: part for name, part in schema.get("$defs", {}).items() if "properties" in part}
+    assert set(wanted) <= set(tables)
+    for name, part in wanted.items():
+        missing = [key for key in part.get("properties", {}) if f"`{key}`" not in tables[name]]
+        assert missing == [], name
+
+
+def test_the_reference_has_every_command_and_message(tmp_path):
+    """Breaks if a command has no section, or a message loses the words around its values."""
+    page = reference_pages.commands_page()
+    assert [line.removeprefix("## ") for line in page.splitlines() if line.startswith("## ")] == [
+        n for n, _ in COMMANDS
+    ]
+    assert "| `--engine` | plain Python loop without ROS" in page
+    for folder in ("plant_sim", "train_ato"):
+        (tmp_path / folder).mkdir()
+    (tmp_path / "train_ato" / "one.py").write_text(
+        'def f(a):\n    raise ValueError(f"speed {a:g}: out of range" f"; give {a}")\n'
+    )
+    assert "## train_ato/one.py\n\n* speed ...: out of range; give ...\n" in reference_pages.errors_page(tmp_path)
+
+
+def test_docs_prints_the_entrance_or_how_to_build_it(tmp_path, monkeypatch, capsys):
+    """Breaks if the command needs a browser, or does not say how a missing site is built."""
+    monkeypatch.setattr(new, "__file__", str(tmp_path / "train_ato" / "cli" / "new.py"))
+    monkeypatch.setattr("importlib.metadata.files", lambda name: [])
+    assert main(["docs"]) == 2
+    assert "python -m msgs_docs.generate --site" in capsys.readouterr().err
+    page = tmp_path / "site" / "index.html"
+    page.parent.mkdir()
+    page.write_text("site")
+    assert main(["docs", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == {"page": str(page)}
+    opened = []
+    monkeypatch.setattr("webbrowser.open", lambda address: opened.append(address))
+    assert main(["docs"]) == 0
+    told = capsys.readouterr()
+    assert told.out == f"{page}\n" and "no browser" in told.err and opened == [page.as_uri()]
+
+
+@pytest.mark.parametrize("symptom", run_pages.SYMPTOMS, ids=lambda symptom: symptom.symptom[:40])
+def test_the_change_of_a_symptom_removes_it(symptom):
+    """Breaks if the page of the symptoms has a cause without effect, or a change that leaves half of it."""
+    before, after = run_pages.both_drives(symptom)
+    assert after < 0.5 * before
+
+
+def test_the_commands_of_a_citation_are_right(tmp_path, monkeypatch, capsys):
+    """Breaks if a run has no version or resolved scenario to cite, or is not verified."""
+    text = (ROOT / "msgs_docs" / "cite.md").read_text()
+    commands = [line.split("#")[0].split() for line in text.splitlines() if line.startswith("    ")]
+    monkeypatch.chdir(tmp_path)
+    for name, *words in commands:
+        if name == "train-ato":
+            assert main(words) == 0, words
+        else:
+            assert (tmp_path / words[-1]).is_file()
+    assert json.loads((tmp_path / "cited" / "summary.json").read_text())["version"] == VERSION
+    assert "equal" in capsys.readouterr().out
+
+
+def test_the_paper_is_short_and_its_references_exist():
+    """Breaks if the paper exceeds 1 000 words or cites an entry that its bibliography lacks."""
+    text = (ROOT / "paper" / "paper.md").read_text().partition("# Summary")[2]
+    entries = set(re.findall(r"^@\w+\{(\w+),", (ROOT / "paper" / "paper.bib").read_text(), re.MULTILINE))
+    assert len(text.split()) <= 1000
+    assert set(re.findall(r"\[@(\w+)\]", text)) == entries
+
+
+def test_the_page_of_the_loop_has_every_link_and_every_key_with_its_default():
+    """Breaks if a link gets a name that the picture lacks, or a key of the page is renamed."""
+    schema = json.loads(schema_text("scenario"))
+    keys = [key for _, part in loop_page.PARTS for key in part]
+    links = {key.split(".")[1] for key in keys if key.startswith("links.")}
+    assert links == set(schema["$defs"]["Links"]["properties"])
+    page = loop_page.loop_page()
+    assert all(f"| `{key}` | " in page for key in keys)
+    assert "| `supervision.period` | " in page and "| `0.4` |" in page
+    with pytest.raises(KeyError):
+        loop_page.key_of(schema, "links.command.dely")
