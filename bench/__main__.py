@@ -16,7 +16,6 @@ import importlib.util
 import json
 import os
 import platform
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -31,8 +30,6 @@ sys.path.insert(0, str(HERE))
 from figures import FILE, published  # noqa: E402
 
 LIMIT_S = 3600.0
-LEFT_OUT = "left out: "
-"""Begin of the output of a script without figures on a machine that cannot run it."""
 
 
 @dataclass(frozen=True)
@@ -45,18 +42,15 @@ class Benchmark:
         Name of the script, without ``.py``.
     summary : str
         Measured quantity and its floor or peer.
-    arguments : tuple of str
-        Arguments of a full run.
-    quick : tuple of str or None
-        Arguments of a run with ``--quick``; None: left out.
+    quick : tuple of str
+        Arguments of a run with ``--quick``; a full run has none.
     needs : tuple of str
-        Python packages and programs without which it is left out; a program has a leading ``/``.
+        Python packages without which it is left out.
     """
 
     name: str
     summary: str
-    arguments: tuple[str, ...] = ()
-    quick: tuple[str, ...] | None = ()
+    quick: tuple[str, ...] = ()
     needs: tuple[str, ...] = ()
 
 
@@ -64,35 +58,18 @@ BENCHMARKS = (
     Benchmark("startup", "start of the command and of a run; beside an empty Python and numpy"),
     Benchmark("memory", "largest memory of a simulated hour; beside the imports alone", quick=("--hours", "0.1")),
     Benchmark("kernel", "plant; beside plain numpy"),
-    Benchmark("kernel_cycles", "cycles and instructions of the kernel; beside bare loops"),
     Benchmark("tick", "tick of the engine by scenario; beside its kernel", quick=("daqin_heavy_haul", "xuzhou_metro")),
-    Benchmark("tick_parts", "parts of a tick in Python and in spans; beside the kernel", quick=("xuzhou_metro",)),
     Benchmark("laws", "step of every law; beside a law without computation", quick=("pid", "smc", "funnel")),
-    Benchmark("codec", "messages; beside rosbags"),
-    Benchmark("curves", "braking curves; beside a pass over the vehicles, and two searches"),
-    Benchmark("planner", "planner", quick=None),
-    Benchmark("scene", "scene of the train; beside rosbags"),
     Benchmark(
         "composed", "lockstep graph; beside a bare rclpy ring", quick=("--ticks", "500", "--rounds", "2"),
         needs=("rclpy",),
     ),
-    Benchmark(
-        "recorder", "recorder; beside the mcap package",
-        quick=("--seconds", "5", "--ticks", "1000", "--rounds", "1"), needs=("rclpy",),
-    ),
-    Benchmark("frames", "tables of an hour; beside rosbags", quick=None),
-    Benchmark("report", "report of an hour; beside reading alone", quick=None),
-    Benchmark(
-        "sweep", "sweep on Dask: two workers beside one, overhead of a run, a killed worker",
-        quick=("--runs", "30", "--duration", "60"), needs=("distributed",),
-    ),
-    Benchmark("view", "live page", quick=None, needs=("rclpy", "/chromium")),
 )  # fmt: skip
 """Benchmarks in the order of their runs."""
 
 
-def chosen(only: str | None, quick: bool) -> list[Benchmark]:
-    """Return the benchmarks of the options.
+def chosen(only: str | None) -> list[Benchmark]:
+    """Return the benchmarks of the option ``--only``.
 
     Raises
     ------
@@ -101,7 +78,7 @@ def chosen(only: str | None, quick: bool) -> list[Benchmark]:
     """
     known = {entry.name: entry for entry in BENCHMARKS}
     if only is None:
-        return [entry for entry in BENCHMARKS if not quick or entry.quick is not None]
+        return list(BENCHMARKS)
     names = [name.strip() for name in only.split(",") if name.strip()]
     for name in names:
         if name not in known:
@@ -112,22 +89,17 @@ def chosen(only: str | None, quick: bool) -> list[Benchmark]:
 
 
 def missing(benchmark: Benchmark) -> list[str]:
-    """Return the packages and programs that a benchmark lacks here."""
-    return [
-        need.lstrip("/")
-        for need in benchmark.needs
-        if (shutil.which(need[1:]) if need.startswith("/") else importlib.util.find_spec(need)) is None
-    ]
+    """Return the packages that a benchmark lacks here."""
+    return [need for need in benchmark.needs if importlib.util.find_spec(need) is None]
 
 
-def measured(benchmark: Benchmark, quick: bool) -> tuple[list[dict[str, Any]], str, str]:
-    """Run a script; return its figures, the reason of a failure, and why the machine cannot run it, or empty texts."""
-    arguments = benchmark.quick if quick and benchmark.quick is not None else benchmark.arguments
+def measured(benchmark: Benchmark, *, quick: bool) -> tuple[list[dict[str, Any]], str]:
+    """Run a script; return its figures and the reason of a failure, or an empty text."""
     with tempfile.TemporaryDirectory(prefix="train_ato_bench_") as folder:
         file = Path(folder) / "figures.jsonl"
         paths = os.pathsep.join(filter(None, (str(HERE.parent), os.environ.get("PYTHONPATH", ""))))
         done = subprocess.run(
-            [sys.executable, str(HERE / f"{benchmark.name}.py"), *arguments],
+            [sys.executable, str(HERE / f"{benchmark.name}.py"), *(benchmark.quick if quick else ())],
             env={**os.environ, "PYTHONPATH": paths, FILE: str(file)},
             capture_output=True,
             text=True,
@@ -139,14 +111,11 @@ def measured(benchmark: Benchmark, quick: bool) -> tuple[list[dict[str, Any]], s
     wide = any(figure["verdict"] == "missed widely" for figure in figures)
     if done.returncode != 0 and not wide:
         last = (done.stderr.strip().splitlines() or [""])[-1]
-        return figures, f"exit status {done.returncode}: {last}", ""
-    first = done.stdout.strip().partition("\n")[0]
-    if not figures and first.startswith(LEFT_OUT):
-        return figures, "", first.removeprefix(LEFT_OUT)
-    return figures, "" if figures else "no figures", ""
+        return figures, f"exit status {done.returncode}: {last}"
+    return figures, "" if figures else "no figures"
 
 
-def run_benchmarks(benchmarks: Sequence[Benchmark], quick: bool, run: dict[str, Any]) -> None:
+def run_benchmarks(benchmarks: Sequence[Benchmark], *, quick: bool, run: dict[str, Any]) -> None:
     """Run benchmarks and add their figures to those of a run, also before an interruption."""
     for number, benchmark in enumerate(benchmarks, 1):
         sys.stderr.write(f"[{number}/{len(benchmarks)}] {benchmark.name}: {benchmark.summary}\n")
@@ -154,13 +123,12 @@ def run_benchmarks(benchmarks: Sequence[Benchmark], quick: bool, run: dict[str, 
             run["left_out"][benchmark.name] = f"not installed: {', '.join(lacking)}"
             continue
         try:
-            figures, failure, unable = measured(benchmark, quick)
+            figures, failure = measured(benchmark, quick=quick)
         except subprocess.TimeoutExpired:
-            figures, failure, unable = [], f"not finished after {LIMIT_S:g} s", ""
+            figures, failure = [], f"not finished after {LIMIT_S:g} s"
         run["figures"] += figures
-        for kind, reason in (("failed", failure), ("left_out", unable)):
-            if reason:
-                run[kind][benchmark.name] = reason
+        if failure:
+            run["failed"][benchmark.name] = failure
 
 
 def machine() -> str:
@@ -208,7 +176,7 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
         prog="python -m bench", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--only", metavar="NAME[,NAME...]", help="some benchmarks")
-    parser.add_argument("--quick", action="store_true", help="shorter runs, and without the longest benchmarks")
+    parser.add_argument("--quick", action="store_true", help="shorter runs")
     parser.add_argument("--list", action="store_true", help="print names and summaries")
     parser.add_argument("--json", action="store_true", help="print one JSON value and nothing else")
     return parser.parse_args(arguments)
@@ -221,14 +189,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print_rows(("name", "figures"), ((entry.name, entry.summary) for entry in BENCHMARKS))
         return 0
     try:
-        benchmarks = chosen(options.only, options.quick)
+        benchmarks = chosen(options.only)
     except ValueError as error:
         sys.stderr.write(f"bench: {error}\n")
         return 2
     run: dict[str, Any] = {"machine": machine(), "figures": [], "left_out": {}, "failed": {}}
     interrupted = False
     try:
-        run_benchmarks(benchmarks, options.quick, run)
+        run_benchmarks(benchmarks, quick=options.quick, run=run)
     except KeyboardInterrupt:
         interrupted = True
         sys.stderr.write("bench: interrupted\n")

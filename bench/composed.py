@@ -33,9 +33,9 @@ from typing import Any
 import numpy as np
 from figures import Figure, Goal, judge, publish
 
-from plant_sim.warm_up import compile_kernel
+from plant_sim.train import compile_kernel
 from train_ato.loop.setup import RunSetup, prepare
-from train_ato.messages.layout import Owner, TrainLayout
+from train_ato.messages.topic import Owner, TrainLayout
 from train_ato.messages.topics import BY_NAME, Role
 from train_ato.ros.graph.environment import applied, claim_domain, variables
 from train_ato.scenario.scenario import load_scenario
@@ -249,7 +249,8 @@ def parts(setup: RunSetup, domain: int) -> dict[str, float]:
     clocks = Clocks()
     clocks.on(PlantStage, "act", "plant")
     clocks.on(PlantStage, "observe", "plant")
-    clocks.on(ControllerStage, "step", "law")
+    clocks.on(ControllerStage, "receive", "law")
+    clocks.on(ControllerStage, "command", "law")
     clocks.on(ObserverStage, "on_measurement", "observer")
     clocks.on(ProfileStage, "on_measurement", "profile")
     clocks.on(Wire, "encode", "messages: encode")

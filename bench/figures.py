@@ -81,8 +81,8 @@ def Goal(  # noqa: N802  (a figure with a bound)
     value: float,
     bound: float,
     unit: str = "",
-    at_least: bool = False,
     *,
+    at_least: bool = False,
     beside: str = "",
     beside_value: float | None = None,
 ) -> Figure:

@@ -15,18 +15,67 @@ import sys
 import time
 from collections.abc import Callable
 
-import kernel_loops
 import numpy as np
 from figures import Figure, Goal, judge, publish
 from plain_numpy_train import PlainTrain
 
 from plant_sim import kernel as k
 from plant_sim.batch import advance_trains
+from plant_sim.compiled import compiled
 from plant_sim.consist import Consist
+from plant_sim.kernel import ONE, uint64
 from plant_sim.library import load_consist, load_line
 from plant_sim.plant_setup import PlantSetup
-from plant_sim.train import Train
-from plant_sim.warm_up import compile_kernel
+from plant_sim.train import Train, compile_kernel
+
+
+@compiled
+def couplers(repeats, state, vehicle, gear):
+    """Repeat the loop of equal draft gears of the kind clip."""
+    n, x, v = vehicle.shape[1], state[k.X], state[k.V]
+    for _ in range(repeats):
+        k._clip(1, n - 1, True, x, v, state, vehicle, gear)
+
+
+@compiled
+def speeds(repeats, state, vehicle, gear):
+    """Repeat the loop of speeds, works and positions of a released train."""
+    for _ in range(repeats):
+        k._speeds(0.0, state, vehicle)
+
+
+@compiled
+def bare_couplers(repeats, state, vehicle, gear):
+    """Load 9 values, divide once and store 5 values per vehicle, as :func:`couplers`."""
+    for _ in range(repeats):
+        for i in range(uint64(1), uint64(vehicle.shape[1] - 1)):
+            s = state[0, i] + state[0, i + ONE] + state[1, i] + state[1, i + ONE] + vehicle[k.GAP, i]
+            s += gear[12, i] + gear[13, i] + gear[14, i] + gear[15, i]
+            gear[12, i] = gear[13, i] = gear[14, i] = s
+            gear[15, i] = state[4, i + ONE] = s / (state[0, i] + 1e9)
+
+
+@compiled
+def bare_speeds(repeats, state, vehicle, gear):
+    """Load 13 and 15 values and store 3 and 6 values per vehicle in two loops, as :func:`speeds`."""
+    for _ in range(repeats):
+        for i in range(uint64(vehicle.shape[1])):
+            s = state[0, i] + state[1, i] + state[4, i] + state[4, i + ONE] + state[5, i] + state[6, i] + state[7, i]
+            s += state[8, i] + state[9, i] + vehicle[0, i] + vehicle[3, i] + vehicle[4, i] + vehicle[5, i]
+            state[26, i] = state[27, i] = state[28, i] = s
+        for i in range(uint64(vehicle.shape[1])):
+            s = state[0, i] + state[1, i] + state[4, i] + state[4, i + ONE] + state[9, i] + state[10, i] + state[11, i]
+            s += state[26, i] + state[27, i] + state[28, i] + vehicle[3, i]
+            s += state[19, i] + state[20, i] + state[21, i] + state[22, i]
+            state[0, i] = state[1, i] = state[19, i] = state[20, i] = state[21, i] = state[22, i] = s
+
+
+LOOPS = {
+    "couplers: force, extremes": (couplers, bare_couplers),
+    "vehicles: speed, works, position": (speeds, bare_speeds),
+}
+"""Name: loop of the kernel, bare loop; the bare loops destroy the state, so they need arrays of their own."""
+
 
 STEP_NS, TICK_NS = 5_000_000, 100_000_000
 LEAST_RATIO = 5.0
@@ -58,7 +107,7 @@ def new_train(vehicles: int, brake_on: bool, everything: bool = False) -> Train:
     }
     start = {"position_km": 15.0, "speed": SPEED}
     setup = PlantSetup.model_validate({"start": start, **(extras if everything else {})})
-    train = Train(heavy_train(vehicles - 1), load_line("daqin_section"), setup, STEP_NS, TICK_NS)
+    train = Train(heavy_train(vehicles - 1), load_line("daqin_section"), setup, step_ns=STEP_NS, tick_ns=TICK_NS)
     train.advance(np.zeros((train.substeps, 1)), 550e3 if brake_on else None)
     while not train.is_quiet:  # the wave has reached the last vehicle
         train.advance(np.zeros((train.substeps, 1)))
@@ -92,7 +141,7 @@ def batch_cost(vehicles: int, state: tuple[bool, bool], trains: int = 1, threads
     return nanoseconds(lambda: advance_trains(batch, demands, threads), vehicle_steps, 1)
 
 
-def plain_cost(vehicles: int, brake_on: bool) -> float:
+def plain_cost(vehicles: int, *, brake_on: bool) -> float:
     """Return the time of the same step in plain numpy [ns per vehicle-step]."""
     train = new_train(vehicles, brake_on)
     plain = PlainTrain(train.arrays, STEP_NS * 1e-9)
@@ -116,7 +165,7 @@ def print_loops(whole: float) -> None:
     """Print the loops of a released train of 106 vehicles beside bare loops; ``whole`` is the cost of its step [ns]."""
     print(f"\n{'loop, 106 vehicles, released':36} {'ns':>8} {'bare loop':>12}")
     rest = whole
-    for name, (loop, bare) in kernel_loops.LOOPS.items():
+    for name, (loop, bare) in LOOPS.items():
         cost, floor = loop_cost(loop), loop_cost(bare)
         rest -= cost
         publish(Figure(f"loop, {name}", cost, UNIT, "bare loop", floor))
@@ -142,7 +191,7 @@ def main() -> int:
     costs = print_trains()
     worst = float("inf")
     for title, state in (("released", RELEASED), ("applied", APPLIED)):
-        slow = plain_cost(106, state[0])
+        slow = plain_cost(106, brake_on=state[0])
         worst = min(worst, slow / costs[106, state][0])
         publish(Figure(f"106 vehicles, air brake {title}", costs[106, state][0], UNIT, "plain numpy", slow))
         print(f"{106:8d}  {'plain numpy, ' + title:24} {slow:8.1f}")

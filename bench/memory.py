@@ -14,8 +14,8 @@ import argparse
 import sys
 import tempfile
 
-from child import python_command
 from figures import Goal, judge
+from startup import python_command
 
 MOST_MB = 400.0
 SCENARIO = "daqin_heavy_haul"

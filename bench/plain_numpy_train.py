@@ -80,9 +80,9 @@ class PlainTrain:
             if len(which):
                 gear, s = a.gear[:, which], side[which]
                 beyond = np.maximum(s * deflection[which] - gear[k.HALF_SLACK], 0.0)
-                state[k.COUPLER, which + 1] = self._gear_force(kind, which, gear, s, beyond, rate[which])
+                state[k.COUPLER, which + 1] = self._gear_force(kind, which, gear, s, beyond=beyond, rate=rate[which])
 
-    def _gear_force(self, kind: int, which: Any, gear: Array, s: Array, beyond: Array, rate: Array) -> Array:
+    def _gear_force(self, kind: int, which: Any, gear: Array, s: Array, *, beyond: Array, rate: Array) -> Array:
         if kind == k.RIGID:
             return np.zeros_like(beyond)
         if kind == k.LINEAR:
@@ -188,7 +188,7 @@ class PlainTrain:
         step = self._step * a.vehicle[k.INVERSE_MASS]
         free = before + step * (couplers + grade + viscous + a.state[k.DRIVE_FORCE, :n])
         after, sliding, mid = self._slide(free, step * self._capacity(held), before)
-        self._account(held, sliding, mid, viscous, grade, couplers)
+        self._account(held, sliding, mid, viscous, grade=grade, couplers=couplers)
         a.state[k.V, :n] = after
 
     def _bodies(self, held: float) -> None:
@@ -207,10 +207,12 @@ class PlainTrain:
         for i in self._of_kind[k.RIGID]:
             a.state[k.COUPLER, i + 1] = a.state[k.COUPLER, i] + rest[i]
         couplers = a.state[k.COUPLER, :n] - a.state[k.COUPLER, 1 : n + 1]
-        self._account(held, sliding, mid, viscous, grade, couplers)
+        self._account(held, sliding, mid, viscous, grade=grade, couplers=couplers)
         a.state[k.V, :n] = after
 
-    def _account(self, held: float, sliding: Array, mid: Array, viscous: Array, grade: Array, couplers: Array) -> None:
+    def _account(
+        self, held: float, sliding: Array, mid: Array, viscous: Array, *, grade: Array, couplers: Array
+    ) -> None:
         a, n = self.arrays, self.arrays.vehicle.shape[1]
         state, dry = a.state[:, :n], sliding * mid
         state[k.WORK_RUNNING] += viscous * mid + a.vehicle[k.C0] * dry

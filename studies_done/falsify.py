@@ -123,7 +123,7 @@ def main() -> int:
     parser.add_argument("--shares", action="store_true", help="measure the shares of the space that break")
     options = parser.parse_args()
     base = ta.scenario("xuzhou_metro").with_(BASE)
-    studies = {fault.name: prepare_study(base, fault.requirement, fault.over, 1, 1) for fault in FAULTS}
+    studies = {fault.name: prepare_study(base, fault.requirement, fault.over, 1, jobs=1) for fault in FAULTS}
     rows: dict[str, dict[str, Any]] = {
         name: {"keys": study.space.size, "random": median_of_random(BREAKS)} for name, study in studies.items()
     }

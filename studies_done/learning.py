@@ -19,9 +19,9 @@ from typing import Any
 
 import train_ato as ta
 from train_ato.apps.learn.learn import repeated
-from train_ato.apps.runs.component_choice import put_components
+from train_ato.apps.runs.scenario_choice import put_components
 from train_ato.apps.runs.drive import RunMode, drive
-from train_ato.loop.part_cache import PartCache
+from train_ato.loop.scenario_data import PartCache
 from train_ato.loop.setup import prepare
 from train_ato.loop.verdict import outcomes_text
 

@@ -19,11 +19,11 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "bench"))
 from figures import Figure, publish
 from map_cost import SPEC
 
-from train_ato.apps.sweep.check import sweep_base
-from train_ato.apps.sweep.design import design_points
+from train_ato.apps.sweep.sweep import sweep_base
+from train_ato.apps.sweep.spec import design_points
 from train_ato.apps.sweep.row import Row, drive_point
 from train_ato.apps.sweep.spec import read_sweep
-from train_ato.loop.part_cache import PartCache
+from train_ato.loop.scenario_data import PartCache
 
 SIDE = 64
 METRICS = {

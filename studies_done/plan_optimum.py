@@ -31,7 +31,7 @@ from plan_cases import random_case
 from plant_sim.consist import Consist
 from plant_sim.line import Line
 from train_ato.messages.types import Array
-from train_ato.profile.planner.catch_up import catch_up, timetable_points
+from train_ato.profile.planner.plan_from_state import catch_up, timetable_points
 from train_ato.profile.planner.line_tables import LineForce, SpeedLimits
 from train_ato.profile.planner.plan_from_state import TrainState
 from train_ato.profile.planner.planner import Plan, net_energy_bound, plan_profile
@@ -158,7 +158,7 @@ def transcribed(line: Line, result: Plan, cells: int = GRIDS[-1]) -> Transcripti
     borders = np.concatenate([limits.begin[1:], limits.begin[1:] + train.length])
     places = np.concatenate((np.linspace(begin, end, cells + 1), begin + ramp, end - ramp, borders))
     places = np.unique(np.round(places[(places >= begin) & (places <= end)], 3))
-    force = LineForce(line, train, settings.grade_over_length)
+    force = LineForce(line, train, over_length=settings.grade_over_length)
     fine = np.unique(np.concatenate([np.linspace(a, b, 9) for a, b in pairwise(places)]))
     work = np.concatenate(([0.0], np.cumsum(force.at(0.5 * (fine[1:] + fine[:-1])) * np.diff(fine))))
     mean = np.diff(np.interp(places, fine, work)) / np.diff(places) / train.inertia
@@ -244,9 +244,9 @@ def caught_up(seed: int) -> tuple[float, float, float, str] | None:
     x, v, a, _ = first.profile.at(float(first.profile.time[knot]))
     state = TrainState(round(float(first.profile.time[knot]) + delay, 1), x, v, a)
     points = timetable_points(line, timetabled)
-    rest, late = catch_up(state, points, line, consist, timetabled, first.profile.period)
+    rest, late = catch_up(state, points, line, consist, timetabled, period=first.profile.period)
     at_once = points[-1].model_copy(update={"arrival": TimeWindow(latest=state.time + 1.0)})
-    fastest, _ = catch_up(state, (points[0], at_once), line, consist, timetabled, first.profile.period)
+    fastest, _ = catch_up(state, (points[0], at_once), line, consist, timetabled, period=first.profile.period)
     optimum, uncertainty = reference(line, rest, fastest)
     excess = 100 * (rest.energy / optimum - 1)
     return delay, excess, uncertainty, str(late or f"arrives {time - rest.arrivals[-1][1]:.2f} s early")

@@ -23,7 +23,7 @@ from plant_sim.line import Line
 from train_ato.profile.planner.line_tables import LineForce, SpeedLimits
 from train_ato.profile.planner.planner import plan_profile
 from train_ato.profile.planner.settings import PlanSettings
-from train_ato.profile.planner.stops import stops_of
+from train_ato.profile.planner.settings import stops_of
 from train_ato.profile.planner.train_tables import TrainTables
 
 STEP, PERIOD = 0.5, 0.1

@@ -19,8 +19,8 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parent.parent / "bench"))
 from figures import Goal, judge
 
-from msgs_docs.generate.fault_table import BASES
-from plant_sim.warm_up import compile_kernel
+from msgs_docs.generate.fault_runs import BASES
+from plant_sim.train import compile_kernel
 from train_ato.loop.protection_record import state_spans
 from train_ato.loop.setup import prepare
 from train_ato.ros.graph.runner import run_graph

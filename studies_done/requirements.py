@@ -9,18 +9,18 @@ from __future__ import annotations
 
 import json
 import sys
-from pathlib import Path
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+
 sys.path.insert(0, str(Path(__file__).parent.parent / "bench"))
 from figures import Goal, judge
 
-from train_ato.loop.robustness import robustness_at_start, robustness_bounds, robustness_series
-from train_ato.scenario.formula import signals_of
-from train_ato.scenario.formula_parser import parse_formula
+from train_ato.loop.requirements import robustness_at_start, robustness_bounds, robustness_series
+from train_ato.scenario.formula import parse_formula, signals_of
 
 HOUR_S = 3600
 TICKS = {"xuzhou_metro": 0.05, "daqin_heavy_haul": 0.1}

@@ -26,7 +26,7 @@ from train_ato.messages.types import Array
 from train_ato.profile.planner.line_tables import SpeedLimits
 from train_ato.profile.trip.driven_run import TripRun, follow_journey
 from train_ato.profile.trip.journey import Application, Journey
-from train_ato.profile.trip.objective import plan_trip
+from train_ato.profile.trip.planner import plan_trip
 from train_ato.profile.trip.plan import JOULES_PER_KWH, TripPlan
 from train_ato.profile.trip.settings import TripSettings
 

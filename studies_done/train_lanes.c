@@ -1,6 +1,6 @@
 /* Released train of 106 equal draft gears: one train over its vehicles, beside TRAINS trains in the lanes of a vector.
  *
- *     cc -O3 -march=native -fno-math-errno -fno-trapping-math -ffp-contract=off -DTRAINS=8 bench/train_lanes.c -lm \
+ *     cc -O3 -march=native -fno-math-errno -fno-trapping-math -ffp-contract=off -DTRAINS=8 studies_done/train_lanes.c -lm \
  *        -o /tmp/train_lanes && /tmp/train_lanes
  *
  * Both have the operations of `_clip_force`, `_runs_on`, `_run_on` and `_position` of plant_sim/kernel.py and give the

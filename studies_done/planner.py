@@ -1,6 +1,6 @@
 """Times of the compiled planner: shipped lines and trains, a timetable, and re-planning.
 
-Run: ``python bench/planner.py``; the first line includes the compilation (cached by numba for later runs).  The goals
+Run: ``python studies_done/planner.py``; the first line includes the compilation (cached by numba for later runs).  The goals
 for plans of least time, after the compilation: 286 km in about 0.5 s, 48 km of the freight line in about 0.1 s.  The
 exit status is 1 if one is missed widely (see figures.py).
 """
@@ -11,7 +11,9 @@ import sys
 import time
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).parent.parent / "bench"))
 from figures import Figure, Goal, judge, publish
 
 from plant_sim.consist import Consist
@@ -46,9 +48,9 @@ def _timed(what: str, call: Callable[[], Plan]) -> tuple[Plan, float]:
 def _replanned(line: Line, consist: Consist, first: Plan) -> Plan:
     """Plan the second half again with 85 % of the brake force."""
     knot = len(first.profile) // 2
-    x, v, a, _ = first.profile.at_stamp(first.profile.start_ns + knot * first.profile.period_ns)
+    x, v, a, _ = first.profile.at(float(first.profile.time[knot]))
     now = TrainState(float(first.profile.time[knot]), x, v, a)
-    return replan(now, first.profile, line, consist, PlanSettings(), AvailableForce(brake=0.85))
+    return replan(now, first.profile, line, consist, PlanSettings(), available=AvailableForce(brake=0.85))
 
 
 def main() -> int:

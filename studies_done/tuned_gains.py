@@ -1,10 +1,10 @@
 """Gains of the laws for the shipped trains, found by `train_ato.tune`.
 
-    python bench/tuned_gains.py [SCENARIO ...] [--runs 18]     # search of every law without a result in the file
-    python bench/tuned_gains.py --table                        # scores and metrics before and after
-    python bench/tuned_gains.py --laws                         # YAML for train_ato/control/fitted_gains.yaml
+    python studies_done/tuned_gains.py [SCENARIO ...] [--runs 18]     # search of every law without a result in the file
+    python studies_done/tuned_gains.py --table                        # scores and metrics before and after
+    python studies_done/tuned_gains.py --laws                         # YAML for train_ato/control/fitted_gains.yaml
 
-Searches are in bench/tuned_gains.yaml, their results in bench/tuned_gains.json, written after every law; an entry that
+Searches are in studies_done/tuned_gains.yaml, their results in studies_done/tuned_gains.json, written after every law; an entry that
 is removed is searched again. The table has the tuned gains if they are better in the search and on the held-out
 scenarios, otherwise the gains of the scenario.
 """
@@ -22,7 +22,7 @@ from typing import Any
 import yaml
 
 import train_ato as ta
-from plant_sim.number_text import number_text
+from plant_sim.units import number_text
 
 HERE = Path(__file__).parent
 SEARCHES, RESULTS = HERE / "tuned_gains.yaml", HERE / "tuned_gains.json"

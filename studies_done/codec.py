@@ -1,6 +1,6 @@
 """Time of encoding and decoding the messages of a long train, compared with rosbags in the same run.
 
-    python bench/codec.py
+    python studies_done/codec.py
 
 A row is one topic of a train with 106 vehicles, one power unit and an air brake: microseconds for a message with the
 codec of the topic table and with the serialiser of ``rosbags``, and their ratio.  Both are timed in turns; the best
@@ -13,14 +13,16 @@ import dataclasses
 import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
-import numpy as np
+sys.path.insert(0, str(Path(__file__).parent.parent / "bench"))
 from figures import Figure, Goal, judge, publish
+import numpy as np
 
 from train_ato.messages.codec.cdr import typestore
 from train_ato.messages.codec.codec import Wire
-from train_ato.messages.layout import TrainLayout
+from train_ato.messages.topic import TrainLayout
 from train_ato.messages.topics import BY_NAME, Topic, tick_topics
 
 LAYOUT = TrainLayout(106, 1, (0, 52), air_brake=True, disturbed=True)

@@ -1,6 +1,6 @@
 """Frame rate of the live page and its share of a core in the server and the browser.
 
-    python bench/view.py [--scenario NAME] [--rate F] [--seconds S] [--pages N] [--rounds R] [--json]
+    python studies_done/view.py [--scenario NAME] [--rate F] [--seconds S] [--pages N] [--rounds R] [--json]
 
 A run starts in a separate process; this process serves the page as ``train-ato view`` does, and a headless
 Chromium shows it.  Frames are counted after they are drawn.  The share of a core is the CPU time of this process over
@@ -23,6 +23,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+sys.path.insert(0, str(Path(__file__).parent.parent / "bench"))
 from figures import Goal, judge
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "test"))

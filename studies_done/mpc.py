@@ -1,8 +1,8 @@
 """Table of the law mpc beside the other laws, on the scenarios of its goals.
 
-    python bench/mpc.py [--only TEXT] [--laws mpc,pid,pid_eso,paper] [--seeds N] [--json]
-    python bench/mpc.py --seeds 50 --json > mpc.json      # in several parts, for example one for every law
-    python bench/mpc.py --page mpc.json [MORE.json ...]   # writes msgs_docs/mpc_table.md
+    python studies_done/mpc.py [--only TEXT] [--laws mpc,pid,pid_eso,paper] [--seeds N] [--json]
+    python studies_done/mpc.py --seeds 50 --json > mpc.json      # in several parts, for example one for every law
+    python studies_done/mpc.py --page mpc.json [MORE.json ...]   # writes msgs_docs/mpc_table.md
 
 Every law runs with its default or the scenario's gains; pid under `preview` (under `twin` on daqin_heavy_haul:twin),
 pid_eso is pid under `predictor` with the observer `eso`, mpc under `none` (`twin` there), and paper is the law of the
@@ -160,7 +160,7 @@ HEAD = (
 PAGE = Path(__file__).resolve().parents[1] / "msgs_docs" / "mpc_table.md"
 PAGE_HEAD = """# Law mpc beside the other laws
 
-Written by `python bench/mpc.py --page`, from `python bench/mpc.py --json`; goals and reasons for misses:
+Written by `python studies_done/mpc.py --page`, from `python studies_done/mpc.py --json`; goals and reasons for misses:
 [mpc_goals.md](mpc_goals.md). Rows with noise: median / largest over the seeds of the column `seeds`, from seed 1 on.
 `outcome`: that of [tracking.md](tracking.md), of different ones the number of runs with each; a dash: the row is
 from before this column.

@@ -1,6 +1,6 @@
 """Sweep of ``xuzhou_metro`` on one worker, on two, and on two of which one is killed.
 
-    python bench/sweep.py [--runs N] [--duration S]
+    python studies_done/sweep.py [--runs N] [--duration S]
 
 The law is a Python law (pid, smc); lag and seed vary.  Measured after a first run on every worker, which loads the
 compiled kernel.  Overhead of a run: preparation, hash and row in the worker, and the time between two runs (scheduler,
@@ -20,21 +20,23 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
+sys.path.insert(0, str(Path(__file__).parent.parent / "bench"))
 from figures import Goal, judge
 
-from plant_sim.warm_up import compile_kernel
+from plant_sim.train import compile_kernel
 from train_ato.apps.sweep import row
-from train_ato.apps.sweep.batch import SweepBase, run_batch
-from train_ato.apps.sweep.check import sweep_base
+from train_ato.apps.sweep.row import SweepBase, run_batch
+from train_ato.apps.sweep.sweep import sweep_base
 from train_ato.apps.sweep.cluster import sweep_client
-from train_ato.apps.sweep.design import Point, design_points
-from train_ato.apps.sweep.execution import execute_points
+from train_ato.apps.sweep.spec import Point, design_points
+from train_ato.apps.sweep.sweep import execute_points
 from train_ato.apps.sweep.row import Row
 from train_ato.apps.sweep.spec import read_sweep
 from train_ato.loop.engine import run_engine
-from train_ato.loop.part_cache import PartCache
+from train_ato.loop.scenario_data import PartCache
 from train_ato.loop.setup import RunSetup
 
 SPEEDUP, OVERHEAD_MS = 1.8, 5.0

@@ -1,6 +1,6 @@
 """Costs of a tick by part, in Python and in compiled spans, beside the compiled kernel as the floor.
 
-    python bench/tick_parts.py [--page msgs_docs/ticks.md] [SCENARIO ...]
+    python studies_done/tick_parts.py [--page msgs_docs/ticks.md] [SCENARIO ...]
 
 The table has wall times per tick of a whole run in memory: of the stages in Python by their medians, of a span by sums
 over the run. ``--page`` writes the table into a page, between its two marks.
@@ -17,6 +17,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+sys.path.insert(0, str(Path(__file__).parent.parent / "bench"))
 from figures import Figure, publish
 from tick import stage_times
 

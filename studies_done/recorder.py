@@ -1,6 +1,6 @@
 """Time of recording: in a separate process, in one process with the graph, and compared with another writer.
 
-    python bench/recorder.py [--seconds S] [--rate R] [--ticks N] [--rounds N] [--json]
+    python studies_done/recorder.py [--seconds S] [--rate R] [--ticks N] [--rounds N] [--json]
 
 *Own process*: a ring of empty nodes sends every recorded topic for the train of 106 vehicles at a fixed rate, as bytes
 of a real run with new stamps; the recorder is the real node in a separate process.  Its log must contain all sent
@@ -21,6 +21,8 @@ The exit status is 1 if a message is lost or a goal is missed widely (see figure
 from __future__ import annotations
 
 import argparse
+import gc
+import io
 import json
 import os
 import struct
@@ -28,24 +30,206 @@ import sys
 import tempfile
 import time
 from collections import defaultdict
+from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
+from statistics import median
 from typing import Any
 
+sys.path.insert(0, str(Path(__file__).parent.parent / "bench"))
 from figures import Figure, Goal, judge, publish
-from graph_share import TIMES, one_process
-from log_writers import HOUR, compared
+from mcap.writer import CompressionType, Writer
 
+from train_ato.errors import FirstFailure
 from train_ato.log.bag_layout import table_name
-from train_ato.log.compression import DEFAULT
-from train_ato.log.reading import stream
+from train_ato.log.compression import COMPRESSIONS, DEFAULT
+from train_ato.log.mcap_records import RawMessage, stream
 from train_ato.log.run_folder import RunFolder
+from train_ato.log.run_log import LogFile
 from train_ato.loop.engine import run_engine
 from train_ato.loop.setup import RunSetup, prepare
+from train_ato.messages.codec.codec import Wire
 from train_ato.messages.topics import BY_NAME, EPOCH_NS, Rate, Role
 from train_ato.ros.graph.environment import applied, claim_domain, variables
 from train_ato.scenario.scenario import load_scenario
+
+TURN = 500
+"""Ticks of one graph before the next one: several chunks, so that the packing of its own chunks is included."""
+PAUSE_S = 0.2
+"""Wall time after a turn to finish the packing of chunks."""
+UNRECORDED = "not recorded"
+TIMES = ("wall", "thread", "process")
+"""Clocks: wall time, processor time of the graph's thread, processor time of the process."""
+
+
+class Graph:
+    """Nodes of a run in this process, run for a number of ticks at a time.
+
+    Parameters
+    ----------
+    compression
+        Compression of the log; None: no recorder.
+    """
+
+    def __init__(self, setup: RunSetup, folder: Path, compression: str | None, stack: ExitStack) -> None:
+        from train_ato.ros.graph.assembly import executor_of, make_node
+        from train_ato.ros.nodes.endpoints import ROLES, NodeEndpoints
+
+        folder.mkdir(parents=True)
+        recorded = compression is not None
+        roles = ROLES if recorded else ROLES[:-1]
+        self._watch = FirstFailure()
+        domain = stack.enter_context(claim_domain())
+        context, self._executor = stack.enter_context(executor_of(domain))
+        wire = Wire(setup.layout)
+        self._all_endpoints = {role: NodeEndpoints(role, wire, context, self._watch, roles) for role in roles}
+        options: dict[str, Any] = {"lockstep": True, "timeout": 60.0, "recorded": recorded}
+        options |= {"compression": compression} if recorded else {}
+        self._nodes = {role: make_node(role, setup, self._all_endpoints[role], folder, **options) for role in roles}
+        for role, endpoints in self._all_endpoints.items():
+            if role is not Role.RECORDER:
+                self._executor.add_node(endpoints.node)
+        self._recorder = self._nodes.get(Role.RECORDER)
+        self.spent: dict[str, list[float]] = {key: [] for key in TIMES}
+
+    def begin(self) -> None:
+        """Let the nodes find each other, and start."""
+        while any(endpoints.missing() for endpoints in self._all_endpoints.values()):
+            self._executor.spin_once(timeout_sec=0.01)
+        self._nodes[Role.PROFILE].begin()
+        self._nodes[Role.PLANT].begin()
+
+    def drive(self, ticks: int) -> None:
+        """Run and record a number of ticks; store the times of one tick [s]."""
+        from train_ato.ros.graph.composed import RECORD_EVERY
+
+        plant = self._nodes[Role.PLANT]
+        last, record = plant.stage.tick + ticks, 0
+        begin = (time.perf_counter(), time.thread_time(), time.process_time())
+        while plant.stage.tick < last and not plant.finished and self._watch.failure is None:
+            self._executor.spin_once(timeout_sec=0.1)
+            if self._recorder is not None and plant.stage.tick >= record:
+                record = plant.stage.tick + RECORD_EVERY
+                self._recorder.poll()
+        wall, thread = time.perf_counter(), time.thread_time()
+        time.sleep(PAUSE_S)
+        end = (wall, thread, time.process_time())
+        if self._watch.failure is not None:
+            raise RuntimeError(self._watch.failure)
+        for key, first, second in zip(TIMES, begin, end, strict=True):
+            self.spent[key].append((second - first) / ticks)
+
+    def close(self) -> None:
+        """Close the log."""
+        if self._recorder is not None:
+            self._recorder.close(None)
+            self._all_endpoints[Role.RECORDER].destroy()
+
+
+def one_process(setup: RunSetup, ticks: int, scratch: Path) -> dict[str, dict[str, float]]:
+    """Run the graph without a recorder and with every compression, in turns.
+
+    Returns
+    -------
+    dict
+        By compression: median times of a tick [s], and share of the recording in each: the median over pairs of
+        consecutive turns.
+    """
+    with ExitStack() as stack:
+        graphs = {
+            kind or UNRECORDED: Graph(setup, scratch / f"graph {kind}", kind, stack) for kind in (None, *COMPRESSIONS)
+        }
+        for graph in graphs.values():
+            graph.begin()
+        gc.collect()
+        gc.freeze()
+        for _ in range(ticks // TURN):
+            for graph in graphs.values():
+                graph.drive(TURN)
+        gc.unfreeze()
+        for graph in graphs.values():
+            graph.close()
+    found = {kind: {key: median(graph.spent[key]) for key in TIMES} for kind, graph in graphs.items()}
+    for kind in COMPRESSIONS:
+        for key in TIMES:
+            pairs = zip(graphs[UNRECORDED].spent[key], graphs[kind].spent[key], strict=True)
+            found[kind][f"{key}_share"] = 1 - median(without / recorded for without, recorded in pairs)
+    return found
+
+
+WRITERS = (*(f"train_ato {name}" for name in COMPRESSIONS), "mcap none", "mcap lz4", "mcap zstd")
+HOUR = 3600.0
+BATCH = 450
+"""Number of messages per call: 50 ticks of nine, as for the recorder in one process."""
+
+
+def write_ours(messages: list[RawMessage], folder: Path, compression: str) -> int:
+    """Write with the project's writer; return the size of the file [bytes]."""
+    folder.mkdir(parents=True)
+    log, numbers = LogFile(folder, compression=compression), {}
+    for message in messages:
+        if message.channel.topic not in numbers:
+            numbers[message.channel.topic] = log.copy(message.channel, message.schema)
+    for begin in range(0, len(messages), BATCH):
+        log.extend((numbers[m.channel.topic], m.publish_ns, m.log_ns, m.data) for m in messages[begin : begin + BATCH])
+    log.close()
+    return log.path.stat().st_size
+
+
+def write_peer(messages: list[RawMessage], folder: Path, compression: str) -> int:
+    """Write with the ``mcap`` package, with the same checksums; return the size of the file [bytes]."""
+    folder.mkdir(parents=True)
+    path = folder / "run.mcap"
+    with path.open("wb") as file, io.BufferedWriter(file, 1 << 16) as stream:  # type: ignore[type-var]
+        writer = Writer(stream, compression=CompressionType[compression.upper()], enable_data_crcs=True)
+        writer.start("ros2", "mcap")
+        numbers: dict[str, int] = {}
+        for message in messages:
+            channel, schema = message.channel, message.schema
+            if channel.topic not in numbers:
+                number = writer.register_schema(schema.name, schema.encoding, schema.data)
+                numbers[channel.topic] = writer.register_channel(channel.topic, "cdr", number, channel.metadata)
+        for m in messages:
+            writer.add_message(numbers[m.channel.topic], m.log_ns, m.data, m.publish_ns)
+        writer.finish()
+    return path.stat().st_size
+
+
+def compared(messages: Iterable[RawMessage], seconds: float, rounds: int, scratch: Path) -> dict[str, Any]:
+    """Write the messages with every writer in turn; the best round of each counts.
+
+    Parameters
+    ----------
+    messages
+        Messages of a run.
+    seconds
+        Simulated time of the run [s].
+
+    Returns
+    -------
+    dict
+        By writer: wall time and processor time of a message, with that of the packing thread [µs], and size of the log
+        of a simulated hour [MB].
+    """
+    held = list(messages)
+    found: dict[str, dict[str, float]] = {}
+    for turn in range(rounds):
+        for name in WRITERS:
+            kind, _, compression = name.partition(" ")
+            write: Callable[[list[RawMessage], Path, str], int] = write_ours if kind == "train_ato" else write_peer
+            wall, processor = time.perf_counter(), time.process_time()
+            size = write(held, scratch / f"{turn} {name}", compression)
+            wall, processor = time.perf_counter() - wall, time.process_time() - processor
+            entry = {
+                "wall_us_per_message": wall / len(held) * 1e6,
+                "processor_us_per_message": processor / len(held) * 1e6,
+                "mb_per_hour": size / 1e6 * HOUR / seconds,
+            }
+            best = found.setdefault(name, entry)
+            found[name] = {key: min(best[key], value) for key, value in entry.items()}
+    return found
+
 
 PLAIN, SCENARIO = "daqin_heavy_haul", "daqin_heavy_haul:disturbed"
 RATE = 1500.0
@@ -161,8 +345,6 @@ def processor_s(pid: int) -> float:
 
 def own_process(setup: RunSetup, domain: int, ticks: int, rate: float, scratch: Path) -> dict[str, Any]:
     """Record a ring from another process and count the messages."""
-    from train_ato.errors import FirstFailure
-    from train_ato.messages.codec.codec import Wire
     from train_ato.ros.graph.assembly import executor_of
     from train_ato.ros.graph.processes import NodeProcess
     from train_ato.ros.nodes.endpoints import NodeEndpoints, roles_of

@@ -1,6 +1,6 @@
 """Cycles and instructions of the kernel per vehicle and step, 106 vehicles: the same on a busy machine.
 
-    python bench/kernel_cycles.py
+    python studies_done/kernel_cycles.py
 
 A call has 10 ticks of 20 steps; the figures are those of the call with the fewest cycles.  The disturbances of `all
 effects` are computed before the calls.
@@ -9,11 +9,12 @@ effects` are computed before the calls.
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 
-import kernel_loops
+sys.path.insert(0, str(Path(__file__).parent.parent / "bench"))
 import numpy as np
 from figures import Figure, publish
-from kernel import APPLIED, FULL, RELEASED, new_train
+from kernel import APPLIED, FULL, LOOPS as PAIRS, RELEASED, new_train
 from processor_counters import ProcessorCounters
 
 from plant_sim import kernel as k
@@ -25,14 +26,14 @@ STATES = {"released": RELEASED, "air brake applied": APPLIED, "all effects": FUL
 def tick_cycles(counters: ProcessorCounters, state: tuple[bool, bool]) -> tuple[float, float]:
     """Return cycles and instructions of a train per vehicle and step."""
     train = new_train(VEHICLES, *state)
-    outside = np.ascontiguousarray(train._outside.rest_of_block(train.stamp, TICKS))
+    outside = np.ascontiguousarray(train.outside.rest_of_block(train.stamp, TICKS))
     demand, a = np.full((len(outside), train.substeps, 1), 200e3), train.arrays
 
     def advance() -> None:
         k.advance_ticks(
-            train.stamp, train.tick_ns, train._step, a.state, a.vehicle, a.vehicle_index, a.gear, a.table, a.run,
-            a.body, a.unit, a.unit_index, a.envelope, a.piece, train._brake.array, demand, outside,
-            train._outside.vehicles, a.setting,
+            train.stamp, train.tick_ns, train.step, a.state, a.vehicle, a.vehicle_index, a.gear, a.table, a.run,
+            a.body, a.unit, a.unit_index, a.envelope, a.piece, train.brake.array, demand, outside,
+            train.outside.vehicles, a.setting,
         )  # fmt: skip
 
     cycles, instructions = counters.least(advance, REPEATS)
@@ -53,7 +54,7 @@ def main() -> int:
         publish(Figure(f"kernel, {title}", cycles, "cycles per vehicle-step"))
         print(f"{title:36} {cycles:8.1f} {instructions:13.1f}")
     print(f"\n{'loop, released':36} {'cycles':>8} {'bare loop':>13}")
-    for name, loops in kernel_loops.LOOPS.items():
+    for name, loops in PAIRS.items():
         costs = []
         for loop in loops:
             a = new_train(VEHICLES, False).arrays

@@ -1,6 +1,6 @@
 """Time of opening the run of an hour as tables, compared with readers of single messages, and of export to files.
 
-    python bench/frames.py [RUN]
+    python studies_done/frames.py [RUN]
 
 Without RUN an hour of the heavy-haul train is simulated first (36 000 ticks, 106 vehicles, every topic).  Each run is
 opened in a new process on one core, without the time of the imports; the best of several counts.  The other readers
@@ -22,6 +22,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).parent.parent / "bench"))
 from figures import Figure, Goal, judge, publish
 
 MOST_S = 3.0

@@ -1,6 +1,6 @@
 """Time of the braking curves of a 106-vehicle train: computation once, and evaluation at every tick of a supervisor.
 
-    python bench/curves.py
+    python studies_done/curves.py
 
 The curves are those of the HXD1 + 105 C80 train on the section with the long downhill grades, with its speed limits and
 an end of authority.  The evaluation moves the train through the braking area with another acceleration and odometry
@@ -14,14 +14,16 @@ import sys
 import time
 from bisect import bisect_right
 from collections.abc import Callable
+from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).parent.parent / "bench"))
 from figures import Figure, Goal, judge
 
 from plant_sim.library import load_consist, load_line
 from plant_sim.plant_setup import PlantSetup
-from train_ato.supervision.ceiling import SupervisionSpeeds
 from train_ato.supervision.odometry import motion_estimate
 from train_ato.supervision.plant_line import line_supervision
+from train_ato.supervision.step_function import SupervisionSpeeds
 
 ONCE_MS, TICK_US = 20.0, 20.0
 END, BRAKING_AREA = 45e3, 1500.0

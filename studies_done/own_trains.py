@@ -1,6 +1,6 @@
 """Random trains and lines of one's own under errors of the model: mpc beside pid with preview and gains of the model.
 
-    python bench/own_trains.py [--trains 200] [--first 1] [--workers N] [--worst 10] [--every]
+    python studies_done/own_trains.py [--trains 200] [--first 1] [--workers N] [--worst 10] [--every]
 
 The number of a train is the seed of all its figures: 1 to 200 by default, `--first 201 --trains 50` are others.
 Consecutive numbers have the classes metro (1 to 8 cars), multiple unit (3 to 16) and freight (1 to 200 vehicles), all
@@ -30,7 +30,7 @@ import numpy as np
 import yaml
 
 import train_ato as ta
-from train_ato.apps.check_component.random_trains import GEAR_KINDS, random_gear, random_vehicle
+from train_ato.apps.check_component.random_trips import GEAR_KINDS, random_gear, random_vehicle
 from train_ato.loop.setup import prepare
 from train_ato.scenario.scenario import load_scenario
 

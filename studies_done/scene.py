@@ -1,6 +1,6 @@
 """CPU time of the scene of the 106-vehicle train: a message set with templates and with rosbags.
 
-    python bench/scene.py
+    python studies_done/scene.py
 
 A set is /tf, the poses and the markers at one stamp. The comparison builds the same markers field by field.
 """
@@ -8,10 +8,13 @@ A set is /tf, the poses and the markers at one stamp. The comparison builds the 
 from __future__ import annotations
 
 import json
+import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
+sys.path.insert(0, str(Path(__file__).parent.parent / "bench"))
 from figures import Figure, publish
 
 from train_ato.apps.scene.train_scene import DEFAULT_RATE, MARKERS, TrainScene

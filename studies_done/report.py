@@ -1,6 +1,6 @@
 """Time and size of the report of the run of an hour, of reading alone, and of a report of several runs.
 
-    python bench/report.py [RUN]
+    python studies_done/report.py [RUN]
 
 Without RUN an hour of the heavy-haul train is simulated first (36 000 ticks, 106 vehicles, every topic).  The time of a
 report is that of the command in a new process with its imports; the best of several counts.  The goals: below 6 s and
@@ -15,6 +15,7 @@ import sys
 import time
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).parent.parent / "bench"))
 from figures import Figure, Goal, judge, publish
 from frames import measured, run_of_an_hour
 
