@@ -21,7 +21,7 @@ from typing import Any
 from train_ato.control.contract import parameter
 from train_ato.control.observers.contract import ObserverInput
 from train_ato.control.observers.force_balance import BalanceState, ForceBalance
-from train_ato.control.observers.guard import GuardedObserver
+from train_ato.control.observers.record_observer import GuardedObserver
 
 
 @dataclass

@@ -2,10 +2,12 @@
 
     python -m msgs_docs.generate                    text of all pages, and the JSON Schemas
     python -m msgs_docs.generate --check            list files older than the code; exit status 1 if any
+    python -m msgs_docs.generate --site             build the site into site/, warnings are errors
+    python -m msgs_docs.generate --links            check every external link of the pages; needs a network
     python -m msgs_docs.generate --measure [NAME]   first make the runs of law pages or tables; default: all
 
 Start it in the top folder of the repository.  Tables: `faults`, `hazards`, `random_runs`, `left_out`,
-`any_law`; `any_law:SCENARIO` runs one scenario and keeps the other rows.
+`any_law`, `gallery`; `any_law:SCENARIO` runs one scenario and keeps the other rows.
 ``--measure`` of all pages takes an hour on two cores.
 """
 
@@ -14,30 +16,32 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 
 from msgs_docs.generate import (
     any_law_page,
+    equation_page,
     fault_page,
+    gallery_page,
     hazard_page,
+    left_out_page,
     node_page,
-    random_page,
-    requirement_page,
+    random_runs,
     schemas,
+    site,
     topic_page,
 )
-from msgs_docs.generate.equations import page as equation_page
-from msgs_docs.generate.equations.check import problems
-from msgs_docs.generate.equations.row import EQUATION_TABLES
-from msgs_docs.generate.law_pages.components import Component, components
+from msgs_docs.generate.equation_page import EQUATION_TABLES, problems
 from msgs_docs.generate.law_pages.demo_runs import demo_of
 from msgs_docs.generate.law_pages.measure import command, measure
-from msgs_docs.generate.law_pages.pages import Measured, index, page
-from msgs_docs.generate.left_out import choice_page
-from msgs_docs.generate.left_out import runs as choice_runs
+from msgs_docs.generate.law_pages.pages import Component, Measured, components, index, page
 from train_ato.apps.runs.progress import share_bar
+from train_ato.cli.params import node_parameters, parameter_file
 from train_ato.control.parameters import closest
+from train_ato.loop.setup import prepare
+from train_ato.scenario.scenario import load_scenario
 
 ROOT = Path(__file__).resolve().parents[2]
 LAWS = ROOT / "msgs_docs" / "laws"
@@ -45,9 +49,10 @@ MEASURED = LAWS / "measured.json"
 TABLES = {
     fault_page.NAME: fault_page.measure_faults,
     hazard_page.NAME: hazard_page.measure_hazards,
-    random_page.NAME: random_page.measure_random_runs,
-    choice_runs.NAME: choice_runs.measure_choices,
+    random_runs.NAME: random_runs.measure_random_runs,
+    left_out_page.NAME: left_out_page.measure_choices,
     any_law_page.NAME: any_law_page.measure_any_law,
+    gallery_page.NAME: gallery_page.measure_gallery,
 }
 """Measurement of a table of runs by name of its page."""
 
@@ -64,18 +69,24 @@ def law_pages(measured: Measured) -> dict[Path, str]:
     return {LAWS / "README.md": index(measured), **pages}
 
 
+def parameter_page(scenario: str) -> str:
+    """Return the file with the parameters of the nodes of a shipped scenario."""
+    return parameter_file(node_parameters(prepare(*load_scenario(scenario))))
+
+
 def generated() -> dict[Path, str]:
     """Return the text of every generated file by path."""
     return {
         ROOT / topic_page.PAGE: topic_page.page(),
         ROOT / fault_page.PAGE: fault_page.page(ROOT),
         ROOT / hazard_page.PAGE: hazard_page.page(ROOT),
-        ROOT / random_page.PAGE: random_page.page(ROOT),
+        ROOT / random_runs.PAGE: random_runs.page(ROOT),
         ROOT / equation_page.PAGE: equation_page.page(ROOT),
-        ROOT / choice_page.PAGE: choice_page.page(ROOT),
+        ROOT / left_out_page.PAGE: left_out_page.page(ROOT),
         ROOT / any_law_page.PAGE: any_law_page.page(ROOT),
         ROOT / node_page.PAGE: node_page.page(ROOT / node_page.PAGE),
-        ROOT / requirement_page.PAGE: requirement_page.page(ROOT / requirement_page.PAGE),
+        ROOT / node_page.REQUIREMENT_PAGE: node_page.requirement_page(ROOT / node_page.REQUIREMENT_PAGE),
+        **{ROOT / "config" / f"{name}.yaml": parameter_page(name) for name in ("demo", "xuzhou_metro")},
         **{schemas.schema_path(kind): schemas.schema_text(kind) for kind in schemas.MODELS},
         **law_pages(read_measured()),
     }
@@ -151,7 +162,19 @@ def main(arguments: list[str] | None = None) -> int:
     )
     parser.add_argument("--check", action="store_true", help="list files older than the code, write nothing")
     parser.add_argument("--measure", nargs="*", metavar="NAME", help="run demonstrations first; default: all")
+    parser.add_argument("--site", action="store_true", help="build the site, which needs the extra docs")
+    parser.add_argument("--links", action="store_true", help="check every external link of the pages, over the network")
     options = parser.parse_args(arguments)
+    if options.site or options.links:
+        try:
+            if options.links:
+                with tempfile.TemporaryDirectory() as folder:
+                    return site.build(ROOT, Path(folder, "links"), "linkcheck")
+            status = site.build(ROOT, ROOT / site.SITE)
+        except ValueError as error:
+            parser.error(str(error))
+        sys.stdout.write("" if status else f"{ROOT / site.SITE / 'index.html'}\n")
+        return status
     if options.measure is not None:
         try:
             measure_pages(options.measure)
@@ -161,8 +184,8 @@ def main(arguments: list[str] | None = None) -> int:
     if options.check:
         lines = stale(files) + unmeasured(read_measured())
         lines += fault_page.unmeasured_faults(ROOT) + hazard_page.unmeasured_hazards(ROOT)
-        lines += random_page.unmeasured_random_runs(ROOT)
-        lines += choice_runs.unmeasured_choices(ROOT)
+        lines += random_runs.unmeasured_random_runs(ROOT)
+        lines += left_out_page.unmeasured_choices(ROOT) + gallery_page.unmeasured_gallery(ROOT)
         lines += [line for table in EQUATION_TABLES for line in problems(table, ROOT)]
         sys.stdout.write("".join(f"{line}\n" for line in lines))
         return 1 if lines else 0

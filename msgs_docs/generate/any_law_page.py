@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from plant_sim.number_text import number_text
 from plant_sim.plant_setup import Mismatch
+from plant_sim.units import number_text
 from train_ato.control.gains import FITTED, PRINTED, has_gains
 from train_ato.control.registry import LAWS
 from train_ato.errors import RunFailed

@@ -10,8 +10,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from msgs_docs.generate.fault_runs import FaultRun, run_row
-from msgs_docs.generate.fault_table import BASES, BEGIN, ROWS, FaultRow
+from msgs_docs.generate.fault_runs import BASES, BEGIN, ROWS, FaultRow, FaultRun, run_row
 from train_ato.cli.inject import ACTIONS
 from train_ato.messages import receiver
 from train_ato.messages.faults import FAULT_TOPICS, MessageFault, NodeFault

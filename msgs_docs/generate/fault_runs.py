@@ -1,14 +1,19 @@
-"""Runs of the fault table in the engine, and their measured figures."""
+"""Runs of the fault table in the engine, and their measured figures.
+
+The rows are data of ``msgs_docs/faults.md`` and of ``test/test_fault_table.py``, from ``faults.yaml``.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from msgs_docs.generate.fault_table import BASES, FaultRow
+from plant_sim.library import read_yaml
 from plant_sim.traction import Envelope
 from train_ato.loop.engine import run_engine
 from train_ato.loop.recording import Recording
@@ -17,8 +22,54 @@ from train_ato.loop.series import TopicSamples
 from train_ato.loop.setup import RunSetup, prepare
 from train_ato.messages.types import Diagnostic
 from train_ato.scenario.scenario import load_scenario
-from train_ato.supervision.ceiling import EMERGENCY_MARGIN
 from train_ato.supervision.plant_line import highest_limit
+from train_ato.supervision.step_function import EMERGENCY_MARGIN
+
+BEGIN = 20
+"""Time of the faults of messages and nodes [s]; the metro train accelerates at 43 km/h."""
+NOTHING = "plant: finished"
+"""Reaction of a run in which nothing is detected."""
+
+
+@dataclass(frozen=True)
+class FaultRow:
+    """One fault and its expected reaction.
+
+    Attributes
+    ----------
+    name
+        Fault in words; the key of the row.
+    kind
+        Threat of EN 50159, or part with the fault.
+    sets
+        Assignments to the scenario.
+    reaction
+        Pattern of an event of the run: ``node: message: reason``.
+    arrives
+        True if the train reaches the planned stop; otherwise it is at standstill elsewhere.
+    base
+        Key of :data:`BASES`.
+    """
+
+    name: str
+    kind: str
+    sets: tuple[str, ...]
+    reaction: str
+    arrives: bool = False
+    base: str = "metro"
+
+    @property
+    def slow(self) -> bool:
+        """True for a run of more than a few seconds."""
+        return self.base == "daqin"
+
+
+TABLE: dict[str, Any] = read_yaml(Path(__file__).with_name("faults.yaml"))
+BASES: dict[str, tuple[str, ...]] = {name: tuple(map(str, texts)) for name, texts in TABLE["bases"].items()}
+"""Scenario and assignments of the runs by name."""
+ROWS = tuple(FaultRow(**{**row, "sets": tuple(row["sets"])}) for row in TABLE["rows"])
+"""Rows of the table."""
+
 
 SECOND = 1_000_000_000
 STANDSTILL = 0.05

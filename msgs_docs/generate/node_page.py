@@ -1,4 +1,4 @@
-"""Generate the lower part of ``msgs_docs/nodes.md``: topics, services and parameters."""
+"""Generate the lower parts of the pages of the nodes (topics, services, parameters) and of the requirements."""
 
 from __future__ import annotations
 
@@ -6,18 +6,23 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from plant_sim.number_text import number_text
+from plant_sim.units import number_text
+from train_ato.loop.plant import MAX_REQUESTS
 from train_ato.loop.setup import prepare
-from train_ato.loop.train_interventions import MAX_REQUESTS
 from train_ato.messages.topics import Role, published_by, read_by
 from train_ato.ros.graph.environment import applied, claim_domain, variables
+from train_ato.scenario.formula import UNITS
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.signals import SIGNALS
 
 PAGE = Path("msgs_docs", "nodes.md")
-"""Path of the page in the repository."""
+"""Path of the page of the nodes in the repository."""
+REQUIREMENT_PAGE = Path("msgs_docs", "requirements.md")
 MARK = "<!-- From here on made by `python -m msgs_docs.generate`; do not edit by hand. -->"
 _AT_MOST = {kind: f"at most {count}" for kind, count in MAX_REQUESTS.items()}
 _SERVICES = {
+    "change_state": "no transition is offered: refused, with a line on standard error and `/rosout`",
+    "get_state": "`unconfigured` before all connections, `inactive` before the first tick, `active`, `finalized`",
     "adhesion": "multiply the adhesion by `adhesion.factor`, for the rest of the run",
     "brake_fade": "multiply the forces of the friction brakes by `brake_fade.factor`, for the rest of the run",
     "drive_gain": "multiply the forces of all drives by `drive_gain.factor`, for the rest of the run",
@@ -40,11 +45,22 @@ _EVERYWHERE = frozenset({"use_sim_time", "start_type_description_service"})
 
 
 def page(written: Path = PAGE) -> str:
-    """Return the page: the text above the mark, and below it the generated sections."""
+    """Return the page of the nodes: the text above the mark, and below it the generated sections."""
+    return _below_mark(written, _sections())
+
+
+def requirement_page(written: Path = REQUIREMENT_PAGE) -> str:
+    """Return the page of the requirements: the text above the mark, and below it signals and units."""
+    rows = [f"| `{one.name}` | {one.unit} | {one.meaning} | {one.needs or '-'} |" for one in SIGNALS.values()]
+    lines = ["", "## Signals", "", "| signal | unit | meaning | needs |", "|---|---|---|---|", *rows]
+    return _below_mark(written, [*lines, "", "## Units", "", ", ".join(f"`{unit}`" for unit in UNITS) + "."])
+
+
+def _below_mark(written: Path, lines: list[str]) -> str:
     above, mark, _ = written.read_text(encoding="utf-8").partition(MARK)
     if not mark:
         raise ValueError(f"{written}: the line '{MARK}' is missing; put it back below the text")
-    return above + MARK + "\n" + "\n".join(_sections()) + "\n"
+    return above + MARK + "\n" + "\n".join(lines) + "\n"
 
 
 def _sections() -> list[str]:
@@ -64,7 +80,7 @@ def _sections() -> list[str]:
                 for role in ROLES:
                     endpoints = NodeEndpoints(role, Wire(setup.layout), context, FirstFailure())
                     executor.add_node(endpoints.node)
-                    node = make_node(role, setup, endpoints, folder, True, 10.0)
+                    node = make_node(role, setup, endpoints, folder, lockstep=True, timeout=10.0)
                     if role not in (Role.PLANT, Role.RECORDER):
                         answer_ready(endpoints, setup.fingerprint())
                     lines += _section(role, endpoints.node)

@@ -1,4 +1,4 @@
-"""JSON Schemas of scenario, consist, line, journey and learned files, generated from their models.
+"""JSON Schemas of scenario, following, consist, line, journey, learned and recorder files, from their models.
 
 Editors complete and check a file that begins with ``# yaml-language-server: $schema=...``.
 """
@@ -14,17 +14,21 @@ from pydantic import BaseModel
 
 from plant_sim.consist import Consist
 from plant_sim.line import Line
+from train_ato.apps.import_csv.layout import RecorderLayout
 from train_ato.control.learned_resistance import LearnedResistance
 from train_ato.profile.planner.timing_points import JourneyFile
 from train_ato.scenario.criteria import Expectation
+from train_ato.scenario.following import FollowingSpec
 from train_ato.scenario.scenario import Scenario
 
 MODELS: dict[str, type[BaseModel]] = {
     "scenario": Scenario,
+    "following": FollowingSpec,
     "consist": Consist,
     "line": Line,
     "journey": JourneyFile,
     "learned": LearnedResistance,
+    "recorder": RecorderLayout,
 }
 
 
@@ -34,9 +38,17 @@ def schema_text(name: str) -> str:
     schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
     if name == "scenario":
         # Keys of files only; they are resolved before validation.
-        schema["properties"]["base"] = {"type": "string", "description": "scenario that this one is laid over"}
+        schema["properties"]["base"] = {
+            "type": "string",
+            "description": "scenario that this one is laid over",
+            "examples": ["demo"],
+        }
         schema["properties"]["expect"] = _expectation(schema["$defs"])
-        schema["properties"]["variants"] = {"type": ["object", "null"], "description": "overlays by name; null: none"}
+        schema["properties"]["variants"] = {
+            "type": ["object", "null"],
+            "description": "overlays by name; null: none",
+            "examples": [{"heavy": {"summary": "20 % more mass", "plant": {"mismatch": {"mass_scale": 1.2}}}}],
+        }
         # The base of a scenario may have all other keys.
         schema["required"] = ["schema"]
         schema.pop("allOf", None)
@@ -48,7 +60,8 @@ def _expectation(definitions: dict[str, Any]) -> dict[str, Any]:
     """Return the schema of ``expect``, whose block is added to the definitions: ``passed`` is short for a block."""
     definitions["Expectation"] = Expectation.model_json_schema()
     forms = [{"const": "passed"}, {"$ref": "#/$defs/Expectation"}]
-    return {"anyOf": forms, "description": "expected verdict without changes; every variant states its own"}
+    text = "expected verdict without changes; every variant states its own"
+    return {"anyOf": forms, "description": text, "examples": ["passed"]}
 
 
 def schema_path(name: str) -> Path:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from plant_sim.units import unit_suffix
-from train_ato.messages.codec.diagnostic_keys import HARDWARE, LISTED, message_key
-from train_ato.messages.layout import FIXED_NAMES, Owner
+from train_ato.messages.codec.variable import HARDWARE, LISTED, message_key
+from train_ato.messages.topic import FIXED_NAMES, Owner
 from train_ato.messages.topics import DIAGNOSTIC_UNITS, TOPICS, Place, Topic
 from train_ato.messages.types import Diagnostic
 

@@ -2,19 +2,127 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from PIL import Image
+
 from msgs_docs.generate.any_law_page import summary_figures, verdict
-from msgs_docs.generate.law_pages.components import Component
-from msgs_docs.generate.law_pages.demo_runs import demo_of
-from msgs_docs.generate.law_pages.figures import draw_demo
+from msgs_docs.generate.law_pages.demo_runs import DemoRun, demo_of
+from msgs_docs.generate.law_pages.pages import Component
+from train_ato.apps.report.print_figures import LONG_RUN_S, SHEET_SIZE, styled
+from train_ato.apps.report.quantities import COLOURS, GREY
 from train_ato.control.gains import PRINTED, has_gains
 from train_ato.control.registry import LAWS
+from train_ato.loop.recording import Recording
+from train_ato.loop.setup import RunSetup
+from train_ato.messages.types import Array
 from train_ato.papers.claims import Case, Result
+from train_ato.papers.p002_freight.observer_trials import truth as paper_002
 from train_ato.papers.pool import Finished, WorkerPool
 from train_ato.scenario.scenario import load_scenario
+
+POINTS = 3000
+"""Beyond so many points a line is drawn as the band between its extremes."""
+COLOURS_OF_PNG = 64
+
+
+@styled(SHEET_SIZE)
+def draw_demo(component: Component, demo: DemoRun, runs: Mapping[str, tuple[Case, Result]], path: Path) -> None:
+    """Draw the first two runs of a page over each other."""
+    figure = Figure(figsize=(8.4, 4.6), dpi=90, layout="constrained")
+    upper, lower = figure.subplots(2, 1, sharex=True)
+    drawn = [(label, case.setup(), result.recording) for label, (case, result) in list(runs.items())[:2]]
+    times = [recording.time for _, _, recording in drawn if recording is not None]
+    minutes = max(time[-1] for time in times) > LONG_RUN_S
+    for index, (label, setup, recording) in reversed(list(enumerate(drawn))):
+        assert recording is not None
+        part = _part(demo, recording)
+        time = recording.time[part] / (60.0 if minutes else 1.0)
+        style = {"color": COLOURS[index], "lw": 1.8 if index else 1.0, "alpha": 0.7 if index else 1.0, "label": label}
+        _line(upper, time, _error(demo, setup, recording)[part], **style)
+        if demo.lower == "force":
+            _line(lower, time, recording.applied.sum(axis=1)[part] / 1e3, **style)
+            continue
+        if index == 0:
+            _line(lower, time, _truth(setup, recording)[part] / 1e3, color=GREY, lw=2.6, alpha=0.45, label="truth")
+        if np.any(recording.estimate):
+            _line(lower, time, recording.estimate[part, 0] / 1e3, **style)
+    upper.set_ylabel("speed error in km/h" if demo.draw == "speed" else "position error in m")
+    lower.set_ylabel("force in kN" if demo.lower == "force" else "disturbance in kN\n(front unit)")
+    lower.set_xlabel("time in min" if minutes else "time in s")
+    for panel in (upper, lower) if demo.lower == "estimate" else (upper,):
+        handles, labels = panel.get_legend_handles_labels()
+        panel.legend(
+            handles[::-1], labels[::-1], loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=3, fontsize="small",
+            frameon=False,
+        )  # fmt: skip
+    for panel in (upper, lower):
+        panel.margins(x=0.01)
+    upper.set_title(drawn[0][1].scenario.name, loc="left", fontsize="small")
+    save_small(figure, path)
+
+
+def save_small(figure: Figure, path: Path) -> None:
+    """Write a figure as a PNG with few colours: a fifth of the size, without a visible difference."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png")
+    buffer.seek(0)
+    Image.open(buffer).convert("RGB").quantize(COLOURS_OF_PNG).save(path, optimize=True)
+
+
+def _line(panel: Axes, time: Array, values: Array, **style: Any) -> None:
+    """Draw a line; a long one by the extremes of its pieces, so that no peak is lost."""
+    if time.size > POINTS:
+        width = -(-time.size // (POINTS // 2))
+        count = time.size // width
+        pieces = values[: count * width].reshape(count, width)
+        values = np.column_stack((pieces.min(axis=1), pieces.max(axis=1))).ravel()
+        time = np.repeat(time[: count * width : width], 2)
+    panel.plot(time, values, **style)
+
+
+def _part(demo: DemoRun, recording: Recording) -> slice:
+    if demo.span is None:
+        return slice(0, recording.time.size)
+    begin, end = np.searchsorted(recording.time, demo.span)
+    return slice(int(begin), int(end))
+
+
+def _error(demo: DemoRun, setup: RunSetup, recording: Recording) -> Array:
+    """Return the front unit's error."""
+    if demo.draw == "speed":
+        return 3.6 * (recording.velocity[:, 0] - recording.reference_velocity)
+    return np.asarray(recording.position[:, 0] + setup.model.offsets[0] - recording.reference_position)
+
+
+def _truth(setup: RunSetup, recording: Recording) -> Array:
+    """Return the disturbance of the front unit [N].
+
+    Of a train that is one vehicle it is what the nominal model leaves of the true motion, unknown grades included;
+    of others the outside force on the unit's vehicle, with the rate of its speed offset where it has one (d2 + d1' of
+    paper 002).
+    """
+    if any(spec.kind == "paper002" for spec in setup.plant.disturbances):
+        _, pushed, offset_rate = paper_002(recording.time)
+        return float(setup.model.unit_inertia[0]) * (pushed[:, 0] + offset_rate[:, 0])
+    if setup.layout.n_vehicles > 1:
+        return recording.disturbance[:, 0]
+    model = setup.model
+    speed, place = recording.front_velocity, recording.front_position
+    later = np.roll(recording.applied[:, 0], -1)
+    known = np.array([model.rigid_force(x, v, 0.0) for x, v in zip(place.tolist(), speed.tolist(), strict=True)])
+    pull = np.append(np.diff(speed), 0.0) / setup.tick
+    found: Array = model.inertia * pull - 0.5 * (recording.applied[:, 0] + later) + known
+    found[np.abs(speed) < 0.5] = np.nan  # the holding brake and dry friction are no disturbance
+    found[-1] = np.nan
+    return found
+
 
 KEPT = ("speed_rmse_kmh", "speed_error_max_kmh", "position_error_max_m", "command_variation_kn_per_s")
 WORKERS = 2
@@ -83,8 +191,9 @@ def command(case: Case) -> str:
     """Return the command line of a case."""
     options, settings = [], []
     scenario, _ = load_scenario(case.scenario, changes=dict(case.changes))
-    if has_gains(LAWS.get(scenario.law)) and "gains" not in scenario.laws.get(scenario.law, {}):
-        settings.append(f"--set laws.{scenario.law}.gains={PRINTED}")
+    law = scenario.law
+    if law in LAWS.names() and has_gains(LAWS.get(law)) and "gains" not in scenario.laws.get(law, {}):
+        settings.append(f"--set laws.{law}.gains={PRINTED}")
     for key, value in case.changes.items():
         if key in ("law", "observer", "compensation"):
             options.append(f"--{key} {value}")

@@ -1,1 +1,0 @@
-"""Table of the equations of the papers: declaration, check and page."""

@@ -1,0 +1,263 @@
+"""Generate the gallery of the site: every shipped scenario, train and line with its picture and numbers.
+
+The scenarios of README are run by the build. The others are rows of ``gallery_measured.json``, because all of them
+take minutes; ``--measure gallery`` runs them. Pictures of the rows, trains and lines are drawn as SVG.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import train_ato as ta
+from plant_sim.library import consist_names, line_names, load_consist, load_line
+from plant_sim.track import Track
+from plant_sim.units import KMH, number_text
+from train_ato.apps.runs.progress import share_bar
+from train_ato.cli.list import details
+from train_ato.control.train_model import TrainModel
+from train_ato.loop.metric_names import METRICS
+from train_ato.loop.recording import REFERENCE
+from train_ato.messages.types import Array
+from train_ato.scenario.scenario import expectation_of, shipped_scenarios, variants_of
+
+NAME = "gallery"
+"""Name of the table for ``--measure``."""
+MEASURED = Path("msgs_docs", "gallery_measured.json")
+GALLERY = re.compile(r"^\| \[?`(?P<name>[\w:]+)`[^|]*\| (?P<shows>[^|]+) \|$", re.MULTILINE)
+"""Row of the gallery of the README: name of the scenario and its content."""
+SHOWN = ("speed_rmse_kmh", "stop_error_max_m", "coupler_draft_max_kn", "energy_traction_kwh", "running_time_s")
+POINTS = 120
+"""Number of times in the curve of a row."""
+COLOURS = ("#0072b2", "#e69f00", "#d55e00")
+"""First, second and third curve of a picture."""
+Curve = tuple[str, Sequence[float] | Array, Sequence[float] | Array]
+"""Name, and values across and up."""
+
+
+def scenario_names() -> list[str]:
+    """Return every shipped scenario with its variants."""
+    found = []
+    for name, path in shipped_scenarios().items():
+        found += [name, *(f"{name}:{variant}" for variant in variants_of(path))]
+    return found
+
+
+def measured_row(name: str) -> dict[str, Any]:
+    """Run a scenario; return verdict, parts, metrics and the curve of its speed, also of a run that failed."""
+    try:
+        run = ta.run(name)
+    except ta.RunFailed as error:
+        if error.run is None:
+            raise
+        run = error.run
+    recording = run.recording
+    picked = np.unique(np.linspace(0, recording.time.size - 1, POINTS).round().astype(int))
+    time = recording.time[picked]
+    found = recording.of(REFERENCE, "velocity")
+    profile = np.zeros(0) if found is None else np.interp(time, found[0], KMH * found[1][:, 0])
+    figures = {key: value for key in SHOWN if isinstance(value := run.metrics.get(key), (int, float))}
+    return {
+        "verdict": run.result.title,
+        "law": run.metrics["controller"],
+        "train": run.setup.consist.name,
+        "line": run.setup.line.name,
+        "figures": {key: float(f"{value:.4g}") for key, value in figures.items()},
+        "time_s": [round(float(value), 1) for value in time],
+        "speed_kmh": [round(float(value), 1) for value in KMH * recording.front_velocity[picked]],
+        "profile_kmh": [round(float(value), 1) for value in profile],
+    }
+
+
+def measure_gallery(top: Path) -> None:
+    """Run every shipped scenario and write its row."""
+    names, rows = scenario_names(), {}
+    with share_bar("gallery") as report:
+        for count, name in enumerate(names):
+            rows[name] = measured_row(name)
+            report((count + 1) / len(names), name)
+    (top / MEASURED).write_text(gallery_text(rows), encoding="utf-8")
+
+
+def gallery_text(rows: dict[str, Any]) -> str:
+    """Return the file of the rows: one line each."""
+    lines = [f"{json.dumps(name)}: {json.dumps(row, ensure_ascii=False)}" for name, row in rows.items()]
+    return "{\n" + ",\n".join(lines) + "\n}\n"
+
+
+def gallery_rows(top: Path) -> dict[str, Any]:
+    """Return the measured rows by name."""
+    rows: dict[str, Any] = json.loads((top / MEASURED).read_text(encoding="utf-8"))
+    return rows
+
+
+def unmeasured_gallery(top: Path) -> list[str]:
+    """Return one line if a scenario has no row, or a row no scenario."""
+    changed = set(scenario_names()) ^ set(gallery_rows(top))
+    remedy = f"run python -m msgs_docs.generate --measure {NAME}"
+    return [f"{MEASURED}: {', '.join(sorted(changed))}: not measured or not shipped; {remedy}"] if changed else []
+
+
+def gallery(top: Path) -> dict[str, str]:
+    """Return what each scenario of the gallery of README shows, by its name."""
+    text = (top / "README.md").read_text(encoding="utf-8").partition("\n## Gallery\n")[2].partition("\n## ")[0]
+    return {match["name"]: match["shows"].strip() for match in GALLERY.finditer(text)}
+
+
+def write_gallery(top: Path, folder: Path) -> None:
+    """Write the pages of the gallery; run the scenarios of README."""
+    folder.mkdir(parents=True)
+    text = "# Gallery\n\nEvery scenario was run by this build: `train-ato run NAME --engine`.\n"
+    for name, shows in gallery(top).items():
+        run = ta.run(name)
+        picture = f"{_file_name(name)}.png"
+        run.plot(folder / picture)
+        rows = [("train", run.setup.consist.name), ("line", run.setup.line.name), ("law", run.metrics["controller"])]
+        found = {key: run.metrics[key] for key in SHOWN if run.metrics.get(key) is not None}
+        text += (
+            f"\n## {name}\n\n{shows[0].upper()}{shows[1:]}.\n\n**{run.result.title}**\n\n"
+            f"{_two_columns([*rows, *_figures(found)])}\n![run of {name}]({picture})\n"
+        )
+    (folder / "gallery.md").write_text(text, encoding="utf-8")
+    (folder / "scenarios.md").write_text(scenarios_page(top, folder), encoding="utf-8")
+    (folder / "trains.md").write_text(trains_page(folder), encoding="utf-8")
+    (folder / "lines.md").write_text(lines_page(folder), encoding="utf-8")
+
+
+def scenarios_page(top: Path, folder: Path) -> str:
+    """Return the page of every shipped scenario; write its pictures."""
+    text = (
+        "# All scenarios\n\nEvery shipped scenario and variant: `train-ato run NAME --engine`. It is expected to "
+        "pass or to\nfail; a failed one shows a limit of a law or of a train. `python -m msgs_docs.generate --measure "
+        "gallery` measures\nthe rows.\n"
+    )
+    rows = gallery_rows(top)
+    for name in scenario_names():
+        row, expected = rows[name], expectation_of(name)
+        curves: list[Curve] = [("profile", row["time_s"], row["profile_kmh"])] if row["profile_kmh"] else []
+        curves.append(("train", row["time_s"], row["speed_kmh"]))
+        picture = f"{_file_name(name)}.svg"
+        (folder / picture).write_text(svg(curves, "time in s", "speed in km/h"), encoding="utf-8")
+        parts = [("train", row["train"]), ("line", row["line"]), ("law", row["law"])]
+        parts += [("expected", expected.text)] if expected else []
+        summary = details(name)["scenario"]["summary"]
+        text += (
+            f"\n## {name}\n\n{summary[0].upper()}{summary[1:]}.\n\n**{row['verdict']}**\n\n"
+            f"{_two_columns([*parts, *_figures(row['figures'])])}\n![speed of {name}]({picture})\n"
+        )
+    return text
+
+
+def trains_page(folder: Path) -> str:
+    """Return the page of every shipped train; write the pictures of its forces."""
+    text = "# Trains\n\n`train-ato list NAME` prints the same. The picture has the forces of all power units.\n"
+    for name in consist_names():
+        consist = load_consist(name)
+        ends = [segment.to for kind in consist.vehicle_types.values() for segment in kind.traction]
+        fastest = KMH * max(ends, default=100 / KMH)
+        speeds = np.linspace(0.0, fastest, 160)
+        none = np.zeros(len(consist.power_units))
+        model = TrainModel(consist, load_line("level"), none, none, 0.0, 0.1)
+        limits = [model.force_limits(np.full(none.size, speed / KMH)) for speed in speeds]
+        least, most = (np.array([side.sum() for side in sides]) / 1e3 for sides in zip(*limits, strict=True))
+        curves: list[Curve] = [("traction", speeds, most), ("electric brake", speeds, least)]
+        text += _entry(folder, name, details(name)["consist"], svg(curves, "speed in km/h", "force in kN"), "forces")
+    return text
+
+
+def lines_page(folder: Path) -> str:
+    """Return the page of every shipped line; write the pictures of its height and its speed limits."""
+    text = "# Lines\n\n`train-ato list NAME` prints the same. The picture has the height above the begin of the line.\n"
+    for name in line_names():
+        line = load_line(name)
+        track = Track(line)
+        inside = track.breaks[(track.breaks > line.begin) & (track.breaks < line.end)]
+        places = np.concatenate(([line.begin], inside, [line.end]))
+        curves: list[Curve] = [("height", places / 1e3, track.elevation(places))]
+        stops = [(stop.at / 1e3, stop.name) for stop in line.stops]
+        text += _entry(folder, name, details(name)["line"], svg(curves, "km", "height in m", stops), "height")
+    return text
+
+
+def _entry(folder: Path, name: str, facts: dict[str, str], picture: str, content: str) -> str:
+    """Write the picture of a train or a line; return its section."""
+    (folder / f"{content}_{name}.svg").write_text(picture, encoding="utf-8")
+    rows = _two_columns([(key, text) for key, text in facts.items() if text])
+    return f"\n## {name}\n\n{rows}\n![{content} of {name}]({content}_{name}.svg)\n"
+
+
+def _two_columns(rows: Sequence[tuple[str, str]]) -> str:
+    return "| | |\n|---|---|\n" + "".join(f"| {title} | {text.replace('|', chr(92) + '|')} |\n" for title, text in rows)
+
+
+def _figures(found: dict[str, float]) -> list[tuple[str, str]]:
+    return [(f"{METRICS[key][0]} in {METRICS[key][1]}", number_text(value, 3)) for key, value in found.items()]
+
+
+def _file_name(name: str) -> str:
+    return re.sub(r"[^a-z0-9_]", "_", name)
+
+
+WIDTH, HEIGHT, LEFT, TOP, RIGHT, BOTTOM = 720, 220, 62, 24, 12, 36
+"""Size and margins of a picture in pixels."""
+
+
+def svg(curves: Sequence[Curve], across: str, up: str, marks: Sequence[tuple[float, str]] = ()) -> str:
+    """Return a picture of curves with the names of its axes, for light and dark pages.
+
+    Parameters
+    ----------
+    curves
+        Name, values across and values up of each.
+    across, up
+        Quantity and unit of the axes.
+    marks
+        Places across with their names.
+    """
+    xs, ys = (np.concatenate([np.asarray(curve[side], dtype=float) for curve in curves]) for side in (1, 2))
+    steps_x, steps_y = _ticks(float(xs.min()), float(xs.max())), _ticks(min(0.0, float(ys.min())), float(ys.max()))
+    low, high = min(steps_y[0], ys.min()), max(steps_y[-1], ys.max())
+    span_x, span_y = (xs.min(), max(xs.max(), xs.min() + 1.0)), (low, max(high, low + 1.0))
+
+    def place(x: float, y: float) -> str:
+        right = LEFT + (WIDTH - LEFT - RIGHT) * (x - span_x[0]) / (span_x[1] - span_x[0])
+        return (
+            f"{right:.1f},{HEIGHT - BOTTOM - (HEIGHT - TOP - BOTTOM) * (y - span_y[0]) / (span_y[1] - span_y[0]):.1f}"
+        )
+
+    parts = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" width="{WIDTH}" height="{HEIGHT}" '
+        'font-family="sans-serif" font-size="12" fill="#808080">'
+    ]
+    for step in steps_y:
+        begin, end = place(span_x[0], step), place(span_x[1], step)
+        parts.append(f'<polyline points="{begin} {end}" stroke="#80808055"/>')
+        parts.append(f'<text x="{LEFT - 6}" y="{float(begin.split(",")[1]) + 4:.1f}" text-anchor="end">{step:g}</text>')
+    for step in steps_x:
+        right = place(step, span_y[0]).split(",")[0]
+        parts.append(f'<text x="{right}" y="{HEIGHT - BOTTOM + 16}" text-anchor="middle">{step:g}</text>')
+    for at, name in marks:
+        low, high = place(at, span_y[0]), place(at, span_y[1])
+        parts.append(f'<polyline points="{low} {high}" stroke="#808080" stroke-dasharray="3 3"/>')
+        parts.append(f'<text x="{float(low.split(",")[0]) + 3:.1f}" y="{TOP + 10}" font-size="10">{name}</text>')
+    for number, (name, values_x, values_y) in enumerate(curves):
+        points = " ".join(place(float(x), float(y)) for x, y in zip(values_x, values_y, strict=True))
+        colour = COLOURS[number]
+        parts.append(f'<polyline points="{points}" fill="none" stroke="{colour}" stroke-width="1.6"/>')
+        parts.append(f'<text x="{LEFT + 130 * number}" y="14" fill="{colour}">{name}</text>')
+    parts.append(f'<text x="{WIDTH - RIGHT}" y="{HEIGHT - 4}" text-anchor="end">{across}</text>')
+    parts.append(f'<text x="{WIDTH - RIGHT}" y="14" text-anchor="end">{up}</text>')
+    return "\n".join([*parts, "</svg>\n"])
+
+
+def _ticks(low: float, high: float) -> list[float]:
+    """Return round values inside a range, about five."""
+    wanted = max(high - low, 1e-9) / 5
+    unit = 10.0 ** np.floor(np.log10(wanted))
+    step = unit * next(factor for factor in (1, 2, 5, 10) if factor * unit >= wanted)
+    return [float(step * number) for number in range(int(np.ceil(low / step)), int(np.floor(high / step)) + 1)] or [low]

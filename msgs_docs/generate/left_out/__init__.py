@@ -1,1 +1,0 @@
-"""Choices where a paper gives nothing: declaration, measured sensitivity and page."""
