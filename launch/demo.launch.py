@@ -1,0 +1,54 @@
+"""Nodes of a scenario, a process each: ``ros2 launch train_ato demo.launch.py scenario:=demo out:=runs/launched``."""
+
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch_ros.actions import Node
+
+from train_ato.loop.setup import prepare
+from train_ato.scenario.scenario import load_scenario
+
+ARGUMENTS = {
+    "scenario": ("demo", "shipped scenario or file"),
+    "set": ("", "changes of the scenario with spaces between them: 'duration=60 seed=3'"),
+    "out": ("runs/launched", "new folder of the log"),
+    "rate": ("", "simulated seconds per second of wall time, 1 for real time; default: that of the file, else max"),
+    "params": ("", "file with parameters of the nodes, as config/demo.yaml"),
+    "namespace": ("", "namespace of all nodes and topics"),
+    "nodes": ("recorder supervisor profile observer controller plant", "nodes to start here"),
+    "external": ("", "node in whose place a program of yours runs"),
+}
+
+
+def _nodes(context):
+    """Return the nodes; a scenario that cannot be read ends the launch before the first process."""
+    given = {name: context.launch_configurations[name] for name in ARGUMENTS}
+    supervised = prepare(*load_scenario(given["scenario"], tuple(given["set"].split()))).layout.supervised
+    of_all = ["--scenario", given["scenario"], *(f"--set={change}" for change in given["set"].split())]
+    of_all += ["--external", given["external"]] if given["external"] else []
+    of_one = {"recorder": ["--out", given["out"]], "plant": ["--recorded"]}
+    file = [given["params"]] if given["params"] else []
+    rate = [{"rate": float(given["rate"])}] if given["rate"] else []
+    # these two names are absolute: in a namespace every train has its own
+    absolute = [(f"/{name}", name) for name in ("clock", "diagnostics")] if given["namespace"] else []
+    return [
+        Node(
+            package="train_ato",
+            executable=f"{node}_node",
+            namespace=given["namespace"],
+            arguments=[*of_all, *of_one.get(node, [])],
+            parameters=file + rate * (node == "plant"),
+            remappings=absolute,
+            output="screen",
+        )
+        for node in given["nodes"].split()
+        if node != given["external"] and (node != "supervisor" or supervised)
+    ]
+
+
+def generate_launch_description():
+    """Return arguments and nodes."""
+    arguments = [
+        DeclareLaunchArgument(name, default_value=default, description=meaning)
+        for name, (default, meaning) in ARGUMENTS.items()
+    ]
+    return LaunchDescription([*arguments, OpaqueFunction(function=_nodes)])
