@@ -23,7 +23,7 @@ from train_ato.loop.metrics import (
 from train_ato.loop.protection_record import protection_summary
 from train_ato.loop.recording import Recording
 from train_ato.loop.requirements import requirement_rows
-from train_ato.loop.run_end import FAILED, INTERRUPTED, RunEnd
+from train_ato.loop.run_end import DONE, FAILED, INTERRUPTED, RunEnd
 from train_ato.loop.setup import RunSetup
 from train_ato.loop.stops import StopResult, stops_of_run
 from train_ato.loop.tracking import INCOMPLETE, TRACKED, TrackingFinding, outcome_of, tracking_summary
@@ -163,7 +163,7 @@ class RunResult:
         topic = wrong[0]
         text = f"recorder: {recorded.get(topic, 0)} of {self.published[topic]} messages of {topic} recorded"
         summary = {**self.summary, "status": FAILED, "failure": text}
-        if summary.get("tracking") == TRACKED:
+        if summary.get("tracking") in (TRACKED, INTERRUPTED):
             lost = float(abs(self.published[topic] - recorded.get(topic, 0)))
             summary |= outcome_of([TrackingFinding(INCOMPLETE, lost, 0.0, "messages", text)])
         return replace(self, failure=text, summary=summary)
@@ -223,7 +223,7 @@ class RunResult:
         if end.reason:
             summary["failure" if failure else "interruption"] = end.reason
         if complete:
-            summary |= tracking_summary(setup, recording, failed=end.status == FAILED)
+            summary |= tracking_summary(setup, recording, end.status)
             summary |= _judged(setup, recording, summary)
         interrupted = end.status == INTERRUPTED
         return cls(recording if complete else None, summary, interrupted, failure, published or {}, changes)
@@ -255,7 +255,7 @@ def completed_summary(recording: Recording) -> dict[str, Any]:
         protection = protection_summary(recording.changed_reports) if setup.layout.supervised else {}
         begun = replace(setup, scenario=RunChanges.of(recording.changed_reports).begun(setup.scenario))
         summary = {**identity(begun, recording.time.size), **summarise(setup, recording), **protection, **summary}
-        summary = {**tracking_summary(setup, recording), **summary}
+        summary = {**tracking_summary(setup, recording, summary.get("status", DONE)), **summary}
         summary |= _judged(setup, recording, summary)
     several = setup.layout.n_vehicles > 1
     return {key: value for key, value in summary.items() if several or key not in OF_COUPLERS}

@@ -14,6 +14,7 @@ stopped beyond  the train came to rest beyond a target by more than the stop win
 stopped short   the same, short of it
 saturated       the force was at a limit, and the train too slow at the upper or too fast at the lower one, for
                 longer than ``saturation_time``
+its status      a run that did not end as planned without another outcome: failed, interrupted, killed
 =============== ======================================================================================================
 
 Only ticks with an engaged ATO count.  The limits are in the block ``criteria.tracking`` of a scenario
@@ -35,6 +36,7 @@ from numpy.typing import NDArray
 
 from train_ato.control.train_model import STANDSTILL_SPEED
 from train_ato.loop.recording import ATO_STATE, DISTURBANCE, Recording
+from train_ato.loop.run_end import DONE, FAILED
 from train_ato.loop.setup import RunSetup
 from train_ato.loop.stops import stops_of_run
 from train_ato.loop.verdict import three_digits
@@ -307,7 +309,7 @@ class TrackingFinding:
     Attributes
     ----------
     outcome
-        Entry of :data:`OUTCOMES`.
+        Entry of :data:`OUTCOMES`, :data:`INCOMPLETE`, or the status of a run that did not end as planned.
     value, limit, unit
         Figure that decided, its limit, and their unit.
     text
@@ -321,7 +323,7 @@ class TrackingFinding:
     text: str
 
 
-def tracking_summary(setup: RunSetup, recording: Recording, *, failed: bool = False) -> dict[str, Any]:
+def tracking_summary(setup: RunSetup, recording: Recording, status: str = DONE) -> dict[str, Any]:
     """Return the outcome of tracking for ``summary.json``.
 
     Parameters
@@ -330,17 +332,26 @@ def tracking_summary(setup: RunSetup, recording: Recording, *, failed: bool = Fa
         The run.
     recording
         Its recording with at least one complete tick.
-    failed
-        True for a failed run: with a tick without a command it is not tracked.
+    status
+        Status of the run. A run that did not end as planned is never tracked.
 
     Returns
     -------
     dict
-        ``tracking``: entry of :data:`OUTCOMES`. ``tracking_findings``: rows of :class:`TrackingFinding`, the worst
-        first; [] for a tracked run.
+        ``tracking``: entry of :data:`OUTCOMES`, or the status. ``tracking_findings``: rows of
+        :class:`TrackingFinding`, the worst first; [] for a tracked run.
     """
     run = EngagedRun(setup, recording)
-    return outcome_of(sorted(_findings(run, failed=failed), key=lambda finding: OUTCOMES.index(finding.outcome)))
+    found = sorted(_findings(run, failed=status == FAILED), key=lambda finding: OUTCOMES.index(finding.outcome))
+    if not found and status != DONE:
+        found = [_not_as_planned(run, status)]
+    return outcome_of(found)
+
+
+def _not_as_planned(run: EngagedRun, status: str) -> TrackingFinding:
+    """Return the finding of a run that did not end as planned."""
+    time, planned = run.recording.time.size * run.setup.tick, run.setup.ticks * run.setup.tick
+    return TrackingFinding(status, time, planned, "s", f"the run, after {time:.1f} of {planned:.1f} s")
 
 
 def outcome_of(found: list[TrackingFinding]) -> dict[str, Any]:
