@@ -7,7 +7,7 @@ other without a gap: where the chainage jumps, the next section begins with anot
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from pydantic import Field, model_validator
@@ -20,6 +20,8 @@ FORM = re.compile(r"(-?)(\d{1,6})\+(\d{3}(?:\.\d{1,6})?)")
 """Kilometres and metres of a post."""
 PLACES = ("at", "begin", "end")
 """Keys of places, also with the suffix ``_km``."""
+_ENDS = ("begin", "begin_km", "end", "end_km")
+"""Keys of the ends of a line."""
 ROUNDING = 1e-6
 """Rounding of places [m]."""
 
@@ -33,7 +35,7 @@ class ChainageSection(SiModel):
     @model_validator(mode="before")
     @classmethod
     def _posts(cls, data: Any) -> Any:
-        return {key: _or_post(value) for key, value in data.items()} if isinstance(data, dict) else data
+        return _without_posts(data, lambda _, text: parse_post(text)) if isinstance(data, dict) else data
 
     @model_validator(mode="after")
     def _has_length(self) -> ChainageSection:
@@ -56,9 +58,25 @@ def parse_post(text: str) -> float | None:
     return -size if found[1] else size
 
 
-def _or_post(value: Any) -> Any:
-    metres = parse_post(value) if isinstance(value, str) else None
-    return value if metres is None else metres
+def _without_posts(data: dict[str, Any], metres: Callable[[str, str], float | None]) -> dict[str, Any]:
+    """Return a block with metres for the texts of its places; a post is the same post below ``at`` and ``at_km``."""
+    found: dict[str, Any] = {}
+    for key, value in data.items():
+        name = str(key).removesuffix("_km")
+        place = metres(key, value) if isinstance(value, str) and name in PLACES else None
+        if place is None:
+            found[key] = value
+        else:
+            found[key if name in data else name] = place  # both keys: refused as the same quantity
+    return found
+
+
+class _Extent(SiModel):
+    """Keys of a line file that define where its chainage lies."""
+
+    chainage: tuple[ChainageSection, ...]
+    begin: Place = 0.0
+    end: Place | None = None
 
 
 def post(chainage: float, digits: int = 3) -> str:
@@ -120,38 +138,40 @@ def with_places(data: dict[str, Any]) -> dict[str, Any]:
     ValueError
         One line: key, value, problem; fix.
     """
-    sections = [ChainageSection.model_validate(entry) for entry in data["chainage"]]
-    begin = data.get("begin", 1e3 * data["begin_km"] if "begin_km" in data else 0.0)
+    given = _Extent.model_validate({key: data[key] for key in ("chainage", *_ENDS) if key in data})
+    sections, begin = given.chainage, given.begin
+    if not sections:
+        return data
     whole = plain_sum(section.length for section in sections)
-    result = {key: value for key, value in data.items() if key not in ("end", "end_km")}
-    given = data.get("end", 1e3 * data["end_km"] if "end_km" in data else begin + whole)
-    if abs(given - begin - whole) > 1e-3:
+    end = begin + whole if given.end is None else given.end
+    if abs(end - begin - whole) > 1e-3:
         raise ValueError(
-            f"chainage: its sections have {number_text(whole)} m, the line {number_text(given - begin)} m; correct one"
+            f"chainage: its sections have {number_text(whole)} m, the line {number_text(end - begin)} m; correct one"
         )
-    result["end"] = given
+    result = {key: value for key, value in data.items() if key not in _ENDS} | {"begin": begin, "end": end}
     for key, entries in data.items():
         if key != "chainage" and isinstance(entries, list):
             result[key] = [_with_place(entry, sections, begin, f"{key}[{k}]") for k, entry in enumerate(entries)]
     return result
 
 
-def _with_place(entry: Any, sections: list[ChainageSection], begin: float, name: str) -> Any:
+def _with_place(entry: Any, sections: Sequence[ChainageSection], begin: float, name: str) -> Any:
     """Return an entry of a line file with distances for its posts."""
     if not isinstance(entry, dict):
         return entry
-    found: dict[str, Any] = {}
-    for key, value in entry.items():
-        if key.removesuffix("_km") in PLACES and isinstance(value, str):
-            try:
-                found[key.removesuffix("_km")] = place_of_post(sections, begin, value)
-            except ValueError as error:
-                raise ValueError(f"{name}.{key}: {error}") from None
-        elif isinstance(value, list):
-            found[key] = [_with_place(part, sections, begin, f"{name}.{key}[{k}]") for k, part in enumerate(value)]
-        else:
-            found[key] = value
-    return found
+
+    def metres(key: str, text: str) -> float:
+        try:
+            return place_of_post(sections, begin, text)
+        except ValueError as error:
+            raise ValueError(f"{name}.{key}: {error}") from None
+
+    return {
+        key: [_with_place(part, sections, begin, f"{name}.{key}[{k}]") for k, part in enumerate(value)]
+        if isinstance(value, list)
+        else value
+        for key, value in _without_posts(entry, metres).items()
+    }
 
 
 def with_posts(data: dict[str, Any], sections: Sequence[ChainageSection], begin: float) -> dict[str, Any]:

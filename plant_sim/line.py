@@ -154,11 +154,9 @@ class VerticalCurve(SiModel):
     radius: Place = Field(ge=100, description="radius of the rounding", examples=[10e3])
 
 
-class Curve(SiModel):
+class Curve(LineSection):
     """Curve of constant radius."""
 
-    begin: Begin
-    end: End
     radius: Place = Field(ge=5, description="radius of the curve", examples=[400.0])
     side: Literal["left", "right"] | None = Field(
         None, description="direction of the curve in displays; default: left and right in turn"
@@ -168,11 +166,9 @@ class Curve(SiModel):
     )
 
 
-class Tunnel(SiModel):
+class Tunnel(LineSection):
     """Tunnel with an additional resistance per weight, or with a cross section for that of the train."""
 
-    begin: Begin
-    end: End
     resistance_n_per_kn: Annotated[float, Unit("N/kN")] = Field(
         0.0, ge=0, description="additional resistance per weight", examples=[1.5]
     )
@@ -276,7 +272,7 @@ class Line(SiModel):
     @model_validator(mode="before")
     @classmethod
     def _posts(cls, data: Any) -> Any:
-        return with_places(data) if isinstance(data, dict) and data.get("chainage") else data
+        return with_places(data) if isinstance(data, dict) and "chainage" in data else data
 
     def post_at(self, place: float) -> str:
         """Return the kilometre of a place [m] as the posts of the line show it, or with three decimals."""
@@ -311,9 +307,6 @@ class Line(SiModel):
             fault = order_fault(places, max(self.begin, self.end))
             if fault:
                 raise ValueError(f"{name}{fault}")
-        for stretches in (self.curves, self.tunnels):
-            if any(stretch.end <= stretch.begin for stretch in stretches):
-                raise ValueError("a curve or tunnel must have its end beyond its begin; correct it")
         if len(self.coordinates) == 1:
             raise ValueError("coordinates has one entry; give at least two, or none")
         return self

@@ -493,6 +493,8 @@ def test_falling_kilometres_with_a_jump_are_read_and_shown_again() -> None:
     ]
     assert [line.place_of(text) for text in ("14+200", "14+050", "11+850")] == [2800, 2800, 5000]
     assert build_model(Line, yaml.safe_load(own_yaml(line)), "again") == line
+    in_km = POSTS.read_text().replace("begin:", "begin_km:").replace("end:", "end_km:").replace("at:", "at_km:")
+    assert build_model(Line, yaml.safe_load(in_km), "a post is no number of kilometres") == line
     assert "- at: 14+000" in own_yaml(line)
     back = load_line(f"{POSTS}:reverse")
     assert [back.post_at(5000 - x) for x in (0, 2799.5, 2850, 5000)] == ["17+000", "14+200.5", "14+000", "11+850"]
@@ -506,7 +508,14 @@ def test_falling_kilometres_with_a_jump_are_read_and_shown_again() -> None:
         ({"chainage": [{"begin": "10+000", "end": "12+000"}, {"begin": "11+500", "end": "14+500"}],
           "grades": [{"at": "11+700", "grade": 0}]}, r"this kilometre at 1700 and 2200 m; write the distance"),
         ({"end": 4900}, "its sections have 5000 m, the line 4900 m"),
-        ({"chainage": [{"begin": "10+000", "end": "10+000"}]}, "has no length"),
+        ({"chainage": [{"begin": "10+000", "end": "10+000"}]}, r"hand: chainage\.0: a section .* has no length"),
+        ({"chainage": 5}, r"hand: chainage = 5: is no list; write"),
+        ({"chainage": [None]}, r"hand: chainage\.0 = None: is no block of keys; write"),
+        ({"chainage": [{"begin": "10+000"}]}, r"hand: chainage\.0\.end: this key is missing"),
+        ({"begin": "17+000"}, r"hand: begin = '17\+000': input should be a number"),
+        ({"end": [5]}, r"hand: end = \[5\]: input should be a valid number"),
+        ({"stops": [{"at": "16+800", "at_km": "16+900"}]}, r"stops\.0: at and at_km are the same quantity"),
+        ({"curves": [{"begin": "15+900", "end": "16+200", "radius": 400}]}, r"curves\.0: end 800 m must be beyond"),
         ({"chainage": []}, "should be a number, not text"),
         ({"stops": [{"at": "12+000"}, {"at": "14+250"}]}, r"stops\[1\]: 2750 m after 4850 m"),
     ],

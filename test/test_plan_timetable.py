@@ -171,11 +171,12 @@ def test_a_share_of_a_part_is_that_of_its_own_time(fastest: ta.Plan) -> None:
     assert found == pytest.approx([0.0, 0.2 * there, 0.0, 0.0]) and 0.2 * there == pytest.approx(8.12, abs=0.05)
 
 
-@pytest.mark.parametrize("text", ["5", "5%+3%", "-5%", "3min", "5%:4", "5%:4..2", "0.2h/stop", "nan%", ""])
+@pytest.mark.parametrize("text", ["5", "5%+3%", "-5%", "3min", "5%:4", "5%:4..2", "0.2h/stop", "nan%", "5000%", ""])
 def test_a_text_that_is_no_supplement_is_refused(text: str) -> None:
     """Breaks if a sign, a unit or a repeated form is dropped in silence."""
-    with pytest.raises(ValueError, match=r"no supplement|no section|must lie beyond"):
+    with pytest.raises(ValueError, match=r"no supplement|no section|must lie beyond|to 10; ") as refusal:
         parse_allowance(text)
+    assert str(refusal.value).startswith(f"'{text}': ")
 
 
 def test_supplements_and_a_running_time_exclude_each_other() -> None:

@@ -10,6 +10,7 @@ import re
 
 from pydantic import Field, model_validator
 
+from plant_sim.input_error import build_model
 from plant_sim.si_model import SiModel
 from plant_sim.units import Place, Ratio, Time
 
@@ -85,4 +86,4 @@ def parse_allowance(text: str) -> Allowance:
         if places is None:
             raise ValueError(f"'{text}': '{section}' is no section; write two kilometres, as 5%:12.5..18")
         data |= {"begin_km": float(places[1]), "end_km": float(places[2])}
-    return Allowance.model_validate(data)
+    return build_model(Allowance, data, f"'{text}'")

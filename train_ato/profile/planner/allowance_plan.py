@@ -36,12 +36,12 @@ def supplements(rules: tuple[Allowance, ...], fastest: Plan) -> list[float]:
     """
     first, last = fastest.arrivals[0][0], fastest.arrivals[-1][0]
     borders = {place for rule in rules for place in (rule.begin, rule.end) if place is not None}
-    for rule in rules:
+    for number, rule in enumerate(rules):
         begin, end = first if rule.begin is None else rule.begin, last if rule.end is None else rule.end
         if begin >= last or end <= first:
             raise ValueError(
-                f"allowance: km {begin / 1e3:.3f} ... {end / 1e3:.3f} lies outside the plan (km {first / 1e3:.3f} ... "
-                f"{last / 1e3:.3f}); move begin or end of the allowance"
+                f"allowance.{number}: km {begin / 1e3:.3f} ... {end / 1e3:.3f} lies outside the plan (km "
+                f"{first / 1e3:.3f} ... {last / 1e3:.3f}); move begin or end of the allowance"
             )
     found = []
     for (begin, _, departure), (end, arrival, _) in pairwise(fastest.arrivals):
