@@ -12,7 +12,6 @@ scenarios, otherwise the gains of the scenario.
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import time
 from collections.abc import Iterator, Mapping
@@ -22,6 +21,7 @@ from typing import Any
 import yaml
 
 import train_ato as ta
+from msgs_docs.generate.rows import read_rows, write_rows
 from plant_sim.units import number_text
 
 HERE = Path(__file__).parent
@@ -52,7 +52,7 @@ def find(scenario: str, searches: Mapping[str, Any], runs: int) -> None:
     """Search the gains of every law of a scenario without a result, and store them."""
     entry = searches[scenario]
     for law, given in entry["laws"].items():
-        results = read_results()
+        results = read_rows(RESULTS)
         if law in results.get(scenario, {}):
             continue
         searched = {**entry["search"], "set": {**entry["search"]["set"], **given.get("set", {})}}
@@ -75,14 +75,9 @@ def find(scenario: str, searches: Mapping[str, Any], runs: int) -> None:
             seconds = time.process_time() - begin
             result = {**found.data, "cpu_s": round(seconds, 1)}
             print(f"{scenario} {law}: {score_texts(result)}, {seconds:.0f} s of CPU time", flush=True)
-        results = read_results()
+        results = read_rows(RESULTS)
         results.setdefault(scenario, {})[law] = result
-        RESULTS.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
-
-
-def read_results() -> dict[str, Any]:
-    """Return the stored results by scenario and law."""
-    return json.loads(RESULTS.read_text(encoding="utf-8")) if RESULTS.is_file() else {}
+        write_rows(RESULTS, results, 2)
 
 
 def objective(result: Mapping[str, Any], gains: str, part: str) -> float:
@@ -108,7 +103,7 @@ def shipped_gains(result: Mapping[str, Any]) -> tuple[dict[str, Any], bool]:
 
 def pairs() -> Iterator[tuple[str, str, dict[str, Any]]]:
     """Yield scenario, law and result of every search that ran."""
-    for scenario, laws in read_results().items():
+    for scenario, laws in read_rows(RESULTS).items():
         for law, result in sorted(laws.items()):
             if "refused" not in result:
                 yield scenario, law, result

@@ -9,13 +9,14 @@ import pytest
 
 from msgs_docs.generate import any_law_page as table
 from msgs_docs.generate.__main__ import main
+from msgs_docs.generate.rows import read_rows
 from train_ato.control.gains import PRINTED
 from train_ato.control.registry import LAWS
 from train_ato.loop.setup import prepare
 from train_ato.scenario.scenario import load_scenario
 
 ROOT = Path(__file__).resolve().parents[1]
-ROWS = json.loads((ROOT / table.MEASURED).read_text(encoding="utf-8"))
+ROWS = read_rows(ROOT / table.MEASURED)
 
 
 @pytest.mark.parametrize(

@@ -13,14 +13,15 @@ from msgs_docs.generate import left_out_page
 from msgs_docs.generate.equation_page import EQUATION_TABLES, EquationTable, Form, problems, source_line
 from msgs_docs.generate.left_out_page import (
     CHOICES,
+    MEASURED,
     Choice,
     ChoiceRun,
     ChoiceTable,
     drive_choice,
-    read_metrics,
     unmeasured_choices,
     wanted,
 )
+from msgs_docs.generate.rows import read_rows
 from plant_sim.gears import ClipGear
 from plant_sim.library import load_consist
 from train_ato.scenario.scenario import load_scenario
@@ -155,7 +156,7 @@ def test_a_measured_figure_is_that_of_its_run() -> None:
     table, choice = _quick()
     for run in (table.bases[choice.base], choice.others[0]):
         assert drive_choice(run, [choice.metric])[choice.metric] == pytest.approx(
-            read_metrics(ROOT)[run.key][choice.metric], rel=0.02
+            read_rows(ROOT / MEASURED)[run.key][choice.metric], rel=0.02
         )
 
 

@@ -13,8 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 
-from msgs_docs.generate.fault_page import read_figures
+from msgs_docs.generate.fault_page import MEASURED
 from msgs_docs.generate.fault_runs import BASES, NOTHING, ROWS, STANDSTILL, run_row
+from msgs_docs.generate.rows import read_rows
 from train_ato.apps.report.events import detect_events
 from train_ato.cli import main
 from train_ato.log.difference import compare_logs
@@ -30,7 +31,7 @@ REACTION_TIME = 1.5
 """Largest time from the detection of a fault to a demand to coast or brake [s]."""
 STOPPING_ERROR = 5.0
 """Largest distance from the planned stop of a train that has reached it [m]."""
-FIGURES = read_figures(Path(__file__).resolve().parents[1])
+FIGURES = read_rows(Path(__file__).resolve().parents[1] / MEASURED)
 FIRST = {key: row.name for row in reversed(ROWS) if not row.slow for key in (row.kind, row.reaction)}
 """First fault of every kind and of every reaction: the quick runs."""
 MARKS = {row.name: [] if row.name in FIRST.values() else [pytest.mark.campaign] for row in ROWS}

@@ -12,7 +12,7 @@ import pytest
 from test_architecture import MODULES, imports, tree
 
 from msgs_docs.generate.fault_runs import ROWS as FAULT_ROWS
-from msgs_docs.generate.hazard_page import MEASURES, read_pairs, run_open, run_pair
+from msgs_docs.generate.hazard_page import MEASURED, MEASURES, run_open, run_pair
 from msgs_docs.generate.hazard_table import (
     ACTIONS,
     GUIDES,
@@ -25,9 +25,10 @@ from msgs_docs.generate.hazard_table import (
     monitor_part,
     removed_monitors,
 )
+from msgs_docs.generate.rows import read_rows
 
 ROOT = Path(__file__).resolve().parents[1]
-FIGURES = read_pairs(ROOT)
+FIGURES = read_rows(ROOT / MEASURED)
 FIRST = {row.hazard: row.requirement for row in reversed(ROWS) if row.pair is not None}
 PAIRS = [
     pytest.param(row, id=row.requirement, marks=[] if row.requirement in FIRST.values() else [pytest.mark.campaign])

@@ -15,10 +15,11 @@ from matplotlib import image
 
 from msgs_docs.generate import __main__ as command_line
 from msgs_docs.generate.__main__ import LAWS as FOLDER
-from msgs_docs.generate.__main__ import chosen, law_pages, read_measured, stale, unmeasured
+from msgs_docs.generate.__main__ import chosen, law_pages, stale, unmeasured
 from msgs_docs.generate.law_pages.demo_runs import DEMO_RUNS, DemoRun, demo_of
 from msgs_docs.generate.law_pages.measure import command, measure
 from msgs_docs.generate.law_pages.pages import Component, components, parameter_table, sections
+from msgs_docs.generate.rows import read_rows
 from train_ato.cli import run as run_command
 from train_ato.cli.scenario_options import prepare_from
 from train_ato.control.registry import COMPENSATIONS, LAWS
@@ -28,7 +29,7 @@ from train_ato.scenario.scenario import load_scenario
 
 COMPONENTS = {component.key: component for component in components()}
 CASES = {command(case): case for entry in COMPONENTS.values() for case in demo_of(entry.kind, entry.name).runs.values()}
-MEASURED = read_measured()
+MEASURED = read_rows(command_line.MEASURED)
 LARGEST_PNG = 60_000
 
 

@@ -14,7 +14,6 @@ Start it in the top folder of the repository.  Tables: `faults`, `hazards`, `ran
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import tempfile
 from pathlib import Path
@@ -37,6 +36,7 @@ from msgs_docs.generate.equation_page import EQUATION_TABLES, problems
 from msgs_docs.generate.law_pages.demo_runs import demo_of
 from msgs_docs.generate.law_pages.measure import command, measure
 from msgs_docs.generate.law_pages.pages import Component, Measured, components, index, page
+from msgs_docs.generate.rows import read_rows, write_rows
 from train_ato.apps.runs.progress import share_bar
 from train_ato.cli.params import node_parameters, parameter_file
 from train_ato.control.parameters import closest
@@ -55,12 +55,6 @@ TABLES = {
     gallery_page.NAME: gallery_page.measure_gallery,
 }
 """Measurement of a table of runs by name of its page."""
-
-
-def read_measured() -> Measured:
-    """Return the rows of the latest measurement by key of the component."""
-    found: Measured = json.loads(MEASURED.read_text(encoding="utf-8")) if MEASURED.is_file() else {}
-    return found
 
 
 def law_pages(measured: Measured) -> dict[Path, str]:
@@ -88,7 +82,7 @@ def generated() -> dict[Path, str]:
         ROOT / node_page.REQUIREMENT_PAGE: node_page.requirement_page(ROOT / node_page.REQUIREMENT_PAGE),
         **{ROOT / "config" / f"{name}.yaml": parameter_page(name) for name in ("demo", "xuzhou_metro")},
         **{schemas.schema_path(kind): schemas.schema_text(kind) for kind in schemas.MODELS},
-        **law_pages(read_measured()),
+        **law_pages(read_rows(MEASURED)),
     }
 
 
@@ -148,11 +142,10 @@ def measure_pages(names: list[str]) -> None:
     if not wanted:
         return
     LAWS.mkdir(parents=True, exist_ok=True)
-    measured: dict[str, Any] = dict(read_measured())
+    measured: dict[str, Any] = dict(read_rows(MEASURED))
     with share_bar("demonstration runs") as report:
         measured |= measure(wanted, LAWS, report)
-    text = json.dumps(dict(sorted(measured.items())), indent=1, ensure_ascii=False)
-    MEASURED.write_text(text + "\n", encoding="utf-8")
+    write_rows(MEASURED, dict(sorted(measured.items())), 2)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -182,7 +175,7 @@ def main(arguments: list[str] | None = None) -> int:
             parser.error(str(error))
     files = generated()
     if options.check:
-        lines = stale(files) + unmeasured(read_measured())
+        lines = stale(files) + unmeasured(read_rows(MEASURED))
         lines += fault_page.unmeasured_faults(ROOT) + hazard_page.unmeasured_hazards(ROOT)
         lines += random_runs.unmeasured_random_runs(ROOT)
         lines += left_out_page.unmeasured_choices(ROOT) + gallery_page.unmeasured_gallery(ROOT)

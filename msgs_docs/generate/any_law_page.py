@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from msgs_docs.generate.rows import read_rows, write_rows
 from plant_sim.plant_setup import Mismatch
 from plant_sim.units import number_text
 from train_ato.control.gains import FITTED, PRINTED, has_gains
@@ -157,13 +157,12 @@ def measure_any_law(root: Path, scenarios: Sequence[str] = ()) -> None:
         if name not in names or not (name == FREIGHT or is_nominal(name)):
             raise ValueError(f"--measure {NAME}:{name}: not a nominal scenario that is shipped; see {PAGE}")
     for name in scenarios or nominal_names():
-        rows = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else []
-        rows = [found for found in rows if found["scenario"] in names and found["scenario"] != name]
+        rows = [found for found in read_rows(path) if found["scenario"] in names and found["scenario"] != name]
         for law in LAWS.names():
-            for gains in (FITTED, PRINTED) if has_gains(LAWS.get(law)) else ("",):
-                rows.append({"scenario": name, "law": law, "gains": gains, **outcome(name, law, gains)})
+            wanted = (FITTED, PRINTED) if has_gains(LAWS.get(law)) else ("",)
+            rows += [{"scenario": name, "law": law, "gains": gains, **outcome(name, law, gains)} for gains in wanted]
         rows.sort(key=lambda found: names.index(found["scenario"]))
-        path.write_text(json.dumps(rows, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+        write_rows(path, rows)
 
 
 def outcome(name: str, law: str, gains: str) -> dict[str, Any]:
@@ -214,8 +213,7 @@ def not_met(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 def page(root: Path) -> str:
     """Return the text of the page."""
-    path = root / MEASURED
-    rows = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else []
+    rows = read_rows(root / MEASURED)
     default = [found for found in rows if found["gains"] != PRINTED]
     printed = [found for found in rows if found["gains"] == PRINTED]
     lines = [INTRODUCTION, "| gains | runs | tracked, no takeover, all criteria | refused |", "|---|---|---|---|"]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 import typing
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from msgs_docs.generate.fault_runs import BASES, BEGIN, ROWS, FaultRow, FaultRun, run_row
+from msgs_docs.generate.rows import read_rows, write_rows
 from train_ato.cli.inject import ACTIONS
 from train_ato.messages import receiver
 from train_ato.messages.faults import FAULT_TOPICS, MessageFault, NodeFault
@@ -144,22 +144,15 @@ def figures_of(row: FaultRow, run: FaultRun) -> dict[str, Any]:
     }
 
 
-def read_figures(root: Path) -> dict[str, dict[str, Any]]:
-    """Return the measured figures by name of the row."""
-    path = root / MEASURED
-    found: dict[str, dict[str, Any]] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
-    return found
-
-
 def measure_faults(root: Path) -> None:
     """Run all rows and write their figures."""
     figures = {row.name: figures_of(row, run_row(row)) for row in ROWS}
-    (root / MEASURED).write_text(json.dumps(figures, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    write_rows(root / MEASURED, figures)
 
 
 def unmeasured_faults(root: Path) -> list[str]:
     """Return one line per row without current figures, and per leftover."""
-    figures = read_figures(root)
+    figures = read_rows(root / MEASURED)
     remedy = f"run python -m msgs_docs.generate --measure {NAME}"
     lines = [
         f"fault '{row.name}': not measured; {remedy}"
@@ -178,7 +171,7 @@ def page(root: Path) -> str:
     ]
     lines += ["", "## Faults of nodes", "", *_models(NodeFault), "", "Keys of all of them: `node`, `at`.", NODES]
     lines += [DEFENCES.strip("\n"), "", *_defences(), REACTIONS, OTHERS.strip("\n"), "", *_requests()]
-    lines += [_filled(TABLE), *_table(read_figures(root))]
+    lines += [_filled(TABLE), *_table(read_rows(root / MEASURED))]
     text = "\n".join(lines)
     while "\n\n\n" in text:
         text = text.replace("\n\n\n", "\n\n")

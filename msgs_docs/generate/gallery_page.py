@@ -6,7 +6,6 @@ take minutes; ``--measure gallery`` runs them. Pictures of the rows, trains and 
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,6 +14,7 @@ from typing import Any
 import numpy as np
 
 import train_ato as ta
+from msgs_docs.generate.rows import read_rows, write_rows
 from plant_sim.library import consist_names, line_names, load_consist, load_line
 from plant_sim.track import Track
 from plant_sim.units import KMH, number_text
@@ -81,24 +81,12 @@ def measure_gallery(top: Path) -> None:
         for count, name in enumerate(names):
             rows[name] = measured_row(name)
             report((count + 1) / len(names), name)
-    (top / MEASURED).write_text(gallery_text(rows), encoding="utf-8")
-
-
-def gallery_text(rows: dict[str, Any]) -> str:
-    """Return the file of the rows: one line each."""
-    lines = [f"{json.dumps(name)}: {json.dumps(row, ensure_ascii=False)}" for name, row in rows.items()]
-    return "{\n" + ",\n".join(lines) + "\n}\n"
-
-
-def gallery_rows(top: Path) -> dict[str, Any]:
-    """Return the measured rows by name."""
-    rows: dict[str, Any] = json.loads((top / MEASURED).read_text(encoding="utf-8"))
-    return rows
+    write_rows(top / MEASURED, rows)
 
 
 def unmeasured_gallery(top: Path) -> list[str]:
     """Return one line if a scenario has no row, or a row no scenario."""
-    changed = set(scenario_names()) ^ set(gallery_rows(top))
+    changed = set(scenario_names()) ^ set(read_rows(top / MEASURED))
     remedy = f"run python -m msgs_docs.generate --measure {NAME}"
     return [f"{MEASURED}: {', '.join(sorted(changed))}: not measured or not shipped; {remedy}"] if changed else []
 
@@ -136,7 +124,7 @@ def scenarios_page(top: Path, folder: Path) -> str:
         "pass or to\nfail; a failed one shows a limit of a law or of a train. `python -m msgs_docs.generate --measure "
         "gallery` measures\nthe rows.\n"
     )
-    rows = gallery_rows(top)
+    rows = read_rows(top / MEASURED)
     for name in scenario_names():
         row, expected = rows[name], expectation_of(name)
         curves: list[Curve] = [("profile", row["time_s"], row["profile_kmh"])] if row["profile_kmh"] else []

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -25,6 +24,7 @@ from msgs_docs.generate.hazard_table import (
     RemovalPair,
     removed_monitors,
 )
+from msgs_docs.generate.rows import read_rows, write_rows
 from plant_sim.traction import Envelope
 from train_ato.loop.protection_record import REACTIONS, protection_summary, state_spans
 from train_ato.loop.recording import BRAKE_PIPE
@@ -267,25 +267,18 @@ def pair_figures(row: HazardRow) -> dict[str, Any]:
     }
 
 
-def read_pairs(root: Path) -> dict[str, dict[str, Any]]:
-    """Return the measured figures by requirement, and by text of a hazard without a monitor."""
-    path = root / MEASURED
-    found: dict[str, dict[str, Any]] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
-    return found
-
-
 def measure_hazards(root: Path) -> None:
     """Run all pairs and write their figures."""
     figures = {row.requirement: pair_figures(row) for row in ROWS if row.pair is not None}
     for entry in OPEN:
         value, bound = run_open(entry)
         figures[entry.text] = {"run": _open_key(entry), "without": round(value, 1), "bound": round(bound, 1)}
-    (root / MEASURED).write_text(json.dumps(figures, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    write_rows(root / MEASURED, figures)
 
 
 def _mutation_rows(root: Path) -> list[str]:
     """Return the rows of the mutation score, one for each file and one for all."""
-    found: dict[str, dict[str, int]] = json.loads((root / MUTANTS).read_text(encoding="utf-8"))
+    found: dict[str, dict[str, int]] = read_rows(root / MUTANTS)
     total: Counter[str] = sum(map(Counter, found.values()), Counter())
     rows = []
     for path, outcomes in [*((f"`{path}`", Counter(counts)) for path, counts in found.items()), ("all", total)]:
@@ -298,7 +291,7 @@ def _mutation_rows(root: Path) -> list[str]:
 
 def unmeasured_hazards(root: Path) -> list[str]:
     """Return one line per row without current figures, and per leftover."""
-    figures = read_pairs(root)
+    figures = read_rows(root / MEASURED)
     remedy = f"run python -m msgs_docs.generate --measure {NAME}"
     keys = {row.requirement: _pair_key(row) for row in ROWS if row.pair is not None}
     keys |= {entry.text: _open_key(entry) for entry in OPEN}
@@ -310,7 +303,7 @@ def unmeasured_hazards(root: Path) -> list[str]:
 
 def page(root: Path) -> str:
     """Return the text of the page."""
-    figures = read_pairs(root)
+    figures = read_rows(root / MEASURED)
     lines = [INTRODUCTION, "| hazard | description | measure | bound |", "|---|---|---|---|"]
     lines += [f"| {h.key} | {h.text} | {h.measure}{f' [{h.unit}]' if h.unit else ''} | {h.bound} |" for h in HAZARDS]
     lines += [CONTROL, *_matrix(), REQUIREMENTS]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 import yaml
 
 from msgs_docs.generate.equation_page import source_line
+from msgs_docs.generate.rows import read_rows, write_rows
 from plant_sim.library import consist_path, read_yaml
 from train_ato.apps.runs.progress import share_bar
 from train_ato.control.gains import PRINTED, has_gains
@@ -159,8 +159,7 @@ def measure_choices(root: Path) -> None:
         for number, (key, run) in enumerate(runs.items()):
             report(number / len(runs), run.scenario)
             found[key] = drive_choice(run, sorted(metrics[key]))
-    text = json.dumps(found, indent=1, ensure_ascii=False)
-    (root / MEASURED).write_text(text + "\n", encoding="utf-8")
+    write_rows(root / MEASURED, found)
 
 
 def drive_choice(run: ChoiceRun, metrics: list[str]) -> dict[str, float | str]:
@@ -169,16 +168,9 @@ def drive_choice(run: ChoiceRun, metrics: list[str]) -> dict[str, float | str]:
     return {name: LOST if result.failure else float(f"{result.summary[name]:.3g}") for name in metrics}
 
 
-def read_metrics(root: Path) -> Metrics:
-    """Return the measured metrics by key of the run."""
-    path = root / MEASURED
-    found: Metrics = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
-    return found
-
-
 def unmeasured_choices(root: Path) -> list[str]:
     """Return one line per run without a measured metric, and per leftover."""
-    found, remedy = read_metrics(root), f"run python -m msgs_docs.generate --measure {NAME}"
+    found, remedy = read_rows(root / MEASURED), f"run python -m msgs_docs.generate --measure {NAME}"
     missing = {run.key for run, metric in wanted() if metric not in found.get(run.key, {})}
     leftover = found.keys() - {run.key for run, _ in wanted()}
     return [f"choice {key}: not measured; {remedy}" for key in sorted(missing)] + [
@@ -212,7 +204,7 @@ Equations and their forms: [equations.md](equations.md); claims: [reproduction.m
 
 def page(root: Path) -> str:
     """Return the text of the page."""
-    metrics = read_metrics(root)
+    metrics = read_rows(root / MEASURED)
     lines = [INTRODUCTION.rstrip("\n")]
     for table in CHOICES:
         lines += ["", f"## Paper {table.paper}: {table.title}", "", "| base | command |", "|---|---|"]

@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from msgs_docs.generate.fault_runs import BASES, BEGIN, ROWS, STANDSTILL, FaultRow, FaultRun
+from msgs_docs.generate.rows import read_rows, write_rows
 from train_ato.apps.runs.progress import share_bar
 from train_ato.control.registry import LAWS
 from train_ato.loop.engine import run_engine
@@ -317,29 +318,21 @@ train, or a train that differs more from its model than the law permits.
 """
 
 
-def read_random_runs(root: Path) -> dict[str, Any]:
-    """Return the measured summary; empty without one."""
-    path = root / MEASURED
-    found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
-    return found
-
-
 def measure_random_runs(root: Path) -> None:
     """Make the runs of the page and write their summary."""
-    text = json.dumps(measure_draws(COUNT, SEED, os.cpu_count() or 1), indent=1, ensure_ascii=False)
-    (root / MEASURED).write_text(text + "\n", encoding="utf-8")
+    write_rows(root / MEASURED, measure_draws(COUNT, SEED, os.cpu_count() or 1), 2)
 
 
 def unmeasured_random_runs(root: Path) -> list[str]:
     """Return one line if the summary is not that of the present runs."""
-    if read_random_runs(root).get("runs") == digest(draws(COUNT, SEED)):
+    if read_rows(root / MEASURED).get("runs") == digest(draws(COUNT, SEED)):
         return []
     return [f"{MEASURED}: other runs or none; run python -m msgs_docs.generate --measure {NAME}"]
 
 
 def page(root: Path) -> str:
     """Return the text of the page."""
-    found = read_random_runs(root)
+    found = read_rows(root / MEASURED)
     spread = {**SPREAD, "plant.adhesion (metro)": ADHESION, "links.command.delay, factor": DELAY}
     lines = [INTRODUCTION.format(count=COUNT, seed=SEED, share=100.0 * NO_FAULT).rstrip("\n")]
     lines += [f"| `{key}` | {low:g} | {high:g} |" for key, (low, high) in spread.items()]

@@ -5,13 +5,13 @@ Editors complete and check a file that begins with ``# yaml-language-server: $sc
 
 from __future__ import annotations
 
-import json
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 from pydantic import BaseModel
 
+from msgs_docs.generate.rows import rows_text
 from plant_sim.consist import Consist
 from plant_sim.line import Line
 from train_ato.apps.import_csv.layout import RecorderLayout
@@ -53,7 +53,7 @@ def schema_text(name: str) -> str:
         schema["required"] = ["schema"]
         schema.pop("allOf", None)
         schema["$defs"]["PlantBlock"].pop("required", None)
-    return json.dumps(schema, indent=1, ensure_ascii=False) + "\n"
+    return rows_text(schema, 4) + "\n"
 
 
 def _expectation(definitions: dict[str, Any]) -> dict[str, Any]:
