@@ -12,7 +12,6 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from plant_sim.brake_data import AirBrake, EmergencyBrake, Shoes
 from plant_sim.elementary import plain_sum
-from plant_sim.formats.fields import print_assumption
 from plant_sim.gears import DraftGear
 from plant_sim.si_model import SiModel, Source, Summary
 from plant_sim.units import (
@@ -165,7 +164,7 @@ class Resistance(SiModel):
     """Running resistance of one vehicle as a polynomial of speed, in exactly one of three forms.
 
     N/kN is converted into N with the gravity of the consist. ``n_per_kn_kmh`` has its speed in km/h, as tables of
-    railways have; its former name ``n_per_kn`` is read with a note.
+    railways have.
     """
 
     n_per_kn_kmh: Annotated[tuple[float, float, float], Unit("N/kN")] | None = Field(
@@ -177,18 +176,6 @@ class Resistance(SiModel):
     n_per_kg: Annotated[tuple[float, float, float], Unit("N/kg")] | None = Field(
         None, description="a, b and c of a + b v + c v² per mass, v in m/s", examples=[(0.0147, 0.0, 3.8e-5)]
     )
-
-    @model_validator(mode="before")
-    @classmethod
-    def _former_name(cls, data: Any) -> Any:
-        if not isinstance(data, dict) or "n_per_kn" not in data:
-            return data
-        if "n_per_kn_kmh" in data:
-            raise ValueError("n_per_kn and n_per_kn_kmh are the same quantity; keep one of them")
-        print_assumption(
-            "the speed of resistance n_per_kn is read in km/h, that of n and n_per_kg in m/s; write n_per_kn_kmh"
-        )
-        return {"n_per_kn_kmh" if key == "n_per_kn" else key: value for key, value in data.items()}
 
     @model_validator(mode="after")
     def _one_form(self) -> Resistance:

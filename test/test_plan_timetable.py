@@ -14,7 +14,6 @@ from test_plan_command import options
 import train_ato as ta
 from plant_sim.consist import Consist
 from plant_sim.line import Line
-from train_ato.cli.plan import plan_from_options
 from train_ato.loop.setup import prepare
 from train_ato.profile.file import read_profile, write_profile
 from train_ato.profile.planner.allowance import parse_allowance
@@ -201,13 +200,8 @@ def test_the_supplements_of_the_example_reach_the_run(fastest: ta.Plan, tmp_path
     assert read_profile(tmp_path / "run.yaml").end == pytest.approx(setup.profile.end)
 
 
-def test_the_former_name_of_the_force_margin_is_read_with_a_note(capsys: pytest.CaptureFixture[str]) -> None:
-    """Breaks if a force margin is taken for a supplement of time, or the former option is lost."""
-    words = (str(METRO / "line.yaml"), str(METRO / "train.yaml"))
-    former, named = (plan_from_options(options(*words, option, "0.3")) for option in ("--margin", "--force-margin"))
-    assert former == named and former["force_margin"] == 0.3
-    with pytest.raises(ValueError, match="former name"):
-        plan_from_options(options(*words, "--margin", "0.3", "--force-margin", "0.3"))
+def test_an_allowance_without_a_unit_is_refused_with_its_spelling(capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if a supplement of time is taken in an unknown unit."""
     with pytest.raises(SystemExit):
-        options(*words, "--allowance", "5")
+        options(str(METRO / "line.yaml"), str(METRO / "train.yaml"), "--allowance", "5")
     assert "write 5%" in capsys.readouterr().err

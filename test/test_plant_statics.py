@@ -10,11 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 from plant_trains import LINEAR, RIGID, chain, drive, heavy, plain_line, slope, train
-from pydantic import ValidationError
 
 from plant_sim import kernel as k
 from plant_sim.consist import Consist, Resistance
-from plant_sim.formats import fields as notes
 from plant_sim.library import load_consist
 from plant_sim.states import Array
 from plant_sim.train import Train
@@ -53,20 +51,11 @@ def test_pull_through_linear_couplers_settles_to_the_same() -> None:
     assert force[[0, 52, 104]] == pytest.approx([746.4e3, 376.8e3, 7.11e3], rel=5e-3)
 
 
-def test_resistance_per_weight_has_its_speed_in_kmh(capsys, monkeypatch):
-    """Breaks if A + B V + C V² takes V in m/s, or if the former key of this form is lost or read without a word."""
+def test_resistance_per_weight_has_its_speed_in_kmh() -> None:
+    """Breaks if A + B V + C V² takes V in m/s."""
     # 40 t at 72 km/h: 392.4 kN x (1.2 + 0.0065 x 72 + 0.000279 x 72²) N/kN = 1222.07 N.
-    monkeypatch.setattr(notes, "_printed", set())
-    table = [1.2, 0.0065, 0.000279]
-    c0, c1, c2 = Resistance.model_validate({"n_per_kn_kmh": table}).polynomial(40e3, 9.81)
+    c0, c1, c2 = Resistance.model_validate({"n_per_kn_kmh": [1.2, 0.0065, 0.000279]}).polynomial(40e3, 9.81)
     assert c0 + c1 * 20.0 + c2 * 400.0 == pytest.approx(1222.07, abs=0.01)
-    assert capsys.readouterr().err == ""
-    assert Resistance.model_validate({"n_per_kn": table}).polynomial(40e3, 9.81) == (c0, c1, c2)
-    assert capsys.readouterr().err == (
-        "note: the speed of resistance n_per_kn is read in km/h, that of n and n_per_kg in m/s; write n_per_kn_kmh\n"
-    )
-    with pytest.raises(ValidationError, match="n_per_kn and n_per_kn_kmh are the same quantity; keep one"):
-        Resistance.model_validate({"n_per_kn": table, "n_per_kn_kmh": table})
 
 
 @pytest.mark.parametrize(("grade", "speed"), [(0, 110.0), (1, 94.0), (2, 79.9), (4, 52.5)])

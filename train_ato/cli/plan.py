@@ -25,7 +25,7 @@ DEFAULTS = "defaults"
 """Value of ``--trip`` without a file."""
 SCENARIOS, FIGURES = (".yaml", ".yml"), (".png", ".pdf", ".svg")
 OTHER_OPTIONS = (
-    "allowance", "dwell", "through", "acceleration", "deceleration", "jerk", "force_margin", "former_margin",
+    "allowance", "dwell", "through", "acceleration", "deceleration", "jerk", "force_margin",
     "max_speed_kmh", "no_air_brake", "point_mass",
 )  # fmt: skip
 """Options of ``plan`` without a meaning for a trip."""
@@ -129,7 +129,6 @@ def _check_options(options: argparse.Namespace) -> None:
     """Check files and combination of the options before the search."""
     for name in OTHER_OPTIONS:
         if getattr(options, name) not in (None, False):
-            name = name.removeprefix("former_")
             raise ValueError(f"--{name.replace('_', '-')}: without a meaning for --trip; remove it, or use the file")
     for path in options.out:
         check_new_file(path, (".csv", *SCENARIOS, *FIGURES))
@@ -230,7 +229,6 @@ def _add_train_arguments(parser: argparse.ArgumentParser, least: Callable[[str],
     parser.add_argument(
         "--force-margin", type=least, metavar="FRACTION", help="fraction of the maximum forces kept in reserve"
     )
-    parser.add_argument("--margin", type=least, dest="former_margin", help=argparse.SUPPRESS)
     parser.add_argument(
         "--efficiency",
         type=least,
@@ -337,7 +335,7 @@ def _settings(options: argparse.Namespace) -> dict[str, Any]:
         "time": options.time,
         "dwell": options.dwell,
         "allowance": options.allowance,
-        "force_margin": _force_margin(options),
+        "force_margin": options.force_margin,
         "efficiency": options.efficiency,
         "recovered": options.recovered,
         "auxiliary": None if options.auxiliary_kw is None else 1e3 * options.auxiliary_kw,
@@ -352,23 +350,6 @@ def _settings(options: argparse.Namespace) -> dict[str, Any]:
         if value is not None:
             data[key] = None if math.isinf(value) else value
     return data
-
-
-def _force_margin(options: argparse.Namespace) -> float | None:
-    """Return the force margin, also of its former option, which is read with a note."""
-    named: float | None
-    former: float | None
-    named, former = options.force_margin, options.former_margin
-    if former is None:
-        return named
-    if named is not None:
-        raise ValueError("--margin is the former name of --force-margin; keep one of them")
-    from plant_sim.formats.fields import print_assumption
-
-    print_assumption(
-        "--margin is a part of the forces, not of the running time; write --force-margin, or --allowance for the time"
-    )
-    return former
 
 
 def _check_journey(options: argparse.Namespace) -> None:
