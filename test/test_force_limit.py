@@ -86,14 +86,15 @@ def test_the_metric_is_at_least_the_time_of_the_commands_at_the_limits_of_the_mo
 
 
 def test_lost_and_late_commands_are_metrics() -> None:
-    """Breaks if a lost, missed, refused or late command is not in the summary."""
-    values = {"commands_lost": "3", "missed ato/command": "5", "refused ato/command": "7", "wall_late": "9"}
+    """Breaks if a lost, missed, refused, late or absent command is not in the summary."""
+    values = {"commands_lost": "3", "missed ato/command": "5", "refused ato/command": "7"}
+    values |= {"wall_late": "9", "wall_held": "11"}
     setup = setup_of("duration=2")
     recording = run_engine(setup).recording
     assert recording is not None
     figures = summarise(setup, replace(recording, kept_reports=(Diagnostic(0, "plant", 0, "", values),)))
     names = ("commands_lost", "commands_missed", "commands_refused", "commands_late")
-    assert [figures[name] for name in names] == [3, 5, 7, 9]
+    assert [figures[name] for name in names] == [3, 5 + 11, 7, 9]
 
 
 @pytest.fixture(scope="module")

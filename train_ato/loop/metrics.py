@@ -21,12 +21,12 @@ OF_THE_PLANT = (
 )  # fmt: skip
 """Metrics from every plant step."""
 COMMAND_COUNTS = (
-    ("commands_lost", "commands_lost"),
-    ("commands_missed", "missed ato/command"),
-    ("commands_refused", "refused ato/command"),
-    ("commands_late", "wall_late"),
+    ("commands_lost", ("commands_lost",)),
+    ("commands_missed", ("missed ato/command", "wall_held")),
+    ("commands_refused", ("refused ato/command",)),
+    ("commands_late", ("wall_late",)),
 )
-"""Metric, and key in the diagnostics of the plant."""
+"""Metric, and its counts in the diagnostics of the plant: a command is missed by a fault, or as none came in time."""
 ROUNDING = 1e-6
 """Difference of a time of the scenario from the stamp of the same tick by rounding [s]."""
 LATENESS = {
@@ -78,7 +78,7 @@ def summarise(setup: RunSetup, recording: Recording) -> dict[str, Any]:
         "replans": int(totals.get("replans", 0)),
         "held_steps": int(totals.get("held_steps", 0)),
         "unsound_measurements": int(totals.get("unsound_measurements", 0)),
-        **{key: int(totals.get(name, 0)) for key, name in COMMAND_COUNTS},
+        **{key: int(sum(totals.get(name, 0) for name in names)) for key, names in COMMAND_COUNTS},
     }
     metrics |= stop_not_kept(recording)
     if setup.scenario.evaluation.couplers:
