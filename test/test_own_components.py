@@ -302,9 +302,13 @@ def test_a_supervised_run_stops_in_the_same_way() -> None:
     assert moving > 5.0 and abs(end) < 0.1
 
 
-def test_an_observer_that_raises_stops_the_train() -> None:
+@pytest.mark.parametrize(
+    "mode", ["engine", *(pytest.param(mode, marks=pytest.mark.graph) for mode in ("composed", "processes"))]
+)
+def test_an_observer_that_raises_stops_the_train(mode: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """Breaks if the run ends while the train moves, or the line lacks the observer, the file or the node."""
-    error = failed(observer=UnsoundObserver(), set=METRO)
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parent))
+    error = failed(observer=UnsoundObserver, set=METRO, mode=mode)
     assert str(error).startswith(
         f"node observer failed: observer UnsoundObserver: ValueError: no measurement, {__file__}:"
     )

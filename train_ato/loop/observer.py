@@ -44,6 +44,8 @@ class ObserverStage:
     ----------
     on_fault : callable or None
         Receives the failure of the observer, whose estimate is then 0; None: the failure is raised.
+    failure : ComponentFailed or None
+        Failure of the observer.
     answer : DisturbanceEstimate or exception, optional
         Result of :meth:`step` in a compiled tick that is left to Python, used in place of a second one.
     """
@@ -56,7 +58,7 @@ class ObserverStage:
         observer = setup.component(OBSERVERS, setup.observer, setup.observer_parameters, setup.tick)
         self.on_fault: Callable[[ComponentFailed], None] | None = None
         self._observer, self._limit = observer, step_limit(observer)
-        self._failure: ComponentFailed | None = None
+        self.failure: ComponentFailed | None = None
         self.answer: DisturbanceEstimate | BaseException | None = None
         self.stack = ObserverStack(setup.model, observer, setup.brake_policy())
         self._call = ComponentCall(f"observer '{setup.observer}'")
@@ -70,7 +72,7 @@ class ObserverStage:
         """
         arrived, setup, cause, text = self._link.pass_on(stamp, measurement), self.setup, None, ""
         with self._call:
-            if self._failure is None:
+            if self.failure is None:
                 try:
                     with self._limit:
                         estimate: DisturbanceEstimate = stamped(self.stack.step(arrived), stamp)
@@ -80,12 +82,12 @@ class ObserverStage:
                 except BaseException as error:  # a user-defined observer may raise any
                     raise_if_interrupted(error)
                     cause, text = error, fault_of_error("observer", setup.observer, error)
-                self._failure = ComponentFailed(text, self.role.value)
-                self._failure.__cause__ = cause
+                self.failure = ComponentFailed(text, self.role.value)
+                self.failure.__cause__ = cause
                 if self.on_fault is not None:
-                    self.on_fault(self._failure)
+                    self.on_fault(self.failure)
         if self.on_fault is None:
-            raise self._failure
+            raise self.failure
         return DisturbanceEstimate(stamp, np.zeros(setup.model.n_units))
 
     def on_measurement(self, measurement: Measurement) -> ObserverMessages:

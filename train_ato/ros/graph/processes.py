@@ -197,9 +197,12 @@ def _report_lost(nodes: dict[Role, NodeProcess]) -> None:
     for node in nodes.values():
         if node.failure and not node.lost:
             node.lost = True
-            reason = node.failure.partition(" failed: ")[2]
-            kind = NoticeKind.FAILED if TRAIN_STOPPED in node.counts else NoticeKind.LOST
-            nodes[Role.PLANT].send(Notice(kind, node.role, reason))
+            name, _, reason = node.failure.removeprefix("node ").partition(" failed: ")
+            if TRAIN_STOPPED in node.counts:
+                notice = Notice(NoticeKind.FAILED, Role(name), reason)
+            else:
+                notice = Notice(NoticeKind.LOST, node.role, reason)
+            nodes[Role.PLANT].send(notice)
 
 
 def _failure(nodes: dict[Role, NodeProcess]) -> str | None:

@@ -2,7 +2,7 @@
 
 =======================  ==============================================================================
 ``lost ROLE REASON``     the process of the node has ended; the plant stops its train and fails the run
-``failed ROLE REASON``   the law has failed and braked the train to a stop; the plant fails the run at once
+``failed ROLE REASON``   a component has failed, and the controller has braked the train to a stop; the run ends at once
 ``away ROLE N REASON``   the process of the node has ended and is started again for the Nth time
 ``begin ROLE STAMP``     to this new process: the old one has left the graph at the stamp [ns]
 =======================  ==============================================================================
@@ -23,6 +23,9 @@ LAST_COUNT = "ignored"
 
 TRAIN_STOPPED = "train stopped"
 """Name of the number that a controller prints if its law, or another component, has failed: it has braked the train."""
+
+STOP_TRAIN = "the controller stops the train"
+"""Begin of the line on ``/rosout`` of an observer that has failed: the controller brakes as after a failed law."""
 
 FAILURE, INTERRUPTION, OUTSIDE, NOTE = "failure ", "interruption ", "outside ", "note "
 """Begins of standard-output lines of an attached node: its failure, the end of the plant by a signal, the name of the

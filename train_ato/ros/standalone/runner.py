@@ -6,6 +6,7 @@ The other nodes end after the plant; the recorder ends after the last publisher.
 from __future__ import annotations
 
 import gc
+import re
 import signal
 import sys
 import threading
@@ -16,6 +17,7 @@ from typing import Any
 
 from rcl_interfaces.msg import Log as LogMessage
 
+from train_ato.control.component_fault import ComponentFailed
 from train_ato.loop.run_end import INTERRUPTED
 from train_ato.messages.topics import BY_NAME, Role
 from train_ato.messages.types import Tick
@@ -30,6 +32,7 @@ from train_ato.ros.standalone.notices import (
     LAST_COUNT,
     NOTE,
     OUTSIDE,
+    STOP_TRAIN,
     TRAIN_STOPPED,
     EndOrder,
     Notice,
@@ -56,6 +59,8 @@ JOINING_S = 0.02
 """Period of the checks for missing endpoints of a restarted node [s]."""
 HEARING = 20
 """Number of callbacks run before the reason of a node that has left is read; more than wait at once."""
+SAID = re.compile(rf"(?:(?P<begin>{TRAIN_STOPPED}|{STOP_TRAIN}): )?node (?P<node>\S+) failed: (?P<reason>.*)")
+"""Line on ``/rosout`` with the failure of a node."""
 REPORT_EVERY_S = 3.0
 """Wall time between two reports of missing nodes [s]."""
 
@@ -116,11 +121,13 @@ class StandaloneRunner:
         if attached:
             endpoints.on_note = lambda text: self._say(NOTE, text)
         self._discovery = None
-        self._said: dict[str, str] = {}
+        self._said: dict[str, re.Match[str]] = {}
         if role is Role.PLANT:
             self._discovery = Discovery(endpoints, fingerprint, recorded, lambda: bool(node.recorder_connected))
-        if role is Role.PLANT and not attached:
+        if (role is Role.PLANT and not attached) or role is Role.CONTROLLER:
             endpoints.node.create_subscription(LogMessage, "/rosout", self._hear, ROSOUT)
+        if role is Role.OBSERVER and endpoints.external is not Role.CONTROLLER:
+            node.stage.on_fault = lambda fault: endpoints.log(f"{STOP_TRAIN}: node {role.value} failed: {fault}")
         if role not in (Role.PLANT, Role.RECORDER):
             answer_ready(endpoints, fingerprint)
 
@@ -132,7 +139,7 @@ class StandaloneRunner:
         if self.role is Role.PLANT:
             self.node.announce_end()
         if self.endpoints.watch.failure is not None:
-            stopped = f"{TRAIN_STOPPED}: " if self.endpoints.watch.of_component else ""
+            stopped = f"{TRAIN_STOPPED}: " if self._train_stopped else ""
             self.endpoints.log(f"{stopped}{self.endpoints.watch.failure}")
         self.endpoints.deliver(STOPPING_S)
         ignored = getattr(self.node, "ignored", 0)
@@ -185,9 +192,14 @@ class StandaloneRunner:
                 self._say(OUTSIDE, self.endpoints.external_name)
         if self.role is Role.CONTROLLER:
             self._print("step_ns", *self.node.stage.step_times)
-            if self.endpoints.watch.of_component:
+            if self._train_stopped:
                 self._print(TRAIN_STOPPED, 1)
         self._print(LAST_COUNT, ignored)
+
+    @property
+    def _train_stopped(self) -> bool:
+        """True for a controller that has braked the train after the failure of a component."""
+        return self.role is Role.CONTROLLER and self.endpoints.watch.of_component
 
     @property
     def _ends(self) -> bool:
@@ -206,6 +218,8 @@ class StandaloneRunner:
             self._executor.spin_once(timeout_sec=TURN_S)
             self._take_notices()
         self._check_end(lambda: self._executor.spin_once(timeout_sec=TURN_S))
+        if self.role is Role.OBSERVER and self.node.stage.failure is not None:
+            self.endpoints.watch.fail(self.role.value, self.node.stage.failure)
 
     def _check_end(self, turn: Callable[[], None]) -> None:
         """Fail the run by the name of the plant if it has left without the notice of the end."""
@@ -361,9 +375,14 @@ class StandaloneRunner:
             self._executor.spin_once(timeout_sec=TURN_S)
 
     def _hear(self, line: LogMessage) -> None:
-        """Store the failure that a node of the run has said of itself."""
-        if line.level >= LogMessage.ERROR and f"node {line.name} failed: " in line.msg:
-            self._said[line.name] = line.msg
+        """Store the failure that a node says of itself, or of a component; the controller stops the train for one."""
+        found = SAID.fullmatch(line.msg) if line.level >= LogMessage.ERROR else None
+        if found is None:
+            return
+        if self.role is Role.PLANT and (found["begin"] == TRAIN_STOPPED or found["node"] == line.name):
+            self._said[line.name] = found
+        elif self.role is Role.CONTROLLER and found["begin"] == STOP_TRAIN:
+            self.node.stage.fail(ComponentFailed(found["reason"], found["node"]))
 
     def _check_departed(self) -> None:
         """Lose the nodes that have left; the process that started an attached plant names those that it has started."""
@@ -375,13 +394,13 @@ class StandaloneRunner:
             return
         for _ in range(HEARING):  # a node leaves after its last line has arrived here, which may wait for its callback
             self._executor.spin_once(timeout_sec=0.0)
-        stopped, _, reason = self._said.get(gone[0].value, "").rpartition(f"node {gone[0].value} failed: ")
-        if stopped:
-            self.endpoints.watch.fail(gone[0].value, reason)
-        elif reason:
-            self.node.lose(gone[0], reason)
-        else:
+        said = self._said.get(gone[0].value)
+        if said is None:
             self.node.lose_departed(gone)
+        elif said["begin"] == TRAIN_STOPPED:
+            self.endpoints.watch.fail(said["node"], said["reason"])
+        else:
+            self.node.lose(gone[0], said["reason"])
 
     def _check_answers(self) -> None:
         """Fail the run by the name of the silent node if an answer is overdue, or of a plant that was suspended."""
