@@ -215,7 +215,7 @@ def cut_link(options, hosts, out, *, again_s=None):
 @pytest.mark.slow
 @pytest.mark.parametrize("free", [False, True], ids=["lockstep", "free"])
 def test_a_run_goes_on_after_a_link_that_was_cut_for_a_second(free, two_hosts, tmp_path):
-    """Breaks if a short fault of a network ends a run, costs a message in lockstep, or ticks that nobody counts."""
+    """Breaks if a short fault of a network ends a run, costs a message in lockstep, or is not counted without it."""
     options = ("--rate=2", *["--no-lockstep", "--timeout=60"] * free)
     processes, said = cut_link(options, two_hosts, tmp_path / "run", again_s=1.0)
     assert {process.returncode for process in processes.values()} == {0}, said
