@@ -69,10 +69,14 @@ class InputFaults(ValueError):
 
 
 def close_match(name: str, known: Iterable[str]) -> str:
-    """Return the hint ``; did you mean '...'?`` with the nearest known name; empty if none is near."""
+    """Return the hint ``; did you mean '...'?`` with the nearest known name; empty if none is near.
+
+    Of near names, one that only adds a unit comes first: ``n_per_kn`` is ``n_per_kn_kmh``, not ``n_per_kg``.
+    """
     import difflib
 
-    matches = difflib.get_close_matches(str(name), [str(entry) for entry in known], n=1, cutoff=0.6)
+    matches = difflib.get_close_matches(str(name), [str(entry) for entry in known], n=3, cutoff=0.6)
+    matches.sort(key=lambda match: not match.startswith(f"{name}_"))
     return f"; did you mean '{matches[0]}'?" if matches else ""
 
 

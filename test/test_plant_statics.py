@@ -13,6 +13,7 @@ from plant_trains import LINEAR, RIGID, chain, drive, heavy, plain_line, slope, 
 
 from plant_sim import kernel as k
 from plant_sim.consist import Consist, Resistance
+from plant_sim.input_error import close_match
 from plant_sim.library import load_consist
 from plant_sim.states import Array
 from plant_sim.train import Train
@@ -52,10 +53,11 @@ def test_pull_through_linear_couplers_settles_to_the_same() -> None:
 
 
 def test_resistance_per_weight_has_its_speed_in_kmh() -> None:
-    """Breaks if A + B V + C V² takes V in m/s."""
+    """Breaks if A + B V + C V² takes V in m/s, or if the hint for a key without its unit is another unit."""
     # 40 t at 72 km/h: 392.4 kN x (1.2 + 0.0065 x 72 + 0.000279 x 72²) N/kN = 1222.07 N.
     c0, c1, c2 = Resistance.model_validate({"n_per_kn_kmh": [1.2, 0.0065, 0.000279]}).polynomial(40e3, 9.81)
     assert c0 + c1 * 20.0 + c2 * 400.0 == pytest.approx(1222.07, abs=0.01)
+    assert close_match("n_per_kn", Resistance.model_fields) == "; did you mean 'n_per_kn_kmh'?"
 
 
 @pytest.mark.parametrize(("grade", "speed"), [(0, 110.0), (1, 94.0), (2, 79.9), (4, 52.5)])

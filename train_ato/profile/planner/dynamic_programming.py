@@ -234,6 +234,20 @@ def _marginal_cost(
 
 
 @compiled
+def _step_range(
+    energy: float, place: float, step: float, line: float, table: Array, service: tuple[float, float], recovered: float
+) -> Any:  # fmt: skip
+    """Return the E at the end of a step by traction, and those of ``range_`` in :func:`_cost`."""
+    j = min(int(place), table.shape[1] - 2)
+    pull = table[TRACTION, j] + (place - j) * (table[TRACTION, j + 1] - table[TRACTION, j])
+    drag = table[COAST, j] + (place - j) * (table[COAST, j + 1] - table[COAST, j])
+    brake = table[ELECTRIC, j] + (place - j) * (table[ELECTRIC, j + 1] - table[ELECTRIC, j])
+    slow = energy - step * min(service[1], drag + line)
+    low = min(energy - step * min(service[1], brake + line), slow) if recovered > 0.0 else slow
+    return energy + step * min(service[0], pull - line), (low, slow, energy - step * (drag + line))
+
+
+@compiled
 def _curves(
     energies: Array, top: Array, floor: Array, line_mean: Array, air: Array, steps: Array, table: Array,
     speed_step: float, service: tuple[float, float], prices: Array, weights: tuple[float, float],
@@ -257,28 +271,19 @@ def _curves(
                 continue
             energy = min(max(here[i], 0.0), top[k])
             speed = np.sqrt(2.0 * energy)
-            place = speed / speed_step
-            j = min(int(place), table.shape[1] - 2)
-            pull = table[TRACTION, j] + (place - j) * (table[TRACTION, j + 1] - table[TRACTION, j])
-            drag = table[COAST, j] + (place - j) * (table[COAST, j + 1] - table[COAST, j])
-            brake = table[ELECTRIC, j] + (place - j) * (table[ELECTRIC, j + 1] - table[ELECTRIC, j])
-            line = line_mean[k] + 2.0 * air[k] * energy
-            fast = min(energy + step * min(service[0], pull - line), ceiling)
-            coast = energy - step * (drag + line)
-            slow = energy - step * min(service[1], drag + line)
-            low = min(energy - step * min(service[1], brake + line), slow) if weights[1] > 0.0 else slow
-            range_ = (low, slow, coast)
+            fast, range_ = _step_range(
+                energy, speed / speed_step, step, line_mean[k] + 2.0 * air[k] * energy, table, service, weights[1]
+            )
+            low, slow, coast = range_
+            fast = min(fast, ceiling)
+            end = fast if fast > slow else min(slow, ceiling)  # braking to the ceiling, or no traction
             if k == n - 1 and ceiling <= 0.0:  # the stop
                 new[i] = price * 2.0 * step / max(speed, MIN_SPEED) + weights[0] * max(-coast, 0.0)
                 new[i] -= weights[1] * min(max(slow, 0.0), slow - low)
-            elif fast > slow:
-                new[i] = _least_cost(price, step, speed, (low, fast), range_, weights, values, ahead, speeds)
-            else:  # braking to the ceiling, or no traction
-                end = min(slow, ceiling)
-                if low < end:
-                    new[i] = _least_cost(price, step, speed, (low, end), range_, weights, values, ahead, speeds)
-                else:
-                    new[i] = _cost(price, step, speed, end, range_, weights, values, ahead)
+            elif low < end:
+                new[i] = _least_cost(price, step, speed, (low, end), range_, weights, values, ahead, speeds)
+            else:
+                new[i] = _cost(price, step, speed, end, range_, weights, values, ahead)
             if slow < ceiling:
                 marginal[free] = _marginal_cost(price, step, speed, slow, weights[0], values, ahead)
                 ends[free] = slow
