@@ -1,7 +1,7 @@
 """Mutation score of the braking curves and the delay lines: the part of small faults that the tests find.
 
     python bench/mutation.py                       # all mutants, about an hour on one core
-    python bench/mutation.py --sample 150          # random mutants, about 3 minutes
+    python bench/mutation.py --sample 150          # random mutants, about 15 minutes
     python bench/mutation.py --only gradient.py    # mutants of one file
     python bench/mutation.py --write               # all, and their numbers for msgs_docs/hazards.md
 

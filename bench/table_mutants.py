@@ -20,7 +20,9 @@ from pathlib import Path
 from types import CodeType, ModuleType
 
 LOADED = ("hypothesis.strategies", "matplotlib.pyplot", "pydantic", "pytest", "rich", "plant_sim.train")
-OPTIONS = ("-x", "-p", "no:cacheprovider", "--hypothesis-profile=first_failure")
+WHOLE_RUNS = "not on_the_intervention_curve and not reaches_the_law"
+"""Tests that drive whole trains, which takes a minute each without the compiler."""
+OPTIONS = ("-x", "-p", "no:cacheprovider", "--hypothesis-profile=first_failure", "-k", WHOLE_RUNS)
 """Options of pytest: the first failure ends the tests, without a search for a smaller example."""
 LIMIT_FACTOR, LIMIT_EXTRA = 4.0, 20.0
 """Limit of the CPU time of a mutant: factor of that without a mutation, and extra time [s]."""
