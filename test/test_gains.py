@@ -22,7 +22,7 @@ from train_ato.apps.check_component.random_trips import (
     trips_text,
 )
 from train_ato.cli import main
-from train_ato.control.algorithms.loop_gains import LoopGains
+from train_ato.control.algorithms.loop_gains import LoopGains, is_stable
 from train_ato.control.gains import MODEL, TABLE, has_gains
 from train_ato.control.laws.pid import Pid
 from train_ato.control.registry import LAWS
@@ -142,6 +142,42 @@ def test_one_line_of_advice_names_gains_and_delay_with_a_remedy_that_works(own: 
     assert prepared(own, "laws.pid.gains=model", "compensation=preview").advice() == ""
     assert prepared(own, "laws.pid.kp=0.4", "compensation=preview").advice() == ""
     assert prepared(own, "law=mpc").advice() == "", "mpc predicts over the delay"
+
+
+def test_gains_of_ones_own_have_a_line_if_they_are_unstable(own: str) -> None:
+    """Breaks if the limit cycle after the run is the first word, or a predicted state counts as a late one."""
+    # w (0.3 + 0.025) s + atan(0.4 w) = pi/2 at w = 2.56: kp below w sqrt(1 + 0.16 w²) = 3.66, with ki less.
+    preview = "compensation=preview"
+    assert prepared(own, "laws.pid.kp=2.8", "laws.pid.ki=0.45", preview).advice() == ""
+    assert prepared(own, "laws.pid.kp=4", preview).advice() == (
+        "pid: kp given, unstable with delay, lag and couplers of this train; try --set laws.pid.kp=0.667"
+    )
+    assert prepared(own, "laws.pid.kp=4", "compensation=predictor").advice() == ""
+
+
+@pytest.mark.parametrize(
+    ("law", "gain"),
+    [("pid", "kp"), ("smc", "ks"), ("rbf_smc", "l1"), ("rbf_switching_smc", "c"), ("fixed_time_smc", "reaching"),
+     ("funnel", "k20")],
+)  # fmt: skip
+def test_the_remedy_for_unstable_gains_works(law: str, gain: str) -> None:
+    """Breaks if a law has no limit, the limit of the waves (0.16/s) is not met, or a line remains after the remedy."""
+    given = [f"law={law}", f"laws.{law}.gains=model", "compensation=preview"]
+    found = prepared("demo", *given, f"laws.{law}.{gain}=0.2").advice()
+    assert found.startswith(f"{law}: {gain} given, unstable")
+    remedies = [part.strip() for part in found.partition("; try ")[2].split("--set ")[1:]]
+    assert prepared("demo", *given, *remedies).advice() == ""
+
+
+def test_stability_of_one_mass_and_of_two() -> None:
+    """Breaks if the delay, half of the period, the integral or a mode is missing in the limit of the gains."""
+    of = model(SINGLE, delay=0.8)  # by hand: kp = pi/2 over 0.85 s; the integral alone has no damping
+    assert is_stable(of, 0.1, 0.99 * math.pi / 1.7, 0.0) and not is_stable(of, 0.1, 1.01 * math.pi / 1.7, 0.0)
+    assert not is_stable(of, 0.1, 0.0, 0.01)
+    soft = SPRING | {"stiffness": 5e6, "damping": 5e3}
+    two = model(consist({"loco": LOCOMOTIVE, "wagon": WAGON}, [("loco", 1), ("wagon", 1)], soft), delay=0.6, lag=0.2)
+    limit = 2.0 * LoopGains.of(two, 0.1).speed  # the rule takes half of the gain at which the mode is undamped
+    assert is_stable(two, 0.1, 0.99 * limit, 0.0) and not is_stable(two, 0.1, 1.01 * limit, 0.0)
 
 
 def test_a_law_and_a_scenario_list_their_gains(capsys: pytest.CaptureFixture[str]) -> None:

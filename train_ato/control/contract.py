@@ -281,6 +281,8 @@ class Law(Protocol):
 
     * ``horizon`` (int, default 0): number of entries of ``LawInput.preview`` that the law uses;
     * ``lookahead_times`` (Array, default empty): times after the measurement of ``LawInput.lookahead`` [s], rising;
+    * ``feedback()``: gains on the errors of speed [1/s] and position [1/s²] near the reference, or None; gains of one's
+      own that are unstable on the train have a line before the run;
     * ``diagnostics()``: counts and states of the law as text, for the topic ``/diagnostics``;
     * ``uses_feedforward`` (bool, default True): the output depends on ``LawInput.feedforward``;
     * ``feedforward_hint`` (str): setting under which the law uses it, ``parameter: value``; empty if there is none;

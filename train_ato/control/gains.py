@@ -61,11 +61,14 @@ class Gains:
         ``fitted``, ``model``, ``printed`` or ``given``; "" for a law without a choice of gains.
     reason : str
         Reason for the source as text; "" for a law without a choice.
+    own : tuple of str
+        Names of the values that are given and differ from those of the source.
     """
 
     values: dict[str, Any]
     source: str = ""
     reason: str = ""
+    own: tuple[str, ...] = ()
 
 
 def has_gains(law: Any) -> bool:
@@ -107,7 +110,7 @@ def gains_of(name: str, law: Any, given: Mapping[str, Any], model: TrainModel, p
     if own:
         source = GIVEN if source == PRINTED else source
         reason += f"; {', '.join(own)} given"
-    return Gains({**base, **given}, source, reason)
+    return Gains({**base, **given}, source, reason, tuple(own))
 
 
 def _base(name: str, law: Any, choice: str, model: TrainModel, period: float) -> tuple[dict[str, Any], str, str]:
@@ -128,7 +131,9 @@ def _base(name: str, law: Any, choice: str, model: TrainModel, period: float) ->
     return rule(model, period), MODEL, f"{missing}computed from the model of {train}"
 
 
-def advice(name: str, law: Any, gains: Gains, model: TrainModel, period: float, compensation: str) -> str:
+def advice(
+    name: str, law: Any, gains: Gains, model: TrainModel, period: float, compensation: str, *, unstable: bool
+) -> str:
     """Return a line with the remedy for gains that do not fit the train, or a delay without compensation; "" if none.
 
     Parameters
@@ -141,6 +146,8 @@ def advice(name: str, law: Any, gains: Gains, model: TrainModel, period: float, 
         Nominal train, and period of the law [s].
     compensation
         Name of the delay compensation.
+    unstable
+        The parameters, with given ones, are unstable on the train.
     """
     found, remedies = [], []
     if gains.source == PRINTED:
@@ -148,11 +155,20 @@ def advice(name: str, law: Any, gains: Gains, model: TrainModel, period: float, 
         remedies.append(
             f"--set laws.{name}.gains={MODEL}" if hasattr(law, "model_gains") else f"train-ato tune --law {name}"
         )
+    elif unstable:
+        found.append(f"{', '.join(gains.own)} given, unstable with delay, lag and couplers of this train")
+        rule = law.model_gains(model, period)
+        values = {key: rule[key] for key in gains.own if key in rule} or {"gains": MODEL}
+        remedies += [f"--set laws.{name}.{key}={_rounded(value)}" for key, value in values.items()]
     delay = longest_delay(model)
     if compensation == "none" and delay + model.lag > period and not getattr(law, "predicts_delay", False):
         found.append(f"delay {number_text(delay)} s and lag {number_text(model.lag)} s without compensation")
         remedies.append("--compensation preview")
     return f"{name}: {', '.join(found)}; try {' '.join(remedies)}" if found else ""
+
+
+def _rounded(value: Any) -> str:
+    return number_text(value, 3) if isinstance(value, float) else str(value)
 
 
 def longest_delay(model: TrainModel) -> float:

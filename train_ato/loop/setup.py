@@ -19,6 +19,7 @@ from plant_sim.plant_setup import Jump
 from plant_sim.train import Train
 from train_ato.control.air_brake.policy import make_brake_policy
 from train_ato.control.air_brake.record_policy import BrakePolicy
+from train_ato.control.algorithms.loop_gains import is_unstable
 from train_ato.control.component_fault import refused_at_start
 from train_ato.control.contract import Law
 from train_ato.control.force_distribution import ForceDistribution, PlannedDisplacement
@@ -354,7 +355,9 @@ class RunSetup:
         """
         name = name or self.controller
         law, gains = self.law(name, values), self.gains(name, values)
-        return advice(name, law, gains, self.model, self.control_period, self.compensation)
+        delayed = not getattr(COMPENSATIONS.get(self.compensation), "predicts", False)
+        unstable = bool(gains.own) and delayed and is_unstable(law, self.model, self.control_period)
+        return advice(name, law, gains, self.model, self.control_period, self.compensation, unstable=unstable)
 
     def train(self) -> Train:
         """Return the train at its start."""

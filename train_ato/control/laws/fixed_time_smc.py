@@ -191,6 +191,13 @@ class FixedTimeSmc(RecordLaw):
             measured=measured, tracks=parameters.unmatched and not estimated, value_gain=value_gain, rate_gain=rate_gain
         )
 
+    def feedback(self) -> tuple[float, float] | None:
+        """Return the least gain on the speed error [1/s], at an error of .35, and 0; None for measured couplers."""
+        p, error = self.parameters, 0.35
+        surface, reaching = SMALL * error ** (SMALL - 1.0), LARGE * error ** (LARGE - 1.0)
+        gain = p.surface * (1.0 + surface) + p.reaching * (surface + reaching)
+        return None if p.equivalent == "measured" else (gain, 0.0)
+
     def clear_state(self) -> None:
         """Clear the speed offsets and the estimates."""
         super().clear_state()

@@ -351,6 +351,11 @@ class Funnel(RecordLaw):
             two=2.0,
         )
 
+    def feedback(self) -> tuple[float, float] | None:
+        """Return the gains on the errors of speed [1/s] and position [1/s²] at no error, None with the delay state."""
+        p = self.parameters
+        return (p.k10 + p.k20, p.k10 * p.k20) if p.feedforward and p.variant == "corrected" else None
+
     def take_over(self, inputs: LawInput, force: Array) -> None:
         """Begin with the nominal resistance in the empty network; the rest of the last command [N] may not last."""
         super().take_over(inputs, force)

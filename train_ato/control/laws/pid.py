@@ -160,6 +160,11 @@ class Pid(RecordLaw):
             derivative_decay=decay(parameters.derivative_time, period),
         )
 
+    def feedback(self) -> tuple[float, float] | None:
+        """Return the gains on the errors of speed [1/s] and position [1/s²], None with a derivative."""
+        p, inertia = self.parameters, 1.0 if self.parameters.per_mass else self.model.inertia
+        return None if p.kd > 0.0 else (p.kp / inertia, p.ki / inertia)
+
     def take_over(self, inputs: LawInput, force: Array) -> None:
         """Begin at the last command [N] by the sums of the speed error; the position error cannot be chosen."""
         if self.parameters.integral == "speed" and self.call(inputs) != INVALID:

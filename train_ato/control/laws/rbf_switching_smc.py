@@ -296,3 +296,12 @@ class RbfSwitchingSmc(RecordLaw):
             measured=measured,
             reach=1.0 if p.clip else inf,
         )
+
+    def feedback(self) -> tuple[float, float] | None:
+        """Return the gains on the errors of speed [1/s] and position [1/s²], None for a form without the rule."""
+        p = self.parameters
+        if p.derivatives == "measured" or p.switching == "sign" or p.width != 0.5:
+            return None
+        learnt = min(p.k_w, -p.weight_limit / INITIAL_WEIGHT) * START_SLOPE
+        slope = (learnt if p.switching == "rbf" else p.k_w) / p.phi
+        return p.c + slope, p.c * slope

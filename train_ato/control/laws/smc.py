@@ -181,6 +181,11 @@ class Smc(RecordLaw):
         self.state["mass"] = model.unit_inertia if measured else model.inertia * model.share
         self.set_constants(measured=measured, **self.more_constants())
 
+    def feedback(self) -> tuple[float, float] | None:
+        """Return the gains on the errors of speed [1/s] and position [1/s²] at S = 0, None for measured couplers."""
+        p = self.parameters
+        return None if p.equivalent == "measured" else (p.l1 + p.ks, p.l2 + p.ks * p.l1)
+
     def more_constants(self) -> dict[str, Any]:
         """Return the constants of a form with more of them."""
         return {}
