@@ -303,7 +303,7 @@ def two(tmp_path_factory: pytest.TempPathFactory) -> tuple[FollowingResult, Path
     """Return two recorded trains and their folder."""
     folder = tmp_path_factory.mktemp("following")
     path = following_file(folder)
-    return run_following(load_following(path), folder, RunMode("engine"), folder / "out", shown=False), folder / "out"
+    return run_following(load_following(path), RunMode("engine"), folder / "out", shown=False), folder / "out"
 
 
 def columns(run: Run) -> tuple[list[float], list[float], list[float]]:
@@ -400,9 +400,31 @@ def test_bad_input_is_refused_in_one_line(tmp_path: Path, capsys: pytest.Capture
     assert "headway 19 s: shorter than" in refused(capsys, path, "--set", "t2.leader.headway=19")
     assert "inside the train ahead" in refused(capsys, path, "--set", "t2.profile.since=76", "--out", str(out))
     assert "set supervision.enabled: true" in refused(capsys, path, "--set", "all.supervision.enabled=false")
+    for change, problem in {
+        "t2.leader.headway=x": "leader.headway = 'x': ",
+        "t1.base=demo": "base = 'demo': is the key `scenario`",
+        "all.seed=3": "seed = 3: is that of the file",
+        "t2.leader=5": "leader = 5: is no block",
+        "all.duration=-1": "duration = -1: ",
+        "t2.plant.line=xuzhou_metro_test": "plant.line: 'xuzhou_metro_test' is not ",
+    }.items():
+        assert f"train-ato: --set {change}: {problem}" in refused(capsys, path, "--set", change)
+    assert "train-ato: --seed -1: seed = -1: " in refused(capsys, path, "--seed", "-1")
     assert not out.exists()
     trains = [{"name": "t1", "scenario": "demo"}] * 2
     assert "2 trains have the name t1" in refused(capsys, str(following_file(tmp_path, trains=trains)))
+    for first, problem in {
+        '"demoo"': "t1: scenario = 'demoo': unknown scenario",
+        '"demo", "set": {"durration": 3}': "t1: durration: unknown key",
+        '"demo", "set": {"name": "x"}': "t1: set.name = 'x': ",
+        '"demo", "set": {"leader": {}}': "t1: set.leader: the first train has no train ahead",
+    }.items():
+        trains[0] = json.loads(f'{{"name": "t1", "scenario": {first}}}')
+        trains[1] = {"name": "t2", "scenario": "demo"}
+        path = str(following_file(tmp_path, trains=trains))
+        assert refused(capsys, path).startswith(f"train-ato: {path}: {problem}")
+    assert main(["compare", path, "--laws=pid"]) == 2
+    assert "holds trains behind each other, no scenario; only `train-ato run` takes it" in capsys.readouterr().err
 
 
 def test_the_first_report_is_that_of_the_start() -> None:

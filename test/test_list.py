@@ -13,7 +13,7 @@ import train_ato as ta
 from plant_sim.library import consist_path, line_path
 from train_ato.cli import main
 from train_ato.cli.list import catalogue
-from train_ato.scenario.scenario import shipped_scenarios
+from train_ato.scenario.scenario import shipped_following, shipped_scenarios
 
 NAMES = sorted({name for entries in catalogue().values() for name in entries})
 
@@ -26,7 +26,16 @@ def listed(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, dic
 def test_every_name_has_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     """Breaks if a shipped name is missing or has no summary."""
     found = listed(capsys)
-    assert list(found) == ["scenarios", "laws", "observers", "compensations", "consists", "lines", "expected"]
+    assert list(found) == [
+        "scenarios",
+        "following",
+        "laws",
+        "observers",
+        "compensations",
+        "consists",
+        "lines",
+        "expected",
+    ]
     assert all(summary and "\n" not in summary for entries in found.values() for summary in entries.values())
     assert main(["list"]) == 0
     table = capsys.readouterr().out
@@ -61,6 +70,7 @@ def test_figures_of_a_train_a_line_and_a_law(capsys: pytest.CaptureFixture[str])
         (consist_path("hxd1_c80_105"), "hxd1_c80_105"),
         (line_path("daqin_section"), "daqin_section"),
         (shipped_scenarios()["crh380a_gpc"], "crh380a_gpc"),
+        (shipped_following()["following"], "following"),
     ],
 )
 def test_a_file_has_the_details_of_its_name(path: Path, name: str, capsys: pytest.CaptureFixture[str]) -> None:

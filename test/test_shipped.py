@@ -25,8 +25,14 @@ from plant_sim.library import consist_names, consist_path, line_names, line_path
 from plant_sim.si_model import blocks_of, example_of_key
 from train_ato.loop.setup import prepare
 from train_ato.scenario.criteria import Expectation
-from train_ato.scenario.following import shipped_following
-from train_ato.scenario.scenario import expectation_of, load_scenario, raw_scenario, shipped_scenarios, variants_of
+from train_ato.scenario.scenario import (
+    expectation_of,
+    load_scenario,
+    raw_scenario,
+    shipped_following,
+    shipped_scenarios,
+    variants_of,
+)
 from train_ato.version import VERSION
 
 REPO = Path(__file__).resolve().parents[1]

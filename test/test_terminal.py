@@ -146,6 +146,7 @@ def completed(line: str, folder: Path) -> list[str]:
         ("train-ato sw", {"sweep"}),
         ("train-ato sweep spec.yaml --sch", {"--scheduler"}),
         ("train-ato run de", {"demo"}),
+        ("train-ato run following", {"following", "following_metro"}),
         ("train-ato run daqin_heavy_haul:id", {"daqin_heavy_haul:ideal"}),
         ("train-ato run demo --la", {"--law"}),
         ("train-ato run demo --law sm", {"smc"}),

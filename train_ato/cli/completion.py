@@ -71,6 +71,8 @@ def _add_names(command: argparse.ArgumentParser) -> None:
     """Give each argument the function that lists its known names."""
     for action in command._actions:
         names = NAMES.get(action.dest)
+        if names is _scenarios and command.prog.endswith(" run"):
+            names = _runnable
         if names is not None and action.choices is None and not isinstance(action, argparse._StoreTrueAction):
             action.completer = _completer(names, files=action.dest in WITH_FILES)  # type: ignore[attr-defined]
 
@@ -94,6 +96,16 @@ def _scenarios() -> Iterable[str]:
     for name, path in shipped_scenarios().items():
         yield name
         yield from (f"{name}:{variant}" for variant in variants_of(path))
+
+
+def _following() -> Iterable[str]:
+    from train_ato.scenario.scenario import shipped_following
+
+    return shipped_following()
+
+
+def _runnable() -> Iterable[str]:
+    return (*_scenarios(), *_following())
 
 
 def _laws() -> Iterable[str]:
@@ -127,7 +139,7 @@ def _lines() -> Iterable[str]:
 
 
 def _listed() -> Iterable[str]:
-    for names in (_scenarios, _laws, _observers, _compensations, _consists, _lines):
+    for names in (_runnable, _laws, _observers, _compensations, _consists, _lines):
         yield from names()
 
 

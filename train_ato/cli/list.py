@@ -36,8 +36,11 @@ def details(name: str) -> dict[str, Facts]:
     """
     from plant_sim.library import consist_names, line_names, load_consist, load_line, split_name
     from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
+    from train_ato.scenario.following import find_following
     from train_ato.scenario.scenario import shipped_scenarios
 
+    if (trains := find_following(name)) is not None:
+        return {"following": _following(trains)}
     if Path(split_name(name)[0]).suffix in (".yaml", ".yml"):
         return _file(name)
     found: dict[str, Facts] = {}
@@ -66,7 +69,7 @@ def _file(name: str) -> dict[str, Facts]:
     if kind == "line":
         return {kind: _line(load_line(str(path)))}
     if kind != "scenario" and not (isinstance(data, dict) and "base" in data):
-        known = ", ".join(f"train_ato/{name}/1" for name in ("scenario", "consist", "line"))
+        known = ", ".join(f"train_ato/{name}/1" for name in ("scenario", "consist", "line", "following"))
         raise ValueError(f"{path}: schema: {schema!r}: not known; write one of {known}")
     return {"scenario": _scenario(name)}
 
@@ -93,6 +96,17 @@ def _scenario(name: str) -> Facts:
         facts["expected verdict"] = expected.text
     facts |= _gains(scenario, path)
     return facts | {f"{stem}:{variant}": summary for variant, summary in variants_of(find(stem)[0]).items()}
+
+
+def _following(path: Path) -> Facts:
+    from train_ato.scenario.following import load_following
+
+    spec = load_following(path).spec
+    facts = {"summary": spec.summary, "file": str(path)}
+    for number, train in enumerate(spec.trains):
+        facts[train.name] = train.scenario + (f", behind {spec.trains[number - 1].name}" if number else "")
+    criteria = spec.criteria.model_dump(exclude_none=True)
+    return facts | {"criteria": ", ".join(f"{key} {value:g}" for key, value in criteria.items()), "source": spec.source}
 
 
 def _gains(scenario: Scenario, path: Path) -> Facts:
@@ -215,14 +229,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "name",
         nargs="?",
         metavar="NAME | FILE.yaml",
-        help="print details of this name, or of a scenario, consist or line file",
+        help="print details of this name, or of a scenario, following, consist or line file",
     )
 
 
 def catalogue() -> dict[str, dict[str, str]]:
     """Return the names of every kind with their one-line summaries."""
     from train_ato.apps.runs import catalogue as shipped
-    from train_ato.scenario.scenario import shipped_scenarios, variants_of
+    from train_ato.scenario.following import load_following
+    from train_ato.scenario.scenario import shipped_following, shipped_scenarios, variants_of
 
     scenarios: dict[str, str] = {}
     paths = shipped_scenarios()
@@ -231,6 +246,7 @@ def catalogue() -> dict[str, dict[str, str]]:
         scenarios |= {f"{name}:{variant}": text for variant, text in variants_of(paths[name]).items()}
     return {
         "scenarios": scenarios,
+        "following": {name: load_following(path).spec.summary for name, path in shipped_following().items()},
         "laws": shipped.laws(),
         "observers": shipped.observers(),
         "compensations": shipped.compensations(),
@@ -251,7 +267,7 @@ def execute(options: argparse.Namespace) -> int:
             rows = [(name, expected[name].partition(" ")[0], summary) for name, summary in entries.items()]
             print_names("scenarios, with expected verdict (`train-ato list NAME` has its cause)", rows)
         else:
-            print_names(kind, entries.items())
+            print_names("following trains, for `train-ato run`" if kind == "following" else kind, entries.items())
     return 0
 
 
@@ -268,9 +284,9 @@ def _details_of(name: str) -> dict[str, dict[str, str]]:
     if not found:
         from plant_sim.library import consist_names, line_names
         from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
-        from train_ato.scenario.scenario import shipped_scenarios
+        from train_ato.scenario.scenario import shipped_following, shipped_scenarios
 
         components = (name for registry in (LAWS, OBSERVERS, COMPENSATIONS) for name in registry.names())
-        known = {*shipped_scenarios(), *components, *consist_names(), *line_names()}
+        known = {*shipped_scenarios(), *shipped_following(), *components, *consist_names(), *line_names()}
         raise ValueError(f"unknown name '{name}'{close_match(name, known)}; see `train-ato list`")
     return {f"{kind} {name}": facts for kind, facts in found.items()}

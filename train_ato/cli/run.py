@@ -31,7 +31,7 @@ EXPLAINED = "msgs_docs/report.md, Output of a run"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``run``."""
-    add_scenario_options(parser)
+    add_scenario_options(parser, "a shipped scenario, NAME:variant, shipped following trains, or a YAML file of either")
     parser.add_argument("--law", metavar="NAME", help="control law: a name, or MODULE:CLASS without registration")
     mode = parser.add_mutually_exclusive_group()
     mode.add_argument("--engine", action="store_true", help="plain Python loop without ROS, same log")
@@ -152,10 +152,10 @@ def _execute_following(options: argparse.Namespace, file: Path) -> int:
     run_mode.check("--")
     if options.out is not None:
         check_free(options.out)
-    spec = load_following(file, tuple(options.assignments), options.seed)
-    out = options.out if options.out is not None else next_free(spec.name)
+    trains = load_following(file, tuple(options.assignments), options.seed)
+    out = options.out if options.out is not None else next_free(trains.spec.name)
     with compilation_noted(COMPILE_NOTE):
-        result = run_following(spec, file.parent, run_mode, out)
+        result = run_following(trains, run_mode, out)
     print_following(result.summary, out, as_json=options.json)
     if options.strict and result.summary["broken"]:
         raise RunFailed(f"{out}: {result.summary['broken'][0]}")

@@ -13,9 +13,11 @@ KINDS = ("law", "observer", "compensation")
 """Kinds of components; each is an option."""
 
 
-def add_scenario_options(parser: argparse.ArgumentParser) -> None:
-    """Add SCENARIO and the options that change it."""
-    parser.add_argument("scenario", metavar="SCENARIO", help="a shipped name, NAME:variant, or a YAML file")
+def add_scenario_options(
+    parser: argparse.ArgumentParser, text: str = "a shipped name, NAME:variant, or a YAML file"
+) -> None:
+    """Add SCENARIO with its help, and the options that change it."""
+    parser.add_argument("scenario", metavar="SCENARIO", help=text)
     add_change_options(parser)
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from importlib.resources import files
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -13,17 +14,24 @@ from plant_sim.input_error import build_model
 from plant_sim.library import read_yaml, split_name
 from plant_sim.si_model import SiModel, Source, Summary
 from plant_sim.units import Length, Place, Speed
-from train_ato.scenario.overlays import assign, overlay
+from train_ato.scenario.overlays import RefusedScenario, assign, caused_by, overlay
+from train_ato.scenario.scenario import FOLLOWING, raw_scenario, shipped_following
 
-SCHEMA = "train_ato/following/1"
 ALL = "all"
 """Name of all trains in a change ``all.duration=600``."""
+OF_THE_FILE = {
+    "schema": "is that of the scenario of the train; remove it",
+    "base": "is the key `scenario` of the train; remove it",
+    "name": "a run has the names of file and train; remove it",
+    "seed": "is that of the file for the first train, the next one for each further train; remove it, or write --seed",
+}
+"""Keys of a scenario that no change of a train may have, each with the remedy."""
 
 
 class TrainOfFollowing(SiModel):
     """One train; the one before it in the list is the train ahead."""
 
-    name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,39}$")] = Field(
+    name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,59}$")] = Field(
         description="name of the train and of its run folder", examples=["t2"]
     )
     scenario: str = Field(description="SCENARIO[:variant...], as for `train-ato run`", examples=["daqin_heavy_haul"])
@@ -82,19 +90,52 @@ class FollowingSpec(SiModel):
             raise ValueError(f"trains: '{ALL}' means all trains; give the train another name")
         return self
 
-    def scenario_of(self, number: int, folder: Path) -> dict[str, Any]:
-        """Return the scenario of a train as an overlay of its base; ``folder`` is that of the file."""
-        train = self.trains[number]
+
+@dataclass(frozen=True)
+class FollowingFile:
+    """Checked following file with the changes of a command line.
+
+    Attributes
+    ----------
+    spec : FollowingSpec
+        Content with the changes.
+    path : Path
+        File.
+    assignments : tuple of str
+        Changes, as ``TRAIN.a.b=value``.
+    """
+
+    spec: FollowingSpec
+    path: Path
+    assignments: tuple[str, ...] = ()
+
+    def scenario_of(self, number: int) -> dict[str, Any]:
+        """Return the scenario of a train as an overlay of its base.
+
+        Raises
+        ------
+        ValueError
+            If its base cannot be read: key, value, problem; fix.
+        """
+        train = self.spec.trains[number]
         stem, variants = split_name(train.scenario)
-        base = f"{(folder / stem).absolute()}{variants}" if (folder / stem).is_file() else train.scenario
-        own = {"base": base, "name": f"{self.name}-{train.name}", "seed": self.seed + number}
-        return overlay({**own, **self.all}, train.set)
+        beside = self.path.parent / stem
+        base = f"{beside.absolute()}{variants}" if beside.is_file() else train.scenario
+        try:
+            raw_scenario(base)
+        except ValueError as error:
+            raise ValueError(f"scenario = {train.scenario!r}: {error}") from None
+        own = {"base": base, "name": f"{self.spec.name}-{train.name}", "seed": self.spec.seed + number}
+        return overlay({**own, **self.spec.all}, train.set)
 
-
-def shipped_following() -> dict[str, Path]:
-    """Return the shipped following files by name."""
-    folder = Path(str(files("train_ato"))) / "scenario" / "shipped" / "following"
-    return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
+    def refusal(self, number: int, error: ValueError) -> RefusedScenario:
+        """Return the refusal of a train with the option that caused it, or with file and train."""
+        name = self.spec.trains[number].name
+        where = f"{self.path}: {name}"
+        lines = (f"{where}: {line.removeprefix('scenario: ')}" for line in str(error).split("\n"))
+        parts = [(text, *text.partition("=")[0].strip().partition(".")[::2]) for text in self.assignments]
+        changes = [(key, f"--set {text}") for text, train, key in parts if train in (ALL, name)]
+        return caused_by(ValueError("\n".join(lines)), Path(where), changes)
 
 
 def find_following(name: str) -> Path | None:
@@ -105,10 +146,23 @@ def find_following(name: str) -> Path | None:
     if path.suffix not in (".yaml", ".yml") or not path.is_file():
         return None
     data = read_yaml(path)
-    return path if isinstance(data, dict) and data.get("schema") == SCHEMA else None
+    return path if isinstance(data, dict) and str(data.get("schema")).startswith(FOLLOWING) else None
 
 
-def load_following(path: Path, assignments: tuple[str, ...] = (), seed: int | None = None) -> FollowingSpec:
+def _check_changes(changes: Mapping[str, Any], where: str, *, first: bool) -> None:
+    """Refuse a change of a key that each train has from the file itself, or a leader that is none."""
+    for key in changes.keys() & OF_THE_FILE.keys():
+        raise ValueError(f"{where}{key} = {changes[key]!r}: {OF_THE_FILE[key]}")
+    leader = changes.get("leader")
+    if leader is not None and first:
+        raise ValueError(f"{where}leader: the first train has no train ahead; remove it")
+    if leader is not None and not isinstance(leader, dict):
+        raise ValueError(f"{where}leader = {leader!r}: is no block of keys; write leader: {{headway: 150}}")
+    if leader and "reports" in leader:
+        raise ValueError(f"{where}leader.reports: they are those of the train ahead; remove them")
+
+
+def load_following(path: Path, assignments: tuple[str, ...] = (), seed: int | None = None) -> FollowingFile:
     """Return a checked following file with changes.
 
     Parameters
@@ -123,17 +177,28 @@ def load_following(path: Path, assignments: tuple[str, ...] = (), seed: int | No
     Raises
     ------
     ValueError
-        One line: file, key, value, problem; fix.
+        One line: file or option, train, key, value, problem; fix.
     """
     data = read_yaml(path)
-    spec = build_model(FollowingSpec, data if seed is None else {**data, "seed": seed}, str(path))
-    names = [ALL, *(train.name for train in spec.trains)]
+    try:
+        spec = build_model(FollowingSpec, data if seed is None else {**data, "seed": seed}, str(path))
+    except ValueError as error:
+        raise caused_by(error, path, [] if seed is None else [("seed", f"--seed {seed}")]) from None
+    _check_changes(spec.all, f"{path}: {ALL}.", first=True)
+    names = [train.name for train in spec.trains]
+    for train in spec.trains:
+        _check_changes(train.set, f"{path}: {train.name}: set.", first=train is spec.trains[0])
     changes: dict[str, Any] = {}
     for text in assignments:
         name, dot, rest = text.partition("=")[0].partition(".")
-        if not dot or not rest or name not in names:
-            raise ValueError(f"--set {text}: begin the key with a train: {', '.join(f'{each}.' for each in names)}")
-        assign(changes, text)
-    trains = [train.model_copy(update={"set": overlay(train.set, changes.get(ALL, {}))}) for train in spec.trains]
-    trains = [train.model_copy(update={"set": overlay(train.set, changes.get(train.name, {}))}) for train in trains]
-    return spec.model_copy(update={"trains": tuple(trains)})
+        if not dot or not rest or name not in (ALL, *names):
+            raise ValueError(f"--set {text}: begin the key with a train: {', '.join(f'{x}.' for x in (ALL, *names))}")
+        change: dict[str, Any] = {}
+        assign(change, text)
+        _check_changes(change[name], f"--set {text}: ", first=name in (ALL, names[0]))
+        changes = overlay(changes, change)
+    trains = tuple(
+        train.model_copy(update={"set": overlay(overlay(train.set, changes.get(ALL, {})), changes.get(train.name, {}))})
+        for train in spec.trains
+    )
+    return FollowingFile(spec.model_copy(update={"trains": trains}), path, assignments)

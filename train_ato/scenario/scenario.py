@@ -37,6 +37,8 @@ from train_ato.scenario.profile_spec import ProfileSpec
 from train_ato.supervision.settings import SupervisionSpec
 
 SCHEMA = "train_ato/scenario/1"
+FOLLOWING = "train_ato/following/"
+"""Begin of the schema of a file of trains behind each other."""
 OF_FILES = ("summary", "expect")
 """Keys of a variant that describe it and are no change of the run."""
 LARGEST_FILE = 64 * 2**20
@@ -254,6 +256,12 @@ def shipped_scenarios() -> dict[str, Path]:
     return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
 
 
+def shipped_following() -> dict[str, Path]:
+    """Return the shipped files of trains behind each other by name."""
+    folder = Path(str(files("train_ato"))) / "scenario" / "shipped" / "following"
+    return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
+
+
 def _read(path: Path) -> dict[str, Any]:
     if path.is_file() and path.stat().st_size > LARGEST_FILE:
         raise ValueError(f"{path}: larger than {LARGEST_FILE} bytes; name a scenario file")
@@ -274,7 +282,7 @@ def find(name: str) -> tuple[Path, str | None]:
     stem, variant = split_name(name)
     path = Path(stem)
     if not (path.suffix in (".yaml", ".yml") or path.is_file()):
-        shipped = shipped_scenarios()
+        shipped = shipped_scenarios() | shipped_following()
         if stem not in shipped:
             raise ValueError(f"unknown scenario '{stem}'{close_match(stem, shipped)}; see `train-ato list`")
         path = shipped[stem]
@@ -369,6 +377,8 @@ def check_scenario(data: dict[str, Any], source: str | Path) -> Scenario:
                 f"{source}: holds a {what} ({kind}), no scenario; name it as plant.{key} in one (train-ato "
                 "new scenario NAME)"
             )
+        if str(data.get("schema")).startswith(FOLLOWING):
+            raise ValueError(f"{source}: holds trains behind each other, no scenario; only `train-ato run` takes it")
         raise ValueError(f"{source}: schema: {data.get('schema')!r}: not supported; write '{SCHEMA}'")
     try:
         return Scenario.model_validate(data)

@@ -25,7 +25,7 @@ from train_ato.loop.headway import following_weight
 from train_ato.loop.recording import TRUTH, Recording
 from train_ato.loop.scenario_data import PartCache
 from train_ato.loop.setup import RunSetup
-from train_ato.scenario.following import FollowingSpec
+from train_ato.scenario.following import FollowingFile, FollowingSpec
 from train_ato.supervision.train_report import TrainReport, TrainReporter, reports_text
 
 SUMMARY = "summary.json"
@@ -56,7 +56,7 @@ def reporter_of(setup: RunSetup) -> TrainReporter:
         Without a supervisor, whose odometry the reports have.
     """
     if not setup.layout.supervised:
-        raise ValueError(f"{setup.scenario.name}: reports need the odometry; set supervision.enabled: true")
+        raise ValueError("supervision.enabled: the reports need the odometry; set supervision.enabled: true")
     return TrainReporter(setup.consist, setup.plant, setup.line, setup.supervisor().track.train.max_speed)
 
 
@@ -78,32 +78,20 @@ def first_report(setup: RunSetup) -> TrainReport:
 
 
 class _Preparation:
-    """Prepared runs of all trains.
+    """Prepared runs of all trains of a checked following file."""
 
-    Parameters
-    ----------
-    spec, folder
-        Checked following file, and its folder.
-    """
-
-    def __init__(self, spec: FollowingSpec, folder: Path) -> None:
-        self._spec, self._folder, self._parts = spec, folder, PartCache()
+    def __init__(self, file: FollowingFile) -> None:
+        self._file, self._parts = file, PartCache()
 
     def setup(self, number: int, reports: list[TrainReport]) -> RunSetup:
         """Return the run of a train with the reports of the train ahead, none for the first train."""
-        data = self._spec.scenario_of(number, self._folder)
-        name = self._spec.trains[number].name
-        if number:
-            given = data.get("leader", {})
-            if not isinstance(given, dict):
-                raise ValueError(f"{name}: leader: {given!r}: is no block; write leader: {{headway: 150}}")
-            data["leader"] = {**given, "reports": reports_text(reports)}
-        elif "leader" in data:
-            raise ValueError(f"{name}: leader: the first train has no train ahead; remove it")
         try:
+            data = self._file.scenario_of(number)
+            if number:
+                data["leader"] = {**data.get("leader", {}), "reports": reports_text(reports)}
             return choose_scenario(data).prepare(parts=self._parts)
         except ValueError as error:
-            raise ValueError(f"train {name}: {error}") from None
+            raise self._file.refusal(number, error) from None
 
     def check(self) -> None:
         """Prepare every train behind the start of the train ahead.
@@ -115,31 +103,38 @@ class _Preparation:
         """
         ahead: RunSetup | None = None
         report: list[TrainReport] = []
-        for number, train in enumerate(self._spec.trains):
+        for number in range(len(self._file.spec.trains)):
             setup = self.setup(number, report)
-            report = [first_report(setup)]
-            if ahead is not None and (gap := _start_gap(ahead, setup)) <= 0.0:
-                raise ValueError(
-                    f"train {train.name}: begins {-gap:.0f} m inside the train ahead; start it further back"
-                )
+            try:
+                report = [first_report(setup)]
+                if ahead is not None:
+                    _check_start(ahead, setup)
+            except ValueError as error:
+                raise self._file.refusal(number, error) from None
             ahead = setup
 
 
-def _start_gap(ahead: RunSetup, setup: RunSetup) -> float:
-    """Return the distance of two trains at the start [m]."""
+def _check_start(ahead: RunSetup, setup: RunSetup) -> None:
+    """Check that a train begins behind the train ahead on the same line."""
+    if (setup.line.name, setup.line.begin, setup.line.end) != (ahead.line.name, ahead.line.begin, ahead.line.end):
+        raise ValueError(
+            f"plant.line: '{setup.line.name}' is not '{ahead.line.name}' of the train ahead; give both the same line"
+        )
     rear = float(ahead.train().position[-1]) - ahead.consist.vehicles[-1].length / 2.0
-    return rear - float(setup.train().position[0]) - setup.consist.vehicles[0].length / 2.0
+    gap = rear - float(setup.train().position[0]) - setup.consist.vehicles[0].length / 2.0
+    if gap <= 0.0:
+        raise ValueError(f"profile: begins {-gap:.0f} m inside the train ahead; start it further back")
 
 
 def run_following(
-    spec: FollowingSpec, folder: Path, run_mode: RunMode, out: Path | None = None, shown: bool | None = None
+    file: FollowingFile, run_mode: RunMode, out: Path | None = None, shown: bool | None = None
 ) -> FollowingResult:
     """Run trains behind each other.
 
     Parameters
     ----------
-    spec, folder
-        Checked following file, and its folder.
+    file
+        Checked following file.
     run_mode
         Checked mode of every run.
     out
@@ -154,7 +149,7 @@ def run_following(
     RunFailed, RunInterrupted
         If a run fails; those before it are recorded.
     """
-    preparation = _Preparation(spec, folder)
+    spec, preparation = file.spec, _Preparation(file)
     preparation.check()
     place = None if out is None else RunFolder.make(out, spec.name).path
     runs: dict[str, Run] = {}
