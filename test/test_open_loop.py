@@ -29,6 +29,9 @@ NOTCHES = {
 }  # fmt: skip
 
 
+AIR_BRAKE = {"charged_kpa": 600, "reduction_kpa": [0, 50, 150], "braking_factor": [0, 0.2, 0.6]}
+
+
 def engine(mass_t: float = 100, **changes: Any) -> dict[str, Any]:
     """Return a train of one locomotive without resistance."""
     vehicle = {"mass_t": mass_t, "length": 20, "resistance": {"n": [0, 0, 0]}, "notches": NOTCHES} | changes
@@ -101,8 +104,7 @@ def test_a_run_has_the_speed_of_its_notch_by_hand() -> None:
 
 def test_a_notch_against_the_air_brake_at_standstill_acts() -> None:
     """Breaks if the rule of a law at rest takes the force of a standing train away."""
-    brake = {"charged_kpa": 600, "reduction_kpa": [0, 50, 150], "braking_factor": [0, 0.2, 0.6]}
-    consist = engine(shoes={"count": 16, "force_kn": 25, "friction": 0.48}) | {"air_brake": brake}
+    consist = engine(shoes={"count": 16, "force_kn": 25, "friction": 0.48}) | {"air_brake": AIR_BRAKE}
     driver = [{"time": 0, "reduction_kpa": 150}, {"time": 20, "notch": 1}, {"time": 30, "reduction": 0}]
     found = recorded(driver, consist=consist, duration=60)
     held = (found.time > 25) & (found.time < 30)
@@ -120,7 +122,17 @@ def test_a_notch_against_the_air_brake_at_standstill_acts() -> None:
         ({"profile": {"driver": [{"time": 1, "notch": 1, "units": [1]}]}}, "1 is not one of the 1 power units"),
         ({"profile": {"driver": [{"time": 1}]}}, "neither notch nor reduction"),
         ({"profile": {"driver": [{"notch": 1}]}}, "exactly one of time and place"),
-        ({"profile": {"driver": [{"time": 1, "reduction": 5e4}]}}, "the consist has no air_brake"),
+        ({"profile": {"driver": [{"time": 1, "reduction": 5e4}]}}, "driver.0.reduction: the consist has no air_brake"),
+        ({"plant": {"consist": engine() | {"air_brake": AIR_BRAKE}, "line": "level"},
+          "profile": {"driver": [{"time": 1, "reduction_kpa": 900}]}},
+         "driver.0.reduction = 900000 Pa: exceeds the charged 600000 Pa; lower it"),
+        ({"observer": "eso"}, "observer: with profile.driver"),
+        ({"compensation": "preview"}, "compensation: with profile.driver"),
+        ({"profile": {"driver": [{"time": 9, "notch": 1}, {"time": 5, "notch": 2}]}}, "driver.1.time = 5: lies"),
+        ({"profile": {"driver": [{"place": 9, "notch": 1}, {"place": 5, "notch": 2}]}},
+         "driver.1.place = 5: lies before 9,"),
+        ({"profile": {"driver": [{"place_km": 999, "notch": 1}]}}, "driver.0.place = 999000: beyond the end"),
+        ({"profile": {"driver": [{"time": 1, "notch": 1}], "until": 9}}, "until with driver: "),
         ({"plant": {"consist": engine(notches=None, traction=[{"to": 50, "force": 1e5}]), "line": "level"}},
          "power unit without notches"),
     ],
@@ -192,3 +204,4 @@ def test_the_example_is_a_run_without_a_law() -> None:
         setup = prepare(*load_scenario(f"{EXAMPLE}:{case}", ("duration=10",)))
         assert len(setup.consist.vehicles) == vehicles and "open_loop" in setup.controller
         assert not setup.layout.supervised
+        assert setup.advice().startswith("profile.driver.1: the run ends at 10 s, before the action at 30 s; ")

@@ -15,9 +15,10 @@ from typing import Any
 from pydantic import Field, TypeAdapter, model_validator
 
 from plant_sim.consist import Notches
+from plant_sim.input_error import one_of
 from plant_sim.railway import envelope_force
 from plant_sim.si_model import SiModel
-from plant_sim.units import Place, Pressure, Time
+from plant_sim.units import Place, Pressure, Time, number_text
 from train_ato.control.air_brake.policy import BrakeEvent
 from train_ato.control.algorithms.guard import GuardedLaw
 from train_ato.control.contract import LawInput, parameter
@@ -70,6 +71,17 @@ def driver_reductions(actions: Sequence[DriverAction]) -> tuple[BrakeEvent, ...]
         for action in actions
         if action.reduction is not None
     )
+
+
+def late_action(actions: Sequence[DriverAction], duration: float) -> str:
+    """Return a line on the first action that a run of a duration [s] does not reach by its time; "" without one."""
+    for number, action in enumerate(actions):
+        if action.time is not None and action.time >= duration:
+            return (
+                f"profile.driver.{number}: the run ends at {number_text(duration)} s, before the action at "
+                f"{number_text(action.time)} s; lengthen duration or remove the action"
+            )
+    return ""
 
 
 class NotchHandle:
@@ -135,30 +147,59 @@ class OpenLoopDriver(GuardedLaw):
         Raises
         ------
         ValueError
-            If a power unit has no notches, or an action names a notch or a unit that the train does not have.
+            If a power unit has no notches, or an action falls behind the one before it or needs a notch, a unit, a
+            brake or a place that train and line do not have.
         """
         super().bind(model, period)
         self._actions = _ACTIONS.validate_json(self.actions)
         self._notches = []
+        if not model.units:
+            raise ValueError("profile.driver: the train has no power unit; add notches to a vehicle type")
         for unit in model.units:
             notches = model.consist.vehicles[unit].notches
             if notches is None:
                 raise ValueError(f"profile.driver: vehicle {unit} is a power unit without notches; add notches")
             self._notches.append(notches)
+        reached = {"time": 0.0, "place": model.line.begin}
         for number, action in enumerate(self._actions):
+            key = f"profile.driver.{number}"
+            self._check_brake(key, action)
+            for name, last in reached.items():
+                at = getattr(action, name)
+                if at is not None and at < last:
+                    raise ValueError(
+                        f"{key}.{name} = {number_text(at)}: lies before {number_text(last)}, that of an earlier action "
+                        f"or of the begin; let {name}s rise"
+                    )
+                reached[name] = last if at is None else at
+            if reached["place"] > model.line.end:
+                raise ValueError(
+                    f"{key}.place = {number_text(reached['place'])}: beyond the end of the line, "
+                    f"{number_text(model.line.end)} m; give a place on it"
+                )
             for unit in action.units or range(self.n):
-                self._check(number, action, unit)
+                self._check_unit(key, action, unit)
         self.clear_state()
 
-    def _check(self, number: int, action: DriverAction, unit: int) -> None:
+    def _check_brake(self, key: str, action: DriverAction) -> None:
+        """Check the reduction of an action."""
+        brake = self.model.consist.air_brake
+        if action.reduction is not None and brake is None:
+            raise ValueError(f"{key}.reduction: the consist has no air_brake; remove it")
+        if action.reduction is not None and brake is not None and action.reduction > brake.charged:
+            raise ValueError(
+                f"{key}.reduction = {number_text(action.reduction)} Pa: exceeds the charged "
+                f"{number_text(brake.charged)} Pa; lower it"
+            )
+
+    def _check_unit(self, key: str, action: DriverAction, unit: int) -> None:
         """Check unit and notch of an action."""
-        key = f"profile.driver[{number}]"
         if not 0 <= unit < self.n:
-            raise ValueError(f"{key}: units: {unit} is not one of the {self.n} power units; give 0 ... {self.n - 1}")
+            raise ValueError(f"{key}.units: {unit} is not one of the {self.n} power units; {one_of(self.n)}")
         notches = self._notches[unit]
         low, high = -len(notches.brake), len(notches.traction)
         if action.notch is not None and not low <= action.notch <= high:
-            raise ValueError(f"{key}: notch: power unit {unit} has no notch {action.notch}; give {low} ... {high}")
+            raise ValueError(f"{key}.notch: power unit {unit} has no notch {action.notch}; give {low} ... {high}")
 
     def clear_state(self) -> None:
         """Put every handle on notch 0."""

@@ -218,7 +218,7 @@ def with_driver(scenario: Scenario) -> Scenario:
     Raises
     ------
     ValueError
-        If the scenario has a law, changes of it, re-planning or a brake policy beside the driver.
+        If the scenario has a law, a component of one, changes of it, re-planning or a brake policy beside the driver.
     """
     actions = scenario.profile.driver
     if actions is None or scenario.law == OPEN_LOOP:
@@ -226,11 +226,16 @@ def with_driver(scenario: Scenario) -> Scenario:
     for key, given in (
         ("law", "law" in scenario.model_fields_set),
         ("law_changes", bool(scenario.law_changes)),
+        ("observer", scenario.observer != "none"),
+        ("compensation", scenario.compensation != "none"),
         ("replan", scenario.replan is not None),
         ("brake.policy", scenario.brake.policy != "none"),
     ):
         if given:
-            raise ValueError(f"{key}: with profile.driver the run has no law and the brake of the driver; remove {key}")
+            raise ValueError(
+                f"{key}: with profile.driver the run has no law, observer or compensation, and the brake of the "
+                f"driver; remove {key}"
+            )
     events = driver_reductions(actions)
     brake = {"brake": BrakeSpec(policy="planned", events=events)} if events else {}
     off = scenario.supervision.model_copy(update={"enabled": bool(scenario.supervision.enabled)})

@@ -25,6 +25,7 @@ from train_ato.control.contract import Law
 from train_ato.control.force_distribution import ForceDistribution, PlannedDisplacement
 from train_ato.control.gains import Gains, advice
 from train_ato.control.keyword_form import GivenComponent, started
+from train_ato.control.open_loop import late_action
 from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS, Registry
 from train_ato.control.train_model import TrainModel
 from train_ato.loop.scenario_data import (
@@ -346,13 +347,16 @@ class RunSetup:
     def advice(self, name: str | None = None, values: Mapping[str, Any] | None = None) -> str:
         """Return a line with the remedy for a law that does not fit the train or its delay; "" if it fits.
 
-        Default: the law at the start with the parameters of the scenario.
+        Default: the law at the start with the parameters of the scenario; of a driver's run the first action that it
+        does not reach by its time.
 
         Raises
         ------
         ValueError
             As :meth:`law`.
         """
+        if name is None and self.scenario.profile.driver is not None:
+            return late_action(self.scenario.profile.driver, self.scenario.duration)
         name = name or self.controller
         law, gains = self.law(name, values), self.gains(name, values)
         delayed = not getattr(COMPENSATIONS.get(self.compensation), "predicts", False)

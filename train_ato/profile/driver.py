@@ -182,7 +182,7 @@ def simulate_actions(
     Raises
     ------
     ValueError
-        If the train does not have a notch, a unit or an air brake of the actions.
+        As :meth:`OpenLoopDriver.bind`.
     """
     step = period / max(1, math.ceil(period / STEP - 1e-9))
     setup = PlantSetup.model_validate({"start": {"position": start, "speed": speed}})

@@ -86,6 +86,9 @@ class ProfileSpec(SiModel):
             raise ValueError(
                 f"a profile has {', '.join(given) or 'no source'}; give exactly one of {', '.join(SOURCES)}"
             )
+        for key in ("until", "since", "append"):
+            if self.driver is not None and getattr(self, key):
+                raise ValueError(f"{key} with driver: the actions of the driver are the run; remove {key}")
         if self.steps is not None and self.until is None:
             raise ValueError("steps need an end; add until")
         return self
