@@ -175,6 +175,6 @@ def test_a_run_that_is_not_tracked_is_marked_as_failed() -> None:
     """Breaks if a lost train with passed criteria has a green line, or its line lacks the outcome."""
     lost = judged("lost", 0.05, tracking="lost", tracking_findings=[{"outcome": "lost", "text": "900 m behind"}])
     (text,) = verdict_texts([lost])
-    assert text.state == "failed" and text.text.startswith("lost: 900 m behind; passed (1 criteria): ")
+    assert text.state == "failed" and text.text.startswith("lost: 900 m behind; passed (1 criterion): ")
     (text,) = verdict_texts([judged("good", 0.05, tracking="tracked", tracking_findings=[])])
-    assert text.state == "passed" and text.text.startswith("passed (1 criteria): ")
+    assert text.state == "passed" and text.text.startswith("passed (1 criterion): ")

@@ -202,10 +202,11 @@ def _head(summary: Metrics, count: int, failed: list[CriterionRow]) -> str:
     if verdict is None:
         return "no criteria"
     if verdict == "failed":
-        return f"failed ({len(failed)} of {count} criteria)" if failed else "failed (the run did not end)"
+        of = f"{len(failed)} of {count} {'criterion' if count == 1 else 'criteria'}"
+        return f"failed ({of})" if failed else "failed (the run did not end)"
     if verdict == "incomplete":
         return "incomplete"
-    return f"passed ({count} criteria)"
+    return f"passed ({count} {'criterion' if count == 1 else 'criteria'})"
 
 
 def _stop_text(summary: Metrics) -> str:
