@@ -61,6 +61,17 @@ def test_wrong_parameters_are_refused_and_the_old_law_goes_on(make, name, value,
     assert bench.node.stage.controller == before["law"]
 
 
+def test_an_unknown_parameter_is_named(make):
+    """Breaks if `ros2 param set` of a wrong name gets the answer of rclpy, which names none."""
+    bench = make(Role.CONTROLLER)
+    change = Parameter("smc.kss", value=1.0).to_parameter_msg()
+    (result,) = bench.call(SetParameters, "controller/set_parameters", parameters=[change]).results
+    said = (
+        "parameter smc.kss: node controller has none of that name (did you mean 'smc.ks'?); `ros2 param list` names all"
+    )
+    assert (result.successful, result.reason) == (False, said)
+
+
 def test_an_accepted_law_is_answered_with_its_advice(make):
     """Breaks if `ros2 param set` of gains that do not fit is answered without the remedy, or the answer lasts."""
     bench = make(Role.CONTROLLER)

@@ -12,7 +12,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from foreign_node import ForeignNode
-from lifecycle_msgs.srv import ChangeState, GetState
+from lifecycle_msgs.srv import ChangeState, GetAvailableTransitions, GetState
 from node_bench import Bench, set_parameter
 from rclpy.duration import Duration
 from rclpy.node import Node
@@ -326,6 +326,8 @@ def test_the_state_of_a_node_is_that_of_a_managed_node(make, capsys):
     assert bench.call(GetState, "observer/get_state").current_state.label == "unconfigured"
     answer = bench.call(ChangeState, "observer/change_state")
     assert not answer.success and "node observer: ~/change_state: refused" in capsys.readouterr().err
+    for name in ("get_available_transitions", "get_transition_graph"):  # `ros2 lifecycle set` waits for the first
+        assert bench.call(GetAvailableTransitions, f"observer/{name}").available_transitions == []
     publisher = bench.speaker("train/measurement")
     measurement = PlantStage(_unsupervised(2)).observe().measurement
     publisher.publish(bench.wire.encode("train/measurement", measurement))

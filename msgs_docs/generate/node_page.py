@@ -22,6 +22,8 @@ MARK = "<!-- From here on made by `python -m msgs_docs.generate`; do not edit by
 _AT_MOST = {kind: f"at most {count}" for kind, count in MAX_REQUESTS.items()}
 _SERVICES = {
     "change_state": "no transition is offered: refused, with a line on standard error and `/rosout`",
+    "get_available_transitions": "none",
+    "get_transition_graph": "none",
     "get_state": "`unconfigured` before all connections, `inactive` before the first tick, `active`, `finalized`",
     "adhesion": "multiply the adhesion by `adhesion.factor`, for the rest of the run",
     "brake_fade": "multiply the forces of the friction brakes by `brake_fade.factor`, for the rest of the run",

@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from lifecycle_msgs.msg import State
-from lifecycle_msgs.srv import ChangeState, GetState
+from lifecycle_msgs.srv import ChangeState, GetAvailableTransitions, GetState
 
 if TYPE_CHECKING:
     from train_ato.ros.nodes.endpoints import NodeEndpoints
@@ -23,7 +23,10 @@ REFUSED = "~/change_state: refused, the plant begins and ends the run; see its s
 
 
 def serve_lifecycle(endpoints: NodeEndpoints) -> None:
-    """Offer ``~/get_state``, and ``~/change_state``, which refuses every transition in one line."""
+    """Offer ``~/get_state``, no transitions, and ``~/change_state``, which refuses every transition in one line.
+
+    ``ros2 lifecycle set`` and ``list`` wait for ever for a node without the services that list its transitions.
+    """
 
     def answer(_: Any, response: Any) -> Any:
         number = _state(endpoints)
@@ -37,6 +40,8 @@ def serve_lifecycle(endpoints: NodeEndpoints) -> None:
 
     endpoints.serve(GetState, "~/get_state", answer)
     endpoints.serve(ChangeState, "~/change_state", refuse)
+    for name in ("~/get_available_transitions", "~/get_transition_graph"):
+        endpoints.serve(GetAvailableTransitions, name, lambda _, response: response)
 
 
 def _state(endpoints: NodeEndpoints) -> int:

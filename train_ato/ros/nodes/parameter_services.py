@@ -11,7 +11,13 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.parameter_service import ParameterService
 
+from train_ato.control.parameters import closest
 from train_ato.errors import FirstFailure, of_own_code
+
+
+def unknown_parameter(node: str, given: str, names: list[str]) -> str:
+    """Return the refusal of a parameter that a node does not have."""
+    return f"parameter {given}: node {node} has none of that name{closest(given, names)}; `ros2 param list` names all"
 
 
 class ParameterServices(ParameterService):  # type: ignore[misc]
@@ -40,7 +46,11 @@ class ParameterServices(ParameterService):  # type: ignore[misc]
     def _set_parameters_atomically_callback(self, request: Any, response: Any) -> Any:
         for entry in request.parameters:  # an integer is a number of a parameter with doubles, as on the command line
             node, value = self._get_node(), entry.value
-            integer = value.type == ParameterType.PARAMETER_INTEGER and node.has_parameter(entry.name)
+            if not node.has_parameter(entry.name):  # rclpy names none in its refusal
+                reason = unknown_parameter(node.get_name(), entry.name, list(node._parameters))
+                response.result = SetParametersResult(successful=False, reason=reason)
+                return response
+            integer = value.type == ParameterType.PARAMETER_INTEGER
             if integer and node.get_parameter(entry.name).type_ is RosParameter.Type.DOUBLE:
                 value.type, value.double_value = ParameterType.PARAMETER_DOUBLE, float(value.integer_value)
         try:

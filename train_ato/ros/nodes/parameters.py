@@ -18,8 +18,8 @@ from rclpy.parameter import Parameter as RosParameter
 
 from plant_sim.units import number_text
 from train_ato.control.contract import Parameter
-from train_ato.control.parameters import closest
 from train_ato.control.registry import LAWS, OBSERVERS
+from train_ato.ros.nodes.parameter_services import unknown_parameter
 
 OF_NODES = {"law", "controller", "observer"}
 """Parameters of the nodes besides those of laws and observers; the plant adds its own."""
@@ -88,10 +88,7 @@ def _refuse_unknown(node: Node, names: list[str]) -> None:
     for given in node._parameter_overrides:
         known = given in names or given in _CLOCK or _of_another_node(given)
         if not known and not given.startswith("qos_overrides."):
-            raise ValueError(
-                f"parameter {given}: node {node.get_name()} has none of that name{closest(given, names)}; "
-                f"`ros2 param list` names all"
-            )
+            raise ValueError(unknown_parameter(node.get_name(), given, names))
 
 
 def _reason(error: Exception) -> str:
