@@ -83,6 +83,28 @@ def test_the_page_has_every_cell_and_a_reason_for_every_miss() -> None:
     assert all(row["choice"] != "nearest choice: " for row in ROWS if row["outcome"] == "refused")
 
 
+def test_the_leaderboard_counts_every_run_once(tmp_path: Path) -> None:
+    """Breaks if a run is lost or counted as passed that misses a criterion, or a scenario has two first laws."""
+    kept = {"scenario": "demo", "gains": "fitted", "outcome": "tracked", "stop_error_max_m": -0.2}
+    rows = [
+        {**kept, "law": "pid", "speed_rmse_kmh": 0.2},
+        {**kept, "law": "smc", "speed_rmse_kmh": 0.1, "missed": {"jerk": 1.0}},
+        {**kept, "law": "gpc", "speed_rmse_kmh": 0.1, "outcome": "limit cycle"},
+        {**kept, "law": "mpc", "outcome": "refused"},
+        {**kept, "law": "pid", "speed_rmse_kmh": 0.4, "scenario": "xuzhou_metro"},
+    ]
+    path = tmp_path / table.MEASURED
+    path.parent.mkdir()
+    path.write_text(json.dumps(rows))
+    board = table.page(tmp_path).partition("## Leaderboard")[2].partition("\n\nDefault gains")[0].splitlines()[-4:]
+    assert board == [
+        "| pid | 2 | 2 | 2 | 0 | 2 | 1 | 0.3 | 0.2 |",
+        "| smc | 0 | 1 | 1 | 0 | 0 | 2 | 0.1 | 0.2 |",
+        "| gpc | 0 | 0 | 1 | 0 | 0 | 3 | - | - |",
+        "| mpc | 0 | 0 | 0 | 1 | 0 | - | - | - |",
+    ]
+
+
 @pytest.mark.campaign
 def test_the_page_has_the_nominal_scenarios_that_are_shipped_and_the_gains_of_their_runs() -> None:
     """Breaks if a new nominal scenario has no rows, or a row says `fitted` for gains of the rule."""

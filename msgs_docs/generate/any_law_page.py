@@ -12,6 +12,7 @@ import numpy as np
 from msgs_docs.generate.rows import read_rows, write_rows
 from plant_sim.plant_setup import Mismatch
 from plant_sim.units import number_text
+from train_ato.apps.runs.ranking import rank_of, standings
 from train_ato.control.gains import FITTED, PRINTED, has_gains
 from train_ato.control.registry import LAWS
 from train_ato.errors import RunFailed
@@ -62,6 +63,13 @@ reason and the nearest choice.
 """
 
 
+LEADERBOARD = """## Leaderboard
+
+All laws over all these scenarios, with default gains. A law is above another one if it passed more runs, then if it
+tracked more, then by its mean rank. In every scenario the runs that passed come first, the smallest speed error first.
+The speed error (rms) is the median of the tracked runs, the stop error the largest one of them.
+`train-ato compare SCENARIO... --seeds N` makes this table for other scenarios, seeds and laws, also for your own.
+"""
 REASONS: dict[tuple[str, str], str] = {
     (FREIGHT, "funnel"): (
         "The law has one loop for the mean of five vehicles with disturbances of their own, which swing in the "
@@ -220,13 +228,38 @@ def page(root: Path) -> str:
     for title, part in (("default", default), ("printed", printed)):
         refused = [found["outcome"] for found in part].count("refused")
         lines.append(f"| {title} | {len(part)} | {sum(map(holds, part))} | {refused} |")
-    lines += ["", "Default gains, not met:", ""]
+    lines += ["", *_leaderboard(default), "", "Default gains, not met:", ""]
     for found in not_met(rows):
         cell = found["scenario"], found["law"]
         lines.append(f"* `{cell[0]}`, `{cell[1]}`: {verdict(found)}. {REASONS.get(cell, '')}".rstrip())
     for name in dict.fromkeys(found["scenario"] for found in rows):
         lines += ["", f"## `{name}`", "", *_table([found for found in rows if found["scenario"] == name])]
     return "\n".join(lines) + "\n"
+
+
+def _leaderboard(rows: list[dict[str, Any]]) -> list[str]:
+    """Return the standings of all laws, as ``train-ato compare SCENARIO...`` ranks them."""
+    comparisons: dict[str, list[dict[str, Any]]] = {}
+    for row in rows:
+        run = {
+            "controller": row["law"],
+            "status": row["outcome"] if row["outcome"] in ("refused", "failed") else "done",
+        }
+        run |= {"tracking_findings": row["outcome"] != "tracked", "verdict": "passed" if holds(row) else "failed"}
+        run |= {
+            "criteria": [{"passed": False}] * len(row.get("missed", ())),
+            "stop_error_m": row.get("stop_error_max_m"),
+        }
+        run["speed_rmse_kmh"] = row.get("speed_rmse_kmh")
+        comparisons.setdefault(row["scenario"], []).append(run)
+    lines = [LEADERBOARD, "| law | passed | tracked | runs | refused | first | mean rank | median rms km/h | stop m |"]
+    lines.append("|---|---|---|---|---|---|---|---|---|")
+    for found in standings([sorted(runs, key=rank_of) for runs in comparisons.values()]):
+        cells = [str(found[key]) for key in ("law", "passed", "tracked", "runs", "refused", "first")]
+        figures = [found[key] for key in ("rank", "speed_rmse_kmh", "stop_error_m")]
+        cells += ["-" if value is None else number_text(value, 3) for value in figures]
+        lines.append(f"| {' | '.join(cells)} |")
+    return lines
 
 
 def _table(rows: list[dict[str, Any]]) -> list[str]:
