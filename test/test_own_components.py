@@ -195,6 +195,9 @@ class Unsound:
     def text(self) -> Any:
         return LawOutput("full")  # type: ignore[arg-type]
 
+    def whole(self) -> Any:
+        return LawOutput(np.array([1000]))
+
     def exits(self) -> Any:
         sys.exit(0)
 
@@ -226,6 +229,16 @@ class UnsoundObserver:
         if self.left < 0:
             raise ValueError("no measurement")
         return np.zeros(1)
+
+
+class Answers(UnsoundObserver):
+    """Observer that returns another array after 20 s."""
+
+    answer: Any = None
+
+    def step(self, inputs: Any) -> Any:
+        self.left -= 1
+        return np.zeros(1) if self.left >= 0 else self.answer
 
 
 def failed(scenario: str = "xuzhou_metro", **options: Any) -> RunFailed:
@@ -314,6 +327,28 @@ def test_an_observer_that_raises_stops_the_train(mode: Any, monkeypatch: pytest.
     )
     moving, end = speeds(error)
     assert moving > 5.0 and abs(end) < 0.1
+
+
+@pytest.mark.parametrize(
+    ("answer", "fault"), [(np.array([np.nan]), "[nan] N"), (np.zeros(2), "shape (2,)"), (0.0, "float")]
+)
+def test_an_observer_that_returns_nonsense_stops_the_train(answer: Any, fault: str) -> None:
+    """Breaks if the codec of the message ends the run while the train moves, without file and line."""
+    observer = Answers()
+    observer.answer = answer
+    error = failed(observer=observer, set=METRO)
+    said = f"node observer failed: observer Answers: step() returned {fault}; return an array of 1, {__file__}:"
+    assert str(error).startswith(said)
+    moving, end = speeds(error)
+    assert moving > 5.0 and abs(end) < 0.1
+
+
+def test_whole_numbers_are_forces() -> None:
+    """Breaks if an array of int64 ends the run while the train moves, because the messages have float64 only."""
+    observer = Answers()
+    observer.answer = np.array([0])
+    run = ta.run("xuzhou_metro", law=Unsound("whole"), observer=observer, set={"duration": 22})
+    assert run.metrics["ticks"] == 440 and run.recording.command[-1, 0] == 1000.0
 
 
 @pytest.mark.parametrize("mode", ["engine", pytest.param("composed", marks=pytest.mark.graph)])

@@ -127,10 +127,12 @@ def output_fault(name: str, law: Any, output: Any, units: int) -> str:
 
 
 def estimate_fault(name: str, observer: Any, estimate: Any, units: int) -> str:
-    """Return the fault of an estimate that is no array of the units, with its remedy; "" without one."""
-    if isinstance(estimate, np.ndarray) and estimate.shape == (units,) and estimate.dtype.kind in "fiu":
-        return ""
+    """Return the fault of an estimate that is no finite array of the units, with its remedy; "" without one."""
     found = f"shape {estimate.shape}" if isinstance(estimate, np.ndarray) else type(estimate).__name__
+    if isinstance(estimate, np.ndarray) and estimate.shape == (units,) and estimate.dtype.kind in "fiu":
+        if all(map(math.isfinite, estimate.tolist())):
+            return ""
+        found = f"{str(estimate.tolist())[:60]} N"
     text = f"observer {short_name(name)}: step() returned {found}; return an array of {units}"
     return f"{text}{_step_of(observer)}"
 

@@ -336,7 +336,7 @@ class ControlStack:
         if answered is None:
             return self._last
         inputs, output = answered
-        wanted = output.force.tolist()
+        wanted = np.asarray(output.force, dtype=np.float64).tolist()
         if output.plan is not None:
             self.plan = TimedPlan(inputs.t, output.plan)
         if output.held:

@@ -78,7 +78,7 @@ class ObserverStage:
                         estimate: DisturbanceEstimate = stamped(self.stack.step(arrived), stamp)
                     text = estimate_fault(setup.observer, self._observer, estimate.force, setup.model.n_units)
                     if not text:
-                        return estimate
+                        return DisturbanceEstimate(estimate.stamp, np.asarray(estimate.force, dtype=np.float64))
                 except BaseException as error:  # a user-defined observer may raise any
                     raise_if_interrupted(error)
                     cause, text = error, fault_of_error("observer", setup.observer, error)
