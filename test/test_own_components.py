@@ -198,6 +198,9 @@ class Unsound:
     def whole(self) -> Any:
         return LawOutput(np.array([1000]))
 
+    def pressure(self) -> Any:
+        return LawOutput(np.zeros(1), brake_pipe=np.nan)
+
     def exits(self) -> Any:
         sys.exit(0)
 
@@ -261,6 +264,7 @@ FAULTS = {
     "number": "step() returned float; return LawOutput(force=array of 1)",
     "long": "step() returned [0.0, 0.0, 0.0, 0.0] N, shape (4,); return LawOutput(force=array of 1)",
     "text": "step() returned force of type str; return LawOutput(force=array of 1)",
+    "pressure": "step() returned brake_pipe nan Pa; return LawOutput(force=array of 1)",
     "exits": "called sys.exit(0)",
     "interrupts": "KeyboardInterrupt",
     "loops": "step() did not return within 0.5 s",

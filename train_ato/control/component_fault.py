@@ -152,6 +152,8 @@ def _wrong_part(output: Any, units: int) -> str:
         return f"{str(force.tolist())[:60]} N"
     if output.brake_pipe is not None and not isinstance(output.brake_pipe, (int, float)):
         return f"brake_pipe of type {type(output.brake_pipe).__name__}"
+    if output.brake_pipe is not None and not math.isfinite(output.brake_pipe):
+        return f"brake_pipe {output.brake_pipe} Pa"
     if not isinstance(output.held, str):
         return f"held of type {type(output.held).__name__}"
     if output.plan is not None and not isinstance(output.plan, LawPlan):

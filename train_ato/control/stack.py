@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -344,7 +343,7 @@ class ControlStack:
             self._hold.hold(reason, by_component=is_valid(inputs))
         else:
             self._hold.resume()
-        if self._air_brake and output.brake_pipe is not None and math.isfinite(output.brake_pipe):
+        if self._air_brake and output.brake_pipe is not None:
             self.pressure = min(max(output.brake_pipe, 0.0), self.model.consist.air_brake.charged)  # type: ignore[union-attr]
             self.law_brakes = True
         sent = self._limited(wanted, low, high)
