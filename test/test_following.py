@@ -126,7 +126,7 @@ def test_a_wrong_report_is_refused_and_counted(wrong: TrainReport) -> None:
     receiver = ReportReceiver(setup, "test")
     for time in (0.0, 0.4, 0.8, 1.2, 1.6):
         receiver.receive(round(time * 1e9))
-    receiver._reports = (*REPORTS, wrong)
+    receiver._reports = [*REPORTS, wrong]
     assert receiver.receive(2_400_000_000) is None
     assert receiver.newest == REPORTS[-1]
     assert receiver.refused == 1

@@ -130,6 +130,13 @@ def add_no_lockstep(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_followed(parser: argparse.ArgumentParser) -> None:
+    """Declare ``--followed``."""
+    parser.add_argument(
+        "--followed", action="store_true", help="do not begin before a train behind reads the reports of this train"
+    )
+
+
 def parse_yaml_value(text: str, option: str) -> Any:
     """Return a value written as YAML: ``0.4``, ``1e-3``, ``true``, ``smc``.
 

@@ -97,7 +97,7 @@ def _section(role: Role, node: Any) -> list[str]:
     for verb, found in topics.items():
         names = ", ".join(f"`{topic.name}`" for topic in found)
         if role is Role.RECORDER and verb == "Reads":
-            names = "every topic of the table except `recorder/progress`"
+            names = "every topic of the table except `train/report` and `recorder/progress`"
         lines += [f"{verb}: {names or 'nothing'}.", ""]
     services = [(service.srv_name, service.srv_type) for service in node.services if _own(node, service)]
     if services:

@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from train_ato.arguments import add_no_lockstep, add_rate, parse_limit
+from train_ato.arguments import add_followed, add_no_lockstep, add_rate, parse_limit
 from train_ato.cli.scenario_options import add_scenario_options, prepare_from
 from train_ato.errors import RunFailed
 from train_ato.log.compression import add_compression
@@ -62,6 +62,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--domain", type=int, metavar="N", help="ROS domain, 0 to 232 (default: ROS_DOMAIN_ID, or a free one)"
     )
+    parser.add_argument(
+        "--namespace", metavar="/NAME", default="",
+        help="namespace of all nodes, for one of several trains in a domain",
+    )  # fmt: skip
+    add_followed(parser)
 
 
 def restart_limit(*, wanted: bool, limit: int | None) -> int:
@@ -95,7 +100,7 @@ def prepared(options: argparse.Namespace) -> tuple[RunSetup, RunMode, Path]:
     rate = None if math.isinf(options.rate) else options.rate
     run_mode = RunMode(
         mode, rate, options.lockstep, options.domain, options.compression, restarts, options.start_limit,
-        options.external,
+        options.external, options.namespace, options.followed,
     )  # fmt: skip
     run_mode.check("--")
     if options.out is not None:
@@ -144,8 +149,9 @@ def _execute_following(options: argparse.Namespace, file: Path) -> int:
         if (value := getattr(options, name)) is not None:
             remedy = "remove it" if name == "external" else f"write --set all.{name}={value}"
             raise ValueError(f"--{name} {value}: a following file has several trains; {remedy}")
-    if options.restart:
-        raise ValueError("--restart: not with a following file; remove it")
+    for name in ("restart", "namespace", "followed"):
+        if getattr(options, name):
+            raise ValueError(f"--{name}: not with a following file; remove it")
     mode = "engine" if options.engine else "processes" if options.processes else "composed"
     rate = None if math.isinf(options.rate) else options.rate
     run_mode = RunMode(mode, rate, options.lockstep, options.domain, options.compression, 0, options.start_limit)

@@ -200,11 +200,12 @@ class TickLoop:
         self._release = speeds = None
         if self.supervisor is not None and plant.odometry is not None:
             self.active = "supervisor"
-            supervisor = self.supervisor.step(plant.odometry)
+            supervisor = self.supervisor.step(plant.odometry, plant.ahead)
             self._publish(stamp, supervisor.published())
             self._release, speeds = supervisor.release, supervisor.speeds
         self.active = "profile"
-        profile = self.profile.on_measurement(plant.measurement, None if self._release is None else self.last_report)
+        report = None if self._release is None else self.last_report
+        profile = self.profile.on_measurement(plant.measurement, report, plant.ahead)
         self._publish(stamp, profile.published())
         if profile.profile is not None:
             self.controller.set_profile(self.profile.profile)

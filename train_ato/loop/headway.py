@@ -18,7 +18,7 @@ import numpy as np
 from plant_sim.compiled import compiled
 from train_ato.loop.setup import RunSetup
 from train_ato.loop.train_ahead import ReportReceiver
-from train_ato.messages.types import Array
+from train_ato.messages.types import Array, TrainAhead
 from train_ato.profile.profile import Profile
 from train_ato.scenario.leader import RESERVE, LeaderSpec
 
@@ -121,7 +121,6 @@ class HeadwayProfile:
         self._times: list[float] = []
         self._deviations: list[float] = []
         self._built_at = -np.inf
-        self._take(self.receiver.newest.time, self.receiver.newest.front)
 
     def _take(self, time: float, front: float) -> None:
         """Keep the deviation of a report from the own profile one headway later."""
@@ -129,8 +128,11 @@ class HeadwayProfile:
         self._times.append(at)
         self._deviations.append(min(front - self._half - self._own.at(at)[0], LARGEST_LEAD))
 
-    def step(self, stamp: int) -> Profile | None:
-        """Return a new profile at a stamp [ns] if the reports give enough more of it, else None."""
+    def step(self, stamp: int, ahead: TrainAhead | None = None) -> Profile | None:
+        """Return a new profile at a stamp [ns] if the reports, also a live one, give enough more of it, else None."""
+        self.receiver.hear(ahead)
+        if not self._times:
+            self._take(self.receiver.newest.time, self.receiver.newest.front)
         report = self.receiver.receive(stamp)
         if report is not None and report.time + self._headway > self._times[-1]:
             self._take(report.time, report.front)

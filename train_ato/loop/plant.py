@@ -20,6 +20,7 @@ from plant_sim.train import Train
 from train_ato.loop.inputs import StageInputs
 from train_ato.loop.setup import RunSetup
 from train_ato.loop.stage_messages import PlantMessages, PlantTruth, diagnostics_due
+from train_ato.loop.train_ahead import ReportRadio, ReportSender
 from train_ato.loop.train_protection import Protection, TrainProtection
 from train_ato.messages.faults import DropFault, FreezeFault
 from train_ato.messages.links import DelayJump, Link, LinkSpec
@@ -205,6 +206,10 @@ class PlantStage:
         Link of the pressure of the brake pipe; None without a delay.
     odometers : Odometers or None
         Odometers of the supervisor.
+    reports : ReportSender or None
+        Reports to the train behind; None for a train alone in its domain.
+    radio : ReportRadio or None
+        Live reports of the train ahead; None without any.
     """
 
     role = Role.PLANT
@@ -237,6 +242,8 @@ class PlantStage:
             front = float(self.train.position[0]) + self.half
             slips = setup.plant.sensors.wheel_slip
             self.odometers = Odometers(setup.plant.odometry, slips, front, setup.seed)
+        self.reports = ReportSender(setup) if setup.layout.reports else None
+        self.radio = ReportRadio(setup) if setup.layout.behind else None
         self.tick = 0
 
     @property
@@ -261,7 +268,9 @@ class PlantStage:
         self.outage_changed = False
         reported = self.inputs.take_changed() or taken or changed or diagnostics_due(stamp, self._tick_ns)
         truth = self._truth(stamp, seen, self.diagnostic(taken) if reported else None)
-        return PlantMessages(*truth, seen.measurement, odometry, protection)
+        report = None if self.reports is None or odometry is None else self.reports.message(odometry)
+        ahead = None if self.radio is None or odometry is None else self.radio.newest(stamp)
+        return PlantMessages(*truth, seen.measurement, odometry, protection, report, ahead)
 
     def _for_supervisor(self, stamp: int, seen: Observation) -> tuple[Odometry | None, ProtectionState | None]:
         """Return odometry and fail-safe state at a step of the supervisor, otherwise None."""

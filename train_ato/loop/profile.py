@@ -18,6 +18,7 @@ from train_ato.messages.types import (
     Diagnostic,
     Measurement,
     Reference,
+    TrainAhead,
 )
 from train_ato.profile.planner.plan_from_state import TrainState, replan
 from train_ato.profile.planner.settings import PlanSettings
@@ -82,7 +83,9 @@ class ProfileStage:
         position, velocity, acceleration, _ = self.profile.at(stamp * 1e-9)
         return Reference(stamp, position, velocity, acceleration, self.planned)
 
-    def on_measurement(self, measurement: Measurement, ato: AtoReport | None = None) -> ProfileMessages:
+    def on_measurement(
+        self, measurement: Measurement, ato: AtoReport | None = None, ahead: TrainAhead | None = None
+    ) -> ProfileMessages:
         """Return the reference for the stamp of the measurement, with the new profile after re-planning.
 
         Parameters
@@ -91,12 +94,14 @@ class ProfileStage:
             Measurement of this stamp.
         ato
             At a step of the supervisor: report of the ATO at the step before.
+        ahead
+            At a step of the supervisor: live report of the train ahead.
         """
         stamp = measurement.stamp
         arrived = self.inputs.measurement(measurement)
         report = None if ato is None else self.inputs.receive("ato/state", stamp, ato)
         decided = self._joined(stamp) or self._begun_again(stamp, arrived, report)
-        decided = decided or self._followed(stamp) or self._replanned(stamp, arrived)
+        decided = decided or self._followed(stamp, ahead) or self._replanned(stamp, arrived)
         reported = self.inputs.take_changed() or decided or diagnostics_due(stamp, self.setup.tick_ns)
         return ProfileMessages(
             self.step(stamp),
@@ -131,9 +136,9 @@ class ProfileStage:
             self._refusal = str(error)
         return True
 
-    def _followed(self, stamp: int) -> bool:
+    def _followed(self, stamp: int, ahead: TrainAhead | None) -> bool:
         """Follow the train ahead; return True with a new profile behind it."""
-        found = None if self._headway is None else self._headway.step(stamp)
+        found = None if self._headway is None else self._headway.step(stamp, ahead)
         if found is None:
             return False
         self.profile, self.planned = found, stamp

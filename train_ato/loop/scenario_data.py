@@ -121,6 +121,7 @@ def scenario_layout(scenario: Scenario, consist: Consist, line: Line) -> TrainLa
         air_brake=consist.air_brake is not None,
         disturbed=bool(scenario.plant.disturbances),
         supervised=_is_supervised(scenario, line),
+        behind=scenario.leader is not None and bool(scenario.leader.train),
     )
 
 

@@ -45,7 +45,7 @@ from train_ato.loop.scenario_data import (
 from train_ato.loop.supervised_plan import SpeedCeiling, profile_within
 from train_ato.messages.topic import TrainLayout
 from train_ato.messages.topics import BY_NAME
-from train_ato.messages.types import Array
+from train_ato.messages.types import Array, TrainAhead
 from train_ato.profile.profile import Profile
 from train_ato.scenario.formula import parse_formula, signals_of
 from train_ato.scenario.interventions import Intervention, TrainJumpNow
@@ -132,11 +132,14 @@ def check_leader(setup: RunSetup) -> None:
     spec = setup.scenario.leader
     if spec is None:
         return
+    if spec.train and (spec.reports or not setup.layout.supervised):
+        remedy = "remove leader.reports" if spec.reports else "set supervision.enabled: true"
+        raise ValueError(f"leader.train: {spec.train}: live reports come with the odometry of the supervisor; {remedy}")
     try:
         reports = setup.leader_reports
     except ValueError as error:
         raise ValueError(f"leader.reports: {error}") from None
-    if reports[0].problem:
+    if reports and reports[0].problem:
         raise ValueError(f"leader.reports: line 2: {reports[0].problem}; correct the first report")
     if spec.authority is not None and not setup.layout.supervised:
         raise ValueError(
@@ -186,6 +189,8 @@ class RunSetup:
         Speed profile with knots at the tick.
     given : Mapping
         Objects given to :func:`train_ato.run` by kind of component; they run as long as their keywords hold.
+    ahead : tuple of TrainAhead
+        Recorded reports of the train ahead, in a repeated run with ``leader.train``.
     """
 
     scenario: Scenario
@@ -200,6 +205,7 @@ class RunSetup:
     ticks: int
 
     given: Mapping[str, GivenComponent] = field(default_factory=dict)
+    ahead: tuple[TrainAhead, ...] = ()
 
     @property
     def plant(self) -> PlantBlock:
@@ -285,7 +291,7 @@ class RunSetup:
 
     @cached_property
     def leader_reports(self) -> tuple[TrainReport, ...]:
-        """Reports of the train ahead.
+        """Reports of the train ahead; none for those that come live.
 
         Raises
         ------
@@ -293,7 +299,7 @@ class RunSetup:
             As :func:`train_ato.supervision.train_report.parse_reports`.
         """
         spec = self.scenario.leader
-        return () if spec is None else parse_reports(spec.reports)
+        return () if spec is None or spec.train else parse_reports(spec.reports)
 
     @cached_property
     def supervision_ticks(self) -> int:
@@ -343,6 +349,10 @@ class RunSetup:
         if values is None:
             values = self.controller_parameters.get(name, {})
         return LAWS.gains(name, values, self.model, self.control_period)
+
+    def reporting(self) -> RunSetup:
+        """Return the run as one of several trains in a domain: with a supervisor it reports to the train behind it."""
+        return replace(self, layout=replace(self.layout, reports=self.layout.supervised))
 
     def advice(self, name: str | None = None, values: Mapping[str, Any] | None = None) -> str:
         """Return a line with the remedy for a law that does not fit the train or its delay; "" if it fits.

@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from plant_sim.states import frozen_for_types
+from train_ato.messages.topics import AHEAD, REPORT
 from train_ato.messages.types import (
     AtoReport,
     BrakeRelease,
@@ -23,6 +24,7 @@ from train_ato.messages.types import (
     Reference,
     SupervisedSpeeds,
     Tick,
+    TrainAhead,
     Trajectory,
     VehicleStates,
 )
@@ -79,8 +81,12 @@ class PlantMessages(PlantTruth):
     measurement: Measurement
     odometry: Odometry | None = None
     protection: ProtectionState | None = None
+    report: TrainAhead | None = None
+    ahead: TrainAhead | None = None
     order: ClassVar[dict[str, str]] = {
         **PlantTruth.order,
+        "report": REPORT,
+        "ahead": AHEAD,
         "odometry": "train/odometry",
         "protection": "train/protection",
         "measurement": "train/measurement",

@@ -10,6 +10,7 @@ from typing import Any
 
 from plant_sim.states import frozen_for_types
 from train_ato.loop.setup import RunSetup
+from train_ato.loop.train_ahead import is_early
 from train_ato.messages.types import (
     AtoReport,
     DisturbanceEstimate,
@@ -17,6 +18,7 @@ from train_ato.messages.types import (
     ProtectionState,
     Reference,
     SupervisedSpeeds,
+    TrainAhead,
     Trajectory,
 )
 
@@ -138,8 +140,12 @@ class StampSynchronizer:
         return row
 
 
+ProfileInputs = tuple[Measurement, AtoReport | None, TrainAhead | None]
+"""Measurement, report of the ATO at the step before, and live report of the train ahead."""
+
+
 class AwaitedReport:
-    """Holds back a measurement until the report of the period before has arrived.
+    """Holds back a measurement until the report of the period before has arrived, and that of the train ahead.
 
     If the next measurement comes first, the held one is released with the newest report: without lockstep the plant
     does not wait.
@@ -163,6 +169,7 @@ class AwaitedReport:
         self._period_ns = setup.supervision_ticks * setup.tick_ns
         self._held: Measurement | None = None
         self._report: AtoReport | None = None
+        self._ahead: TrainAhead | None = None
         self._last = -1
         self.ignored = 0
 
@@ -171,25 +178,30 @@ class AwaitedReport:
         """True if a measurement is held back."""
         return self._held is not None
 
-    def put(self, message: Measurement) -> list[tuple[Measurement, AtoReport | None]]:
-        """Add a measurement; return the pairs that are complete, in order."""
+    def put(self, message: Measurement) -> list[ProfileInputs]:
+        """Add a measurement; return the inputs that are complete, in order."""
         if message.stamp <= self._last:
             self.ignored += 1
             return []
         self._last = message.stamp
-        ready = [] if self._held is None else [(self._held, self._report)]
+        ready = [] if self._held is None else [(self._held, self._report, self._ahead)]
         self._held = message
         return ready + self._complete()
 
-    def report(self, report: AtoReport) -> list[tuple[Measurement, AtoReport | None]]:
-        """Add a report of the ATO; return the pair that it completes."""
+    def report(self, report: AtoReport) -> list[ProfileInputs]:
+        """Add a report of the ATO; return the inputs that it completes."""
         if self._report is not None and report.stamp <= self._report.stamp:
             self.ignored += 1
             return []
         self._report = report
         return self._complete()
 
-    def _complete(self) -> list[tuple[Measurement, AtoReport | None]]:
+    def ahead(self, ahead: TrainAhead) -> list[ProfileInputs]:
+        """Add a report of the train ahead; return the inputs that it completes."""
+        self._ahead = ahead
+        return self._complete()
+
+    def _complete(self) -> list[ProfileInputs]:
         held, report = self._held, self._report
         if held is None:
             return []
@@ -197,5 +209,7 @@ class AwaitedReport:
         due = supervised and held.stamp > 0
         if due and (report is None or report.stamp < held.stamp - self._period_ns) and not self._left_out():
             return []
+        if is_early(self._setup, held.stamp, self._ahead):
+            return []
         self._held = None
-        return [(held, report if due else None)]
+        return [(held, report if due else None, self._ahead)]

@@ -9,7 +9,7 @@ from train_ato.loop.setup import RunSetup
 from train_ato.loop.stage_messages import SupervisorMessages, diagnostics_due
 from train_ato.loop.train_ahead import MovingAuthority
 from train_ato.messages.topics import Role
-from train_ato.messages.types import BrakeRelease, Diagnostic, Odometry, SupervisedSpeeds
+from train_ato.messages.types import BrakeRelease, Diagnostic, Odometry, SupervisedSpeeds, TrainAhead
 from train_ato.supervision.odometry import OdometryCheck
 from train_ato.supervision.supervisor import SupervisionDecision, SupervisionState
 
@@ -46,10 +46,14 @@ class SupervisorStage:
         """Join a run in progress, in place of an ended supervisor."""
         self.supervisor.join()
 
-    def step(self, odometry: Odometry) -> SupervisorMessages:
-        """Return the decision for the stamp of the odometry; without a valid one, the motion is the last known."""
+    def step(self, odometry: Odometry, ahead: TrainAhead | None = None) -> SupervisorMessages:
+        """Return the decision for the stamp of the odometry; without a valid one, the motion is the last known.
+
+        ``ahead`` is the live report of the train ahead.
+        """
         stamp = odometry.stamp
         if self.authority is not None:
+            self.authority.receiver.hear(ahead)
             self.authority.move(stamp)
         decision = self.supervisor.step(self.inputs.receive("train/odometry", stamp, odometry))
         own = decision.own

@@ -12,16 +12,102 @@ nearer end acts at once.  It is never beyond the end of authority of the own sto
 
 from __future__ import annotations
 
+from collections import deque
+from dataclasses import replace
+
+import numpy as np
+
+from plant_sim.states import Odometry
 from train_ato.loop.setup import RunSetup
 from train_ato.messages.links import Link
+from train_ato.messages.types import TrainAhead
 from train_ato.supervision.limits import BrakingTarget
 from train_ato.supervision.track_supervision import TrackSupervision
-from train_ato.supervision.train_report import TrainReport
+from train_ato.supervision.train_report import TrainReport, TrainReporter
 
 LARGEST_SPEED = 200.0
 """Speed above that of every train [m/s]."""
 LARGEST_CORRECTION = 50.0
 """Largest change of a reported place at a balise, beside the motion [m]."""
+
+
+def reporter_of(setup: RunSetup) -> TrainReporter:
+    """Return the reporter of a train.
+
+    Raises
+    ------
+    ValueError
+        Without a supervisor, whose odometry the reports have.
+    """
+    if not setup.layout.supervised:
+        raise ValueError("supervision.enabled: the reports need the odometry; set supervision.enabled: true")
+    return TrainReporter(setup.consist, setup.plant, setup.line, setup.supervisor().track.train.max_speed)
+
+
+class ReportSender:
+    """Reports of a train on ``train/report``, live for the train behind it; parameter as :func:`reporter_of`."""
+
+    def __init__(self, setup: RunSetup) -> None:
+        self._reporter = reporter_of(setup)
+
+    def message(self, odometry: Odometry) -> TrainAhead:
+        """Return the report of an odometry."""
+        report = self._reporter.report(odometry)
+        values = np.array((report.front, report.rear, report.stop))
+        return TrainAhead(odometry.stamp, values, np.full(3, report.speed), np.full(3, report.time))
+
+    @staticmethod
+    def last(stamp: int) -> TrainAhead:
+        """Return the message after the last report, with NaN: nothing follows, and the train behind does not wait."""
+        return TrainAhead(stamp, *np.full((3, 3), np.nan))
+
+
+def is_early(setup: RunSetup, stamp: int, ahead: TrainAhead | None) -> bool:
+    """Return True at a stamp [ns] of the supervisor whose live report has not come, in a run with live reports."""
+    due = setup.layout.behind and setup.supervised_at(stamp)
+    return due and (ahead is None or ahead.stamp < stamp)
+
+
+class ReportRadio:
+    """Live reports of the train ahead on their way to profile and supervisor, at the plant of the train behind.
+
+    Parameters
+    ----------
+    setup
+        Prepared run with ``leader.train``; a repeated run has the recorded reports.
+
+    Attributes
+    ----------
+    latest : int
+        Stamp of the newest report [ns], -1 before the first.
+    """
+
+    def __init__(self, setup: RunSetup) -> None:
+        self._coming = deque(setup.ahead)
+        self._newest: TrainAhead | None = None
+        self.latest = -1
+
+    def put(self, report: TrainAhead) -> None:
+        """Add a report; it is delivered from its stamp on."""
+        self._coming.append(report)
+        self.latest = report.stamp
+
+    def newest(self, stamp: int) -> TrainAhead:
+        """Return the newest report up to a stamp [ns], with this stamp.
+
+        Raises
+        ------
+        ValueError
+            If there is none.
+        """
+        while self._coming and self._coming[0].stamp <= stamp:
+            self._newest = self._coming.popleft()
+        if self._newest is None:
+            raise ValueError(
+                f"leader.train: no report of the train ahead up to {stamp * 1e-9:.3f} s; start that train in its "
+                "namespace in the same ROS domain"
+            )
+        return replace(self._newest, stamp=stamp)
 
 
 class ReportReceiver:
@@ -36,8 +122,6 @@ class ReportReceiver:
 
     Attributes
     ----------
-    newest : TrainReport
-        Newest accepted report.
     refused : int
         Number of refused reports.
     problem : str
@@ -47,11 +131,24 @@ class ReportReceiver:
     def __init__(self, setup: RunSetup, name: str) -> None:
         spec = setup.scenario.leader
         assert spec is not None
-        self._reports, self._next = setup.leader_reports, 0
+        self._reports, self._next = list(setup.leader_reports), 0
         self._link = Link(spec.link, 1, setup.step_ns, setup.seed, f"leader/{name}")
         self._arrived = self._sent = 0
-        self.newest: TrainReport = self._reports[0]
+        self._newest: TrainReport | None = None
         self.refused, self.problem = 0, ""
+
+    @property
+    def newest(self) -> TrainReport:
+        """Newest accepted report, before the first arrival the first one."""
+        return self._newest or self._reports[0]
+
+    def hear(self, message: TrainAhead | None) -> None:
+        """Take a live report; the link delivers it."""
+        if message is None:
+            return
+        (front, rear, stop), speed, time = message.position.tolist(), message.speed.item(0), message.time.item(0)
+        if not self._reports or time != self._reports[-1].time:
+            self._reports.append(TrainReport(len(self._reports) + 1, time, front, rear, speed, stop))
 
     def receive(self, now: int) -> TrainReport | None:
         """Return a report that has arrived since the last call and is accepted at a time [ns], else None."""
@@ -68,7 +165,7 @@ class ReportReceiver:
         if problem:
             self.refused, self.problem = self.refused + 1, problem
             return None
-        self.newest = report
+        self._newest = report
         return report
 
     def _problem(self, report: TrainReport) -> str:

@@ -24,6 +24,7 @@ class Owner(Enum):
     BRAKE_LINE = "brake_line"
     SUPERVISED_SPEED = "supervised_speed"
     ATO = "ato"
+    TRAIN_END = "train_end"
 
     @property
     def meaning(self) -> str:
@@ -36,6 +37,7 @@ class Owner(Enum):
             Owner.BRAKE_LINE: "traction and brakes that the supervisor releases",
             Owner.SUPERVISED_SPEED: "estimated speed and limits of the supervisor",
             Owner.ATO: "the ATO",
+            Owner.TRAIN_END: "both ends of a train, and its shortest stop",
         }[self]
 
 
@@ -44,6 +46,7 @@ FIXED_NAMES: dict[Owner, tuple[str, ...]] = {
     Owner.BRAKE_LINE: ("traction", "service_brake", "emergency_brake"),
     Owner.SUPERVISED_SPEED: ("estimate", "permitted", "warning", "service_brake", "emergency_brake"),
     Owner.ATO: ("ato",),
+    Owner.TRAIN_END: ("front", "rear", "stop"),
 }
 """Names of the parts that do not depend on the train."""
 
@@ -61,6 +64,9 @@ class TrainLayout:
     air_brake, disturbed, supervised
         True for a train with an air brake, for a run with disturbances, and for one with a supervisor; otherwise their
         topics do not exist.
+    reports, behind
+        True for one of several trains in one domain, which reports to the train behind it, and for one that receives
+        the reports of the train ahead.
     """
 
     n_vehicles: int
@@ -69,6 +75,8 @@ class TrainLayout:
     air_brake: bool = False
     disturbed: bool = False
     supervised: bool = False
+    reports: bool = False
+    behind: bool = False
 
     def names(self, owner: Owner) -> tuple[str, ...]:
         """Return the names of the parts, of vehicles, power units and coupler sensors front first."""
@@ -103,6 +111,7 @@ class Rate(Enum):
     ONCE = "once, latched"
     TICK = "every tick"
     SUPERVISION = "every supervision period"
+    REPORT = "every supervision period, of one of several trains"
     SECOND = "every simulated second and at the end"
     END = "once at the end, latched"
 
@@ -119,6 +128,8 @@ ALWAYS = Condition(lambda layout: True)
 AIR_BRAKE = Condition(lambda layout: layout.air_brake, "only with an air brake")
 DISTURBED = Condition(lambda layout: layout.disturbed, "only where the scenario has disturbances")
 SUPERVISED = Condition(lambda layout: layout.supervised, "only with a supervisor")
+REPORTS = Condition(lambda layout: layout.reports or layout.behind, "only in a namespace, with a supervisor")
+BEHIND = Condition(lambda layout: layout.behind, "only with `leader.train`")
 
 
 @dataclass(frozen=True)

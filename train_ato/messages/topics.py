@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 
 from train_ato.messages.topic import (
     AIR_BRAKE,
+    BEHIND,
     DISTURBED,
+    REPORTS,
     SUPERVISED,
     Owner,
     Place,
@@ -41,17 +43,20 @@ from train_ato.messages.types import (
     Reference,
     SupervisedSpeeds,
     Tick,
+    TrainAhead,
     Trajectory,
     VehicleStates,
 )
 
 __all__ = [
+    "AHEAD",
     "BY_NAME",
     "DIAGNOSTIC_UNITS",
     "END_TOPIC",
     "EPOCH_NS",
     "EXTERNAL",
     "LINE_FRAME",
+    "REPORT",
     "TOPICS",
     "Place",
     "Rate",
@@ -72,6 +77,8 @@ LINE_FRAME = "line"
 """Frame of positions along the line: chainages."""
 END_TOPIC = "train/end"
 """Notice of the end of the run."""
+REPORT, AHEAD = "train/report", "train/ahead"
+"""Report of a train for the train behind it, and the newest one that has reached that train."""
 _CLOCK = "rosgraph_msgs/msg/Clock"
 _DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 _JOINT_STATE = "sensor_msgs/msg/JointState"
@@ -84,6 +91,7 @@ _STATUS = (
     Place("status[].values", "values"),
 )
 """State of one node."""
+_REPORTED = joint_states(Owner.TRAIN_END, position="position", velocity="speed", effort="time")
 
 _TABLE: tuple[Topic, ...] = (
     Topic(
@@ -195,6 +203,33 @@ _TABLE: tuple[Topic, ...] = (
         rate=Rate.SUPERVISION,
         meaning="traction cut-off and brakes in effect, demanded by the supervisor, a fail-safe reaction or a request",
         condition=SUPERVISED,
+    ),
+    Topic(
+        REPORT,
+        _JOINT_STATE,
+        TrainAhead,
+        _REPORTED,
+        publishers=(Role.PLANT,),
+        readers=(Role.PLANT,),
+        rate=Rate.REPORT,
+        meaning="report for the train behind, read by the plant of that train; latched for one that starts later",
+        condition=REPORTS,
+        recorded=False,
+        latched=True,
+        depth=10_000,
+        finite=False,
+        awaited=False,
+    ),
+    Topic(
+        AHEAD,
+        _JOINT_STATE,
+        TrainAhead,
+        _REPORTED,
+        publishers=(Role.PLANT,),
+        readers=(Role.SUPERVISOR, Role.PROFILE),
+        rate=Rate.REPORT,
+        meaning="newest report of the train ahead that has reached the train; profile and supervisor have a link each",
+        condition=BEHIND,
     ),
     Topic(
         "atp/brake_release",

@@ -41,6 +41,7 @@ __all__ = [
     "Reference",
     "SupervisedSpeeds",
     "Tick",
+    "TrainAhead",
     "Trajectory",
     "VehicleStates",
 ]
@@ -156,6 +157,22 @@ class SupervisedSpeeds:
         metadata=described("position", "m", "front: estimate, for the limits the max safe front they hold for")
     )
     speed: Array = field(metadata=described("speed", "m/s"))
+
+
+@frozen_for_types
+@dataclass(frozen=True, slots=True)
+class TrainAhead:
+    """Report of a train for the train behind it (topics ``train/report`` and ``train/ahead``), shape (3,) each.
+
+    The last report of a run has NaN as values.
+    """
+
+    stamp: int
+    position: Array = field(
+        metadata=described("position", "m", "estimated front, and safe rear; of stop: shortest way to standstill")
+    )
+    speed: Array = field(metadata=described("speed", "m/s", "estimated, for all the same"))
+    time: Array = field(metadata=described("time", "s", "time of the odometry of the report, for all the same"))
 
 
 class AtoState(IntEnum):

@@ -19,6 +19,12 @@ class LeaderSpec(SiModel):
         description="reports of the train ahead as CSV; `train-ato run` of a following file writes them",
         examples=["number,time,front,rear,speed,stop\n1,0.0,5721.0,4420.0,18.6,410.0\n"],
     )
+    train: str | None = Field(
+        None,
+        pattern=r"^(/[A-Za-z_][A-Za-z0-9_]*)*$",
+        description="namespace of the train ahead in the same ROS domain, which reports live in place of `reports`",
+        examples=["/t1"],
+    )
     link: LinkSpec = Field(
         LinkSpec(),
         description="delay and loss of the reports; profile and supervisor have a receiver each",

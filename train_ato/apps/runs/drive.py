@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import re
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -174,6 +176,10 @@ class RunMode:
         Maximum wall time of the start of the nodes [s]; None: that of the mode.
     external : str or None
         Node of the graph in whose place another program runs, one of ``EXTERNAL``.
+    namespace : str
+        Namespace of all nodes, for one of several trains in a domain; "" for none.
+    followed : bool
+        The run does not begin before a train behind reads its reports.
     """
 
     mode: str = "engine"
@@ -184,6 +190,8 @@ class RunMode:
     restarts: int = 0
     start_limit: float | None = None
     external: str | None = None
+    namespace: str = ""
+    followed: bool = False
 
     def check(self, dash: str = "") -> None:
         """Check the values; ``dash`` precedes the names in messages.
@@ -213,6 +221,8 @@ class RunMode:
             raise ValueError(f"{dash}external {self.external}: the engine has no nodes; remove {given}")
         if self.external == "plant":
             self._check_external_plant(dash)
+        if self.namespace or self.followed:
+            self._check_namespace(dash)
         if self.mode == "engine":
             if self.domain is not None:
                 raise ValueError(f"{dash}domain {self.domain}: the engine uses no ROS; remove it or {dash}engine")
@@ -221,6 +231,18 @@ class RunMode:
 
         check_domain(self.domain)
         require_ros()
+
+    def _check_namespace(self, dash: str) -> None:
+        """Refuse a namespace that ROS 2 does not have, without nodes, or in a domain without other trains."""
+        if not self.namespace:
+            raise ValueError(f"{dash}followed: the topic of the reports is in a namespace; add {dash}namespace")
+        given = f"{dash}namespace {self.namespace}"
+        if not re.fullmatch(r"(/[A-Za-z_][A-Za-z0-9_]*)+", self.namespace):
+            raise ValueError(f"{given}: give a name such as /t1")
+        if self.mode == "engine":
+            raise ValueError(f"{given}: the engine has no nodes; remove it or {dash}engine")
+        if self.domain is None and not os.environ.get("ROS_DOMAIN_ID"):
+            raise ValueError(f"{given}: several trains share a domain; add {dash}domain or set ROS_DOMAIN_ID")
 
     def _check_external_plant(self, dash: str) -> None:
         """Refuse the options of the plant node."""
@@ -234,11 +256,18 @@ class RunMode:
 
     def check_setup(self, setup: RunSetup, dash: str = "") -> None:
         """Refuse restarts without supervision, as nothing stops the train meanwhile, and an absent external node."""
+        if self.mode == "engine" and setup.layout.behind and not setup.ahead:
+            leader = setup.scenario.leader
+            assert leader is not None
+            given = f"remove {dash}engine" if dash else "choose mode 'composed' or 'processes'"
+            raise ValueError(f"leader.train: {leader.train}: its reports come in a ROS domain; {given}")
         if self.restarts and not setup.layout.supervised:
             raise ValueError(
                 f"{dash}restart: the run has no supervision, so nothing brakes the train while a node is away; "
                 f"set supervision.enabled: true or remove {dash}restart"
             )
+        if self.followed and not setup.layout.supervised:
+            raise ValueError(f"{dash}followed: reports need a supervisor; set supervision.enabled: true")
         if self.external == "supervisor" and not setup.layout.supervised:
             raise ValueError(f"{dash}external supervisor: the run has none; set supervision.enabled: true")
 
@@ -404,4 +433,6 @@ def _driven(
             restarts=run_mode.restarts,
             start_limit=run_mode.start_limit,
             external=run_mode.external,
+            namespace=run_mode.namespace,
+            followed=run_mode.followed,
         )

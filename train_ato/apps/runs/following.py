@@ -25,8 +25,9 @@ from train_ato.loop.headway import following_weight
 from train_ato.loop.recording import TRUTH, Recording
 from train_ato.loop.scenario_data import PartCache
 from train_ato.loop.setup import RunSetup
+from train_ato.loop.train_ahead import reporter_of
 from train_ato.scenario.following import FollowingFile, FollowingSpec
-from train_ato.supervision.train_report import TrainReport, TrainReporter, reports_text
+from train_ato.supervision.train_report import TrainReport, reports_text
 
 SUMMARY = "summary.json"
 
@@ -45,19 +46,6 @@ class FollowingResult:
 
     runs: dict[str, Run]
     summary: dict[str, Any]
-
-
-def reporter_of(setup: RunSetup) -> TrainReporter:
-    """Return the reporter of a train.
-
-    Raises
-    ------
-    ValueError
-        Without a supervisor, whose odometry the reports have.
-    """
-    if not setup.layout.supervised:
-        raise ValueError("supervision.enabled: the reports need the odometry; set supervision.enabled: true")
-    return TrainReporter(setup.consist, setup.plant, setup.line, setup.supervisor().track.train.max_speed)
 
 
 def train_reports(recording: Recording, setup: RunSetup) -> list[TrainReport]:

@@ -12,12 +12,15 @@ from train_ato.apps.import_csv.run import MEASURED
 from train_ato.apps.runs.progress import COMPILE_NOTE, compilation_noted, progress_bar, share_bar
 from train_ato.errors import RunFailed
 from train_ato.log.difference import LogComparison, compare_logs
+from train_ato.log.reading import read_log
 from train_ato.log.recorded import late_commands, outside_nodes, read_changes, read_recording, read_reports
 from train_ato.log.run_folder import RunFolder, read_run_folder
 from train_ato.log.versions import SCENARIO
 from train_ato.loop.engine import SIGNALS, TickLoop, run_engine
 from train_ato.loop.setup import RunSetup
 from train_ato.messages.codec.codec import Wire
+from train_ato.messages.topics import AHEAD
+from train_ato.messages.types import TrainAhead
 
 
 def verify(run: str | Path, relative: float = 0.0) -> LogComparison:
@@ -63,8 +66,15 @@ def verify(run: str | Path, relative: float = 0.0) -> LogComparison:
             "name a run of this project's nodes"
         )
     changes = read_changes(path)
-    setup = dataclasses.replace(setup, scenario=changes.driven(setup.scenario))
+    setup = dataclasses.replace(setup, scenario=changes.driven(setup.scenario), ahead=read_ahead(path, setup))
     return compare_with_new(path, setup, relative)
+
+
+def read_ahead(run: Path, setup: RunSetup) -> tuple[TrainAhead, ...]:
+    """Return the recorded live reports of the train ahead."""
+    if not setup.layout.behind:
+        return ()
+    return tuple(message for _, _, message in read_log(run, Wire(setup.layout).decode, (AHEAD,)))
 
 
 def late_note(run: Path) -> str:

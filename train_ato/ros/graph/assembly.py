@@ -129,6 +129,7 @@ def make_node(
     recorded: bool = True,
     rate: float = 0.0,
     compression: str = DEFAULT,
+    followed: bool = False,
 ) -> Any:
     """Return the node of a role.
 
@@ -149,6 +150,7 @@ def make_node(
             recorded=recorded,
             rate=rate,
             scenario=str(resolved.resolve()) if resolved.is_file() else "",
+            followed=followed,
         )
     if role is Role.SUPERVISOR:
         return SupervisorNode(SupervisorStage(setup), endpoints)

@@ -49,7 +49,7 @@ def run_composed(
     shared_memory.clean()
     watch = FirstFailure(folder / "log")
     external = options.external
-    with interruptible() as interrupt, executor_of(domain, watch=watch) as (context, executor):
+    with interruptible() as interrupt, executor_of(domain, options.arguments or None, watch) as (context, executor):
         wire = Wire(setup.layout)
         all_endpoints = {
             role: NodeEndpoints(role, wire, context, watch, external=external)
@@ -66,6 +66,7 @@ def run_composed(
                 timeout=options.patience,
                 rate=options.rate,
                 compression=options.compression,
+                followed=options.followed,
             )
             for role in all_endpoints
         }
@@ -226,6 +227,8 @@ class _Composed:
             lambda: plant.answered and all(endpoints.last_stamp >= stamp for endpoints, stamp in due), STOPPING_S
         )
         self._plant.announce_end()
+        if self._of_plant.wire.layout.reports:
+            self._of_plant.deliver(STOPPING_S)  # to the train behind; the other readers are in this process
         if self._watch.failure is not None:
             self._of_plant.log(self._watch.failure)
         for endpoints in self._all_endpoints.values():

@@ -28,6 +28,8 @@ class DomainLock:
     ----------
     domain
         ROS domain.
+    namespace
+        Namespace of the nodes of one of several trains in the domain; "" for none.
 
     Attributes
     ----------
@@ -35,8 +37,8 @@ class DomainLock:
         Name of the abstract socket.
     """
 
-    def __init__(self, domain: int) -> None:
-        self.name = f"train_ato-domain-{domain}"
+    def __init__(self, domain: int, namespace: str = "") -> None:
+        self.name = f"train_ato-domain-{domain}{namespace}"
         self._socket: socket.socket | None = None
 
     def acquire(self) -> bool:

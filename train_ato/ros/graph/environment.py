@@ -92,8 +92,10 @@ def domain_of_environment() -> int | None:
 
 
 @contextmanager
-def claim_domain(wanted: int | None = None, name: str = "--domain") -> Iterator[int]:
+def claim_domain(wanted: int | None = None, name: str = "--domain", namespace: str = "") -> Iterator[int]:
     """Lock a ROS domain for the duration of a run, so that the runs in one network are separate.
+
+    Several trains share a domain by a namespace each, which is locked in place of the whole domain.
 
     Parameters
     ----------
@@ -101,6 +103,8 @@ def claim_domain(wanted: int | None = None, name: str = "--domain") -> Iterator[
         Domain to use; default: a free one with ports below the ephemeral ones.
     name
         Option or variable of ``wanted`` in messages.
+    namespace
+        Namespace of the nodes; "" for none.
 
     Raises
     ------
@@ -111,7 +115,7 @@ def claim_domain(wanted: int | None = None, name: str = "--domain") -> Iterator[
         check_domain(wanted)
     order = random.SystemRandom().sample(DOMAINS, len(DOMAINS)) if wanted is None else [wanted]
     for domain in order:
-        lock = DomainLock(domain)
+        lock = DomainLock(domain, namespace)
         if lock.acquire():
             try:
                 yield domain
@@ -119,7 +123,8 @@ def claim_domain(wanted: int | None = None, name: str = "--domain") -> Iterator[
                 lock.release()
             return
     if wanted is not None:
-        raise ValueError(f"{name} {wanted}: another run holds it; end that run, or leave the domain out for a free one")
+        taken = f"{wanted} with the namespace {namespace}" if namespace else f"{wanted}"
+        raise ValueError(f"{name} {taken}: another run holds it; end that run, or leave the domain out for a free one")
     raise ValueError(f"all domains from {DOMAINS.start} to {DOMAINS.stop - 1} are held by other runs; end one of them")
 
 

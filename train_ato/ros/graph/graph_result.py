@@ -45,6 +45,10 @@ class GraphOptions:
         With one process per node: maximum number of restarts of each node; 0 restarts none.
     external : Role or None
         Node of the graph in whose place another program runs.
+    namespace : str
+        Namespace of all nodes, for one of several trains in a domain; "" for none.
+    followed : bool
+        Do not begin before a train behind reads the reports.
     """
 
     lockstep: bool = True
@@ -55,6 +59,13 @@ class GraphOptions:
     compression: str = DEFAULT
     restarts: int = 0
     external: Role | None = None
+    namespace: str = ""
+    followed: bool = False
+
+    @property
+    def arguments(self) -> list[str]:
+        """ROS arguments of the nodes."""
+        return ["--ros-args", "-r", f"__ns:={self.namespace}", "--"] if self.namespace else []
 
     @property
     def patience(self) -> float:

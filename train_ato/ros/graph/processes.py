@@ -133,7 +133,8 @@ def _arguments(role: Role, scenario: Path, folder: Path, options: GraphOptions) 
             repr(options.rate or "max").strip("'"),
         ]
         arguments += [] if options.lockstep else ["--no-lockstep"]
-    return arguments
+        arguments += ["--followed"] if options.followed else []
+    return [*arguments, *options.arguments]
 
 
 def _supervise(

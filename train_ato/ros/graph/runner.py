@@ -32,6 +32,8 @@ def run_graph(
     restarts: int = 0,
     start_limit: float | None = None,
     external: str | None = None,
+    namespace: str = "",
+    followed: bool = False,
 ) -> RunResult:
     """Run ROS nodes to the end of a scenario, recorded into an existing empty folder.
 
@@ -58,6 +60,10 @@ def run_graph(
         ``external``.
     external
         Node of the graph in whose place another program runs.
+    namespace
+        Namespace of all nodes, for one of several trains in a domain.
+    followed
+        Do not begin before a train behind reads the reports.
 
     Raises
     ------
@@ -72,7 +78,10 @@ def run_graph(
         compression=compression,
         restarts=restarts,
         external=None if external is None else Role(external),
+        namespace=namespace,
+        followed=followed,
     )
+    setup = setup.reporting() if namespace else setup
     begin = time.perf_counter()
 
     def report(ticks: int) -> None:
@@ -81,7 +90,7 @@ def run_graph(
 
     try:
         name = "--domain" if domain is not None else "ROS_DOMAIN_ID"
-        with claim_domain(domain if domain is not None else domain_of_environment(), name) as held:
+        with claim_domain(domain if domain is not None else domain_of_environment(), name, namespace) as held:
             print_domain(held)
             end = _run(mode, setup, folder, held, options, report)
     except ValueError:

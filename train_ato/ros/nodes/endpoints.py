@@ -113,6 +113,8 @@ class NodeEndpoints:
         Called with a topic and the reason after the appearance of a second publisher; False fails the run.
     awaited : callable
         Returns the topic for which the node waits, "" for none.
+    lacking : callable
+        Returns further missing conditions for the start.
     on_note : callable
         Receiver of the lines of :meth:`note`.
     """
@@ -147,6 +149,7 @@ class NodeEndpoints:
         self.last_stamp = -1
         self.on_second_publisher: Callable[[str, str], bool] = lambda topic, reason: False
         self.awaited: Callable[[], str] = lambda: ""
+        self.lacking: Callable[[], list[str]] = list
         self.on_note: Callable[[str], Any] = lambda text: sys.stderr.write(f"{text}\n")
         self._planned_end: tuple[int, int] | None = None
         self._connected: tuple[tuple[int, ...], float] = (), 0.0
@@ -232,8 +235,11 @@ class NodeEndpoints:
         for topic, message in messages:
             self.publish(topic, message)
 
-    def subscribe(self, handlers: Mapping[str, Callable[[Any], None]], tick_ns: int = 0) -> None:
-        """Subscribe to topics with a handler for decoded messages each; ``tick_ns`` is the tick of a measurement."""
+    def subscribe(self, handlers: Mapping[str, Callable[[Any], None]], tick_ns: int = 0, at: str | None = None) -> None:
+        """Subscribe to topics with a handler for decoded messages each.
+
+        ``tick_ns`` is the tick of a measurement, ``at`` the name of the topic of another train.
+        """
         decode = self.wire.decode_shared
         for name, handler in handlers.items():
             topic = BY_NAME[name]
@@ -252,10 +258,10 @@ class NodeEndpoints:
                         raise ValueError(f"{error}; sent by {sender}") from error
                     handler(message)
 
-                self.subscribe_raw(name, receive)
+                self.subscribe_raw(name, receive, at)
 
-    def subscribe_raw(self, name: str, receive: Callable[[bytes], None]) -> None:
-        """Subscribe to the bytes of a topic with one publisher.
+    def subscribe_raw(self, name: str, receive: Callable[[bytes], None], at: str | None = None) -> None:
+        """Subscribe to the bytes of a topic with one publisher; ``at`` as in :meth:`subscribe`.
 
         An exception in the callback and a second publisher fail the run with the name of the node.
         """
@@ -283,7 +289,7 @@ class NodeEndpoints:
         depth = COMMAND_DEPTH if name == "ato/command" and self.role is Role.PLANT else None
         self._subscriptions[name] = self.node.create_subscription(
             message_class(topic.type),
-            self.placed(name),
+            at or self.placed(name),
             guarded,
             quality_of_service(topic, depth),
             event_callbacks=SubscriptionEventCallbacks(matched=matched),
@@ -377,6 +383,7 @@ class NodeEndpoints:
             if subscription.get_publisher_count() < len(senders):
                 absent.append(f"a publisher of {name} ({', '.join(role.value for role in senders)})")
         absent += filter(None, (source.second() for source in self._sources.values()))
+        absent += self.lacking()
         own = (self.node.get_name(), self.node.get_namespace())
         if self.node.get_node_names_and_namespaces().count(own) > 1:
             absent.append(f"the end of a second node {self.name}")
@@ -455,6 +462,10 @@ class NodeEndpoints:
     def left_out(self, name: str) -> bool:
         """Return True if the program in place of its node does not publish an optional topic."""
         return self.sent_outside(name) and BY_NAME[name].optional and not self.senders(name)
+
+    def readers(self, name: str) -> int:
+        """Return the number of discovered readers of an own topic."""
+        return int(self._publishers[name].get_subscription_count())
 
     def senders(self, name: str) -> int:
         """Return the number of discovered publishers of a topic."""

@@ -17,8 +17,9 @@ from train_ato.loop.plant import PlantStage
 from train_ato.loop.rate_limit import SteadyRateLimit
 from train_ato.loop.run_end import RunEnd
 from train_ato.loop.stage_messages import Published
-from train_ato.messages.topics import BY_NAME, END_TOPIC, EPOCH_NS, Role
+from train_ato.messages.topics import BY_NAME, END_TOPIC, EPOCH_NS, REPORT, Role
 from train_ato.messages.types import BrakeRelease, Command, Diagnostic, Pipe, Tick
+from train_ato.ros.nodes.ahead_watch import LOOK_S, AheadWatch
 from train_ato.ros.nodes.answer_watch import AnswerWatch, TickLateness, awaited_node, departure, silent_node
 from train_ato.ros.nodes.endpoints import NodeEndpoints
 from train_ato.ros.nodes.outage import OUTAGE_RATE, Outage
@@ -54,6 +55,8 @@ class PlantNode:
         Maximum simulated seconds per second of wall time; 0 is unlimited in lockstep, 1 without it.
     scenario
         File of the resolved scenario, for tools; "" without one.
+    followed
+        True: do not begin before a train behind reads the reports.
 
     Attributes
     ----------
@@ -87,6 +90,7 @@ class PlantNode:
         recorded: bool = True,
         rate: float = 0.0,
         scenario: str = "",
+        followed: bool = False,
     ) -> None:
         self.stage = stage
         self.endpoints = endpoints
@@ -126,6 +130,12 @@ class PlantNode:
                 "recorder/progress": self._on_recorder_progress,
             }
         )
+        self.ahead = AheadWatch(stage, endpoints, self._resume_loop) if stage.radio is not None else None
+        ahead, unread = self.ahead, "a train behind that reads train/report"
+        endpoints.lacking = lambda: [
+            *([] if ahead is None else ahead.lacking()),
+            *([unread] if followed and not endpoints.readers(REPORT) else []),
+        ]
 
     @property
     def answered(self) -> bool:
@@ -325,6 +335,8 @@ class PlantNode:
             pass
         elif self._recorded and self._lead > LEAD:
             self.blocked = True
+        elif self._period is None and self.ahead is not None and self.ahead.is_due(self.stamp, self.timeout):
+            self._wake_every(LOOK_S * 1e9)
         elif self._rate.factor and not self._single and (wait := self._rate.wait(self.stage.tick)) > SHORTEST_WAIT_S:
             self._wake_every(wait * 1e9)
         else:
@@ -350,6 +362,8 @@ class PlantNode:
         if not self.finished:
             self.finished = True
             self._send(self.stage.conclude().published())
+            if self.stage.reports is not None:
+                self.endpoints.publish(REPORT, self.stage.reports.last(self.stamp))
 
     @property
     def end(self) -> RunEnd:

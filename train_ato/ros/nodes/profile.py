@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from train_ato.loop.profile import ProfileStage
-from train_ato.loop.stamp_synchronizer import AwaitedReport
-from train_ato.messages.types import AtoReport, Measurement
+from train_ato.loop.stamp_synchronizer import AwaitedReport, ProfileInputs
+from train_ato.messages.topics import AHEAD
 from train_ato.ros.nodes.endpoints import NodeEndpoints
 
 
@@ -21,6 +21,7 @@ class ProfileNode:
             {
                 "train/measurement": lambda message: self._answer(self._inputs.put(message)),
                 "ato/state": lambda message: self._answer(self._inputs.report(message)),
+                AHEAD: lambda message: self._answer(self._inputs.ahead(message)),
             },
             stage.setup.tick_ns,
         )
@@ -40,6 +41,6 @@ class ProfileNode:
         start = self.stage.start()
         self.endpoints.publish_all([("ato/limits", start.limits)] if self._joins else start.published())
 
-    def _answer(self, ready: list[tuple[Measurement, AtoReport | None]]) -> None:
-        for measurement, report in ready:
-            self.endpoints.publish_all(self.stage.on_measurement(measurement, report).published())
+    def _answer(self, ready: list[ProfileInputs]) -> None:
+        for inputs in ready:
+            self.endpoints.publish_all(self.stage.on_measurement(*inputs).published())

@@ -15,7 +15,7 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING
 
-from train_ato.arguments import BAD_INPUT, OneLineParser, add_no_lockstep, add_rate, prepare_streams
+from train_ato.arguments import BAD_INPUT, OneLineParser, add_followed, add_no_lockstep, add_rate, prepare_streams
 from train_ato.interrupt import Interrupt
 from train_ato.log.compression import DEFAULT, add_compression
 from train_ato.messages.faults import node_faults
@@ -56,6 +56,7 @@ def _arguments(role: Role, words: Sequence[str]) -> argparse.Namespace:
             "--timeout", type=float, metavar="S", help="wall time without an answer after which the run fails"
         )
         parser.add_argument("--recorded", action="store_true", help="do not begin without a recorder")
+        add_followed(parser)
     if role is Role.RECORDER:
         parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the log")
         add_compression(parser)
@@ -155,6 +156,8 @@ def _run(
     if options.restarted and joined is None:  # the run has ended before
         sys.stdout.write(f"{LAST_COUNT}:0\n")
         return 0
+    if any(word.startswith("__ns:=") for word in options.ros):
+        setup = setup.reporting()
     log_folder = Path(os.environ["ROS_LOG_DIR"]) if "ROS_LOG_DIR" in os.environ else None
     watch = FirstFailure(log_folder)
     check_arguments(options.ros)
@@ -168,7 +171,7 @@ def _run(
         compression = getattr(options, "compression", DEFAULT)
         node = make_node(
             role, setup, endpoints, folder, lockstep=lockstep, timeout=timeout, recorded=False, rate=rate,
-            compression=compression,
+            compression=compression, followed=getattr(options, "followed", False),
         )  # fmt: skip
         _plan_end(role, setup, endpoints, joined)
         turner = StandaloneRunner(

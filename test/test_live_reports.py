@@ -1,0 +1,143 @@
+"""Trains that report live to the train behind, each a program with a namespace in one ROS domain."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from test_following import following_file, report
+from waiting import LIMIT_S
+
+import train_ato as ta
+from plant_sim.states import Odometry
+from train_ato.apps.runs.drive import RunMode
+from train_ato.apps.runs.following import run_following
+from train_ato.apps.runs.run import Run, RunRecord
+from train_ato.apps.runs.scenario_choice import choose_scenario
+from train_ato.cli.main import main
+from train_ato.loop.engine import run_engine
+from train_ato.loop.setup import RunSetup
+from train_ato.loop.train_ahead import ReportRadio, ReportReceiver, ReportSender
+from train_ato.messages.types import TrainAhead
+from train_ato.scenario.following import load_following
+
+CHANGES = ("t1.duration=30", "t2.duration=45", "t2.leader.link.delay=0.8", "t2.leader.link.loss=0.3")
+"""The train behind is on its way for longer than the train ahead; a third of the reports is lost."""
+
+
+@pytest.fixture(scope="module")
+def trains(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Run], dict[str, dict[str, Any]]]:
+    """Return two trains that ran one after the other, and their scenarios for live reports."""
+    folder = tmp_path_factory.mktemp("live")
+    file = load_following(following_file(folder), CHANGES)
+    scenarios = {train.name: file.scenario_of(number) for number, train in enumerate(file.spec.trains)}
+    scenarios["t2"]["leader"]["train"] = "/t1"
+    return run_following(file, RunMode("engine"), shown=False).runs, scenarios
+
+
+def assert_equal(found: Any, due: Run) -> None:
+    """Compare all that the train behind has recorded with the run after the train ahead."""
+    for topic in ("train/vehicles", "ato/profile", "ato/command", "atp/speeds", "/diagnostics"):
+        assert found[topic].equals(due[topic]), topic
+
+
+def live(setup: RunSetup, odometry: Any) -> RunSetup:
+    """Return a run with the live reports of odometry tables."""
+    sender = ReportSender(setup)
+    rows = zip(odometry.index, odometry.to_numpy().reshape(len(odometry), 3, 2), strict=True)
+    return replace(setup, ahead=tuple(sender.message(Odometry(round(time * 1e9), *row)) for time, row in rows))
+
+
+def test_live_reports_drive_as_those_of_a_run_before(trains: Any) -> None:
+    """Breaks if live reports pass another link, another check, or come a step later."""
+    runs, scenarios = trains
+    setup = live(choose_scenario(scenarios["t2"]).prepare(), runs["t1"]["train/odometry"])
+    record = RunRecord(setup, None)
+    outcome = run_engine(setup, sink=record)
+    assert_equal(Run(outcome.summary, record=record, setup=setup, outcome=outcome), runs["t2"])
+
+
+@pytest.mark.graph
+def test_two_programs_drive_as_one_train_after_the_other(trains: Any, tmp_path: Path) -> None:
+    """Breaks if a report is lost, waits for the last one after the end, or if the log lacks what `verify` needs."""
+    pytest.importorskip("rclpy")
+    from train_ato.ros.graph.environment import claim_domain
+
+    with claim_domain() as domain:
+        pass
+    runs, scenarios = trains
+    programs = {}
+    for name, more in {"t1": ["--followed"], "t2": []}.items():
+        path = tmp_path / f"{name}.yaml"
+        path.write_text(yaml.safe_dump({"schema": "train_ato/scenario/1", **scenarios[name]}))
+        words = ["run", str(path), f"--namespace=/{name}", f"--domain={domain}", f"--out={tmp_path / name}", *more]
+        programs[name] = subprocess.Popen(
+            [sys.executable, "-m", "train_ato", *words, "--start-limit=none"],
+            env={**os.environ, "PYTHONPATH": str(Path(ta.__file__).parents[1])},
+            stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+        )  # fmt: skip
+    try:
+        said = {name: program.communicate(timeout=LIMIT_S)[1] for name, program in programs.items()}
+    finally:
+        for program in programs.values():
+            program.kill()
+    assert [program.returncode for program in programs.values()] == [0, 0], said
+    assert "goes on without" not in said["t2"]
+    found = ta.load(tmp_path / "t2")
+    assert_equal(found, runs["t2"])
+    assert found["train/ahead"]["front_time_s"].max() == runs["t1"]["train/odometry"].index.max()
+    assert ta.verify(tmp_path / "t2").equal
+
+
+def test_the_newest_report_is_delivered_with_the_stamp_of_its_step(trains: Any) -> None:
+    """Breaks if a report acts before it was sent, or if a train drives without any."""
+    setup = choose_scenario(trains[1]["t2"]).prepare()
+    radio = ReportRadio(setup)
+    with pytest.raises(ValueError, match="no report of the train ahead up to"):
+        radio.newest(0)
+    for stamp in (0, 400_000_000, 800_000_000):
+        radio.put(TrainAhead(stamp, *np.full((3, 3), stamp * 1e-9)))
+    assert [radio.newest(stamp).time[0] for stamp in (0, 700_000_000, 900_000_000)] == [0.0, 0.4, 0.8]
+    assert radio.newest(1_200_000_000).stamp == 1_200_000_000
+
+
+def test_a_repeated_delivery_is_no_new_report(trains: Any) -> None:
+    """Breaks if the report that a train still has is sent over the link again: its age would be that of the last."""
+    receiver = ReportReceiver(choose_scenario(trains[1]["t2"]).prepare(), "test")
+    last = report(1, 0.0, 500.0)
+    for stamp in range(0, 6_000_000_000, 400_000_000):
+        receiver.hear(TrainAhead(stamp, np.array([last.front, last.rear, last.stop]), np.full(3, 15.0), np.zeros(3)))
+        receiver.receive(stamp)
+    assert receiver.newest == last
+    assert receiver.age(6_000_000_000) == 6.0
+
+
+@pytest.mark.parametrize(
+    ("words", "problem"),
+    [
+        (["--namespace=/t1", "--engine"], "--namespace /t1: the engine has no nodes; remove it or --engine"),
+        (["--namespace=t1"], "--namespace t1: give a name such as /t1"),
+        (["--namespace=/t1"], "--namespace /t1: several trains share a domain; add --domain or set ROS_DOMAIN_ID"),
+        (["--followed"], "--followed: the topic of the reports is in a namespace; add --namespace"),
+        (
+            ["--engine", "--set=leader.train=/t1"],
+            "leader.train: /t1: its reports come in a ROS domain; remove --engine",
+        ),
+        (["--engine", "--set=leader.train=t1"], "leader.train"),
+    ],
+)
+def test_bad_input_is_refused_in_one_line(
+    words: list[str], problem: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Breaks if a train waits for reports that cannot come, or in a domain without other trains."""
+    monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
+    assert main(["run", "demo", *words]) == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert problem in line
