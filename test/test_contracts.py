@@ -391,19 +391,20 @@ def test_an_observer_without_effect_has_a_note(monkeypatch):
 
 
 @pytest.mark.parametrize(("kind", "base"), [("law", Pid), ("observer", Wrapped)])
-def test_a_component_slower_than_its_period_fails_without_further_tests(kind, base, monkeypatch):
-    """Breaks if such a component passes, or runs the thousands of steps of the other tests."""
+@pytest.mark.parametrize(("slow_steps", "failed"), [(2, ["time of a step"]), (1, [])])
+def test_a_component_slower_than_its_period_fails_without_further_tests(kind, base, slow_steps, failed, monkeypatch):
+    """Breaks if such a component passes, runs the other tests, or fails by a first step that compiles it."""
     monkeypatch.setattr(common, "TIMING_BUDGET", 0.0)
     monkeypatch.setattr(checking, "TRAINS", ("xuzhou_metro_3",))
     steps = []
 
     class Sleeping(base):
         def step(self, given):
-            steps.append(time.sleep(0.11))
+            steps.append(time.sleep(0.11 if len(steps) < slow_steps else 0.0))
             return super().step(given)
 
-    assert [finding.test for finding in failures(check_component(kind, Sleeping))] == ["time of a step"]
-    assert len(steps) == 1
+    assert [finding.test for finding in failures(check_component(kind, Sleeping))] == failed
+    assert (len(steps) == 2) == bool(failed)
 
 
 def test_output_of_a_law_does_not_mix_with_the_findings(monkeypatch, tmp_path, capsys):
