@@ -171,6 +171,106 @@ def _stands(tick, measured, bound):
     return fastest < bound[STANDSTILL_SPEED]
 
 
+@compiled(alone=False)
+def _begins(tick, at, n, state, unit, noise, sensors, measured, couplers, bound, event, events, at_rest, stamps,
+            newest, supervision):  # fmt: skip
+    """Write what the sensors measure in a tick; return False for a tick that is left to Python."""
+    t = at * 1e-9
+    measure_train(
+        sensors, t, state[k.X], state[k.V], state[k.COUPLER, 1:], noise[0][tick], noise[1][tick], noise[2][tick],
+        couplers[tick],
+    )  # fmt: skip
+    for u in range(sensors.units.size):
+        measured[tick, MEASURED_POSITION, u] = sensors.units[u].position
+        measured[tick, MEASURED_VELOCITY, u] = sensors.units[u].velocity
+        measured[tick, MEASURED_FORCE, u] = unit[k.APPLIED, u]
+    if _must_leave(tick, measured, couplers, state[k.X, 0], bound, event, events, n, at_rest):
+        return False
+    if supervision.states.run[0].period > 0:
+        ages = stamps[0]
+        if command_age(ages, stamps[1], stamps[2], stamps[3], stamps[4], at, newest) > ages[0].shortest:
+            return False
+        copy_states(supervision.states, supervision.kept, at)
+    return True
+
+
+@compiled(alone=False)
+def _prepare(tick, at, stepping, state, measured, couplers, reference, feedforward, own, tables, limits, segments,
+             inputs, now, observing, braking, called, supervision):  # fmt: skip
+    """Compute the inputs of the law, of a step as well; return False for a tick that is left to Python."""
+    place, speed = measured[tick, MEASURED_POSITION, 0], measured[tick, MEASURED_VELOCITY, 0]
+    supervised = supervision.states.run[0].period > 0
+    if supervised and not supervised_tick(at, state[k.X, 0], state[k.V, 0], place, speed, supervision):
+        return False
+    for u in range(inputs.size):
+        x = inputs[u]
+        x.position, x.velocity = measured[tick, MEASURED_POSITION, u], measured[tick, MEASURED_VELOCITY, u]
+        x.applied = measured[tick, MEASURED_FORCE, u]
+    if not called and changes_brake(at * 1e-9, place, speed, measured[tick, MEASURED_FORCE], braking):
+        return False
+    if not observe(tick, couplers[tick, COUPLER_FORCE], own, tables, observing, inputs, now):
+        return False
+    if stepping:
+        set_inputs(tick, reference, feedforward, own, limits, segments, inputs, now[0])
+    return True
+
+
+@compiled(alone=False)
+def _keep(tick, is_step, limited, measured, bound, at_rest, sent, at_limit, count):
+    """Keep command and number of steps at a limit; between two steps of the law they are those of the last step."""
+    if is_step:
+        if at_rest[tick] and _stands(tick, measured, bound):
+            sent[tick + 1] = 0.0
+        at_limit[tick + 1] = at_limit[tick] + limited
+        count[AT_LIMIT] = limited
+    else:
+        sent[tick + 1], at_limit[tick + 1] = sent[tick], at_limit[tick]
+
+
+@compiled(alone=False)
+def _report(train, setting, lost, reports, count):
+    """Keep the state of the train for the diagnostics."""
+    _, states, gears, unit_states, settings, losses = reports
+    last = min(count[REPORTS], len(states) - 1)
+    states[last], gears[last], unit_states[last] = train[0], train[3], train[7]
+    settings[count[REPORTS]], losses[count[REPORTS]] = setting, lost
+    count[REPORTS] += 1
+
+
+@compiled(alone=False)
+def _show(tick, state, shown, truth):
+    """Write the motion and the forces of the vehicles that are shown."""
+    for j in range(len(shown)):
+        i = shown[j]
+        truth[tick, 0, j], truth[tick, 1, j] = state[k.X, i], state[k.V, i]
+        truth[tick, 2, j], truth[tick, 3, j] = state[k.COUPLER, i + 1], state[k.SHOE_FORCE, i]
+
+
+@compiled(alone=False)
+def _send(tick, at, sent, history, link, stamps, supervised, own_stamp, window):
+    """Send the command of a tick, and its stamp to a supervised train; write the commands that arrive."""
+    lines, queues, due, value, draws = link
+    for row in range(len(history) - 1):
+        history[row] = history[row + 1]
+    if len(history):
+        history[len(history) - 1] = sent
+    push(lines, queues, due, value, at, sent, draws[tick, 0], draws[tick, 1])
+    arrive(lines, queues, due, value, at, window)
+    if supervised:
+        own_stamp[0] = at
+        push(stamps[1], stamps[2], stamps[3], stamps[4], at, own_stamp, stamps[5][tick, 0], stamps[5][tick, 1])
+
+
+@compiled(alone=False)
+def _add_cubes(tick, state, forces, vehicles):
+    """Add the part of the disturbances that grows with the square of the speed."""
+    outside, cubes, cubed = forces
+    for j in range(len(cubed)):
+        speed = state[k.V, vehicles[cubed[j]]]
+        for step in range(outside.shape[2]):
+            outside[tick, 1, step, cubed[j]] += cubes[tick, step, j] * (speed * speed)
+
+
 @compiled
 def run_span(
     stamp, tick_ns, dt, train, event, events, forces, vehicles, setting, noise, sensors,
@@ -196,16 +296,12 @@ def run_span(
     random numbers of every tick; ``stamps`` begins with the age of the newest command.
     """
     state, vehicle, vehicle_index, gear, gear_table, run, body, unit, unit_index, envelope, piece = train
-    outside, cubes, cubed = forces
-    every, states, gears, unit_states, settings, lost = reports
-    lines, queues, due, value, draws = link
-    ages, stamp_lines, stamp_queues, stamp_due, stamp_value, stamp_draws = stamps
-    n, steps, nu = vehicle.shape[1], outside.shape[2], sensors.units.size
     law_state, observer_state, policy_state = law[1], observing[1], braking[1]
     saved, observed, kept = law_state.copy(), observer_state.copy(), inputs.copy()
     demanded, seen = policy_state.copy(), sensors.units.copy()
     supervised, called = supervision.states.run[0].period > 0, count[CALLED] > 0
-    now, window, own_stamp, newest = law[3], np.zeros((steps, nu)), np.zeros(1), np.zeros((1, 1))
+    window = np.zeros((forces[0].shape[2], sensors.units.size))
+    now, own_stamp, newest = law[3], np.zeros(1), np.zeros((1, 1))
     ahead = count[SEEN] > 0
     count[SEEN] = 0
     for tick in range(count[BEGIN], len(measured)):
@@ -215,37 +311,17 @@ def run_span(
         ahead = False
         if not is_seen:
             seen[:] = sensors.units
-            measure_train(
-                sensors, t, state[k.X], state[k.V], state[k.COUPLER, 1:], noise[0][tick], noise[1][tick],
-                noise[2][tick], couplers[tick],
-            )  # fmt: skip
-            for u in range(nu):
-                measured[tick, MEASURED_POSITION, u] = sensors.units[u].position
-                measured[tick, MEASURED_VELOCITY, u] = sensors.units[u].velocity
-                measured[tick, MEASURED_FORCE, u] = unit[k.APPLIED, u]
-            if _must_leave(tick, measured, couplers, state[k.X, 0], bound, event, events, n, at_rest):
+            if not _begins(
+                tick, at, vehicle.shape[1], state, unit, noise, sensors, measured, couplers, bound, event, events,
+                at_rest, stamps, newest, supervision,
+            ):  # fmt: skip
                 sensors.units[:] = seen
                 return tick
-            if supervised:
-                age = command_age(ages, stamp_lines, stamp_queues, stamp_due, stamp_value, at, newest)
-                if age > ages[0].shortest:
-                    sensors.units[:] = seen
-                    return tick
-                copy_states(supervision.states, supervision.kept, at)
             saved[:], observed[:], kept[:], demanded[:] = law_state, observer_state, inputs, policy_state
-            place, speed = measured[tick, MEASURED_POSITION, 0], measured[tick, MEASURED_VELOCITY, 0]
-            if supervised:
-                usable = supervised_tick(at, state[k.X, 0], state[k.V, 0], place, speed, supervision)
-            if usable:
-                for u in range(nu):
-                    x = inputs[u]
-                    x.position, x.velocity = measured[tick, MEASURED_POSITION, u], measured[tick, MEASURED_VELOCITY, u]
-                    x.applied = measured[tick, MEASURED_FORCE, u]
-                usable = called or not changes_brake(t, place, speed, measured[tick, MEASURED_FORCE], braking)
-            if usable:
-                usable = observe(tick, couplers[tick, COUPLER_FORCE], own, tables, observing, inputs, now)
-            if usable and is_step and not called:
-                set_inputs(tick, reference, feedforward, own, limits, segments, inputs, now[0])
+            usable = _prepare(
+                tick, at, is_step and not called, state, measured, couplers, reference, feedforward, own, tables,
+                limits, segments, inputs, now, observing, braking, called, supervision,
+            )  # fmt: skip
             if usable and tick == count[END]:
                 count[BEGIN], count[SEEN] = tick, 1
                 return tick
@@ -261,38 +337,15 @@ def run_span(
             copy_states(supervision.kept, supervision.states, at)
             sensors.units[:] = seen
             return tick
-        if is_step and not called:
-            if at_rest[tick] and _stands(tick, measured, bound):
-                sent[tick + 1] = 0.0
-            at_limit[tick + 1] = at_limit[tick] + limited
-            count[AT_LIMIT] = limited
-        elif not called:
-            sent[tick + 1], at_limit[tick + 1] = sent[tick], at_limit[tick]
-        if at % every < tick_ns:
-            last = min(count[REPORTS], len(states) - 1)
-            states[last], gears[last], unit_states[last] = state, gear, unit
-            settings[count[REPORTS]], lost[count[REPORTS]] = setting, lines[0].lost
-            count[REPORTS] += 1
-        for j in range(len(shown)):
-            i = shown[j]
-            truth[tick, 0, j], truth[tick, 1, j] = state[k.X, i], state[k.V, i]
-            truth[tick, 2, j], truth[tick, 3, j] = state[k.COUPLER, i + 1], state[k.SHOE_FORCE, i]
-        for row in range(len(history) - 1):
-            history[row] = history[row + 1]
-        if len(history):
-            history[len(history) - 1] = sent[tick + 1]
-        push(lines, queues, due, value, at, sent[tick + 1], draws[tick, 0], draws[tick, 1])
-        arrive(lines, queues, due, value, at, window)
-        if supervised:
-            own_stamp[0] = at
-            push(stamp_lines, stamp_queues, stamp_due, stamp_value, at, own_stamp, stamp_draws[tick, 0],
-                 stamp_draws[tick, 1])  # fmt: skip
-        for j in range(len(cubed)):
-            speed = state[k.V, vehicles[cubed[j]]]
-            for step in range(steps):
-                outside[tick, 1, step, cubed[j]] += cubes[tick, step, j] * (speed * speed)
+        if not called:
+            _keep(tick, is_step, limited, measured, bound, at_rest, sent, at_limit, count)
+        if at % reports[0] < tick_ns:
+            _report(train, setting, link[0][0].lost, reports, count)
+        _show(tick, state, shown, truth)
+        _send(tick, at, sent[tick + 1], history, link, stamps, supervised, own_stamp, window)
+        _add_cubes(tick, state, forces, vehicles)
         k.advance(
             t, dt, state, vehicle, vehicle_index, gear, gear_table, run, body, unit, unit_index, envelope, piece,
-            event, events, window, outside[tick], vehicles, setting,
+            event, events, window, forces[0][tick], vehicles, setting,
         )  # fmt: skip
     return len(measured)
