@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 from case_costs import sampled
 
 import train_ato as ta
 from plant_sim.library import consist_path, line_path
+from train_ato.apps.runs.compare import compare
 from train_ato.cli import main
 from train_ato.cli.list import catalogue
 from train_ato.scenario.scenario import shipped_following, shipped_scenarios
@@ -110,6 +112,24 @@ def test_a_leaderboard_counts_the_laws_over_scenarios_and_seeds(
     assert sum(law["first"] for law in told["laws"]) == 4
     assert (folder / "leaderboard.md").read_text().count("\n| ") >= 3 and "leaderboard" in capsys.readouterr().out
     assert main(["compare", "demo", "--seeds=0"]) == 2 and main(["compare", "demo", "--seeds=2", "--keep"]) == 2
+
+
+def test_ctrl_c_keeps_the_finished_comparisons(tmp_path, monkeypatch, capsys) -> None:
+    """Breaks if Ctrl-C in the third of four comparisons loses the first two."""
+    done: list[ta.Comparison] = []
+
+    def pressed(*arguments: Any, **options: Any) -> ta.Comparison:
+        if len(done) == 2:
+            raise KeyboardInterrupt
+        done.append(compare(*arguments, **options))
+        return done[-1]
+
+    monkeypatch.setattr("train_ato.apps.runs.compare.compare", pressed)
+    assert compared(tmp_path, "demo", "--laws=pid", "--seeds=4") == 1
+    assert "interrupted after 2 of 4 comparisons, in " in capsys.readouterr().err
+    told = json.loads((tmp_path / "compared" / "summary.json").read_text())
+    assert [row["seed"] for rows in told["runs"] for row in rows] == [1, 2] and told["laws"][0]["runs"] == 2
+    assert "ended after 2 of 4 comparisons" in (tmp_path / "compared" / "leaderboard.md").read_text()
 
 
 def compared(folder: Path, *options: str) -> int:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from train_ato.cli.scenario_options import KINDS, add_change_options, check_component_name
 from train_ato.cli.screen import note_compilation, print_json, print_table
-from train_ato.errors import RunFailed, missing_packages
+from train_ato.errors import RunFailed, RunInterrupted, missing_packages
 
 if TYPE_CHECKING:
     from train_ato.apps.runs.compare import Comparison
@@ -129,13 +129,12 @@ STANDINGS: tuple[tuple[str, str], ...] = (
 def _leaderboard(options: argparse.Namespace, choices: list[ScenarioChoice], laws: list[str] | None) -> int:
     """Compare the laws in every scenario with every seed; print and write their standings."""
     from train_ato.apps.runs.compare import compare
-    from train_ato.apps.runs.ranking import standings
-    from train_ato.apps.runs.summary_table import format_value
     from train_ato.log.run_folder import RunFolder
-    from train_ato.log.whole_file import write_whole
 
     if options.keep:
         raise ValueError("--keep: keeps the runs of one scenario and seed; remove it, or name one scenario")
+    comparisons = len(choices) * options.seeds
+    title = f"{', '.join(choice.name for choice in choices)}; seeds of each: {options.seeds}"
     folder = RunFolder.make(options.out, "leaderboard")
     found: list[list[dict[str, Any]]] = []
     try:
@@ -145,16 +144,15 @@ def _leaderboard(options: argparse.Namespace, choices: list[ScenarioChoice], law
                     choice.changed(None, seed), laws, observer=options.observer, compensation=options.compensation
                 )
                 found.append([{**row, "scenario": choice.name, "seed": seed} for row in result.rows])
-    except BaseException:
-        folder.discard()
-        raise
-    rows = standings(found)
-    lines = [[heading for _, heading in STANDINGS], ["---"] * len(STANDINGS)]
-    lines += [[format_value(row[key]) for key, _ in STANDINGS] for row in rows]
-    title = f"{', '.join(choice.name for choice in choices)}; seeds of each: {options.seeds}"
-    table = "".join(f"| {' | '.join(cells)} |\n" for cells in lines)
-    write_whole(folder.path / "summary.json", json.dumps({"laws": rows, "runs": found}, indent=2) + "\n")
-    write_whole(folder.path / "leaderboard.md", f"# Leaderboard\n\n{title}\n\n{table}")
+    except BaseException as error:
+        if not found:
+            folder.discard()
+            raise
+        _write_standings(folder.path, found, f"{title}; ended after {len(found)} of {comparisons} comparisons")
+        if not isinstance(error, KeyboardInterrupt):
+            raise
+        raise RunInterrupted(f"interrupted after {len(found)} of {comparisons} comparisons, in {folder.path}") from None
+    rows, lines = _write_standings(folder.path, found, title)
     if options.json:
         print_json(rows)
     else:
@@ -173,6 +171,23 @@ def _leaderboard(options: argparse.Namespace, choices: list[ScenarioChoice], law
     if texts:
         raise RunFailed("; ".join(texts))
     return 0
+
+
+def _write_standings(
+    folder: Path, found: list[list[dict[str, Any]]], title: str
+) -> tuple[list[dict[str, Any]], list[list[str]]]:
+    """Write leaderboard and metrics of the finished comparisons; return the standings and the rows of their table."""
+    from train_ato.apps.runs.ranking import standings
+    from train_ato.apps.runs.summary_table import format_value
+    from train_ato.log.whole_file import write_whole
+
+    rows = standings(found)
+    lines = [[heading for _, heading in STANDINGS], ["---"] * len(STANDINGS)]
+    lines += [[format_value(row[key]) for key, _ in STANDINGS] for row in rows]
+    table = "".join(f"| {' | '.join(cells)} |\n" for cells in lines)
+    write_whole(folder / "summary.json", json.dumps({"laws": rows, "runs": found}, indent=2) + "\n")
+    write_whole(folder / "leaderboard.md", f"# Leaderboard\n\n{title}\n\n{table}")
+    return rows, lines
 
 
 def write_comparison_folder(result: Comparison, folder: Path) -> None:

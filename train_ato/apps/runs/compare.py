@@ -89,12 +89,13 @@ class Comparison:
 
     @property
     def table(self) -> pd.DataFrame:
-        """One row for each law: status, gains, metrics with the unit in their name, reason of a refusal or failure."""
+        """One row for each law: status, verdict, gains, metrics with units, reason of a refusal or failure."""
         import pandas as pd
 
         rows = [
             {
                 "status": law.status,
+                "verdict": law.metrics.get("verdict"),
                 "gains": law.gains,
                 **{key: law.metrics.get(key) for key in RESULTS},
                 "reason": law.reason,
