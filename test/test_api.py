@@ -397,7 +397,7 @@ def test_a_comparison_goes_on_after_a_refusal_and_a_failure(tmp_path):
     alone = ta.run("demo", law=Gain(0.3), **options)
     for metric in ("speed_rmse_kmh", "verdict"):
         assert table.loc["Gain(gain=0.3)", metric] == alone.metrics[metric]
-    assert len(both.plot(tmp_path / "figure.png").axes) == 4 and (tmp_path / "figure.png").is_file()
+    assert len(both.plot(tmp_path / "figure.png").axes) == 5 and (tmp_path / "figure.png").is_file()
     assert "Gain(gain=0.2)" in both.report(tmp_path / "page.html").read_text()
     assert "&#x27;twin&#x27; gives only a feed-forward" in both._repr_html_() and "lag_smc (refused)" in repr(both)
     same_tables(ta.open_run(tmp_path / "kept" / "Gain(gain=0.3)"), alone)
