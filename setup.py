@@ -112,7 +112,7 @@ setup(
         "mcap>=1.2.1",
         "zstandard>=0.20",
         "rosbags>=0.11.9",
-        "pydantic>=2.7",
+        "pydantic>=2.10",
         "PyYAML>=6.0.1",
         "rich>=15",
         "matplotlib>=3.8",
