@@ -35,6 +35,7 @@ EXACT = {
     "train_ato/loop/tracking.py": {
         "sum((max((_correlation(part, lag) for lag in lags)) >= CORRELATION for part in parts))"
     },
+    "train_ato/loop/metrics.py": {"sum((totals.get(name, 0) for name in names))"},
     "train_ato/loop/recording.py": {"sum((part.nbytes for part in parts if part is not None))"},
     "train_ato/loop/train_protection.py": {"sum((age > bound for bound in self._bounds))"},
     "train_ato/supervision/track_supervision.py": {"sum((limits.arcs.size for limits in self.targets))"},
