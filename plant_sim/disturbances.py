@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 import numpy as np
 from pydantic import Field, model_validator
 
-from plant_sim.elementary import cos_each, sin_each
+from plant_sim.elementary import cos_each, sin_each, tanh_each
 from plant_sim.line import Begin, End, check_grade
 from plant_sim.si_model import SiModel
 from plant_sim.states import Array
@@ -227,8 +227,8 @@ class Paper002(_TimeFunction):
         """Return the forces and drift speeds of a tick; the last part of d21 continues beyond 30 s."""
         sine, cosine = sin_each(t), cos_each(t)
         fast = 6.0 * sin_each(3.0 * t) * cosine
-        d21 = np.where(t < 10.0, fast, np.where(t < 20.0, -fast, sine * np.tanh(t)))
-        unmatched = (3.0 * sin_each(t + np.pi / 6.0), d21, sine * cosine, np.tanh(sine), 2.0 * np.tanh(t) * sine)
+        d21 = np.where(t < 10.0, fast, np.where(t < 20.0, -fast, sine * tanh_each(t)))
+        unmatched = (3.0 * sin_each(t + np.pi / 6.0), d21, sine * cosine, tanh_each(sine), 2.0 * tanh_each(t) * sine)
         matched = (d21, fast, 5.0 * sin_each(3.0 * t), 3.0 * cos_each(4.0 * t), 6.0 * sin_each(cosine))
         force = self.matched_scale * np.array(matched).T * mass
         return OutsideForce(force, drift=self.unmatched_scale * np.array(unmatched).T)

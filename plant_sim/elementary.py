@@ -1,11 +1,11 @@
-"""Exponential, sine and cosine of arrays with the functions of the C library, entry by entry.
+"""Exponential, sine, cosine and hyperbolic tangent of arrays with the functions of the C library, entry by entry.
 
 numpy has variants of these functions for processors with AVX-512, with other last bits; on other processors its bits
 are those of the C library.  The functions here have the bits of the C library, those of ``math``, on every processor:
 the symbols of the library are called, so that neither LLVM nor the vector library of Intel (SVML, used by numba if
 installed) replaces them.
 
-Sums of floating-point numbers with the same bits in every version of Python.
+Sums and matrix products of floating-point numbers with the same bits in every version of Python and every processor.
 
 The built-in ``sum`` adds floats in order up to Python 3.11; from 3.12 it compensates the rounding errors (Neumaier), so
 that its last bits are different.  These functions add in order, without compensation, in every version: the bits are
@@ -78,6 +78,15 @@ def cos_each(values: NDArray[np.float64]) -> Array:
     return found
 
 
+@compiled
+def tanh_each(values: NDArray[np.float64]) -> Array:
+    """Return the hyperbolic tangent of every entry of a one-dimensional array."""
+    found = np.empty(values.size)
+    for i in range(values.size):
+        found[i] = libm_tanh(values[i])
+    return found
+
+
 def plain_sum(values: Iterable[float]) -> float:
     """Return the sum of numbers, added in order from 0.0.
 
@@ -123,6 +132,23 @@ def total_of_units(values: NDArray[np.float64]) -> float:
 def mean_over_units(share: Sequence[float], values: Sequence[float]) -> float:
     """Return sum share_i value_i; the shares sum to 1 (:attr:`train_ato.control.train_model.TrainModel.share`)."""
     return plain_dot(share, values)
+
+
+def dot_of(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
+    """Return the sum of products in the order of ``numpy.sum``; ``@`` has that of the processor's code in OpenBLAS."""
+    return float((one * other).sum())
+
+
+@compiled
+def matrix_product(left: NDArray[np.float64], right: NDArray[np.float64]) -> Array:
+    """Return the product of two matrices, added in order; ``@`` has the order of the processor's code in OpenBLAS."""
+    found = np.zeros((left.shape[0], right.shape[1]))
+    for i in range(left.shape[0]):
+        for k in range(left.shape[1]):
+            if left[i, k] != 0.0:
+                for j in range(right.shape[1]):
+                    found[i, j] += left[i, k] * right[k, j]
+    return found
 
 
 @compiled

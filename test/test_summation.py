@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from plant_sim.compiled import compiled
-from plant_sim.elementary import cos_each, exp_each, plain_dot, plain_sum, sin_each
+from plant_sim.elementary import cos_each, exp_each, plain_dot, plain_sum, sin_each, tanh_each
 from plant_sim.railway import adhesion_by_speed, between_entries, envelope_force, fading_resistance, shoe_force
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -61,6 +61,21 @@ BOUNDS = {
     }
 }
 """Sums compared with a bound that is far from every physical value; their last bits reach no number."""
+BY_PROCESSOR = re.compile(r"np\.(dot|vdot|inner|convolve|correlate|poly|exp|sin|cos|tanh|linalg\.\w+)$").match
+"""Functions of numpy with other last bits on other processors."""
+ELSEWHERE = {
+    "plant_sim/alignment.py": {"np.cos(heading + turn / 2)", "np.cos(latitude[0])", "np.sin(heading + turn / 2)"},
+    "train_ato/control/algorithms/linear_train.py": {
+        "self.C @ np.linalg.solve(1j * w * unit - self.A, self.B)",
+        "np.linalg.solve(1j * w * unit - self.A, self.B)",
+        "np.exp(-1j * w * late)",
+        "np.linalg.eigvals(self.A)",
+    },
+    "train_ato/control/train_model.py": {
+        "np.convolve(np.pad(specific, width, mode='edge'), np.full(width, 1 / width), mode='same')"
+    },
+}
+"""The map, the linear model for users, and a moving mean that has had the same bits on every processor so far."""
 NEWER_TYPES = {"Self", "Never", "LiteralString", "Required", "NotRequired", "Unpack", "TypeVarTuple", "override",
                "assert_never", "assert_type", "reveal_type", "dataclass_transform", "StrEnum"}  # fmt: skip
 """Names of ``typing`` and ``enum`` that Python 3.10 does not have."""
@@ -91,6 +106,20 @@ def test_no_sum_of_floats_in_the_layers_of_a_run() -> None:
     allowed = {file: set().union(*(table.get(file, set()) for table in tables)) for file in EXACT | ARRAYS | BOUNDS}
     found = {file: calls for file, tree in sources(r"\bsum\(", *LAYERS).items() if (calls := sums(tree))}
     assert found == allowed
+
+
+def products(tree: ast.Module) -> set[str]:
+    """Return the products of ``@`` and the calls of numpy whose bits depend on the processor, as text."""
+    found = {node for node in ast.walk(tree) if isinstance(node, ast.BinOp) and isinstance(node.op, ast.MatMult)}
+    calls = {node for node in ast.walk(tree) if isinstance(node, ast.Call) and BY_PROCESSOR(ast.unparse(node.func))}
+    return {ast.unparse(node) for node in found | calls}
+
+
+def test_no_product_of_the_processor_in_a_plant_or_law() -> None:
+    """Breaks if a run needs OpenBLAS or a vector function of numpy: its last bits differ on another processor."""
+    layers = [folder for folder in LAYERS if folder != "train_ato/profile"]  # plans are data of a run, and made once
+    found = {file: calls for file, tree in sources("numpy", *layers).items() if (calls := products(tree))}
+    assert found == ELSEWHERE
 
 
 def test_no_name_newer_than_python_3_10() -> None:
@@ -134,7 +163,9 @@ def test_plain_dot_is_the_plain_sum_of_the_products(pairs: list[tuple[float, flo
     assert plain_dot(one, other) == plain_sum(map(mul, one, other))
 
 
-@pytest.mark.parametrize(("each", "name"), [(exp_each, "exp"), (sin_each, "sin"), (cos_each, "cos")])
+@pytest.mark.parametrize(
+    ("each", "name"), [(exp_each, "exp"), (sin_each, "sin"), (cos_each, "cos"), (tanh_each, "tanh")]
+)
 def test_functions_have_the_bits_of_the_c_library(each, name: str) -> None:
     """Breaks if the compiler replaces the C library by a vector library with other last bits."""
     import math

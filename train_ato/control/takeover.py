@@ -264,14 +264,15 @@ class JoinedReference:
         if count := preview.velocity.size:
             places, speeds = self._difference(inputs.t + inputs.delay_to_effect + period * np.arange(float(count)))
             preview = replace(
-                preview, position=preview.position + places @ self._share,
-                velocity=preview.velocity + speeds @ self._share,
+                preview, position=preview.position + (places * self._share).sum(axis=1),
+                velocity=preview.velocity + (speeds * self._share).sum(axis=1),
             )  # fmt: skip
         if ahead.velocity.size and lookahead_times is not None:
             places, speeds = self._difference(inputs.t + lookahead_times)
             ahead = replace(
-                ahead, position=ahead.position + places @ self._share, velocity=ahead.velocity + speeds @ self._share
-            )
+                ahead, position=ahead.position + (places * self._share).sum(axis=1),
+                velocity=ahead.velocity + (speeds * self._share).sum(axis=1),
+            )  # fmt: skip
         s = min(max((inputs.t - self._begin) / self._until_place, 0.0), 1.0)
         return replace(
             inputs, reference_position=inputs.reference_position + place,

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from plant_sim.elementary import matrix_product
 from plant_sim.gears import LinearGear
 from train_ato.control.parameters import RefusedParameter
 from train_ato.messages.types import Array
@@ -22,10 +23,10 @@ def matrix_exponential(matrix: Array) -> Array:
     term = np.eye(matrix.shape[0])
     total = term.copy()
     for order in range(1, 15):
-        term = term @ small / order
+        term = matrix_product(term, small) / order
         total = total + term
     for _ in range(halvings):
-        total = total @ total
+        total = matrix_product(total, total)
     return total
 
 

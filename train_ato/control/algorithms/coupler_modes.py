@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from plant_sim.compiled import compiled
+from plant_sim.elementary import matrix_product
 from train_ato.control.algorithms.train_constants import friction_damping, mean_stiffness
 from train_ato.messages.types import Array
 
@@ -78,7 +79,8 @@ class TrainModes:
     def friction_matrix(self) -> Array:
         """Damping matrix of the bodies with the damping ratios of the friction [N s/m]: 2 zeta omega M phi (M phi)'."""
         moved = self.mass[:, np.newaxis] * self.shapes
-        return np.asarray((moved * (2.0 * self.friction * self.omega)) @ moved.T)
+        damping: Array = matrix_product(moved * (2.0 * self.friction * self.omega), np.ascontiguousarray(moved.T))
+        return damping
 
     @classmethod
     def of(cls, model: TrainModel) -> TrainModes:

@@ -65,8 +65,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from plant_sim.compiled import compiled
-from plant_sim.elementary import libm_cos, libm_sin
-from train_ato.control.algorithms.quadratic_program import inverse, matrix_product
+from plant_sim.elementary import libm_cos, libm_sin, matrix_product
+from train_ato.control.algorithms.quadratic_program import inverse
 from train_ato.control.train_model import STANDSTILL_SPEED
 
 if TYPE_CHECKING:

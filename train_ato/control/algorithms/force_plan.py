@@ -34,11 +34,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from plant_sim.compiled import compiled
-from plant_sim.elementary import libm_exp, plain_sum
+from plant_sim.elementary import exp_each, libm_exp, matrix_product, plain_sum
 from train_ato.control.algorithms.coupler_limit import CouplerLimit
 from train_ato.control.algorithms.limits_ahead import limits_at_nodes, limits_force
 from train_ato.control.algorithms.predictive_plan import FAR, bounds, decide, node_values, planned_motion
-from train_ato.control.algorithms.quadratic_program import inverse, matrix_product
+from train_ato.control.algorithms.quadratic_program import inverse
 from train_ato.control.algorithms.train_constants import drag_slope, force_tables
 from train_ato.control.contract import LawPlan
 from train_ato.control.plan_text import PASSES
@@ -340,7 +340,7 @@ class ForcePlan:
         self._ends = np.array([half, half - model.consist.length, overspeed, POSITION_BAND])
         self._band = POSITION_BAND if model.air_brake is None else MAX_POSITION
         self._stops = model.air_brake is None and not model.reversing
-        self._passed = 1.0 - np.exp(-self.nodes / PASSING_TIME)
+        self._passed = 1.0 - exp_each(-self.nodes / PASSING_TIME)
         self._memory = math.exp(-period / lookahead)
         self.reset()
 

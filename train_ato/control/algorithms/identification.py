@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from plant_sim.elementary import exp_each, plain_dot, sin_each
+from plant_sim.elementary import dot_of, exp_each, plain_dot, sin_each
 from train_ato.messages.types import Array
 
 
@@ -26,7 +28,7 @@ class Increments:
         self._nominal = np.concatenate((inner[1:], b))
         self._a, self._b = np.array(a), np.array(b)
         self._deviation = deviation
-        self._scale = deviation * float(np.linalg.norm(self._nominal[2:]))
+        self._scale = deviation * _length(self._nominal[2:])
         self.reset()
 
     def reset(self) -> None:
@@ -74,14 +76,14 @@ class Increments:
         _, v1, v2, v3 = speeds
         if absolute:
             x = np.array([-v1, -v2, -v3, *sent[:3]])
-            move = x * (error / (1.0 + float(x @ x)))
+            move = x * (error / (1.0 + dot_of(x, x)))
             self._drift = np.clip(self._drift + move[:3], -self._deviation, self._deviation)
             self.theta[2:] += move[3:]
         else:
             x = np.array([-(v1 - v2), -(v2 - v3), *sent[:3]])
-            self.theta += x * (error / (1.0 + float(x @ x)))
+            self.theta += x * (error / (1.0 + dot_of(x, x)))
         off = self.theta - self._nominal
-        size = float(np.linalg.norm(off))
+        size = _length(off)
         if size > self._scale:
             self.theta = self._nominal + off * (self._scale / size)
 
@@ -116,7 +118,7 @@ class ResidualNetwork:
     def estimate(self, speeds: list[float], sent: list[float]) -> float:
         """Return xi for the next sample [m/s] from the last three speeds [m/s] and commands [m/s²]."""
         self._z = np.array([*(speed / 100.0 for speed in speeds), *sent])
-        reach = _bounded(self._v @ self._z + self._mu2, 30.0)
+        reach = _bounded((self._v * self._z).sum(axis=1) + self._mu2, 30.0)
         self._s = 1.0 / (1.0 + exp_each(-reach))
         return self._output()
 
@@ -130,7 +132,11 @@ class ResidualNetwork:
         self._mu2 = _bounded(self._mu2 + back, 10.0)
 
     def _output(self) -> float:
-        return float(self._w @ self._s) + self._mu1
+        return dot_of(self._w, self._s) + self._mu1
+
+
+def _length(vector: Array) -> float:
+    return math.sqrt(dot_of(vector, vector))
 
 
 def _bounded(fresh: Array, bound: float) -> Array:

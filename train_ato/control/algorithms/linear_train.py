@@ -13,6 +13,7 @@ every mode. Slack and preload are not in the model.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -165,6 +166,6 @@ def _resistance_slope(model: TrainModel, number: int, speed: float) -> float:
     """Return the derivative of the running resistance of a vehicle by its speed [N s/m]."""
     vehicle = model.consist.vehicles[number]
     c0, c1, c2 = vehicle.resistance.polynomial(vehicle.mass, model.consist.gravity)
-    fading = float(np.tanh(speed / DRY_FRICTION_SPEED))
+    fading = math.tanh(speed / DRY_FRICTION_SPEED)
     size = c0 + c1 * speed + c2 * speed**2
     return (c1 + 2.0 * c2 * speed) * fading + size * (1.0 - fading**2) / DRY_FRICTION_SPEED

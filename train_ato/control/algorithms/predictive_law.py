@@ -10,7 +10,9 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from plant_sim.elementary import dot_of, matrix_product, plain_dot
 from train_ato.control.algorithms.coupled_units import matrix_exponential
+from train_ato.control.algorithms.quadratic_program import cholesky, solve_factored
 from train_ato.messages.types import Array
 
 
@@ -40,13 +42,23 @@ def sampled_actuator(delay: float, lag: float, period: float) -> tuple[Array, Ar
     rates[2] = [0.0, 1.0, 0.0, 0.0]
     step = matrix_exponential(rates * period)
     transition, drive = step[:3, :3], step[:3, 3]
-    a = np.poly(np.array([math.exp(-pole * period), math.exp(-fast * period), 1.0]))
+    a = np.ones(1)
+    for root in (math.exp(-pole * period), math.exp(-fast * period), 1.0):
+        a = convolved(a, np.array([1.0, -root]))
     response, state = [], drive
     for _ in range(3):
         response.append(float(state[2]))
-        state = transition @ state
-    b = np.array([float(np.dot(a[: j + 1], response[j::-1])) for j in range(3)])
-    return np.asarray(a, dtype=np.float64), b
+        state = (transition * state).sum(axis=1)
+    b = np.array([plain_dot(a[: j + 1].tolist(), response[j::-1]) for j in range(3)])
+    return a, b
+
+
+def convolved(one: Array, other: Array) -> Array:
+    """Return the product of two polynomials; ``numpy.convolve`` adds in an order of the processor."""
+    found = np.zeros(one.size + other.size - 1)
+    for first, value in enumerate(other.tolist()):
+        found[first : first + one.size] += value * one
+    return found
 
 
 def diophantine(a: Array, horizon: int) -> tuple[Array, Array]:
@@ -88,11 +100,11 @@ def response_and_past(e: Array, b: Array, horizon: int) -> tuple[Array, Array]:
     h : Array, shape (horizon, len(b) - 1)
         Row j - 1 holds H_j, which multiplies u(k-1), u(k-2), ...
     """
-    product = np.convolve(e, b)
+    product = convolved(e, b)
     g = product[:horizon]
     past = np.zeros((horizon, b.size - 1))
     for j in range(1, horizon + 1):
-        own = np.convolve(e[:j], b)
+        own = convolved(e[:j], b)
         past[j - 1] = own[j:]
     return g, past
 
@@ -146,9 +158,9 @@ def linear_law(a: Array, b: Array, p: PredictiveSettings) -> LinearLaw:
     e, f = diophantine(a, p.n)
     g, h = response_and_past(e, b, p.n)
     rows = first_row(g, p)
-    feedback, past = rows @ f, rows @ h
+    feedback, past = ((rows[:, None] * part).sum(axis=0) for part in (f, h))
     scale = (a.sum() * (1.0 + past.sum()) / b.sum() + feedback.sum()) / rows.sum()
-    residual = rows @ np.cumsum(e) if p.residual_gain == "horizon" else (1.0 + past.sum()) / b.sum()
+    residual = dot_of(rows, np.cumsum(e)) if p.residual_gain == "horizon" else (1.0 + past.sum()) / b.sum()
     return LinearLaw(rows, feedback, past, float(residual), float(scale))
 
 
@@ -160,5 +172,7 @@ def first_row(g: Array, p: PredictiveSettings) -> Array:
     if p.beyond_horizon == "hold":
         for row in range(p.nu, p.n):
             matrix[row, p.nu - 1] = g[: row - p.nu + 2].sum()
-    gain = np.linalg.solve(matrix.T @ matrix + p.command_weight * np.eye(p.nu), matrix.T)
-    return np.asarray(gain[0])
+    cost = matrix_product(np.ascontiguousarray(matrix.T), matrix) + p.command_weight * np.eye(p.nu)
+    first = np.eye(1, p.nu)[0]
+    solve_factored(cholesky(cost), first)
+    return np.asarray((matrix * first).sum(axis=1))

@@ -70,18 +70,6 @@ def inverse(matrix):
 
 
 @compiled
-def matrix_product(left, right):
-    """Return the product of two matrices, added in order."""
-    found = np.zeros((left.shape[0], right.shape[1]))
-    for i in range(left.shape[0]):
-        for k in range(left.shape[1]):
-            if left[i, k] != 0.0:
-                for j in range(right.shape[1]):
-                    found[i, j] += left[i, k] * right[k, j]
-    return found
-
-
-@compiled
 def multipliers(matrix, slack, active, found):
     """Compute the multipliers y >= 0 with w = slack + P y >= 0 and y'w = 0.
 

@@ -55,7 +55,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from plant_sim.elementary import plain_sum
+from plant_sim.elementary import dot_of, plain_sum
 from train_ato.control.algorithms.guard import GuardedLaw, is_valid
 from train_ato.control.algorithms.identification import Increments, ResidualNetwork
 from train_ato.control.algorithms.loop_gains import LoopGains
@@ -330,8 +330,8 @@ class Loop:
             self._learn(side)
         law = self._law(side)
         v, u = np.array(self._speeds[:3]), np.array(self._sent[:2])
-        wanted = law.scale * (law.tracking @ ahead) - law.feedback @ v - law.past @ u
-        return float(wanted) - self._xi * law.residual
+        wanted = law.scale * dot_of(law.tracking, ahead) - dot_of(law.feedback, v) - dot_of(law.past, u)
+        return wanted - self._xi * law.residual
 
     def begin(self, speed: float, acceleration: float, sent: float, unmodelled: float) -> None:
         """Set the samples before the first one: a motion with a speed [m/s], an acceleration and a command [m/s²].
