@@ -51,40 +51,22 @@ libm_sin, libm_cos = _of_library("sin"), _of_library("cos")
 """Functions of the C library, in Python and in compiled code: ``**`` of Python calls the same ``pow``."""
 
 
-@compiled
-def exp_each(values: NDArray[np.float64]) -> Array:
-    """Return the exponential of every entry of a one-dimensional array."""
-    found = np.empty(values.size)
-    for i in range(values.size):
-        found[i] = libm_exp(values[i])
-    return found
+def _of_each_entry(function: Any) -> Any:
+    """Return the compiled function of every entry of a one-dimensional array."""
+
+    @compiled
+    def each(values: NDArray[np.float64]) -> Array:
+        found = np.empty(values.size)
+        for i in range(values.size):
+            found[i] = function(values[i])
+        return found
+
+    return each
 
 
-@compiled
-def sin_each(values: NDArray[np.float64]) -> Array:
-    """Return the sine of every entry [rad] of a one-dimensional array."""
-    found = np.empty(values.size)
-    for i in range(values.size):
-        found[i] = libm_sin(values[i])
-    return found
-
-
-@compiled
-def cos_each(values: NDArray[np.float64]) -> Array:
-    """Return the cosine of every entry [rad] of a one-dimensional array."""
-    found = np.empty(values.size)
-    for i in range(values.size):
-        found[i] = libm_cos(values[i])
-    return found
-
-
-@compiled
-def tanh_each(values: NDArray[np.float64]) -> Array:
-    """Return the hyperbolic tangent of every entry of a one-dimensional array."""
-    found = np.empty(values.size)
-    for i in range(values.size):
-        found[i] = libm_tanh(values[i])
-    return found
+exp_each, tanh_each = _of_each_entry(libm_exp), _of_each_entry(libm_tanh)
+sin_each, cos_each = _of_each_entry(libm_sin), _of_each_entry(libm_cos)
+"""Functions of every entry of a one-dimensional array, angles in rad."""
 
 
 def plain_sum(values: Iterable[float]) -> float:

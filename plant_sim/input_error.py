@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import reprlib
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -27,7 +28,6 @@ _PLAIN = {
     "bool_type": "is neither true nor false; write one of them",
     "bool_parsing": "is neither true nor false; write one of them",
     "invalid_key": "a key is no text; write it in quotes",
-    "string_pattern_mismatch": "use letters, digits, _ and - only, at most 60, a letter first",
 }
 """Errors of pydantic that name classes or patterns, in plain words."""
 MOST_FAULTS = 20
@@ -170,6 +170,8 @@ def _fault(first: Mapping[str, Any], source: str | Path, keys: Sequence[str], mo
         )
         place, value = f"{place}.{key}", repr(first["ctx"]["tag"])
         text = f"is none of {', '.join(kinds)}{close_match(first['ctx']['tag'], kinds)}"
+    elif first["type"] == "string_pattern_mismatch":
+        text = _signs(first["ctx"]["pattern"])
     elif first["type"] in _PLAIN:
         text = _PLAIN[first["type"]].format(**first.get("ctx", {}))
     else:
@@ -178,6 +180,21 @@ def _fault(first: Mapping[str, Any], source: str | Path, keys: Sequence[str], mo
         text += "" if "; " in text or first["type"] == "value_error" else "; correct it"
     shown = f" = {value}" if value and first["type"] != "value_error" and first["type"] != "extra_forbidden" else ""
     return f"{source}: {place}{shown}: {text}" if place else f"{source}: {text}"
+
+
+def _signs(pattern: str) -> str:
+    """Return in words the signs that the pattern of a name permits.
+
+    Examples
+    --------
+    >>> _signs("^[A-Za-z][A-Za-z0-9_-]{0,59}$")
+    'use letters, digits, _ and - only, at most 60, a letter first'
+    """
+    form = re.fullmatch(r"\^\[(.+)\]\[A-Za-z0-9(.+)\]\{0,(\d+)\}\$", pattern)
+    assert form is not None, f"a name of another form: {pattern}"
+    *signs, last = ["letters", "digits", *list(str(form[2]))]
+    first = {"A-Za-z": "a letter", "A-Za-z0-9_": "a letter, a digit or _"}[form[1]]
+    return f"use {', '.join(signs)} and {last} only, at most {int(form[3]) + 1}, {first} first"
 
 
 def _branch_of_union(part: Any) -> bool:

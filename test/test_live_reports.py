@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +15,7 @@ import numpy as np
 import pytest
 import yaml
 from test_following import following_file, report
-from waiting import LIMIT_S
+from waiting import LIMIT_S, wait_for
 
 import train_ato as ta
 from plant_sim.states import Odometry
@@ -64,30 +66,55 @@ def test_live_reports_drive_as_those_of_a_run_before(trains: Any) -> None:
     assert_equal(Run(outcome.summary, record=record, setup=setup, outcome=outcome), runs["t2"])
 
 
-@pytest.mark.graph
-def test_two_programs_drive_as_one_train_after_the_other(trains: Any, tmp_path: Path) -> None:
-    """Breaks if a report is lost, waits for the last one after the end, or if the log lacks what `verify` needs."""
+@contextmanager
+def programs_of(
+    scenarios: dict[str, dict[str, Any]], folder: Path, *options: str
+) -> Iterator[dict[str, subprocess.Popen[str]]]:
+    """Start the train ahead, with options, and the train behind it as programs; none is left."""
     pytest.importorskip("rclpy")
     from train_ato.ros.graph.environment import claim_domain
 
     with claim_domain() as domain:
         pass
-    runs, scenarios = trains
     programs = {}
-    for name, more in {"t1": ["--followed"], "t2": []}.items():
-        path = tmp_path / f"{name}.yaml"
+    for name, more in {"t1": ["--followed", *options], "t2": []}.items():
+        path = folder / f"{name}.yaml"
         path.write_text(yaml.safe_dump({"schema": "train_ato/scenario/1", **scenarios[name]}))
-        words = ["run", str(path), f"--namespace=/{name}", f"--domain={domain}", f"--out={tmp_path / name}", *more]
+        words = ["run", str(path), f"--namespace=/{name}", f"--domain={domain}", f"--out={folder / name}", *more]
         programs[name] = subprocess.Popen(
             [sys.executable, "-m", "train_ato", *words, "--start-limit=none"],
             env={**os.environ, "PYTHONPATH": str(Path(ta.__file__).parents[1])},
             stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
         )  # fmt: skip
     try:
-        said = {name: program.communicate(timeout=LIMIT_S)[1] for name, program in programs.items()}
+        yield programs
     finally:
         for program in programs.values():
             program.kill()
+            program.wait()
+
+
+@pytest.mark.graph
+def test_a_train_drives_on_behind_one_that_was_killed(trains: Any, tmp_path: Path) -> None:
+    """Breaks if the train behind waits for ever, says nothing, or has a log that cannot be repeated."""
+    with programs_of(trains[1], tmp_path, "--rate=1") as programs:
+        log = tmp_path / "t2" / "run.mcap.partial"
+        wait_for(lambda: log.is_file() and log.stat().st_size > 60_000)  # beyond its head of 40 kB
+        programs["t1"].kill()
+        said = programs["t2"].communicate(timeout=LIMIT_S)[1]
+    assert programs["t2"].returncode == 0, said
+    assert "no report on /t1/train/report for 10 s; the run goes on without" in said
+    found = ta.load(tmp_path / "t2")
+    assert 0.0 < found["train/ahead"]["front_time_s"].max() < trains[0]["t1"]["train/odometry"].index.max()
+    assert ta.verify(tmp_path / "t2").equal
+
+
+@pytest.mark.graph
+def test_two_programs_drive_as_one_train_after_the_other(trains: Any, tmp_path: Path) -> None:
+    """Breaks if a report is lost, waits for the last one after the end, or if the log lacks what `verify` needs."""
+    runs, scenarios = trains
+    with programs_of(scenarios, tmp_path) as programs:
+        said = {name: program.communicate(timeout=LIMIT_S)[1] for name, program in programs.items()}
     assert [program.returncode for program in programs.values()] == [0, 0], said
     assert "goes on without" not in said["t2"]
     found = ta.load(tmp_path / "t2")
@@ -130,7 +157,7 @@ def test_a_repeated_delivery_is_no_new_report(trains: Any) -> None:
             ["--engine", "--set=leader.train=/t1"],
             "leader.train: /t1: its reports come in a ROS domain; remove --engine",
         ),
-        (["--engine", "--set=leader.train=t1"], "leader.train"),
+        (["--engine", "--set=leader.train=t1"], "leader.train: t1: give a name such as /t1"),
     ],
 )
 def test_bad_input_is_refused_in_one_line(

@@ -231,6 +231,10 @@ def load_class(target: str) -> type:
     module_name, _, attribute = target.partition(":") if ":" in target else target.rpartition(".")
     if not module_name or not attribute:
         raise ValueError(f"'{target}' does not name a class; write package.module:Class")
+    if "/" in module_name or module_name.endswith(".py"):
+        file = Path(module_name)
+        place = "" if file.parent == Path() else f", in the folder {file.parent}"
+        raise ValueError(f"'{target}' names a file; write {file.stem}:{attribute}{place}")
     if module_name == "__main__" or "<locals>" in attribute:
         raise ValueError(
             f"{attribute.rpartition('.')[2]} was defined in a script, a notebook or a function; move the class into a "

@@ -2,13 +2,30 @@
 
 from __future__ import annotations
 
+import re
 from typing import Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from plant_sim.si_model import SiModel
 from plant_sim.units import Place, Time
 from train_ato.messages.links import LinkSpec
+
+NAMESPACE = r"(/[A-Za-z_][A-Za-z0-9_]*)+"
+"""Form of a namespace of ROS 2."""
+
+
+def check_namespace(text: str) -> str:
+    """Return the namespace of a train.
+
+    Raises
+    ------
+    ValueError
+        If ROS 2 does not have it.
+    """
+    if not re.fullmatch(NAMESPACE, text):
+        raise ValueError(f"{text}: give a name such as /t1")
+    return text
 
 
 class LeaderSpec(SiModel):
@@ -21,7 +38,7 @@ class LeaderSpec(SiModel):
     )
     train: str | None = Field(
         None,
-        pattern=r"^(/[A-Za-z_][A-Za-z0-9_]*)*$",
+        json_schema_extra={"pattern": f"^{NAMESPACE}$"},
         description="namespace of the train ahead in the same ROS domain, which reports live in place of `reports`",
         examples=["/t1"],
     )
@@ -48,6 +65,11 @@ class LeaderSpec(SiModel):
     )
     timeout: Time = Field(5.0, gt=0, description="age of the newest report from which its shortest stop does not count")
     rear_margin: Place = Field(10.0, ge=0, description="distance from the safe rear to the end of authority")
+
+    @field_validator("train")
+    @classmethod
+    def _namespace(cls, train: str | None) -> str | None:
+        return train if train is None else check_namespace(train)
 
     @model_validator(mode="after")
     def _known_in_time(self) -> LeaderSpec:

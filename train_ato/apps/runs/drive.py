@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -30,6 +29,7 @@ from train_ato.loop.result import RunResult
 from train_ato.loop.setup import RunSetup
 from train_ato.messages.topics import EXTERNAL
 from train_ato.ros import require_ros
+from train_ato.scenario.leader import check_namespace
 
 if TYPE_CHECKING:
     from train_ato.apps.env.observation import OnTick, StopWhen, TickCalls
@@ -237,8 +237,10 @@ class RunMode:
         if not self.namespace:
             raise ValueError(f"{dash}followed: the topic of the reports is in a namespace; add {dash}namespace")
         given = f"{dash}namespace {self.namespace}"
-        if not re.fullmatch(r"(/[A-Za-z_][A-Za-z0-9_]*)+", self.namespace):
-            raise ValueError(f"{given}: give a name such as /t1")
+        try:
+            check_namespace(self.namespace)
+        except ValueError as error:
+            raise ValueError(f"{dash}namespace {error}") from None
         if self.mode == "engine":
             raise ValueError(f"{given}: the engine has no nodes; remove it or {dash}engine")
         if self.domain is None and not os.environ.get("ROS_DOMAIN_ID"):
