@@ -7,7 +7,7 @@ COPY . /src
 # installation's own rclpy; colcon, run by its Python, installs the package itself for `ros2 run` and `ros2 launch`.
 RUN . /opt/ros/jazzy/setup.sh \
     && python3 -m venv --system-site-packages /opt/venv \
-    && /opt/venv/bin/pip install --no-cache-dir '/src[view,plan]' \
+    && /opt/venv/bin/pip install --no-cache-dir '/src[view,plan,export]' \
     && /opt/venv/bin/pip uninstall --yes train_ato \
     && /opt/venv/bin/python -m colcon build --base-paths /src --install-base /opt/train_ato --merge-install
 ENV PATH=/opt/venv/bin:$PATH

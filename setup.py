@@ -8,7 +8,9 @@ from setuptools import find_packages, setup
 
 HERE = Path(__file__).resolve().parent  # colcon build --symlink-install runs a link to this file
 NAME = "train_ato"
-SWEEP = ["distributed>=2026.1", "scipy>=1.15", "cryptography>=46.0.7"]
+EXPORT = ["pyarrow>=23.0.1"]
+"""Package of the tables in files."""
+SWEEP = [*EXPORT, "distributed>=2026.1", "scipy>=1.15", "cryptography>=46.0.7"]
 """Packages of the command sweep."""
 REPORT = ["bokeh>=3.9.2", "Jinja2>=3.1.6"]
 VIEW = [*REPORT, "tornado>=6.5.5", "foxglove-sdk>=0.30"]
@@ -117,7 +119,6 @@ setup(
         "rich>=15",
         "matplotlib>=3.8",
         "pandas>=2.1",
-        "pyarrow>=23.0.1",
         "pebble>=5.0.7",
         "rainflow>=3.2",
         "argcomplete>=3.1",
@@ -125,11 +126,12 @@ setup(
     ],
     extras_require={
         "report": REPORT,
+        "export": EXPORT,
         "view": VIEW,
         "plan": PLAN,
         "sweep": SWEEP,
         "tune": ["cma>=3.3"],
-        "docs": [*DOCS, *VIEW, *PLAN, *PICTURES],
+        "docs": [*DOCS, *VIEW, *EXPORT, *PLAN, *PICTURES],
         "gymnasium": ["gymnasium>=1.0"],
         "xarray": ["xarray>=2024.1"],
         "rerun": ["rerun-sdk>=0.24; python_version >= '3.11'"],

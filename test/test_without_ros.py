@@ -69,7 +69,7 @@ def test_the_engine_runs_where_no_ros_package_is_installed(tmp_path):
     assert (done.returncode, done.stdout) == (0, "200\n"), done.stderr
     for arguments in (
         ["run", "demo", "--engine", "--set", "duration=20", "--out", "run"], ["--help"], ["list"], ["info", "run"],
-        ["verify", "saved"], ["export", "run"], [*PLAN, "--no-bound"],
+        ["verify", "saved"], [*PLAN, "--no-bound"],
         ["compare", "demo", "--laws", "pid,smc", "--set", "duration=10", "--out", "laws"],
     ):  # fmt: skip
         done = command(*arguments)
@@ -94,11 +94,12 @@ def test_the_engine_runs_where_no_ros_package_is_installed(tmp_path):
         (["view", "runs/demo-1"], "bokeh Jinja2 tornado"),
         (["view", "runs/demo-1", "--foxglove"], "bokeh Jinja2 tornado foxglove-sdk"),
         (PLAN, "scipy"),
+        (["export", "runs/demo-1", "--csv"], "pyarrow"),
     ],
 )
 def test_a_missing_extra_is_refused_with_its_command(arguments, packages, monkeypatch, capsys):
     """Breaks if a command without its packages fails with a traceback, starts its work, or names too few packages."""
-    for module in ("bokeh", "jinja2", "tornado", "foxglove", "scipy"):
+    for module in ("bokeh", "jinja2", "tornado", "foxglove", "scipy", "pyarrow"):
         monkeypatch.setitem(sys.modules, module, None)
     assert main(arguments) == 2
     said = capsys.readouterr()

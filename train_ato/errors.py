@@ -13,6 +13,7 @@ from typing import Any, TypeVar, cast
 _OWN = ("train_ato", "plant_sim")
 _PACKAGES = {
     "bokeh": "bokeh", "jinja2": "Jinja2", "tornado": "tornado", "foxglove": "foxglove-sdk", "scipy": "scipy",
+    "pyarrow": "pyarrow",
 }  # fmt: skip
 """Packages of the extras by the name that Python imports."""
 _Function = TypeVar("_Function", bound=Callable[..., Any])

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from train_ato.cli.screen import print_json, print_table
+from train_ato.errors import check_packages
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,7 +38,6 @@ def execute(options: argparse.Namespace) -> int:
     """Write one file per topic; the name of every column contains its unit."""
     from train_ato.apps.runs.progress import share_bar
     from train_ato.log.reading import log_file
-    from train_ato.log.tables.files import FORMATS, write_tables
 
     if options.scene:
         return _write_scene(options)
@@ -48,6 +48,9 @@ def execute(options: argparse.Namespace) -> int:
             raise ValueError(f"--{option}: only with --scene; remove it")
     if options.rerun:
         return _write_rerun(options)
+    check_packages("export", "pyarrow")
+    from train_ato.log.tables.files import FORMATS, write_tables
+
     formats = [name for name in FORMATS if getattr(options, name)] or ["parquet"]
     folder = options.out or _beside(options.run)
     if folder.exists():

@@ -14,7 +14,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-MISSING = "the package {} is not installed; install it with `pip install distributed scipy cryptography`"
+MISSING = "the package {} is not installed; install it with `pip install distributed scipy cryptography pyarrow`"
 LOOPBACK = "127.0.0.1"
 MAX_JOBS = 256
 SCRATCH = "train_ato_sweep_"
@@ -64,11 +64,12 @@ def sweep_client(scheduler: str | None, jobs: int | None, *, dashboard: bool = F
     Raises
     ------
     ValueError
-        If Dask or cryptography is not installed, or the scheduler does not answer or has no worker.
+        If Dask, cryptography or pyarrow is not installed, or the scheduler does not answer or has no worker.
     """
     try:
         import dask
         import distributed  # noqa: F401
+        import pyarrow  # noqa: F401
 
         if scheduler is None:
             import cryptography  # noqa: F401

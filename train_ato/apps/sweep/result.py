@@ -13,7 +13,7 @@ from train_ato.apps.runs.summary_table import verdict_html
 from train_ato.apps.sweep.groups import ERROR_METRIC, NotDrawable
 from train_ato.apps.sweep.row import Row
 from train_ato.apps.sweep.spec import SweepSpec
-from train_ato.errors import refusing
+from train_ato.errors import check_packages, refusing
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -103,6 +103,7 @@ def read_results(path: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
     ValueError
         If the file is none.
     """
+    check_packages(str(path), "pyarrow")
     import pyarrow as pa
     import pyarrow.parquet
 
