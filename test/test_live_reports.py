@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -20,7 +21,7 @@ from waiting import LIMIT_S, wait_for
 import train_ato as ta
 from plant_sim.states import Odometry
 from train_ato.apps.runs.drive import RunMode
-from train_ato.apps.runs.following import run_following
+from train_ato.apps.runs.following import follower_figures, run_following
 from train_ato.apps.runs.run import Run, RunRecord
 from train_ato.apps.runs.scenario_choice import choose_scenario
 from train_ato.cli.main import main
@@ -123,6 +124,38 @@ def test_two_programs_drive_as_one_train_after_the_other(trains: Any, tmp_path: 
     assert ta.verify(tmp_path / "t2").equal
 
 
+@pytest.mark.graph
+def test_one_command_starts_all_trains(trains: Any, tmp_path: Path) -> None:
+    """Breaks if a figure of the common summary is not that of the trains one after the other."""
+    pytest.importorskip("rclpy")
+    out = tmp_path / "out"
+    words = [str(following_file(tmp_path)), "--live", f"--out={out}", *(f"--set={change}" for change in CHANGES)]
+    assert main(["run", *words]) == 0
+    due, rows = trains[0], json.loads((out / "summary.json").read_text())["trains"]
+    assert [row["mode"] for row in rows] == ["composed", "composed"]
+    figures = follower_figures(due["t1"].recording, due["t2"].recording, due["t2"].setup)
+    assert len(figures) > 3 and {key: rows[1][key] for key in figures} == figures
+
+
+@pytest.mark.graph
+def test_the_first_train_that_fails_ends_the_others(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Breaks if the train ahead runs on, at its rate for an hour here, or if the line does not name the train."""
+    pytest.importorskip("rclpy")
+    law = Path(__file__).resolve().parents[1].joinpath("examples", "my_law.py").read_text()
+    demand = "        speed_error ="
+    assert demand in law
+    ends = '        import os, sys\n        if "--namespace=/t2" in sys.argv: os._exit(7)\n'
+    (tmp_path / "dies.py").write_text(law.replace(demand, ends + demand))
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    changes = ("t2.law=dies:MyLaw", "all.duration=60")
+    words = [str(following_file(tmp_path)), "--live", "--rate=0.02", *(f"--set={change}" for change in changes)]
+    assert main(["run", *words, f"--out={tmp_path / 'out'}"]) == 1
+    assert "train t2: its program ended with status 7" in capsys.readouterr().err
+
+
 def test_the_newest_report_is_delivered_with_the_stamp_of_its_step(trains: Any) -> None:
     """Breaks if a report acts before it was sent, or if a train drives without any."""
     setup = choose_scenario(trains[1]["t2"]).prepare()
@@ -158,6 +191,7 @@ def test_a_repeated_delivery_is_no_new_report(trains: Any) -> None:
             "leader.train: /t1: its reports come in a ROS domain; remove --engine",
         ),
         (["--engine", "--set=leader.train=t1"], "leader.train: t1: give a name such as /t1"),
+        (["--live"], "--live: demo has one train; remove it, or name following trains"),
     ],
 )
 def test_bad_input_is_refused_in_one_line(

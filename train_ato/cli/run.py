@@ -19,9 +19,11 @@ from train_ato.log.compression import add_compression
 
 if TYPE_CHECKING:
     from train_ato.apps.runs.drive import RunMode
+    from train_ato.apps.runs.following import FollowingResult
     from train_ato.apps.runs.run import Run
     from train_ato.loop.setup import RunSetup
     from train_ato.scenario.criteria import Expectation
+    from train_ato.scenario.following import FollowingFile
 
 LIMIT = 3
 """Default of the restarts of each node."""
@@ -67,6 +69,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="namespace of all nodes, for one of several trains in a domain",
     )  # fmt: skip
     add_followed(parser)
+    parser.add_argument(
+        "--live", action="store_true",
+        help="run following trains at the same time, a program each with live reports in one ROS domain",
+    )  # fmt: skip
 
 
 def restart_limit(*, wanted: bool, limit: int | None) -> int:
@@ -123,6 +129,8 @@ def execute(options: argparse.Namespace) -> int:
 
     if (file := find_following(options.scenario)) is not None:
         return _execute_following(options, file)
+    if options.live:
+        raise ValueError(f"--live: {options.scenario} has one train; remove it, or name following trains")
     with long_lived_objects():
         from train_ato.apps.runs.drive import drive
         from train_ato.apps.runs.progress import COMPILE_NOTE, compilation_noted
@@ -156,16 +164,30 @@ def _execute_following(options: argparse.Namespace, file: Path) -> int:
     rate = None if math.isinf(options.rate) else options.rate
     run_mode = RunMode(mode, rate, options.lockstep, options.domain, options.compression, 0, options.start_limit)
     run_mode.check("--")
+    if options.live and mode == "engine":
+        raise ValueError("--live: the engine has no nodes, and trains meet in a ROS domain; remove it or --engine")
     if options.out is not None:
         check_free(options.out)
     trains = load_following(file, tuple(options.assignments), options.seed)
     out = options.out if options.out is not None else next_free(trains.spec.name)
     with compilation_noted(COMPILE_NOTE):
-        result = run_following(trains, run_mode, out)
+        result = _run_live(trains, run_mode, out) if options.live else run_following(trains, run_mode, out)
     print_following(result.summary, out, as_json=options.json)
     if options.strict and result.summary["broken"]:
         raise RunFailed(f"{out}: {result.summary['broken'][0]}")
     return 0
+
+
+def _run_live(trains: FollowingFile, run_mode: RunMode, out: Path) -> FollowingResult:
+    """Run trains at the same time, each in the given mode."""
+    from train_ato.apps.runs.following_live import run_following_live
+
+    given = {"rate": run_mode.rate, "start-limit": run_mode.start_limit}
+    words = [f"--{name}={value}" for name, value in given.items() if value is not None and math.isfinite(value)]
+    words.append(f"--compression={run_mode.compression}")
+    words += ["--processes"] if run_mode.mode == "processes" else []
+    words += [] if run_mode.lockstep else ["--no-lockstep"]
+    return run_following_live(trains, out, ("--start-limit=none", *words), run_mode.domain)
 
 
 FOLLOWING_ROWS = (

@@ -65,7 +65,7 @@ def first_report(setup: RunSetup) -> TrainReport:
     return reporter_of(setup).report(Odometry(0, np.full(2, front), np.full(2, speed), np.zeros(2)))
 
 
-class _Preparation:
+class Preparation:
     """Prepared runs of all trains of a checked following file."""
 
     def __init__(self, file: FollowingFile) -> None:
@@ -137,13 +137,11 @@ def run_following(
     RunFailed, RunInterrupted
         If a run fails; those before it are recorded.
     """
-    spec, preparation = file.spec, _Preparation(file)
+    spec, preparation = file.spec, Preparation(file)
     preparation.check()
     place = None if out is None else RunFolder.make(out, spec.name).path
     runs: dict[str, Run] = {}
-    rows: list[dict[str, Any]] = []
     reports: list[TrainReport] = []
-    ahead: Recording | None = None
     for number, train in enumerate(spec.trains):
         setup = preparation.setup(number, reports)
         try:
@@ -152,10 +150,19 @@ def run_following(
             if not error.printed:
                 error.args = (f"train {train.name}: {error}", *error.args[1:])
             raise
+        runs[train.name], reports = run, train_reports(run.recording, setup)
+    return result_of(spec, runs, place)
+
+
+def result_of(spec: FollowingSpec, runs: dict[str, Run], place: Path | None) -> FollowingResult:
+    """Return the result of the runs of all trains; write the common summary into a folder, None for none."""
+    rows: list[dict[str, Any]] = []
+    ahead: Recording | None = None
+    for name, run in runs.items():
         recording = run.recording
-        row = {"name": train.name, **({} if ahead is None else follower_figures(ahead, recording, setup))}
+        row = {"name": name, **({} if ahead is None else follower_figures(ahead, recording, run.setup))}
         rows.append({**row, **run.metrics})
-        runs[train.name], ahead, reports = run, recording, train_reports(recording, setup)
+        ahead = recording
     summary = {"following": spec.name, "seed": spec.seed, **_judged(spec, rows), "trains": rows}
     if place is not None:
         write_whole(place / SUMMARY, summary_text(summary))
