@@ -8,7 +8,6 @@ from __future__ import annotations
 import numpy as np
 
 from train_ato.messages.types import Array
-from train_ato.profile.planner.driving_strategy import DrivingStrategy
 from train_ato.profile.planner.dynamic_programming import EnergyWeights
 from train_ato.profile.planner.section import PlanSection
 from train_ato.profile.planner.settings import PlanSettings
@@ -36,21 +35,23 @@ def weighted_energy(traction: float, electric: float, time: float, settings: Pla
     return weights.traction * traction - weights.recovered * electric + settings.auxiliary * time
 
 
-def section_energy(section: PlanSection, strategy: DrivingStrategy) -> float:
-    """Return the net energy of a section without a jerk limit and without auxiliaries [J]."""
-    traction, electric = section_work(section, strategy)
+def section_energy(section: PlanSection, energy: Array) -> float:
+    """Return the net energy of a section without a jerk limit and without auxiliaries [J].
+
+    Parameters
+    ----------
+    energy : Array, shape (n + 1,)
+        v²/2 at the places of the section's grid [m²/s²].
+    """
+    train, steps = section.inputs.train, section.grid.steps
     weights = energy_weights(section.inputs.settings)
-    return weights.traction * traction - weights.recovered * electric
-
-
-def section_work(section: PlanSection, strategy: DrivingStrategy) -> tuple[float, float]:
-    """Return the work of traction and of the electric brake of a section without a jerk limit [J]."""
-    energy, train = section.energy_profile(strategy), section.inputs.train
-    steps, columns = section.grid.steps, SPEED_STEP * np.arange(train.speed.size)
     force = section_force(section, energy)
-    speed = np.sqrt(energy[:-1] + energy[1:])
+    work = weights.traction * float(np.maximum(force, 0.0) @ steps)
+    if weights.recovered == 0.0:
+        return work
+    speed, columns = np.sqrt(energy[:-1] + energy[1:]), SPEED_STEP * np.arange(train.speed.size)
     braked = np.minimum(np.maximum(-force, 0.0), np.interp(speed, columns, train.electric))
-    return float(np.maximum(force, 0.0) @ steps), float(braked @ steps)
+    return work - weights.recovered * float(braked @ steps)
 
 
 def section_force(section: PlanSection, energy: Array) -> Array:

@@ -220,6 +220,7 @@ class PlanSection:
     fastest_speed: tuple[Array, Array] | None = None
     _tables: SectionTables | None = None
     _tables_key: tuple[float, ...] = ()
+    _ceiling_of: tuple[SectionTables, Array] | None = None
     _grid: PlaceGrid | None = None
     _reserve: ForceReserve | None = None
 
@@ -258,8 +259,10 @@ class PlanSection:
         """
         grid, tables, settings = self.grid, self.tables, self.inputs.settings
         end_energy = self.end_speed**2 / 2
-        limit = np.minimum(tables.limit, strategy.cap**2 / 2)
-        top = self._ceiling_energy(limit, strategy.coast_above**2 / 2)
+        if strategy.cap == np.inf and strategy.coast_above == np.inf:
+            top = self._open_ceiling
+        else:
+            top = self._ceiling_energy(np.minimum(tables.limit, strategy.cap**2 / 2), strategy.coast_above**2 / 2)
         first = (self.begin_speed + self.lead_acceleration * self.window / 2) ** 2 / 2
         if first > top[0] * (1 + 1e-9) + 1e-9 and not self.accept_overspeed:
             raise ValueError(
@@ -285,6 +288,14 @@ class PlanSection:
             flatten_peaks(energy, grid.places, self.window, float(settings.jerk or 0.0) * self.window)
         return np.asarray(energy)
 
+    @property
+    def _open_ceiling(self) -> Array:
+        """Return the ceiling of the speed limits alone, which a search needs for thousands of strategies."""
+        tables = self.tables
+        if self._ceiling_of is None or self._ceiling_of[0] is not tables:
+            self._ceiling_of = tables, self._ceiling_energy(tables.limit)
+        return self._ceiling_of[1]
+
     def _ceiling_energy(self, limit: Array, coast_above: float = np.inf) -> Array:
         """Return the largest v²/2 that keeps every limit ahead [m²/s²]."""
         grid, tables = self.grid, self.tables
@@ -309,7 +320,7 @@ class PlanSection:
         tables, places = self.tables, self.grid.places
         return CoarseGrid(
             places,
-            self._ceiling_energy(tables.limit),
+            self._open_ceiling,
             np.zeros(places.size) if floor is None else np.interp(places, *floor),
             line_mean=tables.line_mean,
             air=tables.air[1],
@@ -322,7 +333,11 @@ class PlanSection:
 
     def time(self, strategy: DrivingStrategy = MINIMUM_TIME) -> float:
         """Return the running time of the section [s]."""
-        return float(durations(self.energy_profile(strategy), self.grid.steps).sum()) + self.window
+        return self.time_of(self.energy_profile(strategy))
+
+    def time_of(self, energy: Array) -> float:
+        """Return the running time of the section with v²/2 at the places of its grid [s]."""
+        return float(durations(energy, self.grid.steps).sum()) + self.window
 
     def times(self, start: float, period: float, history: Array) -> tuple[Array, float]:
         """Return the multiples of the period within the section, and the time of its end [s]."""

@@ -70,9 +70,10 @@ def best_distances(section: PlanSection, strategy: DrivingStrategy, switches: Ar
     def cost(by: Array) -> float:
         found = moved(strategy, switches, by)
         try:
-            return section_energy(section, found) / section.inputs.train.inertia + price * section.time(found)
+            energy = section.energy_profile(found)
         except ValueError:
             return np.inf
+        return section_energy(section, energy) / section.inputs.train.inertia + price * section.time_of(energy)
 
     least = cost(distances)
     for step in STEPS:

@@ -258,7 +258,8 @@ def predicted_time(sections: list[PlanSection], strategies: Strategies) -> float
 def _total_energy(sections: list[PlanSection], strategies: Strategies) -> float:
     """Return the net energy of all sections [J]; infinite if a section has no solution."""
     try:
-        return plain_sum(map(section_energy, sections, strategies))
+        runs = zip(sections, strategies, strict=True)
+        return plain_sum(section_energy(section, section.energy_profile(strategy)) for section, strategy in runs)
     except ValueError:
         return np.inf
 
