@@ -19,6 +19,7 @@ import sys
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.optimize import linprog
@@ -27,6 +28,7 @@ from scipy.sparse import csr_matrix, diags, hstack, vstack
 sys.path[:0] = [str(Path(__file__).parent.parent / folder) for folder in ("bench", "test")]
 from figures import Figure, publish
 from plan_cases import random_case
+from test_plan_properties import CAR, FREE, obstacles, train_of
 
 from plant_sim.consist import Consist
 from plant_sim.line import Line
@@ -41,6 +43,8 @@ from train_ato.profile.planner.train_tables import TrainTables
 
 GRIDS, END_CELLS, ITERATIONS = (250, 500), 40, 80
 """Cells of the coarse and of the fine grid, additional cells at each end, and most linear programs in sequence."""
+OBSTACLE_CELLS = 1000
+"""Cells of a line with tunnels and dead sections."""
 LATENESS, MISSING = 30.0, 30.0
 """Price of lateness in units of the mean power, and of missing force x distance [1]."""
 NET = {"efficiency": 0.85, "recovered": 0.7}
@@ -56,14 +60,19 @@ class Transcription:
     train: TrainTables
     settings: PlanSettings
     begin: float = 0.0
+    air: Array | float = 0.0
+    alive: Array | float = 1.0
 
     def forces(self, energy: Array) -> tuple[Array, Array, Array, Array]:
-        """Return resistance, largest traction, electric brake and whole brake at E, over the inertia [m/s²]."""
+        """Return resistance, largest traction, electric brake and whole brake at E, over the inertia [m/s²].
+
+        ``air`` of tunnels over v² and inertia [1/m] and ``alive``, the part of the cars with power, are those of cells.
+        """
         train, speed = self.train, np.sqrt(2 * np.maximum(energy, 1e-9))
         keep = 1 - self.settings.force_margin
         tables = (train.resistance, keep * train.traction, np.minimum(train.electric, keep * train.brake))
         found = [np.interp(speed, train.speed, table) / train.inertia for table in (*tables, keep * train.brake)]
-        return found[0], found[1], found[2], found[3]
+        return found[0] + 2 * self.air * energy, self.alive * found[1], self.alive * found[2], self.alive * found[3]
 
     def figures(self, energy: Array) -> tuple[float, float, float]:
         """Return net energy [J/kg], running time [s] and missing force x distance [J/kg] of the E at the nodes."""
@@ -82,7 +91,7 @@ class Transcription:
     def solve(self, energy: Array, time: float) -> tuple[float, float]:
         """Return the least net energy [J/kg] in a running time [s], and the price of time [W/kg]."""
         radius, price = 0.3, 0.0
-        mean_power = float(self.forces(energy)[0].mean() * (self.places[-1] - self.places[0]) / time)
+        mean_power = float(self.forces(0.5 * (energy[1:] + energy[:-1]))[0].mean() * (self.places[-1] - self.places[0]) / time)
         unit = LATENESS * max(mean_power, 0.05)
 
         def merit(state: Array) -> float:
@@ -197,6 +206,49 @@ def with_air_brake(consist: Consist) -> Consist:
     return Consist.model_validate(data)
 
 
+def with_obstacles(seed: int, factor: float, net: bool, cells: int) -> tuple[float, float]:
+    """Return the optimum [kWh] with tunnels and dead sections car by car, and the excess of the plan [%]."""
+    line, car = obstacles(seed)
+    consist = train_of({"car": car}, 4)
+    settings = FREE.model_copy(update=NET if net else {})
+    time = factor * plan_profile(line, consist, settings).running_time
+    result = plan_profile(line, consist, settings.model_copy(update={"time": time}))
+    rough = transcribed(line, result, cells).places
+    edges = [edge for entry in (*line.neutral_sections, *line.tunnels) for edge in (entry.begin, entry.end)]
+    borders = np.array([edge + CAR * (k + 0.5) for edge in edges for k in range(4)])
+    inside = (borders > rough[0]) & (borders < rough[-1])
+    places = np.unique(np.round(np.concatenate((rough, borders[inside])), 3))
+    centres = 0.5 * (places[1:] + places[:-1])[:, None] - CAR * (np.arange(4) + 0.5)
+
+    def cars_in(entries: Any) -> Array:
+        inside = [(centres >= entry.begin) & (centres < entry.end) for entry in entries]
+        return np.asarray(np.sum(inside, axis=(0, 2), dtype=float))
+
+    train = result.train
+    limit = np.full(places.size, min(line.speed_limits[0].speed, train.speed_max) ** 2 / 2)
+    narrow = car["tunnel_resistance"][0]["coefficient"] * cars_in(line.tunnels) / train.inertia
+    alive = 1 - cars_in(line.neutral_sections) / 4
+    problem = Transcription(places, np.zeros(alive.size), limit, train, settings, 0.0, narrow, alive)
+    energy = np.minimum(np.interp(places, result.front, result.profile.velocity**2 / 2), limit)
+    energy[[0, -1]] = 0.0
+    optimum = problem.solve(energy, result.running_time)[0] * train.inertia
+    return optimum / 3.6e6, 100 * (result.energy / optimum - 1)
+
+
+def report_obstacles(count: int) -> int:
+    """Print the optimum of lines with tunnels and dead sections and the excess of the plan; return the exit status."""
+    found = []
+    for seed in range(count):
+        factor, net = (1.05, 1.1, 1.2, 1.3)[seed % 4], seed % 3 == 2
+        optimum, excess = with_obstacles(seed, factor, net, OBSTACLE_CELLS)
+        found.append(excess)
+        kind = "net energy" if net else "traction work"
+        sys.stdout.write(f"{seed:4d} time {factor:.2f} x least: {kind} {optimum:.3f} kWh, plan {excess:.3f} % above\n")
+        sys.stdout.flush()
+    publish(Figure("plan with tunnels and dead sections above the optimum, largest", max(found), "%", bound=0.3))
+    return 0
+
+
 @dataclass(frozen=True)
 class Comparison:
     """Excess of a plan over the optimum, its uncertainty, distance of the bound below it [%]; number of limits."""
@@ -281,7 +333,10 @@ def main() -> int:
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--net", action="store_true")
     parser.add_argument("--delays", type=int, metavar="N", help="N late trains that catch up, instead")
+    parser.add_argument("--obstacles", type=int, metavar="N", help="N lines with tunnels and dead sections, instead")
     options = parser.parse_args()
+    if options.obstacles:
+        return report_obstacles(options.obstacles)
     if options.delays:
         return report_delays(options.delays)
     found = []

@@ -315,23 +315,38 @@ def test_the_energy_in_tunnels_is_that_of_an_independent_optimum(factor: float, 
         assert 0.98 * found.energy < net_energy_bound(found) <= 1.0005 * least * 3.6e6
 
 
-@pytest.mark.parametrize(
-    ("factor", "least", "share"), [pytest.param(1.1, 17.625, 3e-3, marks=pytest.mark.slow), (1.3, 11.291, 5e-3)]
-)
-def test_the_energy_on_falls_to_a_limit_is_near_an_independent_optimum(
-    factor: float, least: float, share: float
-) -> None:
+OPTIMA = (
+    30.442, 28.452, 13.810, 20.077, 46.549, 12.507, 26.804, 19.402, 13.546, 13.749, 21.478, 17.619, 34.557, 36.956,
+    17.566, 18.920, 16.928, 26.050, 22.687, 15.500, 26.403, 35.739, 11.969, 16.308, 39.756, 18.072, 17.625, 14.597,
+    31.040, 12.656,
+)  # fmt: skip
+"""Optima with obstacles [kWh], by linear programs in sequence: ``studies_done/plan_optimum.py --obstacles 30``."""
+
+
+@pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(30) if seed != 1)])
+def test_the_energy_with_tunnels_dead_sections_and_steps_is_that_of_an_independent_optimum(seed: int) -> None:
+    """Breaks if a timetable on a line with obstacles needs .3 % more than car by car; every third one recovers."""
+    line, car = obstacles(seed)
+    consist, more = train_of({"car": car}, 4), {"efficiency": 0.85, "recovered": 0.7} if seed % 3 == 2 else {}
+    settings = FREE.model_copy(update=more)
+    time = (1.05, 1.1, 1.2, 1.3)[seed % 4] * plan_profile(line, consist, settings).running_time
+    found = plan_profile(line, consist, settings.model_copy(update={"time": time})).energy / 3.6e6
+    assert 0.997 * OPTIMA[seed] <= found <= 1.003 * OPTIMA[seed]
+
+
+@pytest.mark.parametrize(("factor", "least"), [pytest.param(1.1, 17.621, marks=pytest.mark.slow), (1.3, 11.290)])
+def test_the_energy_on_falls_to_a_limit_is_near_an_independent_optimum(factor: float, least: float) -> None:
     """Breaks if the curves of one price are used at other speeds: the train brakes on three falls, 2.9, 1.7 % more.
 
-    It breaks too if coasting begins up to a cell of the search too late: .8 % more with 10 % more time. The aim is
-    .3 %; with 30 % more time the plan is .41 % above the optimum.
+    It breaks too if coasting begins up to a cell of the search too late: .8 % more with 10 % more time; or if a cell
+    has a step of the grade inside, where the plan pulls and brakes: .4 % more with 30 % more time.
     """
-    # The optima in kWh are those of linear programs in sequence with 500 cells, ``studies_done/plan_optimum.py``.
+    # The optima in kWh are those of linear programs in sequence with 1500 cells, ``studies_done/plan_optimum.py``.
     line, consist = load_line("xuzhou_metro_test"), load_consist("xuzhou_metro_3")
     settings = PlanSettings(jerk=None)
     fastest = plan_profile(line, consist, settings).running_time
     found = plan_profile(line, consist, settings.model_copy(update={"time": factor * fastest}))
-    assert least * 0.995 <= found.energy / 3.6e6 <= (1.0 + share) * least
+    assert least * 0.995 <= found.energy / 3.6e6 <= 1.003 * least
 
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 10))])

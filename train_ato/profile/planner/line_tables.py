@@ -30,6 +30,10 @@ MIN_CELL, MAX_CELL, CELLS = 0.05, 5.0, 8000
 """Bounds of the cell length in the middle of a section [m], and the number of cells between these bounds."""
 END_CELL, CELL_GROWTH = 0.002, 1.15
 """Cell length at both ends of a section, where speeds are low [m], and growth factor from cell to cell."""
+LEAST_STEP = 5e-3
+"""Change of the line force over the inertia from which a cell ends there in a plan with a timetable [m/s²]."""
+LEAST_CELL = 1e-3
+"""Least length of a cell beside such a step [m]."""
 
 
 class PlaceGrid:
@@ -39,6 +43,8 @@ class PlaceGrid:
     ----------
     begin, end
         First and last place of the grid [m].
+    borders : Array, optional
+        Places of the front that are borders of cells too [m].
 
     Attributes
     ----------
@@ -48,7 +54,7 @@ class PlaceGrid:
         Distance between them [m].
     """
 
-    def __init__(self, begin: float, end: float) -> None:
+    def __init__(self, begin: float, end: float, borders: Array | None = None) -> None:
         length = end - begin
         coarse = float(np.clip(length / CELLS, MIN_CELL, MAX_CELL))
         count = int(np.log(coarse / END_CELL) / np.log(CELL_GROWTH))
@@ -59,6 +65,10 @@ class PlaceGrid:
         self.begin, self.end = begin, end
         self.places: Array = begin + np.concatenate((ramp, inner, length - ramp[::-1]))
         self.places[-1] = end
+        if borders is not None:
+            inside = borders[(borders > self.places[1]) & (borders < self.places[-2])]
+            near = np.searchsorted(inside, self.places - LEAST_CELL) < np.searchsorted(inside, self.places + LEAST_CELL)
+            self.places = np.union1d(self.places[~near], inside[np.diff(inside, prepend=begin) > LEAST_CELL])
         self.steps: Array = np.diff(self.places)
         self.cells = self.steps.size
 
@@ -94,6 +104,21 @@ class LineForce:
         for mass, behind, kind in zip(self._train.masses, self._train.behind, self._kind, strict=True):
             _add_work(total, front, self._pieces[kind], behind, mass * self._train.gravity)
         return total
+
+    def steps(self) -> Array:
+        """Return the rising places of the front just beyond the steps of the force [m].
+
+        A train that coasts over a cell with a step inside has the mean force there: the plan would pull in one part
+        of the cell and brake in the other one.
+        """
+        found = [np.zeros(0)]
+        for mass, behind, kind in zip(self._train.masses, self._train.behind, self._kind, strict=True):
+            first, end, grade, slope, curve = self._pieces[kind][:5]
+            before = grade + slope * (end - first) + curve
+            change = np.abs(grade[1:] + slope[1:] * (end[:-1] - first[1:]) + curve[1:] - before[:-1])
+            far = mass * self._train.gravity * change > LEAST_STEP * self._train.inertia
+            found.append(end[:-1][far] + behind + 5e-10)  # half of the distance of the places before and beyond it
+        return np.unique(np.concatenate(found))
 
     def over_cells(self, grid: PlaceGrid) -> tuple[Array, Array, Array]:
         """Return minimum, mean and maximum force over every cell [N], shape (cells,) each."""

@@ -239,7 +239,8 @@ class PlanSection:
                 "of acceleration and jerk; move its end on or increase the limits"
             )
         if self._grid is None or (self._grid.begin, self._grid.end) != (first, last):
-            self._grid = PlaceGrid(first, last)
+            borders = self.inputs.force.steps() if self.inputs.settings.has_timetable else None
+            self._grid = PlaceGrid(first, last, borders)
         return self._grid
 
     @property
