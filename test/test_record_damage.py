@@ -194,6 +194,17 @@ def test_one_wrong_bit_costs_one_chunk(tmp_path: Path) -> None:
         assert attachments(found.path) == attachments(GOLDEN)
 
 
+def test_a_chunk_that_lost_its_checksum_is_damaged(tmp_path: Path) -> None:
+    """Breaks if a checksum of 0 is taken for none where the other chunks have one: nothing checks its messages."""
+    groups = chunks()
+    place = list(groups)[1]
+    data = bytearray(WHOLE)
+    data[place + 33 : place + 37] = bytes(4)
+    (tmp_path / "run.mcap").write_bytes(data)
+    assert recover(tmp_path).lost_chunks == 1
+    assert read_back(tmp_path) == [entry for at, group in groups.items() if at != place for entry in group]
+
+
 def test_every_closed_chunk_of_a_killed_run_comes_back(tmp_path: Path) -> None:
     """Breaks if a log without summary is lost, or an intact chunk is omitted."""
     groups = chunks()
