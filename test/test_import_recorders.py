@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from import_files import TRAIN, metro, recorded, take, text_of
+from import_files import TRAIN, metro, recorded, refused, take, text_of
 
 from plant_sim.library import load_consist
 from plant_sim.traction import Envelope
@@ -68,9 +68,17 @@ def test_units_in_the_header_change_no_number(plain: str, tmp_path: Path, capsys
     head, _, body = plain.partition("\n")
     bracketed = ",".join(titles[name] for name in head.split(","))
     expected = figures(take(tmp_path, capsys, plain, "--out", str(tmp_path / "a")))
-    for number, text in enumerate((f"{bracketed}\n{body}", f"Time,Speed,Position,Force\ns,[km/h],m,kN\n{body}")):
+    rows = (f"{bracketed}\n", "Time,Speed,Position,Force\ns,[km/h],m,kN\n", f"{head}\ns,km/h,m,kN\n")
+    for number, text in enumerate(f"{row}{body}" for row in rows):
         out = str(tmp_path / f"b{number}")
         assert figures(take(tmp_path, capsys, text, "--out", out)) == expected
+
+
+def test_a_row_of_units_against_the_titles_is_refused(plain: str, tmp_path: Path, capsys) -> None:
+    """Breaks if one of two units of a column is taken in silence."""
+    head, _, body = plain.partition("\n")
+    message = refused(tmp_path, capsys, f"{head}\ns,m/s,m,kN\n{body}")
+    assert message.endswith("line 1, speed_kmh: the row of units below has 'm/s'; correct one of them\n")
 
 
 def test_a_row_of_units_is_no_row_of_numbers() -> None:

@@ -75,11 +75,23 @@ def is_units_row(cells: Sequence[str]) -> bool:
 
 
 def with_units(titles: Sequence[str], cells: Sequence[str]) -> list[str]:
-    """Return the titles with the units of a row of units in brackets."""
+    """Return the titles with the units of a row of units in brackets; a title may have the same unit already.
+
+    Raises
+    ------
+    ValueError
+        If a title has another unit than the row.
+    """
     units = [cell.strip().strip("[]()").strip() for cell in cells]
-    return [
-        f"{title} [{unit}]" if unit and unit != "-" else title for title, unit in zip(titles, units, strict=False)
-    ] + list(titles[len(units) :])
+    names = list(titles)
+    for place, (title, unit) in enumerate(zip(titles, units, strict=False)):
+        own = column_name(title)
+        if not unit or unit == "-" or own.endswith(f"_{_unit(unit)}"):
+            continue
+        if _is_known(own) and own != "timestamp":
+            raise ValueError(f"{title}: the row of units below has '{unit}'; correct one of them")
+        names[place] = f"{title} [{unit}]"
+    return names
 
 
 def _unit(text: str) -> str:
@@ -283,7 +295,10 @@ def read_table(path: Path, rename: dict[str, str], ignore: frozenset[str], rules
             )
     names = titles
     if rows and is_units_row(cells := _cells(rows[0][1], separator)[: len(titles)]):
-        names = with_units(titles, cells)
+        try:
+            names = with_units(titles, cells)
+        except ValueError as error:
+            raise ValueError(f"{path}: line {number}, {error}") from None
         del rows[0]
     first = _cells(rows[0][1], separator) if rows else []
     names, dates = _with_times(titles, names, [cell.strip() for cell in first], {*rename, *ignore})
