@@ -16,6 +16,7 @@ ARGUMENTS = {
     "namespace": ("", "namespace of all nodes and topics"),
     "nodes": ("recorder supervisor profile observer controller plant", "nodes to start here"),
     "external": ("", "node in whose place a program of yours runs"),
+    "followed": ("", "true: do not begin before a train behind reads the reports of this train"),
 }
 
 
@@ -26,6 +27,7 @@ def _nodes(context):
     of_all = ["--scenario", given["scenario"], *(f"--set={change}" for change in given["set"].split())]
     of_all += ["--external", given["external"]] if given["external"] else []
     of_one = {"recorder": ["--out", given["out"]], "plant": ["--recorded"]}
+    of_one["plant"] += ["--followed"] if given["followed"] else []
     file = [given["params"]] if given["params"] else []
     rate = [{"rate": float(given["rate"])}] if given["rate"] else []
     # these two names are absolute: in a namespace every train has its own
