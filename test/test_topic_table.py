@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import train_ato
+from msgs_docs.generate.example_messages import examples
 from msgs_docs.generate.topic_page import page
 from plant_sim.states import described
 from train_ato.log.run_folder import RunFolder
@@ -19,7 +20,7 @@ from train_ato.loop.setup import prepare
 from train_ato.loop.stage_messages import PlantMessages
 from train_ato.messages.codec.codec import Wire
 from train_ato.messages.topic import AIR_BRAKE, Condition, Owner, Place, Rate, Role, Topic, TrainLayout, joint_states
-from train_ato.messages.topics import BY_NAME, topics_of
+from train_ato.messages.topics import BY_NAME, TOPICS, topics_of
 from train_ato.messages.types import Array
 from train_ato.scenario.scenario import load_scenario
 
@@ -166,3 +167,8 @@ def test_every_entry_describes_its_numbers() -> None:
             texts = place.path.startswith("status[]") or (topic.name, place.field) in WITHOUT_UNIT
             assert bool(topic.description(place).unit) != texts, (topic.name, place.path)
     assert BY_NAME["train/brake_shoes"].condition is AIR_BRAKE
+
+
+def test_every_topic_has_an_example() -> None:
+    """Breaks if the runs of the examples do not publish a topic."""
+    assert examples().keys() >= {topic.name for topic in TOPICS}

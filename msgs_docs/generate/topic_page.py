@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from msgs_docs.generate.example_messages import examples
 from plant_sim.units import unit_suffix
 from train_ato.messages.codec.variable import HARDWARE, LISTED, message_key
 from train_ato.messages.topic import FIXED_NAMES, Owner
@@ -29,7 +30,8 @@ def page() -> str:
         "",
         "Below, `field` is the field of the ROS message and `column` that of the [tables](tables.md) of a log; `I` is",
         "the number in the name of a vehicle, power unit or sensor, `NAME` one of the listed names. Fields that are",
-        "not listed are empty or 0.",
+        "not listed are empty or 0. Below each table is a message of a heavy-haul train in a namespace, behind another",
+        "train, in the form of `ros2 topic echo`. A long list is cut.",
     ]
     for topic in TOPICS:
         lines += [
@@ -42,6 +44,8 @@ def page() -> str:
         lines += ["| field | column | unit | meaning |", "|---|---|---|---|", *_fields(topic)]
         if topic.message is Diagnostic:
             lines += _units()
+        if example := examples().get(topic.name):
+            lines += ["", "```yaml", example, "```"]
     return "\n".join(lines) + "\n"
 
 
