@@ -212,7 +212,7 @@ def test_nohup_is_respected(tmp_path: Path) -> None:
 
 
 LAWS = """
-import sys, time
+import os, sys, time
 from pathlib import Path
 from train_ato.control.laws.pid import Pid
 
@@ -225,27 +225,29 @@ class Ends(Pid):
 """Module of a law that does not return after 1 s."""
 
 
+@pytest.mark.parametrize("end", ["sys.exit(0)", "os._exit(0)"])
 @pytest.mark.parametrize("mode", ["--engine", "--composed", "--processes"])
-def test_a_law_that_exits_fails_the_run(mode: str, tmp_path: Path) -> None:
-    """Breaks if ``sys.exit(0)`` in a law ends a run with status 0, or the message does not name the law."""
+def test_a_law_that_exits_fails_the_run(mode: str, end: str, tmp_path: Path) -> None:
+    """Breaks if the end of the process in a law ends a run with status 0, or the message does not name the law."""
     if mode != "--engine":
         pytest.importorskip("rclpy")
-    (tmp_path / "own_laws.py").write_text(LAWS.format(then="sys.exit(0)"))
+    (tmp_path / "own_laws.py").write_text(LAWS.format(then=end))
     options = [] if mode == "--composed" else [mode]
     with started(tmp_path, "run", "demo", *options, "--law", "own_laws:Ends", "--out", "out") as process:
         _, err = process.communicate(timeout=LIMIT_S)
     assert process.returncode == 1
-    assert "node controller failed: law Ends: called sys.exit(0), " in err
+    assert f"node controller failed: law Ends: called {end}, " in err
     assert "Traceback" not in err
     assert (tmp_path / "out" / "summary.json").is_file()
 
 
-def test_a_module_that_exits_is_refused(tmp_path, monkeypatch, capsys):
-    """Breaks if ``sys.exit(0)`` at the import of a law ends the command with status 0."""
-    (tmp_path / "exiting_law.py").write_text("import sys; sys.exit(0)")
+@pytest.mark.parametrize(("end", "kind"), [("sys.exit(0)", "SystemExit"), ("os._exit(0)", "ProcessExit")])
+def test_a_module_that_exits_is_refused(end, kind, tmp_path, monkeypatch, capsys):
+    """Breaks if the end of the process at the import of a law ends the command with status 0."""
+    (tmp_path / f"{kind.lower()}_law.py").write_text(f"import os, sys; {end}")
     monkeypatch.syspath_prepend(str(tmp_path))
-    assert main(["run", "demo", "--engine", "--law", "exiting_law:Law"]) == 2
-    assert "law 'exiting_law:Law' cannot be loaded: SystemExit" in capsys.readouterr().err
+    assert main(["run", "demo", "--engine", "--law", f"{kind.lower()}_law:Law"]) == 2
+    assert f"law '{kind.lower()}_law:Law' cannot be loaded: {kind}" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("then", ["time.sleep(1000)", "pass"], ids=["sleeps", "loops"])

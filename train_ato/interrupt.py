@@ -13,7 +13,7 @@ from multiprocessing import resource_tracker
 from threading import get_ident
 from time import monotonic
 from types import FrameType
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NoReturn
 
 from train_ato.errors import RunFailed
 
@@ -57,7 +57,7 @@ class ComponentCall:
         if error is None:
             return
         if isinstance(error, SystemExit):
-            raise RunFailed(f"{self.name} called sys.exit({error.code!r})") from error
+            raise RunFailed(f"{self.name} {text_of_exit(error)}") from error
         if isinstance(error, KeyboardInterrupt):
             raise RunFailed(f"{self.name} did not return; Ctrl-C ended it") from error
 
@@ -66,6 +66,32 @@ class ComponentCall:
         """Return True if the main thread is inside a call that takes longer than :data:`RETURN_S`."""
         since = cls._since.get(threading.main_thread().ident or 0)
         return since is not None and monotonic() - since > RETURN_S
+
+
+class ProcessExit(SystemExit):
+    """``os._exit()`` of a component, which would end the run without a word and its log without an end."""
+
+
+def text_of_exit(error: SystemExit) -> str:
+    """Return the call that ends a process, as text."""
+    return f"called {'os._exit' if isinstance(error, ProcessExit) else 'sys.exit'}({error.code!r})"
+
+
+@contextmanager
+def no_silent_exit() -> Iterator[None]:
+    """Let ``os._exit()`` in the block raise :class:`ProcessExit`; processes that are forked in it still end."""
+    process, end = os.getpid(), os._exit
+
+    def refuse(status: int) -> NoReturn:
+        if os.getpid() != process:
+            end(status)
+        raise ProcessExit(status)
+
+    os._exit = refuse
+    try:
+        yield
+    finally:
+        os._exit = end
 
 
 class TimedOut(BaseException):

@@ -13,7 +13,7 @@ from typing import Any
 from plant_sim.input_error import InputFaults
 from train_ato.arguments import BAD_INPUT, OneLineParser, prepare_streams, shortened
 from train_ato.errors import RunFailed
-from train_ato.interrupt import Interrupt, ending_like_ctrl_c
+from train_ato.interrupt import Interrupt, ProcessExit, ending_like_ctrl_c, no_silent_exit, text_of_exit
 from train_ato.version import VERSION
 
 __all__ = ["RunFailed", "main"]
@@ -124,13 +124,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _executed(options: argparse.Namespace) -> int:
-    """Execute the command; ``sys.exit(0)`` in the code of a user is a failure."""
+    """Execute the command; ``sys.exit(0)`` and ``os._exit()`` in the code of a user are failures."""
     try:
-        return int(options.execute(options) or DONE)
+        with no_silent_exit():
+            return int(options.execute(options) or DONE)
     except SystemExit as error:
-        if error.code:  # rich, for a closed pipe
+        if error.code and not isinstance(error, ProcessExit):  # rich, for a closed pipe
             raise
-        raise RunFailed(f"a law or another component called sys.exit({error.code!r}); raise an error there") from None
+        raise RunFailed(f"a law or another component {text_of_exit(error)}; raise an error there") from None
 
 
 def _with_known_command(arguments: list[str]) -> list[str]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from train_ato.control.contract import LawOutput, LawPlan
 from train_ato.errors import RunFailed
-from train_ato.interrupt import STEP_LIMIT_S, ComponentCall, StepLimit, TimedOut
+from train_ato.interrupt import STEP_LIMIT_S, ComponentCall, StepLimit, TimedOut, text_of_exit
 
 _OF_PROJECT = ("train_ato", "plant_sim")
 
@@ -65,7 +65,7 @@ def fault_of_error(kind: str, name: str, error: BaseException) -> str:
     """
     reason = " ".join(str(error).split())
     if isinstance(error, SystemExit):
-        text = f"called sys.exit({error.code!r})"
+        text = text_of_exit(error)
     elif isinstance(error, TimedOut):
         text = f"step() did not return within {STEP_LIMIT_S:g} s"
     else:

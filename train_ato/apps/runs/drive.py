@@ -20,7 +20,7 @@ from train_ato.apps.runs.scenario_choice import (
     put_components,
 )
 from train_ato.errors import RunFailed, RunInterrupted
-from train_ato.interrupt import interruptible
+from train_ato.interrupt import interruptible, no_silent_exit
 from train_ato.log.compression import DEFAULT
 from train_ato.log.run_folder import RunFolder
 from train_ato.log.versions import SCENARIO
@@ -318,7 +318,8 @@ def drive(
         from plant_sim.train import compile_kernel
 
         compile_kernel()
-        outcome = _driven(setup, run_mode, record, shown=shown, title=title or setup.scenario.name, calls=calls)
+        with no_silent_exit():
+            outcome = _driven(setup, run_mode, record, shown=shown, title=title or setup.scenario.name, calls=calls)
         if folder is not None and not (folder.path / SCENARIO).is_file():
             raise FileNotFoundError(folder.path)
         outcome = replace(outcome, summary={**outcome.summary, "mode": run_mode.mode, **_reach(run_mode)})

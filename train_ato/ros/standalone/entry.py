@@ -16,7 +16,7 @@ from types import FrameType
 from typing import TYPE_CHECKING
 
 from train_ato.arguments import BAD_INPUT, OneLineParser, add_followed, add_no_lockstep, add_rate, prepare_streams
-from train_ato.interrupt import Interrupt
+from train_ato.interrupt import Interrupt, no_silent_exit
 from train_ato.log.compression import DEFAULT, add_compression
 from train_ato.messages.faults import node_faults
 from train_ato.messages.topics import EXTERNAL, Role
@@ -115,7 +115,8 @@ def run_role(role: Role, words: Sequence[str], completed: Completed | None = Non
     try:
         if not options.attached:
             require_ros()
-        return _run(role, options, stopped, notices, completed)
+        with no_silent_exit():
+            return _run(role, options, stopped, notices, completed)
     except (ValueError, OSError) as error:
         sys.stderr.write(f"{role.value}: {' '.join(str(error).split())}\n")
         return BAD_INPUT
