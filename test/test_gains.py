@@ -22,10 +22,11 @@ from train_ato.apps.check_component.random_trips import (
     trips_text,
 )
 from train_ato.cli import main
-from train_ato.control.algorithms.loop_gains import LoopGains, is_stable
+from train_ato.control.algorithms.loop_gains import LoopGains, feedback_of, is_stable
 from train_ato.control.gains import MODEL, TABLE, has_gains
 from train_ato.control.laws.pid import Pid
 from train_ato.control.registry import LAWS
+from train_ato.control.train_model import TrainModel
 from train_ato.loop.engine import run_engine
 from train_ato.loop.setup import RunSetup, prepare
 from train_ato.papers.claims import Case
@@ -153,17 +154,19 @@ def test_gains_of_ones_own_have_a_line_if_they_are_unstable(own: str) -> None:
         "pid: kp given, unstable with delay, lag and couplers of this train; try --set laws.pid.kp=0.667"
     )
     assert prepared(own, "laws.pid.kp=4", "compensation=predictor").advice() == ""
+    assert "kp given, unstable" in prepared(own, "laws.pid.kp=60", "compensation=predictor").advice(), "period"
 
 
 @pytest.mark.parametrize(
     ("law", "gain"),
     [("pid", "kp"), ("smc", "ks"), ("rbf_smc", "l1"), ("rbf_switching_smc", "c"), ("fixed_time_smc", "reaching"),
-     ("funnel", "k20")],
+     ("funnel", "k20"), ("lag_smc", "c1"), ("gpc", "n")],
 )  # fmt: skip
-def test_the_remedy_for_unstable_gains_works(law: str, gain: str) -> None:
-    """Breaks if a law has no limit, the limit of the waves (0.16/s) is not met, or a line remains after the remedy."""
-    given = [f"law={law}", f"laws.{law}.gains=model", "compensation=preview"]
-    found = prepared("demo", *given, f"laws.{law}.{gain}=0.2").advice()
+@pytest.mark.parametrize("gains", ["model", "fitted"])
+def test_the_remedy_for_unstable_gains_works(law: str, gain: str, gains: str) -> None:
+    """Breaks if a law has no limit, the limit of the waves (0.11/s) is not met, or a line remains after the remedy."""
+    given = [f"law={law}", f"laws.{law}.gains={gains}", "compensation=preview"]
+    found = prepared("demo", *given, f"laws.{law}.{gain}={ {'n': 5, 'c1': 0.9}.get(gain, 0.2) }").advice()
     assert found.startswith(f"{law}: {gain} given, unstable")
     remedies = [part.strip() for part in found.partition("; try ")[2].split("--set ")[1:]]
     assert prepared("demo", *given, *remedies).advice() == ""
@@ -172,12 +175,31 @@ def test_the_remedy_for_unstable_gains_works(law: str, gain: str) -> None:
 def test_stability_of_one_mass_and_of_two() -> None:
     """Breaks if the delay, half of the period, the integral or a mode is missing in the limit of the gains."""
     of = model(SINGLE, delay=0.8)  # by hand: kp = pi/2 over 0.85 s; the integral alone has no damping
-    assert is_stable(of, 0.1, 0.99 * math.pi / 1.7, 0.0) and not is_stable(of, 0.1, 1.01 * math.pi / 1.7, 0.0)
-    assert not is_stable(of, 0.1, 0.0, 0.01)
+
+    def stable(of: TrainModel, speed: float, position: float = 0.0, *, predicted: bool = False) -> bool:
+        return is_stable(of, 0.1, feedback_of(speed, position, of.lag), predicted=predicted)
+
+    assert stable(of, 0.99 * math.pi / 1.7) and not stable(of, 1.01 * math.pi / 1.7)
+    assert stable(of, 0.99 * math.pi / 0.1, predicted=True) and not stable(of, 1.01 * math.pi / 0.1, predicted=True)
+    assert not stable(of, 0.0, 0.01) and not stable(of, 0.1, -0.01)
     soft = SPRING | {"stiffness": 5e6, "damping": 5e3}
     two = model(consist({"loco": LOCOMOTIVE, "wagon": WAGON}, [("loco", 1), ("wagon", 1)], soft), delay=0.6, lag=0.2)
     limit = 2.0 * LoopGains.of(two, 0.1).speed  # the rule takes half of the gain at which the mode is undamped
-    assert is_stable(two, 0.1, 0.99 * limit, 0.0) and not is_stable(two, 0.1, 1.01 * limit, 0.0)
+    assert stable(two, 0.99 * limit) and not stable(two, 1.01 * limit)
+
+
+@pytest.mark.parametrize(
+    ("changes", "stable", "unstable"),
+    [(("law=pid", "laws.pid.gains=model"), "laws.pid.kp=0.085", "laws.pid.kp=0.124"),
+     (("law=pid", "compensation=predictor"), "laws.pid.kp=0.085", "laws.pid.kp=0.14"),
+     (("law=lag_smc",), "laws.lag_smc.c1=0.5", "laws.lag_smc.c1=0.9"),
+     (("law=lag_smc",), "laws.lag_smc.k_i=0.5", "laws.lag_smc.k_i=0.8"),
+     (("law=gpc",), "laws.gpc.n=8", "laws.gpc.n=6")],
+)  # fmt: skip
+def test_the_line_is_between_measured_runs(changes: tuple[str, ...], stable: str, unstable: str) -> None:
+    """Runs of `demo`: the gains of the first kind were tracked, those of the second had limit cycles above 300 kN."""
+    assert prepared("demo", *changes, stable).advice() == ""
+    assert "unstable" in prepared("demo", *changes, unstable).advice()
 
 
 def test_a_law_and_a_scenario_list_their_gains(capsys: pytest.CaptureFixture[str]) -> None:

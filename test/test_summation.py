@@ -71,11 +71,18 @@ ELSEWHERE = {
         "np.exp(-1j * w * late)",
         "np.linalg.eigvals(self.A)",
     },
+    "train_ato/control/algorithms/loop_gains.py": {
+        "np.cos(np.minimum(phase, math.pi))",
+        "np.exp(-s * (delay + 0.5 * period))",
+        "np.exp(-s * delay)",
+    },
+    "train_ato/control/laws/gpc.py": {"np.exp(-s * sampling)", "np.exp(0.5 * s * period)"},
     "train_ato/control/train_model.py": {
         "np.convolve(np.pad(specific, width, mode='edge'), np.full(width, 1 / width), mode='same')"
     },
 }
-"""The map, the linear model for users, and a moving mean that has had the same bits on every processor so far."""
+"""The map, the linear model for users, the margin of gains before a run, which is no number of it, and a moving mean
+that has had the same bits on every processor so far."""
 NEWER_TYPES = {"Self", "Never", "LiteralString", "Required", "NotRequired", "Unpack", "TypeVarTuple", "override",
                "assert_never", "assert_type", "reveal_type", "dataclass_transform", "StrEnum"}  # fmt: skip
 """Names of ``typing`` and ``enum`` that Python 3.10 does not have."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -61,14 +61,14 @@ class Gains:
         ``fitted``, ``model``, ``printed`` or ``given``; "" for a law without a choice of gains.
     reason : str
         Reason for the source as text; "" for a law without a choice.
-    own : tuple of str
-        Names of the values that are given and differ from those of the source.
+    own : dict
+        Values of the source in whose place others are given, by name.
     """
 
     values: dict[str, Any]
     source: str = ""
     reason: str = ""
-    own: tuple[str, ...] = ()
+    own: dict[str, Any] = field(default_factory=dict)
 
 
 def has_gains(law: Any) -> bool:
@@ -106,11 +106,11 @@ def gains_of(name: str, law: Any, given: Mapping[str, Any], model: TrainModel, p
     standing = {**{entry.name: entry.default for entry in parameters_of(law.Parameters)}, **base}
     if source == MODEL and (note := getattr(law, "gains_note", None)) and (text := note(model, given)):
         reason += f": {text}"
-    own = [key for key, value in given.items() if key != "gains" and standing.get(key) != value]
+    own = {key: standing.get(key) for key, value in given.items() if key != "gains" and standing.get(key) != value}
     if own:
         source = GIVEN if source == PRINTED else source
         reason += f"; {', '.join(own)} given"
-    return Gains({**base, **given}, source, reason, tuple(own))
+    return Gains({**base, **given}, source, reason, own)
 
 
 def _base(name: str, law: Any, choice: str, model: TrainModel, period: float) -> tuple[dict[str, Any], str, str]:
@@ -159,6 +159,8 @@ def advice(
         found.append(f"{', '.join(gains.own)} given, unstable with delay, lag and couplers of this train")
         rule = law.model_gains(model, period)
         values = {key: rule[key] for key in gains.own if key in rule} or {"gains": MODEL}
+        if gains.source == FITTED or not rule:
+            values = gains.own
         remedies += [f"--set laws.{name}.{key}={_rounded(value)}" for key, value in values.items()]
     delay = longest_delay(model)
     if compensation == "none" and delay + model.lag > period and not getattr(law, "predicts_delay", False):

@@ -369,8 +369,10 @@ class RunSetup:
             return late_action(self.scenario.profile.driver, self.scenario.duration)
         name = name or self.controller
         law, gains = self.law(name, values), self.gains(name, values)
-        delayed = not getattr(COMPENSATIONS.get(self.compensation), "predicts", False)
-        unstable = bool(gains.own) and delayed and is_unstable(law, self.model, self.control_period)
+        given = self.compensation_parameters
+        predicted = getattr(COMPENSATIONS.get(self.compensation), "predicts", False)
+        judged = not predicted or (self.compensation == "predictor" and given.get("train", "rigid") == "rigid")
+        unstable = bool(gains.own) and judged and is_unstable(law, self.model, self.control_period, predicted=predicted)
         return advice(name, law, gains, self.model, self.control_period, self.compensation, unstable=unstable)
 
     def train(self) -> Train:

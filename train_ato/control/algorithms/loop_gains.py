@@ -22,11 +22,23 @@ Such a loop is slow: 82 wagons in linear gears without slack have kp = .015/s at
 feed-forward leaves lasts 4/kp. A reference that departs with the acceleration a before the first command acts leaves a
 speed error a theta, so that a plan departs after delay and lag.
 
-Gains of one's own are unstable (`is_unstable`) if one of these has no margin left: the train as one mass has no phase
-left at the crossover of (kp s + ki)/s² with delay, lag and half of a period (for ki = 0 without lag: kp = pi/2 over the
-delay); kp is beyond the limit of a mode; or the force half a turn behind is above the wave impedance. With `pid` under
-`preview`, kp and ki in the ratio of the rule, on 16 trains (12 of `check-law`), the largest kp that was tracked was .45
-to 1.08 of the limit, in steps of a factor of about 1.4.
+Gains of one's own are unstable (`is_unstable`) if, with the response H(s) of the force over the inertia to the speed
+error through delay, lag and half of a period:
+
+* the train as one mass is unstable, with a root of s + H(s) that has a positive real part; a predicted state has no
+  delay there;
+* a mode of the couplers gains more by -Re H than it loses; or
+* -Re H M at a mode is above .7 of the wave impedance Z of the hauled vehicles. A locomotive of mass m with slack in its
+  couplers oscillates where j w m + M H + N Z = 0. N, the mean of Z over a cycle through the slack, grows with the
+  amplitude up to 1, so that there is a cycle for every -Re H M < Z, and above Z no bound. A small one stays in the
+  slack: no gain that holds such a train is without it while it coasts. `pid` on eleven trains, `lag_smc` and `gpc` on
+  the train of `demo`: tracked up to .38 to .73 of Z, a limit cycle from .53 to .87 on; 95 vehicles with a dead time of
+  .36 s were tracked up to .9, and 11 vehicles have a cycle of 77 kN at .31, which has no line. Prediction as a rigid
+  train does not help: its loop has the same limit.
+
+H is (kp s + ki)/(s (1 + s lag)) with the delay for all laws with gains on the errors of speed and position. `lag_smc`
+and `gpc` state their own. For `mpc`, whose observer has the modes, no limit is derived: on `demo` 2.3 times the
+default of ``omega`` is tracked, 3.4 times is a limit cycle.
 """
 
 from __future__ import annotations
@@ -37,10 +49,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from plant_sim.elementary import cos_each
 from train_ato.control.algorithms.coupler_modes import TrainModes
 from train_ato.control.algorithms.train_constants import MATCHED_SHARE, dead_time, wave_gain
+from train_ato.messages.types import Array
 
 if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel
@@ -53,8 +67,13 @@ FRICTION_SHARE = 1.0 / 3.0
 """Part of the damping by friction that counts."""
 LEAST_DAMPING = 0.001
 """Least damping ratio of a mode: half of it lets an undamped mode of 1 rad/s double in 23 min."""
+WAVE_SHARE = 0.7
+"""Force that drives a wave over the wave impedance, above which the units swing in the slack."""
 PHASE_MARGIN = 1.2
 """Factor on the phase of delay and lag."""
+
+Complex = NDArray[np.complexfloating[Any, Any]]
+Response = Callable[[Complex, Complex], tuple[Complex, Complex]]
 
 
 @dataclass(frozen=True)
@@ -86,13 +105,32 @@ class LoopGains:
         return cls(kp, min(kp / (8.0 * theta), 0.25 * kp * kp), theta)
 
 
-def is_unstable(law: Any, model: TrainModel, period: float) -> bool:
-    """Return True if a law states gains on the errors of speed and position that are unstable on a train."""
-    gains = law.feedback() if hasattr(law, "feedback") else None
-    return gains is not None and any(gains) and not is_stable(model, period, *gains)
+def is_unstable(law: Any, model: TrainModel, period: float, *, predicted: bool = False) -> bool:
+    """Return True if a law states a feedback that is unstable on a train.
+
+    Parameters
+    ----------
+    law
+        With ``response(predicted)`` or ``feedback()``, gains on the errors of speed and position; others are silent.
+    model, period
+        The train, and the control period [s].
+    predicted
+        The law has the state of a rigid train at the time of effect.
+    """
+    if hasattr(law, "response"):
+        response = law.response(predicted)
+    else:
+        gains = law.feedback() if hasattr(law, "feedback") else None
+        response = feedback_of(gains[0], gains[1], model.lag) if gains is not None and any(gains) else None
+    return response is not None and not is_stable(model, period, response, predicted=predicted)
 
 
-def is_stable(model: TrainModel, period: float, speed: float, position: float) -> bool:
+def feedback_of(speed: float, position: float, lag: float) -> Response:
+    """Return the response of gains on the errors of speed [1/s] and position [1/s²] through a lag [s]."""
+    return lambda s, late: ((speed * s + position) * late, s * (1.0 + lag * s))
+
+
+def is_stable(model: TrainModel, period: float, response: Response, *, predicted: bool = False) -> bool:
     """Return True if a feedback is stable as far as train, couplers, delay and lag of the model say.
 
     Parameters
@@ -101,29 +139,37 @@ def is_stable(model: TrainModel, period: float, speed: float, position: float) -
         The train.
     period
         Control period [s].
-    speed, position
-        Gains on the errors of speed [1/s] and position [1/s²].
+    response
+        Response N/D of the force over the inertia to the speed error, for s and exp(-s delay).
+    predicted
+        The state is that of a rigid train at the time of effect.
     """
-    delay, lag = dead_time(model) - model.lag + 0.5 * period, model.lag
-    crossover = _root(
-        lambda w: w**4 * (1.0 + (w * lag) ** 2) - (speed * w) ** 2 - position**2, speed + math.sqrt(position)
-    )
-    if crossover * delay + math.atan(crossover * lag) > math.atan2(speed * crossover, position):
+    delay = dead_time(model) - model.lag
+    s = 1j * np.geomspace(1e-4, 1e3, 16000)
+    if not _holds_mass(response, s, 0.5 * period + (0.0 if predicted else delay)):
         return False
-    turned = _root(lambda w: w * delay + math.atan(w * lag) - math.pi, math.pi / delay)
     modes = TrainModes.of(model)
-    reflects = modes.omega.max(initial=0.0) > turned
-    wave = wave_gain(model, 1.0) * math.hypot(1.0, turned * lag) if reflects else math.inf
-    return speed <= min(wave, _gain_of_modes(model, modes, 0.5 * period))
+    if not modes.omega.size:
+        return True
+    above, below = response(s, np.exp(-s * (delay + 0.5 * period)))
+    phase, gain = -np.unwrap(np.angle(above / below)), np.abs(above / below)
+    against = np.interp(modes.omega, s.imag, -gain * np.cos(np.minimum(phase, math.pi)))
+    excited = 0.5 * model.inertia * modes.units * against
+    return bool((excited <= _decay(modes)).all() and against.max() <= wave_gain(model, WAVE_SHARE))
 
 
-def _root(function: Callable[[float], float], high: float) -> float:
-    """Return the root of a function that is negative from 0 up to it, and not from there to ``high`` on."""
-    low = 0.0
-    for _ in range(50):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if function(middle) < 0.0 else (low, middle)
-    return low
+def _holds_mass(response: Response, s: Complex, delay: float) -> bool:
+    """Return True if no root of s D + N has a positive real part: the phase on the imaginary axis is n pi/2."""
+    above, below = response(s, np.exp(-s * delay))
+    far = np.array([1e6j, 1e7j])
+    order = round(math.log10(np.divide(*np.abs(far * response(far, np.zeros(2, complex))[1])[::-1])))
+    turned = np.unwrap(np.angle(s * below + above))
+    return bool(turned[0] < 0.75 * math.pi and turned[-1] > 0.5 * math.pi * order - 0.75 * math.pi)
+
+
+def _decay(modes: TrainModes) -> Array:
+    """Return the rate at which every mode decays [1/s]."""
+    return modes.omega * np.maximum(modes.viscous + FRICTION_SHARE * modes.friction, LEAST_DAMPING)
 
 
 def _gain_of_modes(model: TrainModel, modes: TrainModes, sampling: float, margin: float = 1.0) -> float:
@@ -141,6 +187,6 @@ def _gain_of_modes(model: TrainModel, modes: TrainModes, sampling: float, margin
     lagging = modes.omega * model.lag
     phase = modes.omega * (dead_time(model) - model.lag + sampling) + np.array(list(map(math.atan, lagging.tolist())))
     excited = -cos_each(np.minimum(margin * phase, math.pi))
-    rate = modes.omega * np.maximum(modes.viscous + FRICTION_SHARE * modes.friction, LEAST_DAMPING)
+    rate = _decay(modes)
     reached = model.inertia * modes.units * excited / np.sqrt(1.0 + lagging * lagging)
     return float((2.0 * rate[reached > 0.0] / reached[reached > 0.0]).min(initial=math.inf))

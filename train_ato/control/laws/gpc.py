@@ -58,7 +58,7 @@ import numpy as np
 from plant_sim.elementary import dot_of, plain_sum
 from train_ato.control.algorithms.guard import GuardedLaw, is_valid
 from train_ato.control.algorithms.identification import Increments, ResidualNetwork
-from train_ato.control.algorithms.loop_gains import LoopGains
+from train_ato.control.algorithms.loop_gains import Complex, LoopGains, Response
 from train_ato.control.algorithms.predictive_law import LinearLaw, linear_law, sampled_actuator
 from train_ato.control.contract import LawInput, parameter
 from train_ato.control.gains import gains_choice
@@ -163,6 +163,19 @@ class Gpc(GuardedLaw):
         self._mass = [model.inertia] if self._single else (model.inertia * model.share).tolist()
         self._loops = [Loop(p, a, b, lag, self._sampling) for a, b in zip(forward, backward, strict=True)]
         self.clear_state()
+
+    def response(self, predicted: bool) -> Response:
+        """Return the response of the nominal law to the speed error, up to half of its sampling frequency."""
+        law, sampling, lag, period = self._loops[0].nominal, self._sampling, self.model.lag, self.period
+        position = self.parameters.position_gain * law.scale * law.tracking.sum()
+
+        def of(s: Complex, late: Complex) -> tuple[Complex, Complex]:
+            acts, z = np.abs(s) * sampling < math.pi, np.exp(-s * sampling)
+            feedback, past = np.polyval(law.feedback[::-1], z), 1.0 + z * np.polyval(law.past[::-1], z)
+            held = (1.0 - z) / (s * sampling) * late * np.exp(0.5 * s * period)
+            return acts * (s * feedback + position) * held, s * (1.0 + lag * s) * np.where(acts, past, 1.0)
+
+        return of
 
     def clear_state(self) -> None:
         """Clear identified parameters, network and past samples."""
@@ -299,6 +312,11 @@ class Loop:
         ]
         self._residual = ResidualNetwork(parameters.hidden)
         self.reset()
+
+    @property
+    def nominal(self) -> LinearLaw:
+        """The law of the nominal model in traction."""
+        return linear_law(*self._models[0].polynomials(), self._parameters)
 
     def reset(self) -> None:
         """Return to the nominal model and clear the past samples."""

@@ -37,7 +37,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from plant_sim.compiled import compiled
 from plant_sim.record import Records, quantity
 from train_ato.control.algorithms.couplers import UnitCouplers
-from train_ato.control.algorithms.loop_gains import LoopGains
+from train_ato.control.algorithms.loop_gains import Complex, LoopGains, Response
 from train_ato.control.contract import parameter
 from train_ato.control.gains import gains_choice
 from train_ato.control.law import LawForm, LawNow, LawUnit, RecordLaw, TrainConstants, train_resistance
@@ -139,6 +139,17 @@ class LagSmc(RecordLaw):
         }  # fmt: skip
 
     uses_feedforward = False
+
+    def response(self, predicted: bool) -> Response:
+        """Return the response to the speed error near s3 = 0; a force that is not predicted is late, as the errors."""
+        p, lag = self.parameters, self.model.lag or self.period
+        reaching = p.k_i + p.k / p.phi
+
+        def of(s: Complex, late: Complex) -> tuple[Complex, Complex]:
+            force = s + p.c1 + reaching if predicted else s + (1.0 - late) / lag + (p.c1 + reaching) * late
+            return ((p.c0 + reaching * p.c1) * s + reaching * p.c0) * late, s * force
+
+        return of
 
     def __init__(self, parameters: LagSmcParameters, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)
