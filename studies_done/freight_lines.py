@@ -4,7 +4,7 @@
 
 Every row is a run with changes of the scenario: other delays, errors of the model, and disturbances with and without
 sines. Columns: position error rms [m], variation of the command [kN/s], largest coupler force of the run and after 40 s
-[kN], each without / with the sines, and the frequencies in use at the end [rad/s].
+[kN], outcome of tracking, each without / with the sines, and the frequencies in use at the end [rad/s].
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import numpy as np
 import train_ato as ta
 from train_ato.control.algorithms.disturbance_lines import LineSpectrum
 from train_ato.control.laws.mpc import Mpc
+from train_ato.loop.verdict import tracking_text
 
 BEGIN = 40.0
 """Time from which the forces of the last column count [s]."""
@@ -57,7 +58,7 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
 }
 
 
-def figures(variant: str, changes: dict[str, Any]) -> tuple[float, float, float, float, str]:
+def figures(variant: str, changes: dict[str, Any]) -> tuple[float, float, float, float, str, str]:
     """Return the columns of one run."""
     laws: list[Mpc] = []
     begin = Mpc.__init__
@@ -73,7 +74,8 @@ def figures(variant: str, changes: dict[str, Any]) -> tuple[float, float, float,
     late = vehicles.filter(like="coupler").to_numpy()[vehicles.index.to_numpy() > BEGIN]
     largest = max(metrics["coupler_draft_max_kn"], -metrics["coupler_buff_max_kn"])
     rms, variation = metrics["position_rmse_m"], metrics["command_variation_kn_per_s"]
-    return rms, variation, largest, float(np.abs(late).max()) / 1e3, laws[-1].diagnostics()["disturbance_lines"]
+    lines = laws[-1].diagnostics()["disturbance_lines"]
+    return rms, variation, largest, float(np.abs(late).max()) / 1e3, tracking_text(metrics), lines
 
 
 def rows(only: str) -> Iterator[str]:
@@ -85,7 +87,8 @@ def rows(only: str) -> Iterator[str]:
             found = figures(variant, changes)
             pairs = zip(without[:4], found[:4], (".3f", ".1f", ".1f", ".1f"), strict=True)
             cells = [f"{format(one, style)} / {format(other, style)}" for one, other, style in pairs]
-            yield f"| {name} | {' | '.join(cells)} | {found[4] or '-'} |"
+            outcome = found[4] if found[4] == without[4] else f"{without[4]} / {found[4]}"
+            yield f"| {name} | {outcome} | {' | '.join(cells)} | {found[5] or '-'} |"
 
 
 def main() -> None:
@@ -93,8 +96,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", default="", metavar="TEXT")
     options = parser.parse_args()
-    print("| case | rms m | kN/s | couplers kN | after 40 s | frequencies rad/s |")
-    print("|---" * 6 + "|")
+    print("| case | outcome | rms m | kN/s | couplers kN | after 40 s | frequencies rad/s |")
+    print("|---" * 7 + "|")
     for line in rows(options.only):
         print(line, flush=True)
 

@@ -162,8 +162,7 @@ PAGE_HEAD = """# Law mpc beside the other laws
 
 Written by `python studies_done/mpc.py --page`, from `python studies_done/mpc.py --json`; goals and reasons for misses:
 [mpc_goals.md](mpc_goals.md). Rows with noise: median / largest over the seeds of the column `seeds`, from seed 1 on.
-`outcome`: that of [tracking.md](tracking.md), of different ones the number of runs with each; a dash: the row is
-from before this column.
+`outcome`: that of [tracking.md](tracking.md), of different ones the number of runs with each.
 `pid`: under `preview`; `mpc`: under `none`; both under `twin` on `daqin_heavy_haul:twin`, `mpc` there with the variant
 `identified`; `pid_eso`: `pid` under `predictor` with the observer `eso`; `paper`: law of the paper of the scenario,
 under `twin` with fitted gains. A dash: the scenario does not have the figure.

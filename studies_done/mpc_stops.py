@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 import train_ato as ta
+from train_ato.loop.verdict import outcomes_text
 
 PROFILE = {"phases": [{"cruise_for": 5}, {"accelerate_to_kmh": 50}, {"cruise_for": 10}, {"brake_to": 0}]}
 """Profile of 66 s."""
@@ -48,8 +49,8 @@ def changes(random: np.random.Generator, known: bool) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def stop(law: str, changed: dict[str, Any], seed: int) -> tuple[float, float, float]:
-    """Return distance from the target [m], jump of the acceleration [m/s²] and roll-back [m] of one run."""
+def stop(law: str, changed: dict[str, Any], seed: int) -> tuple[float, float, float, dict[str, Any]]:
+    """Return distance from the target [m], jump of the acceleration [m/s²], roll-back [m] and metrics of one run."""
     compensation = "none" if law == "mpc" else "preview"
     run = ta.run("xuzhou_metro", law=law, compensation=compensation, set=changed, seed=seed, progress=False)
     vehicles = run["train/vehicles"]
@@ -60,7 +61,7 @@ def stop(law: str, changed: dict[str, Any], seed: int) -> tuple[float, float, fl
     error = run.metrics["stop_error_m"]
     missed = float("inf") if error is None else abs(error)
     jump = float(np.abs(speed[stops - before] - speed[stops]).max()) / LAST
-    return missed, jump, float(place[0] - place.min())
+    return missed, jump, float(place[0] - place.min()), run.metrics
 
 
 def main() -> None:
@@ -70,15 +71,15 @@ def main() -> None:
     parser.add_argument("--laws", default="mpc,pid", metavar="NAMES")
     parser.add_argument("--seed", type=int, default=1, metavar="N")
     options = parser.parse_args()
-    print("| grade | law | stops | largest m | mean m | jump m/s² | roll-back m |\n" + "|---" * 7 + "|")
+    print("| grade | law | stops | outcome | largest m | mean m | jump m/s² | roll-back m |\n" + "|---" * 8 + "|")
     for known in (True, False):
         for law in options.laws.split(","):
             random = np.random.default_rng(options.seed)
             found = [stop(law, changes(random, known), seed) for seed in range(1, 1 + max(1, options.stops))]
-            errors, jerks, falls = zip(*found, strict=True)
+            errors, jerks, falls, metrics = zip(*found, strict=True)
             grade = "known" if known else "unknown"
             figures = f"{max(errors):.3f} | {fmean(errors):.3f} | {max(jerks):.3f} | {max(falls):.4f}"
-            print(f"| {grade} | {law} | {len(found)} | {figures} |", flush=True)
+            print(f"| {grade} | {law} | {len(found)} | {outcomes_text(metrics)} | {figures} |", flush=True)
 
 
 if __name__ == "__main__":
