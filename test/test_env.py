@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import copy
 import itertools
 import pickle
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -305,6 +307,11 @@ def test_wrong_uses_are_refused_in_one_line():
         (lambda: env.reset(seed=-1), "seed -1"), (lambda: env.reset(seed=1.5), "seed 1.5"),
         (lambda: env.reset(options={"durration": 3}), "durration"),
         (lambda: ta.Env("xuzhou_metro", observe=("sped",)), "did you mean 'speed'"),
+        (lambda: ta.Env("xuzhou_metro", observe="speed"), "observe 'speed': give names in a list"),
+        (lambda: ta.Env("xuzhou_metro", observe=(), flat=True), r"observe \(\): give names"),
+        (lambda: ta.Env("xuzhou_metro", reward=["energy"]), "give weights by name"),
+        (lambda: ta.Env("xuzhou_metro", reward={"energy": "1"}), "weight '1' is not finite"),
+        (lambda: ta.linearise("xuzhou_metro", speed_kmh="60"), "speed_kmh '60'"),
         (lambda: ta.Env("xuzhou_metro", reward={"enrgy": 1.0}), "did you mean 'energy'"),
         (lambda: ta.Env("xuzhou_metro", reward={"energy": np.nan}), "not finite"),
         (lambda: env.restore(3), "not a state"),
@@ -320,6 +327,10 @@ def test_wrong_uses_are_refused_in_one_line():
         env.step(0.0)
     with pytest.raises(ValueError, match="has ended"):
         env.step(0.0)
+    with pytest.raises(ValueError, match="damaged"):
+        env.restore(replace(env.save(), data=b""))
+    with pytest.raises(TypeError, match="save"):
+        copy.deepcopy(env)
     env.restore(other_state := env.save())
     with pytest.raises(ValueError, match="has ended"):
         env.step(0.0)

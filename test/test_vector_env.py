@@ -70,7 +70,7 @@ def test_the_step_after_an_end_begins_the_next_run():
         assert not (ended.any() or truncated.any() or rewards.any()) and "metrics" not in info
         assert again[:, 0].tolist() == [0.0, 0.0] and envs.domains != domains and envs.seeds != seeds
         following = envs.seeds
-        assert np.array_equal(envs.reset(seed=[3, 9])[0], first) and envs.domains == domains
+        assert np.array_equal(envs.reset(seed=np.array([3, 9]))[0], first) and envs.domains == domains
         assert envs.reset()[0].shape == first.shape and envs.seeds == following
         low, high = MASS["plant.mismatch.mass_scale"].values()
         assert all(low <= value <= high for domain in (*domains, *envs.domains) for value in domain.values())
@@ -83,6 +83,7 @@ def test_wrong_uses_of_a_vector_are_refused_in_one_line():
         (lambda: envs.step(np.zeros((2, 1))), "call reset"),
         (lambda: ta.vector_env("xuzhou_metro", 0), "num_envs 0"),
         (lambda: ta.vector_env("xuzhou_metro", 2, threads=0), "threads 0"),
+        (lambda: ta.vector_env("xuzhou_metro", 2, threads=1.5), "threads 1.5"),
         (lambda: ta.vector_env("xuzhou_metro", 2, observe=("sped",)), "did you mean 'speed'"),
         (lambda: ta.vector_env("xuzhou_metro", 2, over={"plant.mass": [1]}), "plant.mass"),
         (lambda: ta.vector_env("xuzhou_metro", 2, over={"model.delay": [0.1, 1.0]}), "commands_in_flight"),

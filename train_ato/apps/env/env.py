@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from plant_sim.elementary import plain_sum
 from train_ato.apps.env.observation import (
     PER_TICK,
     Known,
@@ -291,7 +292,7 @@ class Env:
         if episode.ended:
             front = float(loop.plant.train.position[0])
             costs |= end_costs(self.setup, self.run.metrics, front)
-        reward = -sum(weight * costs.get(name, 0.0) for name, weight in self._weights.items())
+        reward = -plain_sum(weight * costs.get(name, 0.0) for name, weight in self._weights.items())
         return self._observation(), reward, episode.ended, False, {**(signals or {}), **self._info(costs)}
 
     def _tick(self, loop: SteppedLoop, episode: _Episode, costs: Array) -> None:
@@ -410,6 +411,7 @@ class Env:
         outcome = record.counted(replace(outcome, summary={**outcome.summary, "mode": "engine"}))
         return Run(outcome.summary, record=record, setup=setup, outcome=outcome)
 
+    @refusing
     def save(self) -> EnvState:
         """Return the present state; :meth:`restore` continues from it bit for bit.
 
@@ -437,7 +439,12 @@ class Env:
         if self._loop is None or self.setup.seed != state.seed:
             self._begin(state.seed)
         loop = self._started()
-        stages, self._episode = self._shared.load(state.data)
+        try:
+            stages, self._episode = self._shared.load(state.data)
+        except Exception as error:  # the bytes can name any part
+            if self._episode is None:
+                self.close()
+            raise ValueError(f"restore: the state is damaged ({error}); save() it again") from None
         vars(loop).update(stages)
         loop.history, self._run = History(state.past), None
         return self._observation(), self._info({})
@@ -448,6 +455,10 @@ class Env:
             self._hashes = {**self.setup.fingerprint(), "version": VERSION}
             self._hashes.pop("seed", None)
         return self._hashes
+
+    def __reduce__(self) -> Any:
+        """Refuse a copy by ``copy`` or ``pickle``."""
+        raise TypeError("an Env is neither copied nor pickled; give the result of save() to restore() of another Env")
 
     def close(self) -> None:
         """End the run; :meth:`reset` begins another one."""

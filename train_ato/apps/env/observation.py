@@ -16,7 +16,7 @@ from plant_sim import kernel as k
 from plant_sim.compiled import compiled
 from plant_sim.elementary import numpy_total
 from plant_sim.railway import between_entries, envelope_force
-from train_ato.control.algorithms.limits_ahead import LimitsAhead, step_values
+from train_ato.control.algorithms.limits_ahead import LimitsAhead, step_value
 from train_ato.control.command_history import CommandHistory
 from train_ato.control.parameters import closest
 from train_ato.control.train_model import GRID
@@ -110,7 +110,7 @@ ENGAGED, SUPERVISED, DIRECTION = 0, 1 + len(BRAKES), 1 + len(BRAKES) + len(LIMIT
 """Places in the state of :class:`Known`, the second one of the first limit."""
 
 
-@compiled
+@compiled(allocates=False)
 def write_values(found, t, measured, couplers, reference, disturbance, in_flight, state, sight):  # type: ignore[no-untyped-def]
     """Write the values of all quantities in their order, :func:`observed`.
 
@@ -157,12 +157,15 @@ def write_values(found, t, measured, couplers, reference, disturbance, in_flight
     direction = state[DIRECTION]
     found[at] = direction * (end - offsets[0] - measured[0, 0])
     at += 1
-    ahead = measured[0, 0] + offsets[0] + direction * distances
-    found[at : at + ahead.size] = step_values(places, speeds, ahead)
-    at += ahead.size
-    for place in ahead:  # of a lost measurement without a number
-        found[at] = 1e3 / weight * between_entries(table, (place - line_begin) / GRID) if isfinite(place) else place
+    for distance in distances:
+        place = measured[0, 0] + offsets[0] + direction * distance
+        found[at] = step_value(places, speeds, place)
+        grade = place  # of a lost measurement without a number
+        if isfinite(place):
+            grade = 1e3 / weight * between_entries(table, (place - line_begin) / GRID)
+        found[at + distances.size] = grade
         at += 1
+    at += distances.size
     for value in state[:DIRECTION]:
         found[at] = value
         at += 1
@@ -244,13 +247,15 @@ def observed(setup: RunSetup, names: Sequence[str] | None = None) -> dict[str, Q
     Raises
     ------
     ValueError
-        For an unknown name.
+        For an unknown name, or without one.
     """
     known, begin = {}, 0
     for entry in (*_of_train(setup), *_of_line(setup), *_of_supervisor(setup)):
         if entry.low.size and _exists(entry.name, setup):
             known[entry.name] = replace(entry, begin=begin)
         begin += entry.low.size
+    if names is not None and (isinstance(names, str) or not names):
+        raise ValueError(f"observe {names!r}: give names in a list, for example ('speed', 'speed_error')")
     for name in names or ():
         if name not in known:
             raise ValueError(f"observe: unknown quantity '{name}'{closest(name, tuple(known))}; use {', '.join(known)}")
@@ -406,7 +411,7 @@ COSTS = (
 
 
 def weights_of(given: Mapping[str, float] | None) -> dict[str, float]:
-    """Return the weights by name; costs that are not given have none, without any given each has its default.
+    """Return the weights in the order of the costs; those not given have none, without any given all their default.
 
     Raises
     ------
@@ -414,12 +419,14 @@ def weights_of(given: Mapping[str, float] | None) -> dict[str, float]:
         For an unknown cost or a weight that is not finite.
     """
     known = {cost.name: cost.weight for cost in COSTS}
+    if not isinstance(given, Mapping | None):
+        raise ValueError(f"reward {str(given)[:60]!r}: give weights by name, for example {{'tracking': 1.0}}")
     for name, weight in (given or {}).items():
         if name not in known:
             raise ValueError(f"reward: unknown cost '{name}'{closest(name, tuple(known))}; use {', '.join(known)}")
-        if not np.isfinite(weight):
-            raise ValueError(f"reward: {name}: weight {weight} is not finite; give a number")
-    return known if given is None else {name: float(weight) for name, weight in given.items()}
+        if not isinstance(weight, (int, float, np.number)) or not np.isfinite(weight):
+            raise ValueError(f"reward: {name}: weight {weight!r} is not finite; give a number")
+    return known if given is None else {name: float(given[name]) for name in known if name in given}
 
 
 PER_TICK = tuple(cost.name for cost in COSTS[:4])

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Mapping, Sequence
+from queue import SimpleQueue
+from threading import Thread
 from typing import Any
+from weakref import finalize
 
 import numpy as np
-from numba import types
 
-from train_ato.apps.env.compiled_steps import GOES_ON, ROWS, TICKS, step_trains
+from train_ato.apps.env.compiled_steps import GOES_ON, ROWS, TICKS, set_forces, step_trains
 from train_ato.apps.env.env import MAX_SEED, caller_setup, checked_seed
 from train_ato.apps.env.observation import (
     DIRECTION,
@@ -33,8 +34,7 @@ from train_ato.loop.engine import TickLoop
 from train_ato.loop.result import RunResult
 from train_ato.loop.scenario_data import PartCache
 from train_ato.loop.setup import RunSetup
-from train_ato.loop.spans import kernel
-from train_ato.loop.spans.native_arguments import function_of, reader_of, row_numbers
+from train_ato.loop.spans.native_arguments import reader_of, row_numbers
 from train_ato.loop.spans.span import CompiledSpans, Span
 from train_ato.messages.types import Array
 
@@ -95,6 +95,50 @@ class _Train:
             self.setup, recording, wall, loop.ticks, [], interrupted=False, failure=self.watch.failure, published=counts
         )
         return {**outcome.summary, "mode": "engine"}
+
+
+class _Threads:
+    """Threads beside that of the caller which work on a call together with it; they end with their owner.
+
+    Parameters
+    ----------
+    count
+        Number of threads.
+    """
+
+    def __init__(self, count: int) -> None:
+        self._count, self._asked = count, SimpleQueue[Any]()
+        for _ in range(count):
+            Thread(target=_work, args=(self._asked,), daemon=True).start()
+        self.stop = finalize(self, _end, self._asked, count)
+
+    def call(self, part: Callable[[], int], most: int) -> int:
+        """Call a part in this thread and in at most so many others; return the sum of the results."""
+        others, answers = min(self._count, most) if self.stop.alive else 0, SimpleQueue[Any]()
+        for _ in range(others):
+            self._asked.put((part, answers))
+        found = part()
+        for _ in range(others):
+            answer = answers.get()
+            if isinstance(answer, BaseException):
+                raise answer
+            found += answer
+        return found
+
+
+def _work(asked: SimpleQueue[Any]) -> None:
+    while (job := asked.get()) is not None:
+        part, answers = job
+        try:
+            answers.put(part())
+        except BaseException as error:  # raised again in the thread of the caller
+            answers.put(error)
+        del job, part, answers  # they keep the environments
+
+
+def _end(asked: SimpleQueue[Any], count: int) -> None:
+    for _ in range(count):
+        asked.put(None)
 
 
 class VectorEnv:
@@ -165,25 +209,29 @@ class VectorEnv:
         reward: Mapping[str, float] | None = None,
         threads: int | None = None,
     ) -> None:
-        if isinstance(num_envs, bool) or not isinstance(num_envs, (int, np.integer)) or num_envs < 1:
-            raise ValueError(f"num_envs {num_envs!r}: give a whole number from 1 on")
-        if threads is not None and threads < 1:
-            raise ValueError(f"threads {threads}: give a number from 1 on")
+        for name, count in (("num_envs", num_envs), ("threads", 1 if threads is None else threads)):
+            if isinstance(count, bool) or not isinstance(count, (int, np.integer)) or count < 1:
+                raise ValueError(f"{name} {count!r}: give a whole number from 1 on")
         self._choice = choose_scenario(scenario).changed(set, seed)
         self._dimensions = read_dimensions(over, "over") if over else ()
         self.num_envs, self.normalised = int(num_envs), normalised
         self._parts, self._weights = PartCache(), weights_of(reward)
-        self._threads = min(threads or os.cpu_count() or 1, self.num_envs)
-        self._pool = ThreadPoolExecutor(self._threads - 1) if self._threads > 1 else None
+        self._threads = _Threads(min(threads or os.cpu_count() or 1, self.num_envs) - 1)
         self._bounds(observe)
         sight = Sight(self.setup)
         n, units = self.num_envs, self.n_units
-        self._forces, self._force_parts = np.zeros((n, units)), self._parts_of(("force_min", "force_max"))
+        self._forces, self._given = np.zeros((n, units)), np.zeros((n, units))
         self._rows: Any = None
+        self._ticks = round(self.period / self.setup.tick)
         self._results = np.zeros((n, 3), dtype=np.int64)
         self._costs, self._memories = np.zeros((n, len(PER_TICK))), np.zeros((n, 4))
         self._states, self._found = np.zeros((n, DIRECTION + 1)), np.zeros((n, sight.size))
-        self._outputs = self._results, self._costs, self._memories, self._states, self._found
+        self._limits = [self._found[:, part] for part in self._parts_of(("force_min", "force_max"))]
+        self._rewards, self._taken = np.zeros(n), np.zeros(1, dtype=np.int64)
+        self._outputs = (
+            np.array([self._weights.get(cost, 0.0) for cost in PER_TICK]), self._results, self._costs, self._memories,
+            self._states, self._found, self._rewards, np.zeros((n, 3 + units)),
+        )  # fmt: skip
         self._trains: list[_Train] = []
         self._kept: list[Sight] = [sight] * n
         self._seeds: list[np.random.Generator] = []
@@ -269,7 +317,7 @@ class VectorEnv:
             own = [int(random.integers(MAX_SEED)) for random in self._seeds]
         else:
             first = self._changed.checked.seed if seed is None else seed
-            own = [checked_seed(each) for each in first] if isinstance(first, Sequence) else [
+            own = [checked_seed(each) for each in first] if isinstance(first, (Sequence, np.ndarray)) else [
                 checked_seed(first) + number for number in range(self.num_envs)
             ]  # fmt: skip
             if len(own) != self.num_envs:
@@ -332,24 +380,27 @@ class VectorEnv:
         """
         if not self._trains:
             raise ValueError("the environments have no run; call reset() first")
-        self._forces[:] = self._checked(forces)
-        self._costs[:] = 0.0
-        ticks = round(self.period / self.setup.tick)
-        self._run_compiled(self._compiled, ticks)
-        quick = self._compiled.size == self.num_envs and bool(self._results[:, GOES_ON].all())
+        self._set_forces(forces)
+        self._costs.fill(0.0)
+        quick = self._run_compiled(self._compiled, self._ticks) == self.num_envs
         if not quick:
-            self._run_others(ticks)
+            self._run_others(self._ticks)
         found = self._costs.T.copy()
         costs = dict(zip(PER_TICK, found, strict=True))
         info: dict[str, Any] = {"engaged": self._states[:, 0] > 0.0}
         if not quick and self._ended.any():
             info |= self._ends(costs)
         info["costs"] = costs
-        rewards = np.zeros(self.num_envs)
+        rewards = self._rewards.copy() if quick else self._weighted(costs)
+        return self._observation(), rewards, self._ended.copy(), np.zeros(self.num_envs, bool), info
+
+    def _weighted(self, costs: dict[str, Array]) -> Array:
+        """Return the rewards: minus the weighted sums of the costs."""
+        total = np.zeros(self.num_envs)
         for name, weight in self._weights.items():
             if name in costs:
-                rewards += weight * costs[name]
-        return self._observation(), -rewards, self._ended.copy(), np.zeros(self.num_envs, bool), info
+                total += weight * costs[name]
+        return -total
 
     def _run_others(self, ticks: int) -> None:
         """Drive the trains that the common call did not drive to its end, and begin the next runs of ended ones."""
@@ -366,8 +417,8 @@ class VectorEnv:
         compiled = [number for number, train in enumerate(self._trains) if train.span is not None]
         self._compiled = np.array(compiled, dtype=np.int64)
 
-    def _checked(self, given: Any) -> Array:
-        """Return the force of every unit [N] from those of a step."""
+    def _set_forces(self, given: Any) -> None:
+        """Set the force of every unit [N] from those of a step."""
         shape = (self.num_envs, self.n_units)
         try:
             forces = np.asarray(given, dtype=np.float64)
@@ -375,28 +426,17 @@ class VectorEnv:
             raise ValueError(f"step: forces {str(given)[:60]!r} are not numbers; give the shape {shape}") from None
         if forces.shape != shape:
             raise ValueError(f"step: forces have the shape {forces.shape}; give {shape}, a row for every train")
-        if not np.isfinite(forces).all():
+        self._given[:] = forces
+        if not set_forces(self._given, *self._limits, self.normalised, self._forces):
             raise ValueError("step: a force is not finite; give numbers")
-        if not self.normalised:
-            return forces
-        low, high = (self._found[:, part] for part in self._force_parts)
-        return np.where(forces < 0.0, -low, high) * forces
 
-    def _run_compiled(self, who: Any, ticks: int) -> None:
-        """Run ticks of the compiled spans of some trains, divided over the threads."""
+    def _run_compiled(self, who: Any, ticks: int) -> int:
+        """Run ticks of the compiled spans of some trains in the threads; return how many have a compiled next tick."""
         if not who.size:
-            return
-        if self._pool is None or who.size < self._threads:
-            self._call(who, ticks)
-            return
-        parts = np.array_split(who, self._threads)
-        waits = [self._pool.submit(self._call, part, ticks) for part in parts[1:]]
-        self._call(parts[0], ticks)
-        for wait in waits:
-            wait.result()
-
-    def _call(self, who: Any, ticks: int) -> None:
-        self._step(self._rows, who, ticks, NS, *self._outputs)
+            return 0
+        self._taken[0] = 0
+        step, arguments = self._step, (self._rows, who, self._taken, ticks, NS, *self._outputs)
+        return self._threads.call(lambda: step(*arguments), who.size - 1)
 
     def _advance(self, number: int, train: _Train, ticks: int) -> None:
         """Run ticks of a train outside of the common call: in Python up to its next span."""
@@ -454,14 +494,11 @@ class VectorEnv:
 
     def _set_row(self, number: int, span: Span) -> None:
         """Put the arguments of the compiled ticks of a train into its row; ``span`` keeps their arrays."""
-        if self._rows is None:
-            self._run = function_of(kernel.run_span, types.int64, span.arguments)
-        arguments = self._run, span.arguments, self._kept[number].arrays
+        arguments = span.arguments, self._kept[number].arrays
         row = row_numbers(arguments)
         if self._rows is None:
             self._rows = [row] * self.num_envs if isinstance(row, tuple) else np.zeros((self.num_envs, len(row)), int)
-            one = np.zeros(1, dtype=np.int64)
-            self._step = reader_of(step_trains, arguments, self._rows, one, 1, NS, *self._outputs)
+            self._step = reader_of(step_trains, arguments, self._rows, self._taken, self._taken, 1, NS, *self._outputs)
         self._rows[number] = row
 
     def _ends(self, costs: dict[str, Array]) -> dict[str, Any]:
@@ -483,9 +520,7 @@ class VectorEnv:
     def close(self) -> None:
         """End all runs and threads."""
         self._trains = []
-        if self._pool is not None:
-            self._pool.shutdown()
-            self._pool = None
+        self._threads.stop()
 
     def __enter__(self) -> VectorEnv:
         """Return the environments, which are closed at the end of the block."""

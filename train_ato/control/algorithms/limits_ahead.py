@@ -206,15 +206,21 @@ def _whole_train_limits(model: TrainModel) -> tuple[Array, Array]:
     return np.array(places), np.array(found)
 
 
+@compiled(allocates=False)
+def step_value(places, values, position):
+    """Return the value that holds at a position; value i before place i, the last one beyond all places."""
+    step = 0
+    while step < places.size and places[step] <= position:
+        step += 1
+    return values[step]
+
+
 @compiled
 def step_values(places, values, position):
-    """Return the values that hold at positions; value i before place i, the last one beyond all places."""
+    """Return :func:`step_value` at every position of an array."""
     found = np.empty(position.size)
     for k in range(position.size):
-        step = 0
-        while step < places.size and places[step] <= position[k]:
-            step += 1
-        found[k] = values[step]
+        found[k] = step_value(places, values, position[k])
     return found
 
 

@@ -4,8 +4,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from plant_sim import kernel as k
 from plant_sim.compiled import compiled
 from plant_sim.elementary import numpy_total
@@ -215,16 +213,32 @@ def _prepare(tick, at, stepping, state, measured, couplers, reference, feedforwa
     return True
 
 
+@compiled(into_caller=True, allocates=False)
+def _copy(source, target):
+    """Copy a row; an assignment to a slice also tests for an overlap."""
+    for i in range(len(source)):
+        target[i] = source[i]
+
+
+@compiled(into_caller=True, allocates=False)
+def _copy_rows(source, target):
+    """Copy the rows of a table."""
+    for row in range(len(source)):
+        _copy(source[row], target[row])
+
+
 @compiled(alone=False)
 def _keep(tick, is_step, limited, measured, bound, at_rest, sent, at_limit, count):
     """Keep command and number of steps at a limit; between two steps of the law they are those of the last step."""
     if is_step:
         if at_rest[tick] and _stands(tick, measured, bound):
-            sent[tick + 1] = 0.0
+            for u in range(sent.shape[1]):
+                sent[tick + 1, u] = 0.0
         at_limit[tick + 1] = at_limit[tick] + limited
         count[AT_LIMIT] = limited
     else:
-        sent[tick + 1], at_limit[tick + 1] = sent[tick], at_limit[tick]
+        _copy(sent[tick], sent[tick + 1])
+        at_limit[tick + 1] = at_limit[tick]
 
 
 @compiled(alone=False)
@@ -232,8 +246,11 @@ def _report(train, setting, lost, reports, count):
     """Keep the state of the train for the diagnostics."""
     _, states, gears, unit_states, settings, losses = reports
     last = min(count[REPORTS], len(states) - 1)
-    states[last], gears[last], unit_states[last] = train[0], train[3], train[7]
-    settings[count[REPORTS]], losses[count[REPORTS]] = setting, lost
+    _copy_rows(train[0], states[last])
+    _copy_rows(train[3], gears[last])
+    _copy_rows(train[7], unit_states[last])
+    _copy(setting, settings[count[REPORTS]])
+    losses[count[REPORTS]] = lost
     count[REPORTS] += 1
 
 
@@ -251,9 +268,9 @@ def _send(tick, at, sent, history, link, stamps, supervised, own_stamp, window):
     """Send the command of a tick, and its stamp to a supervised train; write the commands that arrive."""
     lines, queues, due, value, draws = link
     for row in range(len(history) - 1):
-        history[row] = history[row + 1]
+        _copy(history[row + 1], history[row])
     if len(history):
-        history[len(history) - 1] = sent
+        _copy(sent, history[len(history) - 1])
     push(lines, queues, due, value, at, sent, draws[tick, 0], draws[tick, 1])
     arrive(lines, queues, due, value, at, window)
     if supervised:
@@ -271,53 +288,41 @@ def _add_cubes(tick, state, forces, vehicles):
             outside[tick, 1, step, cubed[j]] += cubes[tick, step, j] * (speed * speed)
 
 
-@compiled
-def run_span(
-    stamp, tick_ns, dt, train, event, events, forces, vehicles, setting, noise, sensors,
-    law, observing, predicting, braking, inputs, reference, feedforward, shoes, own, tables, limits, segments,
-    bound, count, link, stamps, history, shown, truth, measured, couplers, sent, at_limit, reports, supervision,
-    at_rest,
-):  # fmt: skip
-    """Run consecutive ticks until a tick that is left to Python; return the number of ticks run since row 0.
+@compiled(alone=False)
+def span_ticks(arguments):
+    """Run consecutive ticks, see :func:`run_span`, whose arguments are the entries of one tuple here.
 
-    The rows of the call are in ``count``. If a row follows, its tick is run up to the inputs of the law, whose force
-    the next call brings; ``count`` says so, and that law leaves no tick.
-
-    All arrays are changed in place. Outputs have one row per tick: ``truth`` (ticks, 4, vehicles) with position, speed,
-    coupler and shoe force of the vehicles ``shown``, ``measured``, ``couplers``; ``sent`` and ``at_limit`` begin with
-    command and number of steps at a limit before the first tick. ``reports`` has the state of the train at the ticks
-    with diagnostics; arrays with one row have the last of these states.
-    ``supervision`` has the records of the supervisor. ``at_rest`` is True for a reference at rest now and after the
-    delay of the commands. ``law``, ``observing`` and ``predicting`` have
-    number, constants, state and couplers of the law and of the observer, and the arrays of the prediction; ``law`` also
-    has the inputs for all units, the demand, and the call of a law or of a control stack in Python. ``braking`` has
-    records and call of the policy of the air brake, the envelopes of the electric brake, and the pressures charged and
-    demanded. ``link`` and ``stamps`` have the records of the link of the commands and of that of their stamps, with the
-    random numbers of every tick; ``stamps`` begins with the age of the newest command.
+    The code of this function becomes a part of its callers: a call with hundreds of numbers takes longer than a tick.
     """
+    (
+        stamp, tick_ns, dt, train, event, events, forces, vehicles, setting, noise, sensors,
+        law, observing, predicting, braking, inputs, reference, feedforward, shoes, own, tables, limits, segments,
+        bound, count, link, stamps, history, shown, truth, measured, couplers, sent, at_limit, reports, supervision,
+        at_rest, places,
+    ) = arguments  # fmt: skip
     state, vehicle, vehicle_index, gear, gear_table, run, body, unit, unit_index, envelope, piece = train
-    law_state, observer_state, policy_state = law[1], observing[1], braking[1]
-    saved, observed, kept = law_state.copy(), observer_state.copy(), inputs.copy()
-    demanded, seen = policy_state.copy(), sensors.units.copy()
+    law_state, observer_state, policy_state, now = law[1], observing[1], braking[1], law[3]
+    saved, observed, kept, demanded, seen, window, own_stamp, newest = places
     supervised, called = supervision.states.run[0].period > 0, count[CALLED] > 0
-    window = np.zeros((forces[0].shape[2], sensors.units.size))
-    now, own_stamp, newest = law[3], np.zeros(1), np.zeros((1, 1))
-    ahead = count[SEEN] > 0
+    ahead, rows = count[SEEN] > 0, len(measured)
     count[SEEN] = 0
-    for tick in range(count[BEGIN], len(measured)):
+    for tick in range(count[BEGIN], rows):
         at = stamp + tick * tick_ns
         t, is_step = at * 1e-9, (count[FIRST_TICK] + tick) % count[EVERY] == 0
         usable, limited, is_seen = True, 0, ahead
         ahead = False
         if not is_seen:
-            seen[:] = sensors.units
+            _copy(sensors.units, seen)
             if not _begins(
                 tick, at, vehicle.shape[1], state, unit, noise, sensors, measured, couplers, bound, event, events,
                 at_rest, stamps, newest, supervision,
             ):  # fmt: skip
-                sensors.units[:] = seen
+                _copy(seen, sensors.units)
                 return tick
-            saved[:], observed[:], kept[:], demanded[:] = law_state, observer_state, inputs, policy_state
+            _copy(law_state, saved)
+            _copy(observer_state, observed)
+            _copy(inputs, kept)
+            _copy(policy_state, demanded)
             usable = _prepare(
                 tick, at, is_step and not called, state, measured, couplers, reference, feedforward, own, tables,
                 limits, segments, inputs, now, observing, braking, called, supervision,
@@ -333,9 +338,12 @@ def run_span(
                 sent[tick + 1],
             )  # fmt: skip
         if not usable or limited < 0:
-            law_state[:], observer_state[:], inputs[:], policy_state[:] = saved, observed, kept, demanded
+            _copy(saved, law_state)
+            _copy(observed, observer_state)
+            _copy(kept, inputs)
+            _copy(demanded, policy_state)
+            _copy(seen, sensors.units)
             copy_states(supervision.kept, supervision.states, at)
-            sensors.units[:] = seen
             return tick
         if not called:
             _keep(tick, is_step, limited, measured, bound, at_rest, sent, at_limit, count)
@@ -348,4 +356,27 @@ def run_span(
             t, dt, state, vehicle, vehicle_index, gear, gear_table, run, body, unit, unit_index, envelope, piece,
             event, events, window, forces[0][tick], vehicles, setting,
         )  # fmt: skip
-    return len(measured)
+    return rows
+
+
+@compiled(allocates=False)
+def run_span(*arguments):
+    """Run consecutive ticks until a tick that is left to Python; return the number of ticks run since row 0.
+
+    The rows of the call are in ``count``. If a row follows, its tick is run up to the inputs of the law, whose force
+    the next call brings; ``count`` says so, and that law leaves no tick.
+
+    All arrays are changed in place. Outputs have one row per tick: ``truth`` (ticks, 4, vehicles) with position, speed,
+    coupler and shoe force of the vehicles ``shown``, ``measured``, ``couplers``; ``sent`` and ``at_limit`` begin with
+    command and number of steps at a limit before the first tick. ``reports`` has the state of the train at the ticks
+    with diagnostics; arrays with one row have the last of these states.
+    ``supervision`` has the records of the supervisor. ``at_rest`` is True for a reference at rest now and after the
+    delay of the commands. ``law``, ``observing`` and ``predicting`` have
+    number, constants, state and couplers of the law and of the observer, and the arrays of the prediction; ``law`` also
+    has the inputs for all units, the demand, and the call of a law or of a control stack in Python. ``braking`` has
+    records and call of the policy of the air brake, the envelopes of the electric brake, and the pressures charged and
+    demanded. ``link`` and ``stamps`` have the records of the link of the commands and of that of their stamps, with the
+    random numbers of every tick; ``stamps`` begins with the age of the newest command. ``places`` has
+    room for states before a tick.
+    """
+    return span_ticks(arguments)

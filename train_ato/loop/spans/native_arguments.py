@@ -17,7 +17,7 @@ from llvmlite import ir
 from numba import config, typeof, types
 from numba.core import cgutils
 from numba.core.errors import NumbaExperimentalFeatureWarning
-from numba.extending import NativeValue, intrinsic, models, overload, register_model, unbox
+from numba.extending import NativeValue, intrinsic, models, register_model, unbox
 
 from train_ato.control.compiled.law_call import LawCall
 
@@ -42,13 +42,6 @@ register_model(NativeKind)(models.OpaqueModel)
 @unbox(NativeKind)  # type: ignore[untyped-decorator]
 def _without_value(kind: Any, value: Any, c: Any) -> NativeValue:
     return NativeValue(c.context.get_dummy_value())
-
-
-def function_of(function: Any, result: Any, arguments: tuple[Any, ...]) -> Any:
-    """Return a compiled function as one of the arguments in a row, for its arguments of the types of these."""
-    if config.DISABLE_JIT:
-        return function
-    return LawCall(function, function, result(*(typeof(argument) for argument in arguments)))
 
 
 def reader_of(function: Any, row: tuple[Any, ...], *others: Any) -> Callable[..., Any]:
@@ -94,11 +87,6 @@ def _numbers(part: Any) -> Iterator[int]:
         yield int(part)
 
 
-def arguments_of(kind: Any, row: Any) -> Any:
-    """Return the arguments in a row of a kind."""
-    return row
-
-
 @intrinsic  # type: ignore[untyped-decorator]
 def _arguments_of(typing_context: Any, kind: Any, row: Any) -> Any:
     """Read the numbers of a row as arguments without references to the owners of their arrays."""
@@ -140,4 +128,25 @@ def _arguments_of(typing_context: Any, kind: Any, row: Any) -> Any:
     return kind.arguments(kind, row), build
 
 
-overload(arguments_of)(lambda kind, row: lambda kind, row: _arguments_of(kind, row))
+arguments_of: Any = (lambda kind, row: row) if config.DISABLE_JIT else _arguments_of
+"""Arguments in a row of a kind, in compiled code."""
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def _taken(typing_context: Any, counter: Any) -> Any:
+    """Raise a counter by one in one operation of the processor, so that two threads never read the same value."""
+
+    def build(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+        data = context.make_array(signature.args[0])(context, builder, given[0]).data
+        return builder.atomic_rmw("add", data, ir.Constant(ir.IntType(64), 1), "monotonic")
+
+    return types.int64(counter), build
+
+
+def _taken_in_python(counter: Any) -> int:
+    counter[0] += 1
+    return int(counter[0]) - 1
+
+
+taken: Any = _taken_in_python if config.DISABLE_JIT else _taken
+"""Value of a counter, an array with one number, before it is raised by one; for several threads."""

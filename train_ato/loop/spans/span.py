@@ -466,16 +466,19 @@ class Span:
         link, protection, stamps = self._plant.link, self._plant.protection, self._plant.protection.stamps
         a, events = train.arrays, train.brake.propagating()
         cubed = np.arange(train.outside.vehicles.size if out.cubes.shape[2] else 0)
-        law = self.law
+        law, sensors, observing, braking = self.law, train.sensor_set.records, self._observing(), self._braking()
+        law_state = law.state.view(np.uint8)
+        places = [np.empty_like(state) for state in (law_state, observing[1], self._inputs, braking[1], sensors.units)]
+        window = np.empty((out.outside.shape[2], sensors.units.size))
         return (
             self.stamp, train.tick_ns, train.step,
             (a.state, a.vehicle, a.vehicle_index, a.gear, a.table, a.run, a.body, a.unit, a.unit_index, a.envelope,
              a.piece),
             train.brake.array, events, (out.outside, out.cubes, cubed), train.outside.vehicles, a.setting,
-            train.sensor_set.noise_ahead(self._count), train.sensor_set.records,
-            (law.constant.view(np.uint8), law.state.view(np.uint8), law.state.size, self._now, law.call,
+            train.sensor_set.noise_ahead(self._count), sensors,
+            (law.constant.view(np.uint8), law_state, law.state.size, self._now, law.call,
              law.couplers.records if law.couplers else NO_COUPLERS),
-            self._observing(), self._predicting(), self._braking(), self._inputs, self._forecast.expected,
+            observing, self._predicting(), braking, self._inputs, self._forecast.expected,
             self._forecast.feedforward, self._forecast.shoes, *spans.model,
             self._bounds(), self.counts,
             (*link.records(self.stamp, self._count), link.draws(self._count)),
@@ -483,6 +486,7 @@ class Span:
             self._stack.history.commands[: 0 if law.whole else None],
             spans.shown, out.truth, out.measured, out.couplers, out.sent, out.at_limit,
             (SECOND_NS, *out.reports), out.supervision, self._forecast.at_rest,
+            (*places, window, np.empty(1), np.empty((1, 1))),
         )  # fmt: skip
 
     def end(self, done: int) -> None:
