@@ -1,7 +1,11 @@
-"""Case files of braking curves: refused inputs, files and options, and the example of the page."""
+"""Case files of braking curves: refused inputs, files and options, and the example of the page.
+
+Braking curves: every point of the published cases, the whole conversion model, and release speeds of cases.
+"""
 
 from __future__ import annotations
 
+import copy
 import json
 import re
 from pathlib import Path
@@ -9,12 +13,13 @@ from typing import Any
 
 import pytest
 
-from train_ato.apps.curves.case_file import CurveInputs
+from train_ato.apps.curves.case_file import CurveCase, CurveInputs, read_cases
+from train_ato.apps.curves.table import case_table
 from train_ato.cli.main import main
+from train_ato.supervision.step_function import gradient_acceleration
 
-PUBLISHED: dict[str, dict[str, Any]] = json.loads(
-    (Path(__file__).parent / "data" / "etcs_braking_cases.json").read_text()
-)
+FILE = Path(__file__).parent / "data" / "etcs_braking_cases.json"
+PUBLISHED: dict[str, dict[str, Any]] = json.loads(FILE.read_text())
 LAMBDA = PUBLISHED["Lambda PasInP 100%"]["inputs"]
 GAMMA = PUBLISHED["Gamma PasInP"]["inputs"]
 PAGE = Path(__file__).parents[1] / "msgs_docs" / "supervision.md"
@@ -127,3 +132,199 @@ def test_the_case_file_of_the_page_runs(tmp_path: Path, capsys: pytest.CaptureFi
         assert main(["curves", str(path)]) == 2
         assert key in capsys.readouterr().err
     assert [key for key in CurveInputs.model_fields if f"`{key}`" not in page and f'"{key}"' not in block] == []
+
+
+TOLERANCE = {"gamma": 0.05, "lambda": 0.25}
+"""Largest deviation from the published figures [m]; 0.25 m is the tolerance of their project."""
+
+
+def distances(inputs: dict[str, Any], curve: str, *speeds: float) -> list[float]:
+    """Return the distances of one curve [m]."""
+    case = CurveCase.model_validate({"inputs": inputs, "curves": {curve: speeds}})
+    return [row[1] for row in case_table(case, "test")[curve]]
+
+
+@pytest.mark.parametrize(("name", "curve"), [(n, c) for n, case in PUBLISHED.items() for c in case["curves"]])
+def test_every_published_point(name: str, curve: str) -> None:
+    """Breaks if a coefficient, a time or a rule of a curve differs from the standard."""
+    case = read_cases(FILE).cases[name]
+    found = case_table(case, name)[curve]
+    bound = TOLERANCE[case.inputs.model]
+    for (speed, distance), (published_speed, published) in zip(found, PUBLISHED[name]["curves"][curve], strict=True):
+        assert speed == published_speed
+        assert distance == pytest.approx(published, abs=bound), f"{name} {curve} {speed} km/h"
+
+
+def deviation_of_cells(name: str, width_kmh: float) -> float:
+    """Return the deviation [m] of published EBD figures from an integration in cells of the speed.
+
+    Brake and gradient have in the whole cell the values of its lower end, where an integration from the target begins.
+    """
+    inputs = CurveInputs.model_validate(PUBLISHED[name]["inputs"])
+    train, foot = inputs.train(), 7.5  # V_ebi of the target speed 0 [km/h]
+    gradient = gradient_acceleration(inputs.gradients, train.length, None, inputs.fixed_values())
+    kmh, place, locations = foot, inputs.target_location_m, {}
+    for index in range(int(foot / width_kmh + 1e-9) + 1, int(190.0 / width_kmh + 1e-9) + 2):
+        locations[round(kmh, 6)] = place
+        deceleration = train.brake.safe.above(kmh / 3.6)[0] + gradient.below(place)[0]
+        place -= ((index * width_kmh) ** 2 - kmh**2) / 3.6**2 / 2 / deceleration
+        kmh = index * width_kmh
+    points = PUBLISHED[name]["curves"]["EBD"]
+    return max(
+        abs(inputs.target_location_m - locations[speed] - distance) for speed, distance in points if speed > foot
+    )
+
+
+@pytest.mark.parametrize("name", [name for name, case in PUBLISHED.items() if case["inputs"]["model"] == "lambda"])
+def test_the_rest_of_the_deviation_is_an_integration_in_cells(name: str) -> None:
+    """Breaks if the published lambda cases deviate for another reason than their cells of 0.1 km/h."""
+    # The bound is the rounding of figures with two decimals.
+    assert deviation_of_cells(name, 0.1) < 0.005 + 1e-4
+    assert deviation_of_cells(name, 0.05) > 0.1  # the first step ends at 121.0 km/h in wide cells, 120.948 in the model
+
+
+def test_the_width_of_the_cells_in_the_page() -> None:
+    """Breaks if the figures of supervision.md for the width of the cells are not those of the integration."""
+    page = PAGE.read_text()
+    gradients = ("Gamma PasInP", "Lambda PasInP TractCutOff 2 + SBInterface + TCOInterface")
+    for width in (0.1, 0.2):
+        gamma, driven = (deviation_of_cells(name, width) for name in gradients)
+        assert f"{gamma:.3f} m and {driven:.3f} m with cells of {width:g} km/h" in " ".join(page.split())
+
+
+TIMES = [  # T_be and T_bs [s] of A.3.8 and A.3.9, by hand: a + b L/100 + c (L/100)²
+    ("PassengerTrainInP", 300.0, 5.02, 8.4),
+    ("PassengerTrainInP", 900.0, 16.07, 24.6),
+    ("FreightTrainInP", 300.0, 5.02, 11.31),
+    ("FreightTrainInP", 900.0, 16.07, 27.93),
+    ("FreightTrainInP", 901.0, 16.451403, 27.995618),
+    ("FreightTrainInP", 1500.0, 30.35, 55.8),
+    ("FreightTrainInG", 300.0, 12.45, 14.08),
+    ("FreightTrainInG", 900.0, 16.05, 27.93),
+    ("FreightTrainInG", 1500.0, 30.35, 55.8),
+]
+
+
+@pytest.mark.parametrize(("position", "length", "emergency", "service"), TIMES)
+@pytest.mark.parametrize(("target", "correction"), [(0.0, 0.0), (60.0, None)])
+def test_build_up_times(position, length, emergency, service, target, correction):
+    """Breaks if a position, a length step, the shortest length or the correction for target speeds is wrong."""
+    if correction is None:
+        correction = 0.16 if position == "FreightTrainInG" else 0.2
+    inputs = LAMBDA | {
+        "brake_position": position, "length_m": length, "service_brake_command": True, "target_speed_kmh": target,
+    }  # fmt: skip
+    ebd, ebi, sbi2 = (distances(inputs, curve, 90.0)[0] for curve in ("EBD", "EBI", "SBI2"))
+    assert ebi - ebd == pytest.approx(25.0 * (1 + correction) * emergency, abs=1e-6)
+    assert sbi2 - ebi == pytest.approx(25.0 * (1 + correction) * service, abs=1e-6)
+
+
+DECELERATIONS = [  # brake percentage, end of the first step [km/h] and deceleration at 10, 95, 110, 140, 170, 195 km/h
+    (30.0, 72.245, (0.301, 0.24579, 0.287485, 0.217623, 0.210945, 0.209281)),
+    (65.0, 100.584, (0.5635, 0.5635, 0.519891, 0.412313, 0.398772, 0.392701)),
+    (100.0, 120.948, (0.826, 0.826, 0.826, 0.6171, 0.5915, 0.58173)),
+    (250.0, 179.027, (1.951, 1.951, 1.951, 1.951, 1.951, 1.475119)),
+]
+
+
+@pytest.mark.parametrize(("percentage", "limit", "values"), DECELERATIONS)
+def test_basic_deceleration(percentage: float, limit: float, values: tuple[float, ...]) -> None:
+    """Breaks if a coefficient or the rule for steps below the first one is wrong."""
+    model = CurveInputs.model_validate(LAMBDA | {"brake_percentage": percentage}).train().brake.safe
+    assert model.bounds[0] * 3.6 == pytest.approx(limit, abs=1e-3)
+    found = [model.at(kmh / 3.6) for kmh in (10, 95, 110, 140, 170, 195)]
+    assert found == pytest.approx(values, abs=1e-5)
+
+
+def test_service_deceleration_is_that_of_135_percent() -> None:
+    """Breaks if the service brake uses the whole percentage, or the correction factors of the emergency brake."""
+    strong, limit = LAMBDA | {"brake_percentage": 200.0, "Kv_int": 0.5}, LAMBDA | {"brake_percentage": 135.0}
+    assert distances(strong, "SBD", 150.0) == pytest.approx(distances(limit, "SBD", 150.0))
+    assert distances(LAMBDA | {"brake_percentage": 134.0}, "SBD", 150.0)[0] > distances(limit, "SBD", 150.0)[0]
+
+
+def test_factors_over_speed_length_and_deceleration() -> None:
+    """Breaks if a factor is taken from the wrong step, or the passenger subsets are not interpolated."""
+    stepped = LAMBDA | {"Kv_int": [[0, 0.7], [80, 0.9]], "Kr_int": [[0, 1.0], [500, 0.9]]}
+    brake = CurveInputs.model_validate(stepped).train().brake.safe
+    assert brake.at(80 / 3.6) == pytest.approx(0.826 * 0.7 * 0.9)
+    assert brake.at(81 / 3.6) == pytest.approx(0.826 * 0.9 * 0.9)
+    assert CurveInputs.model_validate(stepped | {"length_m": 500.0}).train().brake.safe.at(1.0) == pytest.approx(0.5782)
+    subsets = LAMBDA | {"Kv_int": 1.0, "Kv_int_b": 0.6, "A_P12": 0.726, "A_P23": 0.926}
+    assert CurveInputs.model_validate(subsets).train().brake.safe.at(1.0) == pytest.approx(0.826 * 0.8)
+    dry = GAMMA | {"Kdry": 0.8, "Kwet": [[0, 0.9], [100, 0.5]], "available_adhesion": 0.5}
+    gamma = CurveInputs.model_validate(dry | {"A_brake_emergency": [[0, 1.2], [60, 1.0]]}).train().brake.safe
+    assert [gamma.at(kmh / 3.6) for kmh in (30, 70, 130)] == pytest.approx([0.912, 0.76, 0.6])
+
+
+def test_command_repeats_the_structure_of_its_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if --json changes names, inputs or order of the points, or a single case has another form."""
+    assert main(["curves", str(FILE), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert list(found) == list(PUBLISHED)
+    for name, case in PUBLISHED.items():
+        assert found[name]["inputs"] == case["inputs"]
+        assert {c: [row[0] for row in rows] for c, rows in found[name]["curves"].items()} == {
+            c: [row[0] for row in rows] for c, rows in case["curves"].items()
+        }
+    single = copy.deepcopy(PUBLISHED["Gamma PasInP"])
+    single["curves"] = {"EBI": [100], "SBI": [50.0]}
+    path = tmp_path / "single.json"
+    path.write_text(json.dumps(single))
+    assert main(["curves", str(path), "--json", "--out", str(tmp_path / "x.png")]) == 0
+    assert json.loads(capsys.readouterr().out)["curves"]["EBI"][0][1] == pytest.approx(460.6, abs=0.05)
+    assert (tmp_path / "x.png").read_bytes()[:4] == b"\x89PNG"
+    path.write_text(json.dumps({"only": single}))
+    assert main(["curves", str(path), "--json"]) == 0
+    assert list(json.loads(capsys.readouterr().out)) == ["only"]
+    assert main(["curves", str(FILE)]) == 0
+    assert "460.60" in capsys.readouterr().out
+
+
+def test_deviation_is_the_largest_of_each_curve(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if the deviation is that of another point, or speeds without a distance count."""
+    case = {"inputs": GAMMA, "curves": {"EBI": [10.0, [100.0, 461.0], [120.0, 646.0]], "EBD": [50.0]}}
+    path = tmp_path / "case.json"
+    path.write_text(json.dumps(case))
+    assert main(["curves", str(path), "--deviation", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)["deviation_m"]
+    assert found == {"EBI": pytest.approx(0.96, abs=0.02), "EBD": None}
+    assert main(["curves", str(FILE), "--deviation"]) == 0
+    assert "Gamma PasInP" in capsys.readouterr().out
+
+
+def test_odometry_and_release_speed_of_a_case(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if the position error, A_est1, A_est2 or the EOA does not reach curves or release speed."""
+    inputs = GAMMA | {"t_traction_cutoff_s": 1.0, "gradients": []}
+    (exact,) = distances(inputs, "EBI", 72.0)
+    (far,) = distances(inputs | {"distance_since_balise_m": 400.0}, "EBI", 72.0)
+    assert far - exact == pytest.approx(25.0)
+    (driven,) = distances(inputs | {"A_est1": 0.5, "A_est2": 0.2}, "EBI", 72.0)  # rises: 0.5 · 1 s, 0.2 · 1.5 s
+    assert driven - exact == pytest.approx((20.8**2 - 20**2) / 2 + 0.25 * 1.0 + (0.5 + 0.15) * 1.5)
+    end = {"target_type": "EOA", "eoa_location_m": 6950.0, "release_computed_at_m": 6800.0}
+    path = tmp_path / "case.json"
+    path.write_text(json.dumps({"inputs": inputs | end, "curves": {"EBI": [20]}}))
+    assert main(["curves", str(path), "--json"]) == 0
+    release = json.loads(capsys.readouterr().out)["release"]["speed_kmh"]
+    reached = (release + 2.0) / 3.6
+    assert 6975.0 + 2.5 * reached + reached**2 / 2 == pytest.approx(7000.0)  # trip 10 m + 10 % of 150 m beyond the end
+    assert main(["curves", str(path)]) == 0
+    assert f"release speed {release:.2f} km/h" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("behind", "limit", "expected"),
+    [  # by hand: the trip is 10 m + 10 % of (1000 m + behind) beyond the end, the rest of the 300 m to the SvL is for
+        # u = V + f41(V) with 2.5 s u + u²/2, f41 = 2 km/h + (V - 30 km/h)/47: V + f41 = 45.15 and 24.43 km/h
+        (800.0, 160.0, 42.88),
+        (1500.0, 160.0, 22.43),
+        (800.0, 40.0, 40.0),
+    ],
+)
+def test_release_speed_counts_distances_from_the_last_balise(behind: float, limit: float, expected: float) -> None:
+    """Breaks if 10 % of the distance to the EOA are taken from the front, or the speed limit does not limit it."""
+    # The odometer error grows from the last balise on; the share from the front gave 59.13 and 49.49 km/h.
+    end = {"target_type": "EOA", "eoa_location_m": 6700.0, "release_computed_at_m": 5700.0, "gradients": []}
+    case = CurveInputs.model_validate(GAMMA | end | {"distance_since_balise_m": behind, "mrsp_kmh": limit})
+    release = case.release(case.limits())
+    assert release is not None and release["speed_kmh"] == pytest.approx(expected, abs=0.005)

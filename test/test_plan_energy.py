@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from plan_cases import random_case
-from test_plan_command import METRO, options
+from test_plan_checks import METRO, options
 
 from plant_sim.consist import Consist
 from plant_sim.library import load_consist, load_line

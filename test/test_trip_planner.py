@@ -1,4 +1,9 @@
-"""Trip planner: fatigue, last part, search with brake states, plan of the whole train, command."""
+"""Trip planner: fatigue, last part, search with brake states, plan of the whole train, command.
+
+Trips over neutral sections, power limits, low adhesion and temporary restrictions: forces of the planned run.
+
+Trips of a train whose applications use up its reservoirs: planned shoe forces against those of the plant.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +12,7 @@ import json
 import signal
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,10 +23,18 @@ from plant_sim.line import Line
 from train_ato.cli.plan import add_arguments, execute, trip_from_options
 from train_ato.errors import RunInterrupted
 from train_ato.interrupt import Interrupt, ending_like_ctrl_c
+from train_ato.messages.types import Array
+from train_ato.profile.trip.driven_run import TripRun, follow_journey
 from train_ato.profile.trip.journey import Journey, JourneySearch
-from train_ato.profile.trip.plan import coupler_damage, reversals
+from train_ato.profile.trip.plan import TripPlan, coupler_damage, reversals
 from train_ato.profile.trip.planner import TripPlanner, TripSearch, plan_trip
-from train_ato.profile.trip.reduced_train import nominal_train_model, reduced_train, shoe_response
+from train_ato.profile.trip.reduced_train import (
+    MARGIN,
+    SectionForces,
+    nominal_train_model,
+    reduced_train,
+    shoe_response,
+)
 from train_ato.profile.trip.run_profile import braking_distance, final_deceleration, stop_knots
 from train_ato.profile.trip.settings import TripSettings
 from train_ato.scenario.scenario import load_scenario
@@ -248,3 +262,183 @@ def test_the_shipped_trip_reaches_its_goals(mismatch: dict[str, float]) -> None:
     if not mismatch:
         assert metrics["energy_traction_kwh"] <= 620
         assert metrics["running_time_s"] == pytest.approx(3206, rel=0.01)
+
+
+SETTINGS = TripSettings(end=12_000.0)
+CLIMB, FALL = {"begin_km": 1.5, "end_km": 1.7}, {"begin_km": 5.0, "end_km": 5.1}
+
+
+def line_with(**sections: Any) -> Line:
+    """Return a line with a fall of 4 km that needs air brake and electric brake; the departure is before km 3."""
+    grades = [{"at_km": 0, "grade": 0.0}, {"at_km": 3, "grade_permille": -11}, {"at_km": 7, "grade": 0.0}]
+    data = {"schema": "train_ato/line/1", "name": "fall", "end_km": 14, "grades": grades}
+    return Line.model_validate({**data, "speed_limits": [{"at": 0, "speed_kmh": 60}], **sections})
+
+
+@pytest.fixture(scope="module")
+def open_line_plan(consist: Consist) -> TripPlan:
+    return TripPlanner(line_with(), consist, SETTINGS).at_price(1.0)
+
+
+def inside(plan: TripPlan, section: dict[str, float], offset: float = 0.0) -> tuple[Array, Array]:
+    """Return force [N] and speed [m/s] of the planned run with a unit in a section and in most of the margin around it.
+
+    An accelerating train reaches the begin of the margin some tenths of a second early.
+    """
+    run, way = plan.run, 0.8 * MARGIN * plan.run.speed
+    place = run.position[:-1] - offset
+    near = (place + way[:-1] >= 1e3 * section["begin_km"]) & (place - way[:-1] < 1e3 * section["end_km"])
+    return run.force[1:][near], run.speed[:-1][near]
+
+
+def test_a_neutral_section_has_no_force(consist: Consist, open_line_plan: TripPlan) -> None:
+    """Breaks if the plan pulls or brakes in a neutral section, where the force of the plant would end at once."""
+    plan = TripPlanner(line_with(neutral_sections=[CLIMB, FALL]), consist, SETTINGS).at_price(1.0)
+    for section in (CLIMB, FALL):
+        assert not inside(plan, section)[0].any()
+        assert np.abs(inside(open_line_plan, section)[0]).max() > 50e3, "the same places of the open line"
+    change = np.abs(np.diff(plan.run.force)).max()
+    assert change <= SETTINGS.slew * plan.run.period + 1e-6, "a jump of the force at a section"
+    assert plan.coupler_max <= SETTINGS.coupler_max
+
+
+def test_a_rheostatic_brake_works_in_a_neutral_section(consist: Consist) -> None:
+    """Breaks if a neutral section with electric brake is planned as one without."""
+    model = nominal_train_model(consist, line_with(neutral_sections=[{**FALL, "electric_brake": True}]))
+    traction, brake = SectionForces(model, 30.0).at(5_050.0, 15.0, 1e3)
+    assert traction == 0.0 and brake == pytest.approx(461e3)
+
+
+def test_a_power_limit_is_kept(consist: Consist, open_line_plan: TripPlan) -> None:
+    """Breaks if the plan takes more power than the line has."""
+    section = {"begin_km": 0.8, "end_km": 2.0}
+    plan = TripPlanner(line_with(power_limits=[{**section, "power_mw": 2}]), consist, SETTINGS).at_price(1.0)
+    assert np.prod(inside(plan, section), axis=0).max() <= 2.04e6, "2 %: the speed changes in a step of 0.5 s"
+    assert np.prod(inside(open_line_plan, section), axis=0).max() > 4e6
+
+
+def test_low_adhesion_limits_traction_and_brake(consist: Consist) -> None:
+    """Breaks if the factor of a section does not limit the wheel force, or the dry rail of the plant none elsewhere."""
+    model = nominal_train_model(consist, line_with(adhesion=[{**CLIMB, "factor": 0.2}]))
+    forces, grip = SectionForces(model, 30.0), 184e3 * 9.81 * (0.161 + 7.5 / (36.0 + 44.0))
+    assert forces.at(1_600.0, 10.0, 1e3) == pytest.approx((0.2 * grip, 0.2 * grip))
+    assert forces.at(8_000.0, 10.0, 1e3) == pytest.approx((grip, grip)), "dry: traction and brake are 642 and 461 kN"
+
+
+def test_every_unit_has_the_sections_at_its_own_place() -> None:
+    """Breaks if the sections hold at the front of the train only: the second unit is 1 295 m behind it."""
+    model = nominal_train_model(load_consist("hxd1_c80_210"), line_with(neutral_sections=[FALL]))
+    forces, behind = SectionForces(model, 30.0), float(model.offsets[1])
+    for place, neutral in ((5_050.0, True), (5_700.0, False), (5_050.0 + behind, True), (5_300.0 + behind, False)):
+        assert (forces.at(place, 10.0, 1e9)[1] == 0.0) is neutral
+
+
+def test_the_force_reaches_a_section_with_the_planned_rate(consist: Consist) -> None:
+    """Breaks if the force ends at once at a section, or before it without need."""
+    forces = SectionForces(nominal_train_model(consist, line_with(neutral_sections=[FALL])), 30.0)
+    speed, slew = 15.0, 16e3
+    begin = 5_000.0 - MARGIN * speed
+    for before in (0.1, 5.0, 20.0):
+        assert forces.at(begin - before * speed, speed, slew)[1] == pytest.approx(min(slew * before, 461e3))
+    assert forces.at(begin - 100.0 * speed, speed, slew)[1] == pytest.approx(461e3)
+    assert forces.at(5_100.0 + MARGIN * speed + 0.1, speed, slew)[1] == pytest.approx(461e3)
+
+
+def test_a_section_of_a_part_of_a_cell_limits_the_cell(consist: Consist) -> None:
+    """Breaks if the search sees the sections at the begin of its cells of 100 m only."""
+    section = {"begin_km": 5.04, "end_km": 5.05}
+    model = nominal_train_model(consist, line_with(neutral_sections=[section]))
+    train = reduced_train(model, SETTINGS, 0.0, 11_800.0, ())
+    neutral = [number for number in range(train.cells) if not train.drives[train.section[number]].any()]
+    way = MARGIN * (60 / 3.6 - SETTINGS.speed_margin)
+    assert train.place(neutral[0]) <= 5_040.0 - way and train.place(neutral[-1] + 1) >= 5_050.0 + way
+    assert len(neutral) <= 2 * way / 100.0 + 3 and all(b == a + 1 for a, b in pairwise(neutral))
+
+
+def test_a_temporary_restriction_is_a_speed_limit(consist: Consist) -> None:
+    """Breaks if a plan exceeds a restriction with any part of the train."""
+    restriction = {"begin_km": 4.5, "end_km": 5.0, "speed_kmh": 45}
+    plan = TripPlanner(line_with(temporary_restrictions=[restriction]), consist, SETTINGS).at_price(1.0)
+    front = plan.run.position + consist.vehicles[0].length / 2
+    restricted = (front >= 4_500.0) & (front < 5_000.0 + consist.length)
+    assert plan.run.speed[restricted].max() <= 45 / 3.6 < plan.run.speed[~restricted].max()
+
+
+def test_a_stop_without_electric_brake_is_refused(consist: Consist) -> None:
+    """Breaks if the last part of the braking is planned where the electric brake does not work."""
+    section = {"begin_km": 11.95, "end_km": 12.5}
+    with pytest.raises(ValueError, match=r"line 'fall': neutral_sections\[0\]: km 11.950 to km 12.500: .*; ") as raised:
+        TripPlanner(line_with(neutral_sections=[section]), consist, SETTINGS)
+    assert "\n" not in str(raised.value)
+    TripPlanner(line_with(neutral_sections=[{**section, "electric_brake": True}]), consist, SETTINGS)
+    TripPlanner(line_with(neutral_sections=[{**section, "begin_km": 12.1}]), consist, SETTINGS)
+
+
+FALL_SPEED = 70 / 3.6
+FORCE_TOLERANCE = 0.02
+"""Largest relative difference of a planned force from that of the plant; 0.01 of it: settled part of the table."""
+
+
+def train(reservoir_use: float) -> Consist:
+    """Return the shipped train with shoes of twice the force: a long fall then needs several applications."""
+    data = load_consist("hxd1_c80_105").model_dump(by_alias=True, exclude_none=True)
+    data["air_brake"].update(reservoir_use=reservoir_use, recharge_time=90.0, braking_factor=(0, 0.34))
+    return Consist.model_validate(data)
+
+
+@pytest.fixture(scope="module")
+def long_fall() -> Line:
+    """Fall of 11 km of 10 per mille; the electric brake alone holds 6.3 per mille."""
+    grades = [{"at_km": 0, "grade": 0.0}, {"at_km": 3, "grade_permille": -10}, {"at_km": 14, "grade": 0.0}]
+    limits = [{"at": 0, "speed": FALL_SPEED}]
+    return Line.model_validate(
+        {"schema": "train_ato/line/1", "name": "long fall", "end_km": 19, "grades": grades, "speed_limits": limits}
+    )
+
+
+def journey_and_run(long_fall: Line, planned: Consist) -> tuple[Journey, TripRun]:
+    """Return the journey planned with one train, and the run of the train with exhaustible reservoirs along it."""
+    settings = TripSettings()
+    reduced = reduced_train(nominal_train_model(planned, long_fall), settings, 0.0, 17_500.0, (50e3,))
+    journey = JourneySearch(reduced, settings).journey(3.6e6)
+    return journey, follow_journey(nominal_train_model(train(0.25), long_fall), settings, journey, journey.applications)
+
+
+def force_ratios(journey: Journey, run: TripRun) -> list[float]:
+    """Return the shoe force of the plant over the planned one at the end of every application."""
+    found = []
+    for entry in journey.applications:
+        index = int(np.searchsorted(run.position, entry.release)) - 1
+        speed = 3.6 * run.speed[index]
+        planned = journey.shoes[int(np.searchsorted(journey.place, entry.release - 1e-6)) - 1]
+        found.append(float(run.shoes[index] * (3 * speed + 150) / (2 * speed + 150) / planned))
+    return found
+
+
+def test_planned_applications_have_the_force_of_the_plant(long_fall: Line) -> None:
+    """Breaks if the search counts the reservoirs as full: the fifth application then has 0.75 of the planned force."""
+    journey, run = journey_and_run(long_fall, train(0.25))
+    supplies = [entry.supply for entry in journey.applications]
+    assert len(supplies) >= 4 and supplies[0] == 1.0 and min(supplies) < 0.85
+    assert force_ratios(journey, run) == pytest.approx([1.0] * len(supplies), abs=FORCE_TOLERANCE)
+    assert run.speed.max() <= FALL_SPEED
+
+
+def test_full_reservoirs_in_the_search_are_not_those_of_the_plant(long_fall: Line) -> None:
+    """Breaks if the line of the test before needs no repeated applications, so that this test shows nothing."""
+    journey, run = journey_and_run(long_fall, train(0.0))
+    assert {entry.supply for entry in journey.applications} == {1.0}
+    assert min(force_ratios(journey, run)) < 0.8
+    assert run.speed.max() > FALL_SPEED
+
+
+def test_a_longer_pause_gives_more_supply(long_fall: Line) -> None:
+    """Breaks if the supply does not recharge in the pause, or is used up without an application."""
+    settings = TripSettings.model_validate({"air_brake": {"pause": 180.0}})
+    model = nominal_train_model(train(0.25), long_fall)
+    journey = JourneySearch(reduced_train(model, settings, 0.0, 17_500.0, (50e3,)), settings).journey(3.6e6)
+    times = [np.interp((entry.apply, entry.release), journey.place, journey.time) for entry in journey.applications]
+    recharged = [1.0 - 0.25 * np.exp(-(b[0] - a[1]) / 90.0) for a, b in pairwise(times)]
+    for entry, least in zip(journey.applications[1:], recharged, strict=True):
+        # the release wave is up to 29 s slower than that of the application: exp(29/90) = 1.38
+        assert 1.0 - 1.4 * (1.0 - least) <= entry.supply <= least
