@@ -128,7 +128,6 @@ def test_a_module_imports_only_from_its_layer_and_lower_ones() -> None:
 
 
 def test_no_modules_import_each_other_in_a_circle() -> None:
-    """Breaks if two files need each other, directly or through others."""
     assert circles({name: ours(imports(name)) for name in MODULES}) == []
 
 
@@ -195,7 +194,6 @@ def test_few_functions_take_many_positional_parameters() -> None:
 
 
 def test_the_first_level_is_small() -> None:
-    """Breaks if a loose file or folder is added to the first level."""
     entries = [path for path in (ROOT / "train_ato").iterdir() if not path.name.startswith("__pycache__")]
     assert sum(path.is_dir() for path in entries) <= 11
     assert sum(path.suffix == ".py" for path in entries) <= 6

@@ -351,7 +351,6 @@ SHORT = {"duration": 110.0, "start": 3300.0, "end": 4300.0}
 
 @pytest.mark.parametrize("way", [[], ["--processes"]], ids=["composed", "processes"])
 def test_the_nodes_decide_as_the_engine(way: list[str], tmp_path: Path) -> None:
-    """Breaks if a node decides at another stamp than the engine: the logs differ."""
     pytest.importorskip("rclpy")
     sets = [f"--set={text}" for text in sets_on_fall(tmp_path, RULES, **SHORT)]
     for name, options in (("engine", ["--engine"]), ("nodes", way)):

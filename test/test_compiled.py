@@ -214,7 +214,6 @@ def test_every_kernel_of_the_program_can_be_kept() -> None:
 
 
 def test_an_unused_kernel_of_an_earlier_source_is_removed(tmp_path: Path, kernels: Path) -> None:
-    """Breaks if the folder of kernels grows with every change of the source, or if used ones are removed."""
     law_of(tmp_path)
     law_of(tmp_path, constants="FACTOR = 3.0\n")
     files = sorted(kernels.glob("kernel_package.caller.law-*.nbc"))

@@ -53,7 +53,6 @@ def test_every_law_passes_the_contract(name):
 
 @pytest.mark.parametrize(("kind", "component"), SHIPPED, ids=lambda value: getattr(value, "__name__", value))
 def test_every_shipped_component_passes(kind, component):
-    """Breaks if a shipped observer or compensation violates its contract on a shipped train."""
     found = check_component(kind, component)
     assert not failures(found), findings_table(found)
     assert {finding.test for finding in found} >= set(checking.KINDS[kind].tests)
@@ -375,7 +374,6 @@ AIR_BRAKE = ("keeps the brake events on reset()", "raises for an invalid sensor 
 @pytest.mark.parametrize(("kind", "fault"), [(kind, fault) for kind, rows in FAULTS.items() for fault in rows])
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 def test_every_fault_is_found(kind, fault, monkeypatch):
-    """Breaks if a contract test does not detect its fault."""
     monkeypatch.setattr(checking, "TRAINS", ("hxd1_c80_105" if fault in AIR_BRAKE else "freight_five",))
     test, component = FAULTS[kind][fault]
     assert test in {finding.test for finding in failures(check_component(kind, component))}

@@ -145,7 +145,6 @@ def test_longer_period_holds_the_output():
 
 
 def test_same_inputs_same_bits():
-    """Two stacks with the same inputs give the same bits."""
     of, along = model(FIVE, HILLY, delay=0.7, lag=0.4), profile()
     first, _ = run(stack(of, compensation="preview", along=along), of, along, 300, 0.03)
     second, _ = run(stack(of, compensation="preview", along=along), of, along, 300, 0.03)

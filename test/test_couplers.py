@@ -247,6 +247,5 @@ def test_a_missing_python_control_is_refused_with_its_command(monkeypatch):
 
 @pytest.mark.parametrize("speed", [0.0, -5.0, float("nan"), 2000.0])
 def test_an_impossible_speed_is_refused(speed):
-    """Breaks if a speed without a linear model is accepted."""
     with pytest.raises(ValueError, match="speed_kmh"):
         ta.linearise("demo", speed_kmh=speed)

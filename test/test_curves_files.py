@@ -184,7 +184,6 @@ def test_the_rest_of_the_deviation_is_an_integration_in_cells(name: str) -> None
 
 
 def test_the_width_of_the_cells_in_the_page() -> None:
-    """Breaks if the figures of supervision.md for the width of the cells are not those of the integration."""
     page = PAGE.read_text()
     gradients = ("Gamma PasInP", "Lambda PasInP TractCutOff 2 + SBInterface + TCOInterface")
     for width in (0.1, 0.2):

@@ -174,7 +174,6 @@ def test_curve_against_small_steps(grades, steps, length, foot):
 
 @given(GRADES, st.floats(0, 0.6), st.floats(0, 3), st.sampled_from([0.0, 10.0]), st.floats(12, 45))
 def test_speeds_invert_the_locations(grades, acceleration, error, target_speed, speed):
-    """Breaks if the speeds for a position do not belong to the locations for a speed."""
     gradient = gradient_acceleration(grades, 200.0, None, FIXED)
     supervised = train(service_command=True, traction_command=True, t_traction_cut_off=9.0, service=None)
     limits = TargetLimits(supervised, BrakingTarget(5000.0, target_speed), gradient, FIXED)
@@ -331,7 +330,6 @@ def test_curve_ends_exactly_at_the_needed_and_at_the_top_speed() -> None:
 
 
 def test_number_of_arcs_is_limited(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Breaks if one arc more than the limit is accepted, or a curve with as many is refused."""
     steps = StepFunction((10.0, 20.0, 30.0), (1.0, 1.1, 1.2, 1.3))
     monkeypatch.setattr(deceleration_curve, "MAX_PIECES", 4)
     assert len(DecelerationCurve(1000.0, 0.0, steps, LEVEL, needed_speed=40.0, top_speed=60.0).arcs) == 4

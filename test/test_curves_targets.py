@@ -32,7 +32,6 @@ NAMES = ("permitted", "warning", "service", "emergency")
 
 
 def test_an_end_of_authority_has_no_speed() -> None:
-    """Breaks if a target speed at an end of authority is accepted, or one of another kind is refused."""
     with pytest.raises(ValueError) as refused:
         BrakingTarget(1000.0, 5.0, "EOA")
     assert str(refused.value) == "an end of authority has the target speed 0; give the kind MRSP or LOA"
@@ -96,7 +95,6 @@ def test_slow_service_brake_and_its_feedback(feedback: bool, indication: float) 
 
 
 def test_build_up_time_of_a_low_target_speed() -> None:
-    """Breaks if a target speed above 0 has the build-up time of a standstill."""
     time = BuildUpTime(3.0, 4.0)
     assert [time.for_target(speed) for speed in (0.0, 0.1, 1.0, 20.0)] == [3.0, 4.0, 4.0, 4.0]
 
@@ -129,7 +127,6 @@ def test_largest_value_of_steps() -> None:
 
 
 def test_odometer_error_has_the_accuracy_of_the_balise() -> None:
-    """Breaks if the accuracy of the balise is not part of both position errors."""
     motion = motion_estimate(20.0, 0.0, 100.0, 3.0)
     assert (motion.under_reading, motion.over_reading) == (13.0, 13.0)
 
@@ -152,7 +149,6 @@ def test_start_of_the_release_speed(svl: float, from_sbd: bool, inhibit: bool) -
 
 
 def test_release_speed_of_a_lower_speed_limit() -> None:
-    """Breaks if the release speed above a target with a speed is below its speed."""
     limits = TargetLimits(supervised_train(), BrakingTarget(1000.0, 10.0), LEVEL, FIXED)
     assert release_speed(limits, 2000.0) == 10.0
 
@@ -176,7 +172,6 @@ def test_level_before_the_first_gradient() -> None:
 
 
 def test_rotating_mass_of_slight_grades() -> None:
-    """Breaks if a slight grade uphill has the rotating mass of a grade downhill."""
     slight = gradient_acceleration([(0.0, 0.5), (1000.0, -0.5)], 100.0, None, FIXED)
     assert slight.at(500.0) == pytest.approx(9.81 * 0.5 / 1150)
     assert slight.at(2000.0) == pytest.approx(-9.81 * 0.5 / 1020)

@@ -118,7 +118,6 @@ def test_every_valid_domain_of_the_environment_is_taken(text: str, monkeypatch: 
 
 @pytest.mark.parametrize("text", ["233", "300", "abc", "-1", "1.5"])
 def test_a_wrong_domain_of_the_environment_is_refused(text, monkeypatch, capsys):
-    """Breaks if a run ignores a wrong variable and takes another domain."""
     monkeypatch.setenv("ROS_DOMAIN_ID", text)
     assert main(["run", "demo", "--json"]) == 2
     assert (

@@ -67,7 +67,6 @@ def broken(number: int, changes: dict[str, Any]) -> list[str]:
     ],
 )  # fmt: skip
 def test_the_check_finds_a_broken_row(number: int, changes: dict[str, Any], found: list[str]) -> None:
-    """Breaks if the check accepts a table with this fault."""
     lines = broken(number, changes)
     assert len(lines) == len(found)
     for line, text in zip(lines, found, strict=True):
@@ -144,7 +143,6 @@ def test_a_key_of_the_train_is_changed_in_plant_and_model() -> None:
 
 
 def test_an_unmeasured_run_is_listed(tmp_path: Path) -> None:
-    """Breaks if a run without figures, or figures without a run, are not found by the check of the pages."""
     (tmp_path / "msgs_docs").mkdir()
     assert len(unmeasured_choices(tmp_path)) == len(RUNS)
     (tmp_path / "msgs_docs" / "left_out_measured.json").write_text('{"other": {}}', encoding="utf-8")
@@ -152,7 +150,6 @@ def test_an_unmeasured_run_is_listed(tmp_path: Path) -> None:
 
 
 def test_a_measured_figure_is_that_of_its_run() -> None:
-    """Breaks if a figure of the page is not the result of its run on this code."""
     table, choice = _quick()
     for run in (table.bases[choice.base], choice.others[0]):
         assert drive_choice(run, [choice.metric])[choice.metric] == pytest.approx(

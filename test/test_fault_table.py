@@ -290,13 +290,11 @@ def test_a_lost_node_is_the_loss_of_all_its_messages():
     ],
 )
 def test_an_impossible_fault_is_refused(entry, text):
-    """Breaks if a fault without effect is accepted."""
     with pytest.raises(ValidationError, match=text):
         faults(entry)
 
 
 def test_every_topic_of_the_loop_can_fail():
-    """Breaks if a new topic of the loop is left out of the faults."""
     ticking = {topic.name for topic in TOPICS if topic.readers and topic.rate in (Rate.TICK, Rate.SUPERVISION)}
     assert set(FAULT_TOPICS) == ticking
     assert len(ticking) >= 9

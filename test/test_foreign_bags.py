@@ -254,7 +254,6 @@ def test_a_bag_of_ros_1_names_its_converter(tmp_path: Path, capsys: pytest.Captu
 
 
 def test_a_missing_file_of_a_split_bag_is_named(messages, tmp_path, capsys):
-    """Breaks if the messages of a missing file are left out without a word."""
     bag = split(messages, tmp_path / "long", metadata=True)
     (bag / "long_4.mcap").unlink()
     assert main(["info", str(bag)]) == 2

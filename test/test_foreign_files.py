@@ -147,13 +147,11 @@ def test_a_point_mass_needs_no_length(tmp_path: Path) -> None:
 
 
 def test_efficiencies_of_the_file_are_those_of_the_plan(tmp_path: Path) -> None:
-    """Breaks if the efficiencies of traction and electric brake are read and dropped."""
     settings = find_train(_written(tmp_path / "unit.json", UNIT_TRAIN))[1]
     assert (settings.efficiency, settings.recovered) == pytest.approx((0.9, 0.8))
 
 
 def test_only_the_electric_part_of_a_brake_is_regenerated() -> None:
-    """Breaks if the pneumatic part of a brake is counted as electric in a run or in a plan."""
     # 100 kN and 2.6 MW of the 180 kN are electric; from 30 m/s on a level line, the electric part follows from the
     # motion at constant force, less the running resistance.
     consist = ttobench_train(UNIT_TRAIN, "hand.json")
@@ -341,7 +339,6 @@ BROUGHT: dict[str, tuple[str, str, float]] = {
 
 @pytest.mark.parametrize("form", BROUGHT)
 def test_a_brought_file_is_planned_run_and_reported(tmp_path: Path, form: str) -> None:
-    """Breaks if a file that convert reads has no plan, no run or no report."""
     for name, data in (("stock.json", STOCK), ("ore.yaml", ORE), ("net.yaml", [{}, LINKS])):
         (tmp_path / name).write_text(json.dumps(data))
     (tmp_path / "line.csv").write_text(TABLE)

@@ -145,7 +145,6 @@ def test_a_run_of_the_engine_opens_with_the_same_bits(tmp_path, name):
 
 
 def test_every_number_of_the_topic_table_has_a_column():
-    """Breaks if a field of a topic is in no table."""
     loaded = set()
     for topic in TOPICS:
         for place in topic.places:

@@ -298,7 +298,6 @@ SEEDS = (1, 2)
 
 
 def test_every_law_has_a_rule() -> None:
-    """Breaks if a law has no gains of the model."""
     assert set(LAWS.names()) == set(WITH_RULE)
 
 

@@ -84,7 +84,6 @@ def test_golden_run_is_driven_again(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_golden_run_meets_everything() -> None:
-    """Breaks if the golden run lacks a topic of the table that exists without a supervisor."""
     layout = replace(prepare(*load_scenario(str(FOLDER / "short_train.yaml"))).layout, supervised=False)
     names = {table_name(message.channel.topic) for message in stream(GOLDEN)}
     assert names == {topic.name for topic in topics_of(layout) if topic.recorded}
@@ -158,7 +157,6 @@ def test_versions_say_whether_bits_can_be_equal() -> None:
 
 
 def test_golden_folder_is_a_bag_for_other_tools(tmp_path: Path) -> None:
-    """Breaks if other tools do not accept the golden folder as a bag."""
     from rosbags.rosbag2 import Reader
 
     shutil.copytree(GOLDEN.parent, tmp_path / "bag")
@@ -188,5 +186,4 @@ def test_all_runs_have_their_stored_bits(kind: str) -> None:
 
 
 def test_every_law_observer_and_compensation_has_stored_bits() -> None:
-    """Breaks if a component or a shipped scenario is added without its bits."""
     assert {case.name for case in CASES} == bits.stored()[1].keys()

@@ -63,7 +63,6 @@ def monitor_names(module: str) -> set[str]:
 
 
 def test_every_control_action_is_considered_in_every_way() -> None:
-    """Breaks if a row is deleted, or a way is both harmless and unsafe."""
     unsafe = {(row.action, row.guide) for row in ROWS}
     assert not unsafe & HARMLESS.keys()
     assert unsafe | HARMLESS.keys() == {(action, guide) for action in ACTIONS for guide in GUIDES}
@@ -80,7 +79,6 @@ def test_requirements_and_hazards_are_complete() -> None:
 
 
 def test_every_fault_is_a_run_of_a_requirement() -> None:
-    """Breaks if a row of the fault table has no requirement, or a requirement names a fault that was renamed."""
     assert {fault for row in ROWS for fault in row.faults} == {row.name for row in FAULT_ROWS}
     for row in ROWS:
         if row.pair is not None:
@@ -100,7 +98,6 @@ def test_every_monitor_meets_a_requirement() -> None:
 
 
 def test_every_module_of_the_supervision_serves_a_requirement() -> None:
-    """Breaks if a part of the supervision is used by no monitor of the table."""
     reached: set[str] = set()
     waiting = {monitor.partition(":")[0] for monitor in MONITORS}
     while waiting:
@@ -111,7 +108,6 @@ def test_every_module_of_the_supervision_serves_a_requirement() -> None:
 
 
 def test_every_named_test_is_collected() -> None:
-    """Breaks if a test or a row of the fault table was renamed: pytest no longer collects it."""
     named = {test for row in ROWS for test in row.tests}
     named |= {f"{FAULT_TEST}[{fault}]" for row in ROWS for fault in row.faults}
     files = sorted({name.partition("::")[0] for name in named})
@@ -126,7 +122,6 @@ def test_every_named_test_is_collected() -> None:
 
 @pytest.mark.parametrize("row", PAIRS)
 def test_the_hazard_needs_the_monitor(row) -> None:
-    """Breaks if the hazard occurs with the monitor, or not without it: then the monitor has no effect."""
     kept, removed = run_pair(row.pair)
     value, bound = MEASURES[row.hazard](kept)
     without, _ = MEASURES[row.hazard](removed)
@@ -140,7 +135,6 @@ def test_the_hazard_needs_the_monitor(row) -> None:
 
 @pytest.mark.parametrize("entry", [pytest.param(entry, id=entry.hazard) for entry in OPEN])
 def test_a_hazard_without_a_monitor_is_open(entry) -> None:
-    """Breaks if a monitor prevents it: then it is a row of the table with this monitor."""
     value, bound = run_open(entry)
     assert value > bound
     assert FIGURES[entry.text]["without"] == pytest.approx(value, abs=1.0)

@@ -82,7 +82,6 @@ def test_a_row_of_units_against_the_titles_is_refused(plain: str, tmp_path: Path
 
 
 def test_a_row_of_units_is_no_row_of_numbers() -> None:
-    """Breaks if numbers or other words are taken for units."""
     assert is_units_row(["s", "km/h", ""]) and is_units_row(["[s]", "(m/s)", "-"])
     assert not is_units_row(["0", "1", "2"]) and not is_units_row(["", ""]) and not is_units_row(["s", "door"])
 

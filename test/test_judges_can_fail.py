@@ -162,6 +162,5 @@ def test_both_pages_count_the_same_verdicts() -> None:
 
 @pytest.mark.parametrize("number", PAPERS)
 def test_the_page_has_every_claim(number: str) -> None:
-    """Breaks if a claim changes and the page is not written again."""
     texts = [claim.text for claim in claims_of(PAPERS[number], full=False)]
     assert [text for text in texts if f"| {text.replace('|', chr(92) + '|')} |" not in PAGE] == []

@@ -53,7 +53,6 @@ def test_launch_files_name_nodes_and_options_that_exist(capsys: pytest.CaptureFi
 
 @pytest.mark.parametrize("file", LAUNCH, ids=lambda file: file.name)
 def test_launch_files_describe_a_launch(file: Path) -> None:
-    """Breaks if a launch file uses what launch does not have."""
     pytest.importorskip("launch_ros", reason="launch_ros comes with a ROS 2 installation; there is no wheel of it")
     from launch import LaunchContext
     from launch.launch_description_sources import PythonLaunchDescriptionSource

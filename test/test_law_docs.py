@@ -114,7 +114,6 @@ def test_figure_is_there_and_small(key: str) -> None:
 
 @pytest.mark.parametrize("line", sampled(CASES, every=8))
 def test_the_command_beside_a_figure_drives_its_run(line: str) -> None:
-    """Breaks if a command on a page is rejected, or is not the measured run."""
     parser = argparse.ArgumentParser()
     run_command.add_arguments(parser)
     program, name, *arguments = shlex.split(line)

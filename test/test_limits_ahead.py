@@ -141,7 +141,6 @@ def planning_law(monkeypatch):
 
 
 def test_the_template_of_a_planning_law_passes(planning_law) -> None:
-    """Breaks if the template on the page of the contract does not keep the contract."""
     findings = check_component("law", load_class(planning_law))
     assert not [finding for finding in findings if finding.passed is False]
 
@@ -166,7 +165,6 @@ def test_the_template_gains_speed_before_a_neutral_section(planning_law) -> None
 
 @pytest.mark.parametrize("of", [LawPlan, Lookahead])
 def test_the_page_of_the_contract_names_every_field(of) -> None:
-    """Breaks if a new field of the contract has no line in the docs."""
     page = (Path(__file__).parents[1] / "msgs_docs" / "contract.md").read_text(encoding="utf-8")
     missing = [entry.name for entry in dataclasses.fields(of) if not re.search(rf"`[\w.]*\b{entry.name}`", page)]
     assert not missing

@@ -169,7 +169,6 @@ def plans() -> dict[str, Plan]:
 
 
 def test_a_plan_keeps_every_section(plans: dict[str, Plan]) -> None:
-    """Breaks if the planner ignores a kind of section, or plans with it where the line has none."""
     for name, found in plans.items():
         front, speed, force = np.array(found.profile.position) + 10, np.array(found.profile.velocity), found.force
         if name not in ("plain", "tunnel"):

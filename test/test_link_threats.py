@@ -47,7 +47,6 @@ def test_newer_command_overtakes_and_replaces_older_ones() -> None:
 
 
 def test_each_unit_has_its_own_delay() -> None:
-    """Breaks if the units share one queue."""
     link = Link(LinkSpec(delay=(1.0, 0.1)), 2, STEP, 1, "c")
     link.push(0, np.array([1.0, 2.0]))
     acting = link.window(0, 400)

@@ -26,7 +26,6 @@ def listed(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, dic
 
 
 def test_every_name_has_one_line(capsys: pytest.CaptureFixture[str]) -> None:
-    """Breaks if a shipped name is missing or has no summary."""
     found = listed(capsys)
     assert list(found) == [
         "scenarios",
@@ -47,7 +46,6 @@ def test_every_name_has_one_line(capsys: pytest.CaptureFixture[str]) -> None:
 
 @pytest.mark.parametrize("name", sampled(NAMES, every=3))
 def test_every_listed_name_has_details(name: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """Breaks if a listed name is refused or has no summary."""
     for title, facts in listed(capsys, name).items():
         assert title.endswith(f" {name}")
         assert facts["summary"]

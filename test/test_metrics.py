@@ -195,7 +195,6 @@ def test_overspeed_is_zero_below_the_limit_and_counts_above() -> None:
 
 
 def test_stop_error_only_of_a_train_that_stands() -> None:
-    """Breaks if a moving train has a stop error."""
     setup = setup_of()
     target = float(setup.profile.position[-1])
     assert stop_error(setup, recording()) is None
@@ -203,7 +202,6 @@ def test_stop_error_only_of_a_train_that_stands() -> None:
 
 
 def test_summary_has_every_key_of_the_design() -> None:
-    """Breaks if a key of the summary is missing."""
     outcome = run_engine(setup_of("demo", "duration=5"))
     wanted = """
         scenario controller observer compensation seed ticks simulated_s wall_s real_time_factor speed_rmse_kmh

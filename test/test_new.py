@@ -31,7 +31,6 @@ def in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ],
 )
 def test_a_new_file_is_planned(files: list[str], arguments: str) -> None:
-    """Breaks if a template, or a copy of a shipped file, is refused."""
     for new in files:
         assert main(["new", *new.split()]) == 0
     assert main(arguments.split()) == 0

@@ -45,7 +45,6 @@ def test_unexplained_motion_is_the_model_error_and_the_disturbance() -> None:
 
 
 def test_both_tables_are_run() -> None:
-    """Breaks if a row or a column of the two tables is not run over the whole run."""
     ideal = ("pid", "smc", "rbf", "rbf_ndo", "smc_ks", "rbf_ks", "rbf_ks_ndo")
     lagged = ("twin_pid", "twin_smc_ndo", "predicted")
     wanted = [f"{law}{suffix}" for law in ideal for suffix in ("", " disturbed")]

@@ -48,7 +48,6 @@ def test_truth_of_the_disturbance_is_what_the_model_leaves() -> None:
 
 
 def test_every_row_of_the_table_is_run() -> None:
-    """Breaks if a row of the table loses its law or its train."""
     for law in ("pid", "pid_preview", "rbf", "tanh_predictor"):
         for train, (_, variant) in TRAINS.items():
             assert CASES[f"{law} {train}"].scenario == f"xuzhou_metro{variant}"

@@ -189,7 +189,6 @@ def test_the_bound_of_the_net_energy_is_below_the_plan(frugal: Plan) -> None:
 
 
 def test_the_options_reach_the_plan() -> None:
-    """Breaks if an option of the net energy is not passed on."""
     words = ("--to-km", "2", "--efficiency", "0.9", "--recovered", "0.5", "--auxiliary-kw", "100")
     result = plan_from_options(options(*METRO, *words))
     net = result["energy_kwh"] / 0.9 - 0.5 * result["energy_electric_brake_kwh"] + 100 * result["running_time_s"] / 3600

@@ -112,7 +112,6 @@ def test_the_reserve_before_a_waiting_stop_is_used() -> None:
     ],
 )
 def test_the_first_window_that_cannot_be_kept_is_named(point: TimingPoint, message: str) -> None:
-    """Breaks if a later window, or none, is named."""
     with pytest.raises(ValueError, match=message):
         journey(point)
 

@@ -351,7 +351,6 @@ def test_the_energy_on_falls_to_a_limit_is_near_an_independent_optimum(factor: f
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 10))])
 def test_more_time_is_never_dearer(seed: int) -> None:
-    """Breaks if a timetable with a larger reserve needs more energy."""
     line, car = obstacles(seed)
     consist = train_of({"car": car}, 4)
     fastest = plan_profile(line, consist)

@@ -250,6 +250,5 @@ def test_a_jump_of_mass_changes_adhesion_but_not_air_resistance() -> None:
     ],
 )
 def test_a_fault_that_would_do_nothing_is_refused(setup: dict[str, Any], says: str) -> None:
-    """Breaks if a fault without any effect is accepted."""
     with pytest.raises(ValueError, match=says):
         build_model(PlantSetup, setup, "plant")

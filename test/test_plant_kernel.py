@@ -161,7 +161,6 @@ def test_convergence_of_every_draft_gear(name: str) -> None:
 
 
 def test_same_seed_same_bits_other_seed_other_noise() -> None:
-    """Two runs agree in every bit; another seed changes them."""
     setup: dict[str, Any] = {"disturbances": [{"kind": "turbulence", "acceleration_rms": 0.01}]}
     runs = [run_ramps(train(heavy(wagons=5), **setup)) for _ in range(2)]
     assert runs[0].arrays.state.tobytes() == runs[1].arrays.state.tobytes()

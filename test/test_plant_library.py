@@ -41,7 +41,6 @@ def test_a_vehicle_is_half_of_both_lengths_behind_the_one_before_it() -> None:
 
 
 def test_every_shipped_file_is_tested() -> None:
-    """Breaks if a file is added without a test."""
     assert set(consist_names()) == {
         "hxd1_c80_105", "hxd1_c80_210", "xuzhou_metro_3", "crh380a_one_mass", "crh380a_three_units",
         "crh380a_eight_cars", "freight_five",

@@ -130,7 +130,6 @@ GLOSSARY = re.findall(
 
 
 def test_glossary_terms_are_unique_and_in_the_code() -> None:
-    """Breaks if a term appears twice, or its place in the code was moved or renamed."""
     terms = [row[0] for row in GLOSSARY]
     assert len(terms) == len(set(terms)) >= 60
     missing = [

@@ -38,7 +38,6 @@ def test_a_lost_command_has_each_reaction_within_two_periods_after_its_bound(tic
 
 @pytest.mark.parametrize("tick", [0.1, 0.02], ids=["10 Hz", "50 Hz"])
 def test_a_lost_brake_release_has_the_emergency_brake_within_two_periods_after_its_bound(tick):
-    """Breaks if the last brake release acts on."""
     times, _, period = reactions_of("atp/brake_release", f"tick={tick}", "supervision.failsafe.release=0.5")
     # The last release before the loss is at most one supervision period old.
     assert 0.5 - 0.4 < times["emergency brake"] <= 0.5 + 2.0 * period + 1e-9

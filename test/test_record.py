@@ -291,7 +291,6 @@ def test_a_full_disk_is_told_even_if_no_message_comes_any_more(tmp_path):
 
 
 def test_no_thread_is_left(tmp_path):
-    """Breaks if the thread of a log remains, closed or not."""
     for number in range(5):
         folder = tmp_path / str(number)
         folder.mkdir()

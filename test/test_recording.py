@@ -74,7 +74,6 @@ def test_samples_of_a_long_run_are_in_a_file(run, monkeypatch):
 
 
 def test_memory_and_log_hold_the_same_bits(run: tuple[Path, RunSetup, Recording]) -> None:
-    """Breaks if a field, a stamp or a topic differs in one bit between the engine and its log."""
     folder, setup, kept = run
     read = read_recording(folder, setup)
     assert list(kept.topics) == list(read.topics)

@@ -145,7 +145,6 @@ def test_the_page_stands_in_the_run_folder_and_may_be_made_again(eventful: Path)
      "ato/brake_pipe_command", "atp/speeds", "ato/state", "train/protection"],
 )  # fmt: skip
 def test_a_missing_topic_leaves_out_its_figures_alone(topic: str, eventful: Path, tmp_path: Path) -> None:
-    """Breaks if a missing topic removes other figures or causes a traceback."""
     run = without(eventful, tmp_path / "run", {topic})
     found = page_data(open_recording(run))
     gone = {
@@ -436,7 +435,6 @@ def test_the_figure_of_a_run_says_how_it_was_driven_and_how_it_ended() -> None:
 
 
 def test_unfinished_runs_are_marked_at_their_end(eventful: Path) -> None:
-    """Breaks if the early end of a run is not marked."""
     recording = open_recording(eventful)
     cut = replace(recording, summary={**recording.summary, "status": "interrupted"})
     ends = [event for event in detect_events(cut) if event.kind == "end"]

@@ -62,7 +62,6 @@ FILES = [
 
 @pytest.mark.parametrize(("kind", "path"), FILES, ids=[path.stem for _, path in FILES])
 def test_shipped_files_keep_to_their_schema(kind: str, path: Path) -> None:
-    """Breaks if an editor marks an error in a shipped file, suffixed units included."""
     validator(kind).validate(yaml.safe_load(path.read_text()))
 
 
@@ -143,7 +142,6 @@ def test_every_shipped_scenario_can_start(name: str) -> None:
 
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_every_shipped_scenario_states_its_verdict(name: str) -> None:
-    """Breaks if a scenario or variant states no verdict, or one by criteria that it does not have."""
     expected, criteria = expectation_of(name), load_scenario(name)[0].criteria
     assert expected is not None
     stated = criteria.model_dump(exclude_defaults=True)
@@ -256,7 +254,6 @@ def test_base_can_be_a_variant(tmp_path: Path) -> None:
 
 
 def test_base_with_an_unknown_variant_is_refused(tmp_path: Path) -> None:
-    """Breaks if a misspelt variant is ignored."""
     with pytest.raises(ValueError, match="no variant 'slow'"):
         load_scenario(overlay(tmp_path, "xuzhou_metro:slow"))
 

@@ -54,7 +54,6 @@ BAD_VALUES = [
 
 @pytest.mark.parametrize(("data", "text"), REFUSED)
 def test_a_wrong_specification_is_refused(data: dict[str, Any], text: str) -> None:
-    """Breaks if a wrong key or value is accepted, or the message does not name it."""
     with pytest.raises(ValueError) as error:
         read_sweep(data, "study.yaml")
     assert text in str(error.value) and str(error.value).startswith("study.yaml: ")
@@ -99,7 +98,6 @@ def test_a_file_beside_the_specification_comes_first(tmp_path: Path) -> None:
 
 
 def test_a_grid_has_every_combination_once() -> None:
-    """Breaks if the last key does not vary fastest, or a combination is missing."""
     over = {"law": ["pid", "smc"], "plant.lag": {"from": 0.1, "to": 0.3, "steps": 3}}
     points = design_points(read_sweep({"scenario": "demo", "over": over}))
     assert [tuple(point.values()) for point in points] == [
@@ -240,7 +238,6 @@ def test_equal_values_share_a_part_and_the_oldest_is_dropped() -> None:
 
 
 def test_a_changed_file_is_read_again(tmp_path: Path) -> None:
-    """Breaks if a data file that changes between two runs is not read again."""
     line = choose_scenario("demo").prepare().line.model_dump(mode="json", by_alias=True, exclude_defaults=True)
     file, parts = tmp_path / "line.yaml", PartCache()
     demo = choose_scenario("demo").with_({"plant.line": str(file), "duration": 20})

@@ -100,7 +100,6 @@ def test_a_pipe_has_complete_rows(tmp_path: Path) -> None:
 
 
 def test_every_command_with_data_has_json() -> None:
-    """Breaks if a command prints data and refuses ``--json``."""
     assert {name for name, _ in COMMANDS if f"train_ato.cli.{MODULES.get(name, name)}" in WITHOUT_JSON} == {
         "completion"
     }
@@ -173,7 +172,6 @@ def test_the_code_for_a_shell_names_the_program(shell: str, capsys: pytest.Captu
 
 
 def test_every_completed_argument_exists() -> None:
-    """Breaks if an argument is renamed and loses the completion of its names."""
     completion = importlib.import_module("train_ato.cli.completion")
     from train_ato.cli.main import command_line
 

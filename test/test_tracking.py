@@ -109,7 +109,6 @@ def test_a_position_error_on_the_way_is_lost_beyond_that_of_the_start(start: flo
 
 
 def test_the_largest_position_error_of_several_units_counts() -> None:
-    """Breaks if only the first unit is evaluated."""
     setup = prepare(*load_scenario("crh380a_gpc:short", ("plant.consist=crh380a_three_units", *PLAIN)))
     one = run_of(setup, 60.0)
     limit = 10.0 * top_speed(setup)

@@ -240,7 +240,6 @@ def test_ctrl_c_keeps_the_best_plan(journeys: int, tmp_path: Path, line: Line) -
 
 
 def test_options_of_other_plans_are_refused() -> None:
-    """Breaks if an option without effect is accepted."""
     with pytest.raises(ValueError, match="--jerk"):
         execute(options("daqin_section", "hxd1_c80_105", "--trip", "--jerk", "0.1"))
 
@@ -303,14 +302,12 @@ def test_a_neutral_section_has_no_force(consist: Consist, open_line_plan: TripPl
 
 
 def test_a_rheostatic_brake_works_in_a_neutral_section(consist: Consist) -> None:
-    """Breaks if a neutral section with electric brake is planned as one without."""
     model = nominal_train_model(consist, line_with(neutral_sections=[{**FALL, "electric_brake": True}]))
     traction, brake = SectionForces(model, 30.0).at(5_050.0, 15.0, 1e3)
     assert traction == 0.0 and brake == pytest.approx(461e3)
 
 
 def test_a_power_limit_is_kept(consist: Consist, open_line_plan: TripPlan) -> None:
-    """Breaks if the plan takes more power than the line has."""
     section = {"begin_km": 0.8, "end_km": 2.0}
     plan = TripPlanner(line_with(power_limits=[{**section, "power_mw": 2}]), consist, SETTINGS).at_price(1.0)
     assert np.prod(inside(plan, section), axis=0).max() <= 2.04e6, "2 %: the speed changes in a step of 0.5 s"
@@ -356,7 +353,6 @@ def test_a_section_of_a_part_of_a_cell_limits_the_cell(consist: Consist) -> None
 
 
 def test_a_temporary_restriction_is_a_speed_limit(consist: Consist) -> None:
-    """Breaks if a plan exceeds a restriction with any part of the train."""
     restriction = {"begin_km": 4.5, "end_km": 5.0, "speed_kmh": 45}
     plan = TripPlanner(line_with(temporary_restrictions=[restriction]), consist, SETTINGS).at_price(1.0)
     front = plan.run.position + consist.vehicles[0].length / 2

@@ -213,7 +213,6 @@ def test_shares_change_linearly_and_keep_the_total() -> None:
 
 
 def test_a_unit_at_its_limit_leaves_the_rest_to_the_other() -> None:
-    """Breaks if force is lost at the limit of a unit, or a limit is exceeded."""
     distribution = two_shares((0.0, 0.9))
     assert distribution.forces(0.0, [300.0, 300.0], [-400.0] * 2, [400.0] * 2) == pytest.approx([400.0, 200.0])
     assert distribution.forces(0.0, [-300.0, -300.0], [-400.0] * 2, [400.0] * 2) == pytest.approx([-400.0, -200.0])

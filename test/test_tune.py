@@ -282,7 +282,6 @@ def test_command_prints_one_json_value(tmp_path: Path, capsys: pytest.CaptureFix
 
 
 def test_missing_optimizer_is_one_line(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    """Breaks if a missing package is a traceback."""
     monkeypatch.setitem(sys.modules, "cma", None)
     assert main(["tune", "demo", "--law", "pid"]) == 2
     assert capsys.readouterr().err == (

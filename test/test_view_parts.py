@@ -294,7 +294,6 @@ def test_the_overview_has_the_whole_run_and_the_page_opens_at_its_event(run):
 
 
 def test_a_live_run_fills_its_overview(run):
-    """Breaks if the frames of a running graph do not reach the overview."""
     feed = Feed(RecordedFeed(run).facts)
     source = RecordedFeed(run)
     for at in (10.0, 20.0, 71.0):
@@ -419,7 +418,6 @@ def test_the_awaited_nodes_are_named(domain, tmp_path):
 
 
 def test_a_port_in_use_is_refused_in_one_line(run, capfd):
-    """Breaks if an occupied port gives a traceback."""
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()

@@ -108,7 +108,6 @@ def test_a_missing_extra_is_refused_with_its_command(arguments, packages, monkey
 
 
 def test_the_guide_installs_every_requirement_without_ros():
-    """Breaks if the command for an installation without ROS omits a requirement of setup.py."""
     guide = (ROOT / "msgs_docs" / "guide.md").read_text(encoding="utf-8")
     (line,) = re.findall(r"pip install --no-deps \. && pip install ((?:[^\\\n]|\\\n)*)", guide)
     assert sorted(line.replace("\\\n", " ").split()) == sorted(Requirement(entry).name for entry in declared())
