@@ -116,28 +116,25 @@ def test_blending_in_the_simulated_copy_has_the_force_of_its_units(long_fall: Pa
     assert shoes[-1] > 50e3
 
 
-def test_air_is_not_released_below_the_limit() -> None:
-    """Paper 000: a release below 35 km/h can break a coupler."""
+@pytest.mark.parametrize(
+    ("then", "released"),
+    [
+        ([(9.0, 0.0, 90)], False),
+        ([(5.0, 1e5, 20), (0.0, 0.0, 60)], False),
+        ([(0.0, 0.0, 60), (0.0, 1e5, 6)], True),
+    ],
+    ids=["below 35 km/h", "rolls, then stands", "departs"],
+)
+def test_air_is_released_above_the_limit_and_at_a_departure_only(then, released) -> None:
+    """Paper 000: a release below 35 km/h can break a coupler.  Each row is speed, demand and number of seconds."""
     model = prepare(*load_scenario("demo")).model
     policy = make_brake_policy(BrakeSpec.model_validate({"policy": "blend"}), model, model.line)
     there = -float(model.force_limits(np.array([15.0]))[0].sum())
-    for t in range(10):
-        policy.step(float(t), 0.0, 15.0, -there)
-    assert {policy.step(float(t), 0.0, 9.0, 0.0) for t in range(10, 100)} == {550e3}
-
-
-def test_air_is_released_before_a_train_that_stood_departs() -> None:
-    """Breaks if the air brake stays applied after a departure, or is released by standstill alone."""
-    model = prepare(*load_scenario("demo")).model
-    policy = make_brake_policy(BrakeSpec.model_validate({"policy": "blend"}), model, model.line)
-    there = -float(model.force_limits(np.array([15.0]))[0].sum())
-    for t in range(10):
-        policy.step(float(t), 0.0, 15.0, -there)
-    assert {policy.step(float(t), 0.0, 5.0, 1e5) for t in range(10, 30)} == {550e3}, (
-        "a train that rolls is not released"
-    )
-    assert {policy.step(float(t), 0.0, 0.0, 0.0) for t in range(30, 90)} == {550e3}
-    assert [policy.step(float(t), 0.0, 0.0, 1e5) for t in range(90, 96)][-2:] == [550e3, 600e3]
+    steps = [(15.0, -there, 10), *then]
+    each = [(speed, force) for speed, force, count in steps for _ in range(count)]
+    found = [policy.step(float(t), 0.0, speed, force) for t, (speed, force) in enumerate(each)]
+    assert set(found[10:-1]) == {550e3}
+    assert found[-1] == (600e3 if released else 550e3)
 
 
 @pytest.mark.parametrize(
@@ -310,23 +307,14 @@ def test_rules_of_pause_and_duration_are_kept(tmp_path: Path) -> None:
     assert 60 <= changed[1] - changed[0] <= 64, "applied as soon as permitted"
 
 
-def test_no_release_below_the_lowest_speed(tmp_path: Path) -> None:
-    """Breaks if a train on level track below 35 km/h releases, which can break a coupler (paper 000)."""
+def test_a_release_above_the_lowest_speed_or_at_a_departure_only(tmp_path: Path) -> None:
+    """Breaks if a train below 35 km/h or at standstill releases, or cannot depart with applied brakes."""
     setup = setup_on_fall(tmp_path)
-    policy = policy_of(setup)
-    applied = [policy.step(float(t), 4500.0, 14.2, -450e3) for t in range(0, 12, 2)]
-    assert applied[-1] == APPLIED
-    assert {policy.step(float(t), 9000.0, 9.0, 0.0) for t in range(12, 112)} == {APPLIED}
-    assert {policy.step(float(t), 9000.0, 11.0, 0.0) for t in range(112, 116)} == {CHARGED}
-
-
-def test_a_departure_releases(tmp_path: Path) -> None:
-    """Breaks if a train that has stopped with applied brakes cannot depart, or releases at standstill alone."""
-    policy = policy_of(setup_on_fall(tmp_path))
-    assert [policy.step(float(t), 4500.0, 14.2, -450e3) for t in range(0, 12, 2)][-1] == APPLIED
-    assert {policy.step(float(t), 9000.0, 0.0, 0.0) for t in range(12, 40)} == {APPLIED}
-    assert {policy.step(float(t), 9000.0, 0.0, 1e5) for t in range(40, 43)} <= {APPLIED, CHARGED}
-    assert policy.step(44.0, 9000.0, 0.0, 1e5) == CHARGED
+    for slow, then in ((9.0, (11.0, 0.0)), (0.0, (0.0, 1e5))):
+        policy = policy_of(setup)
+        assert [policy.step(float(t), 4500.0, 14.2, -450e3) for t in range(0, 12, 2)][-1] == APPLIED
+        assert {policy.step(float(t), 9000.0, slow, 0.0) for t in range(12, 112)} == {APPLIED}
+        assert [policy.step(float(t), 9000.0, *then) for t in range(112, 117)][-1] == CHARGED
 
 
 def test_a_deeper_reduction_is_used_where_the_first_is_too_weak(tmp_path: Path) -> None:

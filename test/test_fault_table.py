@@ -101,9 +101,12 @@ def equal(run: Path, other: Path) -> bool:
     return compare_logs(run, other, Wire(read_run_folder(run)[0].layout)).first is None
 
 
-def test_faults_have_equal_numbers_in_one_process(engine_run: Path, tmp_path: Path) -> None:
-    """Breaks if a fault acts on the transport of a mode in place of the receiving end, or is not seeded."""
-    assert drive(tmp_path / "run", MIXED) == 0
+@pytest.mark.parametrize(
+    "way", [(), pytest.param(("--processes",), marks=pytest.mark.campaign)], ids=["one process", "several"]
+)
+def test_faults_have_equal_numbers_in_every_mode(engine_run: Path, tmp_path: Path, way: tuple[str, ...]) -> None:
+    """Breaks if a fault acts on the transport of a mode or the process of its reader, or is not seeded."""
+    assert drive(tmp_path / "run", MIXED, *way) == 0
     assert equal(engine_run, tmp_path / "run")
 
 
@@ -112,13 +115,6 @@ def test_a_killed_node_is_silent_in_one_process(tmp_path: Path) -> None:
     kill = "[{do: kill, node: controller, at: 20}]"
     assert [drive(tmp_path / name, kill, *options) for name, options in (("a", ["--engine"]), ("b", []))] == [0, 0]
     assert equal(tmp_path / "a", tmp_path / "b")
-
-
-@pytest.mark.campaign
-def test_faults_have_equal_numbers_in_several_processes(engine_run: Path, tmp_path: Path) -> None:
-    """Breaks if a fault depends on the process of its reader."""
-    assert drive(tmp_path / "run", MIXED, "--processes") == 0
-    assert equal(engine_run, tmp_path / "run")
 
 
 def test_a_run_with_faults_is_verified(engine_run: Path, capsys: pytest.CaptureFixture[str]) -> None:

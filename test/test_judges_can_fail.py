@@ -44,19 +44,13 @@ def verdict(paper: Paper, claim: Claim, results: dict[str, Result]) -> Verdict:
 
 @pytest.mark.parametrize(("paper", "claim"), CLAIMS)
 def test_every_claim_has_one_trial(paper: Paper, claim: Claim) -> None:
-    """Breaks if a new claim has no made-up results, or two claims share them."""
+    """Breaks if a claim has no made-up results or shares them, or is removed and its trial remains."""
     trial = only(paper.number, claim)
+    assert len(TRIALS[paper.number]) == len(paper.claims), "a trial of a claim that was removed"
     assert trial.others <= set(claim.cases), "others that are no cases of the claim"
     assert sum(entry.text.startswith(trial.claim) for entry in paper.claims) == 1
     named = {*trial.good, *(trial.elsewhere or {}), *(key for entry in trial.edges for key in entry.keys)}
     assert named <= set(claim.cases), "figures of a missing case"
-
-
-def test_every_trial_has_a_claim() -> None:
-    """Breaks if a claim is removed and its trial remains."""
-    for number, trials in TRIALS.items():
-        texts = [claim.text for claim in PAPERS[number].claims]
-        assert [trial.claim for trial in trials if not any(text.startswith(trial.claim) for text in texts)] == []
 
 
 @pytest.mark.parametrize(("paper", "claim"), CLAIMS)

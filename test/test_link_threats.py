@@ -77,12 +77,6 @@ def test_a_jump_multiplies_first_and_adds_then() -> None:
     assert np.flatnonzero(run(link, [7.0] * 12)).min() == 100
 
 
-def test_a_command_of_zero_has_the_delay_of_traction() -> None:
-    """Breaks if 0 N counts as braking, so that traction ends 0.7 s early."""
-    link = Link(LinkSpec(delay=1.0, delay_brake=0.3), 1, STEP, 1, "c", initial=9.0)
-    assert np.flatnonzero(run(link, [0.0] * 20) == 0.0).min() == 200
-
-
 @given(
     delay=st.floats(0, 1.5),
     jitter=st.floats(0, 0.5),

@@ -251,10 +251,11 @@ def failed(scenario: str = "xuzhou_metro", **options: Any) -> RunFailed:
     return caught.value
 
 
-def speeds(error: RunFailed) -> tuple[float, float]:
-    """Return the speed at the fault and at the end [m/s]."""
+def assert_stopped(error: RunFailed) -> None:
+    """Require a train in motion at the fault and at standstill at the end."""
     recording = error.run.recording
-    return float(np.interp(BEGIN_S, recording.time, recording.front_velocity)), float(recording.front_velocity[-1])
+    assert np.interp(BEGIN_S, recording.time, recording.front_velocity) > 5.0
+    assert abs(recording.front_velocity[-1]) < 0.1
 
 
 FAULTS = {
@@ -287,8 +288,7 @@ def test_every_fault_of_a_law_stops_the_train_and_fails_the_run(fault: str, monk
     )
     raised = fault in ("divides", "exits", "interrupts", "loops", "sleeps")
     assert first < line <= first + 2 if raised else line == inspect.getsourcelines(Unsound.step)[1]
-    moving, end = speeds(error)
-    assert moving > 5.0 and abs(end) < 0.1
+    assert_stopped(error)
     command = error.run.recording.command[:, 0]
     at = round(BEGIN_S / 0.05)
     assert (command[at : at + 20] == command[at - 1]).all(), "the bound: 1 s"
@@ -312,11 +312,17 @@ def test_an_output_that_is_nonsense_names_the_step_that_returned_it() -> None:
         assert found.endswith(f", {__file__}:{inspect.getsourcelines(method)[1]}")
 
 
+def brakes_after(observer: Any, said: str, mode: Any = "engine") -> None:
+    """Require an error that begins with these words and the place, and a train that was braked to standstill."""
+    error = failed(observer=observer, set=METRO, mode=mode)
+    assert str(error).startswith(f"node observer failed: observer {said}, {__file__}:")
+    assert_stopped(error)
+
+
 def test_a_supervised_run_stops_in_the_same_way() -> None:
     """Breaks if the run goes on after the stop."""
     error = failed("xuzhou_metro:disturbed", law=Unsound("nan"), set=METRO)
-    moving, end = speeds(error)
-    assert moving > 5.0 and abs(end) < 0.1
+    assert_stopped(error)
 
 
 @pytest.mark.parametrize(
@@ -325,12 +331,7 @@ def test_a_supervised_run_stops_in_the_same_way() -> None:
 def test_an_observer_that_raises_stops_the_train(mode: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """Breaks if the run ends while the train moves, or the line lacks the observer, the file or the node."""
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parent))
-    error = failed(observer=UnsoundObserver, set=METRO, mode=mode)
-    assert str(error).startswith(
-        f"node observer failed: observer UnsoundObserver: ValueError: no measurement, {__file__}:"
-    )
-    moving, end = speeds(error)
-    assert moving > 5.0 and abs(end) < 0.1
+    brakes_after(UnsoundObserver, "UnsoundObserver: ValueError: no measurement", mode=mode)
 
 
 @pytest.mark.parametrize(
@@ -340,11 +341,7 @@ def test_an_observer_that_returns_nonsense_stops_the_train(answer: Any, fault: s
     """Breaks if the codec of the message ends the run while the train moves, without file and line."""
     observer = Answers()
     observer.answer = answer
-    error = failed(observer=observer, set=METRO)
-    said = f"node observer failed: observer Answers: step() returned {fault}; return an array of 1, {__file__}:"
-    assert str(error).startswith(said)
-    moving, end = speeds(error)
-    assert moving > 5.0 and abs(end) < 0.1
+    brakes_after(observer, f"Answers: step() returned {fault}; return an array of 1")
 
 
 def test_whole_numbers_are_forces() -> None:
@@ -369,4 +366,4 @@ def test_a_law_that_loops_stops_the_nodes_of_one_process(monkeypatch: pytest.Mon
     monkeypatch.setattr(interrupt, "STEP_LIMIT_S", 0.5)
     error = failed("xuzhou_metro:disturbed", law=Unsound("loops"), set=METRO, mode="composed")
     assert "step() did not return within" in str(error) and __file__ in str(error)
-    assert abs(speeds(error)[1]) < 0.1
+    assert_stopped(error)

@@ -74,23 +74,15 @@ def test_closed_form_with_limited_jerk() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "time"), [("freight", 745.07), ("local", 391.62), ("longdistance", 330.75)]
-)  # fmt: skip
-def test_railtoolkit_running_times(open_data: Path, name: str, time: float) -> None:
-    """Published times of the railtoolkit project on its 10 km level path, +-1 %."""
+    ("name", "published", "fine"),
+    [("freight", 745.07, 748.4), ("local", 391.62, 393.9), ("longdistance", 330.75, 330.9)],
+)
+def test_railtoolkit_running_times(open_data: Path, name: str, published: float, fine: float) -> None:
+    """Published times of railtoolkit, steps of 20 m: +-1 %; a 1 ms integration of the same rules: +-0.1 %."""
     consist, asked = find_train(str(open_data / f"{name}.yaml"))
-    path = find_line(str(open_data / "level.yaml"))
-    assert plan_profile(path, consist, asked).running_time == pytest.approx(time, rel=0.01)
-
-
-@pytest.mark.parametrize(
-    ("name", "time"), [("freight", 748.4), ("local", 393.9), ("longdistance", 330.9)]
-)  # fmt: skip
-def test_railtoolkit_times_of_a_fine_integration(open_data: Path, name: str, time: float) -> None:
-    """A 1 ms integration of the same rules: +-0.1 %, tighter than the published 20 m steps."""
-    consist, asked = find_train(str(open_data / f"{name}.yaml"))
-    path = find_line(str(open_data / "level.yaml"))
-    assert plan_profile(path, consist, asked).running_time == pytest.approx(time, rel=0.001)
+    time = plan_profile(find_line(str(open_data / "level.yaml")), consist, asked).running_time
+    assert time == pytest.approx(published, rel=0.01)
+    assert time == pytest.approx(fine, rel=0.001)
 
 
 @pytest.mark.parametrize(("grade", "kmh"), [(0, 110.0), (1, 94.0), (2, 79.9), (4, 52.5)])

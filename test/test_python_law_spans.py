@@ -254,25 +254,20 @@ def test_an_own_compensation_is_called_as_in_python(unusual: str) -> None:
     assert seen[0] == seen[1]
 
 
-def test_an_error_of_a_compensation_names_it() -> None:
-    """Breaks if compiled ticks drop the exception of a compensation, or name the law in its place."""
-    changes = {
-        **FREE,
-        "compensation": f"{HERE}:Counted",
-        f"compensations.{HERE}:Counted.fails_at": 5.05,
-        "duration": 20,
-    }
-    failures = [run_engine(setup_of("demo", changes), compiled=chosen).failure for chosen in (False, True)]
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"compensation": f"{HERE}:Counted", f"compensations.{HERE}:Counted.fails_at": 5.05},
+         "compensation Counted: ValueError: no input at this time"),
+        ({"law": f"{HERE}:Observed", f"laws.{HERE}:Observed.unusual": "error"}, "no force at this time"),
+    ],
+)  # fmt: skip
+def test_an_error_of_a_compensation_or_a_law_names_it(changes: dict[str, Any], reason: str) -> None:
+    """Breaks if compiled ticks drop the exception, or name another part of the loop."""
+    setup = setup_of("demo", {**FREE, "duration": 60, **changes})
+    failures = [run_engine(setup, compiled=chosen).failure for chosen in (False, True)]
     assert failures[0] == failures[1]
-    assert failures[0] is not None and "compensation Counted: ValueError: no input at this time" in failures[0]
-
-
-def test_an_error_of_the_law_names_the_controller() -> None:
-    """Breaks if compiled code drops an exception, or names another part of the loop."""
-    changes = {**FREE, "law": f"{HERE}:Observed", f"laws.{HERE}:Observed.unusual": "error", "duration": 60}
-    failures = [run_engine(setup_of("demo", changes), compiled=chosen).failure for chosen in (False, True)]
-    assert failures[0] == failures[1]
-    assert failures[0] is not None and "no force at this time" in failures[0]
+    assert failures[0] is not None and reason in failures[0]
 
 
 def test_a_slow_law_ends_the_span(monkeypatch: pytest.MonkeyPatch) -> None:
