@@ -10,7 +10,7 @@ import pytest
 from case_costs import sampled
 from span_runs import Both, compiled_part, setup_of
 from test_compiled_spans import CASES as LAWS
-from test_span_components import CASES as COMPONENTS
+from test_compiled_spans import COMPONENTS
 
 from train_ato.apps.sweep.row import WALL_TIMES
 from train_ato.control.compensation.base import CompensationBase

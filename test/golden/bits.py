@@ -23,10 +23,8 @@ from typing import Any
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent), str(HERE.parents[1])]
 
-import test_compiled_spans  # noqa: E402
-import test_span_components  # noqa: E402
-import test_supervised_spans  # noqa: E402
 from law_trains import printed  # noqa: E402
+from test_compiled_spans import CASES, COMPONENTS, SUPERVISED  # noqa: E402
 
 from msgs_docs.generate.fault_runs import BASES, ROWS  # noqa: E402
 from train_ato.apps.runs.scenario_choice import choose_scenario  # noqa: E402
@@ -89,9 +87,10 @@ def cases() -> Iterator[Case]:
         short = () if row.base == "metro" else ("duration=130",)
         yield Case(f"fault {row.name}", scenario, (*sets, *short, *row.sets))
     yield from _grid()
-    for tests in (test_compiled_spans, test_span_components, test_supervised_spans):
-        for name, (scenario, changes) in tests.CASES.items():
-            yield Case(f"{tests.__name__.removeprefix('test_')} {name}", scenario, changes)
+    spans = {"compiled_spans": CASES, "span_components": COMPONENTS, "supervised_spans": SUPERVISED}
+    for room, cases in spans.items():
+        for name, (scenario, changes) in cases.items():
+            yield Case(f"{room} {name}", scenario, changes)
 
 
 def _grid() -> Iterator[Case]:
