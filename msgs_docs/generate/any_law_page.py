@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from msgs_docs.generate.rows import read_rows, write_rows
+from msgs_docs.generate.rows import page_text, read_rows, write_rows
 from plant_sim.plant_setup import Mismatch
 from plant_sim.units import number_text
 from train_ato.apps.runs.ranking import rank_of, standings
@@ -42,34 +42,7 @@ KEPT = (
     "command_variation_kn_per_s",
 )
 
-INTRODUCTION = """# Any law on any train
 
-Made by `python -m msgs_docs.generate`; do not edit by hand. Measured by
-`python -m msgs_docs.generate --measure any_law`; `train-ato compare SCENARIO` makes the rows of one scenario with the
-default gains.
-
-Every law runs on every nominal scenario and variant that is shipped. Nominal means: the model is the plant (train,
-line, lag, mean delay), without disturbance, mismatch, change of the plant, fault or intervention, with at most
-0.01 m/s of speed noise, and the profile needs no more than the forces of the train. A variant that gives only gains has
-no rows. The freight train of paper 002 has no nominal scenario: `freight_consensus` is its experiment with steps of
-12 m/s and forces of 5 000 m/s²; its rows are those of
-`freight_consensus:realistic`, with noise and small disturbances.
-
-The default gains of a law are those fitted to the train, in `train_ato/control/fitted_gains.yaml`
-([tuning.md](tuning.md)), which are for some laws those of the rule: `model`. The gains that a scenario gives remain.
-`mpc` computes its own gains. The outcome is that of
-[tracking.md](tracking.md), with the criteria of the scenario that are not met. *refused*: before the run, with the
-reason and the nearest choice.
-"""
-
-
-LEADERBOARD = """## Leaderboard
-
-All laws over all these scenarios, with default gains. A law is above another one if it passed more runs, then if it
-tracked more, then by its mean rank. In every scenario the runs that passed come first, the smallest speed error first.
-The speed error (rms) is the median of the tracked runs, the stop error the largest one of them.
-`train-ato compare SCENARIO... --seeds N` makes this table for other scenarios, seeds and laws, also for your own.
-"""
 REASONS: dict[tuple[str, str], str] = {
     (FREIGHT, "funnel"): (
         "The law has one loop for the mean of five vehicles with disturbances of their own, which swing in the "
@@ -224,17 +197,18 @@ def page(root: Path) -> str:
     rows = read_rows(root / MEASURED)
     default = [found for found in rows if found["gains"] != PRINTED]
     printed = [found for found in rows if found["gains"] == PRINTED]
-    lines = [INTRODUCTION, "| gains | runs | tracked, no takeover, all criteria | refused |", "|---|---|---|---|"]
+    counts = []
     for title, part in (("default", default), ("printed", printed)):
         refused = [found["outcome"] for found in part].count("refused")
-        lines.append(f"| {title} | {len(part)} | {sum(map(holds, part))} | {refused} |")
-    lines += ["", *_leaderboard(default), "", "Default gains, not met:", ""]
+        counts.append(f"| {title} | {len(part)} | {sum(map(holds, part))} | {refused} |")
+    missed = []
     for found in not_met(rows):
         cell = found["scenario"], found["law"]
-        lines.append(f"* `{cell[0]}`, `{cell[1]}`: {verdict(found)}. {REASONS.get(cell, '')}".rstrip())
+        missed.append(f"* `{cell[0]}`, `{cell[1]}`: {verdict(found)}. {REASONS.get(cell, '')}".rstrip())
+    lines = []
     for name in dict.fromkeys(found["scenario"] for found in rows):
         lines += ["", f"## `{name}`", "", *_table([found for found in rows if found["scenario"] == name])]
-    return "\n".join(lines) + "\n"
+    return page_text(NAME, counts=counts, standings=_leaderboard(default), not_met=missed, tables=lines)
 
 
 def _leaderboard(rows: list[dict[str, Any]]) -> list[str]:
@@ -252,8 +226,7 @@ def _leaderboard(rows: list[dict[str, Any]]) -> list[str]:
         }
         run["speed_rmse_kmh"] = row.get("speed_rmse_kmh")
         comparisons.setdefault(row["scenario"], []).append(run)
-    lines = [LEADERBOARD, "| law | passed | tracked | runs | refused | first | mean rank | median rms km/h | stop m |"]
-    lines.append("|---|---|---|---|---|---|---|---|---|")
+    lines = []
     for found in standings([sorted(runs, key=rank_of) for runs in comparisons.values()]):
         cells = [str(found[key]) for key in ("law", "passed", "tracked", "runs", "refused", "first")]
         figures = [found[key] for key in ("rank", "speed_rmse_kmh", "stop_error_m")]

@@ -13,6 +13,7 @@ from typing import Any
 
 import yaml
 
+from msgs_docs.generate.rows import page_text
 from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
 from train_ato.scenario.scenario import load_scenario
 
@@ -212,28 +213,17 @@ def changes_run(setting: str, scenario: str) -> bool:
 PAGE = Path("msgs_docs", "equations.md")
 """Path of the page in the repository."""
 
-INTRODUCTION = """# Equations of the papers in the code
-
-Made by `python -m msgs_docs.generate` from `msgs_docs/generate/equations/`; do not edit by hand.
-
-Every numbered equation of the five papers, with its place in the code. `test/test_equation_table.py` checks that no
-number is missing, that every place exists, and that the program accepts every setting and needs it. Measured effects of
-the printed forms: [reproduction.md](reproduction.md); choices where a paper gives nothing: [left_out.md](left_out.md).
-
-| form | meaning |
-|---|---|
-"""
-
 
 def page(root: Path) -> str:
     """Return the text of the page."""
-    lines = [INTRODUCTION.rstrip("\n"), *(f"| {form.value} | {MEANINGS[form]} |" for form in Form), "", *_counts()]
+    lines: list[str] = []
     for table in EQUATION_TABLES:
         lines += ["", f"## Paper {table.paper}: {table.title}", ""]
         lines += [f"Settings with `train-ato run {table.scenario} --set ...`.", ""]
         lines += ["| equation | content | form | place | note | settings |", "|---|---|---|---|---|---|"]
         lines += [_row(row, root) for row in table.rows]
-    return "\n".join(lines) + "\n"
+    forms = [f"| {form.value} | {MEANINGS[form]} |" for form in Form]
+    return page_text(PAGE.stem, forms=forms, counts=_counts(), tables=lines)
 
 
 def counts(table: EquationTable) -> dict[Form, int]:

@@ -10,7 +10,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from msgs_docs.generate.fault_runs import BASES, BEGIN, ROWS, FaultRow, FaultRun, run_row
-from msgs_docs.generate.rows import read_rows, write_rows
+from msgs_docs.generate.rows import page_text, read_rows, write_rows
 from train_ato.cli.inject import ACTIONS
 from train_ato.messages import receiver
 from train_ato.messages.faults import FAULT_TOPICS, MessageFault, NodeFault
@@ -53,77 +53,9 @@ MEASURED = Path("msgs_docs", "faults_measured.json")
 """Figures of the runs of the table."""
 NAME = "faults"
 """Name of the page for ``--measure``."""
+REQUESTS = ("drop", "freeze", "cut-out", "brake-fade", "adhesion")
 SHARED = ("do", "topic", "reader", "begin", "end", "node", "at")
 
-INTRODUCTION = """# Faults
-
-Made by `python -m msgs_docs.generate`; do not edit by hand.
-
-A fault is data of the scenario or a request during a run. Engine, composed graph and processes apply it at the
-receiving end of a topic, after the transport of the mode, so that all three give the same numbers. Random faults have
-a stream of the seed each. The diagnostics of the reading node contain the faults that act (`faults`) and, per topic,
-the messages that did not arrive (`missed`), those that were refused (`refused`) and the last reason (`refusal`).
-
-    train-ato run xuzhou_metro --set supervision.enabled=true --set 'faults=[{do: drop, topic: ato/command, begin: 20}]'
-
-A run without supervision uses what arrives, as it is: nothing is refused, and a message that is not finite can end
-it.
-"""
-NODES = """
-With one process per node, `kill` and `stop` are SIGKILL and SIGSTOP of the process in place of its first message from
-`at` on, and `duplicate` starts a second process when the plant reaches `at` (the run needs a `--rate` that leaves
-time for its start). The plant goes on without the lost node until the train is at standstill; then the run fails with
-the name of the node. The recorder can be killed and stopped in this mode only.
-"""
-DEFENCES = """
-## Defences at the receiving end
-
-`train_ato/messages/receiver.py`, in runs with supervision. A refused message counts as a missing one.
-"""
-REACTIONS = """
-A missing command acts by its age in the train (`supervision.failsafe`): the last one is held, the drives are off, the
-service brake, the emergency brake. Without a recent brake release the train has the emergency brake. Without a valid
-measurement or reference the ATO holds its last command for `hold_limit`, then fails and brakes; without its
-disturbance estimate it goes on with 0. Without valid odometry the supervisor demands the emergency brake at once.
-
-The messages carry no safety code. Corruption and masquerade with possible values, true stamps and consistent content
-are not detected at the receiving end; such commands are limited by the supervisor, such odometry by the comparison
-with the measurement of the ATO. A brake release has an alive counter: one with an old content and a new
-stamp is refused.
-"""
-OTHERS = """
-## Faults of sensors, links and the train
-
-| fault | key |
-|---|---|
-| noise, bias, resolution, frozen channel, wheel slip | `plant.sensors` |
-| delay, jitter, loss, jump of the delay | `links.<topic>` |
-| drives cut out, brake fade, adhesion, mass, resistance, train separation | `plant.jumps` |
-| mismatch of the train, gusts and other outside forces | `plant.mismatch`, `plant.disturbances` |
-| gust, delay jump, emergency brake at a time | `interventions` |
-
-A full disk, a killed recorder and a second publisher of a topic fail the run with the name of the node; the log is kept
-([log.md](log.md)). No simulated time depends on the date of the machine. Some waits in the ROS wheels end at a date, so
-a step of the date backward can delay a run with `--rate`; such runs need a clock without steps. A suspended run in one
-process goes on afterwards; with one process per node, a plant that was suspended for more than 3 s fails the run by its
-name.
-"""
-TABLE = """
-## Measured reactions
-
-Every row is a run of the engine, and a test of `test/test_fault_table.py`: the train never is beyond the supervised
-location (100 m behind the stop) or faster than the bound, which is the ceiling of the emergency brake with the
-overshoot until the traction is off. At most 1.5 s after the detection there is a demand to coast or to brake. Faults of
-messages and nodes begin at {begin} s, at 43 km/h with full acceleration. Margin: distance from the foremost place of
-the front to the supervised location. Measured by `python -m msgs_docs.generate --measure faults`.
-
-Modes of the tests: E engine (`--engine`, {engine} rows), C all nodes in one process (no option, {composed} rows), P one
-process per node (`--processes`, {processes} rows: the first one of each kind of fault on a topic, a node or a part).
-`pytest test/test_fault_ways.py` runs C and P. The log is that of the engine, bit for bit. In {ended} rows of P, `kill`,
-`stop` and `duplicate` are signals to the process of the node and second processes: the train keeps the same bounds, and
-the log ends with the run. No process, shared memory, lock or traceback on stderr is left. Two more rows of P lose the
-recorder, and at most the last second of the log: {recorder}.
-"""
 MODES = {"engine": "E", "composed": "C", "processes": "P"}
 """Letters of the modes in the tables."""
 
@@ -164,29 +96,19 @@ def unmeasured_faults(root: Path) -> list[str]:
 
 def page(root: Path) -> str:
     """Return the text of the page."""
-    lines = [INTRODUCTION, "## Faults of messages", "", *_models(MessageFault), ""]
-    topics = ", ".join(f"`{name}` ({', '.join(readers)})" for name, readers in FAULT_TOPICS.items())
-    lines += [
-        f"Keys of all of them: `topic`, `reader` (default: all), `begin`, `end`. Topics and their readers: {topics}."
-    ]
-    lines += ["", "## Faults of nodes", "", *_models(NodeFault), "", "Keys of all of them: `node`, `at`.", NODES]
-    lines += [DEFENCES.strip("\n"), "", *_defences(), REACTIONS, OTHERS.strip("\n"), "", *_requests()]
-    lines += [_filled(TABLE), *_table(read_rows(root / MEASURED))]
-    text = "\n".join(lines)
-    while "\n\n\n" in text:
-        text = text.replace("\n\n\n", "\n\n")
-    return text.strip("\n") + "\n"
-
-
-def _filled(text: str) -> str:
-    """Return the introduction of the table with the numbers of its rows."""
-    values = {mode: str(sum(mode in ways_of(row) for row in ROWS)) for mode in MODES}
-    values["begin"] = str(BEGIN)
-    values["ended"] = str(sum(ends_process(row) and "processes" in ways_of(row) for row in ROWS))
-    values["recorder"] = ", ".join(f"`{row.sets[0]}`" for row in RECORDER_ROWS)
-    for name, value in values.items():
-        text = text.replace(f"{{{name}}}", value)
-    return text
+    return page_text(
+        NAME,
+        messages=_models(MessageFault),
+        topics=", ".join(f"`{name}` ({', '.join(readers)})" for name, readers in FAULT_TOPICS.items()),
+        nodes=_models(NodeFault),
+        defences=_defences(),
+        requests=[f"| `{name}` | {ACTIONS[name].meaning} |" for name in REQUESTS],
+        **{mode: sum(mode in ways_of(row) for row in ROWS) for mode in MODES},
+        begin=BEGIN,
+        ended=sum(ends_process(row) and "processes" in ways_of(row) for row in ROWS),
+        recorder=", ".join(f"`{row.sets[0]}`" for row in RECORDER_ROWS),
+        table=_table(read_rows(root / MEASURED)),
+    )
 
 
 def _models(union: Any) -> list[str]:
@@ -216,13 +138,6 @@ def _defences() -> list[str]:
         if defence and not line.startswith("=") and line[20:22] == "  ":
             rows.append(f"| {threat} | {defence} |")
     return [rows[0], "|---|---|", *rows[1:]]
-
-
-def _requests() -> list[str]:
-    names = ("drop", "freeze", "cut-out", "brake-fade", "adhesion")
-    rows = [f"| `{name}` | {ACTIONS[name].meaning} |" for name in names]
-    intro = "`train-ato inject ACTION` during a run. The log contains each of them, and `train-ato verify` repeats it."
-    return ["## Faults on request", "", intro, "", "| action | meaning |", "|---|---|", *rows]
 
 
 def _table(figures: dict[str, dict[str, Any]]) -> list[str]:

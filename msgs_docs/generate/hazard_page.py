@@ -24,7 +24,7 @@ from msgs_docs.generate.hazard_table import (
     RemovalPair,
     removed_monitors,
 )
-from msgs_docs.generate.rows import read_rows, write_rows
+from msgs_docs.generate.rows import page_text, read_rows, write_rows
 from plant_sim.traction import Envelope
 from train_ato.loop.protection_record import REACTIONS, protection_summary, state_spans
 from train_ato.loop.recording import BRAKE_PIPE
@@ -156,87 +156,6 @@ MUTANTS = Path("msgs_docs", "mutation_measured.json")
 """Numbers of mutants by file and outcome, written by ``bench/mutation.py``."""
 UNITS = {hazard.key: hazard.unit for hazard in HAZARDS}
 
-INTRODUCTION = """# Hazards and requirements
-
-Made by `python -m msgs_docs.generate`; do not edit by hand.
-
-Each row has a hazard, an unsafe control action, a requirement, a monitor and a test. The data are in
-`msgs_docs/generate/hazards.yaml`; `test/test_hazard_table.py` runs the rows. The words are those of EN 50126, the
-method is that of STPA (Leveson, Thomas, STPA Handbook, 2018, chapter 2): a control action is unsafe if it is not
-provided, provided wrongly, provided too early or late, or applied too long or too short.
-Supervisor, train protection and states of the ATO: [supervision.md](supervision.md); faults: [faults.md](faults.md).
-
-**No safety integrity level (SIL) is claimed**; the limits of this analysis are [below](#limits-and-assumptions-of-use).
-
-## Hazards
-
-The scope is the movement of the train. A run has a hazard if the measure is above the bound.
-"""
-CONTROL = """
-## Control actions
-
-Each cell has the requirements for one way in which a control action is unsafe.
-"""
-REQUIREMENTS = """
-## Unsafe control actions and requirements
-"""
-VERIFICATION = """
-## Monitors and tests
-
-Each row of the fault table is a run of `test/test_fault_table.py` with a verdict on place, speed and time of the
-reaction. Names of tests are those of pytest.
-"""
-MUTATION = """
-## Mutation score
-
-A mutant is the program with one small change, for example `<=` in place of `<`. The score is the part of the mutants
-for which a test fails, without equivalent mutants (`bench/equivalent_mutants.yaml`); the lower bound of a file is 85 %.
-Measured by `python bench/mutation.py --write`. `plant_brake.py`, the brake model of a train of the plant, is left out;
-`test/test_curves_plant.py` compares it with runs of the plant. `train_report.py`, the reports of the train ahead, has
-no score yet.
-
-| file | mutants | equivalent | survived | score |
-|---|---|---|---|---|
-"""
-PAIRS = """
-## With and without the monitors
-
-Each row is one scenario in two runs of the engine: as it is, and without the monitors of the column *removed*. With the
-monitors the measure is not above the bound, and the train is before the supervised location and below the speed of
-hazard H1. Without them the measure is above the bound: the monitor is necessary, and the verdict can fail. All other
-monitors remain in effect; where two of them detect a fault, both are removed. Measured by
-`python -m msgs_docs.generate --measure hazards`.
-
-{bases}
-"""
-OPEN_POINTS = """
-## Hazards without a monitor
-
-Measured as above. The test of these rows fails as soon as a monitor prevents the hazard; the row then belongs to the
-table above.
-"""
-LIMITS = """
-## Limits and assumptions of use
-
-* No SIL is claimed, and no hazard rate is computed. The table is an analysis of software functions in a simulation. It
-  has no failure analysis of hardware, and no assessment by an independent body.
-* Single channel: every function is computed once, in Python, on a computer and an operating system without
-  qualification. Supervisor, ATO and simulated train share processor, memory and middleware; no independence of hardware
-  exists. The train protection is part of the simulator.
-* Common causes: supervisor and ATO use the same data of train and line, and the supervised location is the stop of the
-  profile and `overlap`. An error in these data is not detected.
-* The emergency brake has at least the part Kdry (default 0.8) of the force in the train data.
-* At least one of the two odometers keeps its error, and every balise is at its location.
-* The holding brake keeps a train at rest; beside the supervision of movements backwards there is no standstill
-  supervision.
-* The messages carry no safety code and no signature. Random corruption, loss and delay are detected as in
-  [faults.md](faults.md). A deliberate sender with possible values and true stamps is not detected.
-* The release of a second emergency brake within 50 m, and of one after a movement backwards, needs the acknowledgement
-  of a driver. No run has one: the train remains braked.
-* One scenario per row shows that a monitor is necessary, not that it is sufficient in all others.
-* Not in the scope: doors, passengers, obstacles, work on the track, fire, and hazards of other trains.
-"""
-
 
 def _pair_key(row: HazardRow) -> list[Any]:
     assert row.pair is not None
@@ -304,25 +223,22 @@ def unmeasured_hazards(root: Path) -> list[str]:
 def page(root: Path) -> str:
     """Return the text of the page."""
     figures = read_rows(root / MEASURED)
-    lines = [INTRODUCTION, "| hazard | description | measure | bound |", "|---|---|---|---|"]
-    lines += [f"| {h.key} | {h.text} | {h.measure}{f' [{h.unit}]' if h.unit else ''} | {h.bound} |" for h in HAZARDS]
-    lines += [CONTROL, *_matrix(), REQUIREMENTS]
-    lines += ["| requirement | hazard | unsafe control action | requirement text |", "|---|---|---|---|"]
-    lines += [
-        f"| {row.requirement} | {row.hazard} | {row.action}, {row.guide}: {row.unsafe} | {row.text} |" for row in ROWS
-    ]
-    lines += [VERIFICATION, "| requirement | monitors | rows of the fault table | other tests |", "|---|---|---|---|"]
-    lines += [_verification(row) for row in ROWS]
-    lines += [
-        MUTATION + "\n".join(_mutation_rows(root)),
-        PAIRS.replace("{bases}", _bases()),
-        "| requirement | scenario | removed | with | without | bound |",
-        "|---|---|---|---|---|---|",
-    ]
-    lines += [_pair(row, figures.get(row.requirement, {})) for row in ROWS if row.pair is not None]
-    lines += [OPEN_POINTS, "| hazard | cause | scenario | measured | bound |", "|---|---|---|---|---|"]
-    lines += [_open(entry, figures.get(entry.text, {})) for entry in OPEN]
-    return "\n".join([*lines, LIMITS]).strip("\n") + "\n"
+    return page_text(
+        NAME,
+        hazards=[
+            f"| {h.key} | {h.text} | {h.measure}{f' [{h.unit}]' if h.unit else ''} | {h.bound} |" for h in HAZARDS
+        ],
+        matrix=_matrix(),
+        requirements=[
+            f"| {row.requirement} | {row.hazard} | {row.action}, {row.guide}: {row.unsafe} | {row.text} |"
+            for row in ROWS
+        ],
+        verification=[_verification(row) for row in ROWS],
+        mutation=_mutation_rows(root),
+        bases=_bases(),
+        pairs=[_pair(row, figures.get(row.requirement, {})) for row in ROWS if row.pair is not None],
+        open=[_open(entry, figures.get(entry.text, {})) for entry in OPEN],
+    )
 
 
 def _matrix() -> list[str]:

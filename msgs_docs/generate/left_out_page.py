@@ -10,7 +10,7 @@ from typing import Any
 import yaml
 
 from msgs_docs.generate.equation_page import source_line
-from msgs_docs.generate.rows import read_rows, write_rows
+from msgs_docs.generate.rows import page_text, read_rows, write_rows
 from plant_sim.library import consist_path, read_yaml
 from train_ato.apps.runs.progress import share_bar
 from train_ato.control.gains import PRINTED, has_gains
@@ -190,22 +190,11 @@ UNITS = {
 }
 """Metrics of the runs with their units."""
 
-INTRODUCTION = f"""# Choices where the papers give nothing
-
-Made by `python -m msgs_docs.generate`; do not edit by hand.
-
-Each row is a value or a form that a paper does not give, the choice here, and its effect: the metric of a run with the
-choice, and of runs with another value (20 % more) or another form. A run has the command of the base with one
-change. The change is an option `--set ...` or a variant of the scenario. After `train:` it is a key in a copy of the
-file of the train (`--set plant.consist=COPY.yaml`). Measured by `python -m msgs_docs.generate --measure {NAME}`.
-Equations and their forms: [equations.md](equations.md); claims: [reproduction.md](reproduction.md).
-"""
-
 
 def page(root: Path) -> str:
     """Return the text of the page."""
     metrics = read_rows(root / MEASURED)
-    lines = [INTRODUCTION.rstrip("\n")]
+    lines: list[str] = []
     for table in CHOICES:
         lines += ["", f"## Paper {table.paper}: {table.title}", "", "| base | command |", "|---|---|"]
         lines += [f"| {name} | `{command_of(run)}` |" for name, run in table.bases.items()]
@@ -215,7 +204,7 @@ def page(root: Path) -> str:
             "|---" * 7 + "|",
         ]
         lines += [_row(choice, table, metrics, root) for choice in table.choices]
-    return "\n".join(lines) + "\n"
+    return page_text(NAME, tables=lines)
 
 
 def command_of(run: ChoiceRun) -> str:

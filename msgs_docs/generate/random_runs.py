@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from msgs_docs.generate.fault_runs import BASES, BEGIN, ROWS, STANDSTILL, FaultRow, FaultRun
-from msgs_docs.generate.rows import read_rows, write_rows
+from msgs_docs.generate.rows import page_text, read_rows, write_rows
 from train_ato.apps.runs.progress import share_bar
 from train_ato.control.registry import LAWS
 from train_ato.loop.engine import run_engine
@@ -275,47 +275,8 @@ PAGE = Path("msgs_docs", "random_runs.md")
 """Path of the page in the repository."""
 NAME = "random_runs"
 """Name of the page for ``--measure``."""
-
-INTRODUCTION = """# Random runs
-
-Made by `python -m msgs_docs.generate`; do not edit by hand.
-
-{count} runs of the engine with supervision. Each has a random law with its default gains, a random fault of the
-[fault table](faults.md) at a random time ({share:g} % have none), and a random train: the values of the table are drawn
-from uniform distributions. Equal seeds give equal runs. `test/test_random_runs.py` makes other runs of the same kind.
-
-    python -m msgs_docs.generate.random_runs --count {count} --seed {seed}
-
-| quantity | smallest | largest |
-|---|---|---|
-"""
-ASSUMPTION = """
-The brake force per mass is at least 0.81 of its nominal value, inside the factor `kdry` (0.8) of the braking curves.
-The adhesion of the metro train is above the value for its guaranteed deceleration (0.14). Faults of the table with less
-brake force or adhesion are left out here.
-"""
-RESULT = """
-## Result
-
-*Beyond*: the front passes the supervised location (100 m behind the stop). *Too fast*: above the ceiling of the
-emergency brake with its overshoot. *Intervention*: service or emergency brake of the supervisor. *Failed*: the ATO or a
-node failed, and the train was stopped. *Moving at the end*: not at standstill after four times the duration of the
-scenario.
-
-| scenario | runs | beyond | too fast | with intervention | failed | moving at the end |
-|---|---|---|---|---|---|---|
-"""
-DISTANCES = """
-Distances of the trains at standstill, from the foremost place of the front. A negative distance to the planned stop is
-an overrun.
-
-| scenario | to the supervised location: smallest, median, 95 % [m] | to the planned stop: smallest, median, 95 % [m] |
-|---|---|---|
-"""
-FAULTLESS = """
-Of the {runs} runs without a fault, {count} have an intervention. One would show gains that are not those of the
-train, or a train that differs more from its model than the law permits.
-"""
+FAULTLESS = ("without_fault", "interventions_without_fault")
+"""Numbers of runs without a fault, and of those with an intervention."""
 
 
 def measure_random_runs(root: Path) -> None:
@@ -334,24 +295,26 @@ def page(root: Path) -> str:
     """Return the text of the page."""
     found = read_rows(root / MEASURED)
     spread = {**SPREAD, "plant.adhesion (metro)": ADHESION, "links.command.delay, factor": DELAY}
-    lines = [INTRODUCTION.format(count=COUNT, seed=SEED, share=100.0 * NO_FAULT).rstrip("\n")]
-    lines += [f"| `{key}` | {low:g} | {high:g} |" for key, (low, high) in spread.items()]
     groups: dict[str, Any] = found.get("scenarios", {})
-    lines += [ASSUMPTION.rstrip("\n"), RESULT.rstrip("\n")]
     keys = ("runs", "beyond", "too_fast", "interventions", "failed", "moving_at_end")
-    lines += [_row(_named(base), *(group[key] for key in keys)) for base, group in groups.items()]
-    lines += [_row("all", *(sum(group[key] for group in groups.values()) for key in keys)), DISTANCES.rstrip("\n")]
-    lines += [
-        _row(_named(base), *(_quantile_cells(group[key]) for key in ("margin_m", "short_m")))
-        for base, group in groups.items()
-    ]
-    counts = {
-        "runs": sum(group["without_fault"] for group in groups.values()),
-        "count": sum(group["interventions_without_fault"] for group in groups.values()),
-    }
-    lines.append(FAULTLESS.format(**counts).rstrip("\n"))
-    lines += [f"* run {bad['number']}, {bad['margin_m']:g} m: `{bad['command']}`" for bad in found.get("bad", [])]
-    return "\n".join(lines).strip("\n") + "\n"
+    totals = {key: sum(group[key] for group in groups.values()) for key in (*keys, *FAULTLESS)}
+    return page_text(
+        NAME,
+        count=COUNT,
+        seed=SEED,
+        share=f"{100.0 * NO_FAULT:g}",
+        spread=[f"| `{key}` | {low:g} | {high:g} |" for key, (low, high) in spread.items()],
+        results=[
+            *(_row(_named(base), *(group[key] for key in keys)) for base, group in groups.items()),
+            _row("all", *(totals[key] for key in keys)),
+        ],
+        distances=[
+            _row(_named(base), *(_quantile_cells(group[key]) for key in ("margin_m", "short_m")))
+            for base, group in groups.items()
+        ],
+        **{key: totals[key] for key in FAULTLESS},
+        bad=[f"* run {bad['number']}, {bad['margin_m']:g} m: `{bad['command']}`" for bad in found.get("bad", [])],
+    )
 
 
 def _named(base: str) -> str:

@@ -1,9 +1,10 @@
-"""JSON files that the repository keeps: a line for each row, so that a change shows which rows it changes."""
+"""Files beside the pages: JSON with a line for each row, so that a change shows its rows; texts of the pages."""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
+from string import Template
 from typing import Any
 
 
@@ -24,3 +25,10 @@ def rows_text(value: Any, levels: int = 1) -> str:
 def write_rows(path: Path, value: Any, levels: int = 1) -> None:
     """Write a file of rows."""
     path.write_text(rows_text(value, levels) + "\n", encoding="utf-8")
+
+
+def page_text(name: str, **parts: object) -> str:
+    """Return a page: ``NAME.txt`` with a value, or the lines of a table, in the place of each ``$part``."""
+    text = Template(Path(__file__).with_name(f"{name}.txt").read_text(encoding="utf-8"))
+    lines = {part: "\n".join(value) if isinstance(value, list) else value for part, value in parts.items()}
+    return text.substitute(lines).rstrip("\n") + "\n"
