@@ -43,8 +43,9 @@ METRO = "xuzhou_metro"
 def _read_demo(row: dict[str, Any]) -> DemoRun:
     """Return the runs of a row; each is a scenario, or a scenario and its overlay."""
     pairs = {label: (run, {}) if isinstance(run, str) else run for label, run in row.pop("runs").items()}
-    span = {"span": tuple(row.pop("span"))} if "span" in row else {}
-    return DemoRun({label: Case(*pair) for label, pair in pairs.items()}, **row, **span)
+    if "span" in row:
+        row["span"] = tuple(row["span"])
+    return DemoRun({label: Case(*pair) for label, pair in pairs.items()}, **row)
 
 
 FILE = Path(__file__).with_name("demo_runs.yaml")
