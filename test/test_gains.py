@@ -32,38 +32,6 @@ from train_ato.loop.setup import RunSetup, prepare
 from train_ato.papers.claims import Case
 from train_ato.scenario.scenario import load_scenario
 
-OWN_TRAIN = """\
-schema: train_ato/scenario/1
-name: own
-summary: metro train of another mass under the name of the shipped one
-tick: 0.05
-step: 0.005
-seed: 1
-duration: 60
-plant:
-  consist:
-    schema: train_ato/consist/1
-    name: xuzhou_metro_3
-    summary: with 300 t
-    gravity: 9.8
-    vehicle_types:
-      train:
-        mass_t: 300
-        length: 60
-        resistance: {n: [2000, 50, 5]}
-        traction: [{to_kmh: 100, force_kn: 300}]
-        brake: [{to_kmh: 100, force_kn: 300}]
-    train: [{type: train}]
-  line: level
-  lag: 0.4
-links: {command: {delay: 0.3}}
-profile:
-  limits: {jerk: 0.6, acceleration: 0.5, deceleration: 0.5}
-  phases: [{cruise_for: 2}, {accelerate_to_kmh: 20}, {brake_to: 0}]
-law: pid
-compensation: none
-"""
-
 
 def prepared(name: str, *assignments: str) -> RunSetup:
     """Return the prepared run of a scenario with assignments of `--set`."""
@@ -71,11 +39,9 @@ def prepared(name: str, *assignments: str) -> RunSetup:
 
 
 @pytest.fixture
-def own(tmp_path: Path) -> str:
+def own() -> str:
     """Return the file of a scenario with a train that only shares its name with a shipped one."""
-    path = tmp_path / "own.yaml"
-    path.write_text(OWN_TRAIN)
-    return str(path)
+    return str(Path(__file__).with_name("data") / "own_train.yaml")
 
 
 def test_a_shipped_train_takes_the_table_and_given_values_remain() -> None:
@@ -226,30 +192,14 @@ def test_a_wrong_option_is_named_once_without_the_shipped_file(assignment, start
     assert "demo.yaml" not in error and error.count("did you mean") == 1
 
 
-METRO = """\
-schema: train_ato/scenario/1
-name: metro_pid
-summary: planned metro run
-tick: 0.1
-step: 0.005
-seed: 1
-duration: 600
-plant: {consist: xuzhou_metro_3, line: xuzhou_metro_test, lag: 0.4}
-links: {command: {delay: 0.3}}
-profile: {plan: {}}
-law: pid
-compensation: preview
-"""
 STOP_WINDOW = 0.15
 """Half of the stop window of platform doors of +-0.3 m [m]; the other half is for the error of the measurement."""
 
 
 @pytest.fixture
-def metro(tmp_path: Path) -> str:
+def metro() -> str:
     """Return the file of a metro scenario without gains."""
-    path = tmp_path / "metro.yaml"
-    path.write_text(METRO)
-    return str(path)
+    return str(Path(__file__).with_name("data") / "metro_pid.yaml")
 
 
 def test_the_position_error_is_clamped_on_both_sides() -> None:
