@@ -41,8 +41,8 @@ FILES = tuple(
     if path.name not in LEFT_OUT
 )
 TESTS = (
-    "odometry", "supervisor_decisions", "supervisor", "curves_targets", "curves_cases", "link_threats",
-    "curves_standard", "curves_files", "curves_plant",
+    "odometry", "supervisor_decisions", "supervisor", "curves_targets", "curves_files", "link_threats",
+    "curves_standard", "curves_plant",
 )  # fmt: skip
 """Test files in the order in which they run: the fast ones first."""
 EQUIVALENT = Path(__file__).with_name("equivalent_mutants.yaml")
