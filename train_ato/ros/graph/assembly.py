@@ -29,11 +29,9 @@ from train_ato.messages.topics import Role, topics_of
 from train_ato.ros.nodes.controller import ControllerNode
 from train_ato.ros.nodes.endpoints import NodeEndpoints
 from train_ato.ros.nodes.lifecycle import serve_lifecycle
-from train_ato.ros.nodes.observer import ObserverNode
 from train_ato.ros.nodes.plant import PlantNode
-from train_ato.ros.nodes.profile import ProfileNode
 from train_ato.ros.nodes.recorder import RecorderNode
-from train_ato.ros.nodes.supervisor import SupervisorNode
+from train_ato.ros.nodes.stages import ObserverNode, ProfileNode, SupervisorNode
 
 TURN_S = 0.1
 """Maximum wait of the executor for an event [s]; an unlimited wait would block Ctrl-C."""

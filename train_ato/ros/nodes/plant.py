@@ -22,9 +22,8 @@ from train_ato.messages.types import BrakeRelease, Command, Diagnostic, Pipe, Ti
 from train_ato.ros.nodes.ahead_watch import LOOK_S, AheadWatch
 from train_ato.ros.nodes.answer_watch import AnswerWatch, TickLateness, awaited_node, departure, silent_node
 from train_ato.ros.nodes.endpoints import NodeEndpoints
-from train_ato.ros.nodes.outage import OUTAGE_RATE, Outage
 from train_ato.ros.nodes.plant_requests import NO_RATE, PlantRequests
-from train_ato.ros.nodes.tick_answers import TickAnswers
+from train_ato.ros.nodes.tick_answers import OUTAGE_RATE, Outage, TickAnswers
 
 LEAD = 400
 """Maximum lead of the plant over the recorder [ticks]: less than half of the recorder's queues."""
