@@ -604,3 +604,18 @@ def test_a_new_publisher_without_the_notice_is_refused(make):
     bench.until(lambda: bench.watch.failure is not None)
     assert "ato/estimate has more than one publisher" in bench.watch.failure
     node.destroy_node()
+
+
+def test_a_program_that_is_started_again_is_named(make):
+    """Breaks if the line about a replaced program names its first process, or its role."""
+    bench = make(Role.CONTROLLER)
+    estimate = bench.wire.encode("ato/estimate", DisturbanceEstimate(0, np.zeros(bench.wire.layout.n_units)))
+    nodes = []
+    for _ in range(2):
+        nodes.append(Node("mine", context=bench.context, enable_rosout=False, start_parameter_services=False))
+        bench.speaker("ato/estimate", nodes[-1]).publish(estimate)
+        bench.settle()
+    bench.until(lambda: bench.watch.failure is not None)
+    assert "ato/estimate has more than one publisher: a second node mine too; end it" in bench.watch.failure
+    for node in nodes:
+        node.destroy_node()

@@ -168,9 +168,12 @@ class OnePublisher:
     def _others(self) -> str:
         """Return the names of the other nodes that publish the topic, as text."""
         names = wait_for_names(self._names, 2)
+        if self.name != self._role and self.name in names:  # a program in place of the node
+            names.remove(self.name)
         others = [name for name in names if name != self._role]
+        known = {_UNKNOWN: "a node without a name", self.name: f"a second node {self.name}"}
         if others:
-            return " and ".join(f"node {name}" if name != _UNKNOWN else "a node without a name" for name in others)
+            return " and ".join(known.get(name, f"node {name}") for name in others)
         return f"a second node {self._role}" if len(names) > 1 else "a node that has left"
 
     def _names(self) -> list[str]:
