@@ -8,6 +8,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, get_args
 
+from plant_sim.units import number_text
+
 if TYPE_CHECKING:
     from pydantic import BaseModel, ValidationError
 
@@ -125,10 +127,10 @@ def build_model(model: type[_Model], raw: Any, where: str) -> _Model:
     try:
         return model.model_validate(raw)
     except ValidationError as error:
-        raise explain(error, where, model) from None
+        raise explain(error, where, model, raw) from None
 
 
-def explain(error: ValidationError, source: str | Path, model: type[BaseModel]) -> InputFaults:
+def explain(error: ValidationError, source: str | Path, model: type[BaseModel], raw: Any = None) -> InputFaults:
     """Return one line for each fault of a validation, unknown keys first.
 
     Parameters
@@ -139,17 +141,53 @@ def explain(error: ValidationError, source: str | Path, model: type[BaseModel]) 
         File of the data.
     model
         Model of the data; its keys are candidates for a misspelt key.
+    raw
+        The data, for keys and values in the unit that they are written in.
     """
     found: dict[tuple[str, ...], str] = {}
     for entry in sorted(error.errors(), key=lambda entry: entry["type"] != "extra_forbidden"):
         keys, models = _walk(model, entry["loc"])
-        found.setdefault(tuple(keys), _fault(entry, source, keys, models))
+        found.setdefault(tuple(keys), _fault(*_as_written(entry, keys, models, raw), source, models))
     # A value that fits no type of a union has an error for each type; those with longer keys are nearer to the cause.
     whole = {keys[:depth] for keys in found for depth in range(1, len(keys))}
     return InputFaults.of([line for keys, line in found.items() if keys not in whole], source)
 
 
-def _fault(first: Mapping[str, Any], source: str | Path, keys: Sequence[str], models: set[type[BaseModel]]) -> str:
+_BOUNDS = {"ge": "greater than or equal to", "gt": "greater than", "le": "less than or equal to", "lt": "less than"}
+
+
+def _as_written(
+    entry: Mapping[str, Any], keys: list[str], models: set[type[BaseModel]], raw: Any
+) -> tuple[Mapping[str, Any], list[str]]:
+    """Return an error with value and bound in the unit of the data, and the keys of its place as they are there."""
+    from plant_sim.si_model import SiModel
+
+    last = max((k for k, key in enumerate(keys) if not key.isdigit()), default=0)
+    block = _below(raw, keys[:last])
+    if not keys or not isinstance(block, dict) or keys[last] in block:
+        return entry, keys
+    for owner in models:
+        for key, (name, divisor) in owner.suffixed_keys().items() if issubclass(owner, SiModel) else ():
+            if name == keys[last] and key in block:
+                ctx = entry.get("ctx", {})
+                bound = next(((words, ctx[kind]) for kind, words in _BOUNDS.items() if kind in ctx), None)
+                text = f"input should be {bound[0]} {number_text(bound[1] * divisor)}" if bound else entry["msg"]
+                value = _below(block[key], keys[last + 1 :])
+                return {**entry, "input": value, "msg": text}, [*keys[:last], key, *keys[last + 1 :]]
+    return entry, keys
+
+
+def _below(data: Any, keys: Sequence[str]) -> Any:
+    """Return the value at a place of plain data; None where they have another form."""
+    for key in keys:
+        if isinstance(data, (list, tuple)) and key.isdigit() and int(key) < len(data):
+            data = data[int(key)]
+        else:
+            data = data.get(key) if isinstance(data, dict) else None
+    return data
+
+
+def _fault(first: Mapping[str, Any], keys: Sequence[str], source: str | Path, models: set[type[BaseModel]]) -> str:
     """Return one error of pydantic as a line; ``models`` have the last key of its place."""
     place = ".".join(keys)
     value = _SHORT.repr(first.get("input"))

@@ -193,7 +193,7 @@ class SpeedLimit(SiModel):
 class CategoryLimits(SiModel):
     """Speed limits for trains of a category, in place of speed_limits."""
 
-    category: str = Field(description="name that the categories of a consist have", examples=["freight"])
+    category: str = Field(min_length=1, description="name that the categories of a consist have", examples=["freight"])
     speed_limits: tuple[SpeedLimit, ...] = Field(
         min_length=1, description="speed limits by rising place", examples=[[{"at": 0.0, "speed": 22.0}]]
     )
@@ -307,6 +307,9 @@ class Line(SiModel):
             fault = order_fault(places, max(self.begin, self.end))
             if fault:
                 raise ValueError(f"{name}{fault}")
+        names = [entry.category for entry in self.category_limits]
+        if twice := next((name for k, name in enumerate(names) if name in names[:k]), ""):
+            raise ValueError(f"category_limits: '{twice}' has two entries; keep one")
         if len(self.coordinates) == 1:
             raise ValueError("coordinates has one entry; give at least two, or none")
         return self
@@ -419,11 +422,14 @@ def reversed_line(line: Line) -> Line:
     def points(entries: tuple[Any, ...]) -> tuple[Any, ...]:
         return tuple(entry.model_copy(update={"at": mirrored(entry.at)}) for entry in reversed(entries))
 
-    if line.speed_limits and line.speed_limits[0].at > line.begin:
-        raise ValueError(
-            f"line '{line.name}': speed_limits: none before {number_text(line.speed_limits[0].at)} m, where a train "
-            f"in the other direction ends; begin them at {number_text(line.begin)} m"
-        )
+    for of, entries in (
+        ("", line.speed_limits), *((f" of '{row.category}'", row.speed_limits) for row in line.category_limits),
+    ):  # fmt: skip
+        if entries and entries[0].at > line.begin:
+            raise ValueError(
+                f"line '{line.name}': speed_limits{of}: none before {number_text(entries[0].at)} m, where "
+                f"a train in the other direction ends; begin them at {number_text(line.begin)} m"
+            )
     curves = tuple(curve.model_copy(update={"side": OTHER_SIDE[curve.side]}) for curve in stretches(line.curves))
 
     def limits(entries: tuple[SpeedLimit, ...]) -> list[dict[str, float]]:

@@ -85,7 +85,7 @@ def test_bad_input_is_one_line_and_status_2(command, message, exported_run, tmp_
 
 
 FILES: list[tuple[str, str, dict[str, object], str]] = [
-    ("negative mass", "consist", light(-3), r"train\.yaml: vehicle_types\.c80\.mass = -3000\.0: .*greater than 0"),
+    ("negative mass", "consist", light(-3), r"train\.yaml: vehicle_types\.c80\.mass_t = -3: .*greater than 0"),
     ("mass of 2^64 t", "consist", light(2.0**64),
      r"train\.yaml: vehicle_types\.c80: mass 1\.8.* kg is above 1000000000 kg"),
     ("mass that is a truth value", "consist", light(True),
@@ -259,7 +259,7 @@ def test_a_file_has_one_line_for_each_of_its_faults(tmp_path, monkeypatch, capsy
     assert main(["run", "own.yaml", "--engine"]) == 2
     places = [re.split(": | = ", line)[2] for line in capsys.readouterr().err.splitlines()]
     wrong = ["durration", "tick", "seed", "criteria.stop_window", "criteria.jerk", "plant.lagg"]
-    wrong += [f"plant.consist.vehicle_types.v.{key}" for key in ("mass", "lenght", "length", "resistance")]
+    wrong += [f"plant.consist.vehicle_types.v.{key}" for key in ("mass_t", "lenght", "length", "resistance")]
     wrong += ["profile.phases.0.accelerate_kmh", "profile.phases.1.brake_to"]
     assert sorted(places) == sorted(wrong)
     Path("own.yaml").write_text(head + "".join(f"k{number}: 1\n" for number in range(30)))

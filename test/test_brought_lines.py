@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import math
 from itertools import pairwise
@@ -12,12 +13,16 @@ import numpy as np
 import pytest
 import yaml
 
+from plant_sim.alignment import Alignment
+from plant_sim.consist import SupplyCurve
 from plant_sim.formats.altrios import curve_resistance
 from plant_sim.formats.network_path import BEGIN, END, Network
-from plant_sim.formats.reading import read_line, read_train
+from plant_sim.formats.reading import own_yaml, read_line, read_train
+from plant_sim.input_error import build_model
 from plant_sim.line import Line, line_for
 from plant_sim.track import Track
 from train_ato.cli.main import main
+from train_ato.profile.planner.allowance import Allowance
 from train_ato.profile.planner.settings import find_line
 
 TABLE = """\
@@ -80,7 +85,13 @@ def test_units_of_a_table(tmp_path: Path, head: str, row: str, key: str, value: 
         ("position_m,grade_permille\n9,1\n0,1\n", "places fall"),
         ("position_m,grade_permille\n0,1,5\n9,1\n", "line 2: 3 values for 2 columns"),
         ("position_m,grade_permille,elevation_m\n0,1,5\n9,1,5\n", "are both the grade; remove one"),
-        ("position_m,grade_permille\n0,nan\n9,1\n", "must be a finite number"),
+        ("position_m,grade_permille\n0,nan\n9,1\n", "grade_permille = 'nan': is not a number"),
+        ("position_m,grade_permille\n0,1_0\n9,1\n", "'1_0': is not a number"),
+        ("position_m,grade_permille\n0,900\n9,1\n", "line 2, grade_permille = 900: must lie between -500 and 500"),
+        ("position_m,radius_m\n0,1\n9,0\n", "line 2, radius_m = 1: below 5 m"),
+        ("position_m,latitude\n0,1\n9,0\n", "latitude and longitude need each other"),
+        ('position_m,stop\n0,"A\n9,B\n', "unexpected end of data; correct the quotes"),
+        (f"position_m,stop\n0,{'A' * 140_000}\n9,B\n", "line 2: field larger than field limit"),
         ("position_m,speed_limit_kmh\n0,0\n9,1\n", "speed_limit_kmh = 0: must be above 0"),
         ("position_m,v_max_kmh,limit_kmh\n0,0,1\n9,1,1\n", "two columns of speed_limit"),
     ],
@@ -90,6 +101,28 @@ def test_a_faulty_table_is_refused_in_one_line(tmp_path: Path, text: str, messag
     with pytest.raises(ValueError, match=message) as caught:
         find_line(written(tmp_path / "a.csv", text))
     assert "\n" not in str(caught.value) and str(caught.value).startswith(str(tmp_path / "a.csv"))
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("position_m;speed_limit_kmh\n0;80\n2.000;60\n", "the line is 2 m long; check the unit of its places"),
+        ("km,elevation_m\n0,\n1,5\n2,9\n", "elevation_m: no grade at the begin; level there"),
+        ("km,elevation_m\n0,3\n1,\n2,\n", "elevation_m: no grade at the begin; level there"),
+    ],
+)
+def test_a_doubtful_table_is_told(tmp_path: Path, text: str, told: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if a thousands separator, or heights without a begin, are read without a word."""
+    find_line(written(tmp_path / "a.csv", text))
+    assert told in capsys.readouterr().err
+
+
+def test_tables_of_a_spreadsheet(tmp_path: Path) -> None:
+    """Breaks if the line ``sep=``, UTF-16 or a line break in a cell is refused or shown."""
+    text = 'sep=;\nkm;speed_limit_kmh;stop\n1;80;"A\nB"\n3;60;C\n'
+    (tmp_path / "a.csv").write_bytes(text.encode("utf-16"))
+    line = find_line(str(tmp_path / "a.csv"))
+    assert (line.end, [stop.name for stop in line.stops]) == (3000, ["A B", "C"])
 
 
 EAST = 1 / (6_378_137.0 / math.sqrt(1 - 6.694379990141e-3 * math.sin(math.radians(48)) ** 2))
@@ -154,10 +187,17 @@ def test_a_faulty_track_is_refused(tmp_path: Path) -> None:
     points = track()
     one = gpx(points, {})
     two = one.replace("</gpx>", f"<trk><name>B</name><trkseg>{one.partition('<trkseg>')[2]}")
+    good = geojson(points, {})
+    parts = {"type": "MultiLineString", "coordinates": [points, 5]}
     doctype = '<!DOCTYPE gpx [<!ENTITY a "b">]>' + gpx(points, {})
     for name, text, message in (
         ("a.gpx", doctype, "DOCTYPE: document types and entities are refused"),
-        ("a.gpx", two, "2 tracks .*select one as FILE:NAME"),
+        ("a.gpx", two, r"2 tracks \(it has 1 'Ours', 2 'B'\); select one as FILE:NAME or FILE:NUMBER"),
+        ("a.gpx", gpx(points, {}).replace("gpx ", "kml ", 1).replace("/gpx", "/kml"), "<kml> is no GPX"),
+        ("a.gpx", one.replace('lat="48.0"', "", 1), "point 1: lat = '': is not a number"),
+        ("a.json", json.dumps(good | {"features": None}), "features: this key is missing"),
+        ("a.json", json.dumps(parts), "coordinates: 1 = 5: must be a list"),
+        ("a.json", json.dumps({"type": "LineString", "coordinates": points[:1] * 9}), "track '' is 0 m long"),
         ("a.gpx", gpx(points, {}).replace("<ele>100.0", "<ele>high", 1), "ele = 'high': is not a number"),
         ("a.gpx", gpx(points[:5], {}), "80 m long; a line needs 200 m"),
         ("a.json", json.dumps(geojson([[1, 2, 3], [math.inf, 2]], {})), "(finite number|not valid)"),
@@ -168,17 +208,54 @@ def test_a_faulty_track_is_refused(tmp_path: Path) -> None:
             find_line(written(tmp_path / name, text))
         assert "\n" not in str(caught.value)
     assert find_line(f"{written(tmp_path / 'a.gpx', two)}:B").name == "B"
+    assert find_line(f"{written(tmp_path / 'a.gpx', two)}:2").name == "B"
+    good["features"].append({"type": "Feature", "properties": None, "geometry": None})
+    assert find_line(written(tmp_path / "a.json", json.dumps(good))).name == "Ours"
 
 
-def link(number: int, flip: int, after: int, before: int, other: int = 0, **more: Any) -> dict[str, Any]:
-    """Return a link of 1 km that rises 5 m; the heading passes north within it."""
+@pytest.mark.parametrize("ending", ["gpx", "geojson"])
+def test_a_line_with_coordinates_as_a_track_and_back(
+    tmp_path: Path, ending: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Breaks if a place, a height or a name is lost, or a key that a track cannot carry has no line."""
+    spots = {"Start & <West>": track()[0][:2], "End": track()[-1][:2]}
+    data = yaml.safe_load(own_yaml(find_line(written(tmp_path / "way.json", json.dumps(geojson(track(), spots))))))
+    data |= {"speed_limits": [{"at": 0, "speed": 20}], "begin": 100.0}
+    source, target = written(tmp_path / "own.yaml", yaml.safe_dump(data)), tmp_path / f"back.{ending}"
+    assert main(["convert", source, str(target)]) == 0
+    told = capsys.readouterr().err
+    assert "not carried" in told and "speed_limits" in told and "begin = 100 m (now 0)" in told
+    line, back = find_line(source), find_line(str(target))
+    assert back.name == line.name and back.end == pytest.approx(line.end - 100, abs=0.05)
+    assert [(round(stop.at), stop.name) for stop in back.stops] == [(3900, "End")]
+    places = np.arange(300.0, 3700.0, 100.0)
+    heights = [Alignment(found).at(places + found.begin).z for found in (line, back)]
+    np.testing.assert_allclose(heights[1], heights[0], atol=0.3)  # averaged again over 300 m
+    bare = written(tmp_path / "bare.csv", TABLE)
+    assert main(["convert", bare, str(tmp_path / f"no.{ending}")]) == 2
+    assert "coordinates: it has none, and a track needs them" in capsys.readouterr().err
+
+
+def test_a_gap_of_a_track_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if a part in the wrong order becomes a straight stretch without a word."""
+    points = track()
+    find_line(written(tmp_path / "a.json", json.dumps(geojson(points[100:] + points[:100], {}))))
+    assert "points 101 and 102: 4.0 km apart; straight between them" in capsys.readouterr().err
+
+
+def link(
+    number: int, flip: int, after: int, before: int, other: int = 0, length: float = 1000.0, **more: Any
+) -> dict[str, Any]:
+    """Return a link that rises 5 m per km; the heading passes north within it."""
     return {
         "idx_curr": number, "idx_flip": flip, "idx_next": after, "idx_next_alt": other, "idx_prev": before,
-        "idx_prev_alt": 0, "length_meters": 1000.0, "osm_id": "7",
-        "elevs": [{"offset_meters": 0.0, "elev_meters": 10.0}, {"offset_meters": 1000.0, "elev_meters": 15.0}],
+        "idx_prev_alt": 0, "length_meters": length, "osm_id": "7",
+        "elevs": [
+            {"offset_meters": 0.0, "elev_meters": 10.0}, {"offset_meters": length, "elev_meters": 10 + length / 200},
+        ],
         "headings": [
             {"offset_meters": 0.0, "heading_radians": 6.1}, {"offset_meters": 600.0, "heading_radians": 0.1},
-            {"offset_meters": 1000.0, "heading_radians": 0.1},
+            {"offset_meters": length, "heading_radians": 0.1},
         ],
         "speed_sets": {
             name: {"speed_limits": [
@@ -200,8 +277,8 @@ def limited(first: float, second: float) -> dict[str, Any]:
 
 
 LINKS = [
-    link(1, 5, 2, 0, 3), link(2, 6, 4, 1), link(3, 7, 4, 1, length_meters=1500.0), link(4, 8, 0, 2),
-    link(8, 4, 6, 0, 7), link(6, 2, 5, 8), link(7, 3, 5, 8, length_meters=1500.0), link(5, 1, 0, 6),
+    link(1, 5, 2, 0, 3), link(2, 6, 4, 1), link(3, 7, 4, 1, length=1500.0), link(4, 8, 0, 2),
+    link(8, 4, 6, 0, 7), link(6, 2, 5, 8), link(7, 3, 5, 8, length=1500.0), link(5, 1, 0, 6),
 ]  # fmt: skip
 """Two ways from link 1 to link 4, and their flips."""
 
@@ -232,6 +309,59 @@ def test_an_altrios_network_by_hand(tmp_path: Path) -> None:
     ):
         with pytest.raises(ValueError, match=message):
             read_line(Path(name), wrong)
+
+
+def changed(data: Any, *keys: Any, value: Any = None) -> Any:
+    """Return data with another value at a place; without a value that key is removed."""
+    data = copy.deepcopy(data)
+    place = data
+    for key in keys[:-1]:
+        place = place[key]
+    if value is None:
+        del place[keys[-1]]
+    else:
+        place[keys[-1]] = value
+    return data
+
+
+LIMIT = ("speed_sets", "Freight", "speed_limits", 0)
+
+
+@pytest.mark.parametrize(
+    ("keys", "value", "message"),
+    [
+        ((1, "idx_curr"), 1, "link 1: idx_curr = 1: two links have this number"),
+        ((1, "idx_curr"), None, "idx_curr: this key is missing"),
+        ((1, "length_meters"), 0, "link 2: length_meters = 0: must lie between"),
+        ((1,), "x", r"\[1\]: holds 'x' in place of keys and values"),
+        ((0, "elevs", 1, "offset_meters"), 500.0, "link 1: elevs: from 0 to 500 m of a link of 1000 m"),
+        ((0, "elevs", 0, "offset_meters"), 500.0, "link 1: elevs: from 500 to 1000 m"),
+        ((0, "elevs", 1, "elev_meters"), 5000.0, r"link 1: elevs\[1\]: elev_meters = 5000: 4990 m on 1000 m"),
+        ((0, "headings", 1, "heading_radians"), 350.0, "heading_radians = 350: must lie between -6.3 and 6.3"),
+        ((0, *LIMIT, "offset_end_meters"), 1800.0, "offset_end_meters = 1800: must lie between 0 and 1001"),
+        ((0, *LIMIT, "offset_start_meters"), 1001.0, "offset_end_meters = 1000: must lie between 1001 and 1001"),
+        ((0, "speed_set"), {"speed_limits": []}, "speed_sets and speed_set are the same quantity"),
+    ],
+)
+def test_a_faulty_altrios_network_is_refused(tmp_path: Path, keys: Any, value: Any, message: str) -> None:
+    """Breaks if a fault of a link gives another line without a word, or the message has another cause."""
+    with pytest.raises(ValueError, match=message) as caught:
+        read_line(Path(written(tmp_path / "n.yaml", yaml.safe_dump(changed(LINKS, *keys, value=value)))), "1..4")
+    assert "\n" not in str(caught.value)
+
+
+def test_assumptions_and_flips_of_an_altrios_network(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if the limits of another kind of train are taken without a word, or a wrong flip makes another path."""
+    name = Path(written(tmp_path / "n.yaml", yaml.safe_dump(changed(LINKS, 0, "speed_sets", "Freight"))))
+    read_line(name, "1..4, Passenger")
+    assert "no 'Freight'" not in capsys.readouterr().err
+    read_line(name, "1 .. 4")
+    assert "link 1: speed_sets: no 'Freight'; limits of 'Passenger'" in capsys.readouterr().err
+    read_line(Path(written(tmp_path / "h.yaml", yaml.safe_dump(changed(LINKS, 0, "elevs", value=[])))), "1..4")
+    assert "link 1: elevs: fewer than two; assumed level" in capsys.readouterr().err
+    wrong = written(tmp_path / "f.yaml", yaml.safe_dump(changed(LINKS, 1, "idx_flip", value=8)))
+    with pytest.raises(ValueError, match="the path is not navigable from 8 to 8"):
+        read_line(Path(wrong), "1..2..4", against=True)
 
 
 def test_curve_resistance_of_altrios_by_hand() -> None:
@@ -275,6 +405,82 @@ def test_an_altrios_train_by_hand(tmp_path: Path, capsys: pytest.CaptureFixture[
         "rail_vehicles": [CAR], "n_cars_by_type": {}}}, "n_cars_by_type: Loaded: this key is missing")):  # fmt: skip
         with pytest.raises(ValueError, match=message):
             read_train(Path(written(tmp_path / "bad.yaml", yaml.safe_dump(ORE | change))))
+
+
+@pytest.mark.parametrize(
+    ("keys", "value", "message"),
+    [
+        (("train_config", "rail_vehicles", 0, "axle_count"), 4.5, "axle_count = 4.5: must be a whole number"),
+        (("train_config", "n_cars_by_type", "Loaded"), 40.7, "Loaded = 40.7: must be a whole number"),
+        (("train_config", "n_cars_by_type", "Empty"), 20, "n_cars_by_type: unknown key 'Empty'"),
+        (("train_config", "rail_vehicles"), [CAR, CAR], r"rail_vehicles\[1\]: car_type = 'Loaded': two entries"),
+        (("train_config", "rail_vehicles", 0, "rolling_ratio"), 1.5, "rolling_ratio = 1.5: must lie between"),
+        (("loco_con", "loco_vec", 0, "mass"), 1e5, r"loco_con: loco_vec\[0\]: mass_kilograms and mass are the same"),
+        (("loco_con", "loco_vec", 0, "pwr_out_max_watts"), 3300.0, "pwr_out_max_watts = 3300: must lie between 20000"),
+        (("train_id",), ["a"], r"train_id = \['a'\]: must be one text"),
+    ],
+)
+def test_a_faulty_altrios_train_is_refused(tmp_path: Path, keys: Any, value: Any, message: str) -> None:
+    """Breaks if cars are counted twice, cut to a whole number or left out without a word."""
+    with pytest.raises(ValueError, match=message) as caught:
+        read_train(Path(written(tmp_path / "t.yaml", yaml.safe_dump(changed(ORE, *keys, value=value)))))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_car_may_have_the_name_of_a_locomotive(tmp_path: Path) -> None:
+    """Breaks if a locomotive replaces the cars of this name."""
+    ore = {"train_id": "x", "loco_con": ORE["loco_con"], "train_config": {
+        "rail_vehicles": [CAR | {"car_type": "locomotive 0"}], "n_cars_by_type": {"locomotive 0": 40}}}  # fmt: skip
+    found = read_train(Path(written(tmp_path / "t.yaml", yaml.safe_dump(ore))))
+    assert found.consist.mass == pytest.approx(2 * 195e3 + 40 * 120e3)
+
+
+CATEGORIES: dict[str, Any] = {
+    "schema": "train_ato/line/1", "name": "x", "end": 5000, "speed_limits": [{"at": 0, "speed_kmh": 80}],
+    "category_limits": [{"category": "freight", "speed_limits": [{"at": 0, "speed_kmh": 60}]}],
+}  # fmt: skip
+
+
+def test_limits_by_category_are_checked_as_those_of_all_trains(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Breaks if a category counts twice, or its missing or doubtful limit has no note."""
+    place = ("category_limits", 0, "speed_limits", 0)
+    for keys, value, told in (
+        (("category_limits",), CATEGORIES["category_limits"] * 2, "category_limits: 'freight' has two entries"),
+        (
+            (*place, "speed_kmh"),
+            -60,
+            "category_limits.0.speed_limits.0.speed_kmh = -60: input should be greater than 0",
+        ),
+        (("category_limits", 0, "category"), "", "category_limits.0.category = ''"),
+        ((*place, "speed_kmh"), 600, "category_limits 'freight': speed 166.667 is 600 km/h"),
+        ((*place, "at"), 1500, "category_limits 'freight': none from 0 to 1500 m"),
+    ):
+        file = Path(written(tmp_path / "l.yaml", yaml.safe_dump(changed(CATEGORIES, *keys, value=value))))
+        try:
+            read_line(file)
+        except ValueError as error:
+            assert told in str(error)
+        else:
+            assert told in capsys.readouterr().err
+    with pytest.raises(ValueError, match="speed_limits of 'freight': none before 1500 m"):
+        read_line(file, against=True)
+
+
+@pytest.mark.parametrize(
+    ("model", "data", "message"),
+    [
+        (Allowance, {"share_percent": 2000}, "share_percent = 2000: input should be less than or equal to 1000"),
+        (Allowance, {"per_100km_min": -1}, "per_100km_min = -1: input should be greater than or equal to 0"),
+        (Line, CATEGORIES | {"grades": [{"at": 0, "grade_permille": [5]}]}, r"grades.0.grade_permille = \[5\]: input"),
+        (SupplyCurve, {"mode": "a", "speed_kmh": [0, None], "force": [1, 1]}, "speed_kmh.1 = None: input should"),
+    ],
+)
+def test_a_refusal_has_the_key_the_value_and_the_bound_of_the_file(model: Any, data: Any, message: str) -> None:
+    """Breaks if a value with the suffix of a unit is refused under its SI key, or with the bound of the SI unit."""
+    with pytest.raises(ValueError, match=message):
+        build_model(model, data, "file")
 
 
 def test_a_path_over_via_points_is_the_shortest_one_that_passes_them() -> None:

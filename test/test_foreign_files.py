@@ -383,6 +383,14 @@ def test_a_train_of_several_vehicles_becomes_rolling_stock(tmp_path: Path) -> No
         ({"effort_curves": {"default_mode": "x", "modes": {}}}, "default_mode = 'x': not in modes"),
         ({"effort_curves": STOCK["effort_curves"] | {"more": 1}}, "unknown key 'more'"),
         ({"etcs_brake_params": {"gamma_emergency": {"boundaries": [1], "values": [1]}}}, "1 boundaries need 2 values"),
+        ({"etcs_brake_params": {"gamma_emergency": {"boundaries": [9, 5], "values": [1, 1, 1]}}}, "must rise"),
+        ({"rolling_resistance": STOCK["rolling_resistance"] | {"D": 1}}, "rolling_resistance: unknown key 'D'"),
+        ({"gamma": 0.5}, "const_gamma and gamma are the same quantity"),
+        ({"name": ["a"]}, r"name = \['a'\]: must be one text"),
+        (
+            {"effort_curves": {"default_mode": "a", "modes": {"a": {"is_electric": "no", "curves": []}}}},
+            "true or false",
+        ),
     ],
 )
 def test_a_faulty_osrd_train_is_refused_in_one_line(tmp_path: Path, change: dict[str, Any], message: str) -> None:
@@ -392,10 +400,24 @@ def test_a_faulty_osrd_train_is_refused_in_one_line(tmp_path: Path, change: dict
     assert "\n" not in str(caught.value) and "fault.json" in str(caught.value)
 
 
-@pytest.mark.parametrize("wrong", ["1500V", "comfort=COLD", "speed=3", "25000V,thermal2"])
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"mass": 900}, "traction 200000 N for 900 kg; check its unit"),
+        ({"max_speed": 160}, "speed 160 m/s is 576 km/h; check its unit"),
+        ({"comfort_accelerations": 1}, "kept without effect; did you mean 'comfort_acceleration'?"),
+    ],
+)
+def test_a_doubtful_osrd_train_is_told(tmp_path: Path, change: dict[str, Any], told: str, capsys: Any) -> None:
+    """Breaks if a figure in another unit, or a misspelt key, is read without a word."""
+    find_train(_written(tmp_path / "doubt.json", STOCK | change))
+    assert told in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("wrong", ["1500V", "comfort=COLD", "speed=3", "25000V,thermal2", "25000V,mode=thermal"])
 def test_an_unknown_condition_is_refused(tmp_path: Path, wrong: str) -> None:
     """Breaks if a misspelt supply is taken as the default one."""
-    with pytest.raises(ValueError, match="not in its effort curves; "):
+    with pytest.raises(ValueError, match=r"not in its effort curves; |mode has two values"):
         find_train(f"{_written(tmp_path / 'stock.json', STOCK)}:{wrong}")
 
 

@@ -16,6 +16,7 @@ from import_files import TRAIN, metro, recorded, refused, take, text_of
 from plant_sim.library import load_consist
 from plant_sim.traction import Envelope
 from train_ato.apps.import_csv.columns import layout_names
+from train_ato.apps.import_csv.layout import load_layout
 from train_ato.apps.import_csv.table import column_name, is_units_row, moments
 from train_ato.apps.runs.importing import read_recorder
 from train_ato.cli.main import main
@@ -506,6 +507,23 @@ def test_a_layout_of_the_user(tmp_path: Path, capsys) -> None:
             assert "'P1' is no notch of the layout (B1, N, P2); add it there" in told
     layout.write_text(OWN_LAYOUT.replace("ignore: [Door]", "ignore_others: true"))
     assert read_recorder(file, train="xuzhou_metro_3", line="level", layout=layout).found.end == 120
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "message"),
+    [
+        ("Door]", "Door, Spd]", "'Spd' is in columns and in ignore"),
+        ("{Spd", "{Handle: command_force_kn, Spd", "'Handle' is in columns and in notches"),
+        ("P1: 0.5", "P1: 0.5, p1: 0.9", "notches: Handle: one notch twice, as B1, N, P1, p1"),
+        ("Spd: speed_kmh", "Spd: speed_kn", "columns: Spd: 'speed_kn' is no column of train_ato"),
+    ],
+)
+def test_a_layout_with_two_meanings_is_refused(tmp_path: Path, before: str, after: str, message: str) -> None:
+    """Breaks if one of two meanings of a title, or of two shares of a notch, is taken without a word."""
+    (tmp_path / "mine.yaml").write_text(OWN_LAYOUT.replace(before, after))
+    with pytest.raises(ValueError, match=message) as caught:
+        load_layout(str(tmp_path / "mine.yaml"))
+    assert "\n" not in str(caught.value)
 
 
 def test_a_layout_that_is_not_known_is_refused(tmp_path: Path, capsys) -> None:

@@ -449,10 +449,26 @@ def test_a_share_of_a_part_is_that_of_its_own_time(fastest: ta.Plan) -> None:
     assert found == pytest.approx([0.0, 0.2 * there, 0.0, 0.0]) and 0.2 * there == pytest.approx(8.12, abs=0.05)
 
 
+def test_posts_bound_a_supplement() -> None:
+    """Breaks if a post of a section is not that of the line: 16+800 is 200 m, and 14+050 is behind the jump."""
+    line = find_line(str(EXAMPLE / "posts.yaml"))
+    rule = parse_allowance("5%:16+800..14+050").on(line)
+    assert (rule.begin, rule.end) == (200.0, 2800.0)
+    assert parse_allowance("5%:0.2..14+250").on(line).end == 2750.0
+    for text, message in (
+        ("5%:16+800..9+000", r"allowance: '9\+000': the line has this kilometre nowhere"),
+        ("5%:14+250..16+800", "allowance: end = 200 m must lie beyond begin = 2750 m"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            parse_allowance(text).on(line)
+    with pytest.raises(ValueError, match="has no chainage"):
+        parse_allowance("5%:1+800..2+000").on(find_line(str(EXAMPLE / "line.yaml")))
+
+
 @pytest.mark.parametrize("text", ["5", "5%+3%", "-5%", "3min", "5%:4", "5%:4..2", "0.2h/stop", "nan%", "5000%", ""])
 def test_a_text_that_is_no_supplement_is_refused(text: str) -> None:
     """Breaks if a sign, a unit or a repeated form is dropped in silence."""
-    with pytest.raises(ValueError, match=r"no supplement|no section|must lie beyond|to 10; ") as refusal:
+    with pytest.raises(ValueError, match=r"no supplement|no section|must lie beyond|to 1000; ") as refusal:
         parse_allowance(text)
     assert str(refusal.value).startswith(f"'{text}': ")
 

@@ -12,17 +12,17 @@ resistance of the cars to the locomotives too, and no drag.
 from __future__ import annotations
 
 import math
-from itertools import pairwise
+from itertools import count, pairwise
 from pathlib import Path
 from typing import Any
 
 from plant_sim.consist import Consist
 from plant_sim.elementary import plain_sum
 from plant_sim.formats.fields import Fields, keys_not_carried, print_assumption
-from plant_sim.formats.network_path import BEGIN, END, STRAIGHT, Network, Range, TrackPath, line_data
+from plant_sim.formats.network_path import BEGIN, END, ROUNDING, STRAIGHT, Network, Range, TrackPath, line_data
 from plant_sim.formats.ttobench import BRAKED_GRADE
 from plant_sim.input_error import build_model
-from plant_sim.line import ENDING, Line
+from plant_sim.line import ENDING, MAX_GRADE, Line
 from plant_sim.units import GRAVITY, number_text
 
 AIR_DENSITY = 1.225
@@ -46,8 +46,9 @@ def links_of(data: Any) -> list[dict[str, Any]] | None:
         data = data.get("network")
     if isinstance(data, list) and len(data) == 2 and isinstance(data[1], list):
         data = data[1]
-    links = data if isinstance(data, list) and data and all(isinstance(link, dict) for link in data) else None
-    return links if links and all("idx_next" in link and "length_meters" in link for link in links) else None
+    links = data if isinstance(data, list) else []
+    keys = {"idx_next", "length_meters"}
+    return links if any(isinstance(link, dict) and keys <= link.keys() for link in links) else None
 
 
 def altrios_line(
@@ -67,9 +68,8 @@ def altrios_line(
     ValueError
         One line with location, key, value and remedy.
     """
-    selection, _, category = selection.partition(",")
-    known = {str(link.get("idx_curr")): Fields(link, f"{place}: link {link.get('idx_curr')}") for link in links}
-    known = {name: link for name, link in known.items() if link.number("length_meters") > 0}
+    selection, category = (part.strip() for part in selection.partition(",")[::2])
+    known = _known(links, place)
     network = Network(place, {name: link.number("length_meters", None, 1e-6, 1e7) for name, link in known.items()})
     for name, link in known.items():
         for key in ("idx_next", "idx_next_alt"):
@@ -81,9 +81,10 @@ def altrios_line(
     path = network.path(selection)
     if against:
         flips = [str(known[name].required("idx_flip")) for name, _ in reversed(path.parts)]
-        path = TrackPath(network, [(name, True) for name in flips if name in known])
-        if len(path.parts) < len(flips):
+        if not set(flips) <= set(known):
             raise ValueError(f"{place}: a link of the path has no idx_flip; name a path of this direction FROM..TO")
+        path = TrackPath(network, [(name, True) for name in flips])
+        path.check_joints()
     grades: list[Range] = []
     curves: list[dict[str, Any]] = []
     limits: list[Range] = []
@@ -114,6 +115,18 @@ def altrios_line(
     return build_model(Line, data, place), tuple(dict.fromkeys(left))
 
 
+def _known(links: list[Any], place: str) -> dict[str, Fields]:
+    """Return the links by their number, without the empty one of number 0."""
+    known: dict[str, Fields] = {}
+    for k, data in enumerate(links):
+        link = Fields(data, f"{place}: link {data.get('idx_curr')}" if isinstance(data, dict) else f"{place}: [{k}]")
+        if (number := link.text("idx_curr")) in known:
+            raise ValueError(f"{link.place}: idx_curr = {number[:20]}: two links have this number; correct one")
+        known[number] = link
+    known.pop("0", None)
+    return known
+
+
 def _is_given(links: list[dict[str, Any]], key: str) -> bool:
     """Return True if a key is more than an empty list in one of the links."""
     first = key.removeprefix("[].").partition("[")[0].partition(".")[0]
@@ -126,10 +139,24 @@ def _changes(link: Fields, what: str) -> list[tuple[float, float, float]]:
     rows = (
         [Fields(row, f"{link.place}: {key}[{k}]") for k, row in enumerate(link.entries(key, 0))] if key in link else []
     )
-    points = [(row.number("offset_meters", None, -1e-3, 1e7), row.number(unit, None, -1e4, 1e4)) for row in rows]
-    for k, ((a, _), (b, _)) in enumerate(pairwise(points), 1):
+    most = 1e4 if what == "elev" else 6.3  # headings are between -pi and 2 pi
+    points = [(row.number("offset_meters", None, -1e-3, 1e7), row.number(unit, None, -most, most)) for row in rows]
+    if len(points) < 2 and what == "elev":
+        print_assumption(f"{link.place}: {key}: fewer than two; assumed level")
+    for k, ((a, before), (b, after)) in enumerate(pairwise(points), 1):
         if b <= a:
             raise ValueError(f"{link.place}: {key}[{k}]: offset_meters = {number_text(b)}: must rise; correct it")
+        if what == "elev" and abs(after - before) > MAX_GRADE * (b - a):
+            raise ValueError(
+                f"{link.place}: {key}[{k}]: {unit} = {number_text(after)}: {number_text(after - before)} m on "
+                f"{number_text(b - a)} m; correct it"
+            )
+    length = link.number("length_meters")
+    if points and (abs(points[0][0]) > ROUNDING or abs(points[-1][0] - length) > ROUNDING):
+        raise ValueError(
+            f"{link.place}: {key}: from {number_text(points[0][0])} to {number_text(points[-1][0])} m of a link of "
+            f"{number_text(length)} m; give them from 0 to its length"
+        )
     return [(a, b, after - before) for (a, before), (b, after) in pairwise(points)]
 
 
@@ -153,11 +180,14 @@ def curve_resistance(curvature: float) -> float:
 
 def _limits(link: Fields, at: float, category: str, others: set[str]) -> list[Range]:
     """Return the speed limits of a link on the path; ``others`` takes the keys that are not carried."""
-    if "speed_sets" in link:
+    if link.data.get("speed_sets"):
+        link.one_of("speed_sets", "speed_set")
         sets = link.below("speed_sets")
         chosen = category or (CATEGORY if CATEGORY in sets else next(iter(sets.data), ""))
         if chosen not in sets:
             raise ValueError(f"{link.place}: speed_sets: '{chosen[:30]}' is none of {', '.join(sets.data)}")
+        if not category and chosen != CATEGORY:
+            print_assumption(f"{link.place}: speed_sets: no '{CATEGORY}'; limits of '{chosen}'")
         chosen_set, chosen_name = sets.below(chosen), f"[].speed_sets.{chosen}"
     elif "speed_set" in link:
         chosen_set, chosen_name = link.below("speed_set"), "[].speed_set"
@@ -170,7 +200,8 @@ def _limits(link: Fields, at: float, category: str, others: set[str]) -> list[Ra
     found = []
     for k, row in enumerate(chosen_set.entries("speed_limits", 0)):
         entry = Fields(row, f"{chosen_set.place}: speed_limits[{k}]")
-        begin, end = (entry.number(f"offset_{edge}_meters", None, -1e-3, 1e7) for edge in ("start", "end"))
+        begin = entry.number("offset_start_meters", None, -1e-3, 1e7)
+        end = entry.number("offset_end_meters", None, begin, link.number("length_meters") + ROUNDING)
         speed = entry.number("speed_meters_per_second", None, 0.1, 300.0)
         found.append(Range(at + begin, at + end, speed, entry.place))
     return found
@@ -218,15 +249,19 @@ def altrios_train(data: dict[str, Any], place: str) -> Consist:
     parts: list[dict[str, Any]] = []
     speeds: list[float] = []
     brake = 0.0
-    for k, row in enumerate(config.entries("rail_vehicles")):
-        car = Fields(row, f"{config.place}: rail_vehicles[{k}]")
-        name, count = car.text("car_type"), int(counts.number(car.text("car_type"), None, 0, 5000))
-        axles = car.number("axle_count", None, 1, 64)
+    cars = [Fields(row, f"{config.place}: rail_vehicles[{k}]") for k, row in enumerate(config.entries("rail_vehicles"))]
+    counts.refuse_unknown(*(car.text("car_type") for car in cars))
+    for car in cars:
+        name, count = car.text("car_type"), counts.whole(car.text("car_type"), 0, 5000)
+        if name in kinds:
+            raise ValueError(f"{car.place}: car_type = '{name[:40]}': two entries have this type; correct one")
+        axles = car.whole("axle_count", 1, 64)
         mass = car.number("mass_static_base_kilograms", None, 500, 1e6) + car.number(
             "mass_freight_kilograms", 0, 0, 1e6
         )
         rolling = [
-            car.number(key, 0.0, 0, 1) * mass * GRAVITY for key in ("rolling_ratio", "davis_b_seconds_per_meter")
+            car.number(key, 0.0, 0, most) * mass * GRAVITY
+            for key, most in (("rolling_ratio", 0.1), ("davis_b_seconds_per_meter", 0.01))
         ]
         kinds[name] = {
             "mass": mass,
@@ -249,7 +284,7 @@ def altrios_train(data: dict[str, Any], place: str) -> Consist:
     ratio = plain_sum(
         part["count"] * car.number("rolling_ratio", 0.0) * kinds[part["type"]]["mass"] / towed
         for part in parts
-        for car in (Fields(row, config.place) for row in config.entries("rail_vehicles"))
+        for car in cars
         if car.text("car_type") == part["type"]
     )  # fmt: skip
     heads = _locomotives(top, kinds, ratio, max(min(speeds), 1.0), brake)
@@ -284,12 +319,12 @@ def _locomotives(
     rows = top.below("loco_con").entries("loco_vec")
     parts: list[dict[str, Any]] = []
     for k, row in enumerate(rows):
-        loco = Fields(row, f"{top.place}: loco_vec[{k}]")
+        loco = Fields(row, f"{top.place}: loco_con: loco_vec[{k}]")
         mass, force = (
-            loco.number(key if key in loco else f"{key}_{unit}", None, 1e3, high)
+            loco.number(loco.one_of(f"{key}_{unit}", key), None, 1e3, high)
             for key, unit, high in (("mass", "kilograms", 1e6), ("force_max", "newtons", 1e8))
         )
-        power = loco.number("pwr_out_max_watts", None, 1e3, 1e9) if "pwr_out_max_watts" in loco else _drive(loco)
+        power = loco.number("pwr_out_max_watts", None, 2e4, 1e9) if "pwr_out_max_watts" in loco else _drive(loco)
         corner = power / force
         end = 1.05 * speed
         traction = [{"to": min(corner, end), "force": force}, *([{"to": end, "power": power}] if corner < end else [])]
@@ -298,7 +333,8 @@ def _locomotives(
             "resistance": {"n": [ratio * mass * GRAVITY, 0.0, 0.0]},
             "brake": [{"to": end, "force": (brake + BRAKED_GRADE * GRAVITY * mass) / len(rows)}],
         }  # fmt: skip
-        same = next((name for name, other in kinds.items() if other == kind), f"locomotive {k}")
+        free = next(name for n in count(k) if (name := f"locomotive {n}") not in kinds)
+        same = next((name for name, other in kinds.items() if other == kind), free)
         kinds[same] = kind
         if parts and parts[-1]["type"] == same:
             parts[-1]["count"] += 1
@@ -312,7 +348,7 @@ def _drive(loco: Fields) -> float:
     """Return the largest power of the electric drivetrain of a locomotive, or of its source [W]."""
     kind = loco.below("loco_type")
     found = [
-        kind.below(name).below(part).number("pwr_out_max_watts", None, 1e3, 1e10)
+        kind.below(name).below(part).number("pwr_out_max_watts", None, 2e4, 1e10)
         for name in kind.data
         for part in ("edrv", "res", "fc")
         if part in kind.below(name)

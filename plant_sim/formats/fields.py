@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+import re
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NoReturn
 
-from plant_sim.input_error import kind_of
+from plant_sim.input_error import close_match, kind_of
 from plant_sim.units import number_text
 
 LINE_FORMATS = "train_ato YAML, CSV, GPX, GeoJSON, railtoolkit YAML, TTOBench JSON, OSRD JSON, ALTRIOS YAML, railML 3"
@@ -186,6 +187,8 @@ class Fields:
     def text(self, key: str, default: str | None = None) -> str:
         """Return a value as one line of text."""
         value = self.data.get(key, default) if default is not None else self.required(key)
+        if isinstance(value, (dict, list)):
+            raise ValueError(f"{self.place}: {key} = {_shown(value)}: must be one text; correct it")
         return " ".join(str(value).split())
 
     def number(self, key: str, default: float | None = None, low: float = -math.inf, high: float = math.inf) -> float:
@@ -193,6 +196,26 @@ class Fields:
         if default is not None and key not in self:
             return default
         return finite_number(self.required(key), f"{self.place}: {key}", low, high)
+
+    def whole(self, key: str, low: float, high: float) -> int:
+        """Return a whole number within its range."""
+        if (value := self.number(key, None, low, high)) != int(value):
+            raise ValueError(f"{self.place}: {key} = {number_text(value)}: must be a whole number; correct it")
+        return int(value)
+
+    def refuse_unknown(self, *known: str) -> None:
+        """Refuse a key that is none of the known ones."""
+        for key in self.data:
+            if key not in known:
+                near = close_match(str(key), known)
+                raise ValueError(f"{self.place}: unknown key '{str(key)[:40]}'{near}; correct or remove it")
+
+    def one_of(self, *keys: str) -> str:
+        """Return the one of several keys of the same quantity that is there, or the first; refuse two of them."""
+        given = [key for key in keys if key in self]
+        if len(given) > 1:
+            raise ValueError(f"{self.place}: {' and '.join(given)} are the same quantity; keep one of them")
+        return given[0] if given else keys[0]
 
     def entries(self, key: str, least: int = 1) -> list[Any]:
         """Return a list with a minimum number of entries."""
@@ -224,6 +247,23 @@ def finite_number(value: Any, place: str, low: float = -math.inf, high: float = 
     if not low <= value <= high:
         raise ValueError(f"{place} = {number_text(value)}: must lie between {number_text(low)} and {number_text(high)}")
     return float(value)
+
+
+_DIGITS = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?", re.ASCII | re.IGNORECASE)
+"""Number in a text; Python would also read 1_000 and digits of other scripts."""
+
+
+def number_in(text: str, place: str, low: float = -math.inf, high: float = math.inf) -> float:
+    """Return the number of a text within its range.
+
+    Raises
+    ------
+    ValueError
+        One line with location and text.
+    """
+    if not _DIGITS.fullmatch(text.strip()):
+        raise ValueError(f"{place} = '{text[:30]}': is not a number; correct it")
+    return finite_number(float(text), place, low, high)
 
 
 def _shown(value: Any) -> str:

@@ -16,9 +16,9 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from plant_sim.formats.fields import finite_number, print_assumption, read_bytes
+from plant_sim.formats.fields import number_in, print_assumption, read_bytes
 from plant_sim.input_error import build_model, close_match
-from plant_sim.line import Line, order_fault
+from plant_sim.line import MAX_GRADE, Line, order_fault
 from plant_sim.units import number_text
 
 FOOT, MILE = 0.3048, 1609.344
@@ -33,6 +33,13 @@ QUANTITIES: dict[str, dict[str, float]] = {
     "longitude": {"deg": 1.0},
 }
 """SI value of one unit of every quantity."""
+LARGEST = {
+    "position": 1e8, "grade": MAX_GRADE, "elevation": 1e4, "speed_limit": 300.0, "radius": 1e12, "latitude": 90.0,
+    "longitude": 180.0,
+}  # fmt: skip
+"""Largest value of every quantity [SI]."""
+SHARPEST = 5.0
+"""Smallest radius of a curve [m]."""
 OTHER_NAMES = {
     "place": "position", "chainage": "position", "km": "position", "s": "position", "milepost": "position",
     "distance": "position", "gradient": "grade", "slope": "grade", "height": "elevation", "altitude": "elevation",
@@ -48,6 +55,8 @@ NOT_IN_A_TABLE = (
 """Keys of a line that a table does not have."""
 SEPARATORS = (";", "\t", ",")
 _BRACKETS = re.compile(r"^(.*?)\s*[\[(]\s*([^\[\]()]*?)\s*[\])]\s*$")
+_SEPARATOR_LINE = re.compile(r'\A"?sep=.?"?\r?\n', re.IGNORECASE)
+"""First line of a spreadsheet with the separator."""
 _KM_PLUS = re.compile(r"^(-?\d+)\+(\d{3}(?:[.,]\d+)?)$")
 
 
@@ -73,6 +82,8 @@ def table_line(path: Path) -> Line:
     """
     columns, rows = _read(path)
     titles = {column.quantity: column.title for column in columns}
+    if ("latitude" in titles) != ("longitude" in titles):
+        raise ValueError(f"{path}: line 1: latitude and longitude need each other; add or remove one")
     if "grade" in titles and "elevation" in titles:
         raise ValueError(
             f"{path}: line 1: '{titles['grade']}' and '{titles['elevation']}' are both the grade; remove one"
@@ -82,6 +93,10 @@ def table_line(path: Path) -> Line:
         why = fault if len(rows) > 1 else f": {len(rows)} rows; a line needs two"
         raise ValueError(f"{path}: {titles['position']}{why}")
     listed = {key: [(row["position"], row[key]) for _, row in rows if key in row] for key in (*QUANTITIES, TEXT)}
+    for key in ("grade", "elevation"):
+        steps = slopes(listed[key]) if key == "elevation" else listed[key]
+        if key in titles and (not steps or steps[0][0] > places[0]):
+            print_assumption(f"{path}: {titles[key]}: no grade at the begin; level there")
     limits = listed["speed_limit"]
     if not limits:
         print_assumption(f"{path}: no speed limit; only the train limits the speed")
@@ -130,14 +145,19 @@ def _curves(radii: list[tuple[float, Any]], end: float) -> list[dict[str, Any]]:
 
 def _read(path: Path) -> tuple[list[_Column], list[tuple[int, dict[str, Any]]]]:
     """Return the columns, and number and values of every row."""
+    raw = read_bytes(path)
     try:
-        text = read_bytes(path).decode("utf-8-sig")
+        text = raw.decode("utf-16" if raw[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
     except UnicodeDecodeError:
-        text = read_bytes(path).decode("latin-1")
+        text = raw.decode("latin-1")
+    text = _SEPARATOR_LINE.sub("\n", text)
     head = next((line for line in text.splitlines() if line.strip() and not line.startswith("#")), "")
     mark = next((mark for mark in SEPARATORS if mark in head), ",")
-    listed = csv.reader(io.StringIO(text), delimiter=mark)
-    lines = [(listed.line_num, cells) for cells in listed if any(cells) and not cells[0].startswith("#")]
+    listed = csv.reader(io.StringIO(text), delimiter=mark, strict=True)
+    try:
+        lines = [(listed.line_num, cells) for cells in listed if any(cells) and not cells[0].startswith("#")]
+    except csv.Error as error:
+        raise ValueError(f"{path}: line {listed.line_num}: {error}; correct the quotes or the cell") from None
     if not lines:
         raise ValueError(f"{path}: is empty; write a line with titles, as position_km,grade_permille,speed_limit_kmh")
     columns: list[_Column] = []
@@ -189,20 +209,20 @@ def _column(title: str, place: str) -> _Column:
 def _value(column: _Column, text: str, place: str, mark: str) -> Any:
     """Return a cell in SI."""
     if column.quantity == TEXT:
-        return text
+        return " ".join(text.replace("\0", "").split())
     where = f"{place}, {column.title}"
     if column.quantity == "position" and column.factor in (1.0, 1e3) and (parts := _KM_PLUS.match(text)):
         metres = float(parts[2].replace(",", "."))
         return 1e3 * float(parts[1]) + (-metres if text.startswith("-") else metres)
     if "," in text and mark == ",":
         raise ValueError(f"{where} = '{text[:30]}': separate the columns by semicolons, or write a decimal point")
-    try:
-        number = float(text.replace(",", "."))
-    except ValueError:
-        raise ValueError(f"{where} = '{text[:30]}': is not a number; correct it") from None
-    value = finite_number(number, where) * column.factor
+    most = LARGEST[column.quantity] / column.factor
+    number = number_in(text.replace(",", "."), where, -most, most)
+    value = number * column.factor
     if column.quantity == "speed_limit" and value <= 0:
         raise ValueError(f"{where} = {number_text(number)}: must be above 0; correct it")
+    if column.quantity == "radius" and 0 < abs(value) < SHARPEST:
+        raise ValueError(f"{where} = {number_text(number)}: below {SHARPEST:g} m; correct it, 0 is straight")
     return value
 
 

@@ -78,7 +78,7 @@ class Network:
         if not selection:
             found = self._whole()
         else:
-            names = selection.split(BETWEEN)
+            names = [name.strip() for name in selection.split(BETWEEN)]
             if len(names) < 2 or not all(names):
                 raise ValueError(
                     f"{self.place}: selection '{selection}': write FROM{BETWEEN}TO, tracks or stations, or "
@@ -178,14 +178,18 @@ class TrackPath:
         ValueError
             One line for a joint that a train runs over in the other direction only.
         """
-        parts = [(track, not forward) for track, forward in reversed(self.parts)]
-        for (track, forward), (other, onward) in pairwise(parts):
+        found = TrackPath(self.network, [(track, not forward) for track, forward in reversed(self.parts)])
+        found.check_joints()
+        return found
+
+    def check_joints(self) -> None:
+        """Refuse a path over a joint that does not exist, or that a train runs over in the other direction only."""
+        for (track, forward), (other, onward) in pairwise(self.parts):
             if (other, BEGIN if onward else END) not in self.network.joined.get((track, END if forward else BEGIN), ()):
                 raise ValueError(
                     f"{self.network.place}: the path is not navigable from {track} to {other}; name another one "
                     f"FROM{BETWEEN}TO in this direction"
                 )
-        return TrackPath(self.network, parts)
 
     def passages(self, track: str, begin: float, end: float, entry: str) -> list[Passage]:
         """Return every passage of a range on a track [m] by the path; none for a track beside it.
@@ -282,11 +286,13 @@ def line_data(
             {"begin": begin, "end": end, "radius": abs(radius), "side": "right" if radius > 0 else "left"}
             for begin, end, radius, _ in sorted(curves)
         ],
-        "speed_limits": [{"at": at, "speed": speed} for at, speed in _without_gaps(limits, path)],
+        "speed_limits": [{"at": at, "speed": speed} for at, speed in _without_gaps(limits, path, "")],
         "category_limits": [
             {
                 "category": category,
-                "speed_limits": [{"at": at, "speed": speed} for at, speed in _without_gaps(own, path)],
+                "speed_limits": [
+                    {"at": at, "speed": speed} for at, speed in _without_gaps(own, path, f" of '{category}'")
+                ],
             }
             for category, ranges in by_category.items()
             if (own := steps(path.length, ranges, min, None))
@@ -326,8 +332,8 @@ def _refuse_overlaps(ranges: Sequence[Range], what: str) -> None:
         last = max(last, row, key=lambda entry: entry.end)
 
 
-def _without_gaps(limits: list[tuple[float, float | None]], path: TrackPath) -> list[tuple[float, float]]:
-    """Return the speed limits with the lowest one of the path where it has none."""
+def _without_gaps(limits: list[tuple[float, float | None]], path: TrackPath, whose: str) -> list[tuple[float, float]]:
+    """Return the speed limits, of a category perhaps, with the lowest one of the path where it has none."""
     known = [speed for _, speed in limits if speed is not None]
     if not known:
         print_assumption(f"{path.network.place}: no speed limit on the path; only the train limits the speed")
@@ -338,8 +344,8 @@ def _without_gaps(limits: list[tuple[float, float | None]], path: TrackPath) -> 
         value = min(known) if speed is None else speed
         if speed is None:
             print_assumption(
-                f"{path.network.place}: no speed limit from {number_text(at)} to {number_text(end)} m of the path; "
-                f"assumed {number_text(3.6 * value)} km/h there, its lowest one"
+                f"{path.network.place}: no speed limit{whose} from {number_text(at)} to {number_text(end)} m of the "
+                f"path; assumed {number_text(3.6 * value)} km/h there, its lowest one"
             )
         if not found or found[-1][1] != value:
             found.append((at, value))

@@ -32,6 +32,13 @@ GAMMAS = ("const_gamma", "constant_gamma", "gamma")
 USED = {"name", "mass", "length", "max_speed", "inertia_coefficient", "rolling_resistance", "effort_curves",
         "comfort_acceleration", *GAMMAS}  # fmt: skip
 """Keys with an effect; the others are kept."""
+WITHOUT_EFFECT = {
+    "railjson_version", "version", "locked", "id", "metadata", "loading_gauge", "startup_time", "startup_acceleration",
+    "power_restrictions", "base_power_class", "energy_sources", "electrical_power_startup_time",
+    "raise_pantograph_time", "supported_signaling_systems", "etcs_brake_params", "primary_category",
+    "other_categories", "liveries", "subcategory",
+}  # fmt: skip
+"""Other keys of the schema."""
 KEPT = "osrd"
 ADDED: dict[str, Any] = {
     "railjson_version": "3.2", "locked": False, "startup_time": 0.0, "startup_acceleration": 0.0, "loading_gauge": "G1",
@@ -68,6 +75,7 @@ def osrd_train(data: dict[str, Any], place: str, selection: str = "") -> Consist
     davis = top.below("rolling_resistance")
     if davis.text("type") != "davis":
         raise ValueError(f"{davis.place}: type = '{davis.text('type')[:30]}': only davis is read; give A, B and C")
+    davis.refuse_unknown("type", *"ABC")
     curves, default = _curves(top.below("effort_curves"))
     gamma, largest = _gamma(top)
     force = mass * factor * gamma + (0.0 if largest else mass * BRAKED_GRADE * GRAVITY)
@@ -98,6 +106,9 @@ def osrd_train(data: dict[str, Any], place: str, selection: str = "") -> Consist
         "emergency_brake": _etcs_brake(top),
         "kept": {KEPT: kept | {"default_mode": default}},
     }
+    for key in sorted(set(kept) - WITHOUT_EFFECT):
+        near = close_match(str(key), USED | WITHOUT_EFFECT)
+        print_assumption(f"{place}: {str(key)[:40]}: no key of a rolling stock; kept without effect{near}")
     if unused := [key for key in ("startup_time", "startup_acceleration") if top.number(key, 0.0, 0.0, 1e4)]:
         print_assumption(f"{place}: {', '.join(unused)}: no effect here, as in OSRD's own run; kept for the way back")
     return with_supply(build_model(Consist, raw, place), selection or f"mode={default}", place)
@@ -105,34 +116,30 @@ def osrd_train(data: dict[str, Any], place: str, selection: str = "") -> Consist
 
 def _curves(fields: Fields) -> tuple[list[dict[str, Any]], str]:
     """Return all curves in the order of their match, and the default mode."""
-    _refuse_unknown(fields, ("modes", "default_mode"))
+    fields.refuse_unknown("modes", "default_mode")
     modes, default = fields.below("modes"), fields.text("default_mode")
     if default not in modes.data:
         raise ValueError(f"{fields.place}: default_mode = '{default[:40]}': not in modes ({', '.join(modes.data)})")
     found = []
     for name in modes.data:
         mode = modes.below(name)
-        _refuse_unknown(mode, ("curves", "default_curve", "is_electric"))
-        of_mode = {"mode": str(name), "electric": mode.required("is_electric") is not False}
+        mode.refuse_unknown("curves", "default_curve", "is_electric")
+        if (electric := mode.required("is_electric")) not in (True, False):
+            raise ValueError(f"{mode.place}: is_electric = {str(electric)[:20]!r}: must be true or false; correct it")
+        of_mode = {"mode": str(name), "electric": bool(electric)}
         for k, entry in enumerate(mode.entries("curves", 0)):
             curve = Fields(entry, f"{mode.place}: curves[{k}]")
-            _refuse_unknown(curve, ("cond", "curve"))
+            curve.refuse_unknown("cond", "curve")
             conditions = curve.below("cond") if curve.data.get("cond") else Fields({}, curve.place)
-            _refuse_unknown(conditions, tuple(CONDITIONS))
+            conditions.refuse_unknown(*CONDITIONS)
             held = {CONDITIONS[key]: conditions.text(key) for key in CONDITIONS if key in conditions}
             found.append(of_mode | held | _points(curve.below("curve")))
         found.append(of_mode | _points(mode.below("default_curve")))
     return found, default
 
 
-def _refuse_unknown(fields: Fields, known: tuple[str, ...]) -> None:
-    for key in fields.data:
-        if key not in known:
-            raise ValueError(f"{fields.place}: unknown key '{str(key)[:40]}'{close_match(str(key), known)}; remove it")
-
-
 def _points(fields: Fields) -> dict[str, list[float]]:
-    _refuse_unknown(fields, ("speeds", "max_efforts"))
+    fields.refuse_unknown("speeds", "max_efforts")
     speeds, efforts = (
         [
             finite_number(value, f"{fields.place}: {key}[{k}]", 0.0, 1e9)
@@ -150,7 +157,7 @@ def _points(fields: Fields) -> dict[str, list[float]]:
 
 def _gamma(top: Fields) -> tuple[float, bool]:
     """Return the service deceleration [m/s²], and True if it bounds the brake force."""
-    key = next((key for key in GAMMAS if key in top), GAMMAS[0])
+    key = top.one_of(*GAMMAS)
     if key != "gamma" or not isinstance(top.data["gamma"], dict):
         return top.number(key, None, 1e-3, 10.0), False
     fields = top.below("gamma")
@@ -169,6 +176,8 @@ def _etcs_brake(top: Fields) -> dict[str, float] | None:
     values = [finite_number(value, f"{curve.place}: values", 1e-3, 10) for value in curve.entries("values")]
     if len(values) != len(bounds) + 1:
         raise ValueError(f"{curve.place}: {len(bounds)} boundaries need {len(bounds) + 1} values; correct them")
+    if any(after <= before for before, after in pairwise([0.0, *bounds])):
+        raise ValueError(f"{curve.place}: boundaries must rise from above 0; correct them")
     return emergency_brake(zip([0.0, *bounds], values, strict=True), etcs.number("t_be", None, 1e-3, 60.0))
 
 
@@ -198,7 +207,8 @@ def with_supply(consist: Consist, selection: str, place: str) -> Consist:
         if value not in values:
             fit = f"{key} is one of {', '.join(values)}" if key in keys else f"write {', '.join(keys)}"
             raise ValueError(f"{place}: selection '{part[:60]}': not in its effort curves; {fit}")
-        chosen[key] = value
+        if chosen.setdefault(key, value) != value:
+            raise ValueError(f"{place}: selection '{selection[:60]}': {key} has two values; keep one")
     mode = chosen.setdefault("mode", str(consist.kept.get(KEPT, {}).get("default_mode", known[0].mode)))
     types = {}
     for name, kind in consist.vehicle_types.items():

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from plant_sim.elementary import plain_sum
-from plant_sim.formats.fields import finite_number, print_assumption, read_bytes
+from plant_sim.formats.fields import number_in, print_assumption, read_bytes
 from plant_sim.formats.network_path import BEGIN, END, ROUNDING, Network
 from plant_sim.units import number_text
 
@@ -105,13 +105,7 @@ def number_of(element: Element, key: str, place: str, low: float = -1e9, high: f
     ValueError
         One line with file, element, attribute and value.
     """
-    where = f"{entry_of(element, place)}: {key}"
-    text = element.get(key, "")
-    try:
-        value = float(text.replace("_", "no digit"))  # Python reads 1_2 as 12, XML does not
-    except ValueError:
-        raise ValueError(f"{where} = '{text[:40]}': must be a number") from None
-    return finite_number(value, where, low, high)
+    return number_in(element.get(key, ""), f"{entry_of(element, place)}: {key}", low, high)
 
 
 def flag_of(element: Element, key: str, place: str, default: bool = False) -> bool:

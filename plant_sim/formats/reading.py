@@ -28,6 +28,8 @@ FAST, STEEP = 100.0, 0.1
 """Speed above which a limit is probably in km/h [m/s], and grade above which it is probably in another unit."""
 HEAVY, WEAK = 15e3, 1e-3
 """Mass per length above which a mass is probably in another unit [kg/m], and traction over weight below which it is."""
+SHORT, LONG = 100.0, 5e6
+"""Lengths of a line [m] below and above which its places are probably in another unit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,7 +170,10 @@ def _note_train_traps(consist: Consist, place: str) -> None:
                 f"{place}: {name}: mass {number_text(kind.mass)} kg on {number_text(kind.length)} m; check its unit"
             )
     force = plain_sum(consist.vehicles[unit].traction[0].at(0.1) for unit in consist.power_units)
-    if 0 < force < WEAK * consist.mass * consist.gravity:
+    speed = consist.plan_limits.speed if consist.plan_limits else None
+    if speed and speed > FAST:
+        print_assumption(f"{place}: speed {number_text(speed)} m/s is {number_text(3.6 * speed)} km/h; check its unit")
+    if force > consist.mass * consist.gravity or 0 < force < WEAK * consist.mass * consist.gravity:
         print_assumption(f"{place}: traction {number_text(force)} N for {number_text(consist.mass)} kg; check its unit")
 
 
@@ -176,8 +181,11 @@ def _note_traps(found: ReadLine, place: str) -> None:
     """Name speeds and grades that are probably in another unit, and entries outside of the line or over another one."""
     line = found.line
     own = found.format == "train_ato"
+    if not SHORT <= (length := line.end - line.begin) <= LONG:
+        print_assumption(f"{place}: the line is {number_text(length)} m long; check the unit of its places")
     speeds = [(f"speed_limits[{k}]", entry.speed) for k, entry in enumerate(line.speed_limits)]
     speeds += [(f"temporary_restrictions[{k}]", entry.speed) for k, entry in enumerate(line.temporary_restrictions)]
+    speeds += [(f"category_limits '{row.category}'", e.speed) for row in line.category_limits for e in row.speed_limits]
     fast = [(key, speed) for key, speed in speeds if speed > FAST]
     for key, speed in fast[:1]:
         print_assumption(
@@ -197,11 +205,15 @@ def _note_traps(found: ReadLine, place: str) -> None:
                 f"{place}: curves: two from {number_text(other.begin)} to {number_text(min(one.end, other.end))} m; "
                 "their resistances add"
             )
-    if line.speed_limits and line.speed_limits[0].at > line.begin:
-        print_assumption(
-            f"{place}: speed_limits: none from {number_text(line.begin)} to {number_text(line.speed_limits[0].at)} m; "
-            "only the train limits the speed there"
-        )
+    for key, limits in (
+        ("speed_limits", line.speed_limits),
+        *((f"category_limits '{row.category}'", row.speed_limits) for row in line.category_limits),
+    ):
+        if limits and limits[0].at > line.begin:
+            print_assumption(
+                f"{place}: {key}: none from {number_text(line.begin)} to {number_text(limits[0].at)} m; only the train "
+                "limits the speed there"
+            )
     for name in ("grades", "speed_limits", "stops", "curves", "tunnels", "temporary_restrictions", "neutral_sections",
                  "power_limits", "adhesion"):  # fmt: skip
         places = [float(row.begin if hasattr(row, "begin") else row.at) for row in getattr(line, name)]

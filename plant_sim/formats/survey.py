@@ -7,13 +7,15 @@ are too coarse for curves. Waypoints and points with a name beside the track are
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from plant_sim.formats.fields import Fields, finite_number, print_assumption
+from plant_sim.alignment import Alignment
+from plant_sim.formats.fields import Fields, finite_number, number_in, print_assumption
 from plant_sim.formats.line_table import slopes
 from plant_sim.input_error import build_model
 from plant_sim.line import Line
@@ -28,6 +30,8 @@ BESIDE = 200.0
 """Largest distance of a station from the track [m]."""
 GAP = 20e3
 """Largest distance between two points of a track [m]."""
+WIDE = 1e3
+"""Distance between two points of a track above which a note names them [m]."""
 MAX_COORDINATES = 2000
 """Largest number of coordinates of a line; of a longer track every n-th one."""
 CARRIED = ("type", "features[].type", "features[].geometry", "features[].properties.name", "geometry", "coordinates")
@@ -61,21 +65,27 @@ def geojson_line(data: dict[str, Any], place: str, selection: str = "") -> Line:
     ValueError
         One line with location, key, value and remedy.
     """
-    entries = data["features"] if isinstance(data.get("features"), list) else [data]
+    entries = Fields(data, place).entries("features", 0) if data["type"] == "FeatureCollection" else [data]
     tracks: list[tuple[str, list[Spot]]] = []
     stations: list[tuple[str, Spot]] = []
     for k, entry in enumerate(entries):
         feature = Fields(entry, f"{place}: features[{k}]")
-        shape = feature.below("geometry") if feature.data.get("type") == "Feature" else feature
+        whole = feature.data.get("type") == "Feature"
+        if whole and feature.data.get("geometry") is None:
+            print_assumption(f"{feature.place}: no geometry; passed over")
+            continue
+        shape = feature.below("geometry") if whole else feature
         properties = feature.data.get("properties")
         name = str((properties if isinstance(properties, dict) else {}).get("name") or "")
-        kind, rows = shape.text("type"), shape.entries("coordinates")
+        kind = shape.text("type")
+        rows = shape.entries("coordinates") if kind in ("Point", "LineString", "MultiLineString") else []
         if kind == "Point" and name:
             stations.append((name, _spot(rows, shape.place)))
         elif kind == "LineString":
             tracks.append((name, [_spot(row, f"{shape.place}: coordinates[{i}]") for i, row in enumerate(rows)]))
         elif kind == "MultiLineString":
-            tracks.append((name, [_spot(row, shape.place) for part in rows for row in part]))
+            parts = Fields(dict(enumerate(rows)), f"{shape.place}: coordinates")
+            tracks.append((name, [_spot(row, f"{parts.place}: {k}") for k in parts.data for row in parts.entries(k)]))
         else:
             print_assumption(f"{feature.place}: {kind} '{name}' is neither a track nor a named point; passed over")
     return _line(tracks, stations, place, selection, "GeoJSON")
@@ -103,14 +113,16 @@ def gpx_line(root: Element, place: str, selection: str = "") -> tuple[Line, tupl
     """
     tracks: list[tuple[str, list[Spot]]] = []
     stations: list[tuple[str, Spot]] = []
+    if root.tag.rpartition("}")[2] != "gpx":
+        raise ValueError(f"{place}: <{root.tag.rpartition('}')[2]}> is no GPX; give a file that begins with <gpx>")
     for element in root:
         kind = element.tag.rpartition("}")[2]
         name = _text(element, "name")
         points = [entry for entry in element.iter() if entry.tag.rpartition("}")[2] in ("trkpt", "rtept")]
         if kind in ("trk", "rte"):
-            tracks.append((name, [_gpx_spot(point, place) for point in points]))
+            tracks.append((name, [_gpx_spot(point, f"{place}: point {k}") for k, point in enumerate(points, 1)]))
         elif kind == "wpt" and name:
-            stations.append((name, _gpx_spot(element, place)))
+            stations.append((name, _gpx_spot(element, f"{place}: wpt '{name}'")))
     known = {"gpx", "trk", "rte", "trkseg", "trkpt", "rtept", "wpt", "name", "ele"}
     left = dict.fromkeys(entry.tag.rpartition("}")[2] for entry in root.iter())
     line = _line(tracks, stations, place, selection, "GPX")
@@ -123,16 +135,11 @@ def _text(element: Element, tag: str) -> str:
 
 
 def _gpx_spot(point: Element, place: str) -> Spot:
-    values: dict[str, float | None] = {}
-    for key, text in (("lat", point.get("lat")), ("lon", point.get("lon")), ("ele", _text(point, "ele") or None)):
-        try:
-            values[key] = None if text is None else float(text)
-        except ValueError:
-            raise ValueError(f"{place}: {key} = '{str(text)[:30]}': is not a number; correct it") from None
-    latitude = finite_number(values["lat"], f"{place}: lat", -90, 90)
-    longitude = finite_number(values["lon"], f"{place}: lon", -180, 180)
-    height = values["ele"]
-    return latitude, longitude, None if height is None else finite_number(height, f"{place}: ele", -1e3, 1e4)
+    latitude, longitude = (
+        number_in(point.get(key, ""), f"{place}: {key}", -most, most) for key, most in (("lat", 90), ("lon", 180))
+    )
+    height = _text(point, "ele")
+    return latitude, longitude, number_in(height, f"{place}: ele", -1e3, 1e4) if height else None
 
 
 def _line(
@@ -140,23 +147,26 @@ def _line(
 ) -> Line:
     """Return the line along the one, or the selected, track."""
     listed = [entry for entry in tracks if len(entry[1]) > 1 and selection in ("", entry[0])]
+    if selection.isascii() and selection.isdigit() and len(listed) != 1:
+        listed = tracks[int(selection) - 1 : int(selection)] if int(selection) else []
     if len(listed) != 1:
-        names = ", ".join(f"'{name}'" for name, _ in tracks[:8])
+        names = ", ".join(f"{k} '{name}'" for k, (name, _) in enumerate(tracks[:8], 1))
         raise ValueError(
             f"{place}: {len(listed)} tracks{f' named {selection!r}' if selection else ''} (it has {names or 'none'}); "
-            "select one as FILE:NAME"
+            + ("select one as FILE:NAME or FILE:NUMBER" if tracks else "give a file with a track")
         )
     name, spots = listed[0]
     spots = [spot for k, spot in enumerate(spots) if not k or spot[:2] != spots[k - 1][:2]]
     at = distances(spots)
-    wide = int(np.argmax(np.diff(at)))
-    if at[wide + 1] - at[wide] > GAP:
-        raise ValueError(
-            f"{place}: track '{name}', points {wide} and {wide + 1}: {(at[wide + 1] - at[wide]) / 1e3:.1f} km apart; "
-            "give a track without gaps"
-        )
     if at[-1] < 2 * STRETCH:
         raise ValueError(f"{place}: track '{name}' is {at[-1]:.0f} m long; a line needs {2 * STRETCH:g} m")
+    wide = int(np.argmax(np.diff(at)))
+    gap = float(at[wide + 1] - at[wide])
+    apart = f"{place}: track '{name}', points {wide + 1} and {wide + 2}: {gap / 1e3:.1f} km apart"
+    if gap > GAP:
+        raise ValueError(f"{apart}; give a track without gaps")
+    if gap > WIDE:
+        print_assumption(f"{apart}; straight between them")
     every = math.ceil(len(spots) / MAX_COORDINATES)
     shown = sorted({*range(0, len(spots), every), len(spots) - 1})
     raw = {
@@ -221,3 +231,73 @@ def _stops(at: Any, spots: list[Spot], stations: list[tuple[str, Spot]], place: 
         else:
             found.setdefault(float(at[nearest]), name)
     return [{"at": where, "name": name} for where, name in sorted(found.items())]
+
+
+NOT_IN_A_TRACK = (
+    "chainage", "vertical_curves", "curves", "tunnels", "speed_limits", "category_limits", "temporary_restrictions",
+    "neutral_sections", "power_limits", "adhesion", "summary",
+)  # fmt: skip
+"""Keys of a line that a track does not have."""
+
+
+def _points(line: Line) -> tuple[list[tuple[float, Spot]], tuple[str, ...]]:
+    """Return the points of a line with coordinates, each with its place [m], and what a track does not carry.
+
+    Raises
+    ------
+    ValueError
+        For a line without coordinates.
+    """
+    alignment = Alignment(line)
+    known = [spot.at for spot in line.coordinates]
+    if not known:
+        raise ValueError(f"line '{line.name}': coordinates: it has none, and a track needs them; write .yaml or .csv")
+    first, last = max(known[0], line.begin), min(known[-1], line.end)
+    inner = [*known, *(grade.at for grade in line.rounded_grades), *(stop.at for stop in line.stops)]
+    places = sorted({first, *(at for at in inner if first < at < last), last})
+    where = np.array(places)
+    found = alignment.coordinates(where)
+    assert found is not None  # the line has coordinates
+    heights = alignment.at(where).z.tolist()
+    left = [key for key in NOT_IN_A_TRACK if getattr(line, key)]
+    left += ["stops[].dwell"] if any(stop.dwell for stop in line.stops) else []
+    left += [f"begin = {number_text(line.begin)} m (now 0)"] if line.begin else []
+    if first > line.begin or last < line.end:
+        left.append(f"places without coordinates: only {number_text(first)} to {number_text(last)} m")
+    spots = zip(found[0].tolist(), found[1].tolist(), heights, strict=True)
+    return list(zip(places, spots, strict=True)), (*left, "heights above the begin of the line, not above the sea")
+
+
+def _named(line: Line, points: list[tuple[float, Spot]]) -> list[tuple[str, Spot]]:
+    """Return name and coordinates of the stops within the track."""
+    by_place = dict(points)
+    stops = ((stop.name or f"stop at {number_text(stop.at)} m", by_place.get(stop.at)) for stop in line.stops)
+    return [(name, spot) for name, spot in stops if spot is not None]
+
+
+def line_geojson(line: Line) -> tuple[str, tuple[str, ...]]:
+    """Return a line with coordinates as GeoJSON, and the keys that are left out."""
+    points, left = _points(line)
+    shapes: list[tuple[str, str, Any]] = [("LineString", line.name, [[lon, lat, z] for _, (lat, lon, z) in points])]
+    shapes += [("Point", name, [lon, lat, z]) for name, (lat, lon, z) in _named(line, points)]
+    features = [
+        {"type": "Feature", "properties": {"name": name}, "geometry": {"type": kind, "coordinates": coordinates}}
+        for kind, name, coordinates in shapes
+    ]
+    return json.dumps({"type": "FeatureCollection", "features": features}, ensure_ascii=False) + "\n", left
+
+
+def line_gpx(line: Line) -> tuple[str, tuple[str, ...]]:
+    """Return a line with coordinates as GPX 1.1, and the keys that are left out."""
+    from xml.sax.saxutils import escape
+
+    points, left = _points(line)
+
+    def element(tag: str, spot: Spot, name: str = "") -> str:
+        inner = f"<ele>{spot[2]}</ele>" + (f"<name>{escape(name)}</name>" if name else "")
+        return f'<{tag} lat="{spot[0]}" lon="{spot[1]}">{inner}</{tag}>\n'
+
+    stations = "".join(element("wpt", spot, name) for name, spot in _named(line, points))
+    rows = "".join(element("trkpt", spot) for _, spot in points)
+    head = '<?xml version="1.0" encoding="UTF-8"?>\n<gpx version="1.1" creator="train_ato" xmlns="http://www.topografix.com/GPX/1/1">'
+    return f"{head}\n{stations}<trk><name>{escape(line.name)}</name><trkseg>\n{rows}</trkseg></trk></gpx>\n", left

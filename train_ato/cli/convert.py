@@ -22,7 +22,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "target",
         type=Path,
         metavar="OUT",
-        help="new file: .yaml in the own format, .json a line as TTOBench or a train as OSRD",
+        help="new file: .yaml in the own format, .json a line as TTOBench or a train as OSRD, a line as .csv, .gpx or "
+        ".geojson",
     )
 
 

@@ -160,7 +160,7 @@ def _trip_settings(options: argparse.Namespace) -> Any:
         return TripSettings.model_validate(data)
     except ValidationError as error:
         source = "options of plan" if options.trip == DEFAULTS else options.trip
-        raise explain(error, source, TripSettings) from None
+        raise explain(error, source, TripSettings, data) from None
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -194,7 +194,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--allowance", type=_allowance, action="append", metavar="TIME",
         help="supplement on the least running time between two stops, in place of --time: 5%%, 1.5min/100km, 10s/stop, "
-        "joined by +; on a section with :KM..KM; may be repeated",
+        "joined by +; on a section with :KM..KM, kilometres or posts as 84+500; may be repeated",
     )  # fmt: skip
     parser.add_argument(
         "--journey",

@@ -383,7 +383,7 @@ def check_scenario(data: dict[str, Any], source: str | Path) -> Scenario:
     try:
         return Scenario.model_validate(data)
     except ValidationError as error:
-        raise explain(error, source, Scenario) from None
+        raise explain(error, source, Scenario, data) from None
 
 
 def load_scenario(

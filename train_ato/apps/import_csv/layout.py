@@ -6,11 +6,13 @@ force of the notches is the demand, ``command_force``; in a file without a measu
 
 from __future__ import annotations
 
+from collections.abc import Collection
+from itertools import combinations
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, model_validator
 
 from plant_sim.consist import Consist
 from plant_sim.elementary import plain_sum
@@ -18,7 +20,7 @@ from plant_sim.input_error import build_model, close_match
 from plant_sim.library import read_yaml
 from plant_sim.si_model import SiModel, Source, Summary
 from plant_sim.traction import Envelope
-from train_ato.apps.import_csv.columns import LAYOUTS, NOTCH, Column, layout_names
+from train_ato.apps.import_csv.columns import LAYOUTS, NOTCH, Column, column_of, layout_names, spellings
 from train_ato.apps.import_csv.table import CsvTable, FileRules, plain_notch
 
 FORCES = ("force", "traction_force", "brake_force")
@@ -56,6 +58,25 @@ class RecorderLayout(SiModel):
     sort: bool = Field(False, description="sort the rows by time and remove repeated rows, as --sort does")
     ignore: tuple[str, ...] = Field((), description="titles that are not read", examples=[["Horn"]])
     ignore_others: bool = Field(False, description="no fault for a title that is in no key")
+
+    @model_validator(mode="after")
+    def _one_meaning(self) -> RecorderLayout:
+        for title, name in self.columns.items():
+            try:
+                column_of(title, name)
+            except ValueError:
+                near = close_match(name, spellings()) or "; the names are those of train-ato import --help"
+                raise ValueError(f"columns: {title}: '{name[:40]}' is no column of train_ato{near}") from None
+        uses: dict[str, Collection[str]] = {
+            "columns": self.columns, "notches": self.notches, "ignore": self.ignore, "date": (self.date,),
+        }  # fmt: skip
+        for (one, titles), (other, others) in combinations(uses.items(), 2):
+            if twice := sorted({*titles} & {*others}):
+                raise ValueError(f"'{twice[0]}' is in {one} and in {other}; keep one of them")
+        for title, shares in self.notches.items():
+            if len({plain_notch(key) for key in shares}) < len(shares):
+                raise ValueError(f"notches: {title}: one notch twice, as {', '.join(shares)}; keep one of them")
+        return self
 
     def renames(self) -> dict[str, str]:
         """Return the name of every column of the layout by its title."""
@@ -105,6 +126,7 @@ def add_notch_force(table: CsvTable, consist: Consist) -> str:
     units = [consist.vehicles[unit] for unit in consist.power_units]
     traction = [Envelope(unit.traction) for unit in units]
     brake = [Envelope(unit.electric_brake or unit.brake) for unit in units]
+    both = int(np.count_nonzero(np.count_nonzero([table.values[entry.title] for entry in notches], axis=0) > 1))
     share = sum((table.values[column.title] for column in notches), np.zeros(table.lines.size))
     rows = np.arange(table.lines.size)
     known = ~np.isnan(table.values[speed.title])
@@ -123,4 +145,5 @@ def add_notch_force(table: CsvTable, consist: Consist) -> str:
         table.columns[name], table.values[name] = Column(name, quantity, 1.0), force
         table.decimals[name] = -1
     use = "the demand" if measured else "the demand and, without a measured force in the file, the force"
-    return f"{title}: share of the largest force at the speed; it is {use}"
+    twice = f"; in {both} rows the shares of two handles add" if both else ""
+    return f"{title}: share of the largest force at the speed; it is {use}{twice}"

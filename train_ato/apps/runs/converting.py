@@ -8,11 +8,14 @@ from typing import Any
 from plant_sim.formats.line_table import line_csv
 from plant_sim.formats.osrd_stock import osrd_stock_json
 from plant_sim.formats.reading import holds_train, own_yaml, ttobench_json
+from plant_sim.formats.survey import line_geojson, line_gpx
 from plant_sim.library import consist_names, line_names, named_line, named_train, split_name
 from train_ato.arguments import check_new_file
 from train_ato.log.whole_file import write_whole
 
-OWN, JSON, TABLE = (".yaml", ".yml"), ".json", ".csv"
+OWN, JSON = (".yaml", ".yml"), ".json"
+LINES = {JSON: ttobench_json, ".csv": line_csv, ".gpx": line_gpx, ".geojson": line_geojson}
+"""Writer of a line by the ending of its file."""
 
 
 def convert(source: str | Path, out: str | Path) -> dict[str, Any]:
@@ -23,8 +26,8 @@ def convert(source: str | Path, out: str | Path) -> dict[str, Any]:
     source
         Shipped name or file.
     out
-        New file: .yaml in the own format, a line as TTOBench .json or table .csv, a train as rolling stock of OSRD
-        .json.
+        New file: .yaml in the own format, a line as TTOBench .json, table .csv, .gpx or .geojson, a train as rolling
+        stock of OSRD .json.
 
     Returns
     -------
@@ -37,14 +40,14 @@ def convert(source: str | Path, out: str | Path) -> dict[str, Any]:
         One line: file, key, value, problem; remedy.
     """
     source, target = str(source), Path(out)
-    check_new_file(target, (*OWN, JSON, TABLE), "OUT")
+    check_new_file(target, (*OWN, *LINES), "OUT")
     stem = split_name(source)[0]
     shipped = (*consist_names(), *line_names())
     if stem not in shipped and not Path(stem).is_file():
         raise ValueError(f"IN {source}: neither a file nor a shipped name; give a line or train file")
     if stem in consist_names() or (stem not in shipped and holds_train(Path(stem))):
-        if target.suffix.lower() == TABLE:
-            raise ValueError(f"OUT {target}: a table has a line; write a train as .yaml or .json")
+        if target.suffix.lower() not in (*OWN, JSON):
+            raise ValueError(f"OUT {target}: {target.suffix} has a line; write a train as .yaml or .json")
         found = named_train(source)
         osrd = target.suffix.lower() == JSON
         text, lost = osrd_stock_json(found.consist) if osrd else (own_yaml(found.consist), ())
@@ -53,7 +56,7 @@ def convert(source: str | Path, out: str | Path) -> dict[str, Any]:
     else:
         read = named_line(source)
         kind, form, name = "line", read.format, read.line.name
-        write = {JSON: ttobench_json, TABLE: line_csv}.get(target.suffix.lower())
+        write = LINES.get(target.suffix.lower())
         text, lost = (own_yaml(read.line), ()) if write is None else write(read.line)
         left_out = (*read.left_out, *lost)
     _write(target, text)

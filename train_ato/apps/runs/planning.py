@@ -82,7 +82,7 @@ def plan(
     try:
         chosen = PlanSettings.model_validate({**data, **settings})
     except ValidationError as error:
-        raise explain(error, "options of plan", PlanSettings) from None
+        raise explain(error, "options of plan", PlanSettings, settings) from None
     if journey is not None:
         chosen = chosen.model_copy(update={"points": read_journey(str(journey), on).points})
     result = plan_profile(on, consist, chosen, period)

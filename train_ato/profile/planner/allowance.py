@@ -10,7 +10,9 @@ import re
 
 from pydantic import Field, model_validator
 
+from plant_sim.chainage import parse_post
 from plant_sim.input_error import build_model
+from plant_sim.line import Line
 from plant_sim.si_model import SiModel
 from plant_sim.units import Place, Ratio, Time
 
@@ -28,25 +30,50 @@ class Allowance(SiModel):
     per_stop: Time | None = Field(
         None, ge=0, le=36_000, description="time for every stop after the first, the last one included", examples=[10.0]
     )
-    begin: Place | None = Field(
-        None, description="place of the front at which it begins; default: that of the plan", examples=[1200.0]
+    begin: Place | str | None = Field(
+        None,
+        description="place of the front at which it begins, or a post 12+345; default: that of the plan",
+        examples=[1200.0],
     )
-    end: Place | None = Field(
-        None, description="place of the front at which it ends; default: that of the plan", examples=[5400.0]
+    end: Place | str | None = Field(
+        None,
+        description="place of the front at which it ends, or a post 12+345; default: that of the plan",
+        examples=[5400.0],
     )
 
     @model_validator(mode="after")
     def _has_time(self) -> Allowance:
         if self.share is None and self.per_100km is None and self.per_stop is None:
             raise ValueError("an allowance has no time; give share_percent, per_100km_min or per_stop")
-        if self.begin is not None and self.end is not None and self.end <= self.begin:
+        for key, place in (("begin", self.begin), ("end", self.end)):
+            if isinstance(place, str) and parse_post(place) is None:
+                raise ValueError(f"{key} = '{place[:30]}': is no place; write metres, or a post as 12+345")
+        if isinstance(self.begin, float) and isinstance(self.end, float) and self.end <= self.begin:
             raise ValueError(f"end = {self.end:g} m must lie beyond begin = {self.begin:g} m; exchange them")
         return self
 
+    def on(self, line: Line) -> Allowance:
+        """Return the supplement with the places of its posts on a line [m].
+
+        Raises
+        ------
+        ValueError
+            For a post that the line does not have, and an end before the begin.
+        """
+        try:
+            begin, end = (line.place_of(place) if isinstance(place, str) else place for place in (self.begin, self.end))
+        except ValueError as error:
+            raise ValueError(f"allowance: {error}") from None
+        return build_model(Allowance, self.model_dump() | {"begin": begin, "end": end}, "allowance")
+
     def covers(self, first: float, last: float) -> bool:
         """Return True for a part of the line between two places [m] on which the supplement holds."""
-        begins = self.begin is None or self.begin <= first + SHORTEST
-        return begins and (self.end is None or self.end >= last - SHORTEST)
+        begin, end = self.extent(first, last)
+        return begin <= first + SHORTEST and end >= last - SHORTEST
+
+    def extent(self, first: float, last: float) -> tuple[float, float]:
+        """Return its begin and end [m]; those of the plan where it has none."""
+        return float(first if self.begin is None else self.begin), float(last if self.end is None else self.end)
 
     def seconds(self, least: float, distance: float, *, at_stop: bool) -> float:
         """Return the supplement [s] of a part with a least running time [s] and a distance [m]."""
@@ -60,11 +87,14 @@ _FORMS = (
     (re.compile(_NUMBER + r"min/100km"), "per_100km_min"),
     (re.compile(_NUMBER + r"s/stop"), "per_stop"),
 )
-_SECTION = re.compile(r"(-?\d+(?:\.\d*)?)\.\.(-?\d+(?:\.\d*)?)")
+_PLACE = r"(-?\d+(?:\+\d{3})?(?:\.\d*)?)"
+_SECTION = re.compile(rf"{_PLACE}\.\.{_PLACE}")
 
 
 def parse_allowance(text: str) -> Allowance:
     """Return the supplement of ``5%``, ``1.5min/100km``, ``10s/stop``, sums with ``+``, ``:KM..KM`` for a section.
+
+    A kilometre is a number, or a post as ``12+345``.
 
     Raises
     ------
@@ -72,7 +102,7 @@ def parse_allowance(text: str) -> Allowance:
         One line: problem; fix.
     """
     amounts, colon, section = text.replace(" ", "").partition(":")
-    data: dict[str, float] = {}
+    data: dict[str, float | str] = {}
     for amount in amounts.split("+"):
         found = [(key, match[1]) for form, key in _FORMS if (match := form.fullmatch(amount))]
         if not found or found[0][0] in data:
@@ -84,6 +114,9 @@ def parse_allowance(text: str) -> Allowance:
     if colon:
         places = _SECTION.fullmatch(section)
         if places is None:
-            raise ValueError(f"'{text}': '{section}' is no section; write two kilometres, as 5%:12.5..18")
-        data |= {"begin_km": float(places[1]), "end_km": float(places[2])}
+            raise ValueError(
+                f"'{text}': '{section}' is no section; write two kilometres, as 5%:12.5..18 or 5%:12+500..18+000"
+            )
+        for key, place in (("begin", places[1]), ("end", places[2])):
+            data |= {key: place} if "+" in place else {f"{key}_km": float(place)}
     return build_model(Allowance, data, f"'{text}'")

@@ -35,9 +35,9 @@ def supplements(rules: tuple[Allowance, ...], fastest: Plan) -> list[float]:
         If a supplement lies outside the plan: key, value; fix.
     """
     first, last = fastest.arrivals[0][0], fastest.arrivals[-1][0]
-    borders = {place for rule in rules for place in (rule.begin, rule.end) if place is not None}
+    borders = {place for rule in rules for place in rule.extent(first, last)}
     for number, rule in enumerate(rules):
-        begin, end = first if rule.begin is None else rule.begin, last if rule.end is None else rule.end
+        begin, end = rule.extent(first, last)
         if begin >= last or end <= first:
             raise ValueError(
                 f"allowance.{number}: km {begin / 1e3:.3f} ... {end / 1e3:.3f} lies outside the plan (km "

@@ -89,7 +89,7 @@ def plan_profile(
 
     fastest = assemble([MINIMUM_TIME] * len(sections))
     if settings.allowance:
-        return plan_with_allowances(sections, fastest, settings.allowance, assemble)
+        return plan_with_allowances(sections, fastest, tuple(rule.on(line) for rule in settings.allowance), assemble)
     return fastest if settings.time is None else _plan_to_timetable(sections, fastest, settings.time, assemble)
 
 
