@@ -12,6 +12,8 @@ EXPORT = ["pyarrow>=23.0.1"]
 """Package of the tables in files."""
 SWEEP = [*EXPORT, "distributed>=2026.1", "scipy>=1.15", "cryptography>=46.0.7"]
 """Packages of the command sweep."""
+TUNE = ["cma>=3.3"]
+"""Packages of the command tune."""
 REPORT = ["bokeh>=3.9.2", "Jinja2>=3.1.6"]
 VIEW = [*REPORT, "tornado>=6.5.5", "foxglove-sdk>=0.30"]
 PLAN = ["scipy>=1.15"]
@@ -130,8 +132,8 @@ setup(
         "view": VIEW,
         "plan": PLAN,
         "sweep": SWEEP,
-        "tune": ["cma>=3.3"],
-        "docs": [*DOCS, *VIEW, *EXPORT, *PLAN, *PICTURES],
+        "tune": TUNE,
+        "docs": [*DOCS, *VIEW, *EXPORT, *PLAN, *PICTURES, *SWEEP, *TUNE],
         "gymnasium": ["gymnasium>=1.0"],
         "xarray": ["xarray>=2024.1"],
         "rerun": ["rerun-sdk>=0.24; python_version >= '3.11'"],
@@ -140,7 +142,7 @@ setup(
             *VIEW,
             *PICTURES,
             *DOCS,
-            "cma>=3.3",
+            *TUNE,
             "gymnasium>=1.0",
             "xarray>=2024.1",
             "control>=0.10",
