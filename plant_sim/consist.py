@@ -13,6 +13,7 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 from plant_sim.brake_data import AirBrake, EmergencyBrake, Shoes
 from plant_sim.elementary import plain_sum
 from plant_sim.gears import DraftGear
+from plant_sim.line import Rating
 from plant_sim.si_model import SiModel, Source, Summary
 from plant_sim.units import (
     GRAVITY,
@@ -396,6 +397,7 @@ class Consist(SiModel):
         description="categories of the train for category_limits of a line; the first one that the line has",
         examples=[["D4", "freight"]],
     )
+    rating: Rating | None = Field(None, description="figures of the train for category_limits with needs")
     kept: dict[str, dict[str, Any]] = Field(
         default_factory=dict,
         description="keys of a foreign format without effect here, by format; convert writes them back",

@@ -19,7 +19,7 @@ from pydantic import Field, model_validator
 
 from plant_sim.chainage import ChainageSection, place_of_post, post_at, with_places
 from plant_sim.si_model import SiModel, Source, Summary
-from plant_sim.units import Place, Power, Ratio, Slope, Speed, Unit, number_text
+from plant_sim.units import Length, Mass, Number, Place, Power, Ratio, Slope, Speed, Unit, number_text
 
 Begin = Annotated[Place, Field(description="place at which it begins", examples=[1200.0])]
 End = Annotated[Place, Field(description="place at which it ends, beyond begin", examples=[1500.0])]
@@ -190,10 +190,38 @@ class SpeedLimit(SiModel):
     speed: Speed = Field(gt=0, description="largest permitted speed", examples=[20.0])
 
 
+class Rating(SiModel):
+    """Figures of a train by which a line has speed limits: those of the train, or the ones that a limit needs."""
+
+    axle_load: Mass | None = Field(None, gt=0, description="mass on an axle; a limit needs at most it", examples=[20e3])
+    cant_deficiency: Length | None = Field(
+        None, gt=0, le=1, description="permitted cant deficiency; a limit needs at least it", examples=[0.13]
+    )
+    brake_percentage: Number | None = Field(
+        None, gt=0, le=500, description="braked weight percentage; a limit needs at least it", examples=[110.0]
+    )
+
+    def met_by(self, train: Rating) -> bool:
+        """Return True if a train has every figure that is needed."""
+        pairs = (
+            (train.axle_load, self.axle_load),
+            (self.cant_deficiency, train.cant_deficiency),
+            (self.brake_percentage, train.brake_percentage),
+        )
+        needed = [self.axle_load, self.cant_deficiency, self.brake_percentage]
+        return all(
+            need is None or (low is not None and high is not None and low <= high)
+            for need, (low, high) in zip(needed, pairs, strict=True)
+        )
+
+
 class CategoryLimits(SiModel):
-    """Speed limits for trains of a category, in place of speed_limits."""
+    """Speed limits for trains of a category, or for all trains with some figures, in place of speed_limits."""
 
     category: str = Field(min_length=1, description="name that the categories of a consist have", examples=["freight"])
+    needs: Rating | None = Field(
+        None, description="figures that a train needs; a train of no category of the line takes the first that it meets"
+    )
     speed_limits: tuple[SpeedLimit, ...] = Field(
         min_length=1, description="speed limits by rising place", examples=[[{"at": 0.0, "speed": 22.0}]]
     )
@@ -252,7 +280,8 @@ class Line(SiModel):
     )
     speed_limits: tuple[SpeedLimit, ...] = Field((), description="speed limits by rising place")
     category_limits: tuple[CategoryLimits, ...] = Field(
-        (), description="speed limits by train category; a train takes those of the first of its categories"
+        (),
+        description="speed limits by category or figures of a train; the first of its categories decides",
     )
     temporary_restrictions: tuple[TemporaryRestriction, ...] = ()
     neutral_sections: tuple[NeutralSection, ...] = ()
@@ -445,7 +474,8 @@ def reversed_line(line: Line) -> Line:
         "tunnels": stretches(line.tunnels),
         "speed_limits": limits(line.speed_limits),
         "category_limits": [
-            {"category": entry.category, "speed_limits": limits(entry.speed_limits)} for entry in line.category_limits
+            {**entry.model_dump(exclude_unset=True), "speed_limits": limits(entry.speed_limits)}
+            for entry in line.category_limits
         ],
         "temporary_restrictions": stretches(line.temporary_restrictions),
         "neutral_sections": stretches(line.neutral_sections),
@@ -458,20 +488,24 @@ def reversed_line(line: Line) -> Line:
     return Line.model_validate(data | update)
 
 
-def line_for(line: Line, categories: Sequence[str]) -> Line:
+def line_for(line: Line, categories: Sequence[str], rating: Rating | None = None) -> Line:
     """Return a line with the speed limits of the first category of a train that it has.
 
     Parameters
     ----------
     categories
         Categories of the train in the order of their choice; none: the line as it is.
+    rating
+        Figures of the train; without a category of the line, it takes the first limits whose needs it meets.
     """
-    known = {entry.category: entry.speed_limits for entry in line.category_limits}
-    chosen = next((name for name in categories if name in known), None)
+    train = rating or Rating()
+    met = [entry for entry in line.category_limits if entry.needs is None or entry.needs.met_by(train)]
+    named = (entry for name in categories for entry in met if entry.category == name)
+    chosen = next(named, next((entry for entry in met if entry.needs is not None), None))
     if chosen is None:
         return line
     data = line.model_dump(by_alias=True, exclude_unset=True)
-    return Line.model_validate(data | {"speed_limits": [entry.model_dump() for entry in known[chosen]]})
+    return Line.model_validate(data | {"speed_limits": [entry.model_dump() for entry in chosen.speed_limits]})
 
 
 def _pieces(line: Line, entries: tuple[Any, ...]) -> list[tuple[Any, float]]:

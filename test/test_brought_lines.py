@@ -19,7 +19,7 @@ from plant_sim.formats.altrios import curve_resistance
 from plant_sim.formats.network_path import BEGIN, END, Network
 from plant_sim.formats.reading import own_yaml, read_line, read_train
 from plant_sim.input_error import build_model
-from plant_sim.line import Line, line_for
+from plant_sim.line import Line, Rating, line_for, reversed_line
 from plant_sim.track import Track
 from train_ato.cli.main import main
 from train_ato.profile.planner.allowance import Allowance
@@ -466,6 +466,37 @@ def test_limits_by_category_are_checked_as_those_of_all_trains(
             assert told in capsys.readouterr().err
     with pytest.raises(ValueError, match="speed_limits of 'freight': none before 1500 m"):
         read_line(file, against=True)
+
+
+@pytest.mark.parametrize(
+    ("rating", "categories", "speed"),
+    [
+        ({"axle_load_t": 16, "cant_deficiency_mm": 275, "brake_percentage": 150}, [], 50.0),  # the first it meets
+        ({"axle_load_t": 16, "cant_deficiency_mm": 275}, [], 30.0),  # no brake percentage
+        ({"axle_load_t": 22.5, "brake_percentage": 150, "cant_deficiency_mm": 275}, [], 15.0),  # too heavy
+        ({"axle_load_t": 25}, [], 20.0),
+        ({"axle_load_t": 16}, ["mail"], 40.0),  # its category is before its figures
+        ({"axle_load_t": 16}, ["tilting"], 30.0),  # of this category, but not with its figures
+        (None, ["light"], 20.0),
+    ],
+)
+def test_limits_by_the_figures_of_a_train(rating: Any, categories: list[str], speed: float) -> None:
+    """Breaks if a bound has the wrong sense, a missing figure counts as met, or the other direction forgets it."""
+    rows = (
+        ("tilting", {"axle_load_t": 17, "cant_deficiency_mm": 275, "brake_percentage": 140}, 50.0),
+        ("mail", None, 40.0),
+        ("light", {"axle_load_t": 18}, 30.0),
+        ("heavy", {"axle_load_t": 22.5}, 15.0),
+    )
+    limits = [
+        {"category": name, "speed_limits": [{"at": 0, "speed": limit}]} | ({"needs": needs} if needs else {})
+        for name, needs, limit in rows
+    ]
+    data = CATEGORIES | {"speed_limits": [{"at": 0, "speed": 20.0}], "category_limits": limits}
+    line = build_model(Line, data, "line")
+    train = None if rating is None else build_model(Rating, rating, "train")
+    for way in (line, reversed_line(line), reversed_line(reversed_line(line))):
+        assert line_for(way, categories, train).speed_limits[0].speed == speed
 
 
 @pytest.mark.parametrize(

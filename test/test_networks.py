@@ -114,12 +114,17 @@ def test_a_plan_and_a_run_have_the_limits_of_the_category(tmp_path: Path) -> Non
     data = load_consist("xuzhou_metro_3").model_dump(by_alias=True, mode="json", exclude_unset=True)
     line = {
         "schema": "train_ato/line/1", "name": "l", "end": 2000.0, "speed_limits": [{"at": 0, "speed": 20.0}],
-        "category_limits": [{"category": "freight", "speed_limits": [{"at": 0, "speed": 5.0}]}],
+        "category_limits": [
+            {"category": "freight", "speed_limits": [{"at": 0, "speed": 5.0}]},
+            {"category": "light", "needs": {"axle_load_t": 18}, "speed_limits": [{"at": 0, "speed": 19.0}]},
+        ],
     }  # fmt: skip
     (tmp_path / "line.yaml").write_text(yaml.safe_dump(line))
     times = {}
-    for name, categories in (("any", []), ("freight", ["freight"])):
-        (tmp_path / f"{name}.yaml").write_text(yaml.safe_dump(data | {"categories": categories}))
+    for name, change, limit in (
+        ("any", {}, 20), ("freight", {"categories": ["freight"]}, 5), ("light", {"rating": {"axle_load_t": 16}}, 19),
+    ):  # fmt: skip
+        (tmp_path / f"{name}.yaml").write_text(yaml.safe_dump(data | change))
         times[name] = plan(tmp_path / "line.yaml", tmp_path / f"{name}.yaml").running_time
         scenario = {
             "schema": "train_ato/scenario/1", "name": name, "duration": 8,
@@ -128,8 +133,8 @@ def test_a_plan_and_a_run_have_the_limits_of_the_category(tmp_path: Path) -> Non
         }  # fmt: skip
         (tmp_path / "s.yaml").write_text(yaml.safe_dump(scenario))
         setup = prepare(*load_scenario(str(tmp_path / "s.yaml")))
-        assert setup.line.speed_limits[0].speed == (5 if categories else 20)
-    assert times["any"] < 160 and times["freight"] > 2000 / 5
+        assert setup.line.speed_limits[0].speed == limit
+    assert times["any"] < times["light"] < 160 and times["freight"] > 2000 / 5
 
 
 def test_the_path_back_is_the_reversed_line_of_what_holds_in_both_directions(infra: Path) -> None:

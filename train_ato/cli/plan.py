@@ -63,7 +63,7 @@ def trip_from_options(options: argparse.Namespace, report: Any = lambda _: None)
 
     _check_options(options)
     consist, _ = find_train(options.consist)
-    line = line_for(find_line(options.line), consist.categories)
+    line = line_for(find_line(options.line), consist.categories, consist.rating)
     try:
         plan = plan_trip(line, consist, _trip_settings(options), options.period, report)
     except TripInterrupted as interruption:

@@ -488,7 +488,7 @@ def prepare(scenario: Scenario, path: Path, parts: PartCache | None = None) -> R
 def _prepare(scenario: Scenario, folder: Path, parts: PartCache) -> RunSetup:
     scenario = with_driver(scenario)
     consist = scenario_consist(scenario.plant.consist, folder, parts)
-    line = line_for(scenario_line(scenario.plant.line, folder, parts), consist.categories)
+    line = line_for(scenario_line(scenario.plant.line, folder, parts), consist.categories, consist.rating)
     layout = scenario_layout(scenario, consist, line)
     tick_ns, step_ns = round(scenario.tick * 1e9), round(scenario.step * 1e9)
     model = nominal_model(scenario, consist, line, layout, folder, parts)

@@ -75,7 +75,7 @@ def plan(
         raise ValueError(f"{', '.join(twice)} with journey: the timing points have it; remove it")
     on = find_line(str(line))
     consist, usual = find_train(str(train), point_mass=bool(settings.get("point_mass", False)))
-    on = line_for(on, consist.categories)
+    on = line_for(on, consist.categories, consist.rating)
     data = {key: value for key, value in usual.model_dump().items() if key not in named}
     posts = {key: value for key, value in settings.items() if key in ("begin", "end") and isinstance(value, str)}
     settings |= {key: on.place_of(value) for key, value in posts.items()}
