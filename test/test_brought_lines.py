@@ -21,6 +21,7 @@ from plant_sim.formats.reading import own_yaml, read_line, read_train
 from plant_sim.input_error import build_model
 from plant_sim.line import Line, Rating, line_for, reversed_line
 from plant_sim.track import Track
+from plant_sim.traction import Envelope
 from train_ato.cli.main import main
 from train_ato.profile.planner.allowance import Allowance
 from train_ato.profile.planner.settings import find_line
@@ -512,6 +513,83 @@ def test_a_refusal_has_the_key_the_value_and_the_bound_of_the_file(model: Any, d
     """Breaks if a value with the suffix of a unit is refused under its SI key, or with the bound of the SI unit."""
     with pytest.raises(ValueError, match=message):
         build_model(model, data, "file")
+
+
+LINES = "".join(
+    f'<valueLine xValue="{v}"><value yValue="{f}"/></valueLine>' for v, f in ((0, 270), (40, 270), (120, 90))
+)
+RAIL_STOCK = f"""<railML xmlns="https://www.railml.org/schemas/3.3" version="3.3"><rollingstock><vehicles>
+<vehicle id="loco" speed="120" bruttoWeight="120" length="20" rotatingMassFactor="1.15" maximumAxleLoad="20">
+<engine><powerMode mode="diesel" isPrimaryMode="true"><tractionData><details><tractiveEffort><valueTable
+xValueUnit="km/h" yValueUnit="kN">{LINES}</valueTable></tractiveEffort></details></tractionData></powerMode></engine>
+<drivingResistance><info airDragCoefficient="0.8" crossSectionArea="10" rollingResistance="1.5"/></drivingResistance>
+</vehicle>
+<vehicle id="coach" speed="160" tareWeight="30" bruttoWeight="40" length="25" rotatingMassFactor="1.05">
+<drivingResistance><info airDragCoefficient="0.3" crossSectionArea="10" rollingResistance="1.2"/></drivingResistance>
+</vehicle></vehicles><formations><formation id="push" speed="110">
+<trainOrder orderNumber="2" vehicleRef="loco"/><trainOrder orderNumber="1" vehicleRef="coach"/>
+<trainOrder orderNumber="3" vehicleRef="coach"/><trainEngine maxAcceleration="0.4"/>
+<trainBrakes meanDeceleration="0.9" regularBrakePercentage="130"/><trainResistance><daviesFormulaFactors
+constantFactorA="4000" speedDependentFactorB="40" squareSpeedDependentFactorC="2.5" massDependent="false"/>
+</trainResistance></formation></formations></rollingstock></railML>
+"""
+"""Rolling stock of railML 3 with made-up figures."""
+
+
+def test_a_railml_train_by_hand(tmp_path: Path) -> None:
+    """Breaks if the order, a unit, the share of the resistance or the brake of a formation is read wrongly."""
+    name = written(tmp_path / "stock.railml", RAIL_STOCK)
+    consist = read_train(Path(name)).consist
+    assert [vehicle.length for vehicle in consist.vehicles] == [25, 20, 25] and consist.mass == 200e3
+    loco = consist.vehicles[1]
+    traction = Envelope(loco.traction)
+    assert [traction.force(v / 3.6) for v in (0, 40, 80, 120)] == pytest.approx([270e3, 270e3, 180e3, 90e3])
+    assert loco.independent_power and loco.inertia == pytest.approx(138e3)
+    assert loco.resistance.n == pytest.approx((0.6 * 4000, 0.6 * 40 * 3.6, 0.6 * 2.5 * 12.96))
+    limits, rating = consist.plan_limits, consist.rating
+    assert limits is not None and (limits.speed, limits.deceleration, limits.acceleration) == (110 / 3.6, 0.9, 0.4)
+    assert rating is not None and (rating.axle_load, rating.brake_percentage) == (20e3, 130)
+    brake = 0.9 * (138e3 + 2 * 42e3) + 0.05 * 9.81 * 200e3
+    assert Envelope(loco.brake).force(10.0) == pytest.approx(brake)
+    own = RAIL_STOCK[: RAIL_STOCK.index("<trainResistance")] + RAIL_STOCK[RAIL_STOCK.index("</formation>") :]
+    first = read_train(Path(written(tmp_path / "own.railml", own))).consist.vehicles[0]
+    assert first.resistance.n == pytest.approx((1.2 * 40 * 9.81, 0, 0.5 * 1.225 * 3.0))
+    info = '<info maxTractiveEffort="270000" tractivePower="3000000"/>'
+    plain = RAIL_STOCK[: RAIL_STOCK.index("<details>")] + info + RAIL_STOCK[RAIL_STOCK.index("</details>") + 10 :]
+    curve = Envelope(read_train(Path(written(tmp_path / "info.railml", plain))).consist.vehicles[1].traction)
+    assert (curve.force(1.0), curve.force(20.0)) == pytest.approx((270e3, 150e3))
+
+
+def test_a_railml_train_from_file_to_plan_and_back(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if a train that convert reads has no plan, or is lost on the way to OSRD."""
+    name, line = written(tmp_path / "stock.xml", RAIL_STOCK), written(tmp_path / "line.csv", TABLE)
+    assert main(["plan", line, f"{name}:push"]) == 0
+    assert main(["convert", name, str(tmp_path / "back.json")]) == 0
+    assert "rating" in capsys.readouterr().err
+    back = read_train(tmp_path / "back.json").consist
+    assert back.mass == 200e3 and Envelope(back.vehicles[0].traction).force(80 / 3.6) == pytest.approx(180e3)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "message"),
+    [
+        ('vehicleRef="loco"', 'vehicleRef="locos"', "formation push: vehicleRef = 'locos': no vehicle; it has loco"),
+        ('bruttoWeight="120"', 'bruttoWeight="12o"', "vehicle loco: bruttoWeight = '12o': is not a number"),
+        ('length="25"', "", "vehicle coach: length = '': is not a number"),
+        ('yValueUnit="kN"', 'yValueUnit="lbf"', "vehicle loco: yValueUnit = 'lbf': must be N or kN"),
+        ('massDependent="false"', 'massDependent="true"', "massDependent = true: is not read"),
+        ('isPrimaryMode="true"', 'isPrimaryMode="false"', "powerMode: 0 primary modes"),
+        ('id="coach"', 'id="loco"', "vehicle loco: two vehicles have this id"),
+        ("<trainBrakes", "<brakes", "formation push: trainBrakes: missing"),
+        ('id="push"', "", "formation: it has no id"),
+        ('xValue="40"', 'xValue="0"', "speeds must rise"),
+    ],
+)
+def test_a_faulty_railml_train_is_refused(tmp_path: Path, before: str, after: str, message: str) -> None:
+    """Breaks if a fault is a traceback, or names neither file nor element."""
+    with pytest.raises(ValueError, match=message) as caught:
+        read_train(Path(written(tmp_path / "s.railml", RAIL_STOCK.replace(before, after, 1))))
+    assert "\n" not in str(caught.value) and "s.railml" in str(caught.value)
 
 
 def test_a_path_over_via_points_is_the_shortest_one_that_passes_them() -> None:

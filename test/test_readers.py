@@ -184,7 +184,7 @@ def test_a_section_without_speed_or_resistance_has_that_before_it(capsys: pytest
         ("a.yaml", "network: [{idx_next: 2}]\n", "no supported line format", "no supported train format"),
         ("a.yaml", "loco_vec: []\n", "consist of ALTRIOS is not read; a train is read from train_ato YAML", ""),
         ("a.json", '{"effort_curves": {}}', r"holds a train \(OSRD\), no line", None),
-        ("a.railml", '<railML version="3.2"><rollingstock/></railML>', "of railML is not read; a train is", ""),
+        ("a.railml", '<railML version="3.2"><rollingstock/></railML>', r"train \(railML\), no line", "0 formations"),
         ("a.yaml", "60\n", "holds one number in place of keys and values", ""),
         ("a.yaml", "", "is empty", ""),
         ("a.yaml", "<gpx/>", "XML is read as railML, in a file that ends in .railml or .xml, and as GPX in .gpx", ""),

@@ -18,7 +18,7 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from plant_sim.formats.fields import formats_read, keys_not_carried, print_assumption
+from plant_sim.formats.fields import keys_not_carried, print_assumption
 from plant_sim.formats.network_path import BEGIN, END, Network, Range, TrackPath, line_data
 from plant_sim.formats.railml_collection import (
     NetElement,
@@ -161,17 +161,11 @@ def is_railml(path: Path) -> bool:
     return path.suffix.lower() in ENDINGS
 
 
-def refuse_railml_train(path: Path) -> None:
-    """Refuse a file in the place of a train.
-
-    Raises
-    ------
-    ValueError
-        One line with file, content and remedy.
-    """
-    if next(elements_below(read_root(path), "rollingstock"), None) is None:
-        raise ValueError(f"{path}: holds a line (railML), no train; exchange them")
-    raise ValueError(f"{path}: rollingstock of railML is not read; {formats_read('train')}")
+def holds_stock(path: Path) -> bool:
+    """Return True for a file with rolling stock and without an infrastructure."""
+    root = read_root(path)
+    infrastructure, stock = (next(elements_below(root, tag), None) for tag in ("infrastructure", "rollingstock"))
+    return infrastructure is None and stock is not None
 
 
 def railml_line(path: Path, selection: str = "", *, against: bool = False) -> tuple[Line, str, tuple[str, ...]]:
@@ -194,9 +188,8 @@ def railml_line(path: Path, selection: str = "", *, against: bool = False) -> tu
     if len(found) > 1:
         raise ValueError(f"{place}: infrastructure: {len(found)} elements of this name; keep one")
     if not found:
-        stock = next(elements_below(root, "rollingstock"), None) is not None
-        if stock:
-            raise ValueError(f"{place}: rollingstock of railML is not read; {formats_read('train')}")
+        if holds_stock(path):
+            raise ValueError(f"{place}: holds a train (railML), no line; exchange them")
         raise ValueError(f"{place}: infrastructure: this element is missing; give a railML 3 infrastructure")
     infrastructure, units = found[0], _units(root, place)
     elements = _net_elements(infrastructure, units, place)

@@ -18,8 +18,9 @@ from plant_sim.elementary import plain_sum
 from plant_sim.formats import altrios, line_table, osrd, osrd_stock, railtoolkit, survey, ttobench
 from plant_sim.formats.fields import keyed, keys_not_carried, print_assumption, read_any, read_data, refuse_foreign
 from plant_sim.formats.network_path import ROUNDING
-from plant_sim.formats.railml import is_railml, railml_line, refuse_railml_train
+from plant_sim.formats.railml import holds_stock, is_railml, railml_line
 from plant_sim.formats.railml_collection import read_xml
+from plant_sim.formats.railml_stock import railml_train
 from plant_sim.input_error import build_model
 from plant_sim.line import Line, reversed_line
 from plant_sim.units import number_text
@@ -131,7 +132,8 @@ def _train_of(path: Path, point_mass: bool, selection: str) -> ReadConsist:
     """Return the train of a file of any format."""
     place = str(path)
     if is_railml(path):
-        refuse_railml_train(path)
+        consist, left = railml_train(path, selection)
+        return ReadConsist(consist, "railML 3", left)
     if survey.is_gpx(path) or line_table.is_line_table(path):
         kind = "GPX" if survey.is_gpx(path) else "table"
         raise ValueError(f"{place}: holds a line ({kind}), no train; exchange them")
@@ -156,7 +158,9 @@ def _train_of(path: Path, point_mass: bool, selection: str) -> ReadConsist:
 
 def holds_train(path: Path) -> bool:
     """Return True if a file has a train, False if it has a line or neither."""
-    if is_railml(path) or line_table.is_line_table(path) or survey.is_gpx(path):
+    if is_railml(path):
+        return holds_stock(path)
+    if line_table.is_line_table(path) or survey.is_gpx(path):
         return False
     data = read_any(path)
     return isinstance(data, dict) and "train" in kinds_of(data)

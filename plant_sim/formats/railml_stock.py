@@ -1,0 +1,243 @@
+"""Trains in railML 3 (rolling stock): a formation of vehicles.
+
+Weights are in t, speeds in km/h, forces in N or kN. A vehicle has its gross weight, or its tare weight without one. The
+running resistance is that of the formation (Davis, in N and km/h), shared by weight, or the sum of those of the
+vehicles, ``rollingResistance`` in N/kN and half of density times ``airDragCoefficient`` times ``crossSectionArea``. The
+traction is that of the primary mode of every engine, as a table, or its largest effort and power. The mean deceleration
+of the formation holds on a fall of 50 per mille too, by equal brakes of the powered vehicles.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from plant_sim.consist import Consist
+from plant_sim.elementary import plain_sum
+from plant_sim.formats.fields import keys_not_carried, print_assumption
+from plant_sim.formats.railml_collection import (
+    elements_below,
+    entry_of,
+    flag_of,
+    names_below,
+    number_of,
+    read_root,
+    tag_of,
+)
+from plant_sim.formats.railtoolkit import ROTATING
+from plant_sim.formats.ttobench import BRAKED_GRADE, OVERSPEED
+from plant_sim.input_error import build_model
+from plant_sim.units import GRAVITY, KMH
+
+if TYPE_CHECKING:
+    from xml.etree.ElementTree import Element
+
+AIR_DENSITY = 1.225
+SPEEDS = {"km/h": 1 / KMH, "m/s": 1.0}
+FORCES = {"N": 1.0, "kN": 1e3}
+MODE = "engine.powerMode"
+TABLE = "tractionData.details.tractiveEffort.valueTable"
+DAVIS = ("constantFactorA", "speedDependentFactorB", "squareSpeedDependentFactorC")
+CARRIED = tuple(
+    f"rollingstock.{key}"
+    for key in (
+        *(f"vehicles.vehicle.@{key}" for key in (
+            "id", "bruttoWeight", "tareWeight", "length", "rotatingMassFactor", "speed", "maximumAxleLoad",
+        )),
+        *(f"vehicles.vehicle.drivingResistance.info.@{key}" for key in (
+            "airDragCoefficient", "crossSectionArea", "rollingResistance",
+        )),
+        *(f"vehicles.vehicle.{MODE}.{key}" for key in (
+            "@mode", "@isPrimaryMode", "tractionData.info.@maxTractiveEffort", "tractionData.info.@tractivePower",
+            f"{TABLE}.@xValueUnit", f"{TABLE}.@yValueUnit", f"{TABLE}.valueLine.@xValue",
+            f"{TABLE}.valueLine.value.@yValue",
+        )),
+        *(f"formations.formation.{key}" for key in (
+            "@id", "@speed", "trainOrder.@orderNumber", "trainOrder.@vehicleRef", "trainBrakes.@meanDeceleration",
+            "trainBrakes.@regularBrakePercentage", "trainEngine.@maxAcceleration",
+            "trainResistance.daviesFormulaFactors.@massDependent",
+            *(f"trainResistance.daviesFormulaFactors.@{key}" for key in DAVIS),
+        )),
+    )
+)  # fmt: skip
+"""Names of a file that the train carries."""
+
+
+def railml_train(path: Path, selection: str = "") -> tuple[Consist, tuple[str, ...]]:
+    """Return a formation of a file, and the names that the train does not carry.
+
+    Parameters
+    ----------
+    selection
+        Identifier of the formation; empty for a file with one.
+
+    Raises
+    ------
+    ValueError
+        One line with file, element, value and remedy.
+    """
+    place, root = str(path), read_root(path)
+    if next(elements_below(root, "rollingstock"), None) is None:
+        raise ValueError(f"{place}: holds a line (railML), no train; exchange them")
+    formations = {_id(entry, place): entry for entry in elements_below(root, "formation")}
+    if len(formations) != 1 and selection not in formations:
+        raise ValueError(
+            f"{place}: {len(formations)} formations ({', '.join(formations)[:200] or 'add one'}); name one as FILE:ID"
+        )
+    if selection and selection not in formations:
+        raise ValueError(f"{place}: selection '{selection[:60]}': the file has {', '.join(formations)}; correct it")
+    name = selection or next(iter(formations))
+    raw = _consist(formations[name], root, name, place)
+    left = keys_not_carried(names_below(root), CARRIED)
+    return build_model(Consist, raw, place), tuple(key for key in left if key != "@version")
+
+
+def _id(element: Element, place: str) -> str:
+    if not (name := element.get("id", "")):
+        raise ValueError(f"{place}: {tag_of(element)}: it has no id; add one")
+    return name
+
+
+def _child(element: Element, names: str) -> Element | None:
+    """Return the first element at a path of names below an element; None without one."""
+    for name in names.split("."):
+        found = next((entry for entry in element if tag_of(entry) == name), None)
+        if found is None:
+            return None
+        element = found
+    return element
+
+
+def _consist(formation: Element, root: Element, name: str, place: str) -> dict[str, Any]:
+    """Return the data of a train."""
+    known: dict[str, Element] = {}
+    for entry in elements_below(root, "vehicle"):
+        if (key := _id(entry, place)) in known:
+            raise ValueError(f"{place}: vehicle {key}: two vehicles have this id; correct one")
+        known[key] = entry
+    order = [entry for entry in formation if tag_of(entry) == "trainOrder"]
+    order.sort(key=lambda entry: number_of(entry, "orderNumber", place, 0, 1e5))
+    train = [entry.get("vehicleRef", "") for entry in order]
+    where = entry_of(formation, place)
+    if not train or not set(train) <= set(known):
+        wrong = next((key for key in train if key not in known), None)
+        what = "trainOrder: none" if wrong is None else f"vehicleRef = '{wrong[:40]}': no vehicle"
+        raise ValueError(f"{where}: {what}; it has {', '.join(known)[:200] or 'no vehicle'}")
+    types = {key: _vehicle(known[key], place) for key in dict.fromkeys(train)}
+    vehicles = [types[key] for key in train]
+    mass = plain_sum(vehicle["mass"] for vehicle in vehicles)
+    _share_resistance(formation, types, mass, place)
+    limits = [number_of(known[key], "speed", place, 1, 1000) / KMH for key in types if known[key].get("speed")]
+    limits += [number_of(formation, "speed", place, 1, 1000) / KMH] if formation.get("speed") else []
+    powered = [key for key in train if "traction" in types[key]]
+    brakes = next((entry for entry in formation if tag_of(entry) == "trainBrakes"), None)
+    if not powered or not limits or brakes is None:
+        lacks = "engine of a vehicle" if not powered else "trainBrakes" if brakes is None else "speed"
+        raise ValueError(f"{where}: {lacks}: missing; add it")
+    deceleration, speed = number_of(brakes, "meanDeceleration", place, 1e-3, 10), min(limits)
+    inertia = plain_sum(vehicle["mass"] * vehicle["rotating_mass_factor"] for vehicle in vehicles)
+    force = (inertia * deceleration + mass * BRAKED_GRADE * GRAVITY) / len(powered)
+    for key in set(powered):
+        types[key]["brake"] = [{"to": OVERSPEED * speed, "force": force}]
+    engine = _child(formation, "trainEngine")
+    loaded = [known[key] for key in types if known[key].get("maximumAxleLoad")]
+    loads = [number_of(entry, "maximumAxleLoad", place, 0.1, 100) for entry in loaded]
+    rating: dict[str, float] = {"axle_load_t": max(loads)} if loads else {}
+    if brakes.get("regularBrakePercentage"):
+        rating["brake_percentage"] = number_of(brakes, "regularBrakePercentage", place, 1, 500)
+    plan = {"speed": speed, "deceleration": deceleration}
+    if engine is not None and engine.get("maxAcceleration"):
+        plan["acceleration"] = number_of(engine, "maxAcceleration", place, 1e-3, 10)
+    print_assumption(f"{place}: rigid couplers; the brake of the formation acts in its powered vehicles")
+    return {
+        "schema": "train_ato/consist/1",
+        "name": name,
+        "source": f"railML 3 rolling stock {Path(place).name}",
+        "vehicle_types": types,
+        "train": [{"type": key} for key in train],
+        "draft_gears": {"rigid": {"kind": "rigid"}},
+        "default_gear": "rigid",
+        "plan_limits": plan,
+    } | ({"rating": rating} if rating else {})
+
+
+def _vehicle(vehicle: Element, place: str) -> dict[str, Any]:
+    """Return the data of a vehicle type, without its brake."""
+    weight = "bruttoWeight" if vehicle.get("bruttoWeight") else "tareWeight"
+    mass = 1e3 * number_of(vehicle, weight, place, 0.1, 1000)
+    if vehicle.get("bruttoWeight") and vehicle.get("tareWeight"):
+        print_assumption(f"{place}: vehicles with load (bruttoWeight); tareWeight has no effect")
+    traction = _traction(vehicle, place)
+    factor = ROTATING["traction unit" if traction else "passenger"]
+    if vehicle.get("rotatingMassFactor"):
+        factor = number_of(vehicle, "rotatingMassFactor", place, 1, 2)
+    else:
+        print_assumption(f"{entry_of(vehicle, place)}: no rotatingMassFactor; assumed {factor:g}")
+    info = _child(vehicle, "drivingResistance.info")
+    resistance = [0.0, 0.0, 0.0]
+    if info is not None:
+        area = number_of(info, "airDragCoefficient", place, 0, 10) * number_of(info, "crossSectionArea", place, 0, 100)
+        rolling = number_of(info, "rollingResistance", place, 0, 100) * mass * GRAVITY / 1e3
+        resistance = [rolling, 0.0, 0.5 * AIR_DENSITY * area]
+    return {
+        "mass": mass,
+        "length": number_of(vehicle, "length", place, 0.1, 1000),
+        "rotating_mass_factor": factor,
+        "resistance": {"n": resistance},
+        **traction,
+    }
+
+
+def _share_resistance(formation: Element, types: dict[str, dict[str, Any]], mass: float, place: str) -> None:
+    """Give the vehicles the running resistance of the formation, by their weight."""
+    davis = _child(formation, "trainResistance.daviesFormulaFactors")
+    if davis is None:
+        if lacking := [key for key, kind in types.items() if not kind["resistance"]["n"][0]]:
+            raise ValueError(
+                f"{entry_of(formation, place)}: daviesFormulaFactors: missing, and vehicle {lacking[0]} has no "
+                "drivingResistance; add one of them"
+            )
+        return
+    if flag_of(davis, "massDependent", place):
+        raise ValueError(f"{place}: daviesFormulaFactors: massDependent = true: is not read; give the factors in N")
+    if any(kind["resistance"]["n"][0] for kind in types.values()):
+        print_assumption(f"{place}: drivingResistance of vehicles: no effect beside that of the formation")
+    whole = [number_of(davis, key, place, 0, 1e9) * KMH**power for power, key in enumerate(DAVIS)]
+    for kind in types.values():
+        kind["resistance"] = {"n": [value * kind["mass"] / mass for value in whole]}
+
+
+def _traction(vehicle: Element, place: str) -> dict[str, Any]:
+    """Return traction and supply of the primary mode of an engine; nothing without an engine."""
+    modes = [mode for engine in vehicle if tag_of(engine) == "engine" for mode in engine if tag_of(mode) == "powerMode"]
+    if not modes:
+        return {}
+    primary = [mode for mode in modes if flag_of(mode, "isPrimaryMode", place, len(modes) == 1)]
+    if len(primary) != 1:
+        raise ValueError(f"{entry_of(vehicle, place)}: powerMode: {len(primary)} primary modes; mark one")
+    supply = {"independent_power": primary[0].get("mode") in ("diesel", "battery")}
+    table = _child(primary[0], TABLE)
+    if table is None:
+        info = _child(primary[0], "tractionData.info")
+        if info is None:
+            raise ValueError(f"{entry_of(vehicle, place)}: tractionData: neither info nor a table; add one of them")
+        force, power = (
+            number_of(info, key, place, 1e3, most) for key, most in (("maxTractiveEffort", 1e7), ("tractivePower", 1e9))
+        )
+        end = OVERSPEED * number_of(vehicle, "speed", place, 1, 1000) / KMH
+        corner = power / force
+        rest = [{"to": end, "power": power}] if corner < end else []
+        return {"traction": [{"to": min(corner, end), "force": force}, *rest], **supply}
+    units = []
+    for key, known in (("xValueUnit", SPEEDS), ("yValueUnit", FORCES)):
+        if (unit := table.get(key, "")) not in known:
+            raise ValueError(f"{entry_of(vehicle, place)}: {key} = '{unit[:20]}': must be {' or '.join(known)}")
+        units.append(known[unit])
+    rows = [(line, value) for line in table if tag_of(line) == "valueLine" for value in line]
+    return {
+        "traction": {
+            "speed": [number_of(line, "xValue", place, 0, 1000) * units[0] for line, _ in rows],
+            "force": [number_of(value, "yValue", place, 0, 1e7) * units[1] for _, value in rows],
+        },
+        **supply,
+    }
