@@ -70,7 +70,8 @@ def clock_of(page) -> float:
 def test_a_train_is_watched_and_acted_on(tmp_path):
     """Breaks if the page does not draw or follow, a button has no effect on the node, or a rejection is not shown."""
     folder = tmp_path / "run"
-    options = ["--scenario", "demo", "--rate", "10", "--out", str(folder), *(f"--set={change}" for change in LONG)]
+    changes = [f"--set={change}" for change in (*LONG, "laws.smc.gains=printed")]
+    options = ["--scenario", "demo", "--rate", "10", "--out", str(folder), *changes]
     with browser() as page, viewing(*options) as view:
         opened(page, view.url)
         wait_for(lambda: clock_of(page) > 100.0, "a train that moves")
@@ -94,6 +95,7 @@ def test_a_train_is_watched_and_acted_on(tmp_path):
         wait_for(lambda: page.evaluate(least) < -0.3 - before, "the gust in the error")
 
         choose(page, "smc")
+        assert "try --set laws.smc.gains=model" in answer(page, "smc: printed gains")
         wait_for(lambda: text(page, "law") == "smc", "the other law")
         page.wait_for("!!model('smc.l1')")
         page.evaluate("model('smc.l1').value_throttled = 1.5")

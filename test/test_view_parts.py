@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import dataclasses
 import math
 import socket
@@ -19,6 +20,7 @@ from train_ato.apps.view.live import WAITING_RATE
 from train_ato.apps.view.overview import MOST_POINTS as POINTS_OF_OVERVIEW
 from train_ato.apps.view.overview import WholeRun
 from train_ato.apps.view.recorded import MOST_POINTS, RecordedFeed
+from train_ato.apps.view.server import PageServer
 from train_ato.apps.view.snapshot import (
     DIAL_BEGIN,
     DIAL_SWEEP,
@@ -189,6 +191,17 @@ def test_axes_of_the_forces_shrink_after_a_peak_and_never_clip():
     feed.show(moment(301.0, time=1.0, coupler=np.full(3, 500e3)))
     assert feed.frame.now["coupler_reach"][0] > 500.0
     assert feed.frame.number == 4
+
+
+def test_the_page_closes_slow_connections_at_the_end():
+    """Breaks if the look for the end stops the loop again meanwhile, which ends the command with a traceback."""
+
+    class Slow(PageServer):
+        async def _settle(self) -> None:
+            await asyncio.sleep(0.3)  # three looks
+            await super()._settle()
+
+    Slow(Feed(LINE)).run(lambda: True)
 
 
 def test_the_end_has_a_verdict_as_soon_as_the_summary_is_written(tmp_path):

@@ -108,10 +108,12 @@ class PageServer:
             if stopped():
                 self._loop.stop()
 
-        PeriodicCallback(look, 100).start()
+        looking = PeriodicCallback(look, 100)
+        looking.start()
         try:
             self._loop.start()
         finally:
+            looking.stop()  # it would end the loop again while the connections are closed
             self._server.unlisten()
             self._server.stop()
             self._loop.run_sync(self._settle)
