@@ -1,4 +1,7 @@
-"""Makers of results for the trials of judges (``data/judge_trials.yaml``), by paper."""
+"""Makers of results for the trials of judges (``data/judge_trials.yaml``), by paper.
+
+Runs with chosen position and speed errors, for the judges of papers 002, 003 and 004.
+"""
 
 from __future__ import annotations
 
@@ -7,10 +10,11 @@ from typing import Any
 
 import numpy as np
 from recordings import with_series
-from reproduce_results import result, series
-from tracking_results import run, tracked, with_command
+from reproduce_results import FIGURES, result, series
 
+from train_ato.loop.recording import Recording
 from train_ato.loop.setup import prepare
+from train_ato.messages.types import Array
 from train_ato.papers.claims import Result
 from train_ato.papers.p000_heavy_haul.cases import PERIOD
 from train_ato.papers.p000_heavy_haul.checks import LOCOMOTIVE, disturbance_40, unexplained
@@ -184,3 +188,47 @@ def steady(speed: float = 0.01) -> Result:
 def limited(place: float = 1.0, off: float = 1.0) -> Result:
     """Return a run with errors to its own reference and to the profile for 225.7 kN [m]."""
     return on_profile(off, 0.0, place, "crh380a_gpc:short")
+
+
+def run(
+    place: float = 0.0,
+    speed: float = 0.0,
+    *,
+    units: int = 1,
+    until: float = 20.0,
+    duration: float = 100.0,
+    tick: float = 0.05,
+    force: float = 0.0,
+    spacing: float = 80.0,
+) -> Recording:
+    """Return the series of a train with constant errors [m, m/s] up to a time [s] and none later."""
+    count = round(duration / tick)
+    base = series(np.zeros(count), np.full(count, force), tick)
+    t = base.time
+    off = np.where(t < until, 1.0, 0.0)
+    columns = np.ones(units)
+    position = base.reference_position + place * off
+    velocity = base.reference_velocity + speed * off
+    return with_series(
+        base,
+        position=position[:, None] - spacing * np.arange(units),
+        velocity=velocity[:, None] * columns,
+        front_position=position,
+        front_velocity=velocity,
+        applied=base.applied * columns,
+        command=base.command * columns,
+    )
+
+
+def tracked(place: float = 0.0, speed: float = 0.0, **more: float) -> Result:
+    """Return a result of one unit with a largest position and speed error [m, m/s]."""
+    figures = {key: more.pop(key) for key in list(more) if key in FIGURES}
+    recording = run(place, speed, **more)  # type: ignore[arg-type]
+    return Result({**FIGURES, **figures}, recording)
+
+
+def with_command(result: Result, command: Array) -> Result:
+    """Return the result with another command [N]."""
+    assert result.recording is not None
+    recording = with_series(result.recording, command=command[:, None], applied=command[:, None])
+    return Result(result.summary, recording)

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from judge_results import tracked, with_command
 from recordings import with_series
 from reproduce_results import series
-from tracking_results import tracked, with_command
 
 from train_ato.loop.engine import run_engine
 from train_ato.loop.recording import Recording

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from judge_results import tracked
 from recordings import with_series
 from reproduce_results import series
-from tracking_results import tracked
 
 from train_ato.loop.engine import run_engine
 from train_ato.loop.setup import prepare
