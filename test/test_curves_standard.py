@@ -166,7 +166,7 @@ def test_curve_against_small_steps(grades, steps, length, foot):
         middle = math.sqrt(square)
         square += 2.0 * dx * (brake.above(middle)[0] + gradient.at(place - dx / 2))
         place -= dx
-        assert curve.speed(place) == pytest.approx(math.sqrt(square), abs=0.05 + 1.5 * dx / max(middle, 0.5))
+        assert abs(curve.speed(place) - math.sqrt(square)) <= 0.05 + 1.5 * dx / max(middle, 0.5)
     for speed in (foot, 31.0, 55.0):
         if speed >= foot:
             assert curve.speed(curve.location(speed)) == pytest.approx(speed, abs=1e-6)
