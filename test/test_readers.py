@@ -236,23 +236,38 @@ def test_traps_of_an_own_line_are_noted(tmp_path: Path, capsys: pytest.CaptureFi
         ("bench", ("gradients", "values", 1, 0), 14e3, "grades[1]: 14000 m lies beyond the end of the line, 5000 m"),
         ("bench", ("speed limits", "values", 1, 1), 900, "speed_limits[1]: speed 250 is 900 km/h; check its unit"),
         ("path", ("paths", 0, "characteristic_sections", 1, 2), 400, "grades[1]: grade 0.4 is 400 per mille"),
+        ("own", ("grades",), [{"at": 0, "grade_permille": 0.012}], "the steepest is 0.012 per mille; check its unit"),
         ("own", ("stops",), [{"at": -50}], "stops[0]: -50 m lies before the begin of the line, 0 m"),
         ("own", ("neutral_sections",), [{"begin": -9, "end": -3}], "neutral_sections[0]: -9 m lies before the begin"),
         ("own", ("curves",), [{"begin": 0, "end": 9, "radius": 300}, {"begin": 5, "end": 20, "radius": 400}],
          "curves: two from 5 to 9 m; their resistances add"),
         ("train", ("vehicles", 0, "mass"), 80e3, "loco: mass 80000000 kg on 18 m; check its unit"),
         ("train", ("vehicles", 0, "tractive_effort"), [[0, 200], [120, 60]], "traction 199.58 N for 180000 kg"),
+        ("consist", ("vehicle_types", "car", "length"), 20e3, "car: mass 40000 kg on 20000 m; check its unit"),
+        ("consist", ("vehicle_types", "car", "rotating_mass_factor"), 8, "car: rotating_mass_factor 8; check its unit"),
+        ("consist", ("vehicle_types", "car", "traction", 0, "force_kn"), 50e3, "traction 50000000 N for 40000 kg"),
+        ("consist", ("vehicle_types", "car", "traction", 1, "power_kw"), 625e3, "traction power 625000000 W for"),
+        ("consist", ("vehicle_types", "car", "traction", 1, "power_kw"), 0.625, "from 50000 N to 50 N at 12.5 m/s"),
+        ("consist", ("vehicle_types", "car", "brake"), [{"to": 9, "force": 5e4}, {"to": 99, "force": 50}],
+         "car: brake changes from 50000 N to 50 N at 9 m/s"),
+        ("consist", ("vehicle_types", "car", "resistance", "n"), [0.7, 0.02, 0.002],
+         "running resistance 1.9 N at 72 km/h for 40000 kg"),
         ("train", ("vehicles", 1, "a_braking"), -0.1, "vehicles[1]: a_braking: no effect in a vehicle of type"),
     ],
 )  # fmt: skip
 def test_traps_of_every_format_are_noted(tmp_path, what, path, value, message, capsys):
     """Breaks if a figure in another unit, or an entry without effect, is taken without a word in one of the formats."""
     own = {"schema": "train_ato/line/1", "name": "y", "end": 3000}
-    base = {"train": TRAIN, "path": PATH, "bench": BENCH, "own": own}[what]
+    car = {"mass": 40e3, "length": 20, "rotating_mass_factor": 1.1, "resistance": {"n": [700, 20, 2]},
+           "traction": [{"to": 12.5, "force_kn": 50}, {"to": 45, "power_kw": 625}],
+           "brake": [{"to": 45, "force_kn": 60}]}  # fmt: skip
+    consist = {"schema": "train_ato/consist/1", "name": "z", "vehicle_types": {"car": car}, "train": [{"type": "car"}],
+               "draft_gears": {"rigid": {"kind": "rigid"}}, "default_gear": "rigid"}  # fmt: skip
+    base = {"train": TRAIN, "path": PATH, "bench": BENCH, "own": own, "consist": consist}[what]
     file = tmp_path / f"trap.{'json' if what == 'bench' else 'yaml'}"
     data = changed(base, path, value)
     file.write_text(json.dumps(data) if what == "bench" else yaml.safe_dump(data))
-    (find_train if what == "train" else find_line)(str(file))
+    (find_train if what in ("train", "consist") else find_line)(str(file))
     assert message in capsys.readouterr().err
 
 

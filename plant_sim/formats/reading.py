@@ -25,10 +25,20 @@ from plant_sim.input_error import build_model
 from plant_sim.line import Line, reversed_line
 from plant_sim.units import number_text
 
-FAST, STEEP = 100.0, 0.1
-"""Speed above which a limit is probably in km/h [m/s], and grade above which it is probably in another unit."""
-HEAVY, WEAK = 15e3, 1e-3
-"""Mass per length above which a mass is probably in another unit [kg/m], and traction over weight below which it is."""
+FAST = 100.0
+"""Speed above which a limit is probably in km/h [m/s]."""
+FLAT, STEEP = 1e-4, 0.1
+"""Grade above which it is probably in another unit, and below which that of the steepest stretch is."""
+LIGHT, HEAVY = 100.0, 15e3
+"""Mass per length outside of which mass or length are probably in another unit [kg/m]."""
+WEAK, STRONG = 1e-3, 1.0
+"""Traction over weight outside of which it is probably in another unit."""
+POWERFUL, CLIFF = 300.0, 50.0
+"""Power over mass above which it is probably in another unit [W/kg], and ratio of two neighbouring segments."""
+EASY, STIFF = 1e-4, 0.5
+"""Running resistance at 20 m/s over weight outside of which it is probably in another unit."""
+SLUGGISH = 2.0
+"""Rotating mass factor above which it is probably a percentage."""
 SHORT, LONG = 100.0, 5e6
 """Lengths of a line [m] below and above which its places are probably in another unit."""
 
@@ -167,18 +177,36 @@ def holds_train(path: Path) -> bool:
 
 
 def _note_train_traps(consist: Consist, place: str) -> None:
-    """Name masses and forces that are probably in another unit."""
+    """Name masses, lengths, forces, powers and resistances that are probably in another unit."""
+    weight, mass = consist.mass * consist.gravity, number_text(consist.mass)
+    doubts = []
     for name, kind in consist.vehicle_types.items():
-        if kind.mass > HEAVY * kind.length:
-            print_assumption(
-                f"{place}: {name}: mass {number_text(kind.mass)} kg on {number_text(kind.length)} m; check its unit"
-            )
-    force = plain_sum(consist.vehicles[unit].traction[0].at(0.1) for unit in consist.power_units)
+        if not LIGHT * kind.length <= kind.mass <= HEAVY * kind.length:
+            doubts.append(f"{name}: mass {number_text(kind.mass)} kg on {number_text(kind.length)} m")
+        if kind.rotating_mass_factor > SLUGGISH:
+            doubts.append(f"{name}: rotating_mass_factor {number_text(kind.rotating_mass_factor)}")
+        for key, segments in (("traction", kind.traction), ("brake", kind.brake)):
+            for one, other in pairwise(segments or ()):
+                last, first = one.at(one.to), other.at(one.to)
+                if last > CLIFF * first > 0.0 or first > CLIFF * last > 0.0:
+                    change = f"from {number_text(last)} N to {number_text(first)} N at {number_text(one.to)} m/s"
+                    doubts.append(f"{name}: {key} changes {change}")
     speed = consist.plan_limits.speed if consist.plan_limits else None
     if speed and speed > FAST:
-        print_assumption(f"{place}: speed {number_text(speed)} m/s is {number_text(3.6 * speed)} km/h; check its unit")
-    if force > consist.mass * consist.gravity or 0 < force < WEAK * consist.mass * consist.gravity:
-        print_assumption(f"{place}: traction {number_text(force)} N for {number_text(consist.mass)} kg; check its unit")
+        doubts.append(f"speed {number_text(speed)} m/s is {number_text(3.6 * speed)} km/h")
+    driven = [consist.vehicles[unit].traction for unit in consist.power_units]
+    force = plain_sum(segments[0].at(0.1) for segments in driven)
+    if force and not WEAK * weight <= force <= STRONG * weight:
+        doubts.append(f"traction {number_text(force)} N for {mass} kg")
+    power = plain_sum(max(part.to * part.at(part.to) for part in segments) for segments in driven)
+    if power > POWERFUL * consist.mass:
+        doubts.append(f"traction power {number_text(power)} W for {mass} kg")
+    terms = [vehicle.resistance.polynomial(vehicle.mass, consist.gravity) for vehicle in consist.vehicles]
+    drag = plain_sum(a + 20.0 * b + 400.0 * c for a, b, c in terms)
+    if drag and not EASY * weight <= drag <= STIFF * weight:
+        doubts.append(f"running resistance {number_text(drag)} N at 72 km/h for {mass} kg")
+    for doubt in doubts:
+        print_assumption(f"{place}: {doubt}; check its unit")
 
 
 def _note_traps(found: ReadLine, place: str) -> None:
@@ -202,6 +230,9 @@ def _note_traps(found: ReadLine, place: str) -> None:
             f"{place}: grades[{k}]: grade {number_text(grade)} is {number_text(1e3 * grade)} per mille{_more(steep)}; "
             "check its unit"
         )
+    steepest = max((abs(entry.grade) for entry in line.grades), default=0.0)
+    if 0.0 < steepest < FLAT:
+        print_assumption(f"{place}: grades: the steepest is {number_text(1e3 * steepest)} per mille; check its unit")
     bends = sorted(line.curves, key=lambda curve: curve.begin)
     for one, other in pairwise(bends):
         if other.begin < one.end - ROUNDING:
