@@ -236,6 +236,8 @@ def test_another_run_has_a_free_folder_beside_the_first(tmp_path):
         (Tunable("smc.w", -3.0, low=-100.0, high=500.0), (-12.0, 12.0, 0.1)),
         (Tunable("funnel.rbf_centers", 11, low=1.0, high=101.0), (1.0, 101.0, 1.0)),
         (Tunable("x.free", 2.0), (0.0, 8.0, 0.02)),
+        (Tunable("x.offset", 0.0, low=-5.0, high=5.0), (-5.0, 5.0, 0.05)),
+        (Tunable("x.wide", 0.0, low=-1e9, high=1e9), (-1.0, 1.0, 0.01)),
     ],
 )
 def test_a_slider_covers_a_sensible_part_of_the_range(tunable, expected):

@@ -96,9 +96,9 @@ def slider_scale(tunable: Tunable) -> Scale:
     size = abs(float(tunable.value))
     low, high = tunable.low, tunable.high
     reach = REACH * size if size > 0 else 1.0
-    if high - low > WIDE * max(size, 1e-12):
+    if high - low > (WIDE * size or WIDE):
         high = min(high, reach)
-        low = max(low, 0.0 if tunable.value >= 0 else -reach)
+        low = max(low, 0.0 if tunable.value > 0 else -reach)
     if not low < high:
         low, high = min(low, float(tunable.value)), max(low, float(tunable.value)) + 1.0
     step = _nice((high - low) / STEPS)
