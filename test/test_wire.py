@@ -2,6 +2,7 @@
 
 import dataclasses
 import struct
+import sys
 
 import numpy as np
 import pytest
@@ -292,3 +293,12 @@ def test_equal_bytes_are_decoded_once_and_others_again():
     assert same(wire.decode_shared("ato/command", second), sent[1])
     assert same(wire.decode_shared("ato/command", first), sent[0])
     assert wire.decode("ato/command", first) is not wire.decode("ato/command", first)
+
+
+def test_a_long_profile_is_not_kept_after_it_is_decoded():
+    """Breaks if a run of a day keeps the bytes of its profile, 56 of each knot, beside what the nodes need."""
+    wire, column = Wire(LAYOUTS[0]), np.arange(10_000.0)
+    data = wire.encode("ato/profile", Trajectory(0, "train", np.arange(10_000) * 10**8, column, column, column))
+    references = sys.getrefcount(data)
+    assert wire.decode_shared("ato/profile", data).time.size == 10_000
+    assert sys.getrefcount(data) == references

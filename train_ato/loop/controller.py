@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from array import array
 from collections.abc import Mapping
 from functools import partial
 from typing import Any, NamedTuple
@@ -73,7 +74,7 @@ class ControllerStage:
         Current law.
     changed : dict
         Parameters applied at the last step, planned in the scenario or set during the run.
-    step_times : list of int
+    step_times : array of int
         Wall time of every step [ns].
     received : Received
         Messages of the last :meth:`receive`.
@@ -116,7 +117,7 @@ class ControllerStage:
         self.ato = AtoMode(setup)
         self.outage = ""
         self.takeover: TakeoverRamp | None = None
-        self.step_times: list[int] = []
+        self.step_times = array("q")
         self._fit = self._fit_of(setup.controller)
         self._constants = {
             "compensation": setup.compensation,
