@@ -74,9 +74,10 @@ def of_plant(folder: Path, setup: RunSetup) -> dict[str, list[int]]:
 def takeover(folder: Path, setup: RunSetup) -> tuple[float, float, float]:
     """Return the largest step of the demand after the takeover, that from the applied force to it, and their limit [N].
 
-    The limit is a tick of the largest jerk of the profile.  The applied force is checked against half of its step after
-    a jump to the full brake, because a loaded machine delays commands, and their steps then act at once.  With a node
-    away the commands lack one period or more: on a loaded machine the plant makes few ticks until the node returns.
+    The limit is a tick of the largest jerk of the profile.  The demand that acts is found from the applied force and
+    the lag.  It must lie between the applied force at the begin and the commands sent so far: a loaded machine delays
+    commands, and their steps then act at once.  With a node away the commands lack one period or more: on a loaded
+    machine the plant makes few ticks until the node returns.
     """
     measured = messages(folder, setup, "train/measurement")
     commands = messages(folder, setup, "ato/command")
@@ -92,9 +93,12 @@ def takeover(folder: Path, setup: RunSetup) -> tuple[float, float, float]:
     ramp = demand[: int(demand.argmin()) + 1]
     assert ramp.size > 10, "the train was at standstill at the takeover"
     assert ramp[-1] < -100e3
-    around = applied[first - 1 : first + round(BRAKED_S / setup.tick)]
-    jump = abs(ramp[-1]) * (1.0 - np.exp(-setup.tick / setup.model.lag))
-    assert np.abs(np.diff(around)).max() < 0.5 * jump
+    around = applied[first : first + round(BRAKED_S / setup.tick)]
+    acting = around[:-1] + np.diff(around) / (1.0 - np.exp(-setup.tick / model.lag))
+    latest = np.searchsorted(sent[gap + 1 :], setup.tick_ns * (first + np.arange(acting.size)), side="right") - 1
+    lowest = np.minimum.accumulate(np.minimum(demand, around[0]))[latest]
+    highest = np.maximum.accumulate(np.maximum(demand, around[0]))[latest]
+    assert (acting >= lowest - 1e-3).all() and (acting <= highest + 1e-3).all()
     return float(np.abs(np.diff(ramp)).max()), abs(begin), limit
 
 
