@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -36,14 +37,14 @@ PLANT = str(ROOT / "examples" / "ros" / "my_plant.py")
 
 
 @contextmanager
-def program_on(domain: int, *command: str) -> Iterator[None]:
-    """Run a Python program on a domain to the end of the block."""
+def program_on(domain: int, *command: str, ends: bool = False) -> Iterator[None]:
+    """Run a Python program on a domain to the end of the block, or to its own end if it ``ends`` earlier."""
     environment = {**os.environ, "ROS_DOMAIN_ID": str(domain), "PYTHONPATH": str(ROOT)}
     process = subprocess.Popen([sys.executable, *command], env=environment, stderr=subprocess.PIPE, text=True)
     try:
         yield
     finally:
-        if command[0] != "-m":  # a node of the project ends after the plant
+        if not ends:
             process.send_signal(signal.SIGINT)
         assert (process.communicate(timeout=LIMIT_S)[1], process.returncode) == ("", 0)
 
@@ -98,7 +99,7 @@ def test_every_node_may_be_outside(role: str, mode: Any, free_domain: int) -> No
     """Breaks if a graph needs its own node of a kind, or does not wait for one of its topics."""
     changes = {"duration": 5, "observer": "eso"}
     sets = [f"--set={key}={value}" for key, value in changes.items()]
-    with program_on(free_domain, "-m", "train_ato.ros.standalone", role, "--scenario=demo", *sets):
+    with program_on(free_domain, "-m", "train_ato.ros.standalone", role, "--scenario=demo", *sets, ends=True):
         outside = ta.run("demo", set=changes, mode=mode, external=role, domain=free_domain)
     inside = ta.run("demo", set=changes)
     assert outside.metrics["external"] == {role: role}
@@ -145,11 +146,40 @@ def test_a_controller_of_ones_own_that_dies_stops_the_train(mode: Any, free_doma
     program.write_text(Path(EXAMPLE).read_text().replace(at, at + end))
     assert end in program.read_text()
     with (
-        program_on(free_domain, str(program)),
+        program_on(free_domain, str(program), ends=True),
         pytest.raises(ta.RunFailed, match="node controller failed: it left the run at ") as caught,
     ):
         ta.run("demo", mode=mode, external="controller", domain=free_domain, set={"duration": 60})
     assert caught.value.run is not None and caught.value.run.metrics["strongest_reaction"] != "none"
+
+
+class Raises:
+    """Observer that raises after 5 s."""
+
+    def reset(self) -> None:
+        """Begin again."""
+        self.left = 50
+
+    def step(self, inputs: Any) -> np.ndarray:
+        """Return no disturbance."""
+        self.left -= 1
+        if not self.left:
+            raise ValueError("no measurement")
+        return np.zeros(1)
+
+
+@pytest.mark.graph
+@pytest.mark.parametrize("mode", ["composed", "processes"])
+def test_an_observer_that_raises_stops_the_train_of_an_external_controller(
+    mode: Any, free_domain: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Breaks if the run ends while the train moves, or the line lacks the file: nothing stops the controller itself."""
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parent))
+    said = re.escape(f"node observer failed: observer Raises: ValueError: no measurement, {__file__}:")
+    with program_on(free_domain, EXAMPLE), pytest.raises(ta.RunFailed, match=said) as caught:
+        ta.run("demo", observer=Raises, mode=mode, external="controller", domain=free_domain)
+    assert caught.value.run is not None and caught.value.run.metrics["strongest_reaction"] == "service brake"
+    assert caught.value.run["train/measurement"].to_numpy()[-1, 1] == pytest.approx(0.0, abs=0.1)
 
 
 def test_a_plant_of_ones_own_is_driven(free_domain: int, tmp_path: Path) -> None:
@@ -226,7 +256,7 @@ def test_a_plant_of_ones_own_that_dies_fails_the_run(free_domain: int, tmp_path:
     program, at = tmp_path / "dies.py", "        self.tick += 1\n"
     program.write_text(Path(PLANT).read_text().replace(at, f"{at}        if self.tick == 30: raise SystemExit(0)\n"))
     with (
-        program_on(free_domain, str(program)),
+        program_on(free_domain, str(program), ends=True),
         pytest.raises(ta.RunFailed, match=r"node plant failed: it left the run at 1\.450 s") as caught,
     ):
         ta.run("xuzhou_metro:ideal", mode="composed", external="plant", domain=free_domain)

@@ -72,6 +72,8 @@ def run_composed(
         }
         if Role.OBSERVER in nodes and Role.CONTROLLER in nodes:
             nodes[Role.OBSERVER].stage.on_fault = nodes[Role.CONTROLLER].stage.fail
+        elif Role.OBSERVER in nodes:  # an external controller reads no order to brake
+            nodes[Role.OBSERVER].stage.on_fault = lambda fault: nodes[Role.PLANT].lose(Role.OBSERVER, str(fault))
         if external is Role.PLANT:
             nodes[external] = OutsidePlant(setup, nodes[Role.RECORDER], options.patience)
         else:
