@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import importlib
 import importlib.metadata
+import os
 import re
 import subprocess
 import sys
@@ -85,6 +86,22 @@ def test_the_engine_runs_where_no_ros_package_is_installed(tmp_path):
         assert len(done.stderr.splitlines()) == 1 and "ROS 2 is not installed" in done.stderr, (arguments, done.stderr)
     done = python("import train_ato as ta; ta.run('demo', mode='composed')")
     assert "InputError: ROS 2 is not installed (no rclpy); run the engine" in done.stderr
+
+
+@pytest.mark.parametrize("mode", ["composed", pytest.param("processes", marks=pytest.mark.graph)])
+def test_ros_that_does_not_load_is_refused_with_the_remedy(mode, tmp_path):
+    """Breaks if a library that is missing gives a traceback, another exit status than 2, or an empty run folder."""
+    (tmp_path / "rclpy").mkdir()
+    (tmp_path / "rclpy" / "__init__.py").write_text("raise ImportError('librcl.so: cannot open shared object file')\n")
+    done = subprocess.run(
+        [sys.executable, "-m", "train_ato", "run", "demo", "--out=run", *["--processes"][: mode == "processes"]],
+        cwd=tmp_path, capture_output=True, text=True, check=False,
+        env={**os.environ, "PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"},
+    )  # fmt: skip
+    said = done.stderr.splitlines()[-1]
+    assert said.startswith("train-ato: ROS 2 does not load (librcl.so: cannot open shared object file); run the engine")
+    assert (done.returncode, "Traceback" in done.stderr, done.stdout) == (2, False, "")
+    assert mode == "processes" or not (tmp_path / "run").exists()
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ import importlib.util
 import os
 import subprocess
 import sys
+import traceback
 from functools import lru_cache
 
 DEFAULT_MIDDLEWARE = "rmw_fastrtps_cpp"
@@ -43,10 +44,19 @@ def _loads(middleware: str) -> bool:
 
 
 def missing_ros(error: Exception) -> str | None:
-    """Return the remedy as one line if the error is a missing package of ROS 2, else None."""
-    name = error.name if isinstance(error, ModuleNotFoundError) and error.name else ""
-    if name.startswith(("rclpy", "rcl_interfaces", "rosgraph_msgs", "builtin_interfaces", "rosidl", "rpyutils")) or (
-        name.partition(".")[0].endswith(("_msgs", "_srvs"))
-    ):
-        return f"ROS 2 is not installed (no {name}); {REMEDY}"
+    """Return the remedy as one line if the error is a package of ROS 2 that is missing or does not load, else None."""
+    if not isinstance(error, ImportError):
+        return None
+    if isinstance(error, ModuleNotFoundError) and _of_ros(error.name or ""):
+        return f"ROS 2 is not installed (no {error.name}); {REMEDY}"
+    passed = [frame.f_globals.get("__name__", "") for frame, _ in traceback.walk_tb(error.__traceback__)]
+    if any(_of_ros(name) for name in passed):
+        return f"ROS 2 does not load ({str(error).partition(chr(10))[0]}); {REMEDY}"
     return None
+
+
+def _of_ros(name: str) -> bool:
+    """Return True for the name of a Python module of ROS 2."""
+    return name.startswith(
+        ("rclpy", "rcl_interfaces", "rosgraph_msgs", "builtin_interfaces", "rosidl", "rpyutils")
+    ) or (name.partition(".")[0].endswith(("_msgs", "_srvs")))

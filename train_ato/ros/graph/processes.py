@@ -13,6 +13,7 @@ from train_ato.log.whole_file import write_whole
 from train_ato.loop.setup import RunSetup
 from train_ato.messages.faults import node_faults
 from train_ato.messages.topics import Role
+from train_ato.ros import REMEDY
 from train_ato.ros.graph import shared_memory
 from train_ato.ros.graph.graph_result import GraphOptions, GraphResult, Report
 from train_ato.ros.graph.node_process import LEAVING_S, NodeProcess
@@ -48,7 +49,7 @@ def run_processes(
     Raises
     ------
     ValueError
-        If the log cannot be created.
+        If the log cannot be created, or ROS 2 does not load.
     """
     for taken in (LOG, PARTIAL):
         if (folder / taken).exists():
@@ -79,6 +80,8 @@ def run_processes(
             twins.end()
             _end_all(nodes, failed=True)
             shared_memory.clean()
+    if (end.failure or "").endswith(REMEDY):
+        raise ValueError((end.failure or "").partition(" failed: ")[2])
     _collect(nodes, end, options.external)
     end.interruption = "" if interrupt.asked else nodes[Role.PLANT].interruption
     end.restarts = {role.value: count for role, count in restarts.begun.items()}

@@ -13,6 +13,7 @@ from train_ato.log.compression import DEFAULT
 from train_ato.loop.result import Progress, RunResult
 from train_ato.loop.setup import RunSetup
 from train_ato.messages.topics import Role
+from train_ato.ros import missing_ros
 from train_ato.ros.graph.environment import applied, claim_domain, domain_of_environment, print_domain, variables
 from train_ato.ros.graph.graph_result import IGNORED, GraphOptions, GraphResult
 from train_ato.ros.graph.recorded import recorded_result
@@ -93,9 +94,11 @@ def run_graph(
         with claim_domain(domain if domain is not None else domain_of_environment(), name, namespace) as held:
             print_domain(held)
             end = _run(mode, setup, folder, held, options, report)
-    except ValueError:
+    except (ValueError, ImportError) as error:
         with suppress(OSError):
             folder.rmdir()
+        if (without := missing_ros(error)) is not None:
+            raise ValueError(without) from None
         raise
     _tidy(folder / "log")
     return _with_notes(recorded_result(setup, folder, end, end.outside), end)

@@ -20,7 +20,7 @@ from train_ato.interrupt import Interrupt, no_silent_exit
 from train_ato.log.compression import DEFAULT, add_compression
 from train_ato.messages.faults import node_faults
 from train_ato.messages.topics import EXTERNAL, Role
-from train_ato.ros import require_ros
+from train_ato.ros import missing_ros, require_ros
 from train_ato.ros.graph.environment import domain_of_environment, middleware, opened_by
 from train_ato.ros.graph.graph_result import FREE_TIMEOUT_S, LOCKSTEP_TIMEOUT_S
 from train_ato.ros.standalone.notices import LAST_COUNT, EndOrder, Notices, begin_stamp, read_notices
@@ -117,8 +117,11 @@ def run_role(role: Role, words: Sequence[str], completed: Completed | None = Non
             require_ros()
         with no_silent_exit():
             return _run(role, options, stopped, notices, completed)
-    except (ValueError, OSError) as error:
-        sys.stderr.write(f"{role.value}: {' '.join(str(error).split())}\n")
+    except (ValueError, OSError, ImportError) as error:
+        without = missing_ros(error)
+        if isinstance(error, ImportError) and without is None:
+            raise
+        sys.stderr.write(f"{role.value}: {' '.join((without or str(error)).split())}\n")
         return BAD_INPUT
 
 
