@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Mapping, Sequence
-from queue import SimpleQueue
+from contextlib import suppress
+from queue import Empty, SimpleQueue
 from threading import Thread
 from typing import Any
 from weakref import finalize
@@ -117,8 +118,12 @@ class _Threads:
         others, answers = min(self._count, most) if self.stop.alive else 0, SimpleQueue[Any]()
         for _ in range(others):
             self._asked.put((part, answers))
-        found = part()
-        for _ in range(others):
+        found, waiting = part(), others
+        with suppress(Empty):
+            while waiting:
+                self._asked.get_nowait()  # a thread that has not begun has nothing left to do
+                waiting -= 1
+        for _ in range(waiting):
             answer = answers.get()
             if isinstance(answer, BaseException):
                 raise answer

@@ -17,7 +17,7 @@ from llvmlite import ir
 from numba import config, typeof, types
 from numba.core import cgutils
 from numba.core.errors import NumbaExperimentalFeatureWarning
-from numba.extending import NativeValue, intrinsic, models, register_model, unbox
+from numba.extending import NativeValue, intrinsic, models, overload, register_model, unbox
 
 from train_ato.control.compiled.law_call import LawCall
 
@@ -128,8 +128,12 @@ def _arguments_of(typing_context: Any, kind: Any, row: Any) -> Any:
     return kind.arguments(kind, row), build
 
 
-arguments_of: Any = (lambda kind, row: row) if config.DISABLE_JIT else _arguments_of
-"""Arguments in a row of a kind, in compiled code."""
+def arguments_of(kind: Any, row: Any) -> Any:
+    """Return the arguments in a row of a kind."""
+    return row
+
+
+overload(arguments_of, inline="always")(lambda kind, row: lambda kind, row: _arguments_of(kind, row))
 
 
 @intrinsic  # type: ignore[untyped-decorator]
@@ -143,10 +147,10 @@ def _taken(typing_context: Any, counter: Any) -> Any:
     return types.int64(counter), build
 
 
-def _taken_in_python(counter: Any) -> int:
+def taken(counter: Any) -> Any:
+    """Return the value of a counter, an array with one number, and raise it by one; for several threads."""
     counter[0] += 1
-    return int(counter[0]) - 1
+    return counter[0] - 1
 
 
-taken: Any = _taken_in_python if config.DISABLE_JIT else _taken
-"""Value of a counter, an array with one number, before it is raised by one; for several threads."""
+overload(taken, inline="always")(lambda counter: lambda counter: _taken(counter))
