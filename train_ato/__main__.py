@@ -2,6 +2,9 @@
 
 import sys
 
-from train_ato.cli.main import main
+try:
+    from train_ato.cli.main import main
+except KeyboardInterrupt:
+    sys.exit("train-ato: interrupted")
 
 sys.exit(main())
