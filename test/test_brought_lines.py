@@ -583,6 +583,9 @@ def test_a_railml_train_from_file_to_plan_and_back(tmp_path: Path, capsys: pytes
         ("<trainBrakes", "<brakes", "formation push: trainBrakes: missing"),
         ('id="push"', "", "formation: it has no id"),
         ('xValue="40"', 'xValue="0"', "speeds must rise"),
+        ('orderNumber="2"', 'orderNumber="1"', "orderNumber = 1: two have it"),
+        ('mode="diesel"', 'mode="Diesel"', "vehicle loco: mode = 'Diesel': must be one of electric, diesel, battery"),
+        ('<value yValue="270"/>', "", "vehicle loco: valueTable: give two valueLine or more, each with one value"),
     ],
 )
 def test_a_faulty_railml_train_is_refused(tmp_path: Path, before: str, after: str, message: str) -> None:

@@ -9,6 +9,7 @@ of the formation holds on a fall of 50 per mille too, by equal brakes of the pow
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -36,6 +37,8 @@ AIR_DENSITY = 1.225
 SPEEDS = {"km/h": 1 / KMH, "m/s": 1.0}
 FORCES = {"N": 1.0, "kN": 1e3}
 MODE = "engine.powerMode"
+MODES = {"electric": False, "diesel": True, "battery": True}
+"""Modes of power, True for one that needs no power of the line."""
 TABLE = "tractionData.details.tractiveEffort.valueTable"
 DAVIS = ("constantFactorA", "speedDependentFactorB", "squareSpeedDependentFactorC")
 CARRIED = tuple(
@@ -117,6 +120,9 @@ def _consist(formation: Element, root: Element, name: str, place: str) -> dict[s
         known[key] = entry
     order = [entry for entry in formation if tag_of(entry) == "trainOrder"]
     order.sort(key=lambda entry: number_of(entry, "orderNumber", place, 0, 1e5))
+    for before, after in pairwise(order):
+        if number_of(before, "orderNumber", place) == number_of(after, "orderNumber", place):
+            raise ValueError(f"{place}: trainOrder: orderNumber = {after.get('orderNumber')}: two have it; correct one")
     train = [entry.get("vehicleRef", "") for entry in order]
     where = entry_of(formation, place)
     if not train or not set(train) <= set(known):
@@ -215,7 +221,9 @@ def _traction(vehicle: Element, place: str) -> dict[str, Any]:
     primary = [mode for mode in modes if flag_of(mode, "isPrimaryMode", place, len(modes) == 1)]
     if len(primary) != 1:
         raise ValueError(f"{entry_of(vehicle, place)}: powerMode: {len(primary)} primary modes; mark one")
-    supply = {"independent_power": primary[0].get("mode") in ("diesel", "battery")}
+    if (mode := primary[0].get("mode", "")) not in MODES:
+        raise ValueError(f"{entry_of(vehicle, place)}: mode = '{mode[:20]}': must be one of {', '.join(MODES)}")
+    supply = {"independent_power": MODES[mode]}
     table = _child(primary[0], TABLE)
     if table is None:
         info = _child(primary[0], "tractionData.info")
@@ -233,11 +241,13 @@ def _traction(vehicle: Element, place: str) -> dict[str, Any]:
         if (unit := table.get(key, "")) not in known:
             raise ValueError(f"{entry_of(vehicle, place)}: {key} = '{unit[:20]}': must be {' or '.join(known)}")
         units.append(known[unit])
-    rows = [(line, value) for line in table if tag_of(line) == "valueLine" for value in line]
+    rows = [(line, list(line)) for line in table if tag_of(line) == "valueLine"]
+    if len(rows) < 2 or any(len(values) != 1 for _, values in rows):
+        raise ValueError(f"{entry_of(vehicle, place)}: valueTable: give two valueLine or more, each with one value")
     return {
         "traction": {
             "speed": [number_of(line, "xValue", place, 0, 1000) * units[0] for line, _ in rows],
-            "force": [number_of(value, "yValue", place, 0, 1e7) * units[1] for _, value in rows],
+            "force": [number_of(value, "yValue", place, 0, 1e7) * units[1] for _, (value,) in rows],
         },
         **supply,
     }
