@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from span_runs import Both
 
 import train_ato as ta
 from plant_sim.line import Line
@@ -128,8 +129,8 @@ def test_a_wrong_report_is_refused_and_counted(wrong: TrainReport) -> None:
         receiver.receive(round(time * 1e9))
     receiver._reports = [*REPORTS, wrong]
     assert receiver.receive(2_400_000_000) is None
-    assert receiver.newest == REPORTS[-1]
-    assert receiver.refused == 1
+    assert receiver.newest(2_400_000_000) == REPORTS[-1]
+    assert receiver.at(2_400_000_000).refused == 1
 
 
 def test_reports_keep_their_bits_as_text() -> None:
@@ -267,7 +268,7 @@ def test_a_new_profile_begins_at_the_present_one() -> None:
         now = after.time[0] + 60.0
         assert after.at(now)[0] == pytest.approx(before.at(now)[0], abs=1e-6)
         assert after.at(now)[1] == pytest.approx(before.at(now)[1], abs=1e-6)
-    assert headway.receiver.refused == 0
+    assert headway.receiver.at(200_000_000_000).refused == 0
 
 
 def test_the_train_stops_at_its_own_place() -> None:
@@ -337,6 +338,11 @@ def test_each_train_has_a_log_that_repeats_bit_for_bit(two: tuple[FollowingResul
     for name in ("t1", "t2"):
         found = ta.verify(folder / name)
         assert found.equal, found.first
+
+
+def test_compiled_ticks_behind_a_train_are_those_of_python(two: tuple[FollowingResult, Path]) -> None:
+    """Fails if a span has the end of authority of another step, or goes on beyond a new profile."""
+    Both(two[0].runs["t2"].setup).assert_equal(least=0.7)
 
 
 def test_the_log_has_the_end_of_authority(two: tuple[FollowingResult, Path]) -> None:

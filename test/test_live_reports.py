@@ -175,7 +175,7 @@ def test_a_repeated_delivery_is_no_new_report(trains: Any) -> None:
     for stamp in range(0, 6_000_000_000, 400_000_000):
         receiver.hear(TrainAhead(stamp, np.array([last.front, last.rear, last.stop]), np.full(3, 15.0), np.zeros(3)))
         receiver.receive(stamp)
-    assert receiver.newest == last
+    assert receiver.newest(6_000_000_000) == last
     assert receiver.age(6_000_000_000) == 6.0
 
 

@@ -11,6 +11,7 @@ passes over to the deviation of the new reports within the smoothing time.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -121,6 +122,7 @@ class HeadwayProfile:
         self._times: list[float] = []
         self._deviations: list[float] = []
         self._built_at = -np.inf
+        self._due: int | None = None
 
     def _take(self, time: float, front: float) -> None:
         """Keep the deviation of a report from the own profile one headway later."""
@@ -131,15 +133,26 @@ class HeadwayProfile:
     def step(self, stamp: int, ahead: TrainAhead | None = None) -> Profile | None:
         """Return a new profile at a stamp [ns] if the reports, also a live one, give enough more of it, else None."""
         self.receiver.hear(ahead)
-        if not self._times:
-            self._take(self.receiver.newest.time, self.receiver.newest.front)
-        report = self.receiver.receive(stamp)
-        if report is not None and report.time + self._headway > self._times[-1]:
-            self._take(report.time, report.front)
-        if self._times[-1] - self._built_at < self._every:
+        due = self.next_due((stamp,))
+        if due is None or due > stamp:
             return None
-        self._built_at = self._times[-1]
+        self._due, self._built_at = None, self._times[-1]
         return self._built(stamp)
+
+    def next_due(self, stamps: Iterable[int]) -> int | None:
+        """Return the first of the stamps [ns] with a new profile, None without one; a later call does not repeat it."""
+        for stamp in stamps:
+            if self._due is not None:
+                break
+            report = self.receiver.receive(stamp)
+            if not self._times:
+                first = self.receiver.newest(-1)
+                self._take(first.time, first.front)
+            if report is not None and report.time + self._headway > self._times[-1]:
+                self._take(report.time, report.front)
+            if self._times[-1] - self._built_at >= self._every:
+                self._due = stamp
+        return self._due
 
     def _built(self, stamp: int) -> Profile | None:
         """Return the profile of the reports so far; None at its end."""

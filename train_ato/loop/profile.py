@@ -46,6 +46,8 @@ class ProfileStage:
         Current profile.
     planned : int
         Stamp of its planning [ns], 0 for the first; every reference contains it.
+    headway : HeadwayProfile or None
+        Profile behind the train ahead; None without one.
     answer : tuple of one ReplanDecision or None, optional
         Result of :meth:`decided` in a compiled tick that is left to Python, used in place of a second one.
     """
@@ -58,7 +60,7 @@ class ProfileStage:
         self.planned = 0
         self._replanner = setup.replanner()
         leader = setup.scenario.leader
-        self._headway = None if leader is None or leader.headway is None else HeadwayProfile(setup)
+        self.headway = None if leader is None or leader.headway is None else HeadwayProfile(setup)
         self.inputs = StageInputs(setup, self.role)
         self._link = MessageLink(setup.links.measurement, setup.step_ns, setup.seed, "measurement")
         self._decision: ReplanDecision | None = None
@@ -130,7 +132,7 @@ class ProfileStage:
         try:
             rest = replan(state, setup.profile, setup.model.line, setup.model.consist, settings).profile
             self.profile, self.planned, self._refusal = self.profile.followed_by(rest), stamp, ""
-            self._headway = None  # from here on a plan of its own, which the end of authority limits
+            self.headway = None  # from here on a plan of its own, which the end of authority limits
             self._replanner = setup.replanner(self.profile)
         except ValueError as error:
             self._refusal = str(error)
@@ -138,7 +140,7 @@ class ProfileStage:
 
     def _followed(self, stamp: int, ahead: TrainAhead | None) -> bool:
         """Follow the train ahead; return True with a new profile behind it."""
-        found = None if self._headway is None else self._headway.step(stamp, ahead)
+        found = None if self.headway is None else self.headway.step(stamp, ahead)
         if found is None:
             return False
         self.profile, self.planned = found, stamp
@@ -171,8 +173,8 @@ class ProfileStage:
         values = {"knots": str(profile.time.size), "period": repr(profile.period)}
         values["remaining"] = repr(self.remaining(stamp))
         values |= self.inputs.diagnostics()
-        if self._headway is not None:
-            return Diagnostic(stamp, "profile", 0, BEHIND, values | self._headway.receiver.diagnostics(stamp))
+        if self.headway is not None:
+            return Diagnostic(stamp, "profile", 0, BEHIND, values | self.headway.receiver.diagnostics(stamp))
         if self._refusal:
             return Diagnostic(stamp, "profile", 1, "cannot be planned again", {**values, "reason": self._refusal})
         if self._sent_again and decision is None:

@@ -12,8 +12,10 @@ nearer end acts at once.  It is never beyond the end of authority of the own sto
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections import deque
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,7 +24,7 @@ from train_ato.loop.setup import RunSetup
 from train_ato.messages.links import Link
 from train_ato.messages.types import TrainAhead
 from train_ato.supervision.limits import BrakingTarget
-from train_ato.supervision.track_supervision import TrackSupervision
+from train_ato.supervision.track_supervision import LineLimits, TrackSupervision
 from train_ato.supervision.train_report import TrainReport, TrainReporter
 
 LARGEST_SPEED = 200.0
@@ -110,8 +112,19 @@ class ReportRadio:
         return replace(self._newest, stamp=stamp)
 
 
+class ReceiverState(NamedTuple):
+    """State of a receiving end from a time [ns] on: newest accepted report, refusals, reason of the last one."""
+
+    since: int
+    report: TrainReport | None = None
+    refused: int = 0
+    problem: str = ""
+
+
 class ReportReceiver:
     """Receiving end of the reports of the train ahead.
+
+    It can be ahead of the run: its state at an earlier time remains known.
 
     Parameters
     ----------
@@ -119,13 +132,6 @@ class ReportReceiver:
         Prepared run with a block ``leader``.
     name
         Name of the receiving end, key of its random stream.
-
-    Attributes
-    ----------
-    refused : int
-        Number of refused reports.
-    problem : str
-        Reason of the last refusal.
     """
 
     def __init__(self, setup: RunSetup, name: str) -> None:
@@ -134,13 +140,15 @@ class ReportReceiver:
         self._reports, self._next = list(setup.leader_reports), 0
         self._link = Link(spec.link, 1, setup.step_ns, setup.seed, f"leader/{name}")
         self._arrived = self._sent = 0
-        self._newest: TrainReport | None = None
-        self.refused, self.problem = 0, ""
+        self._seen, self._states = -1, [ReceiverState(-1)]
 
-    @property
-    def newest(self) -> TrainReport:
-        """Newest accepted report, before the first arrival the first one."""
-        return self._newest or self._reports[0]
+    def at(self, now: int) -> ReceiverState:
+        """Return the state at a time [ns]."""
+        return self._states[bisect_right(self._states, now, key=lambda state: state.since) - 1]
+
+    def newest(self, now: int) -> TrainReport:
+        """Return the newest accepted report at a time [ns], before the first arrival the first one."""
+        return self.at(now).report or self._reports[0]
 
     def hear(self, message: TrainAhead | None) -> None:
         """Take a live report; the link delivers it."""
@@ -151,7 +159,13 @@ class ReportReceiver:
             self._reports.append(TrainReport(len(self._reports) + 1, time, front, rear, speed, stop))
 
     def receive(self, now: int) -> TrainReport | None:
-        """Return a report that has arrived since the last call and is accepted at a time [ns], else None."""
+        """Return a report that has arrived since the last call and is accepted at a time [ns], else None.
+
+        A call for an earlier time has no effect.
+        """
+        if now <= self._seen:
+            return None
+        self._seen, last = now, self._states[-1]
         while self._next < len(self._reports) and self._reports[self._next].stamp <= now:
             self._sent = max(self._sent, self._reports[self._next].stamp)  # a repeated report is sent now
             self._next += 1
@@ -163,14 +177,14 @@ class ReportReceiver:
         report = self._reports[number - 1]
         problem = self._problem(report)
         if problem:
-            self.refused, self.problem = self.refused + 1, problem
+            self._states.append(last._replace(since=now, refused=last.refused + 1, problem=problem))
             return None
-        self._newest = report
+        self._states.append(last._replace(since=now, report=report))
         return report
 
     def _problem(self, report: TrainReport) -> str:
         """Return the reason to refuse a report, "" for none."""
-        last = self.newest
+        last = self.newest(self._seen)
         if report is self._reports[0] or (problem := report.problem):
             return report.problem
         if report.number <= last.number or report.time <= last.time:
@@ -181,13 +195,13 @@ class ReportReceiver:
 
     def age(self, now: int) -> float:
         """Return the age of the newest report at a time [ns] in seconds."""
-        return (now - self.newest.stamp) * 1e-9
+        return (now - self.newest(now).stamp) * 1e-9
 
     def diagnostics(self, now: int) -> dict[str, str]:
         """Return age and refusals of the reports as text."""
-        values = {"leader_age": repr(self.age(now))}
-        if self.refused:
-            values |= {"leader_refused": str(self.refused), "leader_problem": self.problem}
+        values, state = {"leader_age": repr(self.age(now))}, self.at(now)
+        if state.refused:
+            values |= {"leader_refused": str(state.refused), "leader_problem": state.problem}
         return values
 
 
@@ -204,7 +218,7 @@ class MovingAuthority:
     Attributes
     ----------
     end : float
-        Present end of authority [m].
+        End of authority of the last :meth:`move` [m].
     receiver : ReportReceiver
         Receiving end of the supervisor.
     """
@@ -219,18 +233,24 @@ class MovingAuthority:
         self.receiver = ReportReceiver(setup, "supervisor")
         self.end = float("inf")
 
-    def move(self, now: int) -> None:
-        """Move the end of authority to that of the newest report at a time [ns]."""
+    def move(self, now: int) -> LineLimits:
+        """Move the end of authority to that of the newest report at a time [ns]; return the limits up to it."""
         self.receiver.receive(now)
-        report = self.receiver.newest
+        end = self._end_at(now)
+        if end != self.end:
+            self.end = float("inf")
+            self._track.move_end(BrakingTarget(end, kind="EOA"))
+            self.end = end
+        return self._track.records
+
+    def _end_at(self, now: int) -> float:
+        """Return the end of authority at a time [ns] up to the last :meth:`move`."""
+        report = self.receiver.newest(now)
         end = report.rear - self._margin
         if self._relative and self.receiver.age(now) <= self._timeout:
             end += report.stop
-        end = min(end, self._own_end)
-        if end != self.end:
-            self.end = end
-            self._track.move_end(BrakingTarget(end, kind="EOA"))
+        return min(end, self._own_end)
 
     def diagnostics(self, now: int) -> dict[str, str]:
         """Return the end of authority with the state of its reports as text."""
-        return {"end_of_authority": repr(self.end), **self.receiver.diagnostics(now)}
+        return {"end_of_authority": repr(self._end_at(now)), **self.receiver.diagnostics(now)}

@@ -188,7 +188,7 @@ class SupervisionMessages:
         changed = np.diff(states, prepend=int(self._stage.reported)) != 0
         steps = np.flatnonzero(changed | (self._stamps % SECOND_NS < self._period)).tolist()
         texts, found = self._steps[TEXTS].tolist(), []
-        for _, group in groupby(steps, key=texts.__getitem__):
+        for _, group in groupby(steps, key=texts.__getitem__ if self._stage.authority is None else None):
             same = list(group)
             stamps, rows = self._stamps[same].tolist(), self._steps[same]
             first = self._stage.diagnostic(stamps[0], SupervisionDecision(rows[0]))
@@ -426,13 +426,12 @@ class SpanMessages:
         *states, lost = (values[: len(stamps)] for values in arrays.reports)
         totals = self._train.totals_at_each(*states)
         numbers = {key: totals[attribute] for key, attribute in TOTALS}
-        remaining = {} if self._brief else {"remaining": [stages.profile.remaining(stamp) for stamp in stamps]}
         if self._brief:
             numbers = {SATURATED: numbers[SATURATED]}
         if stages.plant.link.lost:
             numbers["commands_lost"] = lost.tolist()
         plant = stages.plant.diagnostic_at(first, {attribute: column[0] for attribute, column in totals.items()})
-        profile, observer = stages.profile.diagnostic(first), stages.observer.diagnostic(first)
+        observer = stages.observer.diagnostic(first)
         if not in_tick:
             controller = stages.controller.diagnostic(first)
             assert controller is not None
@@ -441,10 +440,18 @@ class SpanMessages:
         return [
             RepeatedReport(plant, stamps, numbers),
             *reports,
-            RepeatedReport(profile, stamps, remaining),
+            *self._reports_of_profile(stamps),
             RepeatedReport(observer, stamps),
             *in_tick,
         ]
+
+    def _reports_of_profile(self, stamps: list[int]) -> list[RepeatedReport]:
+        """Return the diagnostics of the profile; behind a train ahead, the reports of that train change their texts."""
+        profile = self._stages.profile
+        if profile.headway is not None:
+            return [RepeatedReport(profile.diagnostic(stamp), [stamp]) for stamp in stamps]
+        remaining = {} if self._brief else {"remaining": [profile.remaining(stamp) for stamp in stamps]}
+        return [RepeatedReport(profile.diagnostic(stamps[0]), stamps, remaining)]
 
     def _reports_by_tick(self) -> dict[int, dict[str, Diagnostic]]:
         """Return the diagnostics by the number of their tick and by node."""

@@ -102,6 +102,9 @@ def ticks_to_event(
     ends += plant.interventions.due_stamps
     ends += [inputs.next_fault(stamp) for inputs in _inputs(stages)]
     ends += supervised.next_request(stamp)
+    if stages.profile.headway is not None:
+        due = stages.profile.headway.next_due(range(stamp, ends[0], tick))
+        ends.append(ends[0] if due is None else due)
     if isinstance(stack.policy, PredictiveBrake):
         ends.append(round(max(stack.policy.due, 0.0) * 1e9))
     ends += [round(jump.at * 1e9) // tick * tick for jump in plant.train.jumps.planned if jump.at is not None]
@@ -118,8 +121,8 @@ def is_regular(stages: Stages, supervised: SupervisedTicks, stack: ControlStack)
         return False  # the report of the ATO has the delayed place
     if controller.asked or controller.changed or controller.ato.changed or controller.failed:
         return False
-    if stages.setup.scenario.leader is not None:
-        return False  # its reports arrive every few ticks
+    if plant.reports is not None or plant.radio is not None:
+        return False  # messages of trains in a common domain
     if train.parted._since is not None or train.has_added_gusts:
         return False
     if plant.pipe_link is not None and not plant.pipe_link.delivers_only(stack.pressure):

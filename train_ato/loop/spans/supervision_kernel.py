@@ -5,8 +5,11 @@ A step with an effect (a brake, a takeover, an implausible value) is left to the
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from plant_sim.compiled import compiled
 from plant_sim.odometry import OdometerState, OdometryReading, SlipRecord, count_distance, read_odometers
@@ -37,6 +40,16 @@ class SupervisedRun:
     assured: bool = quantity("", "the braking law can take over")
 
 
+@dataclass
+class LimitRows:
+    """Rows of the limits that hold at a step: those of one end of authority."""
+
+    targets: int = quantity("", "row of the first target")
+    targets_end: int = quantity("", "row behind the last target")
+    arcs: int = quantity("", "row of the first arc")
+    arcs_end: int = quantity("", "row behind the last arc")
+
+
 class SupervisionStates(NamedTuple):
     """Records that a step changes, one each: those of the stages, which the loop continues."""
 
@@ -48,7 +61,10 @@ class SupervisionStates(NamedTuple):
 
 
 class SupervisionArrays(NamedTuple):
-    """Records of the supervision in a span; ``steps`` and ``readings`` have the results, one row per step."""
+    """Records of the supervision in a span; ``steps`` and ``readings`` have the results, one row per step.
+
+    ``rows`` has one entry per step; a step without one is left to Python.
+    """
 
     states: SupervisionStates
     kept: SupervisionStates
@@ -56,6 +72,7 @@ class SupervisionArrays(NamedTuple):
     constants: Records[SupervisorConstants]
     past: Records[PastSpeed]
     track: LineLimits
+    rows: Records[LimitRows]
     assurance: Records[AssuranceConstants]
     assured_past: Records[PastSpeed]
     check: Records[CheckConstants]
@@ -102,17 +119,18 @@ def supervised_tick(
     read_odometers(odometers, arrays.slips, stamp, v_front, reading)
     if not (abs(v_front) < MAX_SPEED and abs(x_front) < MAX_POSITION):
         return False
-    if odometry_problem(reading, arrays.states.last[0]) != PLAUSIBLE:
+    if run.steps >= arrays.rows.size or odometry_problem(reading, arrays.states.last[0]) != PLAUSIBLE:
         return False
-    within = supervise(arrays.constants[0], own, arrays.past, arrays.track, reading)
+    track, rows = arrays.track, arrays.rows[run.steps]
+    targets, arcs = track.targets[rows.targets : rows.targets_end], track.arcs[rows.arcs : rows.arcs_end]
+    limits = LineLimits(track.ceilings, targets, arcs)
+    within = supervise(arrays.constants[0], own, arrays.past, limits, reading)
     if not within or own.state >= SupervisionState.SERVICE_BRAKE:
         return False
     if run.assured:
-        assured, limits = (
-            arrays.states.assurance[0],
-            SupervisionSpeeds(own.permitted, own.warning, own.service, own.emergency),
-        )
-        assure(arrays.assurance[0], assured, arrays.assured_past, stamp, own.front, own.speed, limits)
+        assured = arrays.states.assurance[0]
+        speeds = SupervisionSpeeds(own.permitted, own.warning, own.service, own.emergency)
+        assure(arrays.assurance[0], assured, arrays.assured_past, stamp, own.front, own.speed, speeds)
         if assured.brakes:
             return False
     foremost = own.front + own.position_error
@@ -180,10 +198,32 @@ class SupervisedTicks:
         kept = SupervisionStates(*(records.copy() for records in states))
         constants = zeros(AssuranceConstants, 1) if watch is None else watch.constants
         return SupervisionArrays(
-            SupervisionStates(*states), kept, odometers.slips, own.constants, own.past, own.track.records, constants,
+            SupervisionStates(*states), kept, odometers.slips, own.constants, own.past, *self._limits(most), constants,
             own.past if watch is None else watch.past, ato.check.constants, zeros(SupervisorState, most),
             zeros(OdometryReading, most),
         )  # fmt: skip
+
+    def _limits(self, steps: int) -> tuple[LineLimits, Records[LimitRows]]:
+        """Return the limits of some steps and their rows: behind a train ahead each step has its end of authority."""
+        stage, stamp = self._stages.supervisor, self._stages.plant.stamp
+        assert stage is not None
+        limits = stage.supervisor.track.records
+        rows: Any = zeros(LimitRows, steps)
+        found: list[Any] = []
+        if stage.authority is None:
+            rows["targets_end"], rows["arcs_end"] = limits.targets.size, limits.arcs.size
+            return limits, rows
+        first = -(-stamp // self._period)
+        with suppress(ValueError):  # an end in front of which the brake is too weak; its step in Python names it
+            found.extend(stage.authority.move(step * self._period) for step in range(first, first + steps))
+        if not found:
+            return limits, rows[:0]
+        for name in ("targets", "arcs"):
+            rows[f"{name}_end"][: len(found)] = np.cumsum([getattr(each, name).size for each in found])
+            rows[name][1:] = rows[f"{name}_end"][:-1]
+        targets, arcs = ([getattr(each, name) for each in found] for name in ("targets", "arcs"))
+        joined: Any = np.concatenate(targets), np.concatenate(arcs)
+        return LineLimits(limits.ceilings, *joined), rows[: len(found)]
 
     def store(self, ticks: int) -> None:
         """Set the states of train protection and ATO to those after some ticks."""
@@ -199,9 +239,9 @@ def _without_supervisor(run: Records[SupervisedRun]) -> SupervisionArrays:
     """Return records of the same types that no tick uses."""
     kinds = OdometerState, OdometryReading, SupervisorState, AssuranceState
     states = SupervisionStates(run, *(zeros(kind, 1) for kind in kinds))
-    limits = LineLimits(zeros(Ceiling, 1), zeros(Target, 0), zeros(Arc, 0))
+    limits = LineLimits(zeros(Ceiling, 1), zeros(Target, 0), zeros(Arc, 0)), zeros(LimitRows, 1)
     return SupervisionArrays(
-        states, states, zeros(SlipRecord, 0), zeros(SupervisorConstants, 1), zeros(PastSpeed, 1), limits,
+        states, states, zeros(SlipRecord, 0), zeros(SupervisorConstants, 1), zeros(PastSpeed, 1), *limits,
         zeros(AssuranceConstants, 1), zeros(PastSpeed, 1), zeros(CheckConstants, 1), zeros(SupervisorState, 1),
         zeros(OdometryReading, 1),
     )  # fmt: skip
