@@ -34,7 +34,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from plant_sim import kernel as k
-from plant_sim.consist import Consist
 from plant_sim.elementary import mean_over_units, total_of_units
 from plant_sim.gears import DraftGear, LinearGear, RigidGear, TableGear
 from plant_sim.packing import pack_gears
@@ -43,7 +42,6 @@ from train_ato.control.algorithms.train_identification import WEAR
 from train_ato.control.compensation.nominal_train import nominal_copy
 from train_ato.control.compensation.preview import PreviewParameters
 from train_ato.control.contract import parameter
-from train_ato.messages.types import Array
 
 if TYPE_CHECKING:
     from plant_sim.train import Train
@@ -78,22 +76,6 @@ def worn(gear: DraftGear, wear: float) -> DraftGear:
     return gear.model_copy(update=changes)
 
 
-def worn_constants(consist: Consist, wear: float) -> Array:
-    """Return the rows ``CONSTANTS`` of the draft gears of a train with wear, as the kernel has them.
-
-    Parameters
-    ----------
-    consist
-        Train of the model.
-    wear
-        Relative change of all its draft gears.
-    """
-    by_name = {name: worn(consist.draft_gears[name], wear) for name in dict.fromkeys(consist.gear_names)}
-    gears, _, _, _ = pack_gears([by_name[name] for name in consist.gear_names], len(consist.vehicles))
-    constants: Array = gears[list(CONSTANTS)]
-    return constants
-
-
 WEAR_STEP = 0.1
 """Wear of the draft gears of the copy beyond that of the twin."""
 SPEED_GAIN, POSITION_GAIN = 0.1, 0.0025
@@ -102,7 +84,11 @@ SPEED_GAIN, POSITION_GAIN = 0.1, 0.0025
 
 def set_wear(train: Train, wear: float) -> None:
     """Give a simulated train draft gears with wear, from its next step on."""
-    train.arrays.gear[list(CONSTANTS)] = worn_constants(train.consist, wear)
+    consist = train.consist
+    kinds = list(dict.fromkeys(consist.gear_names))  # packed once each: a long train has two or three
+    gears, _, _, _ = pack_gears([worn(consist.draft_gears[name], wear) for name in kinds], len(kinds) + 1)
+    columns = [kinds.index(name) for name in consist.gear_names]
+    train.arrays.gear[list(CONSTANTS), : len(columns)] = gears[list(CONSTANTS)][:, columns]
 
 
 class WornCopy:
