@@ -25,6 +25,7 @@ from msgs_docs.generate.law_pages.demo_runs import DEMO_RUNS, DemoRun, demo_of
 from msgs_docs.generate.law_pages.measure import command, measure
 from msgs_docs.generate.law_pages.pages import Component, components, parameter_table, sections
 from msgs_docs.generate.rows import read_rows
+from train_ato.apps.runs.ranking import rank_of, standings
 from train_ato.cli import run as run_command
 from train_ato.cli.scenario_options import prepare_from
 from train_ato.control.gains import PRINTED
@@ -259,25 +260,22 @@ def test_the_page_has_every_cell_and_a_reason_for_every_miss() -> None:
     assert all(row["choice"] != "nearest choice: " for row in ROWS if row["outcome"] == "refused")
 
 
-def test_the_leaderboard_counts_every_run_once(tmp_path: Path) -> None:
+def test_the_leaderboard_counts_every_run_once() -> None:
     """Breaks if a run is lost or counted as passed that misses a criterion, or a scenario has two first laws."""
-    kept = {"scenario": "demo", "gains": "fitted", "outcome": "tracked", "stop_error_max_m": -0.2}
-    rows = [
-        {**kept, "law": "pid", "speed_rmse_kmh": 0.2},
-        {**kept, "law": "smc", "speed_rmse_kmh": 0.1, "missed": {"jerk": 1.0}},
-        {**kept, "law": "gpc", "speed_rmse_kmh": 0.1, "outcome": "limit cycle"},
-        {**kept, "law": "mpc", "outcome": "refused"},
-        {**kept, "law": "pid", "speed_rmse_kmh": 0.4, "scenario": "xuzhou_metro"},
+    kept = {"status": "done", "tracking_findings": [], "verdict": "passed", "stop_error_m": -0.2}
+    runs = [
+        {**kept, "controller": "pid", "speed_rmse_kmh": 0.2},
+        {**kept, "controller": "smc", "speed_rmse_kmh": 0.1, "verdict": "failed", "criteria": [{"passed": False}]},
+        {**kept, "controller": "gpc", "speed_rmse_kmh": 0.1, "verdict": "failed", "tracking_findings": ["limit cycle"]},
+        {"controller": "mpc", "status": "refused"},
     ]
-    path = tmp_path / table.MEASURED
-    path.parent.mkdir()
-    path.write_text(json.dumps(rows))
-    board = table.page(tmp_path).partition("## Leaderboard")[2].partition("\n\nDefault gains")[0].splitlines()[-4:]
+    other = {**kept, "controller": "pid", "speed_rmse_kmh": 0.4}
+    board = [list(row.values()) for row in standings([sorted(runs, key=rank_of), [other]])]
     assert board == [
-        "| pid | 2 | 2 | 2 | 0 | 2 | 1 | 0.3 | 0.2 |",
-        "| smc | 0 | 1 | 1 | 0 | 0 | 2 | 0.1 | 0.2 |",
-        "| gpc | 0 | 0 | 1 | 0 | 0 | 3 | - | - |",
-        "| mpc | 0 | 0 | 0 | 1 | 0 | - | - | - |",
+        ["pid", 2, 2, 2, 2, 0, 1, pytest.approx(0.3), 0.2],
+        ["smc", 1, 0, 1, 0, 0, 2, 0.1, 0.2],
+        ["gpc", 1, 0, 0, 0, 0, 3, None, None],
+        ["mpc", 0, 0, 0, 0, 1, None, None, None],
     ]
 
 

@@ -7,7 +7,7 @@
     python -m msgs_docs.generate --measure [NAME]   first make the runs of law pages or tables; default: all
 
 Start it in the top folder of the repository.  Tables: `faults`, `hazards`, `random_runs`, `left_out`,
-`any_law`, `gallery`; `any_law:SCENARIO` runs one scenario and keeps the other rows.
+`any_law`, `leaderboard`, `gallery`; `any_law:SCENARIO` runs one scenario and keeps the other rows.
 ``--measure`` of all pages takes an hour on two cores.
 """
 
@@ -52,6 +52,7 @@ TABLES = {
     random_runs.NAME: random_runs.measure_random_runs,
     left_out_page.NAME: left_out_page.measure_choices,
     any_law_page.NAME: any_law_page.measure_any_law,
+    any_law_page.LEADERBOARD_NAME: any_law_page.measure_leaderboard,
     gallery_page.NAME: gallery_page.measure_gallery,
 }
 """Measurement of a table of runs by name of its page."""
