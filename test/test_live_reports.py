@@ -146,14 +146,14 @@ def test_the_first_train_that_fails_ends_the_others(
     law = Path(__file__).resolve().parents[1].joinpath("examples", "my_law.py").read_text()
     demand = "        speed_error ="
     assert demand in law
-    ends = '        import os, sys\n        if "--namespace=/t2" in sys.argv: os._exit(7)\n'
+    ends = '        import os, sys\n        if "--namespace=/t2" in sys.argv: os.kill(os.getpid(), 9)\n'
     (tmp_path / "dies.py").write_text(law.replace(demand, ends + demand))
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     changes = ("t2.law=dies:MyLaw", "all.duration=60")
     words = [str(following_file(tmp_path)), "--live", "--rate=0.02", *(f"--set={change}" for change in changes)]
     assert main(["run", *words, f"--out={tmp_path / 'out'}"]) == 1
-    assert "train t2: its program ended with status 7" in capsys.readouterr().err
+    assert "train t2: its program ended with status -9" in capsys.readouterr().err
 
 
 def test_the_newest_report_is_delivered_with_the_stamp_of_its_step(trains: Any) -> None:
