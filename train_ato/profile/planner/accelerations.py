@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from train_ato.messages.types import Array
 from train_ato.profile.planner.driving_strategy import SectionInputs
 from train_ato.profile.planner.line_tables import PlaceGrid
-from train_ato.profile.planner.passes import BRAKE, TRACTION, sliding_extreme
+from train_ato.profile.planner.passes import BRAKE, TRACTION, Reserves, sliding_extreme
 from train_ato.profile.planner.settings import PlanSettings
 from train_ato.profile.planner.train_tables import SPEED_STEP, TrainTables
 
@@ -31,8 +32,8 @@ class SectionTables:
         Least, own and largest tunnel air of every cell over v² and inertia [1/m].
     rates : Array, shape (4, n)
         Accelerations over the speed, see :func:`acceleration_table` [m/s²].
-    traction_reserve, brake_reserve : Array, shape (cells,)
-        Fractions of traction and brakes reserved in every cell for the averaging, in addition to the margin.
+    reserves : Reserves
+        Fractions of traction and brakes that are not used, see :mod:`train_ato.profile.planner.passes`.
     spread : Array, shape (cells,)
         Distance over which the averaging spreads the limits by place, before and after every cell [m].
     """
@@ -43,9 +44,14 @@ class SectionTables:
     line_max: Array
     air: Array
     rates: Array
-    traction_reserve: Array
-    brake_reserve: Array
+    reserves: Reserves
     spread: Array
+
+    def reserve(self, side: int, cells: Any, columns: Any) -> Any:
+        """Return the reserve of TRACTION or BRAKE in cells at columns of ``rates``."""
+        fractions, placed, which = self.reserves
+        own = 1.0 - fractions[side, cells]
+        return 1.0 - (own * (1.0 - placed[which[cells], side, columns]) if placed.size else own)
 
 
 def acceleration_table(
@@ -65,10 +71,9 @@ def acceleration_table(
     keep = 1.0 - settings.force_margin
     traction, brake = train.traction, train.brake
     if window > 0:
-        up = np.minimum(settings.acceleration or np.inf, train.traction / train.inertia)
-        down = np.minimum(settings.deceleration or np.inf, (train.brake + train.resistance) / train.inertia)
-        traction = _lowered_for_averaging(traction, up * window / 2, extend_steps=extend_steps)
-        brake = _lowered_for_averaging(brake, down * window / 2, extend_steps=extend_steps)
+        up, down = averaging_range(train, settings, window)
+        traction = _lowered_for_averaging(traction, up, extend_steps=extend_steps)
+        brake = _lowered_for_averaging(brake, down, extend_steps=extend_steps)
     return np.stack(
         (
             (keep * traction - train.resistance) / train.inertia,
@@ -77,6 +82,13 @@ def acceleration_table(
             (np.minimum(train.electric, keep * brake) + train.resistance) / train.inertia,
         )
     )
+
+
+def averaging_range(train: TrainTables, settings: PlanSettings, window: float) -> Array:
+    """Return half the range of speeds in a window [s] of traction and of braking [m/s], shape (2, n)."""
+    up = np.minimum(settings.acceleration or np.inf, train.traction / train.inertia)
+    down = np.minimum(settings.deceleration or np.inf, (train.brake + train.resistance) / train.inertia)
+    return np.stack((up, down)) * window / 2
 
 
 def stall_message(
@@ -88,7 +100,7 @@ def stall_message(
     k = min(int(speed / SPEED_STEP), train.speed.size - 1)
     need = (tables.line_max[cell] * train.inertia + train.resistance[k]) / 1e3
     full = (tables.rates[TRACTION, k] * train.inertia + train.resistance[k]) / 1e3
-    have = full * (1.0 - tables.traction_reserve[cell])
+    have = full * (1.0 - tables.reserve(TRACTION, cell, k))
     starts = cell == 0 and at_rest
     grade = 1e3 * float(tables.line_mean[cell]) * train.inertia / (train.mass * train.gravity)
     where, remedy = "", "reduce the mass or add traction"
@@ -109,13 +121,15 @@ def braking_message(inputs: SectionInputs, grid: PlaceGrid, tables: SectionTable
     bound = top[cell + 1 :] >= tables.limit[cell + 1 :] * (1 - 1e-9)
     ahead = cell + 1 + int(np.argmax(bound)) if bound.any() else grid.cells
     steepest = cell + int(np.argmin(tables.line_min[cell:ahead]))
-    weakest = cell + int(np.argmax(tables.brake_reserve[cell:ahead]))
+    columns = np.minimum(np.sqrt(2 * np.maximum(top, 0.0)) / SPEED_STEP, train.speed.size - 1).astype(int)[1:]
+    weakest = cell + int(np.argmax(tables.reserve(BRAKE, np.arange(cell, ahead), columns[cell:ahead])))
     found = _sections(inputs, grid, tables, weakest, brakes=True)
     steepest = weakest if found else steepest
     grade = 1e3 * float(tables.line_min[steepest]) * train.inertia / (train.mass * train.gravity)
     goal_speed, speed = (float(np.sqrt(2 * max(top[k], 0.0))) for k in (ahead, steepest + 1))
     k = min(int(speed / SPEED_STEP), train.speed.size - 1)
-    have = (tables.rates[BRAKE, k] * train.inertia - train.resistance[k]) / 1e3 * (1 - tables.brake_reserve[steepest])
+    kept = 1 - tables.reserve(BRAKE, steepest, k)
+    have = (tables.rates[BRAKE, k] * train.inertia - train.resistance[k]) / 1e3 * kept
     need = -(train.resistance[k] + float(tables.line_min[steepest]) * train.inertia) / 1e3
     goal = f"the limit of {3.6 * goal_speed:.0f} km/h" if goal_speed > 0.1 else "the stop"
     where = f" in the {found}" if found else ""

@@ -204,7 +204,7 @@ class JourneyPlanner:
             last = int(np.searchsorted(grid.places, point.at - reach))
             needed = traction_floor(
                 speed**2 / 2, last, tables.rates, SPEED_STEP, tables.line_max, tables.air, grid.steps,
-                tables.traction_reserve,                settings.acceleration or np.inf,
+                tables.reserves, settings.acceleration or np.inf,
             )  # fmt: skip
             needed[(grid.places >= point.at - reach) & (grid.places <= point.at + reach)] = speed**2 / 2
             floor = np.maximum(floor, needed)

@@ -2,9 +2,8 @@
 
 Limits by place on the forces of a plan: neutral sections, power limits, adhesion, and tunnel air.
 
-The passes of the planner have one reserve of traction and one of the brakes in every cell, a fraction of the whole
-force. Here it is the largest reserve up to an upper bound of the speed in the cell, the speed under full traction, so
-that a plan is feasible on the plant; it is exact where the train has full traction.
+The passes of the planner have a reserve of traction and one of the brakes, a fraction of the whole force, by cell and
+speed: the adhesion of a rail takes most of it at the corner of the envelope, and less below and above.
 """
 
 from __future__ import annotations
@@ -18,12 +17,13 @@ from numpy.typing import NDArray
 from plant_sim.compiled import compiled
 from plant_sim.consist import Consist, VehicleType
 from plant_sim.line import Line, LineSection
-from plant_sim.packing import NO_LIMIT
+from plant_sim.packing import NO_LIMIT, Integers
 from plant_sim.railway import MIN_POWER_SPEED, adhesion_by_speed
 from plant_sim.section_effects import SectionZones, has_tunnel_air
 from plant_sim.track import Track
 from plant_sim.traction import Envelope
 from train_ato.messages.types import Array
+from train_ato.profile.planner.passes import sliding_extreme
 from train_ato.profile.planner.train_tables import TrainTables, envelope_at
 
 MIN_CELL, MAX_CELL, CELLS = 0.05, 5.0, 8000
@@ -270,67 +270,39 @@ class PlaceLimits:
         """Return the zone of vehicles with their centres at places [m]."""
         return self._zones.at(places)
 
-    def over_cells(
-        self, grid: PlaceGrid, limit: Array, low: Array, begin_energy: float, rates: tuple[float, float]
-    ) -> Array:
-        """Return reserves of traction and brakes, and tunnel air over v² and inertia [1/m], of all cells: (3, cells).
+    def over_cells(self, grid: PlaceGrid, width: Array, range_: Array) -> tuple[Array, Integers]:
+        """Return reserves of traction and brakes over the speed, and the row of every cell: (rows, 2, n) and (cells,).
 
         Parameters
         ----------
-        limit : Array, shape (cells + 1,)
-            Speed limit [m/s].
-        low : Array, shape (cells,)
-            Smallest line force of a cell over the inertia [m/s²].
-        begin_energy
-            v²/2 at the begin of the grid [m²/s²].
-        rates
-            Largest acceleration [m/s²], and fraction of the traction that is used.
+        width : Array, shape (cells,)
+            Distance before and after a cell over which its forces are averaged [m].
+        range_ : Array, shape (2, n)
+            Half of the range of speeds over which traction and brakes are averaged, at every speed [m/s].
         """
-        zones = [
-            self.zones_at(places[:, None] - self._train.behind[None, :])
-            for places in (grid.places[:-1], np.nextafter(grid.places[1:], -np.inf))
-        ]
-        rows, which = np.unique(np.concatenate(zones), axis=0, return_inverse=True)
-        reserves = np.stack([self._reserve(tuple(int(zone) for zone in row)) for row in rows])
-        first, last = which.ravel()[: grid.cells].tolist(), which.ravel()[grid.cells :].tolist()
-        air = np.maximum(*(self.tunnel_coefficient(places) for places in (grid.places[:-1], grid.places[1:])))
-        air = air / self._train.inertia
-        traction = self._train.traction * (1.0 - reserves[:, 0])
-        speed = self._speed_bound(
-            grid, limit, low, begin_energy=begin_energy, rates=rates, available=(traction, first, last, air)
-        )
-        most = np.maximum(speed[1:], speed[:-1])
-        index = np.minimum(np.ceil(most / self._train.speed[1]).astype(int), self._train.speed.size - 1)
-        growing = np.maximum.accumulate(reserves, axis=2)
-        found = np.maximum(growing[first, :, index], growing[last, :, index])
-        return np.concatenate((found.T, air[None]))
+        places = grid.places
+        ends = np.stack((places[:-1], np.nextafter(places[1:], -np.inf)), axis=1).ravel()
+        zones, which = np.unique(self.zones_at(ends[:, None] - self._train.behind), axis=0, return_inverse=True)
+        kinds = [self._reserve(tuple(zone)) for zone in zones.tolist()]
+        numbers = {kind.tobytes(): k for k, kind in enumerate(kinds)}  # most zones have equal reserves
+        at = np.array([numbers[kind.tobytes()] for kind in kinds])[which.ravel()]
+        change = np.diff(at, prepend=-1) != 0
+        run, of_run = np.cumsum(change) - 1, at[change]
+        first = np.maximum(np.searchsorted(places, places[:-1] - width, side="right") - 1, 0)
+        last = np.minimum(np.searchsorted(places, places[1:] + width, side="left"), grid.cells)
+        pairs, pair = np.unique(np.stack((run[2 * first], run[2 * last - 1]), axis=1), axis=0, return_inverse=True)
+        inside = [tuple(np.unique(of_run[a : b + 1]).tolist()) for a, b in pairs.tolist()]
+        rows = {mixed: row for row, mixed in enumerate(dict.fromkeys(inside))}
+        found = np.stack([np.max([kinds[k] for k in mixed], axis=0) for mixed in rows])
+        if range_.any():
+            edges = self._train.speed[1] * np.arange(found.shape[2] + 1)
+            found = np.stack([[sliding_extreme(row[k], range_[k], edges, True) for k in (0, 1)] for row in found])
+        return found, np.array([rows[mixed] for mixed in inside])[pair.ravel()]
 
-    def _speed_bound(
-        self,
-        grid: PlaceGrid,
-        limit: Array,
-        low: Array,
-        *,
-        begin_energy: float,
-        rates: tuple[float, float],
-        available: tuple[Array, list[int], list[int], Array],
-    ) -> Array:
-        """Return an upper bound of the speed at every place [m/s]: full traction without braking for a limit ahead.
-
-        The forces of a cell are those at its begin, where they are larger than behind it.
-        """
-        train, (acceleration, keep) = self._train, rates
-        traction, first, last, air = available
-        table = ((keep * traction - train.resistance) / train.inertia).tolist()
-        spacing, end = float(train.speed[1]), train.speed.size - 1
-        energy, bound = begin_energy, [begin_energy]
-        columns = (column.tolist() for column in (air, low, grid.steps, limit[1:] ** 2 / 2))
-        for one, other, drag, least, step, most in zip(first, last, *columns, strict=True):
-            index = min(int(math.sqrt(2.0 * energy) / spacing), end)
-            rate = max(table[one][index], table[other][index]) - least - 2.0 * drag * energy
-            energy = min(max(energy + step * min(rate, acceleration), 0.0), most)
-            bound.append(energy)
-        return np.sqrt(2.0 * np.array(bound))
+    def largest_air(self, grid: PlaceGrid) -> Array:
+        """Return the largest tunnel air over v² and inertia in every cell [1/m], shape (cells,)."""
+        ends = [self.tunnel_coefficient(places) for places in (grid.places[:-1], grid.places[1:])]
+        return np.asarray(np.maximum(*ends) / self._train.inertia)
 
     def least_air(self, grid: PlaceGrid) -> Array:
         """Return the least tunnel air over v² and inertia in every cell [1/m], shape (cells,)."""

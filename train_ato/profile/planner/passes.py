@@ -4,6 +4,9 @@ The passes use E = v²/2, since dE/ds = a: constant acceleration over a cell is 
 over the speed are traction minus resistance, brake plus resistance, resistance, and electric brake plus resistance,
 each divided by the inertia [m/s²].
 All compiled code of the passes is in this file, because numba's cache detects changes of this file only.
+
+``reserves`` are the fractions of traction and brakes that are not used: those of every cell (2, n), those of limits by
+place over the speed (rows, 2, columns), and the row of every cell (n,); no rows without limits by place.
 """
 
 from __future__ import annotations
@@ -13,8 +16,11 @@ from typing import Any
 import numpy as np
 
 from plant_sim.compiled import compiled
+from plant_sim.packing import Integers
 from train_ato.messages.types import Array
 
+Reserves = tuple[Array, Array, Integers]
+"""Reserves of the cells, rows of limits by place over the speed, and row of every cell."""
 TRACTION, BRAKE, COAST, ELECTRIC = range(4)
 BALANCE_STEPS = 40
 """Bisections of a balancing speed."""
@@ -28,9 +34,13 @@ def _read(table: Array, row: int, energy: float, spacing: float) -> Any:
 
 
 @compiled
-def _reduced(table: Array, row: int, energy: float, spacing: float, reserve: float) -> Any:
-    """Return the acceleration of a row with a fraction of its force in reserve."""
-    rate = _read(table, row, energy, spacing)
+def _reduced(table: Array, row: int, energy: float, spacing: float, reserves: Reserves, cell: int) -> Any:
+    """Return the acceleration of a row with the reserve of a cell."""
+    rate, side = _read(table, row, energy, spacing), min(row, BRAKE)
+    cells, placed, which = reserves
+    reserve = cells[side, cell]
+    if placed.shape[0] > 0:
+        reserve = 1.0 - (1.0 - reserve) * (1.0 - _read(placed[which[cell]], side, energy, spacing))
     if reserve <= 0.0:
         return rate
     resistance = _read(table, COAST, energy, spacing)
@@ -39,16 +49,16 @@ def _reduced(table: Array, row: int, energy: float, spacing: float, reserve: flo
 
 @compiled
 def _at_balance(
-    table: Array, spacing: float, reserve: float, line: float, air: float, begin: float, end: float
-) -> Any:  # fmt: skip
+    table: Array, spacing: float, reserves: Reserves, cell: int, line: float, air: float, begin: float, end: float
+) -> Any:
     """Return E at the end of a cell, or E of the balancing speed if the step from ``begin`` has passed it."""
-    first = _reduced(table, TRACTION, begin, spacing, reserve) - line - 2.0 * air * begin
-    last = _reduced(table, TRACTION, end, spacing, reserve) - line - 2.0 * air * end
+    first = _reduced(table, TRACTION, begin, spacing, reserves, cell) - line - 2.0 * air * begin
+    last = _reduced(table, TRACTION, end, spacing, reserves, cell) - line - 2.0 * air * end
     if end <= 0.0 or first * last >= 0.0 or (end - begin) * first <= 0.0:
         return end
     for _ in range(BALANCE_STEPS):
         middle = 0.5 * (begin + end)
-        if (_reduced(table, TRACTION, middle, spacing, reserve) - line - 2.0 * air * middle) * first > 0.0:
+        if (_reduced(table, TRACTION, middle, spacing, reserves, cell) - line - 2.0 * air * middle) * first > 0.0:
             begin = middle
         else:
             end = middle
@@ -58,7 +68,7 @@ def _at_balance(
 @compiled
 def backward(
     limit: Array, table: Array, spacing: float, line_min: Array, line_mean: Array, air: Array, steps: Array,
-    reserve: Array, service: float, end_energy: float, coast_above: float,
+    reserves: Reserves, service: float, end_energy: float, coast_above: float,
 ) -> tuple[Array, int]:  # fmt: skip
     """Return the largest E that keeps every limit ahead, and the cell without a solution (or -1).
 
@@ -72,8 +82,6 @@ def backward(
         Least, own and largest tunnel air of every cell over v² and inertia [1/m].
     steps : Array, shape (n,)
         Length of every cell [m].
-    reserve : Array, shape (n,)
-        Fraction of the brakes that is not used in a cell.
     service
         Service deceleration [m/s²].
     coast_above
@@ -86,7 +94,7 @@ def backward(
         at = energy[k + 1]
         for stage in range(2):
             drag = 2.0 * air[0, k] * max(at, 0.0)
-            rate = min(service, _reduced(table, BRAKE, at, spacing, reserve[k]) + line_min[k] + drag)
+            rate = min(service, _reduced(table, BRAKE, at, spacing, reserves, k) + line_min[k] + drag)
             if at > coast_above:
                 own = _read(table, COAST, at, spacing) + 2.0 * air[1, k] * at
                 coast = own + line_mean[k]
@@ -102,16 +110,14 @@ def backward(
 @compiled
 def forward(
     ceiling: Array, table: Array, spacing: float, line_max: Array, line_mean: Array, line_min: Array, air: Array,
-    steps: Array, reserve: Array, brake_reserve: Array, service: float, service_deceleration: float,
-    begin_energy: float, cut_off: Array, brake_onset: Array,
+    steps: Array, reserves: Reserves, service: float, service_deceleration: float, begin_energy: float,
+    cut_off: Array, brake_onset: Array,
 ) -> tuple[Array, int]:  # fmt: skip
     """Return E of the fastest solution under the ceiling of the backward pass, and the cell of a stall (or -1).
 
     Above ``cut_off`` (E at every place) the train has no traction: it keeps that speed, or coasts if the line force
     accelerates it or the cut-off decreases faster; on a climb it coasts with the service deceleration at most.  Above
     ``brake_onset`` (E at every place) it uses its electric brake.  Above the ceiling it brakes until it is below.
-    ``reserve`` and ``brake_reserve`` are the fractions of traction and brakes that are not used in a cell, shape (n,)
-    each.
     """
     n = ceiling.size - 1
     energy = np.empty(n + 1)
@@ -121,20 +127,20 @@ def forward(
         above = energy[k] > ceiling[k] * (1.0 + 1e-9) + 1e-12
         for stage in range(2):
             if above:
-                rate = _reduced(table, BRAKE, at, spacing, brake_reserve[k]) + line_min[k]
+                rate = _reduced(table, BRAKE, at, spacing, reserves, k) + line_min[k]
                 rate = -min(service_deceleration, rate + 2.0 * air[0, k] * max(at, 0.0))
             else:
-                rate = _reduced(table, TRACTION, at, spacing, reserve[k]) - line_max[k]
+                rate = _reduced(table, TRACTION, at, spacing, reserves, k) - line_max[k]
                 rate = min(service, rate - 2.0 * air[2, k] * max(at, 0.0))
             last = at
             at = energy[k] + (0.5 if stage == 0 else 1.0) * steps[k] * rate
         if not above:
-            at = _at_balance(table, spacing, reserve[k], line_max[k], air[2, k], energy[k], at)
+            at = _at_balance(table, spacing, reserves, k, line_max[k], air[2, k], energy[k], at)
         if at > cut_off[k + 1]:
             line = line_mean[k] + 2.0 * air[1, k] * max(last, 0.0)
             coast = energy[k] - steps[k] * min(service_deceleration, _read(table, COAST, last, spacing) + line)
             if coast > brake_onset[k + 1]:
-                rate = _reduced(table, ELECTRIC, last, spacing, brake_reserve[k]) + line
+                rate = _reduced(table, ELECTRIC, last, spacing, reserves, k) + line
                 braked = energy[k] - steps[k] * min(service_deceleration, rate)
                 coast = min(coast, max(braked, brake_onset[k + 1]))
             at = min(at, max(coast, cut_off[k + 1]))
@@ -147,8 +153,8 @@ def forward(
 
 @compiled
 def traction_floor(
-    energy: float, last: int, table: Array, spacing: float, line_max: Array, air: Array, steps: Array, reserve: Array,
-    service: float,
+    energy: float, last: int, table: Array, spacing: float, line_max: Array, air: Array, steps: Array,
+    reserves: Reserves, service: float,
 ) -> Array:  # fmt: skip
     """Return the least E at every place from which full traction reaches an E at a later place, shape (n + 1,).
 
@@ -160,7 +166,7 @@ def traction_floor(
     floor = np.zeros(steps.size + 1)
     floor[last] = energy
     for k in range(last - 1, -1, -1):
-        rate = _reduced(table, TRACTION, floor[k + 1], spacing, reserve[k]) - line_max[k]
+        rate = _reduced(table, TRACTION, floor[k + 1], spacing, reserves, k) - line_max[k]
         rate = min(service, rate - 2.0 * air[2, k] * floor[k + 1])
         floor[k] = floor[k + 1] - steps[k] * rate
         if floor[k] <= 0.0:

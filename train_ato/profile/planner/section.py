@@ -18,7 +18,13 @@ import numpy as np
 
 from plant_sim.compiled import compiled
 from train_ato.messages.types import Array
-from train_ato.profile.planner.accelerations import SectionTables, acceleration_table, braking_message, stall_message
+from train_ato.profile.planner.accelerations import (
+    SectionTables,
+    acceleration_table,
+    averaging_range,
+    braking_message,
+    stall_message,
+)
 from train_ato.profile.planner.driving_strategy import MINIMUM_TIME, DrivingStrategy, SectionInputs, SectionKnots
 from train_ato.profile.planner.dynamic_programming import CoarseGrid, Resolution
 from train_ato.profile.planner.line_tables import PlaceGrid
@@ -272,9 +278,8 @@ class PlanSection:
             )
         energy, stalled = forward(
             top, tables.rates, SPEED_STEP, tables.line_max, tables.line_mean, tables.line_min, tables.air, grid.steps,
-            tables.traction_reserve, tables.brake_reserve, _or_infinite(settings.acceleration),
-            _or_infinite(settings.deceleration), first, strategy.cut_off_energy(grid.places),
-            strategy.brake_onset_energy(grid.places),
+            tables.reserves, _or_infinite(settings.acceleration), _or_infinite(settings.deceleration), first,
+            strategy.cut_off_energy(grid.places), strategy.brake_onset_energy(grid.places),
         )  # fmt: skip
         if stalled >= 0:
             speed = float(np.sqrt(2.0 * energy[stalled]))
@@ -302,7 +307,7 @@ class PlanSection:
         grid, tables = self.grid, self.tables
         top, lost = backward(
             limit, tables.rates, SPEED_STEP, tables.line_min, tables.line_mean, tables.air, grid.steps,
-            tables.brake_reserve, _or_infinite(self.inputs.settings.deceleration), self.end_speed**2 / 2, coast_above,
+            tables.reserves, _or_infinite(self.inputs.settings.deceleration), self.end_speed**2 / 2, coast_above,
         )  # fmt: skip
         if lost >= 0:
             raise ValueError(braking_message(self.inputs, grid, tables, lost, top))
@@ -389,40 +394,28 @@ class PlanSection:
         grid, train = self.grid, self.inputs.train
         low, mean, high = (force / train.inertia for force in self.inputs.force.over_cells(grid))
         rate = self._service_rate
-        placed = self._placed(grid, low)
-        air = np.zeros((3, grid.cells)) if placed is None else np.stack((placed[2],) * 3)
+        places = self.inputs.places
+        air = np.stack((np.zeros(grid.cells) if places is None else places.largest_air(grid),) * 3)
         width = np.zeros(grid.cells)
         if self.window > 0 and self.fastest_speed is not None:
             speed = np.interp(grid.places, *self.fastest_speed)
             width = np.maximum(speed[1:], speed[:-1]) * self.window / 2 + rate * self.window**2 / 8
             low = sliding_extreme(low, width, grid.places, False)
             high = sliding_extreme(high, width, grid.places, True)
-            if placed is not None:
-                placed[:2] = [sliding_extreme(reserve, width, grid.places, True) for reserve in placed[:2]]
-                air[[0, 2]] = [sliding_extreme(air[1], width, grid.places, largest) for largest in (False, True)]
+            air[[0, 2]] = [sliding_extreme(air[1], width, grid.places, largest) for largest in (False, True)]
         extension = self.limit_extension * self.window / 2
         limit = self.inputs.limits.over_grid(grid, train.length, extension, rate) ** 2 / 2
         for ceiling in (self.ceiling, self.inputs.ceiling):
             if ceiling is not None:
                 limit = np.minimum(limit, np.interp(grid.places, ceiling[0], ceiling[1] ** 2 / 2))
         rates = acceleration_table(train, self.inputs.settings, self.window, extend_steps=self.extend_steps)
-        reserves = np.stack(self.reserve.over(grid))
-        if placed is not None:
-            reserves = 1.0 - (1.0 - reserves) * (1.0 - placed[:2])
-        traction, brake = reserves
+        placed, which = np.zeros((0, 2, train.speed.size)), np.zeros(grid.cells, dtype=np.int64)
+        if places is not None:
+            placed, which = places.over_cells(grid, width, averaging_range(train, self.inputs.settings, self.window))
+        reserves = np.stack(self.reserve.over(grid)), placed, which
         self._tables_key = key
-        self._tables = SectionTables(limit, low, mean, high, air, rates, traction, brake, width)
+        self._tables = SectionTables(limit, low, mean, high, air, rates, reserves, width)
         return self._tables
-
-    def _placed(self, grid: PlaceGrid, low: Array) -> Array | None:
-        """Return reserves of traction and brakes and tunnel air [1/m] in every cell; None without limits by place."""
-        places, settings = self.inputs.places, self.inputs.settings
-        if places is None:
-            return None
-        limit = self.inputs.limits.over_grid(grid, self.inputs.train.length)
-        rates = _or_infinite(settings.acceleration), 1.0 - settings.force_margin
-        first = self.begin_speed + max(0.0, self.lead_acceleration * self.window / 2)
-        return places.over_cells(grid, limit, low, first**2 / 2, rates)
 
     @property
     def _service_rate(self) -> float:
