@@ -266,6 +266,22 @@ def test_the_supervisor_brakes_in_spite_of_the_caller(assured, tmp_path):
     assert obs["speed"][0] < speed - 1.0
 
 
+def test_the_caller_drives_again_after_a_takeover(tmp_path):
+    """Breaks if the force of the caller is lost at the return of the law, or the saved run is another one."""
+    changes = {"duration": 60, "supervision.enabled": True, "plant.line": own_line(tmp_path)}
+    env = ta.Env("xuzhou_metro", set=changes, normalised=True)
+    env.reset()
+    engaged, end = [True], False
+    while not end:
+        force = 1.0 if all(engaged) else -0.02
+        *_, end, _, info = env.step(force)
+        engaged.append(info["engaged"])
+    back = engaged.index(True, engaged.index(False))
+    assert all(engaged[back:]) and len(engaged) > back + 20
+    env.run.save(tmp_path / "run")
+    assert main(["verify", str(tmp_path / "run")]) == 0
+
+
 def test_options_and_seeds_of_a_reset():
     """Breaks if an option stays for the next run, or equal seeds give other runs."""
     env = ta.Env("xuzhou_metro:disturbed", set={"duration": 10}, flat=True, seed=11)

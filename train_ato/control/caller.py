@@ -34,6 +34,10 @@ class Caller:
 
     forces: str = parameter("", "", 0.0, 0.0, "recorded forces of all steps, see forces_text(); empty: from the caller")
 
+    def __post_init__(self) -> None:
+        """Begin without a force of a caller."""
+        self.force: Array | None = None
+
     def bind(self, model: Any, period: float) -> None:
         """Take the number of units and the control period [s].
 
@@ -45,8 +49,7 @@ class Caller:
         self.model, self._period, self._recorded = model, period, _forces_of(self.forces, model.n_units)
 
     def reset(self) -> None:
-        """Forget the force of the caller."""
-        self.force: Array | None = None
+        """Keep the force: the caller has already given that of the step in which a law begins after a takeover."""
 
     def step(self, inputs: LawInput) -> LawOutput:
         """Return the force of the caller, or the recorded one.
@@ -60,7 +63,7 @@ class Caller:
             return LawOutput(self.force)
         step = round(inputs.t / self._period)
         if step >= len(self._recorded):
-            raise ValueError(f"no force for {inputs.t:g} s: the law is the caller of train_ato.Env; choose another law")
+            raise ValueError(f"no force at {inputs.t:g} s: the law is the caller of train_ato.Env; choose another law")
         return LawOutput(self._recorded[step])
 
 
