@@ -90,10 +90,12 @@ def test_the_emergency_brake_is_in_sight_and_nothing_covers_anything():
             title = page.evaluate(BOX.format('document.querySelector(".run b")'))
             pause = page.evaluate(BOX.format('deep(e => e.tagName == "BUTTON" && e.textContent.trim() == "pause")'))
             assert title[2] <= pause[0] or title[3] <= pause[1], (width, title, pause)
-            assert page.evaluate("document.documentElement.scrollWidth") <= width
+            page.wait_for(f"document.documentElement.scrollWidth <= {width}")
         page.wait_for("document.querySelector('.strips').getBoundingClientRect().bottom > 1400")
-        assert page.evaluate("document.documentElement.scrollHeight") <= 1440
+        page.wait_for("document.documentElement.scrollHeight <= 1440")
         page.wait_for("model('strip_error').inner_height > 150")
+        resized(page, 2560, 1000)
+        page.wait_for("document.documentElement.scrollHeight < 1200")
         assert said_wrong(page) == []
 
 
