@@ -111,11 +111,6 @@ class BrakeForecast:
     Every event acts on a vehicle from its arrival until the arrival of a newer one, and the cylinder approaches its
     level exponentially. The reservoirs are used up and recharge as in the kernel.
 
-    Parameters
-    ----------
-    consist : Consist
-        Train with an air brake.
-
     Raises
     ------
     ValueError

@@ -46,13 +46,7 @@ class TrackPose:
 
 
 class Alignment:
-    """Plan and profile of a line over the distance; straight and level outside it.
-
-    Parameters
-    ----------
-    line
-        The line.
-    """
+    """Plan and profile of a line over the distance; straight and level outside it."""
 
     def __init__(self, line: Line) -> None:
         track = Track(line)

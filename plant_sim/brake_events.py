@@ -95,13 +95,6 @@ class PipeEvents(BrakeEvents):
     While the emergency brake is applied, the pipe stays vented; after its release the pressure follows the demand. From
     the parting of a coupler on, demands and releases have no effect.
 
-    Parameters
-    ----------
-    brake
-        Air brake of the train.
-    vehicles
-        Number of vehicles.
-
     Attributes
     ----------
     pressure : float
@@ -149,15 +142,7 @@ class PipeEvents(BrakeEvents):
 
 
 class EmergencyLoop(BrakeEvents):
-    """Loop of the friction emergency brake of a train without air brake.
-
-    Parameters
-    ----------
-    brake
-        Friction emergency brake of the train.
-    vehicles
-        Number of vehicles.
-    """
+    """Loop of the friction emergency brake of a train without air brake."""
 
     def __init__(self, brake: EmergencyBrake, vehicles: int) -> None:
         super().__init__(vehicles, AT_ONCE)

@@ -46,11 +46,6 @@ class InputFaults(ValueError):
     message
         One line for each fault: file, place, problem; fix.
 
-    Attributes
-    ----------
-    lines : tuple of str
-        The lines.
-
     Examples
     --------
     >>> InputFaults.of(["a.yaml: mass: this key is missing; add it"]).lines
@@ -105,15 +100,6 @@ def kind_of(value: Any) -> str:
 
 def build_model(model: type[_Model], raw: Any, where: str) -> _Model:
     """Return a model made from plain data.
-
-    Parameters
-    ----------
-    model
-        Class of the model.
-    raw
-        Mapping of keys to values.
-    where
-        File or block, for messages.
 
     Raises
     ------

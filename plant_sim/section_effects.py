@@ -54,11 +54,6 @@ def has_tunnel_air(line: Line, consist: Consist) -> bool:
 class SectionZones:
     """Zones of a line with constant effects of its sections.
 
-    Parameters
-    ----------
-    line
-        The line.
-
     Attributes
     ----------
     breaks : Array, shape (m,)

@@ -185,11 +185,6 @@ class SensorSet:
     seed : int
         Seed of the run.
 
-    Attributes
-    ----------
-    records : SensorRecords
-        Errors and states of the sensors.
-
     Raises
     ------
     ValueError

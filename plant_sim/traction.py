@@ -51,11 +51,6 @@ class FullServiceBrake:
     brake; the emergency brake has a path of its own (:mod:`plant_sim.brake_events`). If a negative force also drives
     backwards (``reversing``), the demand decreases with the speed and is 0 below the holding speed, where the holding
     brake acts.
-
-    Parameters
-    ----------
-    consist, setup
-        The train and its actuators.
     """
 
     def __init__(self, consist: Consist, setup: PlantSetup) -> None:

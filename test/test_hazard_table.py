@@ -12,18 +12,21 @@ import pytest
 from test_architecture import MODULES, imports, tree
 
 from msgs_docs.generate.fault_runs import ROWS as FAULT_ROWS
-from msgs_docs.generate.hazard_page import MEASURED, MEASURES, run_open, run_pair
-from msgs_docs.generate.hazard_table import (
+from msgs_docs.generate.hazard_page import (
     ACTIONS,
     GUIDES,
     HARMLESS,
     HAZARDS,
+    MEASURED,
+    MEASURES,
     OPEN,
     REMOVALS,
     REPLACEMENTS,
     ROWS,
     monitor_part,
     removed_monitors,
+    run_open,
+    run_pair,
 )
 from msgs_docs.generate.rows import read_rows
 

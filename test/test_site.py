@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from msgs_docs.generate import gallery_page, loop_page, reference_pages, run_pages, site
+from msgs_docs.generate import gallery_page, reference_pages, site
 from msgs_docs.generate.rows import read_rows
 from msgs_docs.generate.schemas import MODELS, schema_text
 from plant_sim.library import consist_names, line_names
@@ -119,10 +119,10 @@ def test_docs_prints_the_entrance_or_how_to_build_it(tmp_path, monkeypatch, caps
     assert told.out == f"{page}\n" and "no browser" in told.err and opened == [page.as_uri()]
 
 
-@pytest.mark.parametrize("symptom", run_pages.SYMPTOMS, ids=lambda symptom: symptom.symptom[:40])
+@pytest.mark.parametrize("symptom", site.SYMPTOMS, ids=lambda symptom: symptom.symptom[:40])
 def test_the_change_of_a_symptom_removes_it(symptom):
     """Breaks if the page of the symptoms has a cause without effect, or a change that leaves half of it."""
-    before, after = run_pages.both_drives(symptom)
+    before, after = site.both_drives(symptom)
     assert after < 0.5 * before
 
 
@@ -151,11 +151,11 @@ def test_the_paper_is_short_and_its_references_exist():
 def test_the_page_of_the_loop_has_every_link_and_every_key_with_its_default():
     """Breaks if a link gets a name that the picture lacks, or a key of the page is renamed."""
     schema = json.loads(schema_text("scenario"))
-    keys = [key for _, part in loop_page.PARTS for key in part]
+    keys = [key for _, part in site.PARTS for key in part]
     links = {key.split(".")[1] for key in keys if key.startswith("links.")}
     assert links == set(schema["$defs"]["Links"]["properties"])
-    page = loop_page.loop_page()
+    page = site.loop_page()
     assert all(f"| `{key}` | " in page for key in keys)
     assert "| `supervision.period` | " in page and "| `0.4` |" in page
     with pytest.raises(KeyError):
-        loop_page.key_of(schema, "links.command.dely")
+        site.key_of(schema, "links.command.dely")

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 import train_ato
-from msgs_docs.generate.example_messages import examples
-from msgs_docs.generate.topic_page import page
+from msgs_docs.generate.topic_page import examples, page
 from plant_sim.states import described
 from train_ato.log.run_folder import RunFolder
 from train_ato.loop import engine

@@ -87,13 +87,7 @@ def refusing(function: _Function) -> _Function:
 
 
 class NodeFault(ValueError):
-    """Fault of another node or program, found by its messages.
-
-    Attributes
-    ----------
-    node : str
-        Its name.
-    """
+    """Fault of another node or program, found by its messages."""
 
     def __init__(self, node: str, reason: str) -> None:
         super().__init__(reason)

@@ -248,13 +248,7 @@ def page(root: Path) -> str:
 
 
 def measure_leaderboard(root: Path) -> None:
-    """Let the law of the tutorial learn, compare it and all laws in the scenarios with disturbances, and write rows.
-
-    Parameters
-    ----------
-    root
-        Top folder of the repository.
-    """
+    """Let the law of the tutorial learn, compare it and all laws in the scenarios with disturbances, and write rows."""
     with tempfile.TemporaryDirectory(prefix="train_ato_leaderboard_") as scratch:
         folder = Path(scratch)
         for block in page_blocks((root / TUTORIAL).read_text(encoding="utf-8")):

@@ -82,13 +82,7 @@ DETECTIONS = ("refusal ", "missing ")
 
 @dataclass(frozen=True)
 class FaultRun:
-    """Run of a row with its figures.
-
-    Attributes
-    ----------
-    setup, result
-        Prepared run and its result.
-    """
+    """Run of a row with its figures."""
 
     setup: RunSetup
     result: RunResult

@@ -6,12 +6,152 @@ and a warning is an error.
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 import subprocess
 import sys
 import tempfile
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+import yaml
+
+import train_ato as ta
+from msgs_docs.generate.reference_pages import as_cell, as_code, as_table
+from msgs_docs.generate.rows import page_text
+from msgs_docs.generate.schemas import schema_text
+from plant_sim.units import number_text
+from train_ato.loop.metric_names import METRICS
+
+Changes = dict[str, Any]
+METRO: Changes = {
+    "profile": {
+        "phases": [
+            {"accelerate_to": 15.0, "acceleration": 0.8},
+            {"cruise_for": 10.0},
+            {"brake_to": 0.0, "acceleration": 0.8},
+        ]
+    },
+    "plant.start": {},
+    "duration": 80.0,
+}
+"""Short drive of the metro train from rest to rest."""
+
+
+@dataclass(frozen=True)
+class Symptom:
+    """Symptom of a drive, with a cause and the change that removes it.
+
+    Attributes
+    ----------
+    symptom, remedy
+        Texts of the page.
+    cause, change
+        Keys of the scenario that make the symptom, and those that remove it.
+    metric
+        Metric that shows it.
+    scenario, drive
+        Shipped scenario, and the keys of the short drive.
+    """
+
+    symptom: str
+    cause: Changes
+    remedy: str
+    change: Changes
+    metric: str
+    scenario: str = "xuzhou_metro"
+    drive: Changes | None = None
+
+
+FILE = Path(__file__).with_name("symptoms.yaml")
+SYMPTOMS = tuple(Symptom(**row) for row in yaml.safe_load(FILE.read_text(encoding="utf-8")))
+"""Rows of the page."""
+
+
+def both_drives(symptom: Symptom) -> tuple[float, float]:
+    """Return the magnitude of the metric with the cause, without and with the change."""
+    start = ta.scenario(symptom.scenario).with_({**(symptom.drive or METRO), **symptom.cause})
+    runs = (ta.run(start), ta.run(start.with_(symptom.change)))
+    values = [run.metrics[symptom.metric] for run in runs]
+    return abs(values[0]), abs(values[1])
+
+
+def symptom_page() -> str:
+    """Return the page of the symptoms, with the metric of each before and after the change."""
+    text = (
+        "# Tune by symptom\n\nEach row is two short drives of this build: one with the cause, one with the cause and "
+        "the change. The first line\nof a run, its criteria and the report name the symptom; see "
+        "[outcome of tracking](../tracking.md).\n\n"
+        "| symptom | cause in this drive | change | keys of the change | metric | before | after |\n"
+        "|---|---|---|---|---|---|---|\n"
+    )
+    for symptom in SYMPTOMS:
+        before, after = both_drives(symptom)
+        name, unit = METRICS[symptom.metric]
+        cause = ", ".join(f"`{key}={value}`" for key, value in symptom.cause.items()) or "none"
+        change = ", ".join(f"`{key}={_short(value)}`" for key, value in symptom.change.items() if key != "plant.start")
+        cells = (symptom.symptom, cause, symptom.remedy, change, f"{name} in {unit}")
+        text += f"| {' | '.join(cells)} | {number_text(before, 3)} | {number_text(after, 3)} |\n"
+    return text + (
+        "\nThe brakes intervene: the first line of the run has the reason; [supervision](../supervision.md) has the "
+        "limit of each. Gains for\nseveral trains and seeds at once: [tuning](../tuning.md).\n"
+    )
+
+
+def _short(value: object) -> str:
+    """Return a value in the words of YAML."""
+    return re.sub(r"['{}\[\]]", "", str(value))
+
+
+PARTS: tuple[tuple[str, tuple[str, ...]], ...] = (
+    ("1 sensors", ("plant.sensors.position_noise", "plant.sensors.velocity_noise", "plant.sensors.position_quantum",
+                   "plant.sensors.velocity_quantum", "plant.sensors.position_bias", "plant.sensors.velocity_bias")),
+    ("2 measurement link", ("links.measurement.delay", "links.measurement.jitter", "links.measurement.loss")),
+    ("3 reference link", ("links.reference.delay",)),
+    ("4 estimate link", ("links.estimate.delay",)),
+    ("5 law", ("tick", "control_period", "hold_limit")),
+    ("6 command link", ("links.command.delay", "links.command.delay_brake", "links.command.varying",
+                        "links.command.jitter", "links.command.loss", "links.command.jump")),
+    ("7 actuator", ("plant.mismatch.actuator_gain", "plant.dead_band", "plant.force_limit", "plant.adhesion",
+                    "plant.rate_limit", "plant.lag")),
+    ("8 air brake", ("links.brake_pipe.delay",)),
+    ("9 supervisor", ("supervision.period", "links.brake_release.delay", "supervision.failsafe.hold",
+                      "supervision.failsafe.coast", "supervision.failsafe.service", "supervision.failsafe.release")),
+    ("model of the law", ("model.delay", "model.delay_brake", "model.lag")),
+)  # fmt: skip
+"""Keys of a scenario by part of the loop."""
+
+
+def loop_page() -> str:
+    """Return the page of the loop."""
+    schema = json.loads(schema_text("scenario"))
+    rows = []
+    for part, keys in PARTS:
+        for key in keys:
+            value = key_of(schema, key)
+            default = as_code(value["default"]) if "default" in value else ""
+            rows.append((part, f"`{key}`", as_cell(value.get("description", "")), default))
+    return page_text("loop", keys=as_table(("part", "key", "meaning", "default"), rows))
+
+
+def key_of(schema: dict[str, Any], path: str) -> dict[str, Any]:
+    """Return the schema of the key of a scenario at a dotted path.
+
+    Raises
+    ------
+    KeyError
+        If a scenario has no such key.
+    """
+    block: dict[str, Any] = schema
+    for name in path.split("."):
+        for part in (block, *block.get("anyOf", ())):
+            if "$ref" in part:
+                block = schema["$defs"][part["$ref"].rpartition("/")[2]]
+        block = block["properties"][name]
+    return block
+
 
 DOCUMENTS = (
     "README.md",
@@ -125,13 +265,13 @@ def _copy_pages(top: Path, source: Path) -> None:
 
 def _write_made_pages(top: Path, made: Path) -> None:
     """Write the pages that exist in the site only, and run the tutorials."""
-    from msgs_docs.generate import gallery_page, loop_page, reference_pages, run_pages, tutorials
+    from msgs_docs.generate import gallery_page, reference_pages, tutorials
 
     for folder in ("how_to", "concepts", "reference"):
         (made / folder).mkdir()
     for name, text in reference_pages.pages(top).items():
         (made / "reference" / f"{name}.md").write_text(text, encoding="utf-8")
-    (made / "how_to" / "tune_by_symptom.md").write_text(run_pages.symptom_page(), encoding="utf-8")
-    (made / "concepts" / "loop.md").write_text(loop_page.loop_page(), encoding="utf-8")
+    (made / "how_to" / "tune_by_symptom.md").write_text(symptom_page(), encoding="utf-8")
+    (made / "concepts" / "loop.md").write_text(loop_page(), encoding="utf-8")
     gallery_page.write_gallery(top, made / "gallery")
     tutorials.write_tutorials(made / "tutorials")

@@ -55,11 +55,6 @@ def is_geojson(data: dict[str, Any]) -> bool:
 def geojson_line(data: dict[str, Any], place: str, selection: str = "") -> Line:
     """Return the line along the track of a file.
 
-    Parameters
-    ----------
-    selection
-        Name of one of several tracks.
-
     Raises
     ------
     ValueError
@@ -100,11 +95,6 @@ def _spot(row: Any, place: str) -> Spot:
 
 def gpx_line(root: Element, place: str, selection: str = "") -> tuple[Line, tuple[str, ...]]:
     """Return the line along a track, or route, of a GPX file, and the elements that it does not carry.
-
-    Parameters
-    ----------
-    selection
-        Name of one of several tracks.
 
     Raises
     ------

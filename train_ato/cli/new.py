@@ -122,13 +122,6 @@ def _examples() -> Path:
 def data_folder(name: str, file: str) -> Path:
     """Return a folder of files beside the code: of the source tree, or of the installed package.
 
-    Parameters
-    ----------
-    name
-        Name of the folder.
-    file
-        A file in it.
-
     Raises
     ------
     ValueError

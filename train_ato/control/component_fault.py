@@ -19,13 +19,7 @@ _OF_PROJECT = ("train_ato", "plant_sim")
 
 
 class ComponentFailed(RunFailed):
-    """Failure of a component that a user can write; the train is braked to standstill before the run ends.
-
-    Attributes
-    ----------
-    node : str
-        Node of the component.
-    """
+    """Failure of a component that a user can write; the train is braked to standstill before the run ends."""
 
     def __init__(self, message: object = "", node: str = "controller") -> None:
         super().__init__(message)

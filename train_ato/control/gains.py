@@ -1,9 +1,9 @@
 """Gains of a law for a train: fitted to a shipped train, computed from the model of the train, or as printed.
 
 ``fitted`` takes the table ``fitted_gains.yaml``, which has values or ``model``; a train that is not in it, or a longer
-delay, takes ``model``, the rule of the law (``model_gains``).  ``printed`` takes the defaults of the parameters, which
-are those of the paper.  A law without a paper, such as ``mpc``, has only ``model``, which is then its default.  A
-parameter that is given has its given value under every choice.
+delay, takes ``model``, the rule of the law (``model_gains`` of its control period [s]).  ``printed`` takes the defaults
+of the parameters, which are those of the paper.  A law without a paper, such as ``mpc``, has only ``model``, which is
+then its default.  A parameter that is given has its given value under every choice.
 """
 
 from __future__ import annotations

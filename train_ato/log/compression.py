@@ -35,11 +35,6 @@ SMALL = zstandard.ZstdCompressionParameters(
 def packer(compression: str) -> tuple[str, Pack]:
     """Return the name of a compression in an MCAP file and its function.
 
-    Parameters
-    ----------
-    compression
-        One of :data:`COMPRESSIONS`.
-
     Raises
     ------
     ValueError

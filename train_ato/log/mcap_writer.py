@@ -61,15 +61,6 @@ def message_head(channel: int, publish_ns: int, log_ns: int, length: int) -> byt
 class TickRecords:
     """Records of a block of ticks, with publish time = log time = stamp.
 
-    Parameters
-    ----------
-    block
-        Messages.
-    wire
-        Encoder of the topics.
-    channels
-        Number of the channel by topic.
-
     Attributes
     ----------
     sizes : Array of int, shape (ticks,)

@@ -79,13 +79,7 @@ class Overview:
 
 
 class _Stamps:
-    """Stamps of a topic in the order of the log [ns]; equal steps in a row are one number.
-
-    Attributes
-    ----------
-    first, last : int
-        Smallest and largest stamp.
-    """
+    """Stamps of a topic in the order of the log [ns]; equal steps in a row are one number."""
 
     def __init__(self) -> None:
         self._steps, self._counts = array("q"), array("q")

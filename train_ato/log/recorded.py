@@ -199,11 +199,6 @@ REPORT_S = 2.0
 def read_changes(run: Path) -> RunChanges:
     """Return the planned and requested changes of a run: laws, parameters, interventions, ATO requests.
 
-    Parameters
-    ----------
-    run
-        Run folder or MCAP file.
-
     Raises
     ------
     ValueError

@@ -52,11 +52,6 @@ BAG = "rosbag2_bagfile_information"
 def rewritten(log: Path) -> Path | None:
     """Write ``metadata.yaml`` of an undamaged log if it is missing or belongs to another log.
 
-    Parameters
-    ----------
-    log
-        Undamaged MCAP file.
-
     Returns
     -------
     Path or None
@@ -304,11 +299,6 @@ class DamagedLog:
         Content of the file.
     progress
         Receiver of the fraction of the file that is read.
-
-    Attributes
-    ----------
-    lost : int
-        Number of damaged chunks.
     """
 
     def __init__(self, data: mmap.mmap, progress: Progress | None = None) -> None:

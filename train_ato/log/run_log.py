@@ -62,11 +62,6 @@ class LogFile:
     wall_time
         Wall time of the recording, for the metadata record.
 
-    Attributes
-    ----------
-    wall_time : WallTime or None
-        Wall time that :meth:`close` writes.
-
     Raises
     ------
     ValueError
@@ -216,11 +211,6 @@ class RunLog:
         ``none``, ``fast`` or ``small``.
     timed
         Write the wall time of the recording; False for a log that is converted from another file.
-
-    Attributes
-    ----------
-    numbers : dict
-        Number of every topic, for :meth:`extend`.
     """
 
     def __init__(

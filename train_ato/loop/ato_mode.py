@@ -21,11 +21,6 @@ PLANNING_TIME = 10.0
 class AtoMode:
     """State of the ATO in the control loop.
 
-    Parameters
-    ----------
-    setup
-        Prepared run with the planned requests.
-
     Attributes
     ----------
     machine : AtoStateMachine

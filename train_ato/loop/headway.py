@@ -100,11 +100,6 @@ class HeadwayProfile:
     ----------
     setup
         Prepared run with ``leader.headway``.
-
-    Attributes
-    ----------
-    receiver : ReportReceiver
-        Receiving end of the profile.
     """
 
     def __init__(self, setup: RunSetup) -> None:

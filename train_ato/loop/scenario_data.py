@@ -40,11 +40,6 @@ class PartCache:
     """Parts by the values that determine them.
 
     A part is shared between runs, so it must not be changed after its creation.
-
-    Parameters
-    ----------
-    size
-        Largest number of parts.
     """
 
     def __init__(self, size: int = SIZE) -> None:

@@ -156,11 +156,6 @@ class AwaitedReport:
         Prepared run with its supervision period.
     left_out
         Returns True in a run without reports.
-
-    Attributes
-    ----------
-    ignored : int
-        Number of duplicate and late messages.
     """
 
     def __init__(self, setup: RunSetup, left_out: Callable[[], bool] = lambda: False) -> None:

@@ -63,13 +63,7 @@ def carry_out(case: Case | Calculation, progress: Any = None) -> Result:
 
 
 class WorkerPool:
-    """Pool of worker processes, a context manager; its end kills the processes.
-
-    Parameters
-    ----------
-    jobs
-        Number of worker processes.
-    """
+    """Pool of worker processes, a context manager; its end kills the processes."""
 
     def __init__(self, jobs: int) -> None:
         context = multiprocessing.get_context("spawn")

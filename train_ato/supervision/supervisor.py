@@ -213,18 +213,7 @@ _values_of = cast(Any, namedtuple)("SupervisorValues", dtype_of(SupervisorState)
 
 
 class SupervisionDecision:
-    """Result of one period, the values of a :class:`SupervisorState`; texts are made at their use.
-
-    Parameters
-    ----------
-    record
-        Entry of an array of :class:`SupervisorState`.
-
-    Attributes
-    ----------
-    own : SupervisorState
-        Its values.
-    """
+    """Result of one period, the values of a :class:`SupervisorState`; texts are made at their use."""
 
     __slots__ = ("own",)
 

@@ -131,13 +131,7 @@ class ShortestStop:
 
 
 class TrainReporter:
-    """Reports of a train from its odometry.
-
-    Parameters
-    ----------
-    consist, setup, line, max_speed
-        As in :class:`ShortestStop`.
-    """
+    """Reports of a train from its odometry."""
 
     def __init__(self, consist: Consist, setup: PlantSetup, line: Line, max_speed: float) -> None:
         self._stop, self._length = ShortestStop(consist, setup, line, max_speed), stretched_length(consist)

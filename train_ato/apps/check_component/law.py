@@ -25,13 +25,7 @@ from train_ato.messages.types import Array
 
 
 class LawRig:
-    """A law on one train.
-
-    Parameters
-    ----------
-    name
-        Name of the consist.
-    """
+    """A law on one train."""
 
     def __init__(self, name: str) -> None:
         self.name = name

@@ -39,13 +39,7 @@ TOLERANCE = 0.2
 
 
 class ObserverRig:
-    """An observer on one train, driven by `pid` against a constant disturbance.
-
-    Parameters
-    ----------
-    name
-        Name of the consist.
-    """
+    """An observer on one train, driven by `pid` against a constant disturbance."""
 
     def __init__(self, name: str) -> None:
         self.name = name

@@ -71,15 +71,7 @@ def random_gear(random: np.random.Generator, kind: str) -> dict[str, Any]:
 
 
 def random_train(random: np.random.Generator, kind: str, gear: str) -> tuple[dict[str, Any], float, float]:
-    """Return a train, its acceleration at low speed [m/s²] and its top speed [km/h].
-
-    Parameters
-    ----------
-    random
-        Source of the figures.
-    kind, gear
-        Entries of :data:`TRAIN_KINDS` and :data:`GEAR_KINDS`.
-    """
+    """Return a train, its acceleration at low speed [m/s²] and its top speed [km/h]."""
     if kind in ("metro", "multiple unit"):
         cars = int(random.integers(1, 9) if kind == "metro" else random.integers(3, 17))
         mass, start = float(random.uniform(25, 60)), float(random.uniform(0.5, 1.1))

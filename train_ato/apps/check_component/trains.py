@@ -114,15 +114,7 @@ class RigidTrain:
 
 
 class CoupledTrain:
-    """Train with all its vehicles and couplers, from the begin of a profile on.
-
-    Parameters
-    ----------
-    model
-        The train.
-    profile
-        Speed profile.
-    """
+    """Train with all its vehicles and couplers, from the begin of a profile on."""
 
     def __init__(self, model: TrainModel, profile: Profile) -> None:
         self._train = nominal_copy(model, profile, 0.0, PERIOD, PLANT_STEP)

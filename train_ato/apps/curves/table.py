@@ -57,13 +57,6 @@ def tabulate(limits: TargetLimits, motion: MotionEstimate, speeds: dict[str, lis
 def case_table(case: CurveCase, place: str) -> CurveTable:
     """Return the table of a case.
 
-    Parameters
-    ----------
-    case
-        The case.
-    place
-        File and name, for messages.
-
     Raises
     ------
     ValueError
@@ -115,17 +108,7 @@ class LineCurves:
 
 
 def line_curves(title: str, supervision: TrackSupervision, motion: MotionEstimate = EXACT_MOTION) -> LineCurves:
-    """Return the curves to the end of authority, every 5 km/h up to the maximum speed.
-
-    Parameters
-    ----------
-    title
-        Train and line.
-    supervision
-        Supervision with an end of authority.
-    motion
-        Acceleration and errors of the odometry.
-    """
+    """Return the curves to the end of authority, every 5 km/h up to the maximum speed."""
     end = supervision.targets[-1]
     top = round(supervision.train.max_speed * KMH / TABLE_STEP_KMH, 6)
     speeds = [TABLE_STEP_KMH * i for i in range(int(top) + 1)]

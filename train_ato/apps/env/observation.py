@@ -174,11 +174,6 @@ def write_values(found, t, measured, couplers, reference, disturbance, in_flight
 class Sight:
     """Nominal train and line behind the values of an observation.
 
-    Parameters
-    ----------
-    setup
-        Prepared run.
-
     Attributes
     ----------
     arrays : tuple of Array

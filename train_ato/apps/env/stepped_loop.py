@@ -55,13 +55,7 @@ class Past:
 
 
 class History:
-    """Messages of a run up to now; made by :class:`train_ato.apps.env.stepped_loop.SteppedLoop`.
-
-    Parameters
-    ----------
-    past
-        Messages so far.
-    """
+    """Messages of a run up to now; made by :class:`train_ato.apps.env.stepped_loop.SteppedLoop`."""
 
     def __init__(self, past: Past | None = None) -> None:
         self._past, self._ticks = past, list[tuple[int, Published]]()
@@ -88,13 +82,6 @@ PLAIN = (str, bytes, int, float, bool, complex, type, type(None))
 
 class SharedParts:
     """Parts that a state does not contain: the prepared run with all its data, the topics, and the law of the caller.
-
-    Parameters
-    ----------
-    setup
-        Prepared run.
-    others
-        Other objects by name.
 
     Attributes
     ----------

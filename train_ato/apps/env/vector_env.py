@@ -99,13 +99,7 @@ class _Train:
 
 
 class _Threads:
-    """Threads beside that of the caller which work on a call together with it; they end with their owner.
-
-    Parameters
-    ----------
-    count
-        Number of threads.
-    """
+    """Threads beside that of the caller which work on a call together with it; they end with their owner."""
 
     def __init__(self, count: int) -> None:
         self._count, self._asked = count, SimpleQueue[Any]()

@@ -12,13 +12,7 @@ _Result = TypeVar("_Result")
 
 
 class FileFaults:
-    """Faults of one file, in the order of their discovery.
-
-    Parameters
-    ----------
-    path
-        File.
-    """
+    """Faults of one file, in the order of their discovery."""
 
     def __init__(self, path: Path) -> None:
         self.path = path

@@ -66,11 +66,6 @@ class LogTopic:
 class ReplayLog:
     """An open log.
 
-    Parameters
-    ----------
-    run
-        Run folder or MCAP file.
-
     Attributes
     ----------
     topics : dict

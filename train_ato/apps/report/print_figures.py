@@ -452,11 +452,6 @@ def write_print_figures(data: PageData, folder: Path, kind: str) -> list[Path]:
         Existing folder.
     kind
         ``png`` or ``svg``.
-
-    Returns
-    -------
-    list of Path
-        The files written.
     """
     written = []
     with styled():

@@ -88,13 +88,7 @@ def _publisher(node: Any, topic: SceneTopic) -> Any:
 
 
 def publish_scene(sampler: SceneSampler, domain: int, interrupted: Callable[[], bool]) -> dict[str, int]:
-    """Publish the scene until the publisher of the states leaves, or Ctrl-C.
-
-    Returns
-    -------
-    dict
-        Number of published messages by topic.
-    """
+    """Publish the scene until the publisher of the states leaves, or Ctrl-C."""
     with executor_of(domain, []) as (context, _):
         node = Node("scene", context=context, enable_rosout=False, start_parameter_services=False)
         try:

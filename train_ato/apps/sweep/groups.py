@@ -27,15 +27,7 @@ class NotDrawable(InputError):
 
 @dataclass(frozen=True)
 class RunGroup:
-    """Runs with one value of a list.
-
-    Attributes
-    ----------
-    label
-        The value as text.
-    runs
-        Rows of the table.
-    """
+    """Runs with one value of a list."""
 
     label: str
     runs: pd.DataFrame

@@ -29,13 +29,6 @@ LAST = ("sha256", "wall_s", "evaluation_s", "overhead_s", "point")
 def sweep_table(rows: Sequence[Row], keys: Sequence[str]) -> pd.DataFrame:
     """Return one row for each run.
 
-    Parameters
-    ----------
-    rows
-        Rows of the finished runs.
-    keys
-        Varied keys.
-
     Returns
     -------
     pandas.DataFrame

@@ -92,13 +92,7 @@ def lost_run(reason: str) -> dict[str, Any]:
 
 
 class GainRunner:
-    """Runs of tasks with different gains; the setup of a task is prepared once.
-
-    Parameters
-    ----------
-    tasks
-        All tasks.
-    """
+    """Runs of tasks with different gains; the setup of a task is prepared once."""
 
     def __init__(self, tasks: Sequence[GainTask]) -> None:
         self._tasks = tasks

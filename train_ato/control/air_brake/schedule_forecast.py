@@ -76,15 +76,7 @@ Schedule = tuple[PipeAction, ...]
 
 
 class ScheduleForecast:
-    """Predicted cost of schedules of one train.
-
-    Parameters
-    ----------
-    rules
-        Weights and horizon.
-    model
-        The nominal train.
-    """
+    """Predicted cost of schedules of one train."""
 
     def __init__(self, rules: PredictiveRules, model: TrainModel) -> None:
         self._rules = rules

@@ -77,13 +77,6 @@ class ProfileLike(Protocol):
 class RigidForce:
     """Total force of the nominal train along a profile, without the air brake.
 
-    Parameters
-    ----------
-    model
-        The nominal train.
-    profile
-        The speed profile.
-
     Attributes
     ----------
     forces, resisting : Array, shape (knots,)

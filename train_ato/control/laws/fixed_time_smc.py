@@ -155,15 +155,7 @@ class FixedTimeSmc(RecordLaw):
 
     @classmethod
     def model_gains(cls, model: TrainModel, period: float) -> dict[str, Any]:
-        """Return the parameters with the bandwidth of `pid` on the same train.
-
-        Parameters
-        ----------
-        model
-            The train.
-        period
-            Control period [s].
-        """
+        """Return the parameters with the bandwidth of `pid` on the same train."""
         gain = LoopGains.of(model, period).speed / 5.0
         return {"equivalent": "feedforward", "surface": gain, "reaching": gain}
 

@@ -309,15 +309,7 @@ class Funnel(RecordLaw):
 
     @classmethod
     def model_gains(cls, model: TrainModel, period: float) -> dict[str, Any]:
-        """Return the parameters with the bandwidth of `pid` on the same train.
-
-        Parameters
-        ----------
-        model
-            The train.
-        period
-            Control period [s].
-        """
+        """Return the parameters with the bandwidth of `pid` on the same train."""
         kp = LoopGains.of(model, period).speed
         return {
             "k10": kp / 2.2, "k20": kp / 2.2, "clip": 0.1, "gamma_w": 0.0, "bias_rate": kp * kp / 64.0,

@@ -124,15 +124,7 @@ class LagSmc(RecordLaw):
 
     @classmethod
     def model_gains(cls, model: TrainModel, period: float) -> dict[str, Any]:
-        """Return the parameters with the bandwidth of `pid` on the same train.
-
-        Parameters
-        ----------
-        model
-            The train.
-        period
-            Control period [s].
-        """
+        """Return the parameters with the bandwidth of `pid` on the same train."""
         loop = LoopGains.of(model, period)
         return {
             "command": "common", "c1": loop.speed, "c0": loop.speed**2 / 4.0, "k": 0.0, "k_i": 2.0 / loop.dead_time,

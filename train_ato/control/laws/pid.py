@@ -138,15 +138,7 @@ class Pid(RecordLaw):
 
     @classmethod
     def model_gains(cls, model: TrainModel, period: float) -> dict[str, Any]:
-        """Return kp [1/s] and ki [1/s²] for delay, lag and couplers of a train.
-
-        Parameters
-        ----------
-        model
-            The train.
-        period
-            Control period [s].
-        """
+        """Return kp [1/s] and ki [1/s²] for delay, lag and couplers of a train."""
         loop = LoopGains.of(model, period)
         return {"kp": loop.speed, "ki": loop.position}
 

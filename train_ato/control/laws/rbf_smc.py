@@ -116,15 +116,7 @@ class RbfSmc(Smc):
 
     @classmethod
     def model_gains(cls, model: TrainModel, period: float) -> dict[str, Any]:
-        """Return the parameters of `smc`, and those of a network that learns slower than its loop.
-
-        Parameters
-        ----------
-        model
-            The train.
-        period
-            Control period [s].
-        """
+        """Return the parameters of `smc`, and those of a network that learns slower than its loop."""
         found = super().model_gains(model, period)
         return {**found, "gamma": found["ks"] ** 2 / 16.0, "spread": 0.5, "width": 0.25}
 

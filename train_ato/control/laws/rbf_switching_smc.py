@@ -262,15 +262,7 @@ class RbfSwitchingSmc(RecordLaw):
 
     @classmethod
     def model_gains(cls, model: TrainModel, period: float) -> dict[str, Any]:
-        """Return the parameters with the bandwidth of `pid` on the same train.
-
-        Parameters
-        ----------
-        model
-            The train.
-        period
-            Control period [s].
-        """
+        """Return the parameters with the bandwidth of `pid` on the same train."""
         kp, phi = LoopGains.of(model, period).speed, 2.0
         k_w = kp * phi / (2.0 * START_SLOPE)
         strongest = plain_sum(max(t.largest(), b.largest()) for t, b in zip(model.traction, model.brake, strict=True))

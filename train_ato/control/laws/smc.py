@@ -149,15 +149,7 @@ class Smc(RecordLaw):
 
     @classmethod
     def model_gains(cls, model: TrainModel, period: float) -> dict[str, Any]:
-        """Return the parameters with the bandwidth of `pid` on the same train.
-
-        Parameters
-        ----------
-        model
-            The train.
-        period
-            Control period [s].
-        """
+        """Return the parameters with the bandwidth of `pid` on the same train."""
         kp = LoopGains.of(model, period).speed
         ks, l1 = kp / 4.0, 3.0 * kp / 4.0
         return {

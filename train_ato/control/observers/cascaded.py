@@ -205,11 +205,6 @@ class Cascade:
         Method and gains.
     period
         Sampling period [s].
-
-    Attributes
-    ----------
-    state : Records
-        State, one entry.
     """
 
     position: float = _estimate("position", "Estimated position [m].")

@@ -385,11 +385,6 @@ def foreign_table(messages: TopicMessages) -> pd.DataFrame:
 
     Nested fields are joined by ``_``; entries of arrays are numbered, those of a JointState have their names; stamps
     are integers [ns].  Columns have no units, because the message types do not define them.
-
-    Parameters
-    ----------
-    messages
-        Messages of the topic.
     """
     import pandas as pd
 

@@ -292,11 +292,6 @@ MAX_VARIABLE = 2**29
 class Wire:
     """Encoder and decoder of every topic of a run.
 
-    Parameters
-    ----------
-    layout
-        Sizes of the train.
-
     Attributes
     ----------
     records : dict

@@ -97,17 +97,7 @@ def plan_journey(inputs: SectionInputs, line: Line, points: tuple[TimingPoint, .
 
 
 class JourneyPlanner:
-    """Planner of a journey from a state.
-
-    Parameters
-    ----------
-    inputs, line, period
-        See :func:`plan_journey`.
-    points
-        Timing points ahead of the start.
-    start
-        Begin of the journey.
-    """
+    """Planner of a journey from a state."""
 
     def __init__(
         self, inputs: SectionInputs, line: Line, points: tuple[TimingPoint, ...], start: JourneyStart, period: float

@@ -226,13 +226,7 @@ Zones = tuple[int, ...]
 
 
 class PlaceLimits:
-    """Reserved fractions of traction and brakes of a train, by the place of its front.
-
-    Parameters
-    ----------
-    line, consist, train
-        Line, train, and its tables.
-    """
+    """Reserved fractions of traction and brakes of a train, by the place of its front."""
 
     def __init__(self, line: Line, consist: Consist, train: TrainTables) -> None:
         self._zones, self._line = SectionZones(line), line

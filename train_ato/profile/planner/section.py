@@ -136,16 +136,6 @@ class ForceReserve:
     The moving average that limits the jerk mixes the forces of one window.  Where the mean exceeds the envelope at the
     mean speed, the force before the averaging is reduced, at this place only: one reserve for the whole run would take
     the traction that a long train needs on its steepest climb because of an excess at its start.
-
-    Parameters
-    ----------
-    grid
-        Cells of the whole section.
-
-    Attributes
-    ----------
-    changes : int
-        Number of increases.
     """
 
     def __init__(self, grid: PlaceGrid) -> None:

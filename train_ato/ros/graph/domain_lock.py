@@ -30,11 +30,6 @@ class DomainLock:
         ROS domain.
     namespace
         Namespace of the nodes of one of several trains in the domain; "" for none.
-
-    Attributes
-    ----------
-    name : str
-        Name of the abstract socket.
     """
 
     def __init__(self, domain: int, namespace: str = "") -> None:

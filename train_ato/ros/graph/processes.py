@@ -89,15 +89,7 @@ def run_processes(
 
 
 class _Twins:
-    """Second processes of nodes, which faults of the scenario start.
-
-    Parameters
-    ----------
-    setup
-        Prepared run.
-    start
-        Starts a node.
-    """
+    """Second processes of nodes, which faults of the scenario start."""
 
     def __init__(self, setup: RunSetup, start: Callable[[Role], NodeProcess]) -> None:
         self._start = start

@@ -113,11 +113,6 @@ class GraphClient:
     def call(self, service: str, data: bool | None = None) -> tuple[bool, str]:
         """Call a service of ``std_srvs``: ``Trigger``, or ``SetBool`` with ``data``.
 
-        Returns
-        -------
-        success, message
-            Answer of the node.
-
         Raises
         ------
         ValueError

@@ -31,11 +31,6 @@ class Restarts:
         Starts the new process of a node, for its role and the number of the restart.
     limit
         Maximum number of restarts of each node.
-
-    Attributes
-    ----------
-    begun : Counter
-        Number of restarts by node.
     """
 
     def __init__(self, nodes: dict[Role, NodeProcess], start: Callable[[Role, int], NodeProcess], limit: int) -> None:
