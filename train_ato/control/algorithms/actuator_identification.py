@@ -1,13 +1,4 @@
-"""Online estimate of the gain of the actuators and of a common factor on their delays.
-
-A bank of candidates, one per factor c on all delays of the model, computes the total force F_c of the commands sent
-through delay and lag. With exponentially weighted sums the gain and the misfit of a candidate are::
-
-    g_c = sum F F_c / sum F_c²,   E_c = sum F² - g_c² sum F_c²
-
-The estimate changes to another candidate if its misfit is below ``SWITCH_RATIO`` of the present one. Both values are
-bounded. Without a change of force all candidates are equal, and the estimate remains.
-"""
+"""Online estimate of gain and delays of the actuators; equations: `msgs_docs/mpc_derivation.md`."""
 
 # mypy: allow-untyped-defs
 

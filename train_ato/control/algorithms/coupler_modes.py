@@ -1,18 +1,8 @@
-"""Modes of the couplers of a train that change the speed of its power units.
+"""Modes of the couplers of a train that change the speed of its power units; `msgs_docs/mpc_derivation.md`.
 
-The bodies are the vehicles, those with a rigid coupler between them as one. With masses m and the mean stiffness of the
-draft gears, phi_r are the modes of M x'' + K x = 0 with phi_r' M phi_r = 1 and the frequency omega_r. The units have
-the shares s_i of the force F, and their mean speed has the same weights. With b_r = sum_i s_i phi_r(i)::
-
-    u_r'' + 2 zeta_r omega_r u_r' + omega_r² u_r = b_r² F
-
-u_r is the displacement of the units in mode r. The transfer function from F to u_r' has the Hankel singular values
-b_r²/(4 zeta_r omega_r), both nearly equal. For weak damping the modes are nearly a balanced realisation, so that the
-modes with the largest values are those of balanced truncation (Gregory 1984, Journal of Guidance, Control, and Dynamics
-7, 725-732).
-
-Damping: the part of the viscous dampers in the mode, and that of the friction in the gears (`friction_damping`). Slack
-and preload are not in the modes.
+The bodies are the vehicles, those with a rigid coupler between them as one. For weak damping the modes are nearly a
+balanced realisation, so that those with the largest Hankel singular values are those of balanced truncation (Gregory
+1984, Journal of Guidance, Control, and Dynamics 7, 725-732). Slack and preload are not in the modes.
 """
 
 # mypy: allow-untyped-defs
@@ -92,16 +82,10 @@ class TrainModes:
         omega, shapes = np.sqrt(squared[order]), vectors[:, order] * root[:, np.newaxis]
         stretch = np.diff(shapes, axis=0) ** 2
         return cls(
-            omega,
-            _ordered_product(viscous, stretch) / (2.0 * omega),
-            _ordered_product(friction * stiffness, stretch) / omega**2,
-            _ordered_product(share, shapes) ** 2,
-            _ordered_product(share, shapes**2),
-            mass,
-            stiffness,
-            viscous,
-            shapes,
-        )
+            omega, _ordered_product(viscous, stretch) / (2.0 * omega),
+            _ordered_product(friction * stiffness, stretch) / omega**2, _ordered_product(share, shapes) ** 2,
+            _ordered_product(share, shapes**2), mass, stiffness, viscous, shapes,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -1,17 +1,4 @@
-"""Models of the disturbance d of a train [m/s²] for a bank of Kalman filters, and its motion until a later time.
-
-Trains with couplers: d is a random walk of PSD q = (share omega_o)⁴ sigma² Tc, with the shares 1, 1/4, 1/16 of the
-bandwidth omega_o. A constant d needs a slow filter, and a sudden one a fast filter.
-
-Trains without couplers: no waves disturb the speed, so that the rate r of d is measurable. Its model is that of
-Singer (1970, IEEE Transactions on Aerospace and Electronic Systems 6) for the acceleration of a target::
-
-    d' = r + white noise of PSD q,   r' = -r/T_r + white noise of PSD q_r,   q_r = (omega_o/5)⁶ sigma² Tc
-
-A grade or a curve under a train of length L changes d at a steady rate for the time L/v. One filter has the q of a
-gust, which begins at once, and is right for ``GUST_TIME``; the other one has q = 0 and is right for ``CALM_TIME``.
-Their likelihoods change the weights quickly at the begin of a gust, and the command is calm between gusts.
-"""
+"""Models of the disturbance of a train for a bank of Kalman filters; `msgs_docs/mpc_derivation.md`."""
 
 from __future__ import annotations
 

@@ -1,56 +1,7 @@
-"""Feed-forward against persistent sines ("lines") in the disturbances of coupled units.
+"""Persistent sines ("lines") in the disturbances of coupled units: their spectrum, motion and commands.
 
-A spectrum gives frequencies and amplitudes, the periodic motion the command that belongs to
-them. The law has the measurements and the commands in flight without this motion, and adds the command: for its other
-parts the train has no lines. A line is used after ``PERSISTENCE`` searches in turn have found it, with a weight that
-rises in ``RISE_TIME``. Without a line nothing changes.
-
-The disturbance follows from motion and force, so that with the model of the train the command does not depend on
-itself: it is no feedback, and a wrong line adds a bounded force.
-
-Periodic motion of coupled units under a line of the disturbance, with the smallest weighted motion and force rate.
-
-A disturbance b e^(i w t) [m/s²] on every unit, a command u e^(i w t) over the mass and the motion x e^(i w t), all with
-complex amplitudes::
-
-    Z x = b + u/(1 + i w Ta),   Z = -w² - S - i w D
-
-with the springs S and dampers D of the couplers over the masses. The delay is no part of it: the command is sent
-earlier by the delay, exactly for a steady line. The cost in the mean over a period is that of `unit_deviations.py`::
-
-    |x|²/POSITION² + |F_c|²/COUPLER² + |w u|²/RATE²
-
-with the coupler forces F_c. With u = (1 + i w Ta) (Z x - b) it is a least-squares problem in x::
-
-    (Q + g Z*Z) x = g Z* b,   g = w² (1 + w² Ta²)/RATE²
-
-Z has no inverse at an undamped mode of the couplers; the matrix of this equation always has one. A motion x that is
-large beside b is not robust: with another mass of the train it appears in the estimate of b. The weights of couplers
-and rate are therefore higher than those of the regulator.
-
-Spectrum of the disturbances of coupled units, for persistent sines ("lines") of unknown frequency.
-
-A bank of demodulators, one per frequency w of a grid, has measured position errors y, speed errors and forces f beyond
-those of the reference as inputs, for every unit. A demodulator is a low-pass of second order with the time constant
-1/r around its frequency::
-
-    y1' = (i w - r) y1 + r y,   y2' = (i w - r) y2 + r y1
-
-with the gain 1 at w and 1/(1 + i (v - w)/r)² at v. The derivatives of y2 and of the measured speed v2 follow from the
-states, so that the motion gives the disturbances through the same filter, without a model of them and for any command::
-
-    q2 = v2' - S y2 - D y2' - f2/m,   p2 = y2' - v2
-
-the outside force over the mass q [m/s²] and the drift p between the speed and the change of the position (wheels)
-[m/s], with the springs S and dampers D of the couplers. Both need the derivative of one measurement only.
-
-From sample to sample a line turns q2 by its frequency times the period h. c = q2(k) conj(q2(k - 1)), averaged over
-``MEMORY_TIME``, has the frequency in its angle and the power in its magnitude (pulse pair: Miller and Rochwarger 1972,
-IEEE Transactions on Information Theory 18), and the same for p2. The noise of the positions is in q2 at all
-frequencies alike, and in p2 in proportion to w. The powers |c| and |c|/w² of noise are therefore level, and their
-median over the grid is the noise floor of a unit. Disturbances with a smooth spectrum are higher at some frequencies:
-the floor there is the power ``BESIDE`` a frequency, if that is more. A line has a peak of at least ``SIGNIFICANT``
-times the floor in one of the powers.
+Equations: `msgs_docs/mpc_derivation.md`. A line is used after ``PERSISTENCE`` searches in turn have found it, with a
+weight that rises in ``RISE_TIME``. Without a line nothing changes.
 """
 
 # mypy: allow-untyped-defs

@@ -1,28 +1,4 @@
-"""Plan of the total force over a horizon: limits at its nodes, the quadratic programme, and the last plan.
-
-Horizon of a predictive law: response of the train to a command through delay and lag, cost, and constraints.
-
-Errors are measured against the reference, e_p [m] and e_v [m/s]. The decision z(s) [m/s²] is the acceleration demanded
-beside the feed-forward and the disturbance, linear between nodes s_j after the time of sending, constant after the
-last. Through unit i (share g_i of the force, delay tau_i) and the lag Ta the response to a ramp t is, for t > 0::
-
-    force t - Ta (1 - E),  speed t²/2 - Ta t + Ta² (1 - E),  position t³/6 - Ta t²/2 + Ta² t - Ta³ (1 - E),
-    E = e^(-t/Ta)
-
-and the response to a step is its derivative. z is a step at the first node and a change of slope at every node, so all
-responses are closed forms, exact for any delay.
-
-Cost, with trapezoidal weights of the times y_k = tau_max + s_k and of the nodes, the last one with 1/omega more::
-
-    J = sum_k W_k [(a omega²)² e_p² + (4 - 2a) omega² e_v²] + sum_j w_j z_j²
-
-The largest position error beyond a band B has a cost of its own, (a omega²)² s_n b² in J with |e_p| <= B + b: in the
-dual, b is a block of equal entries in the matrix. A force limit that cannot be met then divides its error over the
-horizon.
-
-Without constraints and over an infinite horizon this is the linear-quadratic regulator z = -2 omega e_v - a omega² e_p
-on the state at the time of effect.
-"""
+"""Plan of the total force: limits at nodes, quadratic programme, last plan; `msgs_docs/mpc_derivation.md`."""
 # mypy: allow-untyped-defs
 
 from __future__ import annotations

@@ -1,33 +1,8 @@
 """Motion of a train relative to its reference, from measured state and force, with disturbance and error of the mass.
 
 The force between two samples is that of the actuators; the resistance is that of the model at the measured state, or
-that of a simulated train with the difference of the running resistance.
-
-Force on the reference from a simulated train, in place of that of the rigid train.
-
-With it a predictive law plans the deviation from the simulated train: e_v' = (F - F_c - W(v) + W(v_d))/M + d, with the
-force F_c of the simulated train up to the effect of the last command. d has then only what the simulation lacks. The
-forces of the rigid train lack the waves in the couplers, so that every stretch of the train counts as a disturbance.
-
-Observer of a train with hauled vehicles: motion without waves, disturbance, and the modes of the couplers.
-
-    y_p = e_p + sum_r u_r,   y_v = e_v + sum_r w_r,   u_r' = w_r
-    e_p' = e_v,   e_v' = (F - W)/M - v_d' + d + C F_s''
-    w_r' = -2 zeta_r omega_r w_r - omega_r² u_r + b_r² (F - F_s) + white noise
-
-y is the motion of the units, measured, and e their motion without waves. A draft gear is not linear, so that the
-modes (`coupler_modes.py`) do not have the stretch by a steady force F_s: C F_s is a part of e_p, with the compliance C,
-and the modes receive F - F_s. F_s is F through two lags, each of the time 2/omega of the slowest mode.
-
-With a random speed in place of the modes, the speed error by a wave is fed back a delay later. If the delay is a
-quarter of the period of the wave or more, the loop excites it, up to a limit cycle in the slack. Therefore the error
-that is fed back has e and only those modes that the loop damps: with omega_r (tau + Ta) < pi/2. If an error of the
-delay could excite a mode (`CouplerModes.outlast`), it has those that the loop damps with ``LONGER_DELAY`` times this
-time, and little of the waves is in e: ``LIGHT_WAVES`` replaces ``OTHER_WAVES``.
-
-The noise of the modes gives them a standard deviation of together ``WAVE_SPEED`` in a train without a change of the
-force, divided in proportion to b_r². ``OTHER_WAVES`` is that of the speed by the other modes, for which e_v has a
-random part. The rest, as the bank of random walks of d and the measured noise, is that of `motion_observer.py`.
+that of a simulated train with the difference of the running resistance. The observer of a train with hauled vehicles is
+derived in `msgs_docs/mpc_derivation.md`.
 """
 # mypy: allow-untyped-defs
 
@@ -216,16 +191,9 @@ class ModalObserver(MotionObserver):
         super().restart(position, speed)
 
     def _filter(
-        self,
-        position: float,
-        speed: float,
-        pull: float,
-        regressor: float,
-        force: float,
-        jolt: float,
-        walks: Array,
+        self, position: float, speed: float, pull: float, regressor: float, force: float, jolt: float, walks: Array,
         variance: float,
-    ) -> None:
+    ) -> None:  # fmt: skip
         """Advance and correct the filters; arguments as in the base class."""
         bent = self._modes.compliance * self._steady.step(force) / self._period
         driven = self._gains[0] * (pull + bent) + self._gains[1] * (force - self._steady.force)

@@ -1,25 +1,4 @@
-"""Kalman filters of the motion of a train as one mass: disturbance, error of the mass, and noise of the sensors.
-
-    e_p' = e_v,   e_v' = (F - W)/M - v_d' + d + theta x,   x = (F - W + W_line)/M,   d' = white noise of PSD q
-
-F is the measured force, W the resistance of the model with the line force W_line. theta is the error of the mass: a
-train of mass m M has theta = 1/m - 1, since its line force grows with the mass. x is known, so that a filter of
-(e_p, e_v, d, theta) is linear. This filter has a disturbance that changes like an unknown grade (``GRADE_CHANGE``), so
-that it does not take a grade for a mass.
-
-A bank of filters of (e_p, e_v, d) and the rate of d uses its theta. They differ in q (`disturbance_filters.py`).
-Interacting multiple models (Blom and Bar-Shalom 1988, IEEE Transactions on Automatic Control 33) weight them by the
-likelihood of their innovations. sigma is the measured noise of the speed, in q at most ``SPEED_FLOOR``: more noise
-lowers the bandwidth.
-
-In a train with hauled vehicles the speed of a unit differs from that of the train by waves: e_v has a random part of
-PSD S = 2 ``WAVE_SPEED``²/T_w, with the time T_w of a wave through the train, and q the addition omega² S with the
-bandwidth omega of the filter. The waves follow the force, so that theta has no meaning there: it is 0.
-
-The variance of the noise is the mean of half the squared difference of consecutive innovations over ``NOISE_TIME``, at
-standstill of the measurements: slow errors of the model do not count as noise (covariance matching, Mehra 1972, the
-same journal 17).
-"""
+"""Kalman filters of motion, disturbance, mass and noise of a train as one mass; `msgs_docs/mpc_derivation.md`."""
 
 from __future__ import annotations
 
@@ -29,13 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from train_ato.control.algorithms.disturbance_filters import DisturbanceFilters
-from train_ato.control.algorithms.motion_filters import (
-    NOISE_FLOOR,
-    SPEED_FLOOR,
-    STATES,
-    filter_step,
-    match,
-)
+from train_ato.control.algorithms.motion_filters import NOISE_FLOOR, SPEED_FLOOR, STATES, filter_step, match
 from train_ato.messages.types import Array
 
 NOISE_TIME = 20.0
@@ -70,14 +43,9 @@ class MotionObserver:
     """
 
     def __init__(
-        self,
-        period: float,
-        bandwidth: float,
-        wave_time: float,
-        *,
-        coupled: bool = True,
+        self, period: float, bandwidth: float, wave_time: float, *, coupled: bool = True,
         speed_noise: float = SPEED_PRIOR,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self._filters = (DisturbanceFilters.coupled if coupled else DisturbanceFilters.free)(period, bandwidth)
         self._speed_prior = max(speed_noise, NOISE_FLOOR)
         self._waves = 2.0 * WAVE_SPEED**2 / wave_time * period if wave_time > 0.0 else 0.0
@@ -188,14 +156,9 @@ class MotionObserver:
         self._runs = False
 
     def step(
-        self,
-        position: float,
-        speed: float,
-        pull: float,
-        regressor: float = 0.0,
-        force_change: float = 0.0,
+        self, position: float, speed: float, pull: float, regressor: float = 0.0, force_change: float = 0.0,
         force: float = 0.0,
-    ) -> None:
+    ) -> None:  # fmt: skip
         """Advance by a period and correct by a measurement.
 
         Parameters
@@ -223,16 +186,9 @@ class MotionObserver:
         self._filter(position, speed, pull, regressor, force, jolt, walks * (walks * variance + self._waves), variance)
 
     def _filter(
-        self,
-        position: float,
-        speed: float,
-        pull: float,
-        regressor: float,
-        force: float,
-        jolt: float,
-        walks: Array,
+        self, position: float, speed: float, pull: float, regressor: float, force: float, jolt: float, walks: Array,
         variance: float,
-    ) -> None:
+    ) -> None:  # fmt: skip
         """Advance and correct the filters; the first arguments as in :meth:`step`.
 
         Parameters

@@ -1,26 +1,4 @@
-"""Range of the force of a train that stops or departs, with a holding brake that acts without traction.
-
-Below the holding speed the holding brake acts at once and fully as soon as no unit has a positive demand, and releases
-at the first positive demand. Three rules follow, with speed v and acceleration a predicted for the time of effect of
-the command, and the demand F:
-
-* **Rest.** The reference is at rest and the train within ``STOP_WINDOW`` of its place: F <= 0, and F = 0 for a train at
-  rest. A force that holds the train on a rising grade, or that follows the noise, would keep the holding brake off and
-  move the train.
-* **Roll-out.** The last brake force decays through the lag Ta while a demand of at least 1 N keeps the
-  holding brake off, for a < -``LAST_DECELERATION`` from ``ROLL_OUT_SPEED`` on if -a Ta > v, else from the holding
-  speed on. Without it the holding brake stops the train from the holding speed with about 1 m/s².
-* **Departure.** A train within ``STOP_WINDOW`` of its place stays in the holding brake until the reference departs at
-  the time of effect: on a grade that the model lacks, a small force before would only release the brake. If the train
-  would roll back then, the force reaches its reference within a control period, if the limits permit:
-  F = F_e - M e_a/(1 - e^(-h/Ta)), with the force F_e and the error e_a of the acceleration at the time of effect.
-
-With hauled vehicles there is no traction while the reference is at rest, and from its speed of ``STANDSTILL_SPEED`` on
-at or beyond its place: the vehicles stop one by one, and the force against a grade would pull the units on. Behind its
-place the train rolls on, since the holding brake would stop it v²/(2 a) short. A train at rest has no force until the
-reference departs at the time of effect: the force of the grade on the whole train would move the units in their slack.
-A train with a reversing drive has none of these rules, since a negative demand drives it backwards.
-"""
+"""Range of the force of a train that stops or departs; rules: `msgs_docs/mpc_derivation.md`."""
 
 from __future__ import annotations
 

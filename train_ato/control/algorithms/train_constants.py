@@ -46,16 +46,7 @@ class Bandwidth(NamedTuple):
 
 
 def default_bandwidth(model: TrainModel) -> Bandwidth:
-    """Return the pole of the closed loop from delay, lag and couplers, the smallest of its limits.
-
-    A group of power units with the gain g = 2 omega s M on its speed and hauled vehicles on one side reflects a wave
-    with (Z - G)/(Z + G), G = g e^(-j w d), with the wave impedance Z and the dead time d. Two thirds of the matched
-    gain Z are permitted. At w d = pi the reflection (1 + x)/(1 - x), x = g/Z, amplifies the wave, and on its way of 2 T
-    the wave loses the factor exp(-2 zeta w T). With friction in the gears the linear modes of the observer are
-    not those of the wave, and x is at most that for which the reflection has half of this loss:
-    x = tanh(pi zeta T/(2 d)). A smoothed gear has the part v/v_e of its friction at a speed v below its switching speed
-    v_e; v is that of the slowest wave with the deflection X by the traction at standstill, X pi/(2 T).
-    """
+    """Return the pole of the closed loop, the smallest of its limits by delay, lag and couplers (mpc_derivation.md)."""
     limits, dead = [Bandwidth(MAX_OMEGA, "largest default")], dead_time(model)
     if dead > 0.0:
         limits.append(Bandwidth(0.9 / dead, "delay and lag"))

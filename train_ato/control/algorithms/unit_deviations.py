@@ -1,30 +1,4 @@
-"""Regulator of the motion of coupled units against their train, on the state after the delay.
-
-A plan for one mass leaves the motion between driven vehicles on soft couplers undamped. The deviations of the units
-from the mean of the train, weighted by mass, are a linear system through the springs between the units
-(:class:`train_ato.control.algorithms.coupled_units.CoupledUnits`). Its state is estimated and controlled with fixed
-gains, computed once from the consist:
-
-* A Kalman filter of deviations x, v and of a slow force d on every unit, with the measured forces as input. The
-  process noise has a speed beside v (``DRIFT``), since the wheels of a vehicle need not roll as its mass moves.
-* Over the delay the commands in flight and d act.
-* A linear-quadratic regulator of the command u, with the applied force F through the lag as a state::
-
-      J = sum (x/POSITION)² + (F_c/COUPLER)² + (u'/(M JERK))²
-
-  for the deviations x, the coupler forces F_c beyond those of the rigid train and the rate u' of the command.
-
-The forces add to 0, so that they do not change the motion of the train. d is not cancelled: at the time of effect a
-force that changes within the delay has another value, and the springs hold a constant one.
-
-Steady-state gains of linear-quadratic regulator and Kalman filter, by the Riccati difference equation.
-
-    S = Q + A'S (A - B K),   K = (R + B'S B)⁻¹ B'S A
-
-begins at S = Q and ends when K no longer changes: the first command of a horizon so long that its end has no effect
-(Anderson and Moore 1990, Optimal Control: Linear Quadratic Methods, section 2.4). Modes without a cost keep S = 0, so
-that they need not be stable. The loops are compiled and add in order, with the same bits everywhere.
-"""
+"""Regulator of coupled units against their train, after the delay; equations: `msgs_docs/mpc_derivation.md`."""
 
 # mypy: allow-untyped-defs
 

@@ -3,88 +3,24 @@
 The law predicts the errors of position and speed over the delay from the measured forces and the commands in flight,
 unit by unit, and plans the force over the next two minutes under its limits. A force limit ahead is met early.
 
-**Motion over the delay.** With the total force F, the force R that keeps the train on the reference and the
-disturbance d::
+With the total force F, the force R that keeps the train on the reference, the disturbance d, the gain g and the factor
+c on the delays::
 
     e_p' = e_v,   e_v' = (F - R)/M + d,   R = M v_d' + W(x_d, v_d)
     F_i' = (g u_i(t - c tau_i) - F_i)/Ta
-
-F_i begins at the measured force; u_i are the commands in flight, each with the delay of its sign.
-
-**Plan.** The command is u_i = share_i [R + Ta R' + M (z - d)]/g with R at the time of effect plus half of a control
-period (the command is held); with hauled vehicles R at the time Ta later in place of Ta R', because their line force
-is a staircase. z(s) is linear between 32 nodes s_j at geometrically growing distances. Responses of e_p
-and e_v to z through delay and lag are closed forms (`force_plan.py`)::
-
+    u_i = share_i [R + Ta R' + M (z - d)]/g
     J = sum_k W_k [(a omega²)² e_p² + (4 - 2a) omega² e_v²] + sum_j w_j z_j² + T (a omega²)² b²
 
-Without constraints this is z = -2 omega e_v - a omega² e_p on the state at the time of effect: the gain k_v of the
-linear-quadratic regulator of a double integrator is sqrt(q_v + 2 sqrt(q_p)). Default omega = .9/(tau + Ta), at most
-1.5; with hauled vehicles at most a gain of two thirds of the wave impedance of the couplers, and less if waves lose
-little in gears with slack or friction over the dead time (`train_constants.py`).
+z(s) is linear between 32 nodes at geometrically growing distances. Without constraints it is -2 omega e_v - a omega²
+e_p on the state at the time of effect. The limits of force, jerk, speed, couplers, stops and of the largest error b are
+soft. `msgs_docs/mpc_derivation.md` derives all parts: observers, constraints and their solution, standstill, the units
+of a train, and the identification of the actuators.
 
-**Constraints**, all soft, so that the programme always has a solution: force of the envelopes at the speed of the last
-plan at every node, with the running resistance of that speed; |jerk| of the train at most ``jerk``; speed at most the
-limit of the line over the whole train plus ``overspeed``, which is approached with a double pole of 2 omega through the
-lag; coupler forces; |e_p| at most B + b, with the length T of the horizon and B = 2 m or, if that is more, the largest
-|e_p| of about the last T. An error that a force limit makes unavoidable is divided over the horizon in this way, but
-where the reference is at rest e_p is at most .3 m: with too little brake force the train brakes earlier. A plan that
-passes a stop by more than .5 m says it (`plan.status`). The limits ahead are those of the model times a gain of the
-actuators that differs by more than 5 %. R between the nodes has its part in the limits: the nodes have the nearest
-function that is linear between them. Far ahead the limits have the mean of the unexplained acceleration over 10 s,
-since an estimate of a moment does not last. With an air brake there is no B, and the brake force ahead has no limit:
-its later applications are not in the input of the law. On a line with neutral sections, power limits or adhesion
-sections the force of the units there is a limit as well (`limits_ahead.py`): the train gains speed before a neutral
-section. Other units take over the force that a unit in it cannot give.
+Safe gains: from a misfit of the actuators of 15 % until one below 5 % the plan has ``safe_share`` of omega, and the
+units have no regulator. With ``identify`` false the model itself is tested in this way.
 
-The dual is a linear complementarity problem with a constant matrix, solved by block principal pivoting from the last
-active rows and, if that makes no progress, one row at a time (`quadratic_program.py`), at most 200 exchanges. If they
-are not enough, the last plan goes on; diagnostics count it.
-
-**Couplers.** With the share s_j of the force, the part mu_j of the mass and the resistance W_j in front of coupler j,
-the train without waves has the force C_j = (s_j - mu_j) F - (W_j - mu_j W) in it, > 0 draft. |C_j| at most
-``coupler_limit`` for all couplers is a range of F at every node, by grade and speed there (`coupler_limit.py`). Waves
-add to C_j; the shoe force and the disturbance count as proportional to the mass.
-
-**Disturbance and mass.** Kalman filters of e_p, e_v, d, weighted by likelihood, and one of the error theta of the
-mass, with measured noise from ``speed_noise`` on (`motion_observer.py`): offset-free. With couplers there are three,
-with bandwidths of ``observer_ratio`` omega and its fourth and sixteenth part. With hauled vehicles up to four modes of
-the couplers (`coupler_modes.py`, by Hankel singular values) are in these filters, and only the modes that the loop
-damps after its delay are fed back, with half of the dead time more if one has less damping than an error of the delay
-could take from it (`measured_motion.py`). Without couplers there is one for a
-gust, and one for a steady rate of d, as of a grade under a train of some length: d at the time of effect is d + T_r r
-(1 - e^(-s/T_r)), and the command gives d + Ta d' there (`disturbance_filters.py`). M/(1 + k theta) replaces M, with k
-= 1 - P/P_0 from the variance P of theta.
-
-**Arrival and departure** (`standstill_force.py`). The holding brake acts below its speed without traction only. A train
-within .1 m of a reference at rest has no traction, at rest no force, and departs with the reference, in motion from an
-acceleration by traction of .02 m/s² on, whatever the noise of the speed; on a rise its force then reaches that of the
-grade as fast as the limits permit. Without hauled vehicles ``jerk`` does not keep a standing train from the
-acceleration that the reference has by then. The last brake force decays before the holding brake acts. With hauled
-vehicles there is no traction while the reference is at rest, and below .05 m/s at or beyond its place: the vehicles
-stop one by one.
-
-**Units on soft couplers.** If every vehicle is driven and pi/T_w < 3 omega, with the time T_w of a wave through the
-couplers, a Kalman filter estimates the deviations of the units from the mean, and a linear-quadratic regulator on their
-state after the delay adds forces with the sum 0 (`unit_deviations.py`). The observer ratio is then 2.5: disturbances
-that excite the couplers change within the delay. Persistent sines in the disturbances of the units are found in their
-spectrum, frequencies included, and the command of the periodic motion that belongs to them is
-added (`disturbance_lines.py`). The other parts have the measurements without this motion.
-
-**Simulated train.** Under `twin` a train with hauled vehicles has the force F_c of the simulated train in place of R up
-to the effect of the last command, and the feed-forward of `twin`. The plan is that of the
-deviation, e_v' = (F - F_c - W(v) + W(v_d))/M, with a = 2 and no estimate of a disturbance: ``identify`` of `twin` finds
-the errors of mass, running resistance, air brake and draft gears, and the position error is the integral for the rest.
-The later nodes have no force limit while the air brake acts: its present force does not last.
-
-**Identification.** A bank of 17 factors c on the delays, .4 to 2, each with the gain g by least squares, bounded to
-.5 to 1.5, from measured force and commands (`actuator_identification.py`). If no candidate explains the force to 5 %,
-diagnostics has ``actuator_model: wrong``. Braking below 1 m/s does not count: the holding brake gives that force.
-**Safe gains:** from a misfit of 15 % until one below 5 % the plan has ``safe_share`` of omega, and the units have no
-regulator. With ``identify`` false the model itself is tested in this way.
-
-Limits: the air brake is only a known force. With hauled vehicles theta is 0. Where other laws are better: two
-locomotives with 210 wagons without `twin` (`pid`). A reference with steps of the speed
+Limits: the air brake is only a known force. With hauled vehicles the error of the mass is not estimated. Where other
+laws are better: two locomotives with 210 wagons without `twin` (`pid`). A reference with steps of the speed
 (`freight_consensus` without `realistic`) is not tracked. Goals, misses and other solvers: `msgs_docs/mpc_goals.md`,
 made with `python studies_done/mpc.py`, `python studies_done/mpc_solvers.py` and, for soft couplers, with
 `studies_done/freight_front.py` and `studies_done/freight_lines.py`.
