@@ -13,12 +13,18 @@ from hypothesis import strategies as st
 import train_ato as ta
 from plant_sim.library import load_consist, load_line
 from train_ato.control.algorithms.actuator_identification import ActuatorIdentification
-from train_ato.control.algorithms.disturbance_filters import RAMP_TIME, motion_by_rate
 from train_ato.control.algorithms.force_plan import horizon_model, node_times, ramp_response, responses
+from train_ato.control.algorithms.motion_filters import RAMP_TIME, motion_by_rate
 from train_ato.control.algorithms.motion_observer import MotionObserver
 from train_ato.control.algorithms.predictive_plan import decide, free_motion, node_values
 from train_ato.control.algorithms.quadratic_program import inverse, multipliers
-from train_ato.control.algorithms.train_constants import force_tables
+from train_ato.control.algorithms.train_constants import (
+    COUPLED_UNITS,
+    HAULED_VEHICLES,
+    SOFT_UNITS,
+    force_tables,
+    train_class,
+)  # fmt: skip
 from train_ato.control.algorithms.unit_deviations import UnitDeviations, filter_gain, regulator_gain
 from train_ato.control.observers.force_balance import lag_weight
 from train_ato.control.train_model import TrainModel
@@ -232,7 +238,7 @@ def _freight():
 def test_forces_between_the_units_add_to_zero_and_damp():
     """A force that does not add to 0 moves the train; a wrong sign or no prediction excites the springs."""
     model = _freight()
-    damping = UnitDeviations.of(model, 0.1, lag_weight(0.1, model.lag))
+    damping = UnitDeviations(model, 0.1, lag_weight(0.1, model.lag))
     units, n = damping._units, 5
     state = np.zeros(2 * n)
     state[n] = 0.5
@@ -292,7 +298,9 @@ def test_stiff_couplers_and_hauled_vehicles_have_no_unit_damping():
     """The damping of a train with hauled vehicles would need the state of all of them."""
     delays = np.array([0.8])
     model = TrainModel(load_consist("hxd1_c80_105"), load_line("level"), delays, delays, 0.4, 0.1)
-    assert UnitDeviations.of(model, 0.1, 0.5) is None
+    assert train_class(model, 1.0) is HAULED_VEHICLES
+    assert train_class(_freight(), 1.0) is SOFT_UNITS
+    assert train_class(_freight(), 0.01) is COUPLED_UNITS
     assert force_tables(model)[0].min() > 1e7, "the air brake adds to the electric brake"
 
 

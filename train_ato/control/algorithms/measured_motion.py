@@ -20,7 +20,13 @@ from plant_sim.elementary import mean_over_units
 from train_ato.control.algorithms.coupler_modes import CouplerModes
 from train_ato.control.algorithms.motion_filters import correct, match, mix, weigh
 from train_ato.control.algorithms.motion_observer import DISTURBANCE_PRIOR, SPEED_PRIOR, MotionObserver
-from train_ato.control.algorithms.train_constants import dead_time, drag_slope, starting_resistance, wave_time
+from train_ato.control.algorithms.train_constants import (
+    dead_time,
+    drag_slope,
+    starting_resistance,
+    train_class,
+    wave_time,
+)  # fmt: skip
 from train_ato.control.train_model import STANDSTILL_SPEED
 from train_ato.messages.types import Array
 
@@ -330,12 +336,12 @@ class MeasuredMotion:
         self, model: TrainModel, period: float, *, omega: float, ratio: float, weight: float, speed_noise: float,
         use_mass: bool,
     ) -> None:  # fmt: skip
-        vehicles, bandwidth = len(model.consist.vehicles), ratio * omega
-        waves = wave_time(model) if vehicles > model.n_units else 0.0
+        kind, bandwidth = train_class(model), ratio * omega
+        waves = wave_time(model) if kind.hauls else 0.0
         self._model, self._period, self._use_mass = model, period, use_mass
         self._share: list[float] = model.share.tolist()
         self._new_observer: Callable[[], MotionObserver] = partial(
-            MotionObserver, period, bandwidth, waves, coupled=vehicles > 1, speed_noise=speed_noise
+            MotionObserver, period, bandwidth, waves, coupled=kind.coupled, speed_noise=speed_noise
         )
         self._new_simulated = self._new_observer
         if waves > 0.0 and (modes := CouplerModes.of(model)).omega.size:
@@ -348,7 +354,7 @@ class MeasuredMotion:
         self._fade = 1.0 - math.exp(-period / MEAN_TIME)
         self.drag_slope = drag_slope(model)
         starting = starting_resistance(model) + DEPARTURE * model.inertia
-        self._starting = starting if vehicles == model.n_units else math.inf  # hauled vehicles depart one by one
+        self._starting = math.inf if kind.hauls else starting  # hauled vehicles depart one by one
         self.reset()
 
     def reset(self) -> None:

@@ -7,8 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from train_ato.control.algorithms.disturbance_filters import DisturbanceFilters
-from train_ato.control.algorithms.motion_filters import NOISE_FLOOR, SPEED_FLOOR, STATES, filter_step, match
+from train_ato.control.algorithms.motion_filters import (
+    NOISE_FLOOR,
+    SPEED_FLOOR,
+    STATES,
+    DisturbanceFilters,
+    filter_step,
+    match,
+)
 from train_ato.messages.types import Array
 
 NOISE_TIME = 20.0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from train_ato.control.algorithms.train_constants import train_class
 from train_ato.control.train_model import STANDSTILL_SPEED
 
 if TYPE_CHECKING:
@@ -36,7 +37,7 @@ class StandstillForce:
     """
 
     def __init__(self, model: TrainModel, period: float) -> None:
-        self._hauls = len(model.consist.vehicles) > model.n_units
+        self._hauls = train_class(model).hauls
         self._reversing = model.reversing
         self._share: list[float] = model.share.tolist()
         self._release = _RELEASE_FORCE * model.n_units

@@ -1,4 +1,4 @@
-"""Constants of a train for a predictive law: pole of the loop, time of a wave, drag and tables of the force limits."""
+"""Class and constants of a train for a predictive law: pole of the loop, time of a wave, drag, tables of limits."""
 
 from __future__ import annotations
 
@@ -23,6 +23,51 @@ MATCHED_SHARE = 2.0 / 3.0
 """Largest gain on the speed over the wave impedance of the couplers."""
 MAX_OMEGA = 1.5
 """Largest default pole of the closed loop [rad/s]."""
+
+
+class TrainClass(NamedTuple):
+    """Strategy of `mpc` for a class of trains; all other parts of the law are the same for every train.
+
+    Attributes
+    ----------
+    observer_ratio : float
+        Bandwidth of the observer over omega. Without couplers a gust is in the estimate within the delay. A fast
+        estimate would follow the waves of couplers; disturbances that excite soft ones change within the delay.
+    position_share : float
+        Gain on the position error over omega².
+    coupled : bool
+        Disturbances are random walks, in place of gusts and steady rates.
+    soft : bool
+        The units have a regulator of their deviations, and the sines in their disturbances a feed-forward.
+    hauls : bool
+        The observer has the modes of the couplers and no error of the mass. The force of a staircase of grades is that
+        of the lag later. The vehicles stop and depart one by one.
+    """
+
+    observer_ratio: float
+    position_share: float
+    coupled: bool = True
+    soft: bool = False
+    hauls: bool = False
+
+
+ONE_MASS = TrainClass(6.0, 0.5, coupled=False)
+COUPLED_UNITS = TrainClass(5.0, 0.5)
+SOFT_UNITS = TrainClass(2.5, 0.5, soft=True)
+HAULED_VEHICLES = TrainClass(1.0, 1.0, hauls=True)
+SOFT_COUPLERS = 3.0
+"""Frequency pi/T_w of the slowest wave in the couplers over omega, below which the units have a regulator."""
+
+
+def train_class(model: TrainModel, omega: float = 0.0) -> TrainClass:
+    """Return the class of a train; couplers can be soft for a pole of the loop omega [rad/s] only."""
+    vehicles = model.consist.vehicles
+    if len(vehicles) > model.n_units:
+        return HAULED_VEHICLES
+    linear = all(isinstance(gear, LinearGear) and gear.slack == 0.0 for gear in model.consist.gears)
+    if linear and len(vehicles) > 1 and math.pi < SOFT_COUPLERS * omega * wave_time(model):
+        return SOFT_UNITS
+    return COUPLED_UNITS if len(vehicles) > 1 else ONE_MASS
 
 
 class Bandwidth(NamedTuple):

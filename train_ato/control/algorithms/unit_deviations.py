@@ -15,7 +15,6 @@ from train_ato.control.algorithms.coupled_units import CoupledUnits
 from train_ato.control.algorithms.disturbance_lines import DisturbanceLines
 from train_ato.control.algorithms.quadratic_program import inverse
 from train_ato.control.command_history import newest_arrived
-from train_ato.control.parameters import RefusedParameter
 from train_ato.messages.types import Array
 
 if TYPE_CHECKING:
@@ -174,16 +173,6 @@ class UnitDeviations:
         self._state: Array | None = None
         self._slow: Array = np.zeros(n)
         self._applied: Array = np.zeros(n)
-
-    @classmethod
-    def of(cls, model: TrainModel, period: float, first_weight: float) -> UnitDeviations | None:
-        """Return the regulator for a train, or None if the train has no such units."""
-        if model.n_units < 2:
-            return None
-        try:
-            return cls(model, period, first_weight)
-        except RefusedParameter:
-            return None
 
     def forces(self, inputs: LawInput, sent: Array, actuators: Array, ticks: int) -> list[float]:
         """Return the added force of every unit [N]; their sum is 0.

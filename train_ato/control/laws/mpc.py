@@ -32,7 +32,7 @@ over the delay and has its own feed-forward: use compensation `none` or `preview
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -40,15 +40,15 @@ import numpy as np
 
 from plant_sim.elementary import mean_over_units, plain_sum
 from train_ato.control.algorithms.actuator_identification import WRONG_MISFIT, ActuatorIdentification
-from train_ato.control.algorithms.disturbance_filters import motion_by_rate
 from train_ato.control.algorithms.force_plan import PARTS, ForcePlan, PlanStart
 from train_ato.control.algorithms.guard import GuardedLaw, is_valid
 from train_ato.control.algorithms.limits_ahead import limits_force, within_units
 from train_ato.control.algorithms.measured_motion import SIMULATED_SHARE, MeasuredMotion, follow_simulation
+from train_ato.control.algorithms.motion_filters import motion_by_rate
 from train_ato.control.algorithms.motion_observer import SPEED_PRIOR
 from train_ato.control.algorithms.predictive_plan import free_errors, free_motion
 from train_ato.control.algorithms.standstill_force import StandstillForce
-from train_ato.control.algorithms.train_constants import default_bandwidth, wave_time
+from train_ato.control.algorithms.train_constants import default_bandwidth, train_class
 from train_ato.control.algorithms.unit_deviations import UnitDeviations
 from train_ato.control.contract import LawInput, LawPlan, parameter
 from train_ato.control.gains import model_choice
@@ -59,51 +59,21 @@ if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel
 
 
-def feedforward(required: Array, actuators: Array, tick: float, lag: float, later: float) -> list[float]:
-    """Return F + Ta F' at the time of effect of every unit [N].
-
-    Through the lag Ta the command is F + Ta F'. The line force of a train of wagons is a staircase, one step for every
-    wagon at a change of the grade, and F' of a step is an impulse. With hauled vehicles the command is therefore F at
-    the time Ta later, equal to F + Ta F' for a steady slope (:func:`hauled_feedforward`).
+def feedforward(force_at: Callable[[float], float], actuators: Array) -> list[float]:
+    """Return the required force of every unit at the time of its effect [N].
 
     Parameters
     ----------
-    required : Array, shape (entries,)
-        Required total force at every tick from now on [N].
+    force_at
+        Required total force [N] after a delay [s].
     actuators : Array, shape (3, units)
         Delay in traction and braking [s], share of the force.
-    tick, lag
-        s.
-    later
-        Time after the begin of the effect, half of a control period [s].
-    """
-    table = required.tolist()
-    found = []
-    for share, forward, backward in zip(*actuators[[2, 0, 1]].tolist(), strict=True):
-        force = _through_lag(table, (forward + later) / tick, lag / tick)
-        if force < 0.0 and backward != forward:
-            force = min(0.0, _through_lag(table, (backward + later) / tick, lag / tick))
-        found.append(force * share)
-    return found
-
-
-def hauled_feedforward(times: Array, forces: Array, actuators: Array, later: float) -> list[float]:
-    """Return the required force of every unit at the time of its effect and the lag later [N].
-
-    Parameters
-    ----------
-    times, forces : Array, shape (entries,)
-        Rising times from now on [s] and required total force there [N].
-    actuators : Array, shape (3, units)
-        Delay in traction and braking [s], share of the force.
-    later
-        Half of a control period and the lag [s].
     """
     found = []
     for share, forward, backward in zip(*actuators[[2, 0, 1]].tolist(), strict=True):
-        force = float(np.interp(forward + later, times, forces))
+        force = force_at(forward)
         if force < 0.0 and backward != forward:
-            force = min(0.0, float(np.interp(backward + later, times, forces)))
+            force = min(0.0, force_at(backward))
         found.append(force * share)
     return found
 
@@ -117,16 +87,6 @@ def _through_lag(table: list[float], place: float, lag: float) -> float:
 
 IDENTIFICATION_SPEED = 1.0
 """Speed below which the electric brake fades and the commands do not explain the force [m/s]."""
-SOFT_COUPLERS = 3.0
-"""Frequency pi/T_w of the slowest wave in the couplers over omega, below which the units have a regulator."""
-SOFT_RATIO = 2.5
-"""Bandwidth of the observer over omega for units on soft couplers: the mean of disturbances that excite the couplers
-changes within the delay, and a fast estimate of it has the wrong phase at the time of effect."""
-HAULED_RATIO = 1.0
-"""The same for a train with hauled vehicles, whose couplers have modes up to the slowest wave."""
-FREE_RATIO = 6.0
-"""The same for a train without couplers: a gust is in the estimate within the delay, and the waves of couplers, which a
-fast estimate follows, do not exist."""
 
 
 @dataclass(frozen=True)
@@ -177,22 +137,20 @@ class Mpc(GuardedLaw):
     def __init__(self, parameters: MpcParameters, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)
         p = parameters
-        hauls = self._hauls = self.follows_simulation = len(model.consist.vehicles) > model.n_units
         self.omega = p.omega or default_bandwidth(model).omega
         self._force_plan = ForcePlan(
             model, period, omega=self.omega, lookahead=p.lookahead, nodes=p.nodes, jerk=p.jerk,
             overspeed=p.overspeed, coupler_limit=p.coupler_limit,
         )  # fmt: skip
         self._identification = ActuatorIdentification(model, period, estimates=p.identify)
-        soft = model.n_units > 1 and math.pi < SOFT_COUPLERS * self.omega * wave_time(model)
+        self._class = train_class(model, self.omega)
+        self.follows_simulation = self._class.hauls
         weight = lag_weight(period, model.lag)
-        self._deviations = UnitDeviations.of(model, period, weight) if soft else None
-        free = len(model.consist.vehicles) == 1
-        ratio = HAULED_RATIO if hauls else SOFT_RATIO if self._deviations else FREE_RATIO if free else 5.0
-        ratio = p.observer_ratio or ratio
+        self._deviations = UnitDeviations(model, period, weight) if self._class.soft else None
         self._motion = MeasuredMotion(
-            model, period, omega=self.omega, ratio=ratio, weight=weight, speed_noise=p.speed_noise, use_mass=p.identify
-        )
+            model, period, omega=self.omega, ratio=p.observer_ratio or self._class.observer_ratio, weight=weight,
+            speed_noise=p.speed_noise, use_mass=p.identify,
+        )  # fmt: skip
         self._standstill = StandstillForce(model, period)
         self._sections = limits_force(model.line)
         self.clear_state()
@@ -207,7 +165,7 @@ class Mpc(GuardedLaw):
         self.lookahead_times: Array = np.concatenate((model.tick * np.arange(self._entries), after))
         self._rising = np.argsort(self.lookahead_times, kind="stable")
         omega = self.omega * (p.safe_share if self._cautious else 1.0)
-        share = SIMULATED_SHARE if self._simulated else p.position_share or (1.0 if self._hauls else 0.5)
+        share = SIMULATED_SHARE if self._simulated else p.position_share or self._class.position_share
         self._force_plan.set_delays(self._actuators[:2], self._ticks, self._entries, omega, share)
 
     def clear_state(self) -> None:
@@ -341,14 +299,23 @@ class Mpc(GuardedLaw):
         start = PlanStart(
             required, errors, disturbance, self._motion.passing, float(motion[3]), rise, feedforward, last, limits,
             self._motion.observer.position_error, self._motion.beyond_reference, inertia, known,
-            inputs.train_shoe_force > 0.0, self._motion.observer.stands and not self._hauls,
+            inputs.train_shoe_force > 0.0, self._motion.observer.stands and not self._class.hauls,
         )  # fmt: skip
         return self._force_plan.decide(start, inputs.lookahead, simulated=self._simulated)
 
     def _feedforward(self, required: Array) -> list[float]:
-        """Return the force of every unit that gives the required force at the time of its effect [N]."""
+        """Return the force of every unit that gives the required force at the time of its effect [N].
+
+        Through the lag Ta the command is F + Ta F'. The line force of a train of wagons is a staircase, one step for
+        every wagon at a change of the grade, and F' of a step is an impulse. With hauled vehicles the command is
+        therefore F at the time Ta later, equal to F + Ta F' for a steady slope.
+        """
         model, half = self.model, 0.5 * self.period
-        if self._hauls:
+        if self._class.hauls:
             times, forces = self.lookahead_times[self._rising], required[self._rising]
-            return hauled_feedforward(times, forces, self._actuators, half + model.lag)
-        return feedforward(required[: self._entries], self._actuators, model.tick, model.lag, half)
+            later = half + model.lag
+            return feedforward(lambda delay: float(np.interp(delay + later, times, forces)), self._actuators)
+        table, tick = required[: self._entries].tolist(), model.tick
+        return feedforward(
+            lambda delay: _through_lag(table, (delay + half) / tick, model.lag / tick), self._actuators
+        )  # fmt: skip
