@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import random
 import re
 import signal
 import subprocess
@@ -51,10 +52,13 @@ def program_on(domain: int, *command: str, ends: bool = False) -> Iterator[None]
 
 @pytest.fixture
 def free_domain() -> int:
-    """Return a domain that was free a moment ago: the run claims it itself."""
-    with claim_domain() as domain:
-        pass
-    return domain
+    """Return a domain that was free a moment ago: the run claims it itself.
+
+    No run without a wanted one takes such a domain, and another process of the tests takes others.
+    """
+    worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
+    with claim_domain(random.choice(range(215, 233)[worker % 6 :: 6])) as domain:
+        return domain
 
 
 @dataclass
@@ -151,6 +155,40 @@ def test_a_controller_of_ones_own_that_dies_stops_the_train(mode: Any, free_doma
     ):
         ta.run("demo", mode=mode, external="controller", domain=free_domain, set={"duration": 60})
     assert caught.value.run is not None and caught.value.run.metrics["strongest_reaction"] != "none"
+
+
+LATE = """
+from my_controller import Clock, ExternalShutdownException, MyController, Node, rclpy, suppress
+
+class Late(MyController):
+    later = []
+
+    def create_subscription(self, *reader):
+        self.later.append(reader)
+
+    def begin(self, _):
+        while self.later:
+            super().create_subscription(*self.later.pop())
+
+rclpy.init()
+node = Late()
+Node.create_subscription(node, Clock, "/clock", node.begin, 1000)
+with suppress(KeyboardInterrupt, ExternalShutdownException):
+    rclpy.spin(node)
+"""
+
+
+@pytest.mark.graph
+@pytest.mark.parametrize("mode", ["composed", "processes"])
+def test_a_reader_that_comes_after_the_first_message_gets_it(mode: Any, free_domain: int, tmp_path: Path) -> None:
+    """Breaks if the run waits for the answer of a program that has lost the first message."""
+    (tmp_path / "my_controller.py").write_text(f"from rosgraph_msgs.msg import Clock\n{Path(EXAMPLE).read_text()}")
+    (program := tmp_path / "late.py").write_text(LATE)
+    given: dict[str, Any] = {"set": {"duration": 2}, "mode": mode, "external": "controller", "domain": free_domain}
+    with program_on(free_domain, str(program)):
+        driven = ta.run("demo", **given)
+    assert (driven.metrics["status"], driven.metrics["ticks"], driven.metrics.get("ignored")) == ("done", 20, None)
+    assert np.array_equal(np.round(driven["train/measurement"].index / 0.1), range(20))
 
 
 class Raises:

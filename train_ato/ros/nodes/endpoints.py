@@ -11,6 +11,7 @@ from functools import partial
 from typing import Any
 
 from rcl_interfaces.msg import Log as LogMessage
+from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.event_handler import SubscriptionEventCallbacks
@@ -32,8 +33,11 @@ ROSOUT = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 SETTLING_S = 1.0
 """Wall time without a new connection before the start of a run with a program in place of a node [s].
 
-The topics that the program reads are unknown; a message before its connection would be lost.
+The topics that the program reads are unknown. A reader that comes later gets the first message again; without lockstep
+the run does not wait for it.
 """
+REPEAT_S = 0.1
+"""Wall time between two looks for readers that came after the first message [s]."""
 COMMAND_DEPTH = 10
 """Queue length of the plant for commands; in lockstep only a few are in flight."""
 
@@ -160,6 +164,10 @@ class NodeEndpoints:
         self._sources: dict[str, OnePublisher] = {}
         self._shared: NamedSenders | None = None
         self._ticking = {name for name, topic in BY_NAME.items() if topic.rate in (Rate.TICK, Rate.SUPERVISION)}
+        self._first_sent: dict[str, tuple[bytes, int]] = {}
+        self._first_read: dict[str, bytes] = {}
+        if external is not None:
+            self.node.create_timer(REPEAT_S, self._repeat_first, clock=Clock(clock_type=ClockType.STEADY_TIME))
         for topic in published_by(role):
             if topic.exists(wire.layout):
                 self._publishers[topic.name] = self.node.create_publisher(
@@ -221,7 +229,10 @@ class NodeEndpoints:
             os.kill(os.getpid(), self._planned_end[1])
         if self.joining:
             return
-        self._senders[topic](self.wire.encode(topic, message))
+        data = self.wire.encode(topic, message)
+        if self.external is not None and topic in self._ticking and message.stamp == 0:
+            self._first_sent[topic] = data, self.readers(topic)
+        self._senders[topic](data)
         self.published[topic] += 1
         if topic in self._ticking:
             self.last_stamp = message.stamp
@@ -229,6 +240,24 @@ class NodeEndpoints:
     def repeat(self, topic: str, message: Any) -> None:
         """Send a message again, which the recorder does not record."""
         self._senders[topic](self.wire.encode(topic, message))
+
+    def _repeat_first(self) -> None:
+        """Send the message of stamp 0 again if a reader has come after it, as long as no later one is sent.
+
+        A program in place of a node may make its readers in any order; it has not answered without the message.
+        """
+        for topic, (data, met) in self._first_sent.items() if self.last_stamp == 0 else ():
+            if (found := self.readers(topic)) != met:
+                self._first_sent[topic] = data, found
+                if found > met:
+                    self._senders[topic](data)
+
+    def is_repeated(self, name: str, data: bytes) -> bool:
+        """Return True for the first message of a topic of ticks that its node sends again, for another reader."""
+        if name not in self._ticking or self.sent_outside(name) or (self.external is None and self.role is Role.PLANT):
+            return False
+        first = self._first_read.setdefault(name, data)
+        return first is not data and first == data
 
     def publish_all(self, messages: list[tuple[str, Any]]) -> None:
         """Send messages in their order."""
@@ -275,7 +304,8 @@ class NodeEndpoints:
                 try:
                     if not source.begun:
                         source.begin()
-                    receive(data)
+                    if not self.is_repeated(name, data):
+                        receive(data)
                 except (Exception, SystemExit) as error:
                     watch.fail(node, error)
 

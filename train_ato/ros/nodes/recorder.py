@@ -3,7 +3,8 @@
 Its queues hold 1000 messages and are polled a few times a second, at a third of the cost of callbacks.
 ``recorder/progress`` limits the lead of the plant, so that no queue overflows and no message is lost at any speed; the
 counts are compared at the end.  All programs of a domain publish ``/diagnostics``; only messages of the graph's nodes
-are written.  A repeated ``/clock`` of a pause is not written, nor what an external plant causes after the last tick.
+are written.  A repeated ``/clock`` of a pause is not written, nor a first message that is sent again, nor what an
+external plant causes after the last tick.
 """
 
 from __future__ import annotations
@@ -130,7 +131,7 @@ class RecorderNode:
                     if stamp == -EPOCH_NS and self.endpoints.sent_outside(name):  # the plant takes it for this tick
                         stamp = max(0, last_stamps.get("train/measurement", 0))
                         data = with_stamp(data, stamp)
-                    if clock and stamp == last_stamps.get(name):
+                    if (clock and stamp == last_stamps.get(name)) or self.endpoints.is_repeated(name, data):
                         continue
                     last_stamps[name] = stamp
                     if stamp > last_due:
