@@ -55,9 +55,6 @@ BOUNDS = {
         "sum(map(abs, preview.position.tolist()))",
         "sum(map(abs, preview.velocity.tolist()))",
         "sum(map(abs, preview.acceleration.tolist()))",
-        "sum(map(abs, speeds))",
-        "sum(map(abs, places))",
-        "sum(map(abs, forces))",
     }
 }
 """Sums compared with a bound that is far from every physical value; their last bits reach no number."""

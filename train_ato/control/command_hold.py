@@ -5,11 +5,15 @@ The holding brake of the plant acts below the holding speed while no unit has a 
 
 from __future__ import annotations
 
-from train_ato.control.compensation.rigid import ProfileLike
+from typing import Any
+
+import numpy as np
+
+from plant_sim.compiled import compiled
 from train_ato.control.component_fault import ComponentFailed
 from train_ato.control.train_model import STANDSTILL_SPEED, TrainModel
 from train_ato.errors import RunFailed
-from train_ato.messages.types import Measurement, Reference
+from train_ato.messages.types import Array
 
 MIN_HELD_STEPS = 3
 """Consecutive steps that are allowed for any period of the law."""
@@ -68,32 +72,40 @@ RELEASE_FORCE = 1.0
 """Demand that releases the holding brake for a departure on a falling grade without traction [N]."""
 
 
-def command_at_standstill(
-    demand: list[float],
-    measurement: Measurement,
-    reference: Reference,
-    profile: ProfileLike,
-    model: TrainModel,
-    *,
-    delay_to_effect: float,
-) -> list[float]:
-    """Return the demand of every unit [N]; that of a train at standstill is 0 N if the profile is at rest, too.
-
-    The profile is at rest now and after the command delay [s].  A departure on a falling grade without a positive
-    demand releases the holding brake.
-    """
-    if not stands(measurement):
-        return demand
-    position, velocity, acceleration, _ = profile.at(measurement.stamp * 1e-9 + delay_to_effect)
-    if reference.velocity == reference.acceleration == velocity == 0.0:
-        return [0.0] * len(demand)
-    departs = velocity > 0.0 and acceleration >= 0.0 and not model.reversing
-    if departs and max(demand) <= 0.0 and model.rigid_force(position, 0.0, acceleration) < 0.0:
-        return [RELEASE_FORCE] * len(demand)
-    return demand
-
-
-def stands(measurement: Measurement) -> bool:
+@compiled
+def stands(velocity: Array) -> bool:
     """Return True if all units are slower than :data:`STANDSTILL_SPEED`."""
-    fastest: float = max(map(abs, measurement.velocity.tolist()))
+    fastest = 0.0
+    for v in velocity:
+        fastest = max(fastest, abs(v))
     return fastest < STANDSTILL_SPEED
+
+
+@compiled
+def command_at_standstill(force: Array, velocity: Array, rests: bool, departs: bool) -> None:
+    """Change the command of every unit [N] at standstill: 0 if the profile rests, a positive one if it departs."""
+    if (rests or (departs and force.max() <= 0.0)) and stands(velocity):
+        force[:] = 0.0 if rests else RELEASE_FORCE
+
+
+def profile_at_standstill(speed: Array, acceleration: Array, later: tuple[Array, ...], model: TrainModel) -> Any:
+    """Return True for a profile at rest now and after the command delay, and for a departure by the train's weight.
+
+    Parameters
+    ----------
+    speed, acceleration : Array, shape (times,)
+        Of the profile now [m/s, m/s²].
+    later : tuple of Array, shape (times,)
+        Position, speed and acceleration after the command delay [m, m/s, m/s²].
+    model
+        The nominal train: on a falling grade it departs without traction.
+
+    Returns
+    -------
+    Array of bool, shape (2, times)
+        Rests, and departs.
+    """
+    place, speed_then, acceleration_then = later
+    departs = (speed_then > 0.0) & (acceleration_then >= 0.0) & (not model.reversing)
+    departs[departs] = model.inertia * acceleration_then[departs] + model.line_forces(place[departs]) < 0.0
+    return np.array(((speed == 0.0) & (acceleration == 0.0) & (speed_then == 0.0), departs))

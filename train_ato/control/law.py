@@ -12,67 +12,35 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from math import isfinite
-from struct import Struct
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from numba import carray, config, typeof
 
 from plant_sim.compiled import compiled
-from plant_sim.elementary import plain_sum
 from plant_sim.railway import fading_resistance
-from plant_sim.record import Records, dtype_of, fill, quantity, zeros
+from plant_sim.record import dtype_of, fill, quantity, zeros
 from train_ato.control.algorithms.guard import (
-    MAX_DELAY,
     GuardedLaw,
+    LawNow,
+    LawUnit,
     all_within,
+    are_valid,
     invalid_inputs,
-    is_valid_lookahead,
-    is_valid_preview,
+    limit_demands,
+    write_inputs,
 )
 from train_ato.control.contract import LawInput, LawOutput
 from train_ato.messages.types import Array
-from train_ato.messages.validity import MAX_FORCE, MAX_POSITION, MAX_SPEED
+from train_ato.messages.validity import MAX_POSITION
+
+__all__ = [
+    "INVALID", "NOT_FINITE", "STEPPED", "LawForm", "LawNow", "LawUnit", "RecordLaw", "TrainConstants",
+    "train_resistance",
+]  # fmt: skip
 
 if TYPE_CHECKING:
     from train_ato.control.algorithms.couplers import UnitCouplers
     from train_ato.control.train_model import TrainModel
-
-
-@dataclass
-class LawNow:
-    """Inputs of a step for the whole train."""
-
-    t: float = quantity("s", "time of the measurement")
-    acceleration_at_effect: float = quantity("m/s²", "reference acceleration at the effect of the command")
-    jerk_at_effect: float = quantity("m/s³", "reference jerk at the effect of the command")
-    delay_to_effect: float = quantity("s", "time from the state to the effect of the command")
-    line_force: float = quantity("N", "line force on the train, > 0 retards")
-    train_shoe_force: float = quantity("N", "shoe force on the train, > 0 retards")
-    sensed_force: float = quantity("N", "sum of the magnitudes of all measured coupler forces")
-
-
-@dataclass
-class LawUnit:
-    """Inputs of a step for one power unit, and the outputs of the last step."""
-
-    position: float = quantity("m", "position")
-    velocity: float = quantity("m/s", "speed")
-    applied: float = quantity("N", "acting force")
-    reference_position: float = quantity("m", "reference less the nominal offset of the unit")
-    reference_velocity: float = quantity("m/s", "reference of the speed")
-    reference_acceleration: float = quantity("m/s²", "reference of the acceleration")
-    feedforward: float = quantity("N", "force of the nominal model on the reference")
-    disturbance: float = quantity("N", "estimate of the observer, > 0 forward")
-    force_min: float = quantity("N", "lowest force at the measured speed")
-    force_max: float = quantity("N", "largest force at the measured speed")
-    shoe_force: float = quantity("N", "shoe force on the unit's vehicle, > 0 retards")
-    coupler_force: float = quantity("N", "coupler force against the motion of the unit's vehicle")
-    resistance: float = quantity("N", "running and line resistance of the unit's vehicle")
-    share: float = quantity("1", "part of a force of the train")
-    wanted: float = quantity("N", "demand of the law before the limits")
-    force: float = quantity("N", "command of the last step, inside the limits")
-    saturated: bool = quantity("", "the last demand was beyond a limit")
 
 
 @dataclass(frozen=True)
@@ -92,39 +60,6 @@ def train_resistance(p: TrainConstants, now: LawNow, speed: float) -> float:
     return float(running + now.line_force + now.train_shoe_force)
 
 
-@compiled
-def are_valid(now: LawNow, units: Records[LawUnit]) -> bool:
-    """Return True if all inputs are finite and physically possible: a NaN makes a comparison of sums false."""
-    speeds = abs(now.acceleration_at_effect) + abs(now.jerk_at_effect)
-    places, forces, ordered = 0.0, abs(now.train_shoe_force) + now.sensed_force, True
-    for x in units:
-        speeds += abs(x.velocity) + abs(x.reference_velocity) + abs(x.reference_acceleration)
-        places += abs(x.position) + abs(x.reference_position)
-        forces += abs(x.force_min) + abs(x.force_max) + abs(x.feedforward) + abs(x.disturbance)
-        forces += abs(x.applied) + abs(x.shoe_force)
-        ordered &= x.force_min <= x.force_max
-    possible = speeds <= MAX_SPEED * units.size and places <= MAX_POSITION and forces <= MAX_FORCE
-    return possible and ordered and abs(now.t) <= MAX_POSITION and 0.0 <= now.delay_to_effect <= MAX_DELAY
-
-
-@compiled
-def limit_demands(units: Records[LawUnit]) -> bool:
-    """Limit the demands of all units; return False, without a change, if one is not finite."""
-    for x in units:
-        if not isfinite(x.wanted):
-            return False
-    for x in units:
-        x.force = x.force_min if x.wanted < x.force_min else x.force_max if x.wanted > x.force_max else x.wanted
-        x.saturated = x.force != x.wanted
-    return True
-
-
-GIVEN = (
-    "position", "velocity", "applied", "reference_position", "reference_velocity", "reference_acceleration",
-    "feedforward", "disturbance", "force_min", "force_max", "shoe_force",
-)  # fmt: skip
-"""Inputs of the units with the same name in the contract and in the record, whose first fields they are."""
-_pack_unit, _pack_now = (Struct(f"{len(names)}d").pack_into for names in (GIVEN, dtype_of(LawNow).fields or ()))
 STEPPED, INVALID, NOT_FINITE = range(3)
 """Results of a guarded step."""
 
@@ -134,7 +69,7 @@ def guarded(law: Any) -> Any:
 
     @compiled
     def step(p: Any, state: Any, now: Any, units: Any) -> int:
-        if not are_valid(now[0], units):
+        if not are_valid(now, units):
             return INVALID
         law(p[0], state, now[0], units)
         return STEPPED if limit_demands(units) else NOT_FINITE
@@ -228,8 +163,7 @@ class RecordLaw(GuardedLaw):
     def __init__(self, parameters: Any, model: TrainModel, period: float, rows: int | None = None) -> None:
         super().__init__(parameters, model, period)
         self.constants, self.state = zeros(self.form.constants, 1), zeros(self.form.unit, rows or self.n)
-        self.now, self.units = zeros(LawNow, 1), zeros(LawUnit, self.n)
-        self.units["share"] = model.share
+        self.now, self.units = self._records
         self._sent = self.units["force"]
 
     def set_constants(self, **more: float) -> None:
@@ -267,28 +201,14 @@ class RecordLaw(GuardedLaw):
 
     def call(self, inputs: LawInput) -> int:
         """Step the law: ``STEPPED``, ``INVALID`` or ``NOT_FINITE``; the demands are in ``units``."""
-        ahead = inputs.preview.velocity.size or inputs.lookahead.velocity.size
-        if ahead and not (is_valid_preview(inputs.preview) and is_valid_lookahead(inputs.lookahead)):
+        line_force, units = 0.0, self.units
+        inside = (self.couplers is not None or self.uses_train_forces) and all_within(inputs.position, MAX_POSITION)
+        if inside and self.uses_train_forces:
+            line_force = self.model.line_force(self.model.front(inputs.position))
+        if not write_inputs(inputs, self.now, units, line_force):
             return INVALID
-        i, units = inputs, self.units
-        for u in range(self.n):  # 0.7 us a unit; 10 assignments to fields take 3
-            _pack_unit(
-                units, u * units.itemsize, i.position.item(u), i.velocity.item(u), i.applied.item(u),
-                i.reference_position.item(u), i.reference_velocity.item(u), i.reference_acceleration.item(u),
-                i.feedforward.item(u), i.disturbance.item(u), i.force_min.item(u), i.force_max.item(u),
-                i.shoe_force.item(u),
-            )  # fmt: skip
-        line_force = 0.0
-        if (self.couplers is not None or self.uses_train_forces) and all_within(inputs.position, MAX_POSITION):
-            if self.uses_train_forces:
-                line_force = self.model.line_force(self.model.front(inputs.position))
-            if self.couplers is not None:
-                self.couplers.write(inputs.coupler_force, units)
-        sensed = plain_sum(map(abs, inputs.coupler_force.tolist())) if inputs.coupler_force.size else 0.0
-        _pack_now(
-            self.now, 0, inputs.t, inputs.acceleration_at_effect, inputs.jerk_at_effect, inputs.delay_to_effect,
-            line_force, inputs.train_shoe_force, sensed,
-        )  # fmt: skip
+        if inside and self.couplers is not None:
+            self.couplers.write(inputs.coupler_force, units)
         found: int = self.form.direct(self.constants, self.state, self.now, units)
         return found
 

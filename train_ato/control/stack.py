@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from plant_sim.elementary import total_of_units
-from train_ato.control.algorithms.guard import all_within, is_valid, is_valid_state
+from plant_sim.record import zeros
+from train_ato.control.algorithms.guard import LawUnit, all_within, is_at_limit, is_valid, is_valid_state, limit_demands
 from train_ato.control.command_history import CommandHistory
-from train_ato.control.command_hold import CommandHold, command_at_standstill
+from train_ato.control.command_hold import CommandHold, command_at_standstill, profile_at_standstill, stands
 from train_ato.control.compensation.contract import Compensation, CompensationInput
 from train_ato.control.compensation.rigid import ProfileLike, RigidForce
 from train_ato.control.component_fault import (
@@ -140,6 +141,7 @@ class ControlStack:
         self.ticks = 0
         self._last = [0.0] * model.n_units
         self._before = self._last
+        self._units = zeros(LawUnit, model.n_units)
         self._transition: LawTransition | None = None
         self._takes_over = self._joins = False
         self._joined: JoinedReference | None = None
@@ -307,10 +309,8 @@ class ControlStack:
         elif due:
             assert reference is not None
             self._last = self._decide(measurement, reference, estimate)
-            if not getattr(self.law, "open_loop", False):
-                self._last = command_at_standstill(
-                    self._last, measurement, reference, self.profile, self.model, delay_to_effect=self.delay_to_effect
-                )
+            if not getattr(self.law, "open_loop", False) and stands(measurement.velocity):
+                self._last = self._at_standstill(np.array(self._last), measurement, reference)
             decided = True
         if self._transition is not None:
             self._last = self._in_transition(self._transition, measurement, decided=decided)
@@ -319,6 +319,15 @@ class ControlStack:
         force = np.array(self._last)
         self.history.append(force)
         return force, self.pressure
+
+    def _at_standstill(self, force: Array, measurement: Measurement, reference: Reference) -> list[float]:
+        """Return the command of a train at standstill [N]."""
+        later = self.profile.at_times(np.array([measurement.stamp * 1e-9 + self.delay_to_effect]))
+        now = np.array([[reference.velocity], [reference.acceleration]])
+        (rests,), (departs,) = profile_at_standstill(now[0], now[1], later, self.model)
+        command_at_standstill(force, measurement.velocity, rests, departs)
+        found: list[float] = force.tolist()
+        return found
 
     def _miss_sample(self) -> None:
         if (on_missed := getattr(self.law, "on_missed_sample", None)) is not None:
@@ -335,7 +344,6 @@ class ControlStack:
         if answered is None:
             return self._last
         inputs, output = answered
-        wanted = np.asarray(output.force, dtype=np.float64).tolist()
         if output.plan is not None:
             self.plan = TimedPlan(inputs.t, output.plan)
         if output.held:
@@ -346,7 +354,11 @@ class ControlStack:
         if self._air_brake and output.brake_pipe is not None:
             self.pressure = min(max(output.brake_pipe, 0.0), self.model.consist.air_brake.charged)  # type: ignore[union-attr]
             self.law_brakes = True
-        sent = self._limited(wanted, low, high)
+        units = self._units
+        units["wanted"], units["force_min"], units["force_max"] = output.force, low, high
+        self.saturated = bool(limit_demands(units) and is_at_limit(units))
+        self.saturated_steps += self.saturated
+        sent: list[float] = units["force"].tolist()
         if self._distribution is None:
             return sent
         return self._distribution.forces(self.model.front(measurement.position), sent, low, high)
@@ -384,18 +396,6 @@ class ControlStack:
                 self._fault, self._fault_text = error, fault_of_error(kind, name, error)
         self._hold.hold(self._fault_text, by_component=True)
         return None
-
-    def _limited(self, wanted: list[float], low: list[float], high: list[float]) -> list[float]:
-        """Return the force of every unit inside its limits [N]; ``_saturated`` is True if one is at a limit."""
-        sent = []
-        self.saturated = False
-        for force, least, most in zip(wanted, low, high, strict=True):
-            limited = least if force < least else most if force > most else force
-            sent.append(limited)
-            if limited and not least < limited < most:
-                self.saturated = True
-        self.saturated_steps += self.saturated
-        return sent
 
     def _on_joined_reference(self, inputs: LawInput) -> LawInput:
         """Return the inputs with the reference of a new law, see :class:`JoinedReference`."""

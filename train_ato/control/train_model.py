@@ -215,6 +215,10 @@ class TrainModel:
         """Return grade, curve, tunnel and learned force on the train [N], > 0 resists, for vehicle 0's centre there."""
         return float(between_entries(self._total, (position - self._begin) / GRID))
 
+    def line_forces(self, position: Array) -> Array:
+        """Return :meth:`line_force` at many positions [N], equal to it bit for bit."""
+        return np.asarray(each_between_entries(self.tables[1], (position - self._begin) / GRID))
+
     def resisting_force(self, position: float, velocity: float, shoe_force: float = 0.0) -> float:
         """Return running, line and shoe force on the train [N], > 0 resists, for vehicle 0's centre at a position."""
         return self.running_resistance(velocity) + self.line_force(position) + shoe_force
@@ -223,7 +227,7 @@ class TrainModel:
         """Return :meth:`resisting_force` without shoes at many positions and speeds [N], equal to it bit for bit."""
         fading = np.array(list(map(math.tanh, (velocity / DRY_FRICTION_SPEED).tolist())))  # np.tanh has other bits
         running = running_resistance(*self.running, velocity) * fading
-        return np.asarray(running + each_between_entries(self.tables[1], (position - self._begin) / GRID))
+        return np.asarray(running + self.line_forces(position))
 
     def specific_line_force(self) -> tuple[Array, float]:
         """Return the line force per mass at every :data:`GRID` [N/kg] and the position of the first one [m]."""

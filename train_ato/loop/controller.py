@@ -389,7 +389,7 @@ class ControllerStage:
     def _has_ended(self, measurement: Measurement) -> bool:
         """Return True at standstill, and at the last tick of the run: then a failure of a component ends the run."""
         last = measurement.stamp >= (self.setup.ticks - 1) * self.setup.tick_ns
-        return last or (self.ato.standstill if self.setup.layout.supervised else stands(measurement))
+        return last or (self.ato.standstill if self.setup.layout.supervised else bool(stands(measurement.velocity)))
 
     def _reference_problem(self, reference: Reference) -> str:
         """Return the difference of a reference from the profile at its stamp as text, "" for a reference of it."""

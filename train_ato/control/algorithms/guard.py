@@ -7,13 +7,16 @@ with the next valid input.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from math import isfinite
-from operator import le
+from struct import Struct
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from plant_sim.elementary import mean_over_units
+from plant_sim.compiled import compiled
+from plant_sim.elementary import mean_over_units, plain_sum
+from plant_sim.record import Records, dtype_of, quantity, zeros
 from train_ato.control.contract import LawInput, LawOutput, LawPlan, Lookahead, Preview
 from train_ato.messages.types import Array
 from train_ato.messages.validity import MAX_FORCE, MAX_POSITION, MAX_SPEED
@@ -23,6 +26,87 @@ if TYPE_CHECKING:
 
 MAX_DELAY = 100.0
 """Largest valid delay of a command [s]."""
+
+
+@dataclass
+class LawNow:
+    """Inputs of a step for the whole train."""
+
+    t: float = quantity("s", "time of the measurement")
+    acceleration_at_effect: float = quantity("m/s²", "reference acceleration at the effect of the command")
+    jerk_at_effect: float = quantity("m/s³", "reference jerk at the effect of the command")
+    delay_to_effect: float = quantity("s", "time from the state to the effect of the command")
+    line_force: float = quantity("N", "line force on the train, > 0 retards")
+    train_shoe_force: float = quantity("N", "shoe force on the train, > 0 retards")
+    sensed_force: float = quantity("N", "sum of the magnitudes of all measured coupler forces")
+
+
+@dataclass
+class LawUnit:
+    """Inputs of a step for one power unit, and the outputs of the last step."""
+
+    position: float = quantity("m", "position")
+    velocity: float = quantity("m/s", "speed")
+    applied: float = quantity("N", "acting force")
+    reference_position: float = quantity("m", "reference less the nominal offset of the unit")
+    reference_velocity: float = quantity("m/s", "reference of the speed")
+    reference_acceleration: float = quantity("m/s²", "reference of the acceleration")
+    feedforward: float = quantity("N", "force of the nominal model on the reference")
+    disturbance: float = quantity("N", "estimate of the observer, > 0 forward")
+    force_min: float = quantity("N", "lowest force at the measured speed")
+    force_max: float = quantity("N", "largest force at the measured speed")
+    shoe_force: float = quantity("N", "shoe force on the unit's vehicle, > 0 retards")
+    coupler_force: float = quantity("N", "coupler force against the motion of the unit's vehicle")
+    resistance: float = quantity("N", "running and line resistance of the unit's vehicle")
+    share: float = quantity("1", "part of a force of the train")
+    wanted: float = quantity("N", "demand of the law before the limits")
+    force: float = quantity("N", "command of the last step, inside the limits")
+    saturated: bool = quantity("", "the last demand was beyond a limit")
+
+
+@compiled
+def are_valid(all_now: Records[LawNow], units: Records[LawUnit]) -> bool:
+    """Return True if all inputs are finite and physically possible: a NaN makes a comparison of sums false."""
+    now = all_now[0]
+    speeds = abs(now.acceleration_at_effect) + abs(now.jerk_at_effect)
+    places, forces, ordered = 0.0, abs(now.train_shoe_force) + now.sensed_force, True
+    for x in units:
+        speeds += abs(x.velocity) + abs(x.reference_velocity) + abs(x.reference_acceleration)
+        places += abs(x.position) + abs(x.reference_position)
+        forces += abs(x.force_min) + abs(x.force_max) + abs(x.feedforward) + abs(x.disturbance)
+        forces += abs(x.applied) + abs(x.shoe_force)
+        ordered &= x.force_min <= x.force_max
+    possible = speeds <= MAX_SPEED * units.size and places <= MAX_POSITION and forces <= MAX_FORCE
+    return possible and ordered and abs(now.t) <= MAX_POSITION and 0.0 <= now.delay_to_effect <= MAX_DELAY
+
+
+@compiled
+def limit_demands(units: Records[LawUnit]) -> bool:
+    """Limit the demands of all units; return False, without a change, if one is not finite."""
+    for x in units:
+        if not isfinite(x.wanted):
+            return False
+    for x in units:
+        x.force = x.force_min if x.wanted < x.force_min else x.force_max if x.wanted > x.force_max else x.wanted
+        x.saturated = x.force != x.wanted
+    return True
+
+
+@compiled
+def is_at_limit(units: Records[LawUnit]) -> bool:
+    """Return True if the command of a unit is at one of its limits."""
+    found = False
+    for x in units:
+        found |= x.force != 0.0 and not x.force_min < x.force < x.force_max
+    return found
+
+
+GIVEN = (
+    "position", "velocity", "applied", "reference_position", "reference_velocity", "reference_acceleration",
+    "feedforward", "disturbance", "force_min", "force_max", "shoe_force",
+)  # fmt: skip
+"""Inputs of the units with the same name in the contract and in the record, whose first fields they are."""
+_pack_unit, _pack_now = (Struct(f"{len(names)}d").pack_into for names in (GIVEN, dtype_of(LawNow).fields or ()))
 
 
 class HasUnitState(Protocol):
@@ -83,31 +167,27 @@ def is_valid_lookahead(lookahead: Lookahead) -> bool:
     )
 
 
-def is_valid(inputs: LawInput) -> bool:
-    """Return True if all inputs of a law are finite and physically possible.
+def write_inputs(i: LawInput, now: Any, units: Any, line_force: float = 0.0) -> bool:
+    """Write the inputs of a law and the line force [N] in its records; return False for a wrong part that they lack."""
+    for u in range(units.size):  # 0.7 us a unit; 10 assignments to fields take 3
+        _pack_unit(
+            units, u * units.itemsize, i.position.item(u), i.velocity.item(u), i.applied.item(u),
+            i.reference_position.item(u), i.reference_velocity.item(u), i.reference_acceleration.item(u),
+            i.feedforward.item(u), i.disturbance.item(u), i.force_min.item(u), i.force_max.item(u),
+            i.shoe_force.item(u),
+        )  # fmt: skip
+    sensed = plain_sum(map(abs, i.coupler_force.tolist())) if i.coupler_force.size else 0.0
+    _pack_now(
+        now, 0, i.t, i.acceleration_at_effect, i.jerk_at_effect, i.delay_to_effect, line_force, i.train_shoe_force,
+        sensed,
+    )  # fmt: skip
+    return is_valid_preview(i.preview) and is_valid_lookahead(i.lookahead)
 
-    The sum of the magnitudes of one kind is compared with its bound: a NaN or an infinity makes the comparison false.
-    """
-    low, high = inputs.force_min.tolist(), inputs.force_max.tolist()
-    places = [*inputs.position.tolist(), *inputs.reference_position.tolist()]
-    speeds = [
-        *inputs.velocity.tolist(), *inputs.reference_velocity.tolist(), *inputs.reference_acceleration.tolist(),
-        inputs.acceleration_at_effect, inputs.jerk_at_effect,
-    ]  # fmt: skip
-    forces = [
-        *low, *high, *inputs.feedforward.tolist(), *inputs.disturbance.tolist(), *inputs.applied.tolist(),
-        *inputs.coupler_force.tolist(), *inputs.shoe_force.tolist(), inputs.train_shoe_force,
-    ]  # fmt: skip
-    return (
-        sum(map(abs, speeds)) <= MAX_SPEED * len(low)
-        and sum(map(abs, places)) <= MAX_POSITION
-        and sum(map(abs, forces)) <= MAX_FORCE
-        and all(map(le, low, high))
-        and abs(inputs.t) <= MAX_POSITION
-        and 0.0 <= inputs.delay_to_effect <= MAX_DELAY
-        and is_valid_preview(inputs.preview)
-        and is_valid_lookahead(inputs.lookahead)
-    )
+
+def is_valid(inputs: LawInput) -> bool:
+    """Return True if all inputs of a law are finite and physically possible."""
+    now, units = zeros(LawNow, 1), zeros(LawUnit, inputs.position.size)
+    return write_inputs(inputs, now, units) and bool(are_valid(now, units))
 
 
 def invalid_inputs(inputs: LawInput) -> list[str]:
@@ -178,6 +258,8 @@ class GuardedLaw:
         self.share: list[float] = model.share.tolist()
         self.saturated = [False] * self.n
         self._last_force = [0.0] * self.n
+        self._records = zeros(LawNow, 1), zeros(LawUnit, self.n)
+        self._records[1]["share"] = model.share
 
     def demand(self, inputs: LawInput) -> list[float]:
         """Return the force demand of every unit [N] for valid inputs."""
@@ -209,20 +291,17 @@ class GuardedLaw:
 
     def step(self, inputs: LawInput) -> LawOutput:
         """Return the force demand of every unit [N], finite and inside the limits."""
-        if not is_valid(inputs):
+        now, units = self._records
+        if not (write_inputs(inputs, now, units) and are_valid(now, units)):
             self.on_missed_sample()
             return self._hold(inputs, f"invalid inputs: {', '.join(invalid_inputs(inputs))}")
         wanted = self.demand(inputs)
-        if not all(map(isfinite, wanted)):
+        units["wanted"] = [*wanted]
+        if not limit_demands(units):
             self.clear_state()
             return self._hold(inputs, f"computed {str(wanted)[:60]} N")
-        sent, saturated = self._last_force, self.saturated
-        low, high = inputs.force_min.tolist(), inputs.force_max.tolist()
-        for unit, force in enumerate(wanted):  # one pass: 1.5 us less than a pass for each list (bench/laws.py)
-            limited = low[unit] if force < low[unit] else high[unit] if force > high[unit] else force
-            saturated[unit] = limited != force
-            sent[unit] = limited
-        return LawOutput(np.array(sent), plan=self.planned())
+        self._last_force, self.saturated = units["force"].tolist(), units["saturated"].tolist()
+        return LawOutput(np.array(self._last_force), plan=self.planned())
 
     def _hold(self, inputs: LawInput, reason: str) -> LawOutput:
         """Return the last demand, inside the limits if these are valid."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plant_sim.elementary import mean_over_units
 from train_ato.control.air_brake.shoes import ShoeForecast
+from train_ato.control.command_hold import profile_at_standstill
 from train_ato.control.compensation.base import CompensationBase
 from train_ato.control.compensation.predictor import Predictor
 from train_ato.control.compensation.preview import PreviewFeedforward
@@ -57,7 +57,7 @@ class Forecast:
         to_effect = np.zeros(len(stamps)) if self._predicts else self._effects - self._times
         self._expected: Array = np.array([*state[:3], *effect[2:], to_effect])
         later = profile.at_times(self._times + stack.delay_to_effect)
-        self._at_rest = (now[1] == 0.0) & (now[2] == 0.0) & (later[1] == 0.0)
+        self._standstill = profile_at_standstill(now[1], now[2], later, setup.model)
         shown = slice(0, 1 if self._predicts else 2)  # a predictor needs the shoe forces at the effect only
         self._shoe_times = np.array((self._effects, self._times))[shown]
         self._shoe_speeds = np.array((effect[1], now[1]))[shown]
@@ -86,7 +86,7 @@ class Forecast:
         forecast = SpanForecast(self._compensation if used else None, self._times[part], stack.pressure)
         forecast.reference = np.ascontiguousarray(self._reference[:, part])
         forecast.expected = np.ascontiguousarray(self._expected[:, part])
-        forecast.at_rest = self._at_rest[part]
+        forecast.standstill = self._standstill[:, part] & (not getattr(stack.law, "open_loop", False))
         forecast.effects, forecast.predicts = self._effects[part].tolist(), self._predicts
         forecast.shoes, totals = np.zeros((count, 1 + units)), np.zeros(count)
         if not used:
@@ -121,8 +121,8 @@ class SpanForecast:
         Feed-forward of every unit [N].
     shoes : Array, shape (ticks, 1 + units)
         Shoe force of the train and of every unit's vehicle [N].
-    at_rest : Array of bool, shape (ticks,)
-        True for a profile at rest now and after the delay of the commands.
+    standstill : Array of bool, shape (2, ticks)
+        See :func:`train_ato.control.command_hold.profile_at_standstill`.
     effects : list of float
         Times at which the commands take effect [s].
     predicts : bool
@@ -133,7 +133,7 @@ class SpanForecast:
     expected: Array
     feedforward: Array
     shoes: Array
-    at_rest: NDArray[np.bool_]
+    standstill: Any
     effects: list[float]
     predicts: bool
 

@@ -11,9 +11,11 @@ from plant_sim.railway import between_entries, envelope_force, shoe_force
 from plant_sim.sensors import measure_train
 from train_ato.control.air_brake.record_policy import electric_brake_available
 from train_ato.control.algorithms.couplers import opposing
+from train_ato.control.algorithms.guard import is_at_limit, limit_demands
+from train_ato.control.command_hold import command_at_standstill
 from train_ato.control.compensation.predictor import predict
 from train_ato.control.compiled.law_call import address
-from train_ato.control.law import STEPPED, limit_demands
+from train_ato.control.law import STEPPED
 from train_ato.control.train_model import GRID, own_resistance
 from train_ato.loop.spans.supervision_kernel import copy_states, supervised_tick
 from train_ato.loop.train_protection import command_age
@@ -69,15 +71,6 @@ def changes_brake(t, position, velocity, applied, braking):
     return charged - call(address(constants), address(state), address(rows), count, address(measured)) != pressure
 
 
-@compiled
-def _at_limit(inputs):
-    """Return 1 for a command at a limit, 0 for one inside."""
-    for x in inputs:
-        if x.force != 0.0 and not x.force_min < x.force < x.force_max:
-            return 1
-    return 0
-
-
 @compiled(alone=False)
 def set_inputs(tick, reference, feedforward, own, limits, segments, inputs, now):
     """Write reference, feed-forward and limits of a step of the law."""
@@ -123,7 +116,7 @@ def law_step(tick, t, coupler_forces, own, tables, shoes, law, predicting, histo
         return -1
     for u in range(inputs.size):
         sent[u] = inputs[u].force
-    return _at_limit(inputs)
+    return int(is_at_limit(inputs))
 
 
 # Rows of `measured` (ticks, rows, units).
@@ -131,7 +124,7 @@ MEASURED_POSITION, MEASURED_VELOCITY, MEASURED_FORCE = range(3)
 # Rows of `couplers` (ticks, rows, sensors).
 DEFLECTION, RATE, COUPLER_FORCE = range(3)
 # Entries of `bound`: values outside which a tick is left to Python.
-MAX_POSITION, MAX_SPEED, MAX_FORCE, STANDSTILL_SPEED, NEXT_JUMP_PLACE = range(5)
+MAX_POSITION, MAX_SPEED, MAX_FORCE, NEXT_JUMP_PLACE = range(4)
 # Entries of `count`: first tick, ticks between the steps of the law, 1 if the last step was at a limit, reports, 1 for
 # a control stack that is called as a whole; row of the first tick of a call, row after its last one, and 1 for a first
 # tick whose inputs of the law the call before has computed.
@@ -139,20 +132,19 @@ FIRST_TICK, EVERY, AT_LIMIT, REPORTS, CALLED, BEGIN, END, SEEN = range(8)
 
 
 @compiled
-def _must_leave(tick, measured, couplers, x_front, bound, event, events, n, at_rest):
-    """Return True for a tick that is left to Python: a start, events of the pipe and jumps, impossible values."""
-    fastest = 0.0
+def _must_leave(tick, measured, couplers, x_front, bound, event, events, n):
+    """Return True for a tick that is left to Python: events of the pipe and jumps, impossible values."""
     for u in range(measured.shape[2]):
-        v = abs(measured[tick, MEASURED_VELOCITY, u])
-        if not (v < bound[MAX_SPEED] and abs(measured[tick, MEASURED_POSITION, u]) < bound[MAX_POSITION]):
+        if not abs(measured[tick, MEASURED_VELOCITY, u]) < bound[MAX_SPEED]:
+            return True
+        if not abs(measured[tick, MEASURED_POSITION, u]) < bound[MAX_POSITION]:
             return True
         if not abs(measured[tick, MEASURED_FORCE, u]) < bound[MAX_FORCE]:
             return True
-        fastest = v if v > fastest else fastest
     for j in range(couplers.shape[2]):
         if not abs(couplers[tick, COUPLER_FORCE, j]) < bound[MAX_FORCE]:
             return True
-    if (fastest < bound[STANDSTILL_SPEED] and not at_rest[tick]) or x_front >= bound[NEXT_JUMP_PLACE]:
+    if x_front >= bound[NEXT_JUMP_PLACE]:
         return True
     reached = False
     for j in range(events):
@@ -160,18 +152,9 @@ def _must_leave(tick, measured, couplers, x_front, bound, event, events, n, at_r
     return reached
 
 
-@compiled
-def _stands(tick, measured, bound):
-    """Return True for a train at standstill."""
-    fastest = 0.0
-    for u in range(measured.shape[2]):
-        fastest = max(fastest, abs(measured[tick, MEASURED_VELOCITY, u]))
-    return fastest < bound[STANDSTILL_SPEED]
-
-
 @compiled(alone=False)
-def _begins(tick, at, n, state, unit, noise, sensors, measured, couplers, bound, event, events, at_rest, stamps,
-            newest, supervision):  # fmt: skip
+def _begins(tick, at, n, state, unit, noise, sensors, measured, couplers, bound, event, events, stamps, newest,
+            supervision):  # fmt: skip
     """Write what the sensors measure in a tick; return False for a tick that is left to Python."""
     t = at * 1e-9
     measure_train(
@@ -182,7 +165,7 @@ def _begins(tick, at, n, state, unit, noise, sensors, measured, couplers, bound,
         measured[tick, MEASURED_POSITION, u] = sensors.units[u].position
         measured[tick, MEASURED_VELOCITY, u] = sensors.units[u].velocity
         measured[tick, MEASURED_FORCE, u] = unit[k.APPLIED, u]
-    if _must_leave(tick, measured, couplers, state[k.X, 0], bound, event, events, n, at_rest):
+    if _must_leave(tick, measured, couplers, state[k.X, 0], bound, event, events, n):
         return False
     if supervision.states.run[0].period > 0:
         ages = stamps[0]
@@ -228,12 +211,10 @@ def _copy_rows(source, target):
 
 
 @compiled(alone=False)
-def _keep(tick, is_step, limited, measured, bound, at_rest, sent, at_limit, count):
+def _keep(tick, is_step, limited, velocity, standstill, sent, at_limit, count):
     """Keep command and number of steps at a limit; between two steps of the law they are those of the last step."""
     if is_step:
-        if at_rest[tick] and _stands(tick, measured, bound):
-            for u in range(sent.shape[1]):
-                sent[tick + 1, u] = 0.0
+        command_at_standstill(sent[tick + 1], velocity, standstill[0, tick], standstill[1, tick])
         at_limit[tick + 1] = at_limit[tick] + limited
         count[AT_LIMIT] = limited
     else:
@@ -298,7 +279,7 @@ def span_ticks(arguments):
         stamp, tick_ns, dt, train, event, events, forces, vehicles, setting, noise, sensors,
         law, observing, predicting, braking, inputs, reference, feedforward, shoes, own, tables, limits, segments,
         bound, count, link, stamps, history, shown, truth, measured, couplers, sent, at_limit, reports, supervision,
-        at_rest, places,
+        standstill, places,
     ) = arguments  # fmt: skip
     state, vehicle, vehicle_index, gear, gear_table, run, body, unit, unit_index, envelope, piece = train
     law_state, observer_state, policy_state, now = law[1], observing[1], braking[1], law[3]
@@ -315,7 +296,7 @@ def span_ticks(arguments):
             _copy(sensors.units, seen)
             if not _begins(
                 tick, at, vehicle.shape[1], state, unit, noise, sensors, measured, couplers, bound, event, events,
-                at_rest, stamps, newest, supervision,
+                stamps, newest, supervision,
             ):  # fmt: skip
                 _copy(seen, sensors.units)
                 return tick
@@ -346,7 +327,7 @@ def span_ticks(arguments):
             copy_states(supervision.kept, supervision.states, at)
             return tick
         if not called:
-            _keep(tick, is_step, limited, measured, bound, at_rest, sent, at_limit, count)
+            _keep(tick, is_step, limited, measured[tick, MEASURED_VELOCITY], standstill, sent, at_limit, count)
         if at % reports[0] < tick_ns:
             _report(train, setting, link[0][0].lost, reports, count)
         _show(tick, state, shown, truth)
@@ -370,10 +351,10 @@ def run_span(*arguments):
     coupler and shoe force of the vehicles ``shown``, ``measured``, ``couplers``; ``sent`` and ``at_limit`` begin with
     command and number of steps at a limit before the first tick. ``reports`` has the state of the train at the ticks
     with diagnostics; arrays with one row have the last of these states.
-    ``supervision`` has the records of the supervisor. ``at_rest`` is True for a reference at rest now and after the
-    delay of the commands. ``law``, ``observing`` and ``predicting`` have
-    number, constants, state and couplers of the law and of the observer, and the arrays of the prediction; ``law`` also
-    has the inputs for all units, the demand, and the call of a law or of a control stack in Python. ``braking`` has
+    ``supervision`` has the records of the supervisor, ``standstill`` the rows of the forecast. ``law``, ``observing``
+    and ``predicting`` have number, constants, state and couplers of the law and of the observer, and the arrays of the
+    prediction; ``law`` also has the inputs for all units, the demand, and the call of a law or of a control stack in
+    Python. ``braking`` has
     records and call of the policy of the air brake, the envelopes of the electric brake, and the pressures charged and
     demanded. ``link`` and ``stamps`` have the records of the link of the commands and of that of their stamps, with the
     random numbers of every tick; ``stamps`` begins with the age of the newest command. ``places`` has

@@ -30,7 +30,7 @@ from train_ato.control.observers.contract import ObserverStack
 from train_ato.control.observers.none import NoObserver
 from train_ato.control.observers.record_observer import RecordObserver
 from train_ato.control.stack import ControlStack
-from train_ato.control.train_model import STANDSTILL_SPEED, TrainModel
+from train_ato.control.train_model import TrainModel
 from train_ato.loop.inputs import StageInputs
 from train_ato.loop.recording_builder import RecordingBuilder
 from train_ato.loop.setup import RunSetup
@@ -488,7 +488,7 @@ class Span:
             (protection.age, *stamps.records(self.stamp, self._count), stamps.draws(self._count)),
             self._stack.history.commands[: 0 if law.whole else None],
             spans.shown, out.truth, out.measured, out.couplers, out.sent, out.at_limit,
-            (SECOND_NS, *out.reports), out.supervision, self._forecast.at_rest,
+            (SECOND_NS, *out.reports), out.supervision, self._forecast.standstill,
             (*places, window, np.empty(1), np.empty((1, 1))),
         )  # fmt: skip
 
@@ -544,7 +544,7 @@ class Span:
         jumps = [jump.place for jump in self._train.jumps.planned if isinstance(jump, Jump) and jump.at is None]
         jumps += [jump.place for jump in self._train.jumps.planned if not isinstance(jump, Jump) and jump.at is None]
         jump_place = min((at for at in jumps if at is not None), default=FAR)
-        return np.array((*LIMITS, STANDSTILL_SPEED, jump_place))
+        return np.array((*LIMITS, jump_place))
 
     def _store(self, done: int) -> None:
         """Set the states of stages, stack, link and sensors to those after some ticks."""
