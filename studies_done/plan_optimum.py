@@ -220,9 +220,9 @@ def with_obstacles(seed: int, factor: float, net: bool, cells: int) -> tuple[flo
     places = np.unique(np.round(np.concatenate((rough, borders[inside])), 3))
     centres = 0.5 * (places[1:] + places[:-1])[:, None] - CAR * (np.arange(4) + 0.5)
 
-    def cars_in(entries: Any) -> Array:
+    def cars_in(entries: Any) -> Array:  # a car in two that overlap counts once
         inside = [(centres >= entry.begin) & (centres < entry.end) for entry in entries]
-        return np.asarray(np.sum(inside, axis=(0, 2), dtype=float))
+        return np.asarray(np.sum(np.any(inside, axis=0), axis=1, dtype=float))
 
     train = result.train
     limit = np.full(places.size, min(line.speed_limits[0].speed, train.speed_max) ** 2 / 2)
