@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import Annotated
 
 from pydantic import Field, model_validator
 
 from plant_sim.si_model import SiModel
-from plant_sim.units import Acceleration, Force, Number, Pressure, Ratio, Speed, Time, number_text
+from plant_sim.units import Acceleration, Force, Number, Pressure, Ratio, Speed, Time, Usual, number_text
 
 
 class Shoes(SiModel):
     """Air-brake shoes or pads of one vehicle: paper 000, eqs. (10)-(15) and table 1."""
 
     count: int = Field(gt=0, description="number of brake shoes or pads of the vehicle", examples=[16])
-    force: Force = Field(gt=0, description="force K of one shoe at full cylinder pressure", examples=[25e3])
+    force: Annotated[Force, Usual(500, 500e3)] = Field(
+        gt=0, description="force K of one shoe at full cylinder pressure", examples=[25e3]
+    )
     friction: Number = Field(
         gt=0, description="factor on the friction coefficient, 0.481 for C80 and 0.441 for HXD1", examples=[0.481]
     )
@@ -29,7 +32,9 @@ class Shoes(SiModel):
 class AirBrake(SiModel):
     """Brake pipe and cylinders of a train: paper 000, section 1.1.4, and values that it does not give."""
 
-    charged: Pressure = Field(600e3, gt=0, description="absolute pressure of the charged brake pipe")
+    charged: Annotated[Pressure, Usual(100e3, 2e6)] = Field(
+        600e3, gt=0, description="absolute pressure of the charged brake pipe"
+    )
     apply_wave: Speed = Field(200.0, gt=0, description="speed of the application wave along the train")
     release_wave: Speed = Field(36.0, gt=0, description="speed of the release wave along the train")
     apply_time: Time = Field(4.0, gt=0, description="time constant of the cylinders filling")
@@ -43,7 +48,7 @@ class AirBrake(SiModel):
     pipe_vent_time: Time = Field(
         1.0, gt=0, description="time constant of the pressure in an open pipe, which is published only"
     )
-    reduction: tuple[Pressure, ...] = Field(
+    reduction: Annotated[tuple[Pressure, ...], Usual(10e3, 1e6)] = Field(
         (0.0, 50e3), description="brake-pipe reductions of the table of the braking factor"
     )
     braking_factor: tuple[Ratio, ...] = Field((0.0, 0.17), description="braking factor at those reductions")
@@ -81,7 +86,7 @@ class EmergencyBrake(SiModel):
     0.076 = 0.83 m/s² (SUBSET-026, A.3.7.4), and a build-up of 2.3 s.
     """
 
-    deceleration: Acceleration = Field(
+    deceleration: Annotated[Acceleration, Usual(0.05, 5)] = Field(
         0.83, gt=0, le=5, description="brake force of a vehicle at standstill over its inertial mass"
     )
     delay: Time = Field(0.8, ge=0, le=10, description="dead time from the application to the first force")

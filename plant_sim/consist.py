@@ -28,6 +28,7 @@ from plant_sim.units import (
     Speed,
     Time,
     Unit,
+    Usual,
     number_text,
 )
 
@@ -44,7 +45,7 @@ class EnvelopeSegment(SiModel):
     Segments are listed by rising speed and begin at the end of the previous one; the force is 0 beyond the last.
     """
 
-    to: Speed = Field(gt=0, description="speed at which the segment ends", examples=[10.0])
+    to: Annotated[Speed, Usual(0.05, 2e3)] = Field(gt=0, description="speed at which the segment ends", examples=[10.0])
     force: Force = Field(0.0, description="constant part of the force", examples=[60e3])
     slope_kn_per_kmh: Annotated[float, Unit("kN/(km/h)")] = Field(
         0.0, description="change of the force with speed", examples=[-0.5]
@@ -65,7 +66,9 @@ class EnvelopeSegment(SiModel):
 class ForcePoints(SiModel):
     """Force over speed as points, linear between them; below the first speed its force holds."""
 
-    speed: tuple[Speed, ...] = Field(min_length=2, description="rising speeds", examples=[(0.0, 12.0, 40.0)])
+    speed: Annotated[tuple[Speed, ...], Usual(0.5, 2e3)] = Field(
+        min_length=2, description="rising speeds", examples=[(0.0, 12.0, 40.0)]
+    )
     force: tuple[Force, ...] = Field(
         min_length=2, description="largest force at each speed", examples=[(200e3, 200e3, 60e3)]
     )
@@ -203,10 +206,10 @@ class Resistance(SiModel):
 class TunnelResistance(SiModel):
     """Additional air resistance in a tunnel of a cross section: coefficient times v²."""
 
-    cross_section: Annotated[float, Unit("m²")] = Field(
+    cross_section: Annotated[float, Unit("m²"), Usual(5, 500)] = Field(
         gt=0, description="cross section of the tunnel", examples=[45.0]
     )
-    coefficient: Annotated[float, Unit("N s²/m²")] = Field(
+    coefficient: Annotated[float, Unit("N s²/m²"), Usual(0.05, 500)] = Field(
         ge=0, description="additional air resistance over v²", examples=[2.5]
     )
 
@@ -229,7 +232,7 @@ class VehicleType(SiModel):
         examples=[{"traction": [[{"to": 30.0, "force": 60e3}], [{"to": 30.0, "force": 120e3}]]}],
     )
     shoes: Shoes | None = None
-    adhesive_mass: Mass | None = Field(
+    adhesive_mass: Annotated[Mass | None, Usual(500, 500e3)] = Field(
         None, gt=0, description="mass on driven axles; default: the whole mass", examples=[20e3]
     )
     tunnel_resistance: tuple[TunnelResistance, ...] = Field(
@@ -327,8 +330,12 @@ class PlanLimits(SiModel):
     """Limits and efficiencies of a plan; with them, the plan has no limit of the jerk and no margin of the force."""
 
     speed: Speed | None = Field(None, gt=0, description="largest speed", examples=[44.4])
-    acceleration: Acceleration | None = Field(None, gt=0, description="largest acceleration", examples=[0.6])
-    deceleration: Acceleration | None = Field(None, gt=0, description="service deceleration", examples=[0.7])
+    acceleration: Annotated[Acceleration | None, Usual(0.01, 5)] = Field(
+        None, gt=0, description="largest acceleration", examples=[0.6]
+    )
+    deceleration: Annotated[Acceleration | None, Usual(0.01, 5)] = Field(
+        None, gt=0, description="service deceleration", examples=[0.7]
+    )
     traction_efficiency: Ratio | None = Field(
         None, gt=0, le=1, description="wheel energy over line energy in traction", examples=[0.85]
     )

@@ -18,7 +18,7 @@ from plant_sim.elementary import cos_each, sin_each, tanh_each
 from plant_sim.line import Begin, End, check_grade
 from plant_sim.si_model import SiModel
 from plant_sim.states import Array
-from plant_sim.units import Acceleration, Force, Number, Slope, Time, Unit
+from plant_sim.units import Acceleration, Force, Number, Slope, Time, Unit, Usual
 
 Vehicles = tuple[int, ...]
 
@@ -112,7 +112,9 @@ class Term(SiModel):
     acceleration: Acceleration = Field(
         0.0, description="amplitude as acceleration of each listed vehicle", examples=[0.02]
     )
-    force: Force = Field(0.0, description="amplitude as force on each listed vehicle", examples=[2e3])
+    force: Annotated[Force, Usual(10, 5e6)] = Field(
+        0.0, description="amplitude as force on each listed vehicle", examples=[2e3]
+    )
     omega: Annotated[float, Unit("rad/s")] = Field(ge=0, description="angular frequency", examples=[0.5])
     phase: Annotated[float, Unit("rad")] = Field(0.0, description="phase at time 0", examples=[1.57])
 
@@ -148,7 +150,7 @@ class Gust(_TimeFunction):
     end: Time = Field(description="end of the gust, with its ramp", examples=[80.0])
     ramp: Time = Field(1.0, ge=0, description="time of rise and of fall, inside the interval")
     acceleration: Acceleration = Field(0.0, description="acceleration of each listed vehicle", examples=[-0.05])
-    force: Force = Field(0.0, description="force on each listed vehicle", examples=[-3e3])
+    force: Annotated[Force, Usual(10, 5e6)] = Field(0.0, description="force on each listed vehicle", examples=[-3e3])
 
     @model_validator(mode="after")
     def _order(self) -> Gust:

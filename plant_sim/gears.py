@@ -8,23 +8,32 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from plant_sim.si_model import SiModel
-from plant_sim.units import Damping, Force, Length, Number, Speed, Stiffness, number_text
+from plant_sim.units import Damping, Force, Length, Number, Speed, Stiffness, Usual, number_text
+
+Stroke = Annotated[Length, Usual(0.005, 2)]
+Slack = Annotated[Length, Usual(1e-4, 0.5)]
+Spring = Annotated[Stiffness, Usual(1e4, 5e8)]
+Stop = Annotated[Stiffness, Usual(1e6, 1e10)]
+Preload = Annotated[Force, Usual(500, 1e6)]
+Full = Annotated[Force, Usual(20e3, 20e6)]
 
 
 class GearCurve(SiModel):
     """Loading curve fl(d) = F0 d/(d + x0) + a1 d + a2 d² of one coupler (two gears in series), as in paper 000."""
 
-    stroke: Length = Field(gt=0, description="D, deflection at the stop", examples=[0.166])
-    force_at_stroke: Force = Field(
+    stroke: Stroke = Field(gt=0, description="D, deflection at the stop", examples=[0.166])
+    force_at_stroke: Full = Field(
         gt=0, description="force at the end of the stroke, which determines a2 of the loading curve", examples=[2270e3]
     )
-    preload: Force = Field(gt=0, description="force F0 of the loading curve", examples=[60e3])
-    preload_length: Length = Field(gt=0, description="length x0 of the loading curve", examples=[0.002])
-    stiffness: Stiffness = Field(gt=0, description="stiffness a1 of the loading curve", examples=[2.5e6])
+    preload: Preload = Field(gt=0, description="force F0 of the loading curve", examples=[60e3])
+    preload_length: Annotated[Length, Usual(1e-5, 0.2)] = Field(
+        gt=0, description="length x0 of the loading curve", examples=[0.002]
+    )
+    stiffness: Spring = Field(gt=0, description="stiffness a1 of the loading curve", examples=[2.5e6])
     unloading_ratio: Number = Field(gt=0, le=1, description="unloading force over loading force", examples=[0.25])
-    slack: Length = Field(0.010, ge=0, description="free play from draft to buff")
+    slack: Slack = Field(0.010, ge=0, description="free play from draft to buff")
     damping: Damping = Field(1e5, ge=0, description="structural damping c in c x' d/(d + x0), with the gear in contact")
-    stop_stiffness: Stiffness = Field(200e6, gt=0, description="stiffness beyond the stroke")
+    stop_stiffness: Stop = Field(200e6, gt=0, description="stiffness beyond the stroke")
 
     @model_validator(mode="after")
     def _rises(self) -> GearCurve:
@@ -51,7 +60,7 @@ class ClipGear(GearCurve):
     """Draft gear of paper 000, eqs. (7)-(9): force between unloading curve fu and loading curve fl (MT-2)."""
 
     kind: Literal["clip"]
-    transition_stiffness: Stiffness = Field(
+    transition_stiffness: Stop = Field(
         60e6, gt=0, description="stiffness between the branches, above the largest slope of the loading curve"
     )
     transition_damping: Damping = Field(0.0, ge=0, description="damping between the branches", examples=[5e6])
@@ -82,9 +91,9 @@ class LinearGear(SiModel):
     """Spring and damper with optional slack (papers 002 and 004)."""
 
     kind: Literal["linear"]
-    stiffness: Stiffness = Field(gt=0, description="stiffness of the spring", examples=[20e6])
+    stiffness: Spring = Field(gt=0, description="stiffness of the spring", examples=[20e6])
     damping: Damping = Field(0.0, ge=0, description="damping of the damper", examples=[0.5e6])
-    slack: Length = Field(0.0, ge=0, description="free play from draft to buff", examples=[0.01])
+    slack: Slack = Field(0.0, ge=0, description="free play from draft to buff", examples=[0.01])
 
 
 class RigidGear(SiModel):
@@ -96,10 +105,10 @@ class RigidGear(SiModel):
 class GearTable(SiModel):
     """Loading and unloading force over the deflection in one direction."""
 
-    deflection: tuple[Length, ...] = Field(
+    deflection: Annotated[tuple[Length, ...], Usual(0.005, 2)] = Field(
         description="deflections of the table, rising from 0", examples=[(0.0, 0.05, 0.1)]
     )
-    loading: tuple[Force, ...] = Field(
+    loading: Annotated[tuple[Force, ...], Usual(20e3, 20e6)] = Field(
         description="force at each deflection in loading", examples=[(0.0, 400e3, 1500e3)]
     )
     unloading: tuple[Force, ...] = Field(
@@ -140,11 +149,11 @@ class TableGear(GearTable):
         description="forces in buff, > 0, if they differ from those above, which then hold in draft",
         examples=[{"deflection": (0.0, 0.08), "loading": (20e3, 2000e3), "unloading": (0.0, 2000e3)}],
     )
-    slack: Length = Field(0.0, ge=0, description="free play from draft to buff", examples=[0.01])
+    slack: Slack = Field(0.0, ge=0, description="free play from draft to buff", examples=[0.01])
     damping: Damping = Field(0.0, ge=0, description="damping of the gear in contact", examples=[1e5])
-    transition_stiffness: Stiffness = Field(60e6, gt=0, description="stiffness between the branches")
+    transition_stiffness: Stop = Field(60e6, gt=0, description="stiffness between the branches")
     transition_damping: Damping = Field(0.0, ge=0, description="damping between the branches", examples=[5e6])
-    stop_stiffness: Stiffness = Field(200e6, gt=0, description="stiffness beyond the last deflection")
+    stop_stiffness: Stop = Field(200e6, gt=0, description="stiffness beyond the last deflection")
 
     @model_validator(mode="after")
     def _stiff_enough(self) -> TableGear:

@@ -19,7 +19,7 @@ from pydantic import Field, model_validator
 
 from plant_sim.chainage import ChainageSection, place_of_post, post_at, with_places
 from plant_sim.si_model import SiModel, Source, Summary
-from plant_sim.units import Length, Mass, Number, Place, Power, Ratio, Slope, Speed, Unit, number_text
+from plant_sim.units import Length, Mass, Number, Place, Power, Ratio, Slope, Speed, Unit, Usual, number_text
 
 Begin = Annotated[Place, Field(description="place at which it begins", examples=[1200.0])]
 End = Annotated[Place, Field(description="place at which it ends, beyond begin", examples=[1500.0])]
@@ -52,11 +52,13 @@ class PowerLimit(LineSection):
     The power units share it in proportion to their largest powers. The electric brake is not limited.
     """
 
-    power: Power | None = Field(None, gt=0, description="largest power at the wheels", examples=[3e6])
-    current: Annotated[float, Unit("A")] | None = Field(
+    power: Annotated[Power | None, Usual(20e3, 500e6)] = Field(
+        None, gt=0, description="largest power at the wheels", examples=[3e6]
+    )
+    current: Annotated[float | None, Unit("A"), Usual(10, 20e3)] = Field(
         None, gt=0, description="largest line current, with voltage and efficiency", examples=[1200.0]
     )
-    voltage: Annotated[float, Unit("V")] | None = Field(
+    voltage: Annotated[float | None, Unit("V"), Usual(200, 60e3)] = Field(
         None, gt=0, description="voltage of the line", examples=[3000.0]
     )
     efficiency: Ratio | None = Field(
@@ -157,11 +159,11 @@ class VerticalCurve(SiModel):
 class Curve(LineSection):
     """Curve of constant radius."""
 
-    radius: Place = Field(ge=5, description="radius of the curve", examples=[400.0])
+    radius: Annotated[Place, Usual(10, 100e3)] = Field(ge=5, description="radius of the curve", examples=[400.0])
     side: Literal["left", "right"] | None = Field(
         None, description="direction of the curve in displays; default: left and right in turn"
     )
-    resistance_n_per_kn: Annotated[float, Unit("N/kN")] | None = Field(
+    resistance_n_per_kn: Annotated[float | None, Unit("N/kN"), Usual(0.005, 100)] = Field(
         None, ge=0, description="resistance per weight; default: 600/R", examples=[1.2]
     )
 
@@ -169,10 +171,10 @@ class Curve(LineSection):
 class Tunnel(LineSection):
     """Tunnel with an additional resistance per weight, or with a cross section for that of the train."""
 
-    resistance_n_per_kn: Annotated[float, Unit("N/kN")] = Field(
+    resistance_n_per_kn: Annotated[float, Unit("N/kN"), Usual(0.005, 100)] = Field(
         0.0, ge=0, description="additional resistance per weight", examples=[1.5]
     )
-    cross_section: Annotated[float, Unit("m²")] | None = Field(
+    cross_section: Annotated[float | None, Unit("m²"), Usual(5, 500)] = Field(
         None, gt=0, description="cross section, for tunnel_resistance of the consist", examples=[45.0]
     )
 
@@ -193,8 +195,10 @@ class SpeedLimit(SiModel):
 class Rating(SiModel):
     """Figures of a train by which a line has speed limits: those of the train, or the ones that a limit needs."""
 
-    axle_load: Mass | None = Field(None, gt=0, description="mass on an axle; a limit needs at most it", examples=[20e3])
-    cant_deficiency: Length | None = Field(
+    axle_load: Annotated[Mass | None, Usual(1e3, 100e3)] = Field(
+        None, gt=0, description="mass on an axle; a limit needs at most it", examples=[20e3]
+    )
+    cant_deficiency: Annotated[Length | None, Usual(0.01, 0.5)] = Field(
         None, gt=0, le=1, description="permitted cant deficiency; a limit needs at least it", examples=[0.13]
     )
     brake_percentage: Number | None = Field(

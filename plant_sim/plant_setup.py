@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 from plant_sim.disturbances import DisturbanceSource
 from plant_sim.gears import DraftGear
 from plant_sim.si_model import SiModel
-from plant_sim.units import Force, ForceRate, Length, Number, Place, Ratio, Speed, Time
+from plant_sim.units import Force, ForceRate, Length, Number, Place, Ratio, Speed, Time, Usual
 
 MAX_START_SPEED = 300.0
 """Largest initial speed [m/s]."""
@@ -101,23 +101,27 @@ class WheelSlip(SiModel):
 class Sensors(SiModel):
     """Errors of the sensors, and couplers with a sensor."""
 
-    position_noise: Length = Field(
+    position_noise: Annotated[Length, Usual(1e-5, 20)] = Field(
         0.0, ge=0, description="root mean square of the noise of the position", examples=[0.05]
     )
     velocity_noise: Speed = Field(0.0, ge=0, description="root mean square of the noise of the speed", examples=[0.02])
-    position_quantum: Length = Field(0.0, ge=0, description="resolution of the position; 0 for none", examples=[0.01])
+    position_quantum: Annotated[Length, Usual(1e-5, 50)] = Field(
+        0.0, ge=0, description="resolution of the position; 0 for none", examples=[0.01]
+    )
     velocity_quantum: Speed = Field(0.0, ge=0, description="resolution of the speed; 0 for none", examples=[0.01])
-    position_bias: Length = Field(0.0, description="constant error of the position", examples=[0.5])
+    position_bias: Annotated[Length, Usual(1e-4, 1e3)] = Field(
+        0.0, description="constant error of the position", examples=[0.5]
+    )
     velocity_bias: Speed = Field(0.0, description="constant error of the speed", examples=[0.05])
     freeze: tuple[Freeze, ...] = ()
     wheel_slip: tuple[WheelSlip, ...] = ()
     couplers: tuple[int, ...] = Field(
         (), description="numbers of the vehicles with a coupler sensor behind them", examples=[(0, 1)]
     )
-    deflection_noise: Length = Field(
+    deflection_noise: Annotated[Length, Usual(1e-6, 0.1)] = Field(
         0.0, ge=0, description="root mean square of the noise of a coupler deflection", examples=[0.001]
     )
-    force_noise: Force = Field(
+    force_noise: Annotated[Force, Usual(1, 1e6)] = Field(
         0.0, ge=0, description="root mean square of the noise of a coupler force", examples=[1e3]
     )
 
@@ -129,7 +133,7 @@ class OdometrySpec(SiModel):
         0.003, ge=0, le=MAX_ODOMETER_ERROR, description="largest relative error of the wheel odometer"
     )
     radar_error: Ratio = Field(0.003, ge=0, le=MAX_ODOMETER_ERROR, description="largest relative error of the radar")
-    balise_spacing: Place = Field(500.0, ge=1, description="distance between the balises")
+    balise_spacing: Annotated[Place, Usual(5, 20e3)] = Field(500.0, ge=1, description="distance between the balises")
 
 
 class Mismatch(SiModel):
@@ -219,11 +223,13 @@ class PlantSetup(SiModel):
     lag: Time | tuple[Time, ...] = Field(
         0.0, description="time constant of the actuators: one for all units, or one per unit", examples=[0.3]
     )
-    rate_limit: ForceRate | None = Field(
+    rate_limit: Annotated[ForceRate | None, Usual(500, 100e6)] = Field(
         None, gt=0, description="largest rate of the force of each unit; default: none", examples=[200e3]
     )
-    dead_band: Force = Field(0.0, ge=0, description="force below which a command has no effect", examples=[500.0])
-    force_limit: Force | None = Field(
+    dead_band: Annotated[Force, Usual(1, 100e3)] = Field(
+        0.0, ge=0, description="force below which a command has no effect", examples=[500.0]
+    )
+    force_limit: Annotated[Force | None, Usual(5e3, 50e6)] = Field(
         None, gt=0, description="limit of the force of the train, divided by the masses of the units", examples=[400e3]
     )
     ideal_actuator: bool = Field(False, description="actuator of the papers without envelope and limit")

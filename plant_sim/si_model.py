@@ -5,6 +5,7 @@ The JSON Schema of a model contains the keys with and without suffix, so that ed
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import cache
 from typing import Annotated, Any, Literal, get_args, get_origin
 
@@ -13,7 +14,7 @@ from pydantic.fields import FieldInfo
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, ErrorDetails, InitErrorDetails, PydanticCustomError
 
-from plant_sim.units import Unit, unit_symbol
+from plant_sim.units import Unit, Usual, number_text, unit_symbol
 
 Summary = Annotated[str, Field(description="one line for lists", examples=["Metro, six cars, third rail"])]
 Source = Annotated[str, Field(description="origin of the data", examples=["data sheet of the operator, 2024"])]
@@ -163,6 +164,28 @@ def _types_by_key(model: type[BaseModel]) -> dict[str, set[Any]]:
     types = {name: _types_in(field.annotation) for name, field in model.model_fields.items()}
     found = {field.alias or name: types[name] for name, field in model.model_fields.items()}
     return found | {key: types[name] for key, (name, _) in _suffixed_keys(model).items()}
+
+
+def unusual_values(value: Any, key: str = "") -> Iterator[str]:
+    """Yield key, value and usual magnitudes of every given value of a model that is probably in another unit."""
+    if isinstance(value, (list, tuple)):
+        for number, entry in enumerate(value):
+            yield from unusual_values(entry, f"{key}[{number}]")
+    elif isinstance(value, dict):
+        for name, entry in value.items():
+            yield from unusual_values(entry, f"{key}.{name}")
+    elif isinstance(value, BaseModel):
+        for name, field in type(value).model_fields.items():
+            usual = next((entry for entry in field.metadata if isinstance(entry, Usual)), None)
+            given, place = getattr(value, name), f"{key}.{name}".lstrip(".")
+            if usual is None:
+                yield from unusual_values(given, place)
+            elif given is not None and name in value.model_fields_set:
+                largest = max((abs(scalar) for scalar in _scalars(given)), default=0.0)
+                if largest and not usual.low <= largest <= usual.high:
+                    unit = _unit_of(list(field.metadata), field.annotation)
+                    bounds = f"{number_text(usual.low)} to {number_text(usual.high)} {unit.si if unit else ''}"
+                    yield f"{place} = {number_text(largest)}: usual are {bounds}"
 
 
 def _repeated(error: ErrorDetails) -> InitErrorDetails:

@@ -33,6 +33,14 @@ class Unit:
     suffixes: tuple[tuple[str, float], ...] = ()
 
 
+@dataclass(frozen=True)
+class Usual:
+    """Usual magnitudes of a key, in SI; another one is probably in another unit, and a file with it has a note."""
+
+    low: float
+    high: float
+
+
 Mass = Annotated[float, Unit("kg", (("t", 1e-3),))]
 Length = Annotated[float, Unit("m", (("km", 1e-3), ("mm", 1e3)))]
 Place = Annotated[float, Unit("m", (("km", 1e-3),))]

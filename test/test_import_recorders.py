@@ -483,7 +483,7 @@ def test_a_layout_of_the_user(tmp_path: Path, capsys) -> None:
     layout.write_text(OWN_LAYOUT)
     words = ["import", str(file), "--train", "xuzhou_metro_3", "--line", "level", "--layout", str(layout)]
     assert main([*words, "--out", str(tmp_path / "p.csv"), "--profile-only"]) == 0
-    assert "Handle: share of the largest force at the speed; it is the demand\n" in capsys.readouterr().out
+    assert "Handle: share of the largest force at the speed; it is the demand\n" in capsys.readouterr().err
     found = read_recorder(file, train="xuzhou_metro_3", line="level", layout=layout).found
     command = found.command[None].values
     traction, brake = (

@@ -497,6 +497,15 @@ def test_arcs_of_gradient_and_transition_curves_are_linear_between_their_neighbo
         load_line(geometry(railml, curves("gradientCurve", (arc.format(10), 500, 540))))
 
 
+def test_a_curve_without_a_radius_and_a_length_beside_its_measures_are_told(railml: Path, capsys) -> None:
+    """Breaks if a curve becomes straight, or the places of a net element are scaled, without a word."""
+    railml.write_text(RAILML.replace('radius="-400"', "").replace('length="3600.0"', 'length="3500.0"'))
+    load_line(f"{railml}:Alder..Birch")
+    told = capsys.readouterr().err
+    assert "horizontalCurve: no radius, and no neighbour with one; straight there" in told
+    assert "netElement n4: length 3500 m, its measures have 3600 m; places on it are scaled" in told
+
+
 def sections(*rows: tuple[float, Any]) -> dict[str, Any]:
     return {"speed_sections": [{"id": "s", "speed_limit": speed, "track_ranges": [where]} for speed, where in rows]}
 

@@ -110,6 +110,8 @@ def _joined(extents: list[tuple[float, float]]) -> list[tuple[float, float]]:
     return found
 
 
+SCALED = 0.01
+"""Difference of a length from that of its measures, over the length, that is noted."""
 ENDINGS = (".xml", ".railml")
 SPOT = (
     "@netElementRef", "@pos", "@intrinsicCoord", "linearCoordinate.@positioningSystemRef", "linearCoordinate.@measure",
@@ -277,10 +279,16 @@ def _net_elements(infrastructure: Element, units: dict[str, float], place: str) 
             for rows in measures.values()
             if rows[-1][0] > rows[0][0]
         ]
+        by_measures = lengths
         if element.get("length") is not None:
             lengths = [number_of(element, "length", place)]
         elif not parts and name in tracks:
             lengths = [tracks[name]]
+        if by_measures and not parts and abs(by_measures[0] - lengths[0]) > SCALED * lengths[0]:
+            print_assumption(
+                f"{place}: netElement {name}: length {number_text(lengths[0])} m, its measures have "
+                f"{number_text(by_measures[0])} m; places on it are scaled"
+            )
         if not parts and (not lengths or lengths[0] <= 0):
             raise ValueError(
                 f"{place}: netElement {name}: no length, no linear coordinates of its ends, and no track with a length "

@@ -301,6 +301,9 @@ def radii(infrastructure: Element, location: Location, path: TrackPath) -> list[
         elif curve.get("curveType") not in ("straight", "mixed"):
             transitions += [_Transition(begin, end, None, entry) for begin, end in _joined(passages)]
     found = _between(rows, transitions, 0.0)
+    for transition, values in found.items():
+        if not any(values):
+            print_assumption(f"{transition.entry}: no radius, and no neighbour with one; straight there")
     rows += [piece for entry, (first, last) in found.items() for piece in _pieces(entry, first, last)]
     return [Range(row.begin, row.end, 1.0 / row.value, row.entry) for row in rows if abs(row.value) > 1.0 / STRAIGHT]
 

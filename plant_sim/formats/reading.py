@@ -23,6 +23,7 @@ from plant_sim.formats.railml_collection import read_xml
 from plant_sim.formats.railml_stock import railml_train
 from plant_sim.input_error import build_model
 from plant_sim.line import Line, reversed_line
+from plant_sim.si_model import unusual_values
 from plant_sim.units import number_text
 
 FAST = 100.0
@@ -178,13 +179,18 @@ def holds_train(path: Path) -> bool:
 
 def _note_train_traps(consist: Consist, place: str) -> None:
     """Name masses, lengths, forces, powers and resistances that are probably in another unit."""
-    weight, mass = consist.mass * consist.gravity, number_text(consist.mass)
+    weight = consist.mass * consist.gravity
     doubts = []
     for name, kind in consist.vehicle_types.items():
         if not LIGHT * kind.length <= kind.mass <= HEAVY * kind.length:
             doubts.append(f"{name}: mass {number_text(kind.mass)} kg on {number_text(kind.length)} m")
         if kind.rotating_mass_factor > SLUGGISH:
             doubts.append(f"{name}: rotating_mass_factor {number_text(kind.rotating_mass_factor)}")
+        a, b, c = kind.resistance.polynomial(kind.mass, consist.gravity)
+        drag, own = a + 20.0 * b + 400.0 * c, kind.mass * consist.gravity
+        if drag and not EASY * own <= drag <= STIFF * own:
+            mass = number_text(kind.mass)
+            doubts.append(f"{name}: running resistance {number_text(drag)} N at 72 km/h for {mass} kg")
         for key, segments in (("traction", kind.traction), ("brake", kind.brake)):
             for one, other in pairwise(segments or ()):
                 last, first = one.at(one.to), other.at(one.to)
@@ -194,17 +200,18 @@ def _note_train_traps(consist: Consist, place: str) -> None:
     speed = consist.plan_limits.speed if consist.plan_limits else None
     if speed and speed > FAST:
         doubts.append(f"speed {number_text(speed)} m/s is {number_text(3.6 * speed)} km/h")
+    doubts += unusual_values(consist)
     driven = [consist.vehicles[unit].traction for unit in consist.power_units]
-    force = plain_sum(segments[0].at(0.1) for segments in driven)
-    if force and not WEAK * weight <= force <= STRONG * weight:
-        doubts.append(f"traction {number_text(force)} N for {mass} kg")
+    braked = [vehicle.brake for vehicle in consist.vehicles if vehicle.brake]
+    for key, force in (
+        ("traction", plain_sum(segments[0].at(0.1) for segments in driven)),
+        ("brake", plain_sum(max(part.at(part.to) for part in segments) for segments in braked)),
+    ):
+        if force and not WEAK * weight <= force <= STRONG * weight:
+            doubts.append(f"{key} {number_text(force)} N for {number_text(consist.mass)} kg")
     power = plain_sum(max(part.to * part.at(part.to) for part in segments) for segments in driven)
     if power > POWERFUL * consist.mass:
-        doubts.append(f"traction power {number_text(power)} W for {mass} kg")
-    terms = [vehicle.resistance.polynomial(vehicle.mass, consist.gravity) for vehicle in consist.vehicles]
-    drag = plain_sum(a + 20.0 * b + 400.0 * c for a, b, c in terms)
-    if drag and not EASY * weight <= drag <= STIFF * weight:
-        doubts.append(f"running resistance {number_text(drag)} N at 72 km/h for {mass} kg")
+        doubts.append(f"traction power {number_text(power)} W for {number_text(consist.mass)} kg")
     for doubt in doubts:
         print_assumption(f"{place}: {doubt}; check its unit")
 
@@ -215,6 +222,8 @@ def _note_traps(found: ReadLine, place: str) -> None:
     own = found.format == "train_ato"
     if not SHORT <= (length := line.end - line.begin) <= LONG:
         print_assumption(f"{place}: the line is {number_text(length)} m long; check the unit of its places")
+    for text in unusual_values(line):
+        print_assumption(f"{place}: {text}; check its unit")
     speeds = [(f"speed_limits[{k}]", entry.speed) for k, entry in enumerate(line.speed_limits)]
     speeds += [(f"temporary_restrictions[{k}]", entry.speed) for k, entry in enumerate(line.temporary_restrictions)]
     speeds += [(f"category_limits '{row.category}'", e.speed) for row in line.category_limits for e in row.speed_limits]
@@ -250,9 +259,16 @@ def _note_traps(found: ReadLine, place: str) -> None:
                 "limits the speed there"
             )
     for name in ("grades", "speed_limits", "stops", "curves", "tunnels", "temporary_restrictions", "neutral_sections",
-                 "power_limits", "adhesion"):  # fmt: skip
-        places = [float(row.begin if hasattr(row, "begin") else row.at) for row in getattr(line, name)]
-        early = [k for k, row in enumerate(getattr(line, name)) if getattr(row, "end", line.end) <= line.begin]
+                 "power_limits", "adhesion", "vertical_curves", "coordinates"):  # fmt: skip
+        rows = getattr(line, name)
+        places = [float(row.begin if hasattr(row, "begin") else row.at) for row in rows]
+        late = [k for k, row in enumerate(rows) if places[k] <= line.end < getattr(row, "end", line.end) - ROUNDING]
+        for number in late[:1]:
+            print_assumption(
+                f"{place}: {name}[{number}]: its end {number_text(rows[number].end)} m lies beyond the end of the "
+                f"line, {number_text(line.end)} m{_more(late)}"
+            )
+        early = [k for k, row in enumerate(rows) if getattr(row, "end", line.end) <= line.begin]
         early += [k for k, row in enumerate(line.stops) if name == "stops" and row.at < line.begin]
         for number in early[:1]:
             print_assumption(

@@ -145,11 +145,12 @@ def _write_profile(options: argparse.Namespace, measured: MeasuredRun) -> int:
         raise ValueError(f"--out {path}: exists already; give another name")
     measured.write_profile(path)
     result = {"profile": str(path), **_profile_figures(measured.setup), "measured_notes": measured.found.notes}
+    _print_notes(measured)
     if options.json:
         print_json(result)
         return 0
     _print_rows(result, str(path))
-    _print_notes(measured, path)
+    _print_use(measured, path)
     return 0
 
 
@@ -165,12 +166,13 @@ def _write_run(options: argparse.Namespace, measured: MeasuredRun) -> int:
         "run": str(path),
         "profile": str(path / PROFILE),
     }
+    _print_notes(measured)
     if options.json:
         print_json(result)
         return 0
     _print_rows(result, measured.setup.scenario.name)
     sys.stdout.write(f"profile: {result['measured_profile']}; command: {result['measured_command']}\n")
-    _print_notes(measured, path / PROFILE)
+    _print_use(measured, path / PROFILE)
     sys.stdout.write(f"recorded in {path}; a law on the same profile: train-ato run {path / 'scenario.yaml'}\n")
     return 0
 
@@ -189,9 +191,13 @@ def _print_rows(result: dict[str, Any], title: str) -> None:
     print_table(("quantity", "value"), rows, title)
 
 
-def _print_notes(measured: MeasuredRun, path: Path) -> None:
-    """Print the corrections of the file, and the option that uses the profile."""
+def _print_notes(measured: MeasuredRun) -> None:
+    """Print the corrections and doubts of the file on stderr, also beside JSON."""
     for note in measured.found.notes:
-        sys.stdout.write(f"note: {note}\n")
+        sys.stderr.write(f"note: {note}\n")
+
+
+def _print_use(measured: MeasuredRun, path: Path) -> None:
+    """Print the option that uses the profile."""
     rolling = ", allow_rolling_end: true" if measured.setup.profile.ends_rolling else ""
     sys.stdout.write(f"in another scenario: --set 'profile={{file: {path.resolve()}{rolling}}}'\n")

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field, model_validator
 
 from plant_sim.si_model import SiModel
-from plant_sim.units import Acceleration, Force, Jerk, Length, Ratio, Speed, Time
+from plant_sim.units import Acceleration, Force, Jerk, Length, Ratio, Speed, Time, Usual
 from train_ato.scenario.formula import parse_formula
 
 
@@ -59,7 +59,7 @@ class Criteria(SiModel):
     signals of the run (:mod:`train_ato.scenario.signals`).
     """
 
-    stop_window: Length | None = Field(
+    stop_window: Annotated[Length | None, Usual(0.005, 50)] = Field(
         None,
         gt=0,
         description="largest distance of the front from the target at every stop of the profile",
@@ -77,11 +77,13 @@ class Criteria(SiModel):
     speed_error: Speed | None = Field(
         None, gt=0, description="largest speed error of the whole run, the braking to the stop included", examples=[1.0]
     )
-    position_error: Length | None = Field(
+    position_error: Annotated[Length | None, Usual(0.005, 1e3)] = Field(
         None, gt=0, description="largest position error over the evaluation", examples=[2.0]
     )
-    coupler_draft: Force | None = Field(None, gt=0, description="largest draft of all couplers", examples=[400e3])
-    coupler_buff: Force | None = Field(
+    coupler_draft: Annotated[Force | None, Usual(2e3, 20e6)] = Field(
+        None, gt=0, description="largest draft of all couplers", examples=[400e3]
+    )
+    coupler_buff: Annotated[Force | None, Usual(2e3, 20e6)] = Field(
         None, gt=0, description="largest buff of all couplers, a magnitude", examples=[400e3]
     )
     acceleration: Acceleration | None = Field(

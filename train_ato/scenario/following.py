@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 from plant_sim.input_error import build_model
 from plant_sim.library import read_yaml, split_name
 from plant_sim.si_model import SiModel, Source, Summary
-from plant_sim.units import Length, Place, Speed
+from plant_sim.units import Length, Place, Speed, Usual
 from train_ato.scenario.overlays import RefusedScenario, assign, caused_by, overlay
 from train_ato.scenario.scenario import FOLLOWING, raw_scenario, shipped_following
 
@@ -45,10 +45,10 @@ class TrainOfFollowing(SiModel):
 class FollowingCriteria(SiModel):
     """Requirements on every train behind another one; contacts are never permitted."""
 
-    headway_error: Length | None = Field(
+    headway_error: Annotated[Length | None, Usual(0.05, 5e3)] = Field(
         None, ge=0, description="largest distance from the place of the train ahead one headway before", examples=[2.0]
     )
-    headway_error_rms: Length | None = Field(
+    headway_error_rms: Annotated[Length | None, Usual(0.005, 5e3)] = Field(
         None, ge=0, description="root mean square of the same distance", examples=[0.7]
     )
     headway_speed_error: Speed | None = Field(
@@ -57,7 +57,9 @@ class FollowingCriteria(SiModel):
         description="largest difference from the speed of the train ahead one headway before",
         examples=[0.2],
     )
-    gap: Place | None = Field(None, ge=0, description="smallest distance to the train ahead", examples=[50.0])
+    gap: Annotated[Place | None, Usual(0.5, 20e3)] = Field(
+        None, ge=0, description="smallest distance to the train ahead", examples=[50.0]
+    )
     brake_interventions: int | None = Field(
         0, ge=0, description="largest number of brake interventions of a train", examples=[0]
     )

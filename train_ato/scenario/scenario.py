@@ -15,12 +15,13 @@ from typing import Any, Literal
 from pydantic import Field, ValidationError, model_validator
 
 from plant_sim.consist import Consist
+from plant_sim.formats.fields import print_assumption
 from plant_sim.formats.reading import kinds_of
 from plant_sim.input_error import build_model, close_match, explain, kind_of
 from plant_sim.library import read_yaml, split_name
 from plant_sim.line import Line
 from plant_sim.plant_setup import PlantSetup
-from plant_sim.si_model import SiModel, Source, Summary
+from plant_sim.si_model import SiModel, Source, Summary, unusual_values
 from plant_sim.units import Place, Time, number_text
 from train_ato.control.air_brake.policy import BrakeSpec
 from train_ato.control.force_distribution import DisplacementAt, SharesAt
@@ -410,9 +411,13 @@ def load_scenario(
         assign(data, text)
     data = overlay(data, changes or {})
     try:
-        return check_scenario(data, path), path
+        scenario = check_scenario(data, path)
     except ValueError as error:
         raise caused_by(error, path, changes_of(assignments, changes or {})) from None
+    for text in unusual_values(scenario):
+        if not text.startswith("plant.mismatch."):  # meant to be unusual
+            print_assumption(f"{name}: {text}; check its unit")
+    return scenario, path
 
 
 def changes_of(assignments: Sequence[str], options: Mapping[str, Any]) -> list[tuple[str, str]]:

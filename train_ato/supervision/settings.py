@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 
 from plant_sim.si_model import SiModel
-from plant_sim.units import Length, Place, Ratio, Speed, Time
+from plant_sim.units import Length, Place, Ratio, Speed, Time, Usual
 
 
 class FailsafeSpec(SiModel):
@@ -37,7 +37,7 @@ class SupervisionSpec(SiModel):
 
     enabled: bool | None = Field(None, description="supervision of the speed; default: on a line with speed limits")
     period: Time = Field(0.4, ge=1e-3, le=2.0, description="period of the supervisor, rounded up to ticks")
-    overlap: Place = Field(
+    overlap: Annotated[Place, Usual(1, 5e3)] = Field(
         100.0, ge=0, le=1e5, description="distance from the stop to the end of authority, the supervised location"
     )
     kdry: Ratio = Field(0.8, gt=0, le=1, description="factor Kdry_rst on the emergency deceleration")
@@ -45,11 +45,11 @@ class SupervisionSpec(SiModel):
     service_curve: bool = Field(
         False, description="supervision of the stop by the SBD too, for a law without full service braking"
     )
-    roll_away: Length = Field(2.0, gt=0, description="largest movement backwards")
+    roll_away: Annotated[Length, Usual(0.05, 20)] = Field(2.0, gt=0, description="largest movement backwards")
     speed_difference: Speed = Field(
         2.0, gt=0, description="largest difference of the ATO's speed, beyond the errors of both"
     )
-    position_difference: Place = Field(
+    position_difference: Annotated[Place, Usual(0.5, 1e3)] = Field(
         20.0, gt=0, description="largest difference of the ATO's position, beyond the error of the odometry"
     )
     confirmation: Time = Field(1.0, ge=0, description="duration of a difference before it counts")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 from pydantic import Field, model_validator
 
@@ -10,7 +11,7 @@ from plant_sim.consist import Consist
 from plant_sim.library import consist_names, load_consist, load_line, named_train
 from plant_sim.line import Line
 from plant_sim.si_model import SiModel
-from plant_sim.units import Acceleration, Jerk, Length, Number, Place, Power, Speed, Time
+from plant_sim.units import Acceleration, Jerk, Length, Number, Place, Power, Speed, Time, Usual
 from train_ato.profile.planner.allowance import Allowance
 from train_ato.profile.planner.timing_points import TimingPoint, check_points
 
@@ -76,7 +77,7 @@ class PlanSettings(SiModel):
     recovered: Number = Field(
         0.0, ge=0, le=1, description="part of the electric brake work that returns to the line", examples=[0.6]
     )
-    auxiliary: Power = Field(
+    auxiliary: Annotated[Power, Usual(500, 20e6)] = Field(
         0.0, ge=0, description="auxiliary power, which is part of the net energy at all times", examples=[100e3]
     )
     begin_speed: Speed = Field(0.0, ge=0, description="speed at the begin", examples=[20.0])

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 from pydantic import Field, model_validator
 
 from plant_sim.si_model import SiModel
-from plant_sim.units import Acceleration, Force, ForceRate, Length, Pressure, Ratio, Speed, Time
+from plant_sim.units import Acceleration, Force, ForceRate, Length, Pressure, Ratio, Speed, Time, Usual
 
 
 class AirBrakeRules(SiModel):
@@ -35,10 +37,16 @@ class TripSettings(SiModel):
     recovered: Ratio = Field(0.0, ge=0, le=1, description="share of the electric brake's work that counts as gained")
     traction: Ratio = Field(0.75, gt=0, le=1, description="used part of the traction envelope")
     brake: Ratio = Field(0.8, gt=0, le=1, description="used part of the electric brake")
-    traction_max: Force | None = Field(None, gt=0, description="largest traction force of the train")
-    slew: ForceRate = Field(16e3, gt=0, description="largest change of the force of the train per second")
+    traction_max: Annotated[Force | None, Usual(5e3, 50e6)] = Field(
+        None, gt=0, description="largest traction force of the train"
+    )
+    slew: Annotated[ForceRate, Usual(500, 100e6)] = Field(
+        16e3, gt=0, description="largest change of the force of the train per second"
+    )
     speed_margin: Speed = Field(1.3 / 3.6, ge=0, description="distance from the speed limits")
-    coupler_max: Force = Field(600e3, gt=0, description="largest coupler force on the nominal train")
+    coupler_max: Annotated[Force, Usual(20e3, 20e6)] = Field(
+        600e3, gt=0, description="largest coupler force on the nominal train"
+    )
     independent_units: bool = Field(
         True, description="several power units: shares of the force by place that lower the coupler forces"
     )
