@@ -20,6 +20,7 @@ from plant_sim.input_error import build_model
 from plant_sim.library import load_consist, load_line, named_line
 from plant_sim.line import Line
 from train_ato.profile.planner.settings import find_line, find_train
+from train_ato.scenario.scenario import load_scenario
 
 TRAIN: dict[str, Any] = {
     "schema": "https://railtoolkit.org/schema/rolling-stock.json",
@@ -281,6 +282,17 @@ def test_traps_of_every_format_are_noted(tmp_path, what, path, value, message, c
     file.write_text(json.dumps(data) if what == "bench" else yaml.safe_dump(data))
     (find_train if what in ("train", "consist") else find_line)(str(file))
     assert message in capsys.readouterr().err
+
+
+def test_values_of_a_scenario_in_another_unit_are_noted(capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if 400 for 400 kN is taken without a word, or a shipped scenario has a note."""
+    for name in ("demo", "freight_consensus", "crh380a_gpc:free", "xuzhou_metro:disturbed"):
+        load_scenario(name)
+    assert capsys.readouterr().err == ""
+    load_scenario("demo", ("criteria.coupler_draft=400", "plant.sensors.position_noise_km=50"))
+    told = capsys.readouterr().err
+    assert "note: demo: criteria.coupler_draft = 400: usual are 2000 to 20000000 N; check its unit" in told
+    assert "plant.sensors.position_noise = 50000: usual are 1e-05 to 20 m" in told
 
 
 def test_keys_of_sections_that_a_line_does_not_carry_are_named(tmp_path: Path) -> None:
