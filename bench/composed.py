@@ -1,6 +1,6 @@
 """Time of one tick of the composed graph compared with a bare rclpy ring, and its parts.
 
-    python bench/composed.py [--scenario NAME] [--ticks N] [--rounds R] [--json]
+    python bench/composed.py [--scenario NAME] [--ticks N] [--rounds R]
 
 The ring measures rclpy for the same exchange: five nodes in one process on the same events executor, the same topics
 with the same types and sizes, published as ordinary messages with names, empty callbacks, a recorder with raw
@@ -21,7 +21,6 @@ from __future__ import annotations
 import argparse
 import array
 import functools
-import json
 import sys
 import tempfile
 import time
@@ -271,7 +270,6 @@ def main() -> int:
     parser.add_argument("--scenario", default="daqin_heavy_haul")
     parser.add_argument("--ticks", type=int, default=2500)
     parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     scenario, _ = load_scenario(options.scenario)
     seconds = options.ticks * scenario.tick
@@ -293,46 +291,19 @@ def main() -> int:
     bare, supervised, ours, unsupervised = (min(column) for column in zip(*rounds, strict=True))
     clocked = sum(shares.values())
     shares = {part: seconds * ours / clocked for part, seconds in shares.items()}
+    publish(
+        Figure("tick of the graph", ours * 1e6, "us", "bare rclpy ring", bare * 1e6),
+        Figure("tick of the graph without supervision", unsupervised * 1e6, "us", "bare rclpy ring", bare * 1e6),
+        Figure("ring with supervision", supervised * 1e6, "us", "bare rclpy ring", bare * 1e6),
+        *(Figure(f"tick of the graph, {part}", seconds * 1e6, "us") for part, seconds in shares.items()),
+    )
     goals = [
         Goal("graph without the plant over the bare ring", (ours - shares["plant"]) / bare, MOST_RATIO),
         Goal("simulated over wall time", setup.tick / ours, LEAST_FACTOR, at_least=True),
     ]
     if setup.layout.supervised:
         goals.append(Goal("graph with supervision over the graph without", ours / unsupervised, MOST_SUPERVISED))
-    publish(
-        Figure("tick of the graph", ours * 1e6, "us", "bare rclpy ring", bare * 1e6),
-        Figure("tick of the graph without supervision", unsupervised * 1e6, "us", "bare rclpy ring", bare * 1e6),
-    )
-    result = {
-        "scenario": options.scenario,
-        "vehicles": setup.layout.n_vehicles,
-        "ring_ticks_per_s": 1 / bare,
-        "graph_ticks_per_s": 1 / ours,
-        "ring_us": bare * 1e6,
-        "supervised_ring_us": supervised * 1e6,
-        "graph_us": ours * 1e6,
-        "unsupervised_us": unsupervised * 1e6,
-        "parts_us": {part: seconds * 1e6 for part, seconds in shares.items()},
-        "goals": [goal.as_data() for goal in goals],
-    }
-    if options.json:
-        print(json.dumps(result, indent=2))
-    else:
-        show(result)
-    return judge(goals, quiet=options.json)
-
-
-def show(result: dict[str, Any]) -> None:
-    """Print the result as text."""
-    print(f"{result['scenario']}, {result['vehicles']} vehicles, recorded, lockstep, one process")
-    print(f"  bare rclpy ring  {result['ring_us']:7.1f} us a tick  {result['ring_ticks_per_s']:7.0f} ticks/s")
-    print(f"  graph            {result['graph_us']:7.1f} us a tick  {result['graph_ticks_per_s']:7.0f} ticks/s")
-    print(f"  no supervision   {result['unsupervised_us']:7.1f} us a tick")
-    floor = result["supervised_ring_us"] - result["ring_us"]
-    share = floor / result["unsupervised_us"]
-    print(f"  floor of supervision {floor:6.1f} us a tick, {share:.1%} of the graph without (ring with and without)")
-    for part, microseconds in sorted(result["parts_us"].items(), key=lambda entry: -entry[1]):
-        print(f"    {part:<30} {microseconds:7.1f} us")
+    return judge(goals)
 
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
-"""A figure of a benchmark beside its floor or peer, its goal, and the file that collects the figures of a script.
+"""A figure of a benchmark beside its floor or peer, and its goal.
 
-``python -m bench`` names the file in the environment variable :data:`FILE`; a script that is started alone has none.
-Times on a shared machine are upper bounds: a goal missed by less than the margin is reported and passes; a goal missed
-by more gives exit status 1.
+A script gives its figures to :func:`publish` or :func:`judge`, which print a line for each; ``python -m bench --json``
+names a file in the environment variable :data:`FILE` that gets them as well.  Times on a shared machine are upper
+bounds: a goal missed by less than the margin is reported and passes; a goal missed by more gives exit status 1.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ from __future__ import annotations
 import json
 import math
 import os
-import sys
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -27,20 +26,12 @@ class Figure:
 
     Attributes
     ----------
-    what : str
-        Name, the same in every run of the script.
-    value : float
-        Measured value.
-    unit : str
-        Its unit; empty for a ratio.
-    beside : str
-        Name of the floor (work that no program can save) or of the peer (another library).
-    beside_value : float or None
-        Value of the floor or peer in the same unit.
-    bound : float or None
-        Goal; None: none.
-    at_least : bool
-        True if the goal is a lower bound.
+    what, value, unit
+        Name, the same in every run of the script; measured value and its unit, empty for a ratio.
+    beside, beside_value
+        Floor (work that no program can save) or peer (another library), and its value in the same unit.
+    bound, at_least
+        Goal, an upper bound or a lower one; None: none.
     """
 
     what: str
@@ -57,59 +48,43 @@ class Figure:
         return self.value / self.beside_value if self.beside_value else None
 
     @property
-    def excess(self) -> float:
-        """Factor by which the value is worse than the bound; the goal is met up to 1."""
-        if self.bound is None:
-            return 0.0
-        over, under = (self.bound, self.value) if self.at_least else (self.value, self.bound)
-        return over / under if under else math.inf if over > 0 else 0.0
-
-    @property
     def verdict(self) -> str:
         """``met``, ``missed`` or ``missed widely``; empty without a goal."""
         if self.bound is None:
             return ""
-        return "met" if self.excess <= 1 else "missed" if self.excess <= MARGIN else "missed widely"
+        over, under = (self.bound, self.value) if self.at_least else (self.value, self.bound)
+        excess = over / under if under else math.inf if over > 0 else 0.0
+        return "met" if excess <= 1 else "missed" if excess <= MARGIN else "missed widely"
 
-    def as_data(self) -> dict[str, Any]:
-        """Return the figure as JSON values."""
-        return {**asdict(self), "ratio": self.ratio, "verdict": self.verdict}
-
-
-def Goal(  # noqa: N802  (a figure with a bound)
-    what: str,
-    value: float,
-    bound: float,
-    unit: str = "",
-    *,
-    at_least: bool = False,
-    beside: str = "",
-    beside_value: float | None = None,
-) -> Figure:
-    """Return a figure with an upper or lower bound."""
-    return Figure(what, value, unit, beside, beside_value, bound, at_least)
+    @property
+    def line(self) -> str:
+        """Figure as a line of text."""
+        parts = [f"{self.what}: {self.value:.4g} {self.unit}".rstrip()]
+        if self.ratio is not None:
+            parts.append(f"{self.ratio:.4g} times {self.beside} ({self.beside_value:.4g})")
+        if self.bound is not None:
+            parts.append(f"goal at {'least' if self.at_least else 'most'} {self.bound:g}: {self.verdict}")
+        return ", ".join(parts)
 
 
-def publish(*figures: Figure) -> None:
-    """Append figures to the file of ``python -m bench``; nothing without it."""
-    if name := os.environ.get(FILE):
-        with Path(name).open("a", encoding="utf-8") as file:
-            file.writelines(json.dumps(figure.as_data()) + "\n" for figure in figures)
+def Goal(what: str, value: float, bound: float, unit: str = "", **more: Any) -> Figure:  # noqa: N802
+    """Return a figure with an upper bound, or a lower one with ``at_least``."""
+    return Figure(what, value, unit, bound=bound, **more)
 
 
-def judge(goals: Iterable[Figure], *, quiet: bool = False) -> int:
-    """Publish figures and print a line for each goal; return the exit status, 1 if one is missed widely."""
-    status = 0
-    for goal in goals:
-        publish(goal)
-        status = max(status, int(goal.verdict == "missed widely"))
-        if goal.bound is not None and not quiet:
-            bound = f"{'at least' if goal.at_least else 'at most'} {goal.bound:g} {goal.unit}".rstrip()
-            sys.stdout.write(f"goal: {goal.what}: {bound}: {goal.value:.3g}, {goal.verdict}\n")
-    return status
+def publish(*figures: Figure, quiet: bool = False) -> None:
+    """Print figures, and append them to the file of ``python -m bench --json`` if it is named."""
+    for figure in figures:
+        if not quiet:
+            print(figure.line, flush=True)
+        if name := os.environ.get(FILE):
+            data = {**asdict(figure), "ratio": figure.ratio, "verdict": figure.verdict}
+            with Path(name).open("a", encoding="utf-8") as file:
+                file.write(json.dumps(data) + "\n")
 
 
-def published(path: Path) -> list[dict[str, Any]]:
-    """Return the figures in a file; empty if no script wrote it."""
-    lines: Iterable[str] = path.read_text(encoding="utf-8").splitlines() if path.is_file() else ()
-    return [json.loads(line) for line in lines]
+def judge(figures: Iterable[Figure], *, quiet: bool = False) -> int:
+    """Publish figures; return the exit status, 1 if a goal is missed widely."""
+    found = list(figures)
+    publish(*found, quiet=quiet)
+    return int(any(figure.verdict == "missed widely" for figure in found))

@@ -161,43 +161,29 @@ def loop_cost(loop: Callable[..., None]) -> float:
     return nanoseconds(lambda: loop(200, a.state, a.vehicle, a.gear), 200 * 106, 5)
 
 
-def print_loops(whole: float) -> None:
-    """Print the loops of a released train of 106 vehicles beside bare loops; ``whole`` is the cost of its step [ns]."""
-    print(f"\n{'loop, 106 vehicles, released':36} {'ns':>8} {'bare loop':>12}")
-    rest = whole
-    for name, (loop, bare) in LOOPS.items():
-        cost, floor = loop_cost(loop), loop_cost(bare)
-        rest -= cost
-        publish(Figure(f"loop, {name}", cost, UNIT, "bare loop", floor))
-        print(f"{name:36} {cost:8.2f} {floor:12.2f}")
-    print(f"{'rest: power unit, pieces of line, calls':36} {rest:5.2f}")
-
-
-def print_trains() -> dict[tuple[int, tuple[bool, bool]], tuple[float, float]]:
-    """Print the costs of trains, tick by tick and in a batch; return them [ns per vehicle-step]."""
+def train_costs() -> dict[tuple[int, tuple[bool, bool]], tuple[float, float]]:
+    """Publish the costs of trains, tick by tick and in a batch; return them [ns per vehicle-step]."""
     costs = {}
-    print(f"{'vehicles':>8}  {'':24} {'tick':>8} {'batch':>8}")
     for vehicles in (53, 106, 212, 424, 1000):
         for title, state in (("released", RELEASED), ("air brake applied", APPLIED), ("all effects", FULL)):
-            cost = costs[vehicles, state] = tick_cost(vehicles, state), batch_cost(vehicles, state)
-            print(f"{vehicles:8d}  {title:24} {cost[0]:8.2f} {cost[1]:8.2f}")
+            cost, batch = costs[vehicles, state] = tick_cost(vehicles, state), batch_cost(vehicles, state)
+            publish(Figure(f"{vehicles} vehicles, {title}, tick by tick", cost, UNIT, "in a batch", batch))
     return costs
 
 
 def main() -> int:
-    """Print the tables; return the exit status."""
-    compiled = compile_kernel()
-    print(f"kernel {'compiled now' if compiled else 'from the cache'}; {UNIT}; step 5 ms, tick 0.1 s")
-    costs = print_trains()
+    """Publish the figures; return the exit status."""
+    compile_kernel()
+    costs = train_costs()
     worst = float("inf")
     for title, state in (("released", RELEASED), ("applied", APPLIED)):
         slow = plain_cost(106, brake_on=state[0])
         worst = min(worst, slow / costs[106, state][0])
         publish(Figure(f"106 vehicles, air brake {title}", costs[106, state][0], UNIT, "plain numpy", slow))
-        print(f"{106:8d}  {'plain numpy, ' + title:24} {slow:8.1f}")
-    print_loops(costs[106, RELEASED][1])
+    for name, (loop, bare) in LOOPS.items():
+        publish(Figure(f"loop, {name}", loop_cost(loop), UNIT, "bare loop", loop_cost(bare)))
     one, two = (batch_cost(106, RELEASED, 16, threads) for threads in (1, 2))
-    print(f"\nbatch of 16 trains: one thread {one:.2f}, two {two:.2f} {UNIT}\n")
+    publish(Figure("batch of 16 trains, two threads", two, UNIT, "one thread", one))
     growth = costs[1000, RELEASED][1] / costs[106, RELEASED][1]
     goals = [
         Goal("106 vehicles, released, in a batch", costs[106, RELEASED][1], MOST_NS, UNIT),

@@ -35,10 +35,6 @@ def main() -> int:
     parser.add_argument("--hours", type=float, default=1.0, help="simulated duration [h]")
     hours = parser.parse_args().hours
     floor, peak = peak_mb(SHORT_S), peak_mb(3600.0 * hours)
-    print(f"{'run of 10 s':32} {floor:8.0f} MB")
-    print(
-        f"{f'run of {hours:g} h':32} {peak:8.0f} MB   {peak / floor:.2f} times, {(peak - floor) / hours:.0f} MB an hour"
-    )
     name = f"largest memory of {hours:g} simulated hour"
     return judge((Goal(name, peak, MOST_MB, "MB", beside="run of 10 s", beside_value=floor),))
 

@@ -1,7 +1,5 @@
 """A new topic is one entry of the topic table and one dataclass, without other changes."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import ClassVar
@@ -18,7 +16,7 @@ from train_ato.loop.plant import PlantStage
 from train_ato.loop.setup import prepare
 from train_ato.loop.stage_messages import PlantMessages
 from train_ato.messages.codec.codec import Wire
-from train_ato.messages.topic import AIR_BRAKE, Condition, Owner, Place, Rate, Role, Topic, TrainLayout, joint_states
+from train_ato.messages.topic import AIR_BRAKE, Condition, Owner, Place, Role, Topic, TrainLayout, joint_states
 from train_ato.messages.topics import BY_NAME, TOPICS, topics_of
 from train_ato.messages.types import Array
 from train_ato.scenario.scenario import load_scenario
@@ -47,8 +45,6 @@ MOTORS = Topic(
     Motors,
     joint_states(Owner.UNIT, position="temperature", velocity="slip"),
     publishers=(Role.PLANT,),
-    readers=(),
-    rate=Rate.TICK,
     meaning="motors of every power unit",
 )
 CABIN = Topic(
@@ -57,8 +53,6 @@ CABIN = Topic(
     Cabin,
     (Place("temperature", "temperature"),),
     publishers=(Role.PLANT,),
-    readers=(),
-    rate=Rate.TICK,
     meaning="air of the driver's cabin",
     condition=Condition(lambda layout: layout.n_units > 0, "only with a power unit"),
 )

@@ -10,8 +10,6 @@ from typing import Any
 
 from train_ato.control.contract import parameter, parameters_of
 
-__all__ = ["GivenComponent", "KeywordForm", "in_contract_form", "keyword_values", "started"]
-
 _KINDS = {"bool": bool, "int": int, "float": float, "str": str}
 
 

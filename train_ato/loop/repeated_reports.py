@@ -11,8 +11,6 @@ from typing import Any
 from train_ato.messages.types import Diagnostic
 from train_ato.scenario import ato_requests, changes, interventions
 
-__all__ = ["KeptReports", "RepeatedReport", "Report", "all_reports", "changed_reports"]
-
 Column = Sequence[float]
 EVENTS = frozenset((changes.KEY, interventions.KEY, ato_requests.KEY))
 """Keys of changes during a run: a message with one of them stays a message."""

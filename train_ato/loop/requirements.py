@@ -48,8 +48,6 @@ from train_ato.scenario.formula import (
 )
 from train_ato.scenario.signals import find_signal, unavailable_signal
 
-__all__ = ["robustness_at_start", "robustness_bounds", "robustness_series"]
-
 _ON_GRID = 1e-6
 """Part of a tick by which a limit of a window may be beside a sample."""
 

@@ -18,8 +18,6 @@ from train_ato.profile.profile import Profile
 from train_ato.supervision.odometry import motion_estimate
 from train_ato.supervision.track_supervision import TrackSupervision
 
-__all__ = ["SpeedCeiling", "profile_within"]
-
 MIN_PLACE_STEP, MAX_PLACES = 5.0, 4000
 """Distance of the compared places [m], and their largest number, beyond which the distance is longer."""
 ROUNDS = 8

@@ -192,9 +192,9 @@ class Topic:
     message: Message
     places: tuple[Place, ...]
     publishers: tuple[Role, ...]
-    readers: tuple[Role, ...]
-    rate: Rate
     meaning: str
+    readers: tuple[Role, ...] = ()
+    rate: Rate = Rate.TICK
     texts: tuple[tuple[str, tuple[str, ...]], ...] = ()
     frame: str | int = ""
     condition: Condition = ALWAYS

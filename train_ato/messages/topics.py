@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -93,29 +94,23 @@ _STATUS = (
 """State of one node."""
 _REPORTED = joint_states(Owner.TRAIN_END, position="position", velocity="speed", effort="time")
 
+_truth = partial(Topic, publishers=(Role.PLANT,), optional=True)
+_supervised = partial(Topic, rate=Rate.SUPERVISION, condition=SUPERVISED)
 _TABLE: tuple[Topic, ...] = (
-    Topic(
+    _truth(
         "/clock",
         _CLOCK,
         Tick,
         (Place("clock", "stamp"),),
-        publishers=(Role.PLANT,),
-        readers=(),
-        rate=Rate.TICK,
         meaning="simulation time, for tools; nothing in the loop waits for it",
-        optional=True,
     ),
-    Topic(
+    _truth(
         "train/vehicles",
         _JOINT_STATE,
         VehicleStates,
         joint_states(Owner.VEHICLE, position="position", velocity="velocity", effort="coupler_force"),
-        publishers=(Role.PLANT,),
-        readers=(),
-        rate=Rate.TICK,
         meaning="truth, one entry per vehicle, front first",
         finite=False,
-        optional=True,
     ),
     Topic(
         "train/measurement",
@@ -127,82 +122,61 @@ _TABLE: tuple[Topic, ...] = (
         ),
         publishers=(Role.PLANT,),
         readers=(Role.PROFILE, Role.OBSERVER, Role.CONTROLLER),
-        rate=Rate.TICK,
         meaning="measurement of the onboard ATO, with noise; starts a tick",
     ),
-    Topic(
+    _truth(
         "train/brake_pipe",
         _PRESSURE,
         Pipe,
         (Place("fluid_pressure", "pressure"),),
-        publishers=(Role.PLANT,),
-        readers=(),
-        rate=Rate.TICK,
         meaning="brake-pipe pressure at the head",
         frame=0,
         condition=AIR_BRAKE,
-        optional=True,
     ),
-    Topic(
+    _truth(
         "train/brake_pipe_tail",
         _PRESSURE,
         Pipe,
         (Place("fluid_pressure", "pressure"),),
-        publishers=(Role.PLANT,),
-        readers=(),
-        rate=Rate.TICK,
         meaning="brake-pipe pressure at the tail",
         frame=-1,
         condition=AIR_BRAKE,
-        optional=True,
     ),
-    Topic(
+    _truth(
         "train/brake_shoes",
         _JOINT_STATE,
         BrakeShoes,
         joint_states(Owner.VEHICLE, effort="shoe_force"),
-        publishers=(Role.PLANT,),
-        readers=(),
-        rate=Rate.TICK,
         meaning="air brake of every vehicle",
         condition=AIR_BRAKE,
         finite=False,
-        optional=True,
     ),
-    Topic(
+    _truth(
         "train/disturbance",
         _JOINT_STATE,
         Disturbance,
         joint_states(Owner.VEHICLE, effort="force"),
-        publishers=(Role.PLANT,),
-        readers=(),
-        rate=Rate.TICK,
         meaning="true external disturbance forces",
         condition=DISTURBED,
         finite=False,
-        optional=True,
     ),
-    Topic(
+    _supervised(
         "train/odometry",
         _JOINT_STATE,
         Odometry,
         joint_states(Owner.ODOMETER, position="position", velocity="speed", effort="since_balise"),
         publishers=(Role.PLANT,),
         readers=(Role.SUPERVISOR,),
-        rate=Rate.SUPERVISION,
         meaning="odometry of the supervisor, independent of the measurement; starts its step",
-        condition=SUPERVISED,
     ),
-    Topic(
+    _supervised(
         "train/protection",
         _JOINT_STATE,
         ProtectionState,
         joint_states(Owner.BRAKE_LINE, position="active"),
         publishers=(Role.PLANT,),
         readers=(Role.CONTROLLER,),
-        rate=Rate.SUPERVISION,
         meaning="traction cut-off and brakes in effect, demanded by the supervisor, a fail-safe reaction or a request",
-        condition=SUPERVISED,
     ),
     Topic(
         REPORT,
@@ -231,38 +205,32 @@ _TABLE: tuple[Topic, ...] = (
         meaning="newest report of the train ahead that has reached the train; profile and supervisor have a link each",
         condition=BEHIND,
     ),
-    Topic(
+    _supervised(
         "atp/brake_release",
         _JOINT_STATE,
         BrakeRelease,
         joint_states(Owner.BRAKE_LINE, position="released", velocity="alive"),
         publishers=(Role.SUPERVISOR,),
         readers=(Role.PLANT,),
-        rate=Rate.SUPERVISION,
         meaning="release of traction and brakes; the plant brakes without it",
-        condition=SUPERVISED,
     ),
-    Topic(
+    _supervised(
         "atp/speeds",
         _JOINT_STATE,
         SupervisedSpeeds,
         joint_states(Owner.SUPERVISED_SPEED, position="position", velocity="speed"),
         publishers=(Role.SUPERVISOR,),
         readers=(Role.CONTROLLER,),
-        rate=Rate.SUPERVISION,
         meaning="speed of the train and limits of the supervision: permitted, warning, service brake, emergency brake",
-        condition=SUPERVISED,
     ),
-    Topic(
+    _supervised(
         "ato/state",
         _JOINT_STATE,
         AtoReport,
         joint_states(Owner.ATO, position="position", velocity="velocity", effort="state"),
         publishers=(Role.CONTROLLER,),
         readers=(Role.PROFILE,),
-        rate=Rate.SUPERVISION,
         meaning="state of the ATO and its measured motion",
-        condition=SUPERVISED,
         finite=False,
         optional=True,
     ),
@@ -290,7 +258,6 @@ _TABLE: tuple[Topic, ...] = (
         Trajectory,
         knots("", acceleration=False, position="place from which the limit holds"),
         publishers=(Role.PROFILE,),
-        readers=(),
         rate=Rate.ONCE,
         meaning="speed limit over the line, as steps",
         frame=LINE_FRAME,
@@ -313,7 +280,6 @@ _TABLE: tuple[Topic, ...] = (
         ),
         publishers=(Role.PROFILE,),
         readers=(Role.CONTROLLER,),
-        rate=Rate.TICK,
         meaning="reference at the stamp, one point",
         frame=LINE_FRAME,
         texts=(("joint_names", ("train",)),),
@@ -325,7 +291,6 @@ _TABLE: tuple[Topic, ...] = (
         joint_states(Owner.UNIT, effort="force"),
         publishers=(Role.OBSERVER,),
         readers=(Role.CONTROLLER,),
-        rate=Rate.TICK,
         meaning="disturbance force per power unit",
     ),
     Topic(
@@ -335,7 +300,6 @@ _TABLE: tuple[Topic, ...] = (
         joint_states(Owner.UNIT, effort="force"),
         publishers=(Role.CONTROLLER,),
         readers=(Role.PLANT,),
-        rate=Rate.TICK,
         meaning="force demand per power unit as sent; ends a tick",
     ),
     Topic(
@@ -345,7 +309,6 @@ _TABLE: tuple[Topic, ...] = (
         (Place("fluid_pressure", "pressure", meaning="absolute; 600 kPa releases"),),
         publishers=(Role.CONTROLLER,),
         readers=(Role.PLANT,),
-        rate=Rate.TICK,
         meaning="brake-pipe pressure demanded at the head",
         frame=0,
         condition=AIR_BRAKE,
@@ -357,7 +320,6 @@ _TABLE: tuple[Topic, ...] = (
         Diagnostic,
         _STATUS,
         publishers=(Role.PLANT, Role.PROFILE, Role.OBSERVER, Role.CONTROLLER, Role.SUPERVISOR),
-        readers=(),
         rate=Rate.SECOND,
         meaning="mode, law, delays, limits, interventions, per node; also immediately after an event",
     ),

@@ -163,8 +163,6 @@ def padded(columns: Iterable[Array], tail: int) -> Array:
     return pad
 
 
-__all__ = ["Profile"]
-
 TAIL = 1024
 """Number of knots at rest stored after the end, so that a preview beyond the end is a slice."""
 

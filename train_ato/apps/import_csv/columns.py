@@ -10,8 +10,6 @@ from typing import Any, get_args
 from plant_sim.input_error import close_match
 from plant_sim.units import Force, Length, Pressure, Speed, Time, Unit, unit_suffix
 
-__all__ = ["LARGEST_GAP", "QUANTITIES", "TIMESTAMP", "Column", "MeasuredQuantity", "column_of", "spellings"]
-
 LARGEST_GAP = 5.0
 """Default of the maximum time between rows [s]."""
 TIMESTAMP = "timestamp"

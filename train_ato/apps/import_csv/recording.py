@@ -13,8 +13,6 @@ from train_ato.apps.import_csv.samples import ColumnSamples, Rows
 from train_ato.apps.import_csv.table import CsvTable
 from train_ato.messages.types import Array
 
-__all__ = ["Measured", "measured"]
-
 STANDSTILL_NOISE = 0.5 / 3.6
 """Magnitude of the speed noise at standstill [m/s]."""
 MAX_SPEED = 200.0

@@ -26,8 +26,6 @@ from train_ato.profile.profile import Profile
 from train_ato.scenario.scenario import SCHEMA, check_scenario
 from train_ato.version import VERSION
 
-__all__ = ["MEASURED", "NOT_RECORDED", "measured_result", "measured_setup", "write_messages"]
-
 LARGEST_STEP = 0.005
 """Maximum plant step of the scenario [s]."""
 REDUCTION_STEP = 10e3

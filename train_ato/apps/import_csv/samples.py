@@ -12,9 +12,6 @@ from train_ato.apps.import_csv.columns import TIMESTAMP, Column
 from train_ato.apps.import_csv.table import CsvTable
 from train_ato.messages.types import Array
 
-__all__ = ["ColumnSamples", "Rows", "sort_rows"]
-
-
 HOUR = 3600.0
 ZONE = "write date and time with the zone, for example 2026-10-25T02:59:59+02:00"
 

@@ -14,8 +14,6 @@ from train_ato.apps.import_csv.samples import ColumnSamples
 from train_ato.loop.setup import RunSetup
 from train_ato.messages.types import Array
 
-__all__ = ["MeasuredSeries", "series_of"]
-
 MAX_FORCE_RATIO = 3.0
 """Maximum force relative to the envelope; larger ones have a wrong unit."""
 

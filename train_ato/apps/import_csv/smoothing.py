@@ -14,8 +14,6 @@ from train_ato.apps.import_csv.recording import Measured
 from train_ato.messages.types import Array
 from train_ato.profile.profile import Profile
 
-__all__ = ["measured_profile", "window_of"]
-
 RIPPLE = 0.025
 """Permitted rms acceleration from noise and resolution, relative to the sustained acceleration."""
 SUSTAINED_S = 20.0

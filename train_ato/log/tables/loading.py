@@ -33,8 +33,6 @@ from train_ato.messages.codec.variable import decode_diagnostic
 from train_ato.messages.topics import BY_NAME, EPOCH_NS
 from train_ato.messages.types import Diagnostic
 
-__all__ = ["Frames", "TableReader", "load"]
-
 PART = 8 * 2**20
 """Size of the messages of a topic from which on a part of its table is complete [bytes]."""
 REPORTS_OF_PART = 4096

@@ -175,9 +175,6 @@ class ForceReserve:
         return self._fractions[0, cell], self._fractions[1, cell]
 
 
-__all__ = ["PlanSection"]
-
-
 @dataclass
 class PlanSection:
     """A section of the front from ``begin`` to ``end``.
