@@ -279,7 +279,7 @@ class NotKept(Gain):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"law": "smcc"}, r"demo\.yaml: unknown law 'smcc' \(did you mean 'smc'\?\)"),
+        ({"law": "smcc"}, r"demo\.yaml: unknown law 'smcc'; did you mean 'smc'\?"),
         ({"law": 3}, r"law 3: give a name, 'module:Class', a class or an object"),
         ({"law": NoReset}, r"class NoReset has no method reset\(\)"),
         ({"law": NoDefault}, r"parameter 'gain' needs a default"),
@@ -293,7 +293,7 @@ class NotKept(Gain):
         ({"restarts": 1}, r"^restart: only a node in a process of its own can be restarted"),
         ({"mode": "processes", "restarts": -1}, r"^restarts -1: give 1 or more, or 0 for none"),
         ({"set": {"seed.a": 1}}, r"set seed\.a: 'seed' is a value, not a block of keys"),
-        ({"set": {"laws.pid.kpp": 1}}, r"pid\.kpp: no such parameter \(did you mean 'kp'\?\)"),
+        ({"set": {"laws.pid.kpp": 1}}, r"pid\.kpp: no such parameter; did you mean 'kp'\?"),
         ({"seed": -1}, r"seed = -1"),
         ({"out": "."}, r"^out \.: exists already"),
     ],
@@ -406,7 +406,7 @@ def test_a_comparison_goes_on_after_a_refusal_and_a_failure(tmp_path):
 @pytest.mark.parametrize(
     ("laws", "message"),
     [
-        (["pid", "pidd"], r"unknown law 'pidd' \(did you mean 'pid'\?\)"),
+        (["pid", "pidd"], r"unknown law 'pidd'; did you mean 'pid'\?"),
         (["lag_smc"], r"demo: no law fits this train: lag_smc: with compensation 'twin'"),
         ("pid", r"laws 'pid': give a list"),
         ([], r"laws: no law"),

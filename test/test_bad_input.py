@@ -502,7 +502,7 @@ def test_an_unknown_component_names_its_option(option, kind, tmp_path, capsys):
     wrong = f"{next(iter(kind.names()))}x"  # type: ignore[attr-defined]
     assert main(["run", "demo", "--engine", option, wrong, f"--out={tmp_path / 'run'}"]) == 2
     said = capsys.readouterr().err
-    assert said.startswith(f"train-ato: {option}: unknown {option[2:]} '{wrong}' (did you mean ")
+    assert said.startswith(f"train-ato: {option}: unknown {option[2:]} '{wrong}'; did you mean ")
     assert ".yaml" not in said and said.count("\n") == 1
     if option != "--law":
         assert main(["compare", "demo", option, wrong]) == 2
@@ -519,4 +519,4 @@ def test_a_refused_pair_names_its_options(tmp_path: Path, capsys: pytest.Capture
         found = {cause.replace("--set ", "--set=") for cause in causes.removeprefix("train-ato: ").split(", ")}
         assert found == {"--law lag_smc", spelled}
     assert main(["compare", "demo", "--laws=pid,smcc", out]) == 2
-    assert capsys.readouterr().err.startswith("train-ato: --laws: unknown law 'smcc' (did you mean 'smc'?)")
+    assert capsys.readouterr().err.startswith("train-ato: --laws: unknown law 'smcc'; did you mean 'smc'?")

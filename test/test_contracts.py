@@ -443,7 +443,7 @@ def test_the_checker_needs_declared_parameters():
     ("target", "message"),
     [
         ("no_such_module:Law", "module 'no_such_module' cannot be imported"),
-        ("train_ato.control.laws.pid:Pidd", r"has no class 'Pidd' \(did you mean 'Pid'\?\)"),
+        ("train_ato.control.laws.pid:Pidd", r"has no class 'Pidd'; did you mean 'Pid'\?"),
         ("law", "'law' does not name a class; write package.module:Class"),
         ("laws/my_law.py:MyLaw", "'laws/my_law.py:MyLaw' names a file; write my_law:MyLaw, in the folder laws"),
     ],

@@ -60,7 +60,7 @@ def broken(number: int, changes: dict[str, Any]) -> list[str]:
         (40, {"form": Form.DEPARTURE, "settings": (), "note": ""}, ["(40): departure without a note"]),
         (21, {"settings": ()}, ["(21): option without settings"]),
         (18, {"settings": ("laws.smc.ks=0",)}, ["(18): literal with settings"]),
-        (21, {"settings": ("laws.smc.kss=0",)}, ["smc.kss: no such parameter (did you mean 'ks'?)"]),
+        (21, {"settings": ("laws.smc.kss=0",)}, ["smc.kss: no such parameter; did you mean 'ks'?"]),
         (21, {"settings": ("laws.smc.ks=-1",)}, ["smc.ks: -1 is outside 0 ... 100"]),
         (21, {"settings": ("laws.smc.ks=0.5",)}, ["setting 'laws.smc.ks=0.5': is the default"]),
         (21, {"settings": ("plant.lags=0",)}, ["plant.lags"]),

@@ -184,7 +184,7 @@ def test_a_run_that_fails_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 def test_a_page_that_is_not_there_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     """One line, exit status 2, nothing written."""
-    with pytest.raises(ValueError, match=r"--measure smcc: no such page \(did you mean 'smc'\?\)"):
+    with pytest.raises(ValueError, match=r"--measure smcc: no such page; did you mean 'smc'\?"):
         chosen(["smcc"])
     with pytest.raises(SystemExit) as end:
         command_line.main(["--measure", "smcc"])

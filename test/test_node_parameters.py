@@ -67,7 +67,7 @@ def test_an_unknown_parameter_is_named(make):
     change = Parameter("smc.kss", value=1.0).to_parameter_msg()
     (result,) = bench.call(SetParameters, "controller/set_parameters", parameters=[change]).results
     said = (
-        "parameter smc.kss: node controller has none of that name (did you mean 'smc.ks'?); `ros2 param list` names all"
+        "parameter smc.kss: node controller has none of that name; did you mean 'smc.ks'?; `ros2 param list` names all"
     )
     assert (result.successful, result.reason) == (False, said)
 

@@ -121,7 +121,7 @@ class WithoutProfile:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"observer": "esoo"}, r"unknown observer 'esoo' \(did you mean 'eso'\?\)"),
+        ({"observer": "esoo"}, r"unknown observer 'esoo'; did you mean 'eso'\?"),
         ({"observer": 3}, r"observer 3: give a name, 'module:Class', a class or an object"),
         ({"compensation": ("twin",)}, r"compensation \('twin',\): give a name"),
         ({"compensation": "my_compensation:Nothing"}, r"module 'my_compensation' has no class 'Nothing'"),

@@ -130,7 +130,7 @@ def test_candidates_have_three_significant_digits_within_the_range() -> None:
 @pytest.mark.parametrize(
     ("names", "over", "words"),
     [
-        (["kpp"], {}, r"--parameters kpp: no parameter of pid \(did you mean 'kp'\?\)"),
+        (["kpp"], {}, r"--parameters kpp: no parameter of pid; did you mean 'kp'\?"),
         (["kd"], {}, r"--parameters kd: pid.kd is 0.0 in the scenario"),
         (["feedforward"], {}, "--parameters feedforward: pid.feedforward is True"),
         (None, {"kp": {"from": -1, "to": 1}}, "over: over: kp: beyond the bounds 0"),

@@ -37,9 +37,9 @@ from msgs_docs.generate.law_pages.demo_runs import demo_of
 from msgs_docs.generate.law_pages.measure import command, measure
 from msgs_docs.generate.law_pages.pages import Component, Measured, components, index, page
 from msgs_docs.generate.rows import read_rows, write_rows
+from plant_sim.input_error import close_match
 from train_ato.apps.runs.progress import share_bar
 from train_ato.cli.params import node_parameters, parameter_file
-from train_ato.control.parameters import closest
 from train_ato.loop.setup import prepare
 from train_ato.scenario.scenario import load_scenario
 
@@ -125,7 +125,7 @@ def chosen(names: list[str]) -> list[Component]:
     known = {component.page: component for component in components()}
     for name in names:
         if name not in known:
-            raise ValueError(f"--measure {name}: no such page{closest(name, known)}; pages: {', '.join(known)}")
+            raise ValueError(f"--measure {name}: no such page{close_match(name, known)}; pages: {', '.join(known)}")
     return [known[name] for name in names or known]
 
 

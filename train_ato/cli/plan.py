@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import argparse
 import math
+import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from plant_sim.input_error import explain
+from plant_sim.input_error import InputFaults, explain
 from train_ato.arguments import check_new_file
 from train_ato.errors import RunInterrupted, check_packages
 
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
     from train_ato.profile.trip.plan import TripPlan
 
 
+OPTIONS = "options of plan"
+"""Source of the settings in a refusal, as in :func:`train_ato.apps.runs.planning.plan`."""
 DEFAULTS = "defaults"
 """Value of ``--trip`` without a file."""
 SCENARIOS, FIGURES = (".yaml", ".yml"), (".png", ".pdf", ".svg")
@@ -29,6 +32,13 @@ OTHER_OPTIONS = (
     "max_speed_kmh", "no_air_brake", "point_mass",
 )  # fmt: skip
 """Options of ``plan`` without a meaning for a trip."""
+_OPTIONS = {
+    "begin": "from-km", "begin_km": "from-km", "end": "to-km", "end_km": "to-km", "speed_max": "max-speed-kmh",
+    **{key: key.replace("_", "-") for key in (
+        "time", "dwell", "allowance", "force_margin", "efficiency", "recovered", "acceleration", "deceleration", "jerk",
+    )},
+}  # fmt: skip
+"""Option of each setting of a plan that a refusal can name."""
 
 
 def add_trip_arguments(parser: argparse.ArgumentParser) -> None:
@@ -159,7 +169,7 @@ def _trip_settings(options: argparse.Namespace) -> Any:
     try:
         return TripSettings.model_validate(data)
     except ValidationError as error:
-        source = "options of plan" if options.trip == DEFAULTS else options.trip
+        source = OPTIONS if options.trip == DEFAULTS else options.trip
         raise explain(error, source, TripSettings, data) from None
 
 
@@ -286,9 +296,20 @@ def plan_from_options(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def execute(options: argparse.Namespace) -> int:
+    """Compute the profile or the trip plan; a refusal names the options in place of the keys of the settings."""
+    try:
+        return execute_plan(options) if options.trip is None else execute_trip(options)
+    except ValueError as error:
+        text = str(error)
+        if not text.startswith((OPTIONS, "allowance")):  # of a file
+            raise
+        keys = rf"\b({'|'.join(_OPTIONS)})(?:\.\d+)?(?= =|:| with )"
+        named = re.sub(keys, lambda key: f"--{_OPTIONS[key[1]]}", text.replace(f"{OPTIONS}: ", ""))
+        raise InputFaults(named) from None
+
+
+def execute_plan(options: argparse.Namespace) -> int:
     """Compute the profile and print one JSON value or a table."""
-    if options.trip is not None:
-        return execute_trip(options)
     from train_ato.apps.runs.progress import PLANNER_NOTE, compilation_noted
     from train_ato.apps.runs.summary_table import format_value
     from train_ato.cli.screen import print_json, print_table

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import difflib
 import logging
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
+from plant_sim.input_error import close_match
 from plant_sim.units import number_text
 from train_ato.control.contract import Parameter, parameters_of
 
@@ -46,12 +46,6 @@ class RefusedParameter(ValueError):
         return f"{self.reason}; {f'{self.other}, or ' if self.other else ''}{setting}"
 
 
-def closest(name: str, known: Iterable[str]) -> str:
-    """Return the hint `` (did you mean 'x'?)`` with the nearest known name; empty if none is near."""
-    near = difflib.get_close_matches(name, list(known), n=1, cutoff=0.5)
-    return f" (did you mean '{near[0]}'?)" if near else ""
-
-
 def make_parameters(dataclass_type: type, values: Mapping[str, Any], owner: str) -> Any:
     """Return a parameter dataclass with ``values`` in place of the defaults.
 
@@ -74,7 +68,7 @@ def make_parameters(dataclass_type: type, values: Mapping[str, Any], owner: str)
     for name, value in values.items():
         if name not in known:
             listed = ", ".join(known) or "none"
-            raise ValueError(f"{owner}.{name}: no such parameter{closest(name, known)}; {owner} has: {listed}")
+            raise ValueError(f"{owner}.{name}: no such parameter{close_match(name, known)}; {owner} has: {listed}")
         checked[name] = _checked(known[name], value, f"{owner}.{name}")
     return dataclass_type(**checked)
 
@@ -87,7 +81,7 @@ def _checked(entry: Parameter, value: Any, key: str) -> Any:
     if isinstance(entry.default, str):
         if entry.choices and value not in entry.choices:
             raise ValueError(
-                f"{key}: {value!r} is not allowed{closest(str(value), entry.choices)}; choose from: "
+                f"{key}: {value!r} is not allowed{close_match(str(value), entry.choices)}; choose from: "
                 + ", ".join(entry.choices)
             )
         return str(value)

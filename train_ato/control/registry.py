@@ -22,11 +22,12 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from plant_sim.input_error import close_match
 from train_ato.control.component_fault import place_of, refused_at_start
 from train_ato.control.contract import Parameter, parameters_of
 from train_ato.control.gains import Gains, gains_of
 from train_ato.control.keyword_form import in_contract_form
-from train_ato.control.parameters import RefusedParameter, closest, make_parameters
+from train_ato.control.parameters import RefusedParameter, make_parameters
 
 
 class Registry:
@@ -119,7 +120,7 @@ class Registry:
         external = self._entry_points() if target is None else {}
         if target is None and name not in external:
             names = self.names()
-            hint = closest(str(name), names)
+            hint = close_match(str(name), names)
             raise ValueError(f"unknown {self.kind} '{name}'{hint}; known: {', '.join(names)}")
         try:
             loaded = self._in_form(load_class(target) if target is not None else external[name].load())
@@ -249,7 +250,7 @@ def load_class(target: str) -> type:
     found = getattr(module, attribute, None)
     if not isinstance(found, type):
         classes = [name for name, value in vars(module).items() if isinstance(value, type)]
-        raise ValueError(f"module '{module_name}' has no class '{attribute}'{closest(attribute, classes)}")
+        raise ValueError(f"module '{module_name}' has no class '{attribute}'{close_match(attribute, classes)}")
     return found
 
 

@@ -288,7 +288,8 @@ def find(name: str) -> tuple[Path, str | None]:
             raise ValueError(f"unknown scenario '{stem}'{close_match(stem, shipped)}; see `train-ato list`")
         path = shipped[stem]
     elif not path.is_file():
-        raise ValueError(f"{path}: no such file; name a scenario file or one of `train-ato list`")
+        near = close_match(path.stem, shipped_scenarios() | shipped_following())
+        raise ValueError(f"{path}: no such file{near}; name a scenario file or one of `train-ato list`")
     return path, variant[1:] if variant else None
 
 

@@ -15,10 +15,10 @@ import numpy as np
 from plant_sim import kernel as k
 from plant_sim.compiled import compiled
 from plant_sim.elementary import numpy_total
+from plant_sim.input_error import close_match
 from plant_sim.railway import between_entries, envelope_force
 from train_ato.control.algorithms.limits_ahead import LimitsAhead, step_value
 from train_ato.control.command_history import CommandHistory
-from train_ato.control.parameters import closest
 from train_ato.control.train_model import GRID
 from train_ato.loop.controller import ControllerStage, Received
 from train_ato.loop.engine import TickLoop
@@ -253,7 +253,9 @@ def observed(setup: RunSetup, names: Sequence[str] | None = None) -> dict[str, Q
         raise ValueError(f"observe {names!r}: give names in a list, for example ('speed', 'speed_error')")
     for name in names or ():
         if name not in known:
-            raise ValueError(f"observe: unknown quantity '{name}'{closest(name, tuple(known))}; use {', '.join(known)}")
+            raise ValueError(
+                f"observe: unknown quantity '{name}'{close_match(name, tuple(known))}; use {', '.join(known)}"
+            )
     return known if names is None else {name: known[name] for name in names}
 
 
@@ -418,7 +420,7 @@ def weights_of(given: Mapping[str, float] | None) -> dict[str, float]:
         raise ValueError(f"reward {str(given)[:60]!r}: give weights by name, for example {{'tracking': 1.0}}")
     for name, weight in (given or {}).items():
         if name not in known:
-            raise ValueError(f"reward: unknown cost '{name}'{closest(name, tuple(known))}; use {', '.join(known)}")
+            raise ValueError(f"reward: unknown cost '{name}'{close_match(name, tuple(known))}; use {', '.join(known)}")
         if not isinstance(weight, (int, float, np.number)) or not np.isfinite(weight):
             raise ValueError(f"reward: {name}: weight {weight!r} is not finite; give a number")
     return known if given is None else {name: float(given[name]) for name in known if name in given}

@@ -19,7 +19,7 @@ from typing import BinaryIO
 from mcap.opcode import Opcode
 from mcap.records import Channel
 
-from train_ato.control.parameters import closest
+from plant_sim.input_error import close_match
 from train_ato.log.bag_layout import offered_qos
 from train_ato.log.mcap_records import (
     HEAD,
@@ -367,7 +367,7 @@ def chosen_topics(found: Mapping[str, LogTopic], options: ReplayOptions) -> dict
         for name in names:
             if absolute(name) not in found:
                 raise ValueError(
-                    f"{option} {name}: not in the log{closest(absolute(name), found)}; it has: {_list(found)}"
+                    f"{option} {name}: not in the log{close_match(absolute(name), found)}; it has: {_list(found)}"
                 )
     wanted = {absolute(name) for name in options.topics} or set(found)
     wanted -= {absolute(name) for name in options.exclude}

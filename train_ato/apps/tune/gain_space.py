@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
+from plant_sim.input_error import close_match
 from plant_sim.library import read_yaml
 from train_ato.apps.runs.scenario_choice import ScenarioChoice, put_components
 from train_ato.apps.sweep.dimensions import Dimension, read_dimensions
 from train_ato.control.contract import Parameter
-from train_ato.control.parameters import closest
 from train_ato.control.registry import LAWS
 from train_ato.loop.engine import run_engine
 from train_ato.loop.setup import RunSetup
@@ -343,7 +343,9 @@ def _given(law: str, declared: Mapping[str, Parameter], spec: TuneSpec) -> dict[
 
 def _declared(declared: Mapping[str, Parameter], law: str, name: str, where: str) -> Parameter:
     if name not in declared:
-        raise ValueError(f"{where}: no parameter of {law}{closest(name, declared)}; use one of {', '.join(declared)}")
+        raise ValueError(
+            f"{where}: no parameter of {law}{close_match(name, declared)}; use one of {', '.join(declared)}"
+        )
     return declared[name]
 
 

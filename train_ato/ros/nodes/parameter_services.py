@@ -11,13 +11,15 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.parameter_service import ParameterService
 
-from train_ato.control.parameters import closest
+from plant_sim.input_error import close_match
 from train_ato.errors import FirstFailure, of_own_code
 
 
 def unknown_parameter(node: str, given: str, names: list[str]) -> str:
     """Return the refusal of a parameter that a node does not have."""
-    return f"parameter {given}: node {node} has none of that name{closest(given, names)}; `ros2 param list` names all"
+    return (
+        f"parameter {given}: node {node} has none of that name{close_match(given, names)}; `ros2 param list` names all"
+    )
 
 
 class ParameterServices(ParameterService):  # type: ignore[misc]
