@@ -20,6 +20,7 @@ COLUMNS: tuple[tuple[str, str], ...] = (
     ("controller", "law"),
     ("speed_rmse_kmh", "rms km/h"),
     ("speed_error_max_kmh", "max"),
+    ("overspeed_max_kmh", "overspeed"),
     ("stop_error_m", "stop error m"),
     ("coupler_draft_max_kn", "draft kN"),
     ("coupler_buff_max_kn", "buff"),
@@ -30,7 +31,7 @@ COLUMNS: tuple[tuple[str, str], ...] = (
     ("gains", "gains"),
     ("status", "status"),
 )
-COMPARED = COLUMNS[:8]
+COMPARED = COLUMNS[:9]
 """Law and the metrics with a best value."""
 
 
