@@ -20,7 +20,7 @@ it here: the observer is a linear filter, and the estimate of the paper is d_hat
 
     g_k = E g_{k-1} + (1 - E) delta_hat_{k-1},  E = exp(-ndo_omega Tc)
 
-with the same bits up to rounding. Default 0: delta_hat stays in d_hat.
+This holds up to rounding. By default `ndo_omega` is 0, and delta_hat stays in d_hat.
 
 Gains of the model: those of `smc`; centres up to .5 m and .5 m/s, so that the network has the same slope for all
 errors of a run. It integrates S at a rate of 1.3 gamma, and S decays at ks: gamma = ks²/16 is a tenth of critical.

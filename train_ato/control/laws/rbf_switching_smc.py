@@ -15,9 +15,9 @@ Per unit, e = x - x_d, s = c e + e' (7), all terms as accelerations, M the unit'
 
 Corrections:
 
-* The paper uses measured derivatives and its own a_s' in u_eq, which is unstable (``derivatives: measured``, with the
-  coefficients of (5) corrected and the resistance, which (9) lacks). Here u_eq is the feed-forward that the
-  compensation computes from the *reference* (`pade`: eq. (5) corrected; `preview`: exact).
+* The paper uses measured derivatives and its own a_s' in u_eq. This is unstable, as ``derivatives: measured`` shows
+  (there the coefficients of (5) are corrected, and the resistance, which (9) lacks, is added). Here u_eq is the
+  feed-forward that the compensation computes from the *reference* (`pade`: eq. (5) corrected; `preview`: exact).
 * k = -269 is interpreted as kN on 192 t: k_w = 1.40 m/s².
 * The printed equations lack the minus sign, h_j and b_j, and use E = e''²/2 as objective and e'' as input, which drifts
   by tens of metres; here E = s²/2. ``objective: printed_acceleration`` is the printed form, to reproduce the drift.
