@@ -289,7 +289,7 @@ def test_values_of_a_scenario_in_another_unit_are_noted(capsys: pytest.CaptureFi
     for name in ("demo", "freight_consensus", "crh380a_gpc:free", "xuzhou_metro:disturbed"):
         load_scenario(name)
     assert capsys.readouterr().err == ""
-    load_scenario("demo", ("criteria.coupler_draft=400", "plant.sensors.position_noise_km=50"))
+    load_scenario("demo", ("criteria.coupler_draft_kn=0.4", "plant.sensors.position_noise_km=50"))
     told = capsys.readouterr().err
     assert "note: demo: criteria.coupler_draft = 400: usual are 2000 to 20000000 N; check its unit" in told
     assert "plant.sensors.position_noise = 50000: usual are 1e-05 to 20 m" in told
