@@ -6,8 +6,6 @@ case computes.  Both have the mark ``slow`` too.  A case that the file calls ``q
 its part of the program.  Marks set by hand in the file stay.  CI runs one share of the campaign.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path

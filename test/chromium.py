@@ -1,7 +1,5 @@
 """Headless Chromium for tests, controlled over a pipe; no port is opened, and only the page is loaded."""
 
-from __future__ import annotations
-
 import base64
 import contextlib
 import json

@@ -1,7 +1,5 @@
 """Fixtures for all tests: signals, data of open projects, a ROS domain, one hypothesis profile; marks by cost."""
 
-from __future__ import annotations
-
 import signal
 from collections.abc import Iterator
 from pathlib import Path

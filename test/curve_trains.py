@@ -1,7 +1,5 @@
 """Trains of the tests of braking curves, with numbers that permit a calculation by hand."""
 
-from __future__ import annotations
-
 from train_ato.supervision.settings import FixedValues
 from train_ato.supervision.step_function import StepFunction
 from train_ato.supervision.train_model import SupervisedTrain, gamma_brake

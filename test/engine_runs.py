@@ -1,7 +1,5 @@
 """Runs of the engine for tests, in the folder of the command ``run`` without its figure."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from train_ato.log.run_folder import RunFolder

@@ -1,7 +1,5 @@
 """Logs for the tests of the tables: of train_ato, of two trains, and of another tool."""
 
-from __future__ import annotations
-
 import numpy as np
 from mcap.writer import Writer
 from rosbags.typesys import get_types_from_msg

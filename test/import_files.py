@@ -1,7 +1,5 @@
 """Synthetic files of an on-board recorder, and the command that imports them."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 Runs with chosen position and speed errors, for the judges of papers 002, 003 and 004.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Trains, profiles and inputs for the tests of laws, observers and compensations."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping
 from typing import Any

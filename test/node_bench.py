@@ -1,7 +1,5 @@
 """Node of the graph beside a plain node, in one process."""
 
-from __future__ import annotations
-
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from waiting import LOOK_S, wait_for

@@ -1,7 +1,5 @@
 """Trains and lines of railtoolkit and TTOBench in the formats of these projects; data/README.md names the sources."""
 
-from __future__ import annotations
-
 import csv
 import json
 from pathlib import Path

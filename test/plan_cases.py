@@ -1,7 +1,5 @@
 """Random lines and trains for the planner's property tests."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Trains, lines and demands shared by the tests of the plant."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Recordings with chosen series, for tests of figures and of judges, and the number of messages in a log."""
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path

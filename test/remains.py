@@ -1,7 +1,5 @@
 """Remains of a run with one process per node: processes, shared memory, locks, tracebacks."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from waiting import wait_for

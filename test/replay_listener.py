@@ -1,7 +1,5 @@
 """Replay in a thread, and a real node that receives its messages and calls its services."""
 
-from __future__ import annotations
-
 import threading
 import time
 from pathlib import Path

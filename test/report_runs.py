@@ -1,7 +1,5 @@
 """Runs that the tests of the report draw, and logs with parts of them missing."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Collection
 from pathlib import Path

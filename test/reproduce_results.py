@@ -1,7 +1,5 @@
 """Results with chosen figures, for tests of judges."""
 
-from __future__ import annotations
-
 import numpy as np
 from recordings import recording_of
 

@@ -1,7 +1,5 @@
 """Requests of other processes to a running graph, by the commands of the program, at chosen ticks."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Runs in Python and in compiled spans for the tests, with the comparison of their messages and recordings."""
 
-from __future__ import annotations
-
 from typing import Any
 from unittest.mock import patch
 

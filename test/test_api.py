@@ -1,7 +1,5 @@
 """Python interface: `import train_ato as ta`, runs, laws without registration, comparisons."""
 
-from __future__ import annotations
-
 import doctest
 import importlib
 import importlib.metadata

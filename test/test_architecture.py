@@ -1,7 +1,5 @@
 """The layers of the packages: every module imports only from its own layer and from lower ones."""
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Iterator
 from functools import cache

@@ -1,7 +1,5 @@
 """Engagement, disengagement and takeover of the ATO."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

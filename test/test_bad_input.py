@@ -1,7 +1,5 @@
 """Bad input: one line, exit status 2, no files left, remedies that are accepted. Each row is a user error."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import os

@@ -3,8 +3,6 @@
 Predictive policy of the air brake: schedules compared by a forecast, on falls that no plan names.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Lines and trains that people bring: tables, GPX and GeoJSON with heights, ALTRIOS, paths over via points."""
 
-from __future__ import annotations
-
 import copy
 import json
 import math

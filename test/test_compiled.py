@@ -1,7 +1,5 @@
 """Compiled kernels on disk, without a writable cache, and without compilation."""
 
-from __future__ import annotations
-
 import gc
 import importlib
 import json

@@ -1,7 +1,5 @@
 """Compiled ticks give messages and recording of the ticks in Python, bit for bit: laws, components, supervisor."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Runs with all nodes in one process: recorded messages, equal to the other ways, and texts of failures."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """Contract tests of laws, observers and compensations: shipped components pass, and every fault is found."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import math

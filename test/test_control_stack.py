@@ -1,7 +1,5 @@
 """Control stack: guards, repeated output, change of the law without a jump, feed-forward, brake policy."""
 
-from __future__ import annotations
-
 import dataclasses
 from types import SimpleNamespace
 

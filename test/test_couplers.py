@@ -1,7 +1,5 @@
 """Couplers: their limits in the trip planner, their fatigue, and their modes in the linear train."""
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path

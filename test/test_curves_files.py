@@ -3,8 +3,6 @@
 Braking curves: every point of the published cases, the whole conversion model, and release speeds of cases.
 """
 
-from __future__ import annotations
-
 import copy
 import json
 import re

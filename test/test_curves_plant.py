@@ -1,7 +1,5 @@
 """Braking curves of the shipped trains against emergency-brake runs of the plant."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Braking curves against the formulas of SUBSET-026, 3.13, a small-step integration, and their ends and trains."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

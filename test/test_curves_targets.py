@@ -1,7 +1,5 @@
 """Limits of single targets and the choice among the targets of a line, with numbers by hand."""
 
-from __future__ import annotations
-
 import pytest
 from curve_trains import FIXED, LEVEL, supervised_train
 

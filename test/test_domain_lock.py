@@ -1,7 +1,5 @@
 """Domain of a run: lock in the scope of the network, and the environment."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

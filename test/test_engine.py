@@ -3,8 +3,6 @@
 Plan of a law: in the log once a second in every mode of a run, with the same texts, and on the live page.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import math

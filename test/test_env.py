@@ -1,7 +1,5 @@
 """The environment drives the run of the engine step by step: the same bits, its states, its refusals."""
 
-from __future__ import annotations
-
 import copy
 import itertools
 import pickle

@@ -1,7 +1,5 @@
 """Tables of the equations and of the open choices of the papers agree with the code."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path

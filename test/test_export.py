@@ -1,7 +1,5 @@
 """Export of tables to files: recorded numbers with units for other tools, or no file."""
 
-from __future__ import annotations
-
 import csv
 import json
 

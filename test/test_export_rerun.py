@@ -1,7 +1,5 @@
 """``train-ato export RUN --rerun``: a recording for the Rerun viewer, read with the reader of its package."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A program in place of a node, by ``--external``: it needs only what the node uses, and the record says its name."""
 
-from __future__ import annotations
-
 import json
 import os
 import random

@@ -1,7 +1,5 @@
 """Falsification: search on known functions, files that reproduce the break, refusals, Ctrl-C."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -1,7 +1,5 @@
 """Faults: their table, their modes, and the receiving end of messages."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import replace

@@ -4,8 +4,6 @@ Faults of messages, sensors and the train act in simulated time: the log is that
 ``test_fault_table.py`` checks the train of it.  Faults that end a process have the same verdicts.
 """
 
-from __future__ import annotations
-
 import re
 
 import pytest

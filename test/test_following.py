@@ -1,7 +1,5 @@
 """Trains behind each other: reports, profile one headway behind, moving end of authority, figures of the gap."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Bags of other recorders: `info`, `export`, `replay`, `view` and `recover` read them, or name a remedy that works."""
 
-from __future__ import annotations
-
 import json
 import shlex
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Foreign lines and trains in scenarios, TTOBench trains, and conversion."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Nodes outside of the run on its domain: no recorded data are lost, and their messages are rejected."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import os

@@ -1,7 +1,5 @@
 """Tables of a log: equal bit for bit to single decoded messages, for logs of any tool."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -3,8 +3,6 @@
 A limit on the size of files replaces the full disk: writing fails at the same place, without special rights.
 """
 
-from __future__ import annotations
-
 import errno
 import json
 import os

@@ -1,7 +1,5 @@
 """Gains of a law for its train: choice, table, given values, the rule of the model, and the law `pid`."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from pathlib import Path

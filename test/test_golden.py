@@ -1,7 +1,5 @@
 """Golden run: a new run gives the same messages; a difference is reported in one short line."""
 
-from __future__ import annotations
-
 import json
 import random
 import shutil

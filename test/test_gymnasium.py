@@ -1,7 +1,5 @@
 """Environments of Gymnasium: its checks, seeds, spaces and vectors."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import warnings

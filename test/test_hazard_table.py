@@ -1,7 +1,5 @@
 """Every row of the hazard table: complete references, and the hazard with and without its monitors."""
 
-from __future__ import annotations
-
 import ast
 import os
 import subprocess

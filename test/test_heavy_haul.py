@@ -5,8 +5,6 @@ effect of a variant is larger in at least one figure.  A better figure also leav
 with the reason.
 """
 
-from __future__ import annotations
-
 import functools
 from typing import Any, NamedTuple
 

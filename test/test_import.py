@@ -1,7 +1,5 @@
 """Import of measured runs: run folder and profile, and their use by the other commands."""
 
-from __future__ import annotations
-
 import json
 import re
 from datetime import datetime, timedelta

@@ -1,7 +1,5 @@
 """Files of recorders as they are: units in headers, dates, unsorted rows, all faults of a file at once."""
 
-from __future__ import annotations
-
 import re
 import shlex
 from collections.abc import Callable

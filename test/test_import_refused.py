@@ -1,7 +1,5 @@
 """Invalid files for the import: errors of one line with file, row, column and remedy, without output."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

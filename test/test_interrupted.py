@@ -1,7 +1,5 @@
 """Ctrl-C, SIGTERM and a closed terminal: every command ends with one line and leaves no incomplete result."""
 
-from __future__ import annotations
-
 import ctypes
 import gc
 import json

@@ -1,7 +1,5 @@
 """Interventions in a running train: first tick, effect and entry in the log."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import subprocess

@@ -1,7 +1,5 @@
 """Every judge of every paper with absurd and borderline results: each of its verdicts is reached, none by nonsense."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path

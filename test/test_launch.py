@@ -1,7 +1,5 @@
 """Launch files, and the parameter files of the nodes that they read."""
 
-from __future__ import annotations
-
 import ast
 import json
 import subprocess

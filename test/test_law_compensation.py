@@ -1,7 +1,5 @@
 """Predictor, delay estimate and twin against a simulated train."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -3,8 +3,6 @@
 Page of every law on every nominal scenario: its definition of nominal, its measurement, and its cells.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import re

@@ -1,7 +1,5 @@
 """A law without a valid force: the last command is repeated, counted and reported, up to a limit."""
 
-from __future__ import annotations
-
 import json
 import math
 from pathlib import Path

@@ -3,8 +3,6 @@
 The loop is the real one without messages: simulated train, observer, compensation, law, delayed command.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import itertools

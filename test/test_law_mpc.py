@@ -1,7 +1,5 @@
 """Parts of the law mpc: solver, responses, observer, identification and the whole law on short runs."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Law mpc for trains with hauled vehicles: modes of the couplers, their observer, gain, and runs of own trains."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Predictive law: periodic forces, standstill, and its twin in the compiled loop."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

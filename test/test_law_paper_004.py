@@ -1,7 +1,5 @@
 """Paper 004: sampled model, Diophantine identity, optimum, identification, sampling period."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """Laws of papers 000 to 003, step by step and by hand."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -3,8 +3,6 @@
 Forms of the laws as printed in the papers, where the default differs: each against its equation.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Laws by hand, step by step, and their registry."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

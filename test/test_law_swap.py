@@ -1,7 +1,5 @@
 """Changes of the law and takeovers in whole runs: the command keeps the jerk of the profile, the error stays small."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise, permutations

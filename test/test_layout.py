@@ -1,7 +1,5 @@
 """Layouts for runs of several trains: every path gives numbers of the log, at simulated times."""
 
-from __future__ import annotations
-
 import json
 import re
 import xml.etree.ElementTree as ET

@@ -1,7 +1,5 @@
 """Learned resistance by place: estimate, convergence over runs, use by every law, files."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

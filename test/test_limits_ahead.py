@@ -1,7 +1,5 @@
 """Limits ahead of a law: speed limit over the whole train, forces of the units in sections, and mpc with them."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import re

@@ -1,7 +1,5 @@
 """Sections, direction and plan of a line: its effects by place, run backwards, and drawn from curves or coordinates."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Delay lines: delays, jumps and loss by hand, and the threats of EN 50159 to their messages."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """Commands list and compare."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Trains that report live to the train behind, each a program with a namespace in one ROS domain."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

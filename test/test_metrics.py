@@ -1,7 +1,5 @@
 """Figures and criteria of a run against hand calculations."""
 
-from __future__ import annotations
-
 import dataclasses
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """The mutation score: mutants of tables, the list of equivalent mutants, the verdict, and a random sample."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import subprocess

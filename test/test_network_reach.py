@@ -1,7 +1,5 @@
 """Hosts that can join a run: this machine only, others if the user permits them."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -4,8 +4,6 @@ The files are written here in the layouts of the two formats. Length and gradien
 ``tests/data/infras/etcs_infra`` of OSRD (Open Rail Association, LGPL-3.0), 25 km; all other figures are chosen here.
 """
 
-from __future__ import annotations
-
 import json
 from itertools import pairwise
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Files of one's own: ``train-ato new`` and the templates of ``examples/metro``."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

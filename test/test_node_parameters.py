@@ -1,7 +1,5 @@
 """Parameters of the nodes: values at the start, changes and refusals."""
 
-from __future__ import annotations
-
 import gc
 from contextlib import ExitStack
 

@@ -1,7 +1,5 @@
 """Nodes in one process: answers and refusals of messages."""
 
-from __future__ import annotations
-
 import dataclasses
 import time
 from contextlib import ExitStack, suppress

@@ -1,7 +1,5 @@
 """Observers ``ndo``, ``cascaded`` and ``eso``: exact between samples, held over gaps, errors in closed form, units."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Odometry of the supervisor: the odometers of the train, their plausibility, and the estimate of the motion."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from typing import Any
 

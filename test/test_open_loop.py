@@ -1,7 +1,5 @@
 """A driver's run as data: notches, rates and reductions without a law, by hand and on the trains of the example."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Components without registration: names, classes and objects in all modes, and their exceptions in a run."""
 
-from __future__ import annotations
-
 import importlib
 import inspect
 import json

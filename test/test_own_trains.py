@@ -10,8 +10,6 @@ both moved by 350 m forwards and backwards, a stop at another place of the same 
 overspeed, the stop error and the jerk over 1 s of each line.
 """
 
-from __future__ import annotations
-
 import argparse
 import copy
 from collections.abc import Iterator

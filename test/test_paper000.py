@@ -1,7 +1,5 @@
 """Paper 000: series of the judges and cases of the tables."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from law_trains import SINGLE, inputs, model, printed_law

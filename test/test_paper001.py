@@ -1,7 +1,5 @@
 """Paper 001: series of the judges; the whole reproduction of the paper."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

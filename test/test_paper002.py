@@ -1,7 +1,5 @@
 """Paper 002: observers and surface against exact values."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Paper 003: series of the judges; short runs of the law with and without saturation."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

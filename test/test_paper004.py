@@ -1,7 +1,5 @@
 """Paper 004: series of the judges; short runs on sampling period and couplers."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from judge_results import tracked

@@ -1,7 +1,5 @@
 """Properties of every plan: a better train is never slower, on any line and with any jerk limit."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Power units: envelopes, limits, lag, rate, dead band, faults, adhesion; and jumps of parameters."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

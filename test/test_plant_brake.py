@@ -1,7 +1,5 @@
 """Air brake: waves, cylinders, shoe forces by hand, cancelled releases, reservoirs, and the closed form."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

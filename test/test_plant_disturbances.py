@@ -3,8 +3,6 @@
 Faults of the plant during a run: train separation, a dead unit, brake fade, slippery rails.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Emergency brake: a path of its own beside drives, commands and brake-pipe demands, on every train."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The compiled kernel against plain numpy, half the step, conservation laws, and in batches of trains."""
 
-from __future__ import annotations
-
 import platform
 import re
 import sys

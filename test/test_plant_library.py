@@ -1,7 +1,5 @@
 """Shipped trains and lines have the data of their sources; wrong files are rejected in one line."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -7,8 +7,6 @@ Draft gears on a test bench: curves by hand, loops, and conservation of energy.
 Force of a single draft gear along a path of deflections, as on a test bench.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

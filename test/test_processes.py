@@ -1,7 +1,5 @@
 """Nodes in separate processes: a failed process is named, and no process remains."""
 
-from __future__ import annotations
-
 import functools
 import json
 import os

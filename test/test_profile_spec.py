@@ -1,7 +1,5 @@
 """Profiles from phases, points, steps and files: limits, places, knots and one-line refusals."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any

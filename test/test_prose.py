@@ -6,8 +6,6 @@ is" or "who has"; (c) "is" instead of "stands".  The rules apply to docstrings, 
 Markdown pages.
 """
 
-from __future__ import annotations
-
 import ast
 import io
 import os

@@ -1,7 +1,5 @@
 """States of supervision, train and ATO in the summary, the printed table and the line on stderr."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

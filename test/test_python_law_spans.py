@@ -1,7 +1,5 @@
 """A law in Python inside compiled spans gives the messages of ticks in Python, and receives the same inputs."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 

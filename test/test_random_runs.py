@@ -1,7 +1,5 @@
 """Random runs, and combinations of laws, observers and compensations."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import itertools

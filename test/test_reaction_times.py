@@ -1,7 +1,5 @@
 """Reaction times from the loss of a message to the demand of the train, at 10 and 50 Hz."""
 
-from __future__ import annotations
-
 import pytest
 
 from msgs_docs.generate.fault_runs import BASES

@@ -1,7 +1,5 @@
 """Readers of other formats: their rules, and one line for every fault of a file."""
 
-from __future__ import annotations
-
 import copy
 import json
 from itertools import pairwise

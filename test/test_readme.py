@@ -1,7 +1,5 @@
 """README: every block of commands and of Python runs, in order, in an empty folder; every link of the pages leads."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Changes during a run: their entries in the log, and the repetition of the run with them."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import math

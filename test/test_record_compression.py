@@ -1,7 +1,5 @@
 """Every compression gives the same messages in every reader, and the same loss after a kill."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -3,8 +3,6 @@
 Recovery of other logs: metadata for a complete log, bags in several files, other encodings.
 """
 
-from __future__ import annotations
-
 import io
 import random
 import re

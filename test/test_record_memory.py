@@ -1,7 +1,5 @@
 """Memory of a run and of the readers of its log: that of a window or a part, and of the profile."""
 
-from __future__ import annotations
-
 import functools
 import shutil
 import tracemalloc

@@ -1,7 +1,5 @@
 """Three independent readers read the same values from a log in the layout of ``ros2 bag``."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Size of a record, and what info says of it."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

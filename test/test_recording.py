@@ -1,7 +1,5 @@
 """Recording of a run: equal from memory and log, also with missing parts and repeated reports."""
 
-from __future__ import annotations
-
 import os
 import pickle
 from dataclasses import fields

@@ -1,7 +1,5 @@
 """Re-planning during the run: detection from measurements, same start stamp in every mode."""
 
-from __future__ import annotations
-
 import itertools
 from pathlib import Path
 from typing import Any

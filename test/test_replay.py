@@ -1,7 +1,5 @@
 """Replay of a recorded run: messages received by a real node, and service calls."""
 
-from __future__ import annotations
-
 import math
 import socket
 import sys

@@ -1,7 +1,5 @@
 """``train-ato replay`` as a process: another process as listener, keys, Ctrl-C, and the services of rosbag2."""
 
-from __future__ import annotations
-
 import fcntl
 import json
 import os

@@ -1,7 +1,5 @@
 """Replay of a law against a recording, and the clock of a replay."""
 
-from __future__ import annotations
-
 import json
 import math
 import shutil

@@ -1,7 +1,5 @@
 """Log read from any time on by its index, compared with reading from its beginning."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

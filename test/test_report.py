@@ -1,7 +1,5 @@
 """Report: agreement with the log including peaks and times, also for incomplete runs."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

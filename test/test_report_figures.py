@@ -3,8 +3,6 @@
 Time at a force limit, titles of runs with changed laws, and remarks on error figures.
 """
 
-from __future__ import annotations
-
 import re
 import shutil
 from dataclasses import replace

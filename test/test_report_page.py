@@ -1,7 +1,5 @@
 """Report in a browser without network: loading, cursor, common zoom, hidden marks."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Report of a run with brake interventions: limits of the supervisor, events, summary, line at the top."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """First screen of a report: verdict, criteria, speed against profile; best values of a comparison."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Framework of ``train-ato reproduce``: cases run once in workers, failures become verdicts, no process remains."""
 
-from __future__ import annotations
-
 import json
 import multiprocessing
 import os

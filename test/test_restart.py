@@ -1,7 +1,5 @@
 """Restart of nodes whose process has ended, in runs with one process per node."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal

@@ -1,7 +1,5 @@
 """End of a run in every way: status, reason, exit status, outcome of tracking and log."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

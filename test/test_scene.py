@@ -1,7 +1,5 @@
 """The train on its line: bytes of the reference serialiser, in a log, for Foxglove and in a graph."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Searches whose next run depends on the former ones: after a kill the same command goes on where they were."""
 
-from __future__ import annotations
-
 import fcntl
 import json
 from collections.abc import Callable

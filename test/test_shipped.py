@@ -1,7 +1,5 @@
 """Consistency of shipped schemas, topic page, scenarios with their bases, and version."""
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess

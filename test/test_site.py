@@ -1,7 +1,5 @@
 """The site: every page, link and key is in it, it needs no network, and ``train-ato docs`` opens it."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Nodes started by their own commands, as by ``ros2 run``: discovery, and the same log."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

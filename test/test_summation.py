@@ -1,7 +1,5 @@
 """Sums of a run have the same bits in every version of Python."""
 
-from __future__ import annotations
-
 import ast
 import re
 import sys

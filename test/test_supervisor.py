@@ -1,7 +1,5 @@
 """Decisions of the supervisor, of the checks of the ATO and of the train's fail-safe reactions, one by one."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

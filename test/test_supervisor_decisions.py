@@ -1,7 +1,5 @@
 """Decisions and settings of the supervisor at their edges: limits, releases, repeated brakes, reasons, ranges."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from functools import cache
 from typing import Any

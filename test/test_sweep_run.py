@@ -1,7 +1,5 @@
 """Sweeps on Dask workers: killed workers and sweeps, failed and refused rows, one row again, figures."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -3,8 +3,6 @@
 Preparation with parts of former runs: the same run, bit for bit, and new parts for other values.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

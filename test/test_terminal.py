@@ -1,7 +1,5 @@
 """Output of the command line: help, hints, plain text, full numbers and rows, JSON of every command."""
 
-from __future__ import annotations
-
 import importlib
 import json
 import os

@@ -1,7 +1,5 @@
 """The log of compiled ticks, encoded at once, has the records of single messages."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Outcome of tracking: every outcome from made-up series, on both sides of its limit."""
 
-from __future__ import annotations
-
 import functools
 from dataclasses import replace
 from typing import Any

@@ -5,8 +5,6 @@ Trips over neutral sections, power limits, low adhesion and temporary restrictio
 Trips of a train whose applications use up its reservoirs: planned shoe forces against those of the plant.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import signal

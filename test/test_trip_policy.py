@@ -5,8 +5,6 @@ Trips of a train with two power units: shares by place, coupler forces in the se
 Planned motion of the power units: input of the law, feed-forward of the planned force, written scenario.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

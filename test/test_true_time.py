@@ -1,7 +1,5 @@
 """Times of a log are simulated times in every mode of a run; the wall time is a metadata record."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import subprocess

@@ -1,7 +1,5 @@
 """Search for gains: objective, search space, determinism, held-out runs, output, interruption."""
 
-from __future__ import annotations
-
 import csv
 import json
 import sys

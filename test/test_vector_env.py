@@ -1,7 +1,5 @@
 """Many environments in one call: the bits of single ones, their domains and seeds, the next run after an end."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """``verify``: comparison of two logs message by message, also over CPU targets of the kernels."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Driver's display in a real browser: planning area, target bar, stop window, elevation profile, messages, sizes."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

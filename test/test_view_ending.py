@@ -1,7 +1,5 @@
 """Live page before, at and after the end of a run, and without its server."""
 
-from __future__ import annotations
-
 import os
 import signal
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Foxglove WebSocket: topics with definitions, bytes of the log, time."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import socket

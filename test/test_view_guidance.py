@@ -1,7 +1,5 @@
 """Speeds on the dial, targets, delay, brake applications and messages of the driver's display, without a browser."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Pages of other origins: no frame around the live page, no other host name, no topics."""
 
-from __future__ import annotations
-
 import asyncio
 import http.client
 

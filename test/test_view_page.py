@@ -1,7 +1,5 @@
 """Live page in a real browser: drawing, following the train, and requests to the running nodes."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import re

@@ -1,7 +1,5 @@
 """Parts of the live page without a browser: texts of a snapshot, limits ahead, strips, parameters, playback."""
 
-from __future__ import annotations
-
 import asyncio
 import dataclasses
 import math

@@ -1,7 +1,5 @@
 """States of supervision and ATO on the live page, limits of the supervisor, requests to the ATO."""
 
-from __future__ import annotations
-
 import itertools
 import json
 from pathlib import Path

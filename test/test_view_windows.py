@@ -1,7 +1,5 @@
 """Live page in windows of many sizes, and with a killed or replaced run."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import signal

@@ -1,7 +1,5 @@
 """Installation without ROS packages: the engine runs, and the guide names its requirements."""
 
-from __future__ import annotations
-
 import ast
 import importlib
 import importlib.metadata

@@ -1,7 +1,5 @@
 """``train-ato view`` in a separate process, with its page in a headless Chromium."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

@@ -1,7 +1,5 @@
 """Waits for conditions without bounds on wall time, for tests of threads and processes under load."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Callable

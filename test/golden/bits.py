@@ -9,8 +9,6 @@ compensation with and without a supervisor, and the cases of the tests of compil
 times and values of all its topics. Short runs are driven in Python and in compiled ticks.
 """
 
-from __future__ import annotations
-
 import argparse
 import hashlib
 import sys

@@ -5,8 +5,6 @@
 The differences from the stored run are printed, then the new run replaces it.  The commit message gives the reason.
 """
 
-from __future__ import annotations
-
 import shutil
 import sys
 import tempfile

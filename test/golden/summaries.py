@@ -11,8 +11,6 @@ there are any; keys that measure wall time are left out. A renamed key is compar
 (``RENAMED``).
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

@@ -1,7 +1,5 @@
 """Script of a user, read by mypy with the package: every result has a type, none is ``Any``."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 import pandas as pd
