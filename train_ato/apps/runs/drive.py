@@ -164,22 +164,10 @@ class RunMode:
         One of ``MODES``.
     rate : float or None
         Maximum simulated seconds per second of wall time; None is as fast as possible.
-    lockstep : bool
-        False: the graph does not wait for commands; its rate is 1 if none is given.  The engine is always in lockstep.
     domain : int or None
         ROS domain; None takes that of ``ROS_DOMAIN_ID``, without it a free one.
-    compression : str
-        Compression of the log: ``none``, ``fast`` or ``small``.
-    restarts : int
-        With a process for each node: maximum number of restarts of each node; 0 restarts none.
-    start_limit : float or None
-        Maximum wall time of the start of the nodes [s]; None: that of the mode.
-    external : str or None
-        Node of the graph in whose place another program runs, one of ``EXTERNAL``.
-    namespace : str
-        Namespace of all nodes, for one of several trains in a domain; "" for none.
-    followed : bool
-        The run does not begin before a train behind reads its reports.
+    lockstep, compression, restarts, start_limit, external, namespace, followed
+        As in :class:`~train_ato.ros.graph.graph_result.GraphOptions`.  The engine is always in lockstep.
     """
 
     mode: str = "engine"
@@ -424,18 +412,7 @@ def _driven(
             return record.counted(outcome)
         from train_ato.ros.graph.runner import run_graph
 
-        return run_graph(
-            setup,
-            record.folder().path,
-            mode=run_mode.mode,
-            progress=progress,
-            lockstep=run_mode.lockstep,
-            rate=run_mode.rate or 0.0,
-            domain=run_mode.domain,
-            compression=run_mode.compression,
-            restarts=run_mode.restarts,
-            start_limit=run_mode.start_limit,
-            external=run_mode.external,
-            namespace=run_mode.namespace,
-            followed=run_mode.followed,
-        )
+        same = ("lockstep", "domain", "compression", "restarts", "start_limit", "external", "namespace", "followed")
+        options = {name: getattr(run_mode, name) for name in same}
+        place, rate = record.folder().path, run_mode.rate or 0.0
+        return run_graph(setup, place, mode=run_mode.mode, progress=progress, rate=rate, **options)

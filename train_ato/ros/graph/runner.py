@@ -8,8 +8,8 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
-from train_ato.log.compression import DEFAULT
 from train_ato.loop.result import Progress, RunResult
 from train_ato.loop.setup import RunSetup
 from train_ato.messages.topics import Role
@@ -25,16 +25,9 @@ def run_graph(
     *,
     mode: str,
     progress: Callable[[Progress], None] | None = None,
-    lockstep: bool = True,
-    rate: float = 0.0,
     domain: int | None = None,
-    timeout: float | None = None,
-    compression: str = DEFAULT,
-    restarts: int = 0,
-    start_limit: float | None = None,
     external: str | None = None,
-    namespace: str = "",
-    followed: bool = False,
+    **options: Any,
 ) -> RunResult:
     """Run ROS nodes to the end of a scenario, recorded into an existing empty folder.
 
@@ -44,45 +37,20 @@ def run_graph(
         ``composed``: all nodes in this process; ``processes``: one process for each.
     progress
         Called about ten times a second of wall time.
-    lockstep
-        Every tick waits for its command.
-    rate
-        Maximum simulated seconds per second of wall time; 0 is unlimited in lockstep, 1 without it.
     domain
         ROS domain; None takes that of ``ROS_DOMAIN_ID``, without it a free one.
-    timeout
-        Wall time without an answer of a node after which the run fails [s]; None: 10 in lockstep, 3 without it.
-    compression
-        Of the log: ``none``, ``fast`` or ``small``.
-    restarts
-        In ``processes``: maximum number of restarts of each node whose process has ended; 0 restarts none.
-    start_limit
-        Maximum wall time of the start of the nodes [s]; None: 30 in ``composed``, 180 in ``processes``, none with
-        ``external``.
     external
         Node of the graph in whose place another program runs.
-    namespace
-        Namespace of all nodes, for one of several trains in a domain.
-    followed
-        Do not begin before a train behind reads the reports.
+    **options
+        Other attributes of :class:`~train_ato.ros.graph.graph_result.GraphOptions`.
 
     Raises
     ------
     ValueError
         If another run holds the domain, or a node cannot be created; an empty folder is removed.
     """
-    options = GraphOptions(
-        lockstep=lockstep,
-        rate=rate,
-        timeout=timeout,
-        start_limit=start_limit,
-        compression=compression,
-        restarts=restarts,
-        external=None if external is None else Role(external),
-        namespace=namespace,
-        followed=followed,
-    )
-    setup = setup.reporting() if namespace else setup
+    chosen = GraphOptions(external=None if external is None else Role(external), **options)
+    setup = setup.reporting() if chosen.namespace else setup
     begin = time.perf_counter()
 
     def report(ticks: int) -> None:
@@ -91,9 +59,9 @@ def run_graph(
 
     try:
         name = "--domain" if domain is not None else "ROS_DOMAIN_ID"
-        with claim_domain(domain if domain is not None else domain_of_environment(), name, namespace) as held:
+        with claim_domain(domain if domain is not None else domain_of_environment(), name, chosen.namespace) as held:
             print_domain(held)
-            end = _run(mode, setup, folder, held, options, report)
+            end = _run(mode, setup, folder, held, chosen, report)
     except (ValueError, ImportError) as error:
         with suppress(OSError):
             folder.rmdir()
