@@ -54,6 +54,17 @@ def compiled(
     return dispatcher
 
 
+def direct_call(function: Any, *kinds: Any) -> Any:
+    """Return a compiled function for arguments of some types of numba, at which it does not look in a call.
+
+    The look takes 0.5 us for four arrays of records, and milliseconds for many arrays in named tuples.
+    """
+    if config.DISABLE_JIT:
+        return function
+    function.compile(kinds)
+    return function.overloads[kinds].entry_point
+
+
 also_compiled: Any = register_jitable(forceinline=True)
 """Decorator of a function that stays one of Python, and is a part of the compiled functions that call it."""
 

@@ -14,6 +14,7 @@ import argparse
 import sys
 from pathlib import Path
 import time
+from functools import partialmethod
 from typing import Any, NamedTuple
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "bench"))
@@ -29,7 +30,7 @@ from train_ato.apps.sweep.row import drive_point
 from train_ato.apps.sweep.spec import read_sweep
 from train_ato.loop.scenario_data import PartCache
 from train_ato.loop.setup import RunSetup
-from train_ato.loop.spans import kernel
+from train_ato.loop.spans.span import CompiledSpans
 
 RUNS, CORES, GOAL_MINUTES = 64 * 64, 2, 10.0
 SPEC: dict[str, Any] = {
@@ -64,7 +65,7 @@ class CompiledCalls:
     """Cost of the compiled calls of a run."""
 
     def __init__(self, counters: ProcessorCounters | None) -> None:
-        self._counters, self._call = counters, kernel.run_span
+        self._counters, self._call = counters, CompiledSpans.call
         self.cost, self.ticks = Cost(0.0), 0
 
     def __call__(self, *arguments: Any) -> int:
@@ -82,13 +83,14 @@ def measured_run(
 ) -> tuple[Cost, CompiledCalls]:
     """Return the cost of a run and of its compiled calls."""
     calls = CompiledCalls(counters)
-    kernel.run_span, former = calls, kernel.run_span
+    former = CompiledSpans.call
+    CompiledSpans.call = partialmethod(calls)  # type: ignore[assignment, method-assign]
     try:
         before = cost(counters)
         row = drive_point(base, *point, parts)
         spent = cost(counters).since(before)
     finally:
-        kernel.run_span = former
+        CompiledSpans.call = former  # type: ignore[method-assign]
     if row["status"] != "done":
         raise SystemExit(f"run {row['run']}: {row['status']}: {row['reason']}")
     return spent, calls

@@ -14,7 +14,6 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "bench"))
@@ -25,27 +24,28 @@ from train_ato.log.run_folder import Encoder
 from train_ato.log.run_log import RunLog
 from train_ato.loop.engine import TickLoop
 from train_ato.loop.setup import RunSetup, prepare
-from train_ato.loop.spans import kernel, span
+from train_ato.loop.spans import span
 from train_ato.messages.codec.codec import Wire
 from train_ato.messages.topics import topics_of
 from train_ato.scenario.scenario import load_scenario
 
 SCENARIOS = ("daqin_heavy_haul", "xuzhou_metro")
 BEGIN, END = "<!-- begin of the measured table -->\n", "<!-- end of the measured table -->\n"
+COMPILED_CALL = "compiled call: kernel, sensors, supervisor, law, delay line"
 PARTS: tuple[tuple[Any, str, str], ...] = (
     (TickLoop, "tick", "ticks left to Python"),
     (span, "ticks_to_event", "next event"),
     (span, "is_regular", "conditions of a span"),
-    (span._Span, "__init__", "forecast and arrays of a span"),
-    (span._Span, "_store", "states after a span"),
+    (span.Span, "__init__", "forecast and arrays of a span"),
+    (span.CompiledSpans, "call", COMPILED_CALL),
+    (span.Span, "_store", "states after a span"),
     (span.SpanMessages, "__init__", "steps of the supervisor as messages"),
     (span.SpanMessages, "record", "recording in memory, diagnostics"),
     (span.SpanMessages, "block", "messages of the log as arrays"),
     (span.SpanMessages, "store", "receiving ends after a span"),
     (Encoder, "add_ticks", "encoding and log, with waits for the compression"),
 )
-"""Owner, function and text of the parts of a compiled run; the compiled call is measured beside them."""
-COMPILED_CALL = "compiled call: kernel, sensors, supervisor, law, delay line"
+"""Owner, function and text of the parts of a compiled run."""
 
 
 def timed(function: Callable[..., Any], times: dict[str, float], part: str) -> Callable[..., Any]:
@@ -85,14 +85,11 @@ def span_times(run: Callable[[RunSetup], float], setup: RunSetup) -> dict[str, f
     """Return the wall times of a compiled run by part [us per tick]; the rest is the loop of the engine."""
     times: dict[str, float] = {}
     kept = [(owner, name, getattr(owner, name)) for owner, name, _ in PARTS]
-    call = timed(kernel.run_span, times, COMPILED_CALL)
     for owner, name, part in PARTS:
         setattr(owner, name, timed(getattr(owner, name), times, part))
-    span.kernel = SimpleNamespace(run_span=call, AT_LIMIT=kernel.AT_LIMIT)  # type: ignore[assignment]
     try:
         whole = run(setup)
     finally:
-        span.kernel = kernel
         for owner, name, function in kept:
             setattr(owner, name, function)
     times["loop of the engine, start and end"] = whole - sum(times.values())

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from numba import carray, config, typeof
+from numba import carray, typeof
 
-from plant_sim.compiled import compiled
+from plant_sim.compiled import compiled, direct_call
 from plant_sim.railway import fading_resistance
 from plant_sim.record import dtype_of, fill, quantity, zeros
 from train_ato.control.algorithms.guard import (
@@ -111,15 +111,10 @@ class LawForm:
 
     @cached_property
     def direct(self) -> Any:
-        """The guarded law for the records of :func:`plant_sim.record.zeros` only: numba does not look at their types.
-
-        The look takes 0.5 us of a call.
-        """
-        if config.DISABLE_JIT:
-            return self.step
-        kinds = tuple(typeof(zeros(kind, 1)) for kind in (self.constants, self.unit, LawNow, LawUnit))
-        self.step.compile(kinds)
-        return self.step.overloads[kinds].entry_point
+        """The guarded law for the records of :func:`plant_sim.record.zeros` only."""
+        return direct_call(
+            self.step, *(typeof(zeros(kind, 1)) for kind in (self.constants, self.unit, LawNow, LawUnit))
+        )
 
 
 class RecordLaw(GuardedLaw):

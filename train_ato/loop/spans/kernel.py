@@ -341,7 +341,7 @@ def span_ticks(arguments):
 
 
 @compiled(allocates=False)
-def run_span(*arguments):
+def run_span(arguments):
     """Run consecutive ticks until a tick that is left to Python; return the number of ticks run since row 0.
 
     The rows of the call are in ``count``. If a row follows, its tick is run up to the inputs of the law, whose force

@@ -19,6 +19,7 @@ from numba.core import cgutils
 from numba.core.errors import NumbaExperimentalFeatureWarning
 from numba.extending import NativeValue, intrinsic, models, overload, register_model, unbox
 
+from plant_sim.compiled import direct_call
 from train_ato.control.compiled.law_call import LawCall
 
 
@@ -56,13 +57,9 @@ def reader_of(function: Any, row: tuple[Any, ...], *others: Any) -> Callable[...
     others
         Other arguments of the types of those in a call.
     """
-    if config.DISABLE_JIT:
-        return partial(function, None)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", NumbaExperimentalFeatureWarning)  # functions as arguments
-        signature = (NativeKind(typeof(row)), *(typeof(other) for other in others))
-        function.compile(signature)
-    return partial(function.overloads[signature].entry_point, None)
+        return partial(direct_call(function, NativeKind(typeof(row)), *(typeof(other) for other in others)), None)
 
 
 def row_numbers(arguments: tuple[Any, ...]) -> Any:

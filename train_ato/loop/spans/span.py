@@ -9,9 +9,11 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from numba import typeof
 from numpy.typing import NDArray
 
 from plant_sim.brake_events import PipeEvents
+from plant_sim.compiled import direct_call
 from plant_sim.plant_setup import Jump
 from plant_sim.record import zeros
 from train_ato.control.air_brake.predictive_policy import PredictiveBrake
@@ -291,6 +293,7 @@ class CompiledSpans:
         self._of: tuple[Any, ...] = ()
         self._step: LawStep | None = None
         self._retry = self.ticks = 0
+        self._entry: Any = None
         self.untimed = self.has_answer = False
         self._pause = 1
         self.ato: AtoReport | None = None
@@ -309,7 +312,13 @@ class CompiledSpans:
     def run(self) -> int:
         """Run the ticks up to the next event; return their number, 0 if the next tick is left to Python."""
         span = self.begin()
-        return 0 if span is None else self.end(span, int(kernel.run_span(*span.arguments)))
+        return 0 if span is None else self.end(span, self.call(span.arguments))
+
+    def call(self, arguments: tuple[Any, ...]) -> int:
+        """Run the compiled ticks of a span; return their number."""
+        if self._entry is None:
+            self._entry = direct_call(kernel.run_span, typeof(arguments))
+        return int(self._entry(arguments))
 
     def begin(self, *, without_python: bool = False) -> Span | None:
         """Return the span from the present tick up to the next event; None if the tick is left to Python.
