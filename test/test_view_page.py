@@ -9,6 +9,8 @@ from urllib.request import urlopen
 
 import pytest
 from bokeh.client import pull_session
+from bokeh.document import Document
+from bokeh.document.models import DocumentModelManager
 from bokeh.util.token import get_session_id
 from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import websocket_connect
@@ -30,7 +32,8 @@ from view_browser import (
 )
 from waiting import still, wait_for
 
-import train_ato.apps.view.page  # noqa: F401  # the types that a pulled session has
+from train_ato.apps.view.page import ViewPage
+from train_ato.apps.view.recorded import RecordedFeed
 from train_ato.loop.setup import prepare
 from train_ato.ros.graph.environment import held_domains
 from train_ato.scenario.scenario import load_scenario
@@ -58,6 +61,14 @@ def test_a_request_of_the_page_makes_no_session(recorded):
         with pull_session(session_id=get_session_id(tokens[2]), url=view.url) as session:
             assert {root.id for root in session.document.roots} == {*places}
         assert all(f'id="{place}"' in texts[2] for place in places.values())
+
+
+def test_the_models_of_a_page_are_collected_once(recorded, monkeypatch):
+    """Breaks if a page costs four times its figures: bokeh collects all models after every change of an open one."""
+    collected = []
+    monkeypatch.setattr(DocumentModelManager, "recompute", lambda models: collected.append(models))
+    ViewPage(Document(), RecordedFeed(recorded))
+    assert len(collected) == 1
 
 
 def clock_of(page) -> float:

@@ -364,11 +364,12 @@ class ViewPage:
             *self._strips.figures, *(self._along.figures if self._several else ()),
             self._side.bar, self._side.column, view, window,
         ]  # fmt: skip
-        for root in roots:
-            root._id = f"page-{root.name}"  # equal in every browser: the served page names them before its session
-            document.add_root(root)
-        self._link(view, window)
-        self._dress()
+        with document.models.freeze():  # bokeh collects all models of a page after every change of one
+            for root in roots:
+                root._id = f"page-{root.name}"  # equal in every browser: the served page names them before its session
+                document.add_root(root)
+            self._link(view, window)
+            self._dress()
 
     def _link(self, view: RadioButtonGroup, window: RadioButtonGroup) -> None:
         """Link sources, figures and choices in the browser."""
