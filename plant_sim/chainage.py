@@ -131,13 +131,7 @@ def place_of_post(sections: Sequence[ChainageSection], begin: float, text: str) 
 
 
 def with_places(data: dict[str, Any]) -> dict[str, Any]:
-    """Return the keys of a line file with distances for the posts of its chainage.
-
-    Raises
-    ------
-    ValueError
-        One line: key, value, problem; fix.
-    """
+    """Return the keys of a line file with distances for the posts of its chainage."""
     given = _Extent.model_validate({key: data[key] for key in ("chainage", *_ENDS) if key in data})
     sections, begin = given.chainage, given.begin
     if not sections:

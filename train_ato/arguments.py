@@ -163,13 +163,7 @@ def option_name(key: str, dash: str) -> str:
 
 
 def check_new_file(path: Path, endings: Sequence[str], option: str = "--out") -> None:
-    """Refuse an output file that exists already, has a wrong ending or cannot be created.
-
-    Raises
-    ------
-    ValueError
-        One line: option, file, problem; fix.
-    """
+    """Refuse an output file that exists already, has a wrong ending or cannot be created."""
     if path.suffix.lower() not in endings:
         raise ValueError(f"{option} {path}: end it in {', '.join(endings)}")
     if path.exists():

@@ -62,11 +62,6 @@ def altrios_line(
         ``FROM..TO`` or ``FROM..VIA..TO``, numbers of links, perhaps with a speed set after a comma: ``71..557,Local``.
     against
         True for the flipped links from ``TO`` to ``FROM``.
-
-    Raises
-    ------
-    ValueError
-        One line with location, key, value and remedy.
     """
     selection, category = (part.strip() for part in selection.partition(",")[::2])
     known = _known(links, place)
@@ -235,13 +230,7 @@ LOCOMOTIVE_LENGTH = 22.0
 
 
 def altrios_train(data: dict[str, Any], place: str) -> Consist:
-    """Return the train in the data of a file; the locomotives are at its head.
-
-    Raises
-    ------
-    ValueError
-        One line with location, key, value and remedy.
-    """
+    """Return the train in the data of a file; the locomotives are at its head."""
     top = Fields(data, place)
     config = top.below("train_config") if "train_config" in top else top
     counts = config.below("n_cars_by_type")

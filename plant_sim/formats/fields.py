@@ -59,11 +59,6 @@ def refuse_foreign(data: Mapping[str, Any], place: str, what: str, kinds: Mappin
     ----------
     kinds
         Format of the data, as ``train`` or ``line``.
-
-    Raises
-    ------
-    ValueError
-        One line with file, format and remedy.
     """
     other = "train" if what == "line" else "line"
     if other in kinds:
@@ -92,13 +87,7 @@ _GIVE = "give a file of a train or a line in a supported format (train-ato conve
 
 
 def read_bytes(path: Path) -> bytes:
-    """Return the content of a file of at most :data:`MAX_FILE_SIZE`.
-
-    Raises
-    ------
-    ValueError
-        One line with file and reason.
-    """
+    """Return the content of a file of at most :data:`MAX_FILE_SIZE`."""
     try:
         if path.stat().st_size > MAX_FILE_SIZE:
             raise ValueError(f"{path}: larger than {MAX_FILE_SIZE} bytes; give a file of a train or a line")
@@ -108,13 +97,7 @@ def read_bytes(path: Path) -> bytes:
 
 
 def read_any(path: Path) -> Any:
-    """Return the data of a YAML or JSON file.
-
-    Raises
-    ------
-    ValueError
-        One line with file and reason.
-    """
+    """Return the data of a YAML or JSON file."""
     from plant_sim.data_text import parse_json, parse_yaml  # help of convert needs no YAML
 
     try:
@@ -138,13 +121,7 @@ def keyed(data: Any, path: Path) -> dict[str, Any]:
 
 
 def read_data(path: Path) -> dict[str, Any]:
-    """Return the keys and values of a YAML or JSON file.
-
-    Raises
-    ------
-    ValueError
-        One line with file and reason.
-    """
+    """Return the keys and values of a YAML or JSON file."""
     return keyed(read_any(path), path)
 
 
@@ -235,13 +212,7 @@ class Fields:
 
 
 def finite_number(value: Any, place: str, low: float = -math.inf, high: float = math.inf) -> float:
-    """Return a finite number within its range.
-
-    Raises
-    ------
-    ValueError
-        One line with location and value.
-    """
+    """Return a finite number within its range."""
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) < 1e300:
         raise ValueError(f"{place} = {_shown(value)}: must be a finite number")
     if not low <= value <= high:
@@ -254,13 +225,7 @@ _DIGITS = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?", re.ASCII | re.IGNORE
 
 
 def number_in(text: str, place: str, low: float = -math.inf, high: float = math.inf) -> float:
-    """Return the number of a text within its range.
-
-    Raises
-    ------
-    ValueError
-        One line with location and text.
-    """
+    """Return the number of a text within its range."""
     if not _DIGITS.fullmatch(text.strip()):
         raise ValueError(f"{place} = '{text[:30]}': is not a number; correct it")
     return finite_number(float(text), place, low, high)

@@ -73,13 +73,7 @@ def is_line_table(path: Path) -> bool:
 
 
 def table_line(path: Path) -> Line:
-    """Return the line in a table.
-
-    Raises
-    ------
-    ValueError
-        One line with file, line, column and remedy.
-    """
+    """Return the line in a table."""
     columns, rows = _read(path)
     titles = {column.quantity: column.title for column in columns}
     if ("latitude" in titles) != ("longitude" in titles):

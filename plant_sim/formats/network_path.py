@@ -69,11 +69,6 @@ class Network:
         ----------
         against
             True for the same path, run from ``TO`` to ``FROM``.
-
-        Raises
-        ------
-        ValueError
-            One line: file, selection, problem; remedy.
         """
         if not selection:
             found = self._whole()

@@ -46,11 +46,6 @@ def osrd_line(data: dict[str, Any], place: str, selection: str = "", *, against:
         ``FROM..TO``: tracks or operational points; empty for a network without branches.
     against
         True for the line of a train that runs the path from ``TO`` to ``FROM``.
-
-    Raises
-    ------
-    ValueError
-        One line with location, key, value and remedy.
     """
     top = Fields(data, place)
     if not data["track_sections"]:

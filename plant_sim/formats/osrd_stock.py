@@ -63,11 +63,6 @@ def osrd_train(data: dict[str, Any], place: str, selection: str = "") -> Consist
     ----------
     selection
         Conditions of the effort curve, see :func:`with_supply`; empty for the default mode.
-
-    Raises
-    ------
-    ValueError
-        One line with location, key, value and remedy.
     """
     top = Fields(data, place)
     mass, speed = top.number("mass", None, 1.0, 1e9), top.number("max_speed", None, 0.1, 200.0)

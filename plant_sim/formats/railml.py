@@ -53,13 +53,7 @@ NO_SECTION, NO_POWER, POWER = -1.0, 0.0, 1.0
 
 
 def tunnels(infrastructure: Element, location: Location, path: TrackPath) -> list[dict[str, Any]]:
-    """Return the tunnels on a path by rising distance; one without a cross section adds no resistance.
-
-    Raises
-    ------
-    ValueError
-        One line with file, element, value and remedy.
-    """
+    """Return the tunnels on a path by rising distance; one without a cross section adds no resistance."""
     place, found = path.network.place, []
     for crossing in elements_below(infrastructure, "overCrossing"):
         if crossing.get("constructionType") != "tunnel":
@@ -179,11 +173,6 @@ def railml_line(path: Path, selection: str = "", *, against: bool = False) -> tu
         ``FROM..TO``: net elements or operational points; empty for a network without branches.
     against
         True for the line of a train that runs the path from ``TO`` to ``FROM``.
-
-    Raises
-    ------
-    ValueError
-        One line with file, element, value and remedy.
     """
     place, root = str(path), read_root(path)
     found = list(elements_below(root, "infrastructure"))

@@ -31,13 +31,7 @@ def _refuse_document_type(*_: object) -> None:
 
 
 def read_xml(path: Path) -> Element:
-    """Return the root of an XML file without document type and entities.
-
-    Raises
-    ------
-    ValueError
-        One line with file and reason.
-    """
+    """Return the root of an XML file without document type and entities."""
     from xml.etree.ElementTree import ParseError, fromstring
     from xml.parsers.expat import ExpatError, ParserCreate
 
@@ -54,13 +48,7 @@ def read_xml(path: Path) -> Element:
 
 
 def read_root(path: Path) -> Element:
-    """Return the root of a railML file.
-
-    Raises
-    ------
-    ValueError
-        One line with file and reason.
-    """
+    """Return the root of a railML file."""
     root = read_xml(path)
     if tag_of(root) != "railML":
         raise ValueError(f"{path}: root element '{tag_of(root)[:60]}': must be railML of version 3; give such a file")
@@ -98,24 +86,12 @@ def names_below(element: Element, found: dict[str, Any] | None = None) -> dict[s
 
 
 def number_of(element: Element, key: str, place: str, low: float = -1e9, high: float = 1e9) -> float:
-    """Return a number of an attribute within its range.
-
-    Raises
-    ------
-    ValueError
-        One line with file, element, attribute and value.
-    """
+    """Return a number of an attribute within its range."""
     return number_in(element.get(key, ""), f"{entry_of(element, place)}: {key}", low, high)
 
 
 def flag_of(element: Element, key: str, place: str, default: bool = False) -> bool:
-    """Return a truth value of an attribute.
-
-    Raises
-    ------
-    ValueError
-        One line with file, element, attribute and value.
-    """
+    """Return a truth value of an attribute."""
     text = element.get(key)
     if text not in (None, "true", "1", "false", "0"):
         raise ValueError(f"{entry_of(element, place)}: {key} = '{text[:40]}': must be true or false; correct it")

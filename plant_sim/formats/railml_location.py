@@ -89,11 +89,6 @@ class Location:
             Refuse an element without a location on a net element, which is else named.
         signed
             Refuse a location without a known direction.
-
-        Raises
-        ------
-        ValueError
-            One line with file, element, value and remedy.
         """
         found: list[Passage] = []
         known = 0
@@ -241,13 +236,7 @@ class _Transition(NamedTuple):
 
 
 def grades(infrastructure: Element, location: Location, path: TrackPath) -> list[Range]:
-    """Return the grades on a path in running direction; an arc as pieces of constant grade.
-
-    Raises
-    ------
-    ValueError
-        One line with file, element, value and remedy.
-    """
+    """Return the grades on a path in running direction; an arc as pieces of constant grade."""
     place = path.network.place
     rows: list[Range] = []
     arcs: list[_Transition] = []
@@ -281,13 +270,7 @@ def grades(infrastructure: Element, location: Location, path: TrackPath) -> list
 
 
 def radii(infrastructure: Element, location: Location, path: TrackPath) -> list[Range]:
-    """Return the curve radii on a path [m], > 0 to the right in running direction.
-
-    Raises
-    ------
-    ValueError
-        One line with file, element, value and remedy.
-    """
+    """Return the curve radii on a path [m], > 0 to the right in running direction."""
     place = path.network.place
     rows: list[Range] = []
     transitions: list[_Transition] = []

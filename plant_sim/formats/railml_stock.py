@@ -73,11 +73,6 @@ def railml_train(path: Path, selection: str = "") -> tuple[Consist, tuple[str, .
     ----------
     selection
         Identifier of the formation; empty for a file with one.
-
-    Raises
-    ------
-    ValueError
-        One line with file, element, value and remedy.
     """
     place, root = str(path), read_root(path)
     if next(elements_below(root, "rollingstock"), None) is None:

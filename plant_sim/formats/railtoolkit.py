@@ -71,11 +71,6 @@ def train_from(data: dict[str, Any], place: str, selection: str = "") -> Consist
     ----------
     selection
         Name or identifier of the train; empty for a file with one.
-
-    Raises
-    ------
-    ValueError
-        One line with location, key, value and remedy.
     """
     top = Fields(data, place)
     known: dict[str, Fields] = {}
@@ -220,11 +215,6 @@ def railtoolkit_line(data: dict[str, Any], place: str, selection: str = "") -> L
     ----------
     selection
         Name or identifier of the path; empty for a file with one.
-
-    Raises
-    ------
-    ValueError
-        One line with location, key, value and remedy.
     """
     top = Fields(data, place)
     path = _selected(top, "paths", selection)

@@ -70,11 +70,6 @@ def read_line(path: Path, selection: str = "", *, against: bool = False) -> Read
     against
         True for the line of a train in the other direction; a path through a network is read anew, because limits may
         differ by direction, another line is mirrored.
-
-    Raises
-    ------
-    ValueError
-        One line with file, key, value and remedy.
     """
     place = str(path)
     mirrored = False
@@ -128,11 +123,6 @@ def read_train(path: Path, *, point_mass: bool = False, selection: str = "") -> 
     ----------
     selection
         Name or identifier of one of several trains.
-
-    Raises
-    ------
-    ValueError
-        One line with file, key, value and remedy.
     """
     found = _train_of(path, point_mass, selection)
     _note_train_traps(found.consist, str(path))

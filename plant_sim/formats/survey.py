@@ -53,13 +53,7 @@ def is_geojson(data: dict[str, Any]) -> bool:
 
 
 def geojson_line(data: dict[str, Any], place: str, selection: str = "") -> Line:
-    """Return the line along the track of a file.
-
-    Raises
-    ------
-    ValueError
-        One line with location, key, value and remedy.
-    """
+    """Return the line along the track of a file."""
     entries = Fields(data, place).entries("features", 0) if data["type"] == "FeatureCollection" else [data]
     tracks: list[tuple[str, list[Spot]]] = []
     stations: list[tuple[str, Spot]] = []
@@ -94,13 +88,7 @@ def _spot(row: Any, place: str) -> Spot:
 
 
 def gpx_line(root: Element, place: str, selection: str = "") -> tuple[Line, tuple[str, ...]]:
-    """Return the line along a track, or route, of a GPX file, and the elements that it does not carry.
-
-    Raises
-    ------
-    ValueError
-        One line with location, value and remedy.
-    """
+    """Return the line along a track, or route, of a GPX file, and the elements that it does not carry."""
     tracks: list[tuple[str, list[Spot]]] = []
     stations: list[tuple[str, Spot]] = []
     if root.tag.rpartition("}")[2] != "gpx":

@@ -50,13 +50,7 @@ def is_ttobench(data: dict[str, Any]) -> bool:
 
 
 def ttobench_line(data: dict[str, Any], place: str) -> Line:
-    """Return the line in the data of a file.
-
-    Raises
-    ------
-    ValueError
-        One line with location, key, value and remedy.
-    """
+    """Return the line in the data of a file."""
     top = Fields(data, place)
     stops = _stops(top.below("stops"))
     limits = _steps(top.below("speed limits"), "velocity", SPEEDS, 1e-3, 1e3)
@@ -234,11 +228,6 @@ def ttobench_train(data: dict[str, Any], place: str, *, point_mass: bool = False
         Data of the file, and its name.
     point_mass
         Accept a train without a length, which a point mass does not use.
-
-    Raises
-    ------
-    ValueError
-        One line with location, key, value and remedy.
     """
     top = Fields(data, place)
     mass = _quantity(top, "mass", "mass", low=1.0)

@@ -262,13 +262,7 @@ def _add_train_arguments(parser: argparse.ArgumentParser, least: Callable[[str],
 
 
 def plan_from_options(options: argparse.Namespace) -> dict[str, Any]:
-    """Compute the profile of the options, write the files, and return the figures of the plan.
-
-    Raises
-    ------
-    ValueError
-        One line: option, problem; fix.
-    """
+    """Compute the profile of the options, write the files, and return the figures of the plan."""
     from train_ato.apps.runs.planning import plan
 
     if options.journey is not None:

@@ -49,11 +49,6 @@ def check_rows(key: str, noun: str, places: Sequence[float], rows: Sequence[Sequ
         Numbers at every place.
     units
         Number of power units.
-
-    Raises
-    ------
-    ValueError
-        One line: key, value, problem; fix.
     """
     if any(after <= before for before, after in pairwise(places)):
         raise ValueError(f"{key}: places do not increase; sort the entries by 'at'")

@@ -101,13 +101,7 @@ def model_hash(consist: Consist, line: Line, *, over_length: bool) -> str:
 
 
 def read_learned(path: Path) -> LearnedResistance:
-    """Read a learned resistance.
-
-    Raises
-    ------
-    ValueError
-        One line: file, key, value, problem; fix.
-    """
+    """Read a learned resistance."""
     raw = read_yaml(path)
     if isinstance(raw, dict) and raw.get("schema") != SCHEMA:
         raise ValueError(f"{path}: schema: {raw.get('schema')!r}: not supported; make the file with `train-ato learn`")

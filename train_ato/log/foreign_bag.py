@@ -94,11 +94,6 @@ def as_mcap(path: Path) -> Path:
     ----------
     path
         Folder of a bag, or a file of one.
-
-    Raises
-    ------
-    ValueError
-        One line: no bag, or a bag that cannot be read, with the remedy.
     """
     files = bag_files(path)
     if not files:
@@ -146,13 +141,7 @@ def _copied(files: list[Path], name: str, folder: Path) -> Path:
 
 
 def _messages(file: Path, part: Path) -> Iterator[RawMessage]:
-    """Read the messages of a file, unpacked into ``part`` if it is compressed.
-
-    Raises
-    ------
-    ValueError
-        One line: the file is damaged or of another format, with the remedy.
-    """
+    """Read the messages of a file, unpacked into ``part`` if it is compressed."""
     head = head_of(file)
     if head == ROS_1:
         raise ValueError(f"{file}: a bag of ROS 1; convert it: `rosbags-convert --src {file} --dst {file.stem}`")
@@ -179,13 +168,7 @@ def unpack(file: Path, target: Path) -> None:
 
 
 def of_sqlite(file: Path, *, broken: bool = False) -> Iterator[RawMessage]:
-    """Read the messages of an SQLite bag of any version; with ``broken``, up to the damage.
-
-    Raises
-    ------
-    ValueError
-        One line: the file is damaged or no bag.
-    """
+    """Read the messages of an SQLite bag of any version; with ``broken``, up to the damage."""
     order = "rowid" if broken else "timestamp"  # an index may be the damaged part
     address = f"file:{quote(str(file.resolve()))}?mode=ro&immutable=1"
     try:

@@ -49,11 +49,6 @@ def read_recording(run: Path, setup: RunSetup | None = None, *, vehicles: bool =
         Scenario and train; without them the vehicles of the power units are unknown.
     vehicles
         Keep motion, coupler force, shoe force and outside force of every vehicle.
-
-    Raises
-    ------
-    ValueError
-        One line: not a run, a killed run (``train-ato recover`` makes it readable), or a damaged log.
     """
     units = list(setup.model.units) if setup is not None else []
     vehicles = vehicles or (setup is not None and setup.scenario.evaluation.couplers)

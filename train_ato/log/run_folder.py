@@ -62,13 +62,7 @@ def summary_text(summary: dict[str, Any]) -> str:
 
 
 def parse_summary(file: Path, text: bytes) -> dict[str, Any]:
-    """Return the content of a ``summary.json``.
-
-    Raises
-    ------
-    ValueError
-        One line with file, key and value: not JSON, or a key of another type.
-    """
+    """Return the content of a ``summary.json``."""
     try:
         summary = parse_json(text)
     except ValueError as error:

@@ -469,11 +469,6 @@ def prepare(scenario: Scenario, path: Path, parts: PartCache | None = None) -> R
         Checked scenario, and its file.
     parts
         Parts of former runs, reused where the values that determine them are equal; default: none.
-
-    Raises
-    ------
-    ValueError
-        One line: file, key, value, problem; fix.
     """
     folder = path.parent
     try:

@@ -42,11 +42,6 @@ def read_profile(path: Path, period: float | None = None) -> Profile:
         ``*.csv``, ``*.yaml`` or ``*.yml``.
     period
         Time between the knots [s]; None keeps the knots of the file.
-
-    Raises
-    ------
-    ValueError
-        One line: file, column, row, problem; fix.
     """
     try:
         if path.stat().st_size > LARGEST_FILE:

@@ -320,13 +320,7 @@ class CaseFile(NamedTuple):
 
 
 def read_cases(path: Path) -> CaseFile:
-    """Return the cases of a file.
-
-    Raises
-    ------
-    ValueError
-        One line: file, case, key, value, problem; fix.
-    """
+    """Return the cases of a file."""
     data = _read_json(path)
     if "inputs" in data or "curves" in data:
         return CaseFile({path.stem: build_model(CurveCase, data, str(path))}, True)

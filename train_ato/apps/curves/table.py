@@ -55,13 +55,7 @@ def tabulate(limits: TargetLimits, motion: MotionEstimate, speeds: dict[str, lis
 
 
 def case_table(case: CurveCase, place: str) -> CurveTable:
-    """Return the table of a case.
-
-    Raises
-    ------
-    ValueError
-        One line: place, key, value, problem; fix.
-    """
+    """Return the table of a case."""
     try:
         return tabulate(case.inputs.limits(), case.inputs.motion(), {name: case.speeds(name) for name in case.curves})
     except ValueError as error:

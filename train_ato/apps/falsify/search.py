@@ -80,13 +80,7 @@ def plain_value(value: Any) -> Any:
 
 
 def read_spec(path: Path) -> tuple[Dimension, ...]:
-    """Return the dimensions of a spec file with the block ``over:``.
-
-    Raises
-    ------
-    ValueError
-        One line: file, key, problem, remedy.
-    """
+    """Return the dimensions of a spec file with the block ``over:``."""
     if not path.is_file():
         raise ValueError(f"--over {path}: no such file; write a YAML file with the block 'over:'")
     data = read_yaml(path)

@@ -260,13 +260,7 @@ def prepare_study(
     jobs: int,
     dash: str = "",
 ) -> FalsificationStudy:
-    """Check the input of a falsification; ``dash`` precedes the names of arguments in messages.
-
-    Raises
-    ------
-    ValueError
-        One line: file or argument, key, problem, remedy.
-    """
+    """Check the input of a falsification; ``dash`` precedes the names of arguments in messages."""
     for name, value in (("runs", runs), ("jobs", jobs)):
         if isinstance(value, bool) or not isinstance(value, int) or value < 1:
             raise ValueError(f"{dash}{name} {value}: give an integer of at least 1")

@@ -100,13 +100,7 @@ def _free_name(named: dict[str, str]) -> str:
 
 
 def check_signals(target: RequirementTarget, setup: RunSetup, option: str = "requirement") -> None:
-    """Check that the run has the signals of the formula.
-
-    Raises
-    ------
-    ValueError
-        One line with the signal and the remedy.
-    """
+    """Check that the run has the signals of the formula."""
     if target.formula is None:
         return
     if reason := unavailable_signal(signals_of(parse_formula(target.formula)), setup.layout, setup.line):

@@ -89,13 +89,7 @@ class RecorderLayout(SiModel):
 
 
 def load_layout(name: str) -> RecorderLayout:
-    """Return a layout by name or path.
-
-    Raises
-    ------
-    ValueError
-        One line with file, key, value and remedy.
-    """
+    """Return a layout by name or path."""
     known = layout_names()
     path = LAYOUTS / f"{name}.yaml" if name in known else Path(name)
     if not path.is_file():

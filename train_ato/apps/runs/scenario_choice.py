@@ -113,11 +113,6 @@ class ScenarioChoice:
             replaces the previous one.
         **more
             Values of keys of the first level.
-
-        Raises
-        ------
-        ValueError
-            One line: file, key, value, remedy.
         """
         if not isinstance(changes or {}, Mapping):
             raise InputError(f"set {changes!r}: not a mapping; write for example {{'laws.pid.kp': 0.03}}")

@@ -87,11 +87,6 @@ def read_dimensions(data: Any, where: str, *, default_steps: int = 2) -> tuple[D
     default_steps
         Number of values of a range without ``steps``.
 
-    Raises
-    ------
-    ValueError
-        One line: file, key, problem, remedy.
-
     Examples
     --------
     >>> delay, law = read_dimensions({"links.command.delay": {"from": 0.1, "to": 0.5, "steps": 3},

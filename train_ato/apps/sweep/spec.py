@@ -80,11 +80,6 @@ def read_sweep(spec: str | Path | Mapping[str, Any], source: str | None = None) 
     source
         Begin of messages; default: the file, or ``sweep``.
 
-    Raises
-    ------
-    ValueError
-        One line: file, key, value, problem; remedy.
-
     Examples
     --------
     >>> spec = read_sweep({"scenario": "demo", "design": "grid",

@@ -29,13 +29,7 @@ REGISTRIES = {"law": LAWS, "observer": OBSERVERS, "compensation": COMPENSATIONS}
 
 
 def sweep_base(spec: SweepSpec) -> SweepBase:
-    """Return the scenario of a sweep with its fixed keys, checked.
-
-    Raises
-    ------
-    ValueError
-        One line: file, key, value, problem; remedy.
-    """
+    """Return the scenario of a sweep with its fixed keys, checked."""
     try:
         choice = choose_scenario(spec.scenario)
     except ValueError as error:
@@ -60,11 +54,6 @@ def check_values(spec: SweepSpec, base: SweepBase, points: list[Point], step: Ca
         The sweep.
     step
         Called after every checked value.
-
-    Raises
-    ------
-    ValueError
-        One line: file, ``over``, key, value, problem; remedy.
     """
     choice, parts = base.choice(), PartCache()
     for dimension in spec.dimensions:
@@ -408,13 +397,7 @@ def prepare_sweep(
     dashboard: bool = False,
     dash: str = "",
 ) -> PreparedSweep:
-    """Return a sweep with its points, all values checked; ``dash`` precedes names of options in messages.
-
-    Raises
-    ------
-    ValueError
-        One line: file, key, value, problem; remedy.
-    """
+    """Return a sweep with its points, all values checked; ``dash`` precedes names of options in messages."""
     if jobs is not None and not 1 <= jobs <= MAX_JOBS:
         raise ValueError(f"{dash}jobs {jobs}: out of range; give 1 to {MAX_JOBS}")
     if jobs is not None and scheduler is not None:

@@ -175,13 +175,7 @@ NO_SPEC = TuneSpec()
 
 
 def read_tune_spec(source: str | Path | Mapping[str, Any]) -> TuneSpec:
-    """Read ranges, start values and variations of a file, or of a mapping with the same keys.
-
-    Raises
-    ------
-    ValueError
-        One line: file, key, problem, remedy.
-    """
+    """Read ranges, start values and variations of a file, or of a mapping with the same keys."""
     if isinstance(source, Mapping):
         data, path = source, "over"
     else:

@@ -103,11 +103,6 @@ def check_compatible(law_name: str, law: Any, name: str, compensation: Any) -> N
         Name and compensation, or its class; its attributes ``feedforward_only``, ``simulates_train``, ``predicts``
         are read
         (:class:`train_ato.control.compensation.contract.Compensation`).
-
-    Raises
-    ------
-    ValueError
-        One line with the reason and the remedy.
     """
     pair = f"law '{law_name}' with compensation '{name}'"
     predicting = getattr(law, "predicts_delay", False)

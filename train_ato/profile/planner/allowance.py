@@ -95,11 +95,6 @@ def parse_allowance(text: str) -> Allowance:
     """Return the supplement of ``5%``, ``1.5min/100km``, ``10s/stop``, sums with ``+``, ``:KM..KM`` for a section.
 
     A kilometre is a number, or a post as ``12+345``.
-
-    Raises
-    ------
-    ValueError
-        One line: problem; fix.
     """
     amounts, colon, section = text.replace(" ", "").partition(":")
     data: dict[str, float | str] = {}

@@ -73,11 +73,6 @@ def plan_journey(inputs: SectionInputs, line: Line, points: tuple[TimingPoint, .
         Timing points, checked by :func:`.timing_points.check_points`.
     period
         Time between the knots of the profile [s].
-
-    Raises
-    ------
-    ValueError
-        One line: the first window that cannot be kept; or place, reason; fix.
     """
     for point in points:
         if not line.begin - 1e-6 <= point.at <= line.end + 1e-6:

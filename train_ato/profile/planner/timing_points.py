@@ -85,13 +85,7 @@ class TimingPoint(SiModel):
 
 
 def check_points(points: tuple[TimingPoint, ...]) -> None:
-    """Check order and ends of timing points.
-
-    Raises
-    ------
-    ValueError
-        One line: point, problem; fix.
-    """
+    """Check order and ends of timing points."""
     if len(points) < 2:
         raise ValueError(f"fewer than two timing points ({len(points)}); give at least a departure and an arrival")
     for before, after in pairwise(points):

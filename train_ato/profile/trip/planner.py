@@ -226,11 +226,6 @@ class TripPlanner:
         Time between the knots of the profile [s].
     quasi_static
         Part of the largest coupler force permitted in the search; for a train with several power units.
-
-    Raises
-    ------
-    ValueError
-        One line: key, value, problem; fix.
     """
 
     def __init__(
@@ -374,13 +369,7 @@ class TripSearch:
         self.plans: list[TripPlan] = []
 
     def best_plan(self) -> TripPlan:
-        """Return the plan of least cost that keeps the running time and the coupler forces.
-
-        Raises
-        ------
-        ValueError
-            One line: key, value, problem; fix.
-        """
+        """Return the plan of least cost that keeps the running time and the coupler forces."""
         first = self._planned(self._settings, None)
         check_couplers(first)
         if self._settings.fatigue_weight == 0.0:
