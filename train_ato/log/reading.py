@@ -65,13 +65,6 @@ def being_written(path: Path) -> bool:
 def attachments(path: Path, *, broken: bool = False) -> dict[str, bytes]:
     """Return the attachments of a log by name.
 
-    Parameters
-    ----------
-    path
-        MCAP file.
-    broken
-        Stop at the first damage without an error.
-
     Raises
     ------
     ValueError
@@ -182,13 +175,6 @@ class WallTime:
 
 def read_wall_time(path: Path, *, broken: bool = False) -> WallTime | None:
     """Return the wall time of a log; None for a log without the record, as of another recorder.
-
-    Parameters
-    ----------
-    path
-        MCAP file.
-    broken
-        Stop at the first damage without an error.
 
     Raises
     ------

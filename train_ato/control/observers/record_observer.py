@@ -39,17 +39,7 @@ def is_valid_observer_input(inputs: ObserverInput) -> bool:
 
 
 class GuardedObserver:
-    """Base of the observers: a subclass computes ``estimate()`` for valid inputs, this class handles the others.
-
-    Parameters
-    ----------
-    parameters
-        Parameters of the observer.
-    model
-        The nominal train.
-    period
-        Tick [s].
-    """
+    """Base of the observers: a subclass computes ``estimate()`` for valid inputs, this class handles the others."""
 
     def __init__(self, parameters: Any, model: TrainModel, period: float) -> None:
         self.parameters = parameters
