@@ -206,18 +206,14 @@ def _acknowledgement_s(milliseconds: int | None) -> float:
 @contextmanager
 def _bar(title: str) -> Iterator[Callable[[ReplayState], None]]:
     """Show a progress bar of the replay; yield its update function."""
-    from rich.progress import BarColumn, Progress
+    from train_ato.apps.runs.progress import share_bar
 
-    from train_ato.apps.runs.progress import console, text_column
-
-    columns = (text_column("description"), BarColumn(), text_column("fields[state]"))
-    with Progress(*columns, console=console(), transient=True, disable=not sys.stderr.isatty()) as bar:
-        task = bar.add_task(title, total=1.0, state="")
+    with share_bar(title) as update:
 
         def report(state: ReplayState) -> None:
             rate = "as fast as possible" if math.isinf(state.rate) else f"rate {state.rate:.3g}"
             text = f"{state.moment:.1f} of {state.length:.1f} s, {'paused' if state.paused else rate}"
-            bar.update(task, completed=state.moment, total=max(state.length, 1e-9), state=text)
+            update(state.moment / max(state.length, 1e-9), text)
 
         yield report
 

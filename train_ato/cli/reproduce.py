@@ -5,10 +5,11 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from train_ato.cli.screen import note_compilation
 from train_ato.errors import RunFailed
@@ -115,36 +116,24 @@ def _folder(options: argparse.Namespace) -> RunFolder:
 
 
 @contextmanager
-def _bar() -> Iterator[Any]:
+def _bar() -> Iterator[Callable[[Moved | Finished, int], None]]:
     """Show a progress bar of the cases; yield its update function."""
-    from rich.progress import BarColumn, MofNCompleteColumn, TimeElapsedColumn
-    from rich.progress import Progress as Bar
-
-    from train_ato.apps.runs.progress import console, text_column
+    from train_ato.apps.runs.progress import share_bar
     from train_ato.papers.pool import Moved
 
-    bar = Bar(
-        text_column("description"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        text_column("fields[state]"),
-        console=console(),
-        transient=True,
-        disable=not sys.stderr.isatty(),
-    )
     under_way: dict[str, float] = {}
-    with bar:
-        task = bar.add_task("cases", total=None, state="")
+    ended, begin = 0, time.monotonic()
+    with share_bar("cases") as update:
 
         def report(event: Moved | Finished, total: int) -> None:
+            nonlocal ended
             if isinstance(event, Moved):
                 under_way[event.key] = event.fraction
             else:
                 under_way.pop(event.key, None)
-                bar.advance(task)
+                ended += 1
             state = ", ".join(f"{key} {100 * part:.0f} %" for key, part in under_way.items())
-            bar.update(task, total=total, state=state)
+            update(ended / total, f"{ended}/{total}, {time.monotonic() - begin:.0f} s  {state}")
 
         yield report
 

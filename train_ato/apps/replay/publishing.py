@@ -10,6 +10,7 @@ import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -125,18 +126,12 @@ class Rosbag2Services:
         self._node = node
         self._playback = playback
         for service in SERVICES:
-            node.create_service(getattr(types, type_name(service)), f"~/{service}", getattr(self, f"_{service}"))
+            answer = getattr(self, f"_{service}", partial(self._order, service))
+            node.create_service(getattr(types, type_name(service)), f"~/{service}", answer)
 
-    def _pause(self, request: Any, response: Any) -> Any:
-        self._playback.pause()
-        return response
-
-    def _resume(self, request: Any, response: Any) -> Any:
-        self._playback.resume()
-        return response
-
-    def _toggle_paused(self, request: Any, response: Any) -> Any:
-        self._playback.toggle_paused()
+    def _order(self, service: str, request: Any, response: Any) -> Any:
+        """Carry out an order without arguments that nothing refuses: pause, resume, toggle_paused or stop."""
+        getattr(self._playback, service)()
         return response
 
     def _is_paused(self, request: Any, response: Any) -> Any:
@@ -170,10 +165,6 @@ class Rosbag2Services:
     def _play(self, request: Any, response: Any) -> Any:
         offset, duration = _nanoseconds(request.start_offset) * 1e-9, _nanoseconds(request.playback_duration) * 1e-9
         response.success = self._done(lambda: self._playback.play(offset, duration if duration > 0 else None))
-        return response
-
-    def _stop(self, request: Any, response: Any) -> Any:
-        self._playback.stop()
         return response
 
     def _done(self, order: Callable[[], None]) -> bool:
