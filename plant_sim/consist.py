@@ -424,14 +424,13 @@ class Consist(SiModel):
         for part in self.train:
             if part.type not in self.vehicle_types:
                 raise ValueError(
-                    f"train: type '{part.type}' is not in vehicle_types {sorted(self.vehicle_types)}; correct it"
+                    f"train: type '{part.type}' is not in vehicle_types: {', '.join(self.vehicle_types)}; correct it"
                 )
         gears = {self.default_gear, *(coupling.gear for coupling in self.couplings)} - {None}
         for gear in sorted(str(name) for name in gears):
             if gear not in self.draft_gears:
-                raise ValueError(
-                    f"draft gear '{gear}' is not in draft_gears {sorted(self.draft_gears)}; add it or correct it"
-                )
+                known = ", ".join(self.draft_gears) or "it has none"
+                raise ValueError(f"draft gear '{gear}' is not in draft_gears: {known}; add it or correct it")
         count = sum(part.count for part in self.train)
         if count > MAX_VEHICLES:
             raise ValueError(f"train has {count} vehicles, more than {MAX_VEHICLES}; correct 'count'")

@@ -86,7 +86,8 @@ def actual_gears(consist: Consist, setup: PlantSetup) -> tuple[DraftGear, ...]:
         for needed in (name, other if isinstance(other, str) else name):
             if needed not in consist.draft_gears:
                 raise ValueError(
-                    f"mismatch.gears: draft gear '{needed}' is not in the consist; it has {sorted(consist.draft_gears)}"
+                    f"mismatch.gears: draft gear '{needed}' is not in the consist; it has "
+                    f"{', '.join(sorted(consist.draft_gears))}"
                 )
     chosen: list[DraftGear] = []
     for name in consist.gear_names:
