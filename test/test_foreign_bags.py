@@ -2,7 +2,10 @@
 
 import json
 import shlex
+import shutil
+import sqlite3
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import pandas as pd
@@ -120,17 +123,38 @@ def lone_folder(folder: Path) -> Path:
     return folder
 
 
+def with_empty(folder: Path) -> Path:
+    """Add the file that a recorder had only opened."""
+    (folder / "long_9.mcap").touch()
+    return folder
+
+
+def in_journal(file: Path) -> Path:
+    """Return a folder whose messages are in the write-ahead log beside the file, as a killed recorder leaves them."""
+    with closing(sqlite3.connect(file)) as database:
+        rows = database.execute("SELECT topic_id, timestamp, data FROM messages").fetchall()
+        database.execute("DELETE FROM messages")
+        database.commit()
+        database.execute("PRAGMA journal_mode = WAL")
+        database.execute("PRAGMA wal_autocheckpoint = 0")
+        database.executemany("INSERT INTO messages (topic_id, timestamp, data) VALUES (?, ?, ?)", rows)
+        database.commit()
+        return Path(shutil.copytree(file.parent, file.parent.with_name("killed")))
+
+
 Make = Callable[[list[RawMessage], Path], Path]
 READ: dict[str, Make] = {
     "folder": lambda m, at: rosbag(m, at / "ride of monday", MCAP),
     "folder without metadata": lambda m, at: lone_folder(rosbag(m, at / "ride", MCAP)),
     "split": lambda m, at: split(m, at / "long", metadata=True),
     "split without metadata": lambda m, at: split(m, at / "long", metadata=False),
+    "split, one file empty": lambda m, at: with_empty(split(m, at / "long", metadata=False)),
     "compressed by file": lambda m, at: rosbag(m, at / "ride", MCAP, BY_FILE),
     "compressed by message": lambda m, at: rosbag(m, at / "ride", MCAP, BY_MESSAGE),
     "one file compressed by message": lambda m, at: next(rosbag(m, at / "ride", MCAP, BY_MESSAGE).glob("*.mcap")),
     "SQLite": lambda m, at: rosbag(m, at / "ride", SQL),
     "SQLite file": lambda m, at: renamed(only(rosbag(m, at / "ride", SQL)), "100% new? #1.db3"),
+    "SQLite with a journal": lambda m, at: in_journal(only(rosbag(m, at / "ride", SQL))),
     "SQLite compressed by file": lambda m, at: rosbag(m, at / "ride", SQL, BY_FILE),
     "SQLite compressed by message": lambda m, at: rosbag(m, at / "ride", SQL, BY_MESSAGE),
     "file compressed as a whole": lambda m, at: packed(mcap(m, at / "ride_0.mcap")),
@@ -249,6 +273,13 @@ def test_a_bag_of_ros_1_names_its_converter(tmp_path: Path, capsys: pytest.Captu
     for command in ("info", "export", "recover"):
         assert main([command, str(bag)]) == 2
         assert "ROS 1; convert it: `rosbags-convert --src" in capsys.readouterr().err
+
+
+def test_an_empty_bag_is_called_empty(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if `recover` is named for a file of 0 bytes, which it refuses."""
+    (bag := tmp_path / "a.mcap").touch()
+    assert main(["info", str(bag)]) == 2
+    assert capsys.readouterr().err == f"train-ato: {bag}: is empty; nothing was recorded in it\n"
 
 
 def test_a_missing_file_of_a_split_bag_is_named(messages, tmp_path, capsys):

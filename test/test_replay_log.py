@@ -139,7 +139,7 @@ def test_logs_of_others_are_entered_too(tmp_path, options):
     ("name", "content", "says"),
     [
         ("absent.mcap", None, "no such log"),
-        ("empty.mcap", b"", "damaged or no log"),
+        ("empty.mcap", b"", "is empty; nothing was recorded in it"),
         ("text.mcap", b"not a log at all, but a text that is longer than a footer is", "damaged or no log"),
     ],
 )

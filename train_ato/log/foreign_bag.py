@@ -6,10 +6,11 @@ A bag that is not a single plain MCAP file is copied once per process into a tem
 from __future__ import annotations
 
 import re
+import shutil
 import sqlite3
 import tempfile
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, closing, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -29,6 +30,8 @@ BAG = "rosbag2_bagfile_information"
 SUFFIXES = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")
 ROS_1 = b"#ROSBAG V"
 SQLITE = b"SQLite format 3\0"
+JOURNALS = ("-wal", "-journal")
+"""Ends of the names of the files beside an SQLite file in which a killed recorder leaves its last messages."""
 PACKED = b"\x28\xb5\x2f\xfd"
 """First bytes of a Zstandard frame; a CDR message begins with 0."""
 _BY_MESSAGE = re.compile(r"compression_mode:\s*['\"]?message", re.IGNORECASE)
@@ -98,6 +101,10 @@ def as_mcap(path: Path) -> Path:
     files = bag_files(path)
     if not files:
         raise ValueError(f"{path}: not a run folder: no such log; name the folder of a run or of `ros2 bag record`")
+    empty = [file for file in files if file.is_file() and not file.stat().st_size]
+    if empty == files:
+        raise ValueError(f"{files[0]}: is empty; nothing was recorded in it")
+    files = [file for file in files if file not in empty]
     if len(files) == 1 and head_of(files[0]) == MAGIC and not _packed_by_message(files[0].parent):
         return files[0]
     key = tuple((file.resolve(), file.stat().st_size, file.stat().st_mtime_ns) for file in files)
@@ -170,9 +177,8 @@ def unpack(file: Path, target: Path) -> None:
 def of_sqlite(file: Path, *, broken: bool = False) -> Iterator[RawMessage]:
     """Read the messages of an SQLite bag of any version; with ``broken``, up to the damage."""
     order = "rowid" if broken else "timestamp"  # an index may be the damaged part
-    address = f"file:{quote(str(file.resolve()))}?mode=ro&immutable=1"
     try:
-        with closing(sqlite3.connect(address, uri=True)) as database:
+        with _settled(file) as address, closing(sqlite3.connect(address, uri=True)) as database:
             kinds = {row["id"]: _kind(row, database) for row in _rows(database, "topics")}
             for topic, stamp, data in database.execute(
                 f"SELECT topic_id, timestamp, data FROM messages ORDER BY {order}"
@@ -182,6 +188,19 @@ def of_sqlite(file: Path, *, broken: bool = False) -> Iterator[RawMessage]:
         if not broken:
             reason = f"damaged or no bag ({error}); `train-ato recover {file}` saves the readable part"
             raise ValueError(f"{file}: {reason}") from None
+
+
+@contextmanager
+def _settled(file: Path) -> Iterator[str]:
+    """Yield the address of an SQLite file; one with a journal is copied, because SQLite writes the journal into it."""
+    left = [journal for end in JOURNALS if (journal := Path(f"{file}{end}")).is_file() and journal.stat().st_size]
+    if not left:
+        yield f"file:{quote(str(file.resolve()))}?mode=ro&immutable=1"
+        return
+    with tempfile.TemporaryDirectory(prefix="train_ato_bag_") as folder:
+        for path in (file, *left):
+            shutil.copyfile(path, Path(folder, path.name))
+        yield f"file:{quote(str(Path(folder, file.name)))}"
 
 
 def _rows(database: sqlite3.Connection, table: str) -> Iterator[dict[str, Any]]:

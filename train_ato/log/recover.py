@@ -27,7 +27,7 @@ from mcap.records import Attachment
 
 from plant_sim.data_text import parse_yaml
 from train_ato.log.bag_layout import LOG, METADATA, NEVER, PARTIAL, ChannelCount, bag_information, metadata_yaml
-from train_ato.log.foreign_bag import PACKED, ROS_1, SQLITE, bag_files, head_of, of_sqlite, unpack
+from train_ato.log.foreign_bag import JOURNALS, PACKED, ROS_1, SQLITE, bag_files, head_of, of_sqlite, unpack
 from train_ato.log.mcap_records import (
     HEAD,
     Damage,
@@ -276,7 +276,9 @@ def _readable_part(
             yield found
     elif kind == SQLITE:
         whole = scratch / "whole.db3"
-        shutil.copyfile(source, whole)
+        for end in ("", *JOURNALS):
+            if Path(f"{source}{end}").is_file():
+                shutil.copyfile(f"{source}{end}", f"{whole}{end}")
         with whole.open("r+b") as copy:  # SQLite opens no file that is shorter than its head says
             head = copy.read(_SQLITE_HEAD.size)
             page, pages = _SQLITE_HEAD.unpack(head) if len(head) == _SQLITE_HEAD.size else (0, 0)
