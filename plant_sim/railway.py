@@ -58,6 +58,15 @@ def envelope_force(rows, first, end, speed):
     return 0.0
 
 
+@compiled
+def each_envelope_force(rows, speeds):
+    """Return :func:`envelope_force` of all rows at every speed of an array."""
+    found = np.empty(speeds.shape)
+    for i in range(speeds.size):
+        found.flat[i] = envelope_force(rows, 0, len(rows), speeds.flat[i])
+    return found
+
+
 @also_compiled
 def between_entries(table, place):
     """Return the value of a table at a place between its entries, 0 the first; the ends hold beyond them."""

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from plant_sim.consist import Consist, EnvelopeSegment
 from plant_sim.plant_setup import PlantSetup
-from plant_sim.railway import envelope_force
+from plant_sim.railway import each_envelope_force, envelope_force
 from plant_sim.states import Array
 
 
@@ -32,6 +32,10 @@ class Envelope:
     def force(self, speed: float) -> float:
         """Return the largest force [N] at a speed >= 0 [m/s]."""
         return float(envelope_force(self._rows, 0, len(self._rows), speed))
+
+    def forces(self, speed: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return :meth:`force` at every speed of an array [N]."""
+        return np.asarray(each_envelope_force(self.rows, speed))
 
     def largest(self) -> float:
         """Return the largest force over all speeds [N]."""

@@ -41,7 +41,7 @@ EXACT = {
 """Sums of integers and of truth values."""
 ARRAYS = {
     "train_ato/profile/planner/train_tables.py": {
-        "sum((envelope_at(envelope, speed) for envelope in self._traction))",
+        "sum((envelope.forces(speed) for envelope in self._traction))",
         "sum(self._tabulated(self._traction))",
         "sum((np.minimum(whole, part) for whole, part in pairs))",
         "sum((np.maximum(whole - part, 0.0) for whole, part in pairs))",

@@ -96,9 +96,7 @@ def _electric_force(
     if not vehicle.brake:
         return np.zeros_like(speed)
     envelope = Envelope(vehicle.brake)
-    force = np.array([envelope.force(float(v)) for v in speed])
-    if setup.ideal_actuator:
-        force = np.full_like(speed, envelope.largest())
+    force = np.full_like(speed, envelope.largest()) if setup.ideal_actuator else envelope.forces(speed)
     if setup.force_limit is not None:
         force = np.minimum(force, setup.force_limit * vehicle.mass / units_mass)
     weight = (vehicle.adhesive_mass or vehicle.mass) * consist.gravity

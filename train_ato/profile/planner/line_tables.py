@@ -24,7 +24,7 @@ from plant_sim.track import Track
 from plant_sim.traction import Envelope
 from train_ato.messages.types import Array
 from train_ato.profile.planner.passes import sliding_extreme
-from train_ato.profile.planner.train_tables import TrainTables, envelope_at
+from train_ato.profile.planner.train_tables import TrainTables
 
 MIN_CELL, MAX_CELL, CELLS = 0.05, 5.0, 8000
 """Bounds of the cell length in the middle of a section [m], and the number of cells between these bounds."""
@@ -365,12 +365,7 @@ class PlaceLimits:
 
 def _forces(vehicle: VehicleType, speed: Array) -> tuple[Array, Array]:
     """Return traction and electric brake of a vehicle over the speed [N]."""
-    electric = vehicle.electric_brake or vehicle.brake
-    drive, brake = (
-        envelope_at(Envelope(segments), speed) if segments else np.zeros(speed.size)
-        for segments in (vehicle.traction, electric)
-    )
-    return drive, brake
+    return Envelope(vehicle.traction).forces(speed), Envelope(vehicle.electric_brake or vehicle.brake).forces(speed)
 
 
 def place_limits(line: Line, consist: Consist, train: TrainTables) -> PlaceLimits | None:

@@ -154,8 +154,8 @@ class TrainTables:
         Speeds beyond the top speed by rounding have the forces of the top speed, where an envelope may end.
         """
         speed = np.where(speed <= self.speed_max * (1.0 + ROUNDING), np.minimum(speed, self.speed_max), speed)
-        traction = np.zeros(speed.size) + sum(envelope_at(envelope, speed) for envelope in self._traction)
-        pairs = [tuple(envelope_at(envelope, speed) for envelope in pair) for pair in self._brakes]
+        traction = np.zeros(speed.size) + sum(envelope.forces(speed) for envelope in self._traction)
+        pairs = [tuple(envelope.forces(speed) for envelope in pair) for pair in self._brakes]
         return self._with_friction(traction, pairs, speed)
 
     def _air_brake_force(self, speed: Array) -> Array:
@@ -185,23 +185,13 @@ class TrainTables:
         return self._with_available_force(traction, electric, self._air_brake_force(speed) + friction)
 
 
-def envelope_at(envelope: Envelope, speed: Array) -> Array:
-    """Return the force of an envelope at many speeds [N]; equal to :meth:`Envelope.force` at each."""
-    rows = envelope.rows
-    index = np.searchsorted(rows[:, 0], speed, side="left")
-    inside = index < len(rows)
-    _, constant, slope, power = rows[np.minimum(index, len(rows) - 1)].T
-    force = constant + slope * speed + power / np.maximum(speed, 0.1)
-    return np.asarray(np.where(inside, np.maximum(force, 0.0), 0.0))
-
-
 def _tabulate(envelope: Envelope, speed: Array, speed_max: float) -> Array:
     """Return the table of an envelope [N]; linear interpolation never exceeds the envelope at a jump.
 
     An envelope that ends at the top speed of the train [m/s] continues beyond it; else the table would have no force
     in the last step below the top speed.
     """
-    table = envelope_at(envelope, speed)
+    table = envelope.forces(speed)
     rows = envelope.rows
     if rows[-1, 0] >= speed_max:
         _, constant, slope, power = rows[-1]
@@ -209,7 +199,7 @@ def _tabulate(envelope: Envelope, speed: Array, speed_max: float) -> Array:
         table[beyond] = np.maximum(constant + slope * speed[beyond] + power / speed[beyond], 0.0)
         rows = rows[:-1]
     borders = rows[:, 0]
-    below, above = envelope_at(envelope, borders), envelope_at(envelope, borders * (1 + 1e-12) + 1e-12)
+    below, above = envelope.forces(borders), envelope.forces(borders * (1 + 1e-12) + 1e-12)
     for border, left, right in zip(borders, below, above, strict=True):
         k = int(border / SPEED_STEP)
         if abs(left - right) > 1e-6 * max(left, right) and k + 1 < table.size:
