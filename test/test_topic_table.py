@@ -165,3 +165,8 @@ def test_every_entry_describes_its_numbers() -> None:
 def test_every_topic_has_an_example() -> None:
     """Breaks if the runs of the examples do not publish a topic."""
     assert examples().keys() >= {topic.name for topic in TOPICS}
+
+
+def test_what_no_node_reads_may_be_left_out() -> None:
+    """Breaks if a program in place of the plant must publish the truth, which it may not have."""
+    assert [topic.name for topic in TOPICS if not (topic.readers or topic.optional)] == ["/diagnostics"]
