@@ -11,7 +11,7 @@ import numpy as np
 from plant_sim import kernel as k
 from plant_sim.compiled import compiled
 from train_ato.apps.env.observation import DIRECTION, ENGAGED, SUPERVISED, add_costs, write_values
-from train_ato.loop.spans.kernel import BEGIN, END, SEEN, span_ticks
+from train_ato.loop.spans.kernel import span_ticks
 from train_ato.loop.spans.native_arguments import arguments_of, taken
 
 TICKS, ROWS, GOES_ON = range(3)
@@ -82,38 +82,42 @@ def step_trains(kind, rows, who, next_of, most, stamp_unit, weights, results, co
             return compiled_next
         m = who[index]
         args, sight = arguments_of(kind, rows[m])
-        stamp, tick_ns, train, reference = args[0], args[1], args[3], args[16]
-        count, history, measured, couplers, supervision = args[24], args[27], args[30], args[31], args[35]
-        state, vehicles, unit, index_of, gear = train[0], train[1].shape[1], train[7], train[8], train[3]
-        now, errors, ticks, at, steps = places[m, :3], places[m, 3:], 0, 0, supervision[0][3]
+        (
+            stamp, tick_ns, _, train, _, _, _, _, _, _, _, _, observing, _, _, _, (place, speed, acceleration, _, _, _),
+            _, _, _, _, _, _, _, counts, _, _, history, _, _, measured, couplers, _, _, _, supervision, _, _,
+        ) = args  # fmt: skip
+        state, vehicle, _, gear, _, _, _, unit, unit_index, _, _ = train
+        _, _, _, _, estimates, _, _ = observing
+        count, limits = counts[0], supervision.states.supervisor[0]
+        now, errors, ticks, at = places[m, :3], places[m, 3:], 0, 0
         while True:
-            acts = count[SEEN] > 0
+            acts = count.seen > 0
             if acts:
                 for u in range(errors.size):
-                    errors[u] = state[k.V, index_of[k.UNIT_VEHICLE, u]] - reference[1, count[BEGIN]]
-            count[END] = count[BEGIN] + acts
+                    errors[u] = state[k.V, unit_index[k.UNIT_VEHICLE, u]] - speed[count.begin]
+            count.end = count.begin + acts
             at = span_ticks(args)
             if acts:
-                add_costs(costs[m], memories[m], errors, state, unit, gear, vehicles, tick_ns * stamp_unit)
+                add_costs(costs[m], memories[m], errors, state, unit, gear, vehicle.shape[1], tick_ns * stamp_unit)
                 ticks += 1
-            if count[SEEN] == 0:
+            if count.seen == 0:
                 break
-            now[0], now[1], now[2] = reference[0, at], reference[1, at], reference[2, at]
+            now[0], now[1], now[2] = place[at], speed[at], acceleration[at]
             own = states[m]
             own[ENGAGED] = 1.0
-            if supervision[0][0][0].period > 0:
-                own[SUPERVISED], own[SUPERVISED + 1] = steps[0].permitted, steps[0].warning
-                own[SUPERVISED + 2], own[SUPERVISED + 3] = steps[0].service, steps[0].emergency
-            if now[1] != 0.0:
-                own[DIRECTION] = np.sign(now[1])
+            if supervision.states.run[0].period > 0:
+                own[SUPERVISED], own[SUPERVISED + 1] = limits.permitted, limits.warning
+                own[SUPERVISED + 2], own[SUPERVISED + 3] = limits.service, limits.emergency
+            if speed[at] != 0.0:
+                own[DIRECTION] = np.sign(speed[at])
             write_values(
-                found[m], (stamp + at * tick_ns) * stamp_unit, measured[at], couplers[at], now, args[12][4][at],
+                found[m], (stamp + at * tick_ns) * stamp_unit, measured[at], couplers[at], now, estimates[at],
                 history, own, sight,
             )  # fmt: skip
             if ticks >= most:
                 break
-        compiled_next += count[SEEN]
-        results[m, TICKS], results[m, ROWS], results[m, GOES_ON] = ticks, at, count[SEEN]
+        compiled_next += count.seen
+        results[m, TICKS], results[m, ROWS], results[m, GOES_ON] = ticks, at, count.seen
         total = 0.0
         for cost in range(weights.size):
             total += weights[cost] * costs[m, cost]

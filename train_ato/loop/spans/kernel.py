@@ -4,10 +4,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from plant_sim import kernel as k
 from plant_sim.compiled import compiled
 from plant_sim.elementary import numpy_total
 from plant_sim.railway import between_entries, envelope_force, shoe_force
+from plant_sim.record import quantity
 from plant_sim.sensors import measure_train
 from train_ato.control.air_brake.record_policy import electric_brake_available
 from train_ato.control.algorithms.couplers import opposing
@@ -17,7 +20,7 @@ from train_ato.control.compensation.predictor import predict
 from train_ato.control.compiled.law_call import address
 from train_ato.control.law import STEPPED
 from train_ato.control.train_model import GRID, own_resistance
-from train_ato.loop.spans.supervision_kernel import copy_states, supervised_tick
+from train_ato.loop.spans.supervision_kernel import MAX_POSITION, MAX_SPEED, copy_states, supervised_tick
 from train_ato.loop.train_protection import command_age
 from train_ato.messages.links import arrive, push
 
@@ -123,28 +126,38 @@ def law_step(tick, t, coupler_forces, own, tables, shoes, law, predicting, histo
 MEASURED_POSITION, MEASURED_VELOCITY, MEASURED_FORCE = range(3)
 # Rows of `couplers` (ticks, rows, sensors).
 DEFLECTION, RATE, COUPLER_FORCE = range(3)
-# Entries of `bound`: values outside which a tick is left to Python.
-MAX_POSITION, MAX_SPEED, MAX_FORCE, NEXT_JUMP_PLACE = range(4)
-# Entries of `count`: first tick, ticks between the steps of the law, 1 if the last step was at a limit, reports, 1 for
-# a control stack that is called as a whole; row of the first tick of a call, row after its last one, and 1 for a first
-# tick whose inputs of the law the call before has computed.
-FIRST_TICK, EVERY, AT_LIMIT, REPORTS, CALLED, BEGIN, END, SEEN = range(8)
+MAX_FORCE = 1e9
+"""Force beyond which a tick is left to Python, far inside the limits of validity [N]."""
+
+
+@dataclass
+class SpanCounts:
+    """Counts of a span, which its ticks change."""
+
+    first_tick: int = quantity("", "tick of the control stack at row 0")
+    every: int = quantity("", "ticks between the steps of the law")
+    at_limit: int = quantity("", "1 if the last step was at a limit")
+    reports: int = quantity("", "reports so far")
+    called: int = quantity("", "1 for a control stack that is called as a whole")
+    begin: int = quantity("", "row of the first tick of a call")
+    end: int = quantity("", "row after its last one")
+    seen: int = quantity("", "1 for a first tick whose inputs of the law the call before has computed")
 
 
 @compiled
-def _must_leave(tick, measured, couplers, x_front, bound, event, events, n):
+def _must_leave(tick, measured, couplers, x_front, jump_place, event, events, n):
     """Return True for a tick that is left to Python: events of the pipe and jumps, impossible values."""
     for u in range(measured.shape[2]):
-        if not abs(measured[tick, MEASURED_VELOCITY, u]) < bound[MAX_SPEED]:
+        if not abs(measured[tick, MEASURED_VELOCITY, u]) < MAX_SPEED:
             return True
-        if not abs(measured[tick, MEASURED_POSITION, u]) < bound[MAX_POSITION]:
+        if not abs(measured[tick, MEASURED_POSITION, u]) < MAX_POSITION:
             return True
-        if not abs(measured[tick, MEASURED_FORCE, u]) < bound[MAX_FORCE]:
+        if not abs(measured[tick, MEASURED_FORCE, u]) < MAX_FORCE:
             return True
     for j in range(couplers.shape[2]):
-        if not abs(couplers[tick, COUPLER_FORCE, j]) < bound[MAX_FORCE]:
+        if not abs(couplers[tick, COUPLER_FORCE, j]) < MAX_FORCE:
             return True
-    if x_front >= bound[NEXT_JUMP_PLACE]:
+    if x_front >= jump_place:
         return True
     reached = False
     for j in range(events):
@@ -153,7 +166,7 @@ def _must_leave(tick, measured, couplers, x_front, bound, event, events, n):
 
 
 @compiled(alone=False)
-def _begins(tick, at, n, state, unit, noise, sensors, measured, couplers, bound, event, events, stamps, newest,
+def _begins(tick, at, n, state, unit, noise, sensors, measured, couplers, jump_place, event, events, stamps, newest,
             supervision):  # fmt: skip
     """Write what the sensors measure in a tick; return False for a tick that is left to Python."""
     t = at * 1e-9
@@ -165,7 +178,7 @@ def _begins(tick, at, n, state, unit, noise, sensors, measured, couplers, bound,
         measured[tick, MEASURED_POSITION, u] = sensors.units[u].position
         measured[tick, MEASURED_VELOCITY, u] = sensors.units[u].velocity
         measured[tick, MEASURED_FORCE, u] = unit[k.APPLIED, u]
-    if _must_leave(tick, measured, couplers, state[k.X, 0], bound, event, events, n):
+    if _must_leave(tick, measured, couplers, state[k.X, 0], jump_place, event, events, n):
         return False
     if supervision.states.run[0].period > 0:
         ages = stamps[0]
@@ -216,7 +229,7 @@ def _keep(tick, is_step, limited, velocity, standstill, sent, at_limit, count):
     if is_step:
         command_at_standstill(sent[tick + 1], velocity, standstill[0, tick], standstill[1, tick])
         at_limit[tick + 1] = at_limit[tick] + limited
-        count[AT_LIMIT] = limited
+        count.at_limit = limited
     else:
         _copy(sent[tick], sent[tick + 1])
         at_limit[tick + 1] = at_limit[tick]
@@ -226,13 +239,13 @@ def _keep(tick, is_step, limited, velocity, standstill, sent, at_limit, count):
 def _report(train, setting, lost, reports, count):
     """Keep the state of the train for the diagnostics."""
     _, states, gears, unit_states, settings, losses = reports
-    last = min(count[REPORTS], len(states) - 1)
+    last = min(count.reports, len(states) - 1)
     _copy_rows(train[0], states[last])
     _copy_rows(train[3], gears[last])
     _copy_rows(train[7], unit_states[last])
-    _copy(setting, settings[count[REPORTS]])
-    losses[count[REPORTS]] = lost
-    count[REPORTS] += 1
+    _copy(setting, settings[count.reports])
+    losses[count.reports] = lost
+    count.reports += 1
 
 
 @compiled(alone=False)
@@ -278,24 +291,25 @@ def span_ticks(arguments):
     (
         stamp, tick_ns, dt, train, event, events, forces, vehicles, setting, noise, sensors,
         law, observing, predicting, braking, inputs, reference, feedforward, shoes, own, tables, limits, segments,
-        bound, count, link, stamps, history, shown, truth, measured, couplers, sent, at_limit, reports, supervision,
-        standstill, places,
+        jump_place, counts, link, stamps, history, shown, truth, measured, couplers, sent, at_limit, reports,
+        supervision, standstill, places,
     ) = arguments  # fmt: skip
     state, vehicle, vehicle_index, gear, gear_table, run, body, unit, unit_index, envelope, piece = train
     law_state, observer_state, policy_state, now = law[1], observing[1], braking[1], law[3]
     saved, observed, kept, demanded, seen, window, own_stamp, newest = places
-    supervised, called = supervision.states.run[0].period > 0, count[CALLED] > 0
-    ahead, rows = count[SEEN] > 0, len(measured)
-    count[SEEN] = 0
-    for tick in range(count[BEGIN], rows):
+    count = counts[0]
+    supervised, called = supervision.states.run[0].period > 0, count.called > 0
+    ahead, rows = count.seen > 0, len(measured)
+    count.seen = 0
+    for tick in range(count.begin, rows):
         at = stamp + tick * tick_ns
-        t, is_step = at * 1e-9, (count[FIRST_TICK] + tick) % count[EVERY] == 0
+        t, is_step = at * 1e-9, (count.first_tick + tick) % count.every == 0
         usable, limited, is_seen = True, 0, ahead
         ahead = False
         if not is_seen:
             _copy(sensors.units, seen)
             if not _begins(
-                tick, at, vehicle.shape[1], state, unit, noise, sensors, measured, couplers, bound, event, events,
+                tick, at, vehicle.shape[1], state, unit, noise, sensors, measured, couplers, jump_place, event, events,
                 stamps, newest, supervision,
             ):  # fmt: skip
                 _copy(seen, sensors.units)
@@ -308,8 +322,8 @@ def span_ticks(arguments):
                 tick, at, is_step and not called, state, measured, couplers, reference, feedforward, own, tables,
                 limits, segments, inputs, now, observing, braking, called, supervision,
             )  # fmt: skip
-            if usable and tick == count[END]:
-                count[BEGIN], count[SEEN] = tick, 1
+            if usable and tick == count.end:
+                count.begin, count.seen = tick, 1
                 return tick
         if usable and called:
             limited = call_law(tick, law, inputs)
@@ -344,8 +358,8 @@ def span_ticks(arguments):
 def run_span(arguments):
     """Run consecutive ticks until a tick that is left to Python; return the number of ticks run since row 0.
 
-    The rows of the call are in ``count``. If a row follows, its tick is run up to the inputs of the law, whose force
-    the next call brings; ``count`` says so, and that law leaves no tick.
+    The rows of the call are in ``counts``. If a row follows, its tick is run up to the inputs of the law, whose force
+    the next call brings; ``counts`` says so, and that law leaves no tick.
 
     All arrays are changed in place. Outputs have one row per tick: ``truth`` (ticks, 4, vehicles) with position, speed,
     coupler and shoe force of the vehicles ``shown``, ``measured``, ``couplers``; ``sent`` and ``at_limit`` begin with

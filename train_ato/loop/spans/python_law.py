@@ -17,7 +17,6 @@ from train_ato.control.contract import Law, LawInput, Preview
 from train_ato.control.law import LawUnit
 from train_ato.control.plan_text import TimedPlan
 from train_ato.loop.spans.forecast import SpanForecast
-from train_ato.loop.spans.kernel import AT_LIMIT
 from train_ato.loop.spans.messages import SpanArrays
 from train_ato.loop.spans.stages import Stages
 from train_ato.loop.stage_messages import diagnostics_due
@@ -155,7 +154,7 @@ class PythonLaw(PythonCall):
             t, position, velocity, applied, reference_position, reference_velocity, reference_acceleration,
             delay_to_effect, acceleration, jerk, feedforward, preview, disturbance, deflection, rate,
             coupler_force, shoe_force, train_shoe_force, stack.history.in_flight(), force_min, force_max,
-            bool(self._counts.item(AT_LIMIT)),
+            bool(self._counts["at_limit"][0]),
         )  # fmt: skip
 
 

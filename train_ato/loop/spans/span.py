@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from plant_sim.brake_events import PipeEvents
 from plant_sim.compiled import direct_call
-from plant_sim.plant_setup import Jump
 from plant_sim.record import zeros
 from train_ato.control.air_brake.predictive_policy import PredictiveBrake
 from train_ato.control.air_brake.shoes import ShoeForecast
@@ -247,8 +246,6 @@ FAR = 1e300
 """Place or time that is never reached [m, s]."""
 REPORTED = ("state", "gear", "unit", "setting")
 """Arrays of the kernel that the diagnostics of the plant need."""
-LIMITS = (1e6, 100.0, 1e9)
-"""Position [m], speed [m/s] and force [N] beyond which a tick is left to Python, far inside the limits of validity."""
 
 
 class CompiledSpans:
@@ -424,8 +421,8 @@ class Span:
     ----------
     arrays : SpanArrays
         Results of its ticks.
-    counts : Array of int
-        See :data:`train_ato.loop.spans.kernel.FIRST_TICK` and those after it.
+    counts : Records of SpanCounts
+        Its counts.
     law : RecordStep, CallerStep or PythonCall
         Step of the law.
     stamp : int
@@ -466,9 +463,8 @@ class Span:
         times = np.array(self._forecast.times)
         self._observes = isinstance(spans.observer, RecordObserver) and not getattr(law, "observes", False)
         self._observer_shoes = ObserverShoes(spans.stages.observer.stack, times, stack.pressure, used=self._observes)
-        begun = stack.ticks, stack.every, stack.saturated, 0, law.whole
-        self.counts = np.array((*begun, 0, count, 0), dtype=np.int64)
-
+        self.counts = zeros(kernel.SpanCounts, 1)
+        self.counts[0] = (stack.ticks, stack.every, stack.saturated, 0, law.whole, 0, count, 0)
         if isinstance(law, PythonCall):
             law.begin_span(self.stamp, self._forecast, self.arrays, self._now, self.counts)
         self.arguments = self._arguments()
@@ -492,7 +488,7 @@ class Span:
              law.couplers.records if law.couplers else NO_COUPLERS),
             observing, self._predicting(), braking, self._inputs, self._forecast.expected,
             self._forecast.feedforward, self._forecast.shoes, *spans.model,
-            self._bounds(), self.counts,
+            self._jump_place(), self.counts,
             (*link.records(self.stamp, self._count), link.draws(self._count)),
             (protection.age, *stamps.records(self.stamp, self._count), stamps.draws(self._count)),
             self._stack.history.commands[: 0 if law.whole else None],
@@ -548,12 +544,10 @@ class Span:
         brake = (spans.policy_call, policy.limits, policy.segments, policy.charged, pressure)
         return *records, len(policy.rows), policy.now, *brake
 
-    def _bounds(self) -> Array:
-        """Return the values from which on a tick is left to Python."""
-        jumps = [jump.place for jump in self._train.jumps.planned if isinstance(jump, Jump) and jump.at is None]
-        jumps += [jump.place for jump in self._train.jumps.planned if not isinstance(jump, Jump) and jump.at is None]
-        jump_place = min((at for at in jumps if at is not None), default=FAR)
-        return np.array((*LIMITS, jump_place))
+    def _jump_place(self) -> float:
+        """Return the next place with a jump [m]."""
+        places = [jump.place for jump in self._train.jumps.planned if jump.at is None]
+        return float(min((place for place in places if place is not None), default=FAR))
 
     def _store(self, done: int) -> None:
         """Set the states of stages, stack, link and sensors to those after some ticks."""
@@ -567,7 +561,7 @@ class Span:
             stack.ticks += done
             stack._last = out.sent[done].tolist()
             stack.saturated_steps = int(out.at_limit[done])
-            stack.saturated = bool(self.counts[kernel.AT_LIMIT])
+            stack.saturated = bool(self.counts["at_limit"][0])
         if self._plant.pipe_link is not None and out.pressure is not None:
             self._plant.pipe_link.repeat(self.stamp, self._setup.tick_ns, done, out.pressure)
         self._spans.supervised.store(done)
