@@ -141,12 +141,12 @@ def test_takeovers_are_named_with_time_and_place(tmp_path: Path) -> None:
     assert "train-ato report runs/own-1" in note
 
 
-@pytest.mark.parametrize(("mass", "traction"), [(1.15, 0.8), (1.0, 0.7)])
-def test_a_train_that_catches_up_holds_the_speed_limit_without_chatter(mass, traction, tmp_path, monkeypatch):
-    """Breaks if a speed limit is a deadbeat control through the lag: the command then turns more than 200 times."""
+@pytest.mark.parametrize(("mass", "traction", "lag"), [(1.15, 0.8, 0.3), (1.0, 0.7, 0.3), (1.15, 0.8, 0.0)])
+def test_a_train_that_catches_up_holds_the_speed_limit_without_chatter(mass, traction, lag, tmp_path, monkeypatch):
+    """Breaks if a speed limit is a deadbeat control, with or without a lag: the command turns more than 200 times."""
     # The train is late at the speed limit after a rising grade that its traction cannot climb as planned.
     monkeypatch.setitem(LINES, "late", ([(0, 0), (300, 25), (600, -5)], [(0, 50), (1500, 40)], [2500]))
-    wrong = (f"plant.mismatch.mass_scale={mass}", f"plant.mismatch.traction_scale={traction}")
+    wrong = (f"plant.lag={lag}", f"plant.mismatch.mass_scale={mass}", f"plant.mismatch.traction_scale={traction}")
     recording = run_engine(prepared(write(tmp_path, "late", 4), "supervision.enabled=false", *wrong)).recording
     changes = np.diff(np.asarray(recording.command).sum(axis=1))
     large = np.sign(changes[np.abs(changes) > 2e3])  # [N] in a tick

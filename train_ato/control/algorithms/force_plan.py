@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -317,13 +316,11 @@ class ForcePlan:
         self._band = POSITION_BAND if model.air_brake is None else MAX_POSITION
         self._stops = model.air_brake is None and not model.reversing
         self._passed = 1.0 - exp_each(-self.nodes / PASSING_TIME)
-        self._memory = math.exp(-period / lookahead)
         self.reset()
 
     def reset(self) -> None:
         """Forget the last plan and the counts."""
         self._plan = np.zeros(self.nodes.size)
-        self._largest = 0.0
         self._active = np.zeros(8 * self.nodes.size, dtype=np.bool_)
         self.failures = self.limited_steps = self.most_exchanges = 0
 
@@ -401,8 +398,7 @@ class ForcePlan:
         drag = (start.beyond_reference, *self._drag_slope)
         # a brake that acts does not last, and the simulated train had these limits
         tables = self._no_tables if simulated and start.air_brake_acts else start.gain * self._tables
-        self._largest = max(abs(start.position_error), self._largest * self._memory)
-        self._ends[3] = max(self._band, self._largest)
+        self._ends[3] = max(self._band, abs(start.position_error))
         bounds(
             at_nodes, reference, self._limits, self._ends, start.force_limits, start.errors,
             (side.response_velocity, self._plan), drag, tables, self._force_range(reference + start.errors, ahead),
@@ -413,17 +409,16 @@ class ForcePlan:
             allowed[2 * self.nodes.size] = max(float(allowed[2 * self.nodes.size]), 0.0)
         rests = (reference[1] == 0.0) & self._stops
         allowed[7 * self.nodes.size :] = np.where(rests, np.minimum(STOP_ROOM - start.errors[0], FAR), FAR)
-        if self._model.lag > 0.0:
-            self._approach(start, ahead, reference[1], side, allowed)
+        self._approach(start, ahead, reference[1], side, allowed)
         return allowed
 
     def _approach(self, start: PlanStart, ahead: Lookahead, speeds: Array, side: HorizonModel, allowed: Array) -> None:
-        """Limit the first decision by an approach of the speed limit with a double pole.
+        """Limit the first decision by an approach of the speed limit with a double pole, a single one without a lag.
 
         With the distance m from the limit and its rate m' at the time of effect, the distance is at least
         (m + (m' + pole m) t) e^(-pole t). The decision held up to the node at 1/pole has this speed there. At the nodes
-        before it a limit of the speed is a deadbeat control through the lag, which chatters. The motion on the
-        reference is always permitted, below the limit.
+        before it a limit of the speed is a deadbeat control, which chatters. The motion on the reference is always
+        permitted, below the limit.
         """
         n, near = self.nodes.size, self._near
         limits, errors = allowed[4 * n : 5 * n], start.errors[1]
@@ -433,8 +428,9 @@ class ForcePlan:
         margin = max(min(now, then) - speed, min(now - speed, 0.0))
         time, follow = float(self.nodes[near]), float(errors[0])
         left = libm_exp(-self._pole * time)
-        rest = margin + (self._pole * margin - change) * time
-        kept = follow + (self._pole * follow + start.gained) * time
+        lags = float(self._model.lag > 0.0)
+        rest = margin + lags * (self._pole * margin - change) * time
+        kept = follow + lags * (self._pole * follow + start.gained) * time
         top = then - float(speeds[near])
         permitted = max(top - rest * left, min(top, kept * left)) - float(errors[near])
         held = permitted / plain_sum(side.response_velocity[near].tolist())
