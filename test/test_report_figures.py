@@ -180,7 +180,8 @@ def test_a_heat_map_keeps_every_vehicles_extreme(count: int, vehicles: int, colu
     vehicle = int(np.abs(values).max(axis=0).argmax())
     extreme = values[np.abs(values[:, vehicle]).argmax(), vehicle]
     shown = picture.codes[vehicle] * picture.unit
-    assert shown[np.abs(shown).argmax()] == pytest.approx(extreme, rel=1 / 127)
+    # A value of the other sign may have the same code: the extreme is among the shown ones, not always the first.
+    assert np.abs(shown - extreme).min() <= abs(extreme) / 127
     for number in range(vehicles):
         assert np.abs(picture.codes[number]).max() * picture.unit == pytest.approx(
             np.abs(values[:, number]).max(), abs=picture.unit

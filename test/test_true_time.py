@@ -111,6 +111,10 @@ class LateQueues:
 
     shared_taker = taker
 
+    def is_repeated(self, name: str, data: bytes) -> bool:
+        """Return False: no message is sent again."""
+        return False
+
     def answer_requests(self) -> None:
         """Answer no request."""
 
