@@ -247,14 +247,14 @@ def main() -> None:
             runs = [both[column] for both in found.values() if kind == "all" or both[0]["kind"].startswith(kind)]
             print(f"| {kind} | {law} | {' | '.join(summary(runs))} |")
     print(
-        f"\n{len(misses)} of {len(found)} trains miss.\n\n| train | kind | misses | mpc kN, kN/s | pid | cause |\n"
-        + "|---" * 6
-        + "|"
+        f"\n{len(misses)} of {len(found)} trains miss.\n\n"
+        "| train | kind | outcome | misses | mpc kN, kN/s | pid | cause |\n" + "|---" * 7 + "|"
     )
     for number, why in zip(worst, causes, strict=True):
         cells = [f"{run['coupler']:.0f}, {run['rate']:.1f}" for run in found[number]]
         what = ", ".join(f"{name} {value:.2f}" if value < 10.0 else name for name, value in misses[number].items())
-        print(f"| {number} | {found[number][0]['kind']} | {what} | {' | '.join(cells)} | {why} |")
+        kind, outcome = found[number][0]["kind"], found[number][0]["outcome"]
+        print(f"| {number} | {kind} | {outcome} | {what} | {' | '.join(cells)} | {why} |")
 
 
 if __name__ == "__main__":
