@@ -477,9 +477,10 @@ class ControlStack:
         low, high = self.model.limits_of_units(measurement.velocity.tolist())
         wanted = np.clip(wanted, low, high)
         speeds = self.profile.at_times(effects)[1].reshape(-1, model.n_units)
-        signs = transition.early(last, wanted, speeds != 0.0)
-        changed = np.where(signs > 0.0, np.maximum(demand, last + reach), np.minimum(demand, last - reach))
-        return [float(force) for force in np.where(signs != 0.0, np.clip(changed, low, high), demand)]
+        part = transition.early(last, wanted, speeds != 0.0, self.every)
+        early = last + part * reach
+        changed = np.where(part > 0.0, np.maximum(demand, early), np.minimum(demand, early))
+        return [float(force) for force in np.where(part != 0.0, np.clip(changed, low, high), demand)]
 
     def _brakes_by_air(self) -> bool:
         """Return True if the air brake is demanded, or its shoes act."""

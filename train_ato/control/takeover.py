@@ -39,6 +39,8 @@ LEAST_COMMANDS = 4
 """Least number of commands with a mean that lasts."""
 LEAST_LOAD = 1e-6
 """Part of the force of a train from which on a coupler is loaded, but for rounding."""
+HALVINGS = 10
+"""Halvings of the interval of the part of the largest change with which a demand changes early."""
 AGREED = 0.999
 """Part of the largest change within which a demand is reached: a law that obeys its limits can be at the whole."""
 
@@ -151,8 +153,8 @@ class LawTransition:
         later = max(0.0, (self._ticks - self.lasting) * self._tick)
         return np.asarray(ticks * min(2.0 ** (later / DOUBLING_TIME), 1e6) * self._change)
 
-    def early(self, last: Array, wanted: Array, moves: Array) -> Array:
-        """Return the sign with which a demand changes from now on, before a corner of the profile, shape (units,).
+    def early(self, last: Array, wanted: Array, moves: Array, ticks: int) -> Array:
+        """Return the part of the largest change that a demand takes now, before a corner of the profile, -1 ... 1.
 
         The wanted force changes faster than the largest change at a corner, for example at a departure. The speed that
         a unit gains before the corner by an early change is that which it lacks afterwards, until it has caught up.
@@ -165,18 +167,35 @@ class LawTransition:
             Demands of the next ticks [N].
         moves : Array, shape (ticks, units)
             True if the profile moves at the effect of the demand; a train at rest lacks no force.
-        """
-        rising, falling = (self._lacking(sign * (wanted - last), moves) for sign in (1.0, -1.0))
-        signs = np.where(np.maximum(rising, falling) < 0.0, 0.0, np.where(rising >= falling, 1.0, -1.0))
-        self._early = bool(signs.any())
-        return signs
+        ticks
+            Ticks between two steps of the law.
 
-    def _lacking(self, wanted: Array, moves: Array) -> Array:
+        Returns
+        -------
+        Array, shape (units,)
+            Part with the sign of the change; after this step the change is the largest one.
+        """
+        least, most = np.zeros(last.shape), np.ones(last.shape)
+        rising, falling = (self._lacking(sign * (wanted - last), moves, most, ticks) for sign in (1.0, -1.0))
+        sign, whole = np.where(rising >= falling, 1.0, -1.0), np.maximum(rising, falling)
+        toward = sign * (wanted - last)
+        begins = (whole > -np.inf) & (self._lacking(toward, moves, least, ticks) >= 0.0)
+        self._early = bool(begins.any())
+        least = np.where(whole >= 0.0, most, least)
+        for _ in range(HALVINGS if self._early else 0):
+            middle = 0.5 * (least + most)
+            lacks = self._lacking(toward, moves, middle, ticks) >= 0.0
+            least, most = np.where(lacks, middle, least), np.where(lacks, most, middle)
+        return np.asarray(np.where(begins, sign * most, 0.0))
+
+    def _lacking(self, wanted: Array, moves: Array, part: Array, ticks: int) -> Array:
         """Return the sum of the forces that a demand lacks which rises from 0 now, less the gained ones [N]; < 0: none.
 
-        The sum is from the next tick on until the demand has caught up.
+        The demand takes a part of the largest change for some ticks, and then the whole. The sum is from the next tick
+        on until the demand has caught up.
         """
-        lack = wanted - np.arange(1.0, len(wanted) + 1.0)[:, None] * self._change
+        passed = np.arange(1.0, len(wanted) + 1.0)[:, None]
+        lack = wanted - (np.minimum(passed, ticks) * part + np.maximum(passed - ticks, 0.0)) * self._change
         behind = np.logical_and(moves, lack > 0.0)
         begun = np.logical_or.accumulate(behind)
         caught_up = np.logical_or.accumulate(begun & (lack <= 0.0))
