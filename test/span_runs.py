@@ -3,6 +3,8 @@
 from typing import Any
 from unittest.mock import patch
 
+from numba import typeof
+
 from train_ato.apps.runs.scenario_choice import choose_scenario
 from train_ato.apps.sweep.row import WALL_TIMES
 from train_ato.loop import engine
@@ -10,6 +12,7 @@ from train_ato.loop.engine import TickLoop, run_engine
 from train_ato.loop.result import RunResult
 from train_ato.loop.series import DiagnosticSeries
 from train_ato.loop.setup import RunSetup
+from train_ato.loop.spans.span import CompiledSpans
 from train_ato.messages.codec.codec import Wire
 
 
@@ -62,10 +65,20 @@ def _driven(setup: RunSetup, *, compiled: bool) -> tuple[list[tuple[str, int, by
         loops.append(TickLoop(*given, **named))
         return loops[-1]
 
-    with patch.object(engine, "TickLoop", kept):
+    with patch.object(engine, "TickLoop", kept), patch.object(CompiledSpans, "call", call_of_same_types):
         result = run_engine(setup, sink=sink, compiled=compiled)
     assert result.failure is None, result.failure
     return sink.rows, result, loops[0]
+
+
+_CALL = CompiledSpans.call
+
+
+def call_of_same_types(spans: CompiledSpans, arguments: tuple[Any, ...]) -> int:
+    """Call the compiled ticks, which look at the types of their arguments in the first call of a run only."""
+    kinds = typeof(arguments)
+    assert vars(spans).setdefault("kinds", kinds) == kinds
+    return _CALL(spans, arguments)
 
 
 def compiled_part(setup: RunSetup) -> float:
