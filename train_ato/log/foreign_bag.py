@@ -8,7 +8,9 @@ from __future__ import annotations
 import re
 import shutil
 import sqlite3
+import struct
 import tempfile
+from bisect import bisect_left
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, closing, contextmanager, suppress
 from pathlib import Path
@@ -35,6 +37,10 @@ JOURNALS = ("-wal", "-journal")
 PACKED = b"\x28\xb5\x2f\xfd"
 """First bytes of a Zstandard frame; a CDR message begins with 0."""
 _BY_MESSAGE = re.compile(r"compression_mode:\s*['\"]?message", re.IGNORECASE)
+_SQLITE_HEAD = struct.Struct(">16xH10xI")
+"""Size and number of the pages of an SQLite file."""
+_FROM = "SELECT rowid, topic_id, timestamp, data FROM messages WHERE rowid >= ? ORDER BY rowid"
+"""Rows from a number on, without the index, which may be damaged."""
 _copies: dict[tuple[Any, ...], Path] = {}
 _scratch = ExitStack()
 """Folder of the copies; it is removed at the end of the process."""
@@ -174,20 +180,58 @@ def unpack(file: Path, target: Path) -> None:
             out.write(frame.decompress(data))
 
 
-def of_sqlite(file: Path, *, broken: bool = False) -> Iterator[RawMessage]:
-    """Read the messages of an SQLite bag of any version; with ``broken``, up to the damage."""
-    order = "rowid" if broken else "timestamp"  # an index may be the damaged part
+def of_sqlite(file: Path) -> Iterator[RawMessage]:
+    """Read the messages of an SQLite bag of any version."""
     try:
         with _settled(file) as address, closing(sqlite3.connect(address, uri=True)) as database:
             kinds = {row["id"]: _kind(row, database) for row in _rows(database, "topics")}
             for topic, stamp, data in database.execute(
-                f"SELECT topic_id, timestamp, data FROM messages ORDER BY {order}"
+                "SELECT topic_id, timestamp, data FROM messages ORDER BY timestamp"
             ):
                 yield RawMessage(*kinds[topic], stamp, stamp, data)
     except (sqlite3.Error, KeyError) as error:
-        if not broken:
-            reason = f"damaged or no bag ({error}); `train-ato recover {file}` saves the readable part"
-            raise ValueError(f"{file}: {reason}") from None
+        with tempfile.TemporaryDirectory(prefix="train_ato_bag_") as folder:
+            some = any(True for _ in of_damaged_sqlite(file, Path(folder)))
+        saved = f"`train-ato recover {file}` saves the readable part" if some else "no message in it is readable"
+        raise ValueError(f"{file}: damaged or no bag ({error}); {saved}") from None
+
+
+def of_damaged_sqlite(file: Path, folder: Path) -> Iterator[RawMessage]:
+    """Read the messages of an SQLite bag outside of its damaged pages, from a copy in a folder."""
+    whole = folder / "whole.db3"
+    for end in ("", *JOURNALS):
+        if Path(f"{file}{end}").is_file():
+            shutil.copyfile(f"{file}{end}", f"{whole}{end}")
+    with whole.open("r+b") as copy:  # SQLite opens no file that is shorter than its head says
+        head = copy.read(_SQLITE_HEAD.size)
+        page, pages = _SQLITE_HEAD.unpack(head) if len(head) == _SQLITE_HEAD.size else (0, 0)
+        copy.truncate(max(file.stat().st_size, page * pages))
+    with suppress(sqlite3.Error), _settled(whole) as address, closing(sqlite3.connect(address, uri=True)) as database:
+        kinds = {row["id"]: _kind(row, database) for row in _rows(database, "topics")}
+        begin: int | None = 0
+        while begin is not None:
+            with suppress(sqlite3.Error):
+                for number, topic, stamp, data in database.execute(_FROM, (begin,)):
+                    if topic in kinds:
+                        yield RawMessage(*kinds[topic], stamp, stamp, data)
+                    begin = number + 1
+                return
+            begin = _next_readable(database, begin)
+
+
+def _next_readable(database: sqlite3.Connection, damaged: int) -> int | None:
+    """Return the number from which the rows after a damaged one are readable; None without such rows."""
+
+    def readable(begin: int) -> bool:
+        with suppress(sqlite3.Error):
+            database.execute(_FROM, (begin,)).fetchone()
+            return True
+        return False
+
+    step = next((step for power in range(62) if readable(damaged + (step := 1 << power))), None)
+    if step is None:
+        return None
+    return damaged + 1 + bisect_left(range(damaged + 1, damaged + step), True, key=readable)
 
 
 @contextmanager

@@ -14,7 +14,6 @@ from __future__ import annotations
 import mmap
 import re
 import shutil
-import struct
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -27,7 +26,7 @@ from mcap.records import Attachment
 
 from plant_sim.data_text import parse_yaml
 from train_ato.log.bag_layout import LOG, METADATA, NEVER, PARTIAL, ChannelCount, bag_information, metadata_yaml
-from train_ato.log.foreign_bag import JOURNALS, PACKED, ROS_1, SQLITE, bag_files, head_of, of_sqlite, unpack
+from train_ato.log.foreign_bag import PACKED, ROS_1, SQLITE, bag_files, head_of, of_damaged_sqlite, unpack
 from train_ato.log.mcap_records import (
     HEAD,
     Damage,
@@ -123,9 +122,6 @@ _CHUNK = re.compile(rb"\x06.{8}.{24}.{4}(?:\x04\x00\x00\x00zstd|\x03\x00\x00\x00
 
 RECORDS = frozenset(map(int, Opcode)) | frozenset(range(0x80, 0x100))
 """Codes of records, the last ones of other programs."""
-
-_SQLITE_HEAD = struct.Struct(">16xH10xI")
-"""Size and number of the pages of an SQLite file."""
 
 
 @dataclass(frozen=True)
@@ -275,15 +271,7 @@ def _readable_part(
         with _readable_part(unpacked, scratch, progress) as found:
             yield found
     elif kind == SQLITE:
-        whole = scratch / "whole.db3"
-        for end in ("", *JOURNALS):
-            if Path(f"{source}{end}").is_file():
-                shutil.copyfile(f"{source}{end}", f"{whole}{end}")
-        with whole.open("r+b") as copy:  # SQLite opens no file that is shorter than its head says
-            head = copy.read(_SQLITE_HEAD.size)
-            page, pages = _SQLITE_HEAD.unpack(head) if len(head) == _SQLITE_HEAD.size else (0, 0)
-            copy.truncate(max(source.stat().st_size, page * pages))
-        yield None, of_sqlite(whole, broken=True)
+        yield None, of_damaged_sqlite(source, scratch)
     elif kind == ROS_1:
         log_file(source)  # the reason and its remedy
     else:
