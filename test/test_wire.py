@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from train_ato.loop.run_end import RunEnd
 from train_ato.messages.codec.cdr import typestore
 from train_ato.messages.codec.codec import Wire, stamp_of
-from train_ato.messages.codec.variable import _decode_knots, decode_trajectory, encode_trajectory
+from train_ato.messages.codec.variable import _decode_knots, decode_trajectory, encode_trajectory, status_name
 from train_ato.messages.topic import SUPERVISED, TrainLayout
 from train_ato.messages.topics import BY_NAME, EPOCH_NS, TOPICS, topics_of
 from train_ato.messages.types import (
@@ -177,17 +177,21 @@ def test_frames_are_the_line_and_the_vehicles_of_the_pressures():
 
 
 def test_diagnostics_are_plain_numbers_with_the_unit_in_the_key():
-    """Breaks if a tool gets a list, a key without unit or no hardware, or the program gets another key back."""
+    """Breaks if a tool gets a list, a key without unit, hardware or part, or the program gets another key back."""
     values = {"delay": "[0.8, 0.4]", "lag": "0.4", "delay_brake": "[]", "energy_traction": "1e3", "swaps": "2"}
     sent = Diagnostic(0, "controller", 0, "engaged", values)
     data = Wire(LONG).encode("/diagnostics", sent)
-    (status,) = typestore().deserialize_cdr(data, "diagnostic_msgs/msg/DiagnosticArray").status
-    assert status.hardware_id == "ato"
+    kind = "diagnostic_msgs/msg/DiagnosticArray"
+    (status,) = (found := typestore().deserialize_cdr(data, kind)).status
+    assert (status.hardware_id, status.name) == ("ato", "controller: law")
     assert {pair.key: pair.value for pair in status.values} == {
         "delay_0_s": "0.8", "delay_1_s": "0.4", "lag_s": "0.4", "energy_traction_j": "1e3", "swaps": "2",
     }  # fmt: skip
     del values["delay_brake"]
     assert Wire(LONG).decode("/diagnostics", data) == sent
+    status.name = "controller"  # an older log, or another program
+    older = bytes(typestore().serialize_cdr(found, kind))
+    assert Wire(LONG).decode("/diagnostics", older) == sent and status_name(older) == "controller"
 
 
 @settings(max_examples=60, deadline=None)

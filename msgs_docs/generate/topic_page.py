@@ -19,7 +19,7 @@ from train_ato.loop.run_end import RunEnd
 from train_ato.loop.train_ahead import ReportSender
 from train_ato.messages.codec.cdr import typestore
 from train_ato.messages.codec.codec import Wire
-from train_ato.messages.codec.variable import HARDWARE, LISTED, message_key
+from train_ato.messages.codec.variable import HARDWARE, LISTED, STATUS_NAMES, message_key
 from train_ato.messages.topic import FIXED_NAMES, Owner
 from train_ato.messages.topics import DIAGNOSTIC_UNITS, END_TOPIC, REPORT, TOPICS, Place, Topic
 from train_ato.messages.types import Diagnostic, Tick
@@ -193,8 +193,11 @@ def _units() -> list[str]:
     for node, name in HARDWARE.items():
         of_unit.setdefault(name, []).append(node)
     hardware = ", ".join(f"`{name}` ({', '.join(nodes)})" for name, nodes in of_unit.items())
+    names = ", ".join(f"`{name}`" for name in STATUS_NAMES.values())
     return [
         "",
+        f"`status[].name` is node and part, as `diagnostic_aggregator` groups them: {names}.",
+        "Older logs have the node alone.",
         f"`status[].hardware_id` is the unit of the vehicle: {hardware}. A value with",
         "a unit is a plain number, and its key ends with the unit (`I`: number of the power unit).",
         "Keys with a unit:",

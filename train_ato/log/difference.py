@@ -18,6 +18,7 @@ import numpy as np
 from train_ato.log.mcap_records import Progress
 from train_ato.log.reading import iter_raw, read_log
 from train_ato.messages.codec.codec import Wire
+from train_ato.messages.codec.variable import status_name
 from train_ato.messages.topics import TOPICS
 from train_ato.scenario.changes import GIVEN
 
@@ -177,11 +178,13 @@ class _Comparison:
         self._newest[side] = max(self._newest[side], stamp)
 
     def _close(self, until: float) -> None:
-        """Compare the messages up to a stamp, included; diagnostics of one stamp in the order of their content."""
+        """Compare the messages up to a stamp, included; diagnostics of one stamp in the order of their nodes."""
         for stamp in sorted(stamp for stamp in self._open if stamp <= until):
             topics = self._open.pop(stamp)
             for topic in sorted(topics, key=_place):
-                mine, theirs = (sorted(found) if topic == "/diagnostics" else found for found in topics[topic])
+                mine, theirs = (
+                    sorted(found, key=_by_node) if topic == "/diagnostics" else found for found in topics[topic]
+                )
                 for a, b in zip_longest(mine, theirs):
                     if a != b:
                         self._compare(topic, stamp, a, b)
@@ -195,6 +198,11 @@ class _Comparison:
         if found is not None:
             self._differing[topic] += 1
             self._first = self._first or found
+
+
+def _by_node(data: bytes) -> tuple[str, bytes]:
+    """Return the order of diagnostics: by node, also where an older log has another name of the status."""
+    return status_name(data), data
 
 
 def _place(topic: str) -> tuple[int, str]:

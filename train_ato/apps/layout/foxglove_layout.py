@@ -172,11 +172,12 @@ def _nodes(configured: dict[str, dict[str, Any]], log: LogSignals) -> Node:
     summary = {"minLevel": 0, "pinnedIds": [], "hardwareIdFilter": "", "topicToRender": topic, "sortByLevel": True}
     parts: list[Node] = [_add(configured, "DiagnosticSummary!nodes", _titled("nodes", summary))]
     for node in STATUS_OF:
-        if node in log.hardware:
+        if node in log.statuses:
+            hardware, name = log.statuses[node]
             config = {
                 "topicToRender": topic,
-                "selectedHardwareId": log.hardware[node],
-                "selectedName": node,
+                "selectedHardwareId": hardware,
+                "selectedName": name,
                 "collapsedSections": [],
             }
             parts.append(_add(configured, f"DiagnosticStatusPanel!{node}", _titled(node, config)))

@@ -18,7 +18,7 @@ from train_ato.log.bag_layout import table_name
 from train_ato.log.mcap_records import MAX_TIME_NS, RawMessage, stream
 from train_ato.log.reading import log_file
 from train_ato.messages.codec.cdr import typestore
-from train_ato.messages.codec.variable import decode_trajectory
+from train_ato.messages.codec.variable import decode_trajectory, node_of
 from train_ato.messages.topic import FIXED_NAMES, Owner
 from train_ato.messages.topics import BY_NAME
 
@@ -65,8 +65,8 @@ class LogSignals:
         Names of the entries of JointStates, by the name of the topic in the table.
     reports : dict
         Keys with numbers in the diagnostics, by node; each with the path of its value for PlotJuggler.
-    hardware : dict
-        ``hardware_id`` in the diagnostics, by node.
+    statuses : dict
+        ``hardware_id`` and name of the status in the diagnostics, by node.
     scene : bool
         True if the log has the train on its line.
     top_speed : float
@@ -79,7 +79,7 @@ class LogSignals:
     names: dict[str, str]
     joints: dict[str, tuple[str, ...]]
     reports: dict[str, dict[str, str]]
-    hardware: dict[str, str]
+    statuses: dict[str, tuple[str, str]]
     scene: bool
     top_speed: float
 
@@ -117,7 +117,7 @@ def read_signals(run: Path) -> LogSignals:
     names: dict[str, str] = {}
     joints: dict[str, tuple[str, ...]] = {}
     reports: dict[str, dict[str, str]] = {}
-    hardware: dict[str, str] = {}
+    statuses: dict[str, tuple[str, str]] = {}
     begin, end, speed, scene = MAX_TIME_NS, 0, 0.0, False
     for number, message in enumerate(stream(path)):
         scene = scene or message.channel.topic == MARKERS.name
@@ -128,7 +128,7 @@ def read_signals(run: Path) -> LogSignals:
         if names.setdefault(topic, message.channel.topic) != message.channel.topic:
             continue  # another train of the same log
         if topic == DIAGNOSTICS:
-            _add_reports(reports, hardware, message)
+            _add_reports(reports, statuses, message)
         elif topic == "ato/profile":
             speed = max(speed, float(decode_trajectory(message.data).velocity.max(initial=0.0)))
         elif topic == "train/measurement" and number % SPEED_EVERY == 0:
@@ -137,24 +137,25 @@ def read_signals(run: Path) -> LogSignals:
             joints[topic] = tuple(_content(message).name)
     if not names:
         raise ValueError(f"{path}: has no message of a run; name the log of a run of train_ato")
-    return LogSignals(path, begin, end, names, joints, reports, hardware, scene, speed)
+    return LogSignals(path, begin, end, names, joints, reports, statuses, scene, speed)
 
 
 def _content(message: RawMessage) -> Any:
     return typestore().deserialize_cdr(message.data, message.schema.name)
 
 
-def _add_reports(reports: dict[str, dict[str, str]], hardware: dict[str, str], message: RawMessage) -> None:
-    """Add the keys with numbers; PlotJuggler names them by hardware, node and key."""
+def _add_reports(reports: dict[str, dict[str, str]], statuses: dict[str, tuple[str, str]], message: RawMessage) -> None:
+    """Add the keys with numbers; PlotJuggler names them by hardware, status and key."""
     for status in _content(message).status:
-        hardware[status.name] = status.hardware_id
+        node = node_of(status.name)
+        statuses[node] = status.hardware_id, status.name
         for pair in status.values:
             try:
                 float(pair.value)
             except ValueError:
                 continue
             parts = (message.channel.topic, status.hardware_id, status.name, pair.key)
-            reports.setdefault(status.name, {})[pair.key] = "/".join(part for part in parts if part)
+            reports.setdefault(node, {})[pair.key] = "/".join(part for part in parts if part)
 
 
 BLUE, ORANGE, GREEN, PURPLE, SKY, RED, BLACK, GREY = (

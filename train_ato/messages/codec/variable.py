@@ -33,6 +33,20 @@ HARDWARE: dict[str, str] = {
     Role.SUPERVISOR.value: "atp",
 }
 """Unit of the vehicle with a node, ``hardware_id`` of its diagnostics."""
+STATUS_NAMES: dict[str, str] = {
+    Role.PLANT.value: "plant: train",
+    Role.PROFILE.value: "profile: plan",
+    Role.OBSERVER.value: "observer: estimate",
+    Role.CONTROLLER.value: "controller: law",
+    Role.SUPERVISOR.value: "supervisor: limits",
+}
+"""Name of the status of a node: node and part, as ``diagnostic_aggregator`` groups them."""
+_NODE_OF = {name: node for node, name in STATUS_NAMES.items()}
+
+
+def node_of(status_name: str) -> str:
+    """Return the node of the name of a status; older logs and other programs have the node alone."""
+    return _NODE_OF.get(status_name, status_name)
 
 
 @lru_cache(maxsize=1024)
@@ -239,7 +253,7 @@ _repeated_text = lru_cache(maxsize=1024)(_text)
 
 def encode_diagnostic(message: Diagnostic) -> bytes:
     """Return the CDR bytes of the state of a node, padded to a multiple of 4 bytes as by every transport."""
-    names = (message.node, message.message, HARDWARE.get(message.node, ""))
+    names = (STATUS_NAMES.get(message.node, message.node), message.message, HARDWARE.get(message.node, ""))
     parts = [_HEAD, packed_stamp(message.stamp), _repeated_text(""), _LENGTH.pack(1), bytes((message.level, 0, 0, 0))]
     parts += map(_repeated_text, names)
     count = 0
@@ -261,14 +275,14 @@ def decode_diagnostic(data: bytes) -> Diagnostic:
     if data[:2] != _HEAD[:2] or data[12:17] != b"\x01\x00\x00\x00\x00" or data[20:24] != b"\x01\x00\x00\x00":
         return _decode_any_diagnostic(data)
     try:
-        (node, message, _), place = _texts(data, 25, 3)
+        (name, message, _), place = _texts(data, 25, 3)
         place += -place % 4
         (count,) = _LENGTH.unpack_from(data, place)
         pairs, _ = _texts(data, place + 4, 2 * count)
     except (struct.error, UnicodeDecodeError):
         return _decode_any_diagnostic(data)
     values = program_values(zip(pairs[::2], pairs[1::2], strict=True))
-    return Diagnostic(stamp_of(data), node, data[24], message, values)
+    return Diagnostic(stamp_of(data), node_of(name), data[24], message, values)
 
 
 def _decode_any_diagnostic(data: bytes) -> Diagnostic:
@@ -278,7 +292,7 @@ def _decode_any_diagnostic(data: bytes) -> Diagnostic:
         return Diagnostic(stamp_of(data), "", 0, "", {})
     status = message.status[0]
     values = program_values((str(pair.key), str(pair.value)) for pair in status.values)
-    return Diagnostic(stamp_of(data), str(status.name), int(status.level), str(status.message), values)
+    return Diagnostic(stamp_of(data), node_of(str(status.name)), int(status.level), str(status.message), values)
 
 
 def _texts(data: bytes, place: int, count: int) -> tuple[list[str], int]:
@@ -296,7 +310,11 @@ def _texts(data: bytes, place: int, count: int) -> tuple[list[str], int]:
 
 
 _NODES = tuple(role.value for role in BY_NAME["/diagnostics"].publishers)
-_NAMED = {struct.pack("<I", len(name) + 1) + name.encode() + b"\x00": name for name in _NODES}
+_NAMED = {
+    struct.pack("<I", len(name) + 1) + name.encode() + b"\x00": node
+    for node in _NODES
+    for name in (STATUS_NAMES[node], node)
+}
 _ONE = struct.pack("<I", 1)
 
 
