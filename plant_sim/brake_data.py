@@ -10,6 +10,9 @@ from pydantic import Field, model_validator
 from plant_sim.si_model import SiModel
 from plant_sim.units import Acceleration, Force, Number, Pressure, Ratio, Speed, Time, Usual, number_text
 
+Filling = Annotated[Time, Usual(0.2, 120)]
+BuildUp = Annotated[Time, Usual(0.05, 60)]
+
 
 class Shoes(SiModel):
     """Air-brake shoes or pads of one vehicle: paper 000, eqs. (10)-(15) and table 1."""
@@ -35,17 +38,21 @@ class AirBrake(SiModel):
     charged: Annotated[Pressure, Usual(100e3, 2e6)] = Field(
         600e3, gt=0, description="absolute pressure of the charged brake pipe"
     )
-    apply_wave: Speed = Field(200.0, gt=0, description="speed of the application wave along the train")
-    release_wave: Speed = Field(36.0, gt=0, description="speed of the release wave along the train")
-    apply_time: Time = Field(4.0, gt=0, description="time constant of the cylinders filling")
-    release_time: Time = Field(6.0, gt=0, description="time constant of the cylinders emptying")
-    pipe_apply_time: Time = Field(
+    apply_wave: Annotated[Speed, Usual(20, 500)] = Field(
+        200.0, gt=0, description="speed of the application wave along the train"
+    )
+    release_wave: Annotated[Speed, Usual(5, 500)] = Field(
+        36.0, gt=0, description="speed of the release wave along the train"
+    )
+    apply_time: Filling = Field(4.0, gt=0, description="time constant of the cylinders filling")
+    release_time: Filling = Field(6.0, gt=0, description="time constant of the cylinders emptying")
+    pipe_apply_time: Filling = Field(
         2.0, gt=0, description="time constant of the falling pipe pressure, which is published only"
     )
-    pipe_release_time: Time = Field(
+    pipe_release_time: Filling = Field(
         6.0, gt=0, description="time constant of the rising pipe pressure, which is published only"
     )
-    pipe_vent_time: Time = Field(
+    pipe_vent_time: Filling = Field(
         1.0, gt=0, description="time constant of the pressure in an open pipe, which is published only"
     )
     reduction: Annotated[tuple[Pressure, ...], Usual(10e3, 1e6)] = Field(
@@ -55,7 +62,9 @@ class AirBrake(SiModel):
     reservoir_use: Ratio = Field(
         0.0, ge=0, le=1, description="part of a reservoir that one full application uses", examples=[0.3]
     )
-    recharge_time: Time = Field(60.0, gt=0, description="time constant of the reservoirs recharging while released")
+    recharge_time: Annotated[Time, Usual(3, 3600)] = Field(
+        60.0, gt=0, description="time constant of the reservoirs recharging while released"
+    )
 
     @model_validator(mode="after")
     def _table(self) -> AirBrake:
@@ -89,6 +98,6 @@ class EmergencyBrake(SiModel):
     deceleration: Annotated[Acceleration, Usual(0.05, 5)] = Field(
         0.83, gt=0, le=5, description="brake force of a vehicle at standstill over its inertial mass"
     )
-    delay: Time = Field(0.8, ge=0, le=10, description="dead time from the application to the first force")
-    time_constant: Time = Field(1.5, gt=0, le=60, description="time constant of the build-up after the delay")
-    release_time: Time = Field(1.5, gt=0, le=60, description="time constant of the release, which has no delay")
+    delay: BuildUp = Field(0.8, ge=0, le=10, description="dead time from the application to the first force")
+    time_constant: BuildUp = Field(1.5, gt=0, le=60, description="time constant of the build-up after the delay")
+    release_time: BuildUp = Field(1.5, gt=0, le=60, description="time constant of the release, which has no delay")

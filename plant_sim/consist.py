@@ -47,7 +47,7 @@ class EnvelopeSegment(SiModel):
 
     to: Annotated[Speed, Usual(0.05, 2e3)] = Field(gt=0, description="speed at which the segment ends", examples=[10.0])
     force: Force = Field(0.0, description="constant part of the force", examples=[60e3])
-    slope_kn_per_kmh: Annotated[float, Unit("kN/(km/h)")] = Field(
+    slope_kn_per_kmh: Annotated[float, Unit("kN/(km/h)"), Usual(1e-3, 1e3)] = Field(
         0.0, description="change of the force with speed", examples=[-0.5]
     )
     power: Power = Field(0.0, ge=0, description="power of the part power / v of the force", examples=[600e3])
@@ -142,13 +142,13 @@ class Notches(SiModel):
         description="force over speed of dynamic-brake notch 1, 2, ..., a positive force",
         examples=[[[{"to": 30.0, "force": 40e3}], [{"to": 30.0, "force": 80e3}]]],
     )
-    rise: ForceRate | None = Field(
+    rise: Annotated[ForceRate | None, Usual(500, 100e6)] = Field(
         None, gt=0, description="largest growth of the force in one direction; default: no limit", examples=[20e3]
     )
-    fall: ForceRate | None = Field(
+    fall: Annotated[ForceRate | None, Usual(500, 100e6)] = Field(
         None, gt=0, description="largest decrease of the force in one direction; default: no limit", examples=[40e3]
     )
-    notch_time: Time = Field(
+    notch_time: Annotated[Time, Usual(0.05, 60)] = Field(
         0.0, ge=0, le=60, description="time from one notch to the next one; 0: any notch at once", examples=[1.0]
     )
 

@@ -16,6 +16,7 @@ Spring = Annotated[Stiffness, Usual(1e4, 5e8)]
 Stop = Annotated[Stiffness, Usual(1e6, 1e10)]
 Preload = Annotated[Force, Usual(500, 1e6)]
 Full = Annotated[Force, Usual(20e3, 20e6)]
+Damper = Annotated[Damping, Usual(500, 1e9)]
 
 
 class GearCurve(SiModel):
@@ -32,7 +33,7 @@ class GearCurve(SiModel):
     stiffness: Spring = Field(gt=0, description="stiffness a1 of the loading curve", examples=[2.5e6])
     unloading_ratio: Number = Field(gt=0, le=1, description="unloading force over loading force", examples=[0.25])
     slack: Slack = Field(0.010, ge=0, description="free play from draft to buff")
-    damping: Damping = Field(1e5, ge=0, description="structural damping c in c x' d/(d + x0), with the gear in contact")
+    damping: Damper = Field(1e5, ge=0, description="structural damping c in c x' d/(d + x0), with the gear in contact")
     stop_stiffness: Stop = Field(200e6, gt=0, description="stiffness beyond the stroke")
 
     @model_validator(mode="after")
@@ -63,7 +64,7 @@ class ClipGear(GearCurve):
     transition_stiffness: Stop = Field(
         60e6, gt=0, description="stiffness between the branches, above the largest slope of the loading curve"
     )
-    transition_damping: Damping = Field(0.0, ge=0, description="damping between the branches", examples=[5e6])
+    transition_damping: Damper = Field(0.0, ge=0, description="damping between the branches", examples=[5e6])
 
     @model_validator(mode="after")
     def _stiff_enough(self) -> ClipGear:
@@ -84,7 +85,9 @@ class SmoothedGear(GearCurve):
     """Draft gear of paper 000, eq. (6): branches joined over a switching speed (QKX100)."""
 
     kind: Literal["smoothed"]
-    switching_speed: Speed = Field(0.02, gt=0, description="speed over which the branches are joined")
+    switching_speed: Annotated[Speed, Usual(1e-4, 0.5)] = Field(
+        0.02, gt=0, description="speed over which the branches are joined"
+    )
 
 
 class LinearGear(SiModel):
@@ -92,7 +95,7 @@ class LinearGear(SiModel):
 
     kind: Literal["linear"]
     stiffness: Spring = Field(gt=0, description="stiffness of the spring", examples=[20e6])
-    damping: Damping = Field(0.0, ge=0, description="damping of the damper", examples=[0.5e6])
+    damping: Damper = Field(0.0, ge=0, description="damping of the damper", examples=[0.5e6])
     slack: Slack = Field(0.0, ge=0, description="free play from draft to buff", examples=[0.01])
 
 
@@ -150,9 +153,9 @@ class TableGear(GearTable):
         examples=[{"deflection": (0.0, 0.08), "loading": (20e3, 2000e3), "unloading": (0.0, 2000e3)}],
     )
     slack: Slack = Field(0.0, ge=0, description="free play from draft to buff", examples=[0.01])
-    damping: Damping = Field(0.0, ge=0, description="damping of the gear in contact", examples=[1e5])
+    damping: Damper = Field(0.0, ge=0, description="damping of the gear in contact", examples=[1e5])
     transition_stiffness: Stop = Field(60e6, gt=0, description="stiffness between the branches")
-    transition_damping: Damping = Field(0.0, ge=0, description="damping between the branches", examples=[5e6])
+    transition_damping: Damper = Field(0.0, ge=0, description="damping between the branches", examples=[5e6])
     stop_stiffness: Stop = Field(200e6, gt=0, description="stiffness beyond the last deflection")
 
     @model_validator(mode="after")

@@ -153,7 +153,7 @@ class VerticalCurve(SiModel):
     """Rounding of the change of grade at a place, with half of its length before the place and half behind it."""
 
     at: Place = Field(description="place of the change, where an entry of grades begins", examples=[1200.0])
-    radius: Place = Field(ge=100, description="radius of the rounding", examples=[10e3])
+    radius: Annotated[Place, Usual(200, 500e3)] = Field(ge=100, description="radius of the rounding", examples=[10e3])
 
 
 class Curve(LineSection):
@@ -242,7 +242,7 @@ class Stop(SiModel):
 
     at: Place = Field(description="place of the front at standstill", examples=[1200.0])
     name: str = Field("", description="name of the station", examples=["Market"])
-    dwell: Annotated[float, Unit("s")] = Field(
+    dwell: Annotated[float, Unit("s"), Usual(2, 14400)] = Field(
         0.0, ge=0, description="time at rest at an intermediate stop", examples=[30.0]
     )
 

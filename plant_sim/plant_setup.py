@@ -104,15 +104,21 @@ class Sensors(SiModel):
     position_noise: Annotated[Length, Usual(1e-5, 20)] = Field(
         0.0, ge=0, description="root mean square of the noise of the position", examples=[0.05]
     )
-    velocity_noise: Speed = Field(0.0, ge=0, description="root mean square of the noise of the speed", examples=[0.02])
+    velocity_noise: Annotated[Speed, Usual(1e-5, 5)] = Field(
+        0.0, ge=0, description="root mean square of the noise of the speed", examples=[0.02]
+    )
     position_quantum: Annotated[Length, Usual(1e-5, 50)] = Field(
         0.0, ge=0, description="resolution of the position; 0 for none", examples=[0.01]
     )
-    velocity_quantum: Speed = Field(0.0, ge=0, description="resolution of the speed; 0 for none", examples=[0.01])
+    velocity_quantum: Annotated[Speed, Usual(1e-5, 5)] = Field(
+        0.0, ge=0, description="resolution of the speed; 0 for none", examples=[0.01]
+    )
     position_bias: Annotated[Length, Usual(1e-4, 1e3)] = Field(
         0.0, description="constant error of the position", examples=[0.5]
     )
-    velocity_bias: Speed = Field(0.0, description="constant error of the speed", examples=[0.05])
+    velocity_bias: Annotated[Speed, Usual(1e-5, 30)] = Field(
+        0.0, description="constant error of the speed", examples=[0.05]
+    )
     freeze: tuple[Freeze, ...] = ()
     wheel_slip: tuple[WheelSlip, ...] = ()
     couplers: tuple[int, ...] = Field(
@@ -220,7 +226,7 @@ class PlantSetup(SiModel):
     """Block ``plant:`` of a scenario, without the names of train and line."""
 
     start: Start = Start()
-    lag: Time | tuple[Time, ...] = Field(
+    lag: Annotated[Time | tuple[Time, ...], Usual(1e-3, 60)] = Field(
         0.0, description="time constant of the actuators: one for all units, or one per unit", examples=[0.3]
     )
     rate_limit: Annotated[ForceRate | None, Usual(500, 100e6)] = Field(

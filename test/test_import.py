@@ -11,6 +11,9 @@ from import_files import BRAKE, CRUISE, TOP, TRAIN, metro, recorded, take, text_
 
 import train_ato
 from train_ato.apps.import_csv import run as measured_run
+from train_ato.apps.import_csv.columns import Column
+from train_ato.apps.import_csv.samples import ColumnSamples
+from train_ato.apps.import_csv.series import _checked_pressure
 from train_ato.cli.main import main
 from train_ato.profile.file import read_profile
 
@@ -275,6 +278,9 @@ def test_several_units_and_the_brake_pipe(tmp_path, capsys):
     pressure = np.interp(time, [0, 30, 40], [6.0, 6.0, 5.5])
     told = take(tmp_path, capsys, text_of({**base, "force_n": f, "brake_pipe_pressure_bar": pressure}), train=train)
     assert "brake_pipe_pressure_bar: read as absolute pressure, at most 600 kPa" in told["measured_notes"]
+    assert "kPa are charged; check the unit" not in told["measured_notes"]
+    wrong = ColumnSamples(Column("BP", "brake_pipe_pressure", 1.0), time, 1e3 * pressure, np.arange(time.size))
+    assert _checked_pressure(wrong, 600e3, tmp_path).endswith("600 kPa are charged; check the unit in the column name")
     frames = train_ato.load(tmp_path / "imported")
     table = frames["train/measurement"]
     assert np.allclose(table["unit_0_applied_force_n"], table["unit_1_applied_force_n"])

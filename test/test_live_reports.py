@@ -151,7 +151,7 @@ def test_the_first_train_that_fails_ends_the_others(
     changes = ("t2.law=dies:MyLaw", "all.duration=60")
     words = [str(following_file(tmp_path)), "--live", "--rate=0.02", *(f"--set={change}" for change in changes)]
     assert main(["run", *words, f"--out={tmp_path / 'out'}"]) == 1
-    assert "train t2: its program ended with status -9" in capsys.readouterr().err
+    assert "train t2: its program was killed by signal 9" in capsys.readouterr().err
 
 
 def test_the_newest_report_is_delivered_with_the_stamp_of_its_step(trains: Any) -> None:

@@ -263,6 +263,11 @@ def test_traps_of_an_own_line_are_noted(tmp_path: Path, capsys: pytest.CaptureFi
         ("consist", ("vehicle_types", "car", "shoes"), {"count": 8, "force": 25, "friction": 0.4},
          "vehicle_types.car.shoes.force = 25: usual are 500 to 500000 N"),
         ("consist", ("draft_gears", "rigid"), {"kind": "linear", "stiffness": 20}, "rigid.stiffness = 20: usual are"),
+        ("consist", ("draft_gears", "rigid"), {"kind": "linear", "stiffness": 2e7, "damping": 60}, "damping = 60: us"),
+        ("consist", ("air_brake",), {"apply_wave": 0.2}, "air_brake.apply_wave = 0.2: usual are 20 to 500 m/s"),
+        ("consist", ("air_brake",), {"release_time": 6000}, "air_brake.release_time = 6000: usual are 0.2 to 120 s"),
+        ("consist", ("emergency_brake",), {"delay": 0.01}, "emergency_brake.delay = 0.01: usual are 0.05 to 60 s"),
+        ("own", ("stops",), [{"at": 50, "dwell": 0.5}], "stops[0].dwell = 0.5: usual are 2 to 14400 s"),
         ("train", ("vehicles", 1, "a_braking"), -0.1, "vehicles[1]: a_braking: no effect in a vehicle of type"),
     ],
 )  # fmt: skip
@@ -287,10 +292,11 @@ def test_values_of_a_scenario_in_another_unit_are_noted(capsys: pytest.CaptureFi
     for name in ("demo", "freight_consensus", "crh380a_gpc:free", "xuzhou_metro:disturbed"):
         load_scenario(name)
     assert capsys.readouterr().err == ""
-    load_scenario("demo", ("criteria.coupler_draft_kn=0.4", "plant.sensors.position_noise_km=50"))
+    load_scenario("demo", ("criteria.coupler_draft_kn=0.4", "plant.sensors.position_noise_km=50", "plant.lag=300"))
     told = capsys.readouterr().err
     assert "note: demo: criteria.coupler_draft = 400: usual are 2000 to 20000000 N; check its unit" in told
     assert "plant.sensors.position_noise = 50000: usual are 1e-05 to 20 m" in told
+    assert "plant.lag = 300: usual are 0.001 to 60 s" in told
 
 
 def test_keys_of_sections_that_a_line_does_not_carry_are_named(tmp_path: Path) -> None:

@@ -14,6 +14,8 @@ from typing import Any, NoReturn
 
 BAD_INPUT = 2
 """Exit status of a command refused before its start."""
+OPTIONS_OF_PLAN = "options of plan"
+"""Source of the settings of a plan in a refusal."""
 
 
 def shortened(message: str) -> str:
@@ -57,9 +59,9 @@ class OneLineParser(argparse.ArgumentParser):
         from plant_sim.input_error import close_match
 
         first = arguments[0].partition("=")[0]
-        options = [name for action in self._actions for name in action.option_strings]
-        hint = close_match(first, options) if first.startswith("-") else ""
-        self.error(f"unknown argument '{first}'{hint}")
+        options = [name[2:] for action in self._actions for name in action.option_strings if name.startswith("--")]
+        hint = close_match(first.lstrip("-"), options) if first.startswith("-") else ""  # dashes are alike in all
+        self.error(f"unknown argument '{first}'" + hint.replace(" '", " '--"))
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         """Refuse a value that is none of the choices."""

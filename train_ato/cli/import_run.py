@@ -65,10 +65,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = _columns_text()
     parser.add_argument("csv", type=Path, metavar="CSV", help="file of the on-board recorder")
-    parser.add_argument(
-        "--train", "--consist", required=True, metavar="NAME", help="measured train: shipped name or file"
-    )
-    parser.add_argument("--line", required=True, metavar="NAME", help="line of the measurement: shipped name or file")
+    parser.add_argument("--train", "--consist", metavar="NAME", help="measured train: shipped name or file (required)")
+    parser.add_argument("--line", metavar="NAME", help="line of the measurement: shipped name or file (required)")
     parser.add_argument(
         "--layout",
         metavar="NAME",
@@ -113,8 +111,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Read, check and write a measured run."""
+    from train_ato.apps.import_csv.table import FileRules, titles_of
     from train_ato.apps.runs.importing import read_recorder
 
+    if missing := [f"--{key}" for key in ("train", "line") if getattr(options, key) is None]:
+        titles_of(options.csv, FileRules())  # a file that is no recorder's is refused first
+        raise ValueError(f"{' and '.join(missing)}: missing; give the measured train and its line, a name or a file")
     measured = read_recorder(
         options.csv, train=options.train, line=options.line, layout=options.layout, rename=_renames(options.rename),
         ignore=options.ignore, from_km=options.from_km, tick=options.tick, largest_gap=options.largest_gap,

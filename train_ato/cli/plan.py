@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from plant_sim.input_error import InputFaults, explain
-from train_ato.arguments import check_new_file
+from train_ato.arguments import OPTIONS_OF_PLAN, check_new_file
 from train_ato.errors import RunInterrupted, check_packages
 
 if TYPE_CHECKING:
@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from train_ato.profile.trip.plan import TripPlan
 
 
-OPTIONS = "options of plan"
-"""Source of the settings in a refusal, as in :func:`train_ato.apps.runs.planning.plan`."""
 DEFAULTS = "defaults"
 """Value of ``--trip`` without a file."""
 SCENARIOS, FIGURES = (".yaml", ".yml"), (".png", ".pdf", ".svg")
@@ -169,7 +167,7 @@ def _trip_settings(options: argparse.Namespace) -> Any:
     try:
         return TripSettings.model_validate(data)
     except ValidationError as error:
-        source = OPTIONS if options.trip == DEFAULTS else options.trip
+        source = OPTIONS_OF_PLAN if options.trip == DEFAULTS else options.trip
         raise explain(error, source, TripSettings, data) from None
 
 
@@ -295,10 +293,10 @@ def execute(options: argparse.Namespace) -> int:
         return execute_plan(options) if options.trip is None else execute_trip(options)
     except ValueError as error:
         text = str(error)
-        if not text.startswith((OPTIONS, "allowance")):  # of a file
+        if not text.startswith((OPTIONS_OF_PLAN, "allowance")):  # of a file
             raise
         keys = rf"\b({'|'.join(_OPTIONS)})(?:\.\d+)?(?= =|:| with )"
-        named = re.sub(keys, lambda key: f"--{_OPTIONS[key[1]]}", text.replace(f"{OPTIONS}: ", ""))
+        named = re.sub(keys, lambda key: f"--{_OPTIONS[key[1]]}", text.replace(f"{OPTIONS_OF_PLAN}: ", ""))
         raise InputFaults(named) from None
 
 

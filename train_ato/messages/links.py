@@ -21,7 +21,7 @@ from plant_sim.elementary import libm_sin
 from plant_sim.record import Records, fill, quantity, zeros
 from plant_sim.si_model import SiModel
 from plant_sim.streams import random_stream
-from plant_sim.units import Number, Ratio, Time, Unit
+from plant_sim.units import Number, Ratio, Time, Unit, Usual
 from train_ato.messages.types import Array
 
 MAX_DELAY = 600.0
@@ -60,14 +60,14 @@ class DelayJump(SiModel):
 class LinkSpec(SiModel):
     """Delay of one topic; ``delay`` is one value for all units or one per unit."""
 
-    delay: Time | tuple[Time, ...] = Field(
+    delay: Annotated[Time | tuple[Time, ...], Usual(1e-3, 60)] = Field(
         0.0, description="delay of the topic; of commands: in traction", examples=[0.3]
     )
-    delay_brake: Time | tuple[Time, ...] | None = Field(
+    delay_brake: Annotated[Time | tuple[Time, ...] | None, Usual(1e-3, 60)] = Field(
         None, description="delay of commands below 0; default: delay", examples=[0.5]
     )
     varying: VaryingDelay | None = None
-    jitter: Time = Field(
+    jitter: Annotated[Time, Usual(1e-4, 60)] = Field(
         0.0, ge=0, le=MAX_DELAY, description="largest additional delay, with uniform distribution", examples=[0.02]
     )
     loss: Ratio = Field(

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
@@ -22,7 +22,7 @@ from plant_sim.library import read_yaml, split_name
 from plant_sim.line import Line
 from plant_sim.plant_setup import PlantSetup
 from plant_sim.si_model import SiModel, Source, Summary, unusual_values
-from plant_sim.units import Place, Time, number_text
+from plant_sim.units import Place, Time, Usual, number_text
 from train_ato.control.air_brake.policy import BrakeSpec
 from train_ato.control.force_distribution import DisplacementAt, SharesAt
 from train_ato.control.learned_resistance import LearnedResistance
@@ -71,15 +71,15 @@ class ModelBlock(SiModel):
         description="line of the model: a shipped name, a file, or the line itself; default: that of the plant",
         examples=["demo"],
     )
-    delay: Time | tuple[Time, ...] | None = Field(
+    delay: Annotated[Time | tuple[Time, ...] | None, Usual(1e-3, 60)] = Field(
         None,
         description="delay of commands in the model: one, or one per unit; default: that of the links",
         examples=[0.3],
     )
-    delay_brake: Time | tuple[Time, ...] | None = Field(
+    delay_brake: Annotated[Time | tuple[Time, ...] | None, Usual(1e-3, 60)] = Field(
         None, description="delay of commands below 0 in the model; default: that of the links", examples=[0.5]
     )
-    lag: Time | None = Field(
+    lag: Annotated[Time | None, Usual(1e-3, 60)] = Field(
         None,
         ge=0,
         description="time constant of the actuators in the model; default: that of the plant",

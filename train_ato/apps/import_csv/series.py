@@ -23,6 +23,8 @@ LEAST_FORCE, REFERENCE = 0.01, (0.4, 2.5)
 """Force over the brake envelope, and reference over measured speed, of a probably wrong unit."""
 BRAKING, BRAKED_SHARE = 0.3, 0.2
 """Deceleration [m/s²], and share of the work of the traction during it, that a note names."""
+CHARGED = (0.7, 1.5)
+"""Largest brake-pipe pressure over that of the charged pipe, outside of which a note names the unit."""
 LEAST_WORK = 1e5
 """Energy below which the work is not checked [J]."""
 KWH = 3.6e6
@@ -280,4 +282,5 @@ def _checked_pressure(pressure: ColumnSamples, charged: float, path: Path) -> st
             f"{path}: column '{title}': {text}: probably a gauge pressure; the absolute one is read: add 101.3 kPa "
             f"(1.013 bar, 14.7 psi) in the file, or remove it with --ignore '{title}'"
         )
-    return f"{title}: read as absolute pressure, {text}"
+    doubt = "" if CHARGED[0] <= highest / charged <= CHARGED[1] else "; check the unit in the column name"
+    return f"{title}: read as absolute pressure, {text}{doubt}"

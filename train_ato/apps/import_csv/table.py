@@ -365,6 +365,8 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
         raw = path.read_bytes()
     except OSError as error:
         raise ValueError(f"{path}: cannot be read ({error.strerror}); give the CSV file of a recorder") from None
+    if raw.lstrip(b"\xef\xbb\xbf \r\n")[:1] in (b"<", b"{"):
+        raise ValueError(f"{path}: XML or JSON, not a table; give the CSV file of a recorder")
     for number, line in enumerate(_text(path, raw).splitlines(), 1):
         if line.strip() and not line.lstrip().startswith("#"):
             yield number, line

@@ -98,7 +98,11 @@ def run_following_live(
     if failed:
         lines = scenarios[failed].with_suffix(".txt").read_text(errors="replace").splitlines()
         reason = next((line for line in reversed(lines) if line.startswith(_SAYS)), "").removeprefix(_SAYS)
-        raise RunFailed(f"train {failed}: {reason or f'its program ended with status {programs[failed].returncode}'}")
+        status = programs[failed].returncode
+        ended = (
+            f"its program ended with status {status}" if status > 0 else f"its program was killed by signal {-status}"
+        )
+        raise RunFailed(f"train {failed}: {reason or ended}")
     return result_of(file.spec, {name: open_run(out / name) for name in scenarios}, out)
 
 

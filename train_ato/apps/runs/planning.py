@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from plant_sim.input_error import explain
 from plant_sim.line import line_for
-from train_ato.arguments import check_new_file
+from train_ato.arguments import OPTIONS_OF_PLAN, check_new_file
 from train_ato.profile.file import write_profile
 from train_ato.profile.planner.planner import Plan, plan_profile
 from train_ato.profile.planner.settings import PlanSettings, find_line, find_train
@@ -78,11 +78,15 @@ def plan(
     on = line_for(on, consist.categories, consist.rating)
     data = {key: value for key, value in usual.model_dump().items() if key not in named}
     posts = {key: value for key, value in settings.items() if key in ("begin", "end") and isinstance(value, str)}
-    settings |= {key: on.place_of(value) for key, value in posts.items()}
+    for key, post in posts.items():
+        try:
+            settings[key] = on.place_of(post)
+        except ValueError as error:
+            raise ValueError(f"{OPTIONS_OF_PLAN}: {key} = {error}") from None
     try:
         chosen = PlanSettings.model_validate({**data, **settings})
     except ValidationError as error:
-        raise explain(error, "options of plan", PlanSettings, settings) from None
+        raise explain(error, OPTIONS_OF_PLAN, PlanSettings, settings) from None
     if journey is not None:
         chosen = chosen.model_copy(update={"points": read_journey(str(journey), on).points})
     result = plan_profile(on, consist, chosen, period)
