@@ -252,6 +252,35 @@ def railml(tmp_path: Path) -> Path:
     return file
 
 
+def test_railml_limits_of_speed_profiles_are_those_of_categories(tmp_path, capsys):
+    """Breaks if a section of one profile slows all trains, or a train without a profile has no limit anywhere."""
+    profiles = (
+        '<common><speedProfiles><speedProfile id="s1"><name name="tilting"/></speedProfile></speedProfiles></common>'
+    )
+    whole = located(
+        "speedSection", 'vMax="80"', measured("n3", 600, 700), measured("n4", 700, 4300), direction="normal"
+    )
+    tilting = located("speedSection", 'maxSpeed="100" trainRelation="headOfTrain"', measured("n4", 1000, 2000))
+    tilting = tilting.replace("<linear", '<validForSpeedProfile ref="s1"/><linear', 1)
+    text = RAILML.replace("<infrastructure id", f"{profiles}<infrastructure id").replace(whole, whole + tilting)
+    file = tmp_path / "profiles.railml"
+    file.write_text(text)
+    line = load_line(f"{file}:Alder..Birch")
+    (category,) = line.category_limits
+    assert category.category == "tilting"
+    limits = [(e.at, round(3.6 * e.speed)) for e in category.speed_limits]
+    assert limits == [(0, 80), (1000, 100), (2000, 80)]
+    assert {round(3.6 * e.speed) for e in line.speed_limits} == {80}
+    assert "trainRelation: not used; its speed holds for the whole length of the train" in capsys.readouterr().err
+    file.write_text(text.replace(whole, ""))
+    line = load_line(f"{file}:Alder..Birch")
+    assert {round(3.6 * e.speed) for e in line.speed_limits} == {100}
+    assert "some only for speed profiles; other trains have the lowest of them there" in capsys.readouterr().err
+    file.write_text(text.replace('ref="s1"', 'ref="s2"'))
+    with pytest.raises(ValueError, match="validForSpeedProfile: ref = 's2': not in the file"):
+        load_line(f"{file}:Alder..Birch")
+
+
 def test_a_railml_path_by_hand(railml: Path) -> None:
     """Breaks if one of the three forms of a location, a sign, a unit or the direction of a limit is read wrongly."""
     line = load_line(f"{railml}:Alder..Birch")

@@ -1,6 +1,7 @@
 """Lines in railML 3 (infrastructure, versions 3.1 to 3.3): a path through the net elements of the micro level.
 
-Read are topology, gradient and horizontal curves, speed sections, temporary ones included, operational points, tunnels,
+Read are topology, gradient and horizontal curves, speed sections, temporary ones and those of speed profiles included,
+operational points, tunnels,
 electrification sections, and lengths of tracks for net elements without one. Entries on collections of net elements
 hold on their parts.
 Gradients are in per mille, speeds in km/h, a radius > 0 turns to the right. A location is a position in m, an
@@ -14,7 +15,7 @@ insulated section, and in one without a contact line.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -132,7 +133,7 @@ READ = {
     "geometry.horizontalCurves.horizontalCurve": ("@radius",),
     **dict.fromkeys(
         ("functionalInfrastructure.speeds.speedSection", "functionalInfrastructure.speedSections.speedSection"),
-        ("@maxSpeed", "@vMax", "@isTemporary", "linearLocation.@applicationDirection"),
+        ("@maxSpeed", "@vMax", "@isTemporary", "validForSpeedProfile.@ref", "linearLocation.@applicationDirection"),
     ),
     "functionalInfrastructure.operationalPoints.operationalPoint": ("name.@name",),
     "functionalInfrastructure.tracks.track": ("length.@value",),
@@ -194,7 +195,7 @@ def railml_line(path: Path, selection: str = "", *, against: bool = False) -> tu
         else:
             print_assumption(f"{entry_of(point, place)}: it has no spotLocation on a netElement and is left out")
     way = network.path(selection, against=against)
-    speeds, restrictions = _speeds(infrastructure, location, way)
+    speeds, by_category, restrictions = _speeds(infrastructure, location, way, _profiles(root))
     name = f"{path.stem}{f' {selection}' if selection else ''}{ENDING if against else ''}"
     sections = {
         "temporary_restrictions": restrictions,
@@ -209,14 +210,29 @@ def railml_line(path: Path, selection: str = "", *, against: bool = False) -> tu
         radii=radii(infrastructure, location, way),
         speeds=speeds,
         sections=sections,
+        by_category=by_category,
     )
     return build_model(Line, data, place), "railML 3", _not_read(root)
 
 
-def _speeds(infrastructure: Element, location: Location, path: TrackPath) -> tuple[list[Range], list[dict[str, Any]]]:
-    """Return the permanent speed limits [m/s] and the temporary restrictions on a path."""
+def _profiles(root: Element) -> dict[str, str]:
+    """Return the category of every speed profile by its identifier; "" for a basic one, which holds for all trains."""
+    return {
+        entry.get("id", ""): "" if entry.get("isBasicSpeedProfile") in ("true", "1") else _name_of(entry)
+        for entry in elements_below(root, "speedProfile")
+    }
+
+
+def _speeds(
+    infrastructure: Element, location: Location, path: TrackPath, profiles: Mapping[str, str]
+) -> tuple[list[Range], dict[str, list[Range]], list[dict[str, Any]]]:
+    """Return the permanent speed limits [m/s] of all trains and by category, and the restrictions on a path.
+
+    A section that is valid for speed profiles holds for their categories, in place of the limit of all trains. Where
+    all sections are of a category, a train of another one has the lowest of them.
+    """
     place = path.network.place
-    speeds: list[Range] = []
+    by_category: dict[str, list[Range]] = {}
     restrictions: list[dict[str, Any]] = []
     for section in elements_below(infrastructure, "speedSection"):
         key = "maxSpeed" if section.get("maxSpeed") is not None else "vMax"
@@ -227,12 +243,37 @@ def _speeds(infrastructure: Element, location: Location, path: TrackPath) -> tup
                 print_assumption(f"{entry}: no maxSpeed; left out")
             continue
         speed = number_of(section, key, place, 0.1, 1000.0) / 3.6
+        if passages and section.get("trainRelation", "endOfTrain") != "endOfTrain":
+            print_assumption(f"{entry}: trainRelation: not used; its speed holds for the whole length of the train")
+        refs = [part.get("ref", "") for part in elements_below(section, "validForSpeedProfile")]
+        for ref in refs:
+            if ref not in profiles:
+                raise ValueError(f"{entry}: validForSpeedProfile: ref = '{ref[:60]}': not in the file; correct it")
         for begin, end, _ in passages:
             if flag_of(section, "isTemporary", place):
                 restrictions.append({"begin": begin, "end": end, "speed": speed})
-            else:
-                speeds.append(Range(begin, end, speed, entry))
-    return speeds, sorted(restrictions, key=lambda entry: (entry["begin"], entry["end"]))
+                continue
+            for category in dict.fromkeys(profiles[ref] for ref in refs) or ("",):
+                by_category.setdefault(category, []).append(Range(begin, end, speed, entry))
+    general = by_category.pop("", [])
+    lowest = _laid([row for rows in by_category.values() for row in rows], general, path)
+    if by_category and lowest != _laid((), general, path):
+        print_assumption(
+            f"{place}: speedSection: some only for speed profiles; other trains have the lowest of them there"
+        )
+    found = {category: _laid(lowest, rows, path) for category, rows in by_category.items()}
+    return lowest, found, sorted(restrictions, key=lambda entry: (entry["begin"], entry["end"]))
+
+
+def _laid(under: Sequence[Range], over: Sequence[Range], path: TrackPath) -> list[Range]:
+    """Return the lowest values of ``over``, and where it has none those of ``under``."""
+
+    def layer(ranges: Sequence[Range], choose: Callable[[list[float]], float]) -> list[Range]:
+        pieces = steps(path.length, ranges, choose, None)
+        ends = [*(at for at, _ in pieces[1:]), path.length]
+        return [Range(at, end, value) for (at, value), end in zip(pieces, ends, strict=False) if value is not None]
+
+    return layer([*layer(under, min), *layer(over, min)], lambda values: values[-1])
 
 
 def _name_of(element: Element) -> str:
@@ -346,7 +387,9 @@ def _not_read(root: Element) -> tuple[str, ...]:
     stretch = tuple(f"linearLocation.associatedNetElement.{name}" for name in STRETCH)
     spot = tuple(f"spotLocation.{name}" for name in SPOT)
     carried = ["@version", "common.positioning.linearPositioningSystems.linearPositioningSystem.@id",
-               "common.positioning.linearPositioningSystems.linearPositioningSystem.@units"]  # fmt: skip
+               "common.positioning.linearPositioningSystems.linearPositioningSystem.@units",
+               "common.speedProfiles.speedProfile.@id", "common.speedProfiles.speedProfile.name.@name",
+               "common.speedProfiles.speedProfile.@isBasicSpeedProfile"]  # fmt: skip
     for owner, names in READ.items():
         located = spot if owner.endswith(STATION) else () if owner.startswith("topology") else stretch
         carried += [f"infrastructure.{owner}.{name}" for name in (*names, *located)]
