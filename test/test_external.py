@@ -214,9 +214,10 @@ def test_an_observer_that_raises_stops_the_train_of_an_external_controller(
     assert caught.value.run["train/measurement"].to_numpy()[-1, 1] == pytest.approx(0.0, abs=0.1)
 
 
-def test_a_plant_of_ones_own_is_driven(free_domain: int, tmp_path: Path) -> None:
+@pytest.mark.parametrize("mode", ["composed", pytest.param("processes", marks=pytest.mark.graph)])
+def test_a_plant_of_ones_own_is_driven(mode: Any, free_domain: int, tmp_path: Path) -> None:
     """Breaks if a program must send more than measurements, or if it gets a command of another tick."""
-    given: dict[str, Any] = {"set": {"duration": 20}, "mode": "composed", "external": "plant", "domain": free_domain}
+    given: dict[str, Any] = {"set": {"duration": 20}, "mode": mode, "external": "plant", "domain": free_domain}
     with program_on(free_domain, PLANT):
         driven = ta.run("xuzhou_metro:ideal", **given)
     assert (driven.metrics["status"], driven.metrics["ticks"]) == ("done", 400)
@@ -235,11 +236,12 @@ def test_a_plant_of_ones_own_is_driven(free_domain: int, tmp_path: Path) -> None
 
 
 @pytest.mark.graph
-def test_a_plant_of_ones_own_keeps_real_time(free_domain: int) -> None:
+@pytest.mark.parametrize("mode", ["composed", "processes"])
+def test_a_plant_of_ones_own_keeps_real_time(mode: Any, free_domain: int) -> None:
     """Breaks if the run waits for the answers, or records what the program sends after the last tick."""
     with program_on(free_domain, PLANT, "--real-time"):
         changes = {"duration": 2}
-        driven = ta.run("xuzhou_metro:ideal", set=changes, mode="composed", external="plant", domain=free_domain)
+        driven = ta.run("xuzhou_metro:ideal", set=changes, mode=mode, external="plant", domain=free_domain)
     assert (driven.metrics["status"], driven.metrics["ticks"]) == ("done", 40)
     assert np.array_equal(np.round(driven["train/measurement"].index / 0.05), range(41))
 
@@ -283,7 +285,8 @@ def test_a_plant_of_ones_own_is_supervised(every: int, free_domain: int, tmp_pat
 
 
 @pytest.mark.graph
-def test_a_plant_of_ones_own_that_dies_fails_the_run(free_domain: int, tmp_path: Path) -> None:
+@pytest.mark.parametrize("mode", ["composed", "processes"])
+def test_a_plant_of_ones_own_that_dies_fails_the_run(mode: Any, free_domain: int, tmp_path: Path) -> None:
     """Breaks if the run waits for ever, or blames another node."""
     program, at = tmp_path / "dies.py", "        self.tick += 1\n"
     program.write_text(Path(PLANT).read_text().replace(at, f"{at}        if self.tick == 30: raise SystemExit(0)\n"))
@@ -291,15 +294,27 @@ def test_a_plant_of_ones_own_that_dies_fails_the_run(free_domain: int, tmp_path:
         program_on(free_domain, str(program), ends=True),
         pytest.raises(ta.RunFailed, match=r"node plant failed: it left the run at 1\.450 s") as caught,
     ):
-        ta.run("xuzhou_metro:ideal", mode="composed", external="plant", domain=free_domain)
+        ta.run("xuzhou_metro:ideal", mode=mode, external="plant", domain=free_domain)
     assert caught.value.run is not None and caught.value.run.metrics["ticks"] == 29
+
+
+@pytest.mark.graph
+def test_a_node_that_dies_beside_a_plant_of_ones_own_fails_the_run(free_domain: int) -> None:
+    """Breaks if the run waits for ever for the process of a node, or blames the plant."""
+    changes = {"duration": 20, "faults": [{"do": "kill", "node": "observer", "at": 1}]}
+    with (
+        program_on(free_domain, PLANT),
+        pytest.raises(ta.RunFailed, match="node observer failed: its process was ended by SIGKILL") as caught,
+    ):
+        ta.run("xuzhou_metro:ideal", set=changes, mode="processes", external="plant", domain=free_domain)
+    assert caught.value.run is not None and caught.value.run.metrics["ticks"] == 20
 
 
 @pytest.mark.parametrize(
     ("options", "text"),
     [
         (["--external=recorder"], "'recorder': choose from controller, observer, profile, supervisor, plant"),
-        (["--external=plant", "--processes"], "the other nodes run in one process; remove --processes"),
+        (["--external=plant", "--processes", "--restart"], "an external plant does not wait for a new process"),
         (["--external=plant", "--rate=1"], "--rate: the external plant is the source of time; remove it"),
         (["--external=plant", "--no-lockstep"], "--no-lockstep: the external plant is the source of time; remove it"),
         (["--external=controller", "--engine"], "the engine has no nodes; remove --engine"),

@@ -238,11 +238,10 @@ class RunMode:
         """Refuse the options of the plant node."""
         no_lockstep = f"{dash}no-lockstep" if dash else "lockstep=False"
         options = {f"{dash}rate": self.rate is not None, no_lockstep: not self.lockstep}
+        if self.restarts:
+            raise ValueError(f"{dash}restart: an external plant does not wait for a new process; remove it")
         if wrong := next((name for name, set_ in options.items() if set_), ""):
             raise ValueError(f"{wrong}: the external plant is the source of time; remove it")
-        if self.mode == "processes":
-            given = f"{dash}processes" if dash else "mode 'processes'"
-            raise ValueError(f"{dash}external plant: the other nodes run in one process; remove {given}")
 
     def check_setup(self, setup: RunSetup, dash: str = "") -> None:
         """Refuse restarts without supervision, as nothing stops the train meanwhile, and an absent external node."""

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import gc
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from train_ato.errors import FirstFailure
@@ -18,21 +19,29 @@ from train_ato.messages.types import Tick
 from train_ato.ros.graph import shared_memory
 from train_ato.ros.graph.assembly import TURN_S, executor_of, make_node
 from train_ato.ros.graph.graph_result import ANSWERING, STOPPING_S, GraphOptions, GraphResult, Report
+from train_ato.ros.graph.node_process import NodeProcess
 from train_ato.ros.graph.wait_note import WaitNote
 from train_ato.ros.nodes.endpoints import NodeEndpoints, roles_of
 from train_ato.ros.nodes.outside_plant import OutsidePlant
+from train_ato.ros.standalone.notices import READY
 
 RECORD_EVERY = 50
 """Ticks after which the recorder empties its queues of 1000 messages."""
 START_LIMIT_S = 30.0
 """Maximum wall time of the discovery of the nodes [s]."""
 _SHORT_S = 0.005
+_NONE: Mapping[Role, NodeProcess] = MappingProxyType({})
 
 
 def run_composed(
-    setup: RunSetup, folder: Path, domain: int, options: GraphOptions, report: Report | None = None
+    setup: RunSetup,
+    folder: Path,
+    domain: int,
+    options: GraphOptions,
+    report: Report | None = None,
+    apart: Mapping[Role, NodeProcess] = _NONE,
 ) -> GraphResult:
-    """Run all nodes in this process to the end of a scenario, recorded into ``folder``.
+    """Run all nodes in this process, besides those ``apart``, to the end of a scenario, recorded into ``folder``.
 
     The shared memory of killed runs is removed first: a process ended by SIGKILL cannot remove its own.
 
@@ -54,7 +63,7 @@ def run_composed(
         all_endpoints = {
             role: NodeEndpoints(role, wire, context, watch, external=external)
             for role in roles_of(setup.layout)
-            if role is not external
+            if role is not external and role not in apart
         }
         nodes = {
             role: make_node(
@@ -82,7 +91,7 @@ def run_composed(
             if role is not Role.RECORDER:
                 executor.add_node(endpoints.node)
         try:
-            return _Composed(executor, all_endpoints, nodes, watch, interrupt, options).run(report)
+            return _Composed(executor, all_endpoints, nodes, watch, interrupt, options, apart).run(report)
         finally:
             all_endpoints[Role.RECORDER].destroy()
 
@@ -98,7 +107,9 @@ class _Composed:
         watch: FirstFailure,
         interrupt: Interrupt,
         options: GraphOptions,
+        apart: Mapping[Role, NodeProcess],
     ) -> None:
+        self._apart = apart
         self._executor = executor
         self._all_endpoints = all_endpoints
         self._nodes = nodes
@@ -156,8 +167,16 @@ class _Composed:
 
     def _absent(self) -> list[tuple[str, list[str]]]:
         """Return the missing conditions for the start, by node."""
-        lacking = ((role.value, endpoints.missing()) for role, endpoints in self._all_endpoints.items())
+        lacking = [(role.value, endpoints.missing()) for role, endpoints in self._all_endpoints.items()]
+        lacking += [(role.value, ["its connections"]) for role, node in self._apart.items() if READY not in node.counts]
         return [(name, lacks) for name, lacks in lacking if lacks]
+
+    def _check_apart(self) -> None:
+        """Fail the run by the first node whose process has failed; the loss of the plant is found here, too."""
+        for node in self._apart.values():
+            name, _, reason = (node.failure or "").removeprefix("node ").partition(" failed: ")
+            if reason and name != Role.PLANT.value:
+                self._watch.fail(name, reason)
 
     def _unmeasured(self) -> list[tuple[str, list[str]]]:
         """Return the missing first measurement of an external plant, after a message that all nodes read from it."""
@@ -172,6 +191,7 @@ class _Composed:
         limit = self._options.starting(START_LIMIT_S)
         last, note = time.monotonic() + limit, WaitNote()
         while not self._interrupt.asked:
+            self._check_apart()
             absent = lacking()
             if not absent or self._watch.failure is not None:
                 return not absent
@@ -205,15 +225,16 @@ class _Composed:
                     return
 
     def _look(self) -> None:
-        """Lose the external node if it has left, or the node whose answer is overdue."""
+        """Lose the external node if it has left, a node whose process has failed, or whose answer is overdue."""
+        self._check_apart()
         external, recorder = self._options.external, self._all_endpoints[Role.RECORDER]
         left, self._left = self._left, recorder.external_left
         if external is not None and left and self._left and not self._plant.finished:  # its last messages are read
             self._plant.lose_departed([external])
         elif self._plant.check_overdue():
             last = {role: endpoints.last_stamp for role, endpoints in self._all_endpoints.items()}
-            if external is not None:
-                last[external] = self._nodes[Role.RECORDER].last_stamp_of(external)
+            outside = () if external is None else (external,)
+            last |= {role: self._nodes[Role.RECORDER].last_stamp_of(role) for role in (*outside, *self._apart)}
             self._plant.lose_silent(
                 last, {role: endpoints.awaited() for role, endpoints in self._all_endpoints.items()}
             )

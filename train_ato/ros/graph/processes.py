@@ -54,14 +54,7 @@ def run_processes(
     for taken in (LOG, PARTIAL):
         if (folder / taken).exists():
             raise ValueError(f"{folder / taken}: exists already; name another output folder")
-    scenario = folder / "scenario.yaml"
-    write_whole(scenario, setup.resolved_yaml())
-    (folder / "log").mkdir(exist_ok=True)
-
-    def start(role: Role, suffix: str = "", *more: str) -> NodeProcess:
-        words = [*_arguments(role, scenario, folder, options), *more]
-        return NodeProcess(role, words, domain, folder / "log", suffix)
-
+    start = _starter(setup, folder, domain, options)
     with interruptible() as interrupt:
         nodes: dict[Role, NodeProcess] = {}
         twins = _Twins(setup, lambda role: start(role, "-2"))
@@ -69,10 +62,7 @@ def run_processes(
             nodes, lambda role, number: start(role, f"-restart-{number}", "--restarted"), options.restarts
         )
         try:
-            for role in ROLES:
-                absent = role is Role.SUPERVISOR and not setup.layout.supervised
-                if not absent and role is not options.external:
-                    nodes[role] = start(role)
+            nodes |= {role: start(role) for role in _started(setup, options)}
             silence = _REPORTING_S + options.patience
             start_limit = options.starting(START_LIMIT_S)
             end = GraphResult(failure=_supervise(nodes, interrupt, report, silence, start_limit, twins, restarts))
@@ -86,6 +76,58 @@ def run_processes(
     end.interruption = "" if interrupt.asked else nodes[Role.PLANT].interruption
     end.restarts = {role.value: count for role, count in restarts.begun.items()}
     return end
+
+
+def run_beside_plant(
+    setup: RunSetup, folder: Path, domain: int, options: GraphOptions, report: Report | None = None
+) -> GraphResult:
+    """Run the recorder in this process and each other node in one of its own, beside an external plant.
+
+    Result and errors as of :func:`run_processes`.
+    """
+    from train_ato.ros.graph.composed import run_composed
+
+    start = _starter(setup, folder, domain, options)
+    twins = _Twins(setup, lambda role: start(role, "-2"))
+    nodes: dict[Role, NodeProcess] = {}
+
+    def turned(tick: int) -> None:
+        twins.start(tick)
+        if report is not None:
+            report(tick)
+
+    try:
+        nodes |= {role: start(role) for role in _started(setup, options) if role is not Role.RECORDER}
+        end = run_composed(setup, folder, domain, options, turned, nodes)
+    finally:
+        twins.end()
+        for node in nodes.values():
+            node.release()
+        for node in nodes.values():
+            node.end(_CLOSING_S)
+    end.step_ns = nodes[Role.CONTROLLER].counts.get("step_ns", [])
+    found = {role.value: sum(node.counts.get(LAST_COUNT, ())) for role, node in nodes.items()}
+    end.ignored |= {name: count for name, count in found.items() if count}
+    return end
+
+
+def _starter(setup: RunSetup, folder: Path, domain: int, options: GraphOptions) -> Callable[..., NodeProcess]:
+    """Write the resolved scenario, and return the start of the process of a node with its further options."""
+    scenario = folder / "scenario.yaml"
+    write_whole(scenario, setup.resolved_yaml())
+    (folder / "log").mkdir(exist_ok=True)
+
+    def start(role: Role, suffix: str = "", *more: str) -> NodeProcess:
+        words = [*_arguments(role, scenario, folder, options), *more]
+        return NodeProcess(role, words, domain, folder / "log", suffix)
+
+    return start
+
+
+def _started(setup: RunSetup, options: GraphOptions) -> list[Role]:
+    """Return the nodes of the run besides the external one, in the order of their start."""
+    supervised = setup.layout.supervised
+    return [role for role in ROLES if role is not options.external and (supervised or role is not Role.SUPERVISOR)]
 
 
 class _Twins:

@@ -89,16 +89,19 @@ def _run(
     mode: str, setup: RunSetup, folder: Path, domain: int, options: GraphOptions, report: Callable[[int], None]
 ) -> GraphResult:
     """Run the nodes in the given mode; the import is late because rclpy reads its environment at import."""
-    if mode == "processes":
+    beside = options.external is Role.PLANT
+    if mode == "processes" and not beside:
         from train_ato.ros.graph.processes import run_processes
 
         return run_processes(setup, folder, domain, options, report)
-    if mode != "composed":
+    if mode not in ("composed", "processes"):
         raise ValueError(f"mode '{mode}' does not exist; choose composed or processes")
     with applied(variables(domain, folder / "log")):
         from train_ato.ros.graph.composed import run_composed
+        from train_ato.ros.graph.processes import run_beside_plant
 
-        return run_composed(setup, folder, domain, options, report)
+        run = run_beside_plant if mode == "processes" else run_composed
+        return run(setup, folder, domain, options, report)
 
 
 def _restarted(restarts: dict[str, int]) -> str:

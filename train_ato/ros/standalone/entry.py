@@ -45,8 +45,9 @@ def _arguments(role: Role, words: Sequence[str]) -> argparse.Namespace:
     parser.add_argument("--attached", action="store_true", help=argparse.SUPPRESS)
     # for `run --processes --restart`: join the run in progress after the notice `begin`
     parser.add_argument("--restarted", action="store_true", help=argparse.SUPPRESS)
+    besides = () if "--attached" in words else ("plant",)  # only `run` waits for all nodes in place of the plant
     parser.add_argument(
-        "--external", metavar="NODE", choices=[other for other in EXTERNAL if other not in (role.value, "plant")],
+        "--external", metavar="NODE", choices=[other for other in EXTERNAL if other not in (role.value, *besides)],
         help="a program of yours runs in place of this node; give every node the same",
     )  # fmt: skip
     if role is Role.PLANT:

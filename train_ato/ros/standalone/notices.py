@@ -21,6 +21,9 @@ from train_ato.messages.topics import Role
 LAST_COUNT = "ignored"
 """Name of the number that a node prints last: the messages it could not use. After it the work of the node is done."""
 
+READY = "ready"
+"""Name of the number that a node prints once all its endpoints are connected, for an external plant."""
+
 TRAIN_STOPPED = "train stopped"
 """Name of the number that a controller prints if its law, or another component, has failed: it has braked the train."""
 

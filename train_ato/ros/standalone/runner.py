@@ -32,6 +32,7 @@ from train_ato.ros.standalone.notices import (
     LAST_COUNT,
     NOTE,
     OUTSIDE,
+    READY,
     STOP_TRAIN,
     TRAIN_STOPPED,
     EndOrder,
@@ -214,9 +215,13 @@ class StandaloneRunner:
         if self.role is Role.PROFILE:
             self.endpoints.guard(self.node.begin)
         of_plant = next(name for name in self.endpoints.subscribed if Role.PLANT in BY_NAME[name].publishers)
+        connected = self.endpoints.external is not Role.PLANT
         while not self._ends and not self._left(of_plant):
             self._executor.spin_once(timeout_sec=TURN_S)
             self._take_notices()
+            if not connected and not self.endpoints.missing((Role.RECORDER,)):
+                connected = True
+                self._print(READY, 1)
         self._check_end(lambda: self._executor.spin_once(timeout_sec=TURN_S))
         if self.role is Role.OBSERVER and self.node.stage.failure is not None:
             self.endpoints.watch.fail(self.role.value, self.node.stage.failure)
