@@ -23,6 +23,7 @@ from rcl_interfaces.msg import ParameterValue
 from rcl_interfaces.srv import SetParameters
 from rclpy.duration import Duration
 from rclpy.task import Future
+from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool
 from test_standalone_nodes import terminals  # noqa: F401
 from waiting import LIMIT_S
@@ -150,6 +151,20 @@ def test_messages_of_other_programs_do_not_disturb_the_run(way, start):
     decode = Wire(prepare(*load_scenario("demo")).layout).decode
     told = [decode("/diagnostics", m.data) for m in stream(run.out / "run.mcap") if m.channel.topic == "/diagnostics"]
     assert {message.node for message in told} == {"plant", "supervisor", "profile", "observer", "controller"}
+
+
+def test_a_reader_gets_the_parts_of_the_force(start):
+    """Breaks if the parts of a command do not reach a reader, or their sum is not the command."""
+    run, heard = start(SLOW, "--set=observer=eso"), []
+    run.foreign.node.create_subscription(JointState, "ato/force_parts", heard.append, 1000)
+    run.foreign.until(lambda: all(any(message.effort[part] for message in heard) for part in range(3)))
+    run.interrupt()
+    decode = Wire(prepare(*load_scenario("demo")).layout).decode
+    sent = {stamp: decode("ato/command", data).force for _, stamp, data in iter_raw(run.out, ("ato/command",))}
+    for message in heard:
+        assert message.name == ["feed_forward_0", "feedback_0", "estimate_0"]
+        stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec - EPOCH_NS
+        assert sum(message.effort) == pytest.approx(sent[stamp].item(), abs=1e-6)
 
 
 TICK = 100_000_000

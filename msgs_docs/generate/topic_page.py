@@ -14,14 +14,14 @@ import numpy as np
 import train_ato as ta
 from plant_sim.states import Odometry
 from plant_sim.units import unit_suffix
-from train_ato.loop.engine import run_engine
+from train_ato.loop.engine import TickLoop, run_engine
 from train_ato.loop.run_end import RunEnd
 from train_ato.loop.train_ahead import ReportSender
 from train_ato.messages.codec.cdr import typestore
 from train_ato.messages.codec.codec import Wire
 from train_ato.messages.codec.variable import HARDWARE, LISTED, STATUS_NAMES, message_key
 from train_ato.messages.topic import FIXED_NAMES, Owner
-from train_ato.messages.topics import DIAGNOSTIC_UNITS, END_TOPIC, REPORT, TOPICS, Place, Topic
+from train_ato.messages.topics import DIAGNOSTIC_UNITS, END_TOPIC, FORCE_PARTS, REPORT, TOPICS, Place, Topic
 from train_ato.messages.types import Diagnostic, Tick
 
 SHOWN = 3
@@ -38,8 +38,15 @@ RUN = {
 class _Last:
     """Receiver of the messages of a run that has the last one of each topic."""
 
+    loop: TickLoop
+
     def __init__(self) -> None:
         self.messages: dict[str, Any] = {}
+
+    def keep(self, loop: TickLoop) -> bool:
+        """Keep the loop of the run, and end it at no tick."""
+        self.loop = loop
+        return False
 
     def add(self, topic: str, message: object, stamp: int) -> None:
         """Take a message of a stamp [ns]."""
@@ -59,11 +66,12 @@ def examples() -> dict[str, str]:
     sender, stamps = ReportSender(setup), range(0, end + 1, setup.supervision_ticks * setup.tick_ns)
     reports = [sender.message(Odometry(stamp, np.full(2, front), np.full(2, 20.0), np.zeros(2))) for stamp in stamps]
     setup, last = replace(setup, ahead=tuple(reports)), _Last()
-    run_engine(setup, sink=last)
+    run_engine(setup, sink=last, on_tick=last.keep)
     found = last.messages | {
         REPORT: reports[-1],
         END_TOPIC: RunEnd.judged(setup.ticks, setup.ticks, None, None).notice(end),
         "recorder/progress": Tick(end),
+        FORCE_PARTS: last.loop.controller.force_parts(last.messages["ato/command"]),
     }
     wire, store = Wire(setup.layout), typestore()
     return {

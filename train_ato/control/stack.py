@@ -97,6 +97,8 @@ class ControlStack:
         The law demanded the pressure of the last step in place of the policy.
     plan : TimedPlan or None
         Newest plan of the law; None for a law without.
+    fed : tuple of Array, shape (units,) each
+        Feed-forward and estimated disturbance at the last step of the law [N].
     holding : bool
         The last step repeated the previous command, because the measurement or the output of the law was not valid.
 
@@ -160,6 +162,7 @@ class ControlStack:
         self._no_disturbance = np.zeros(model.n_units)
         self.answer: LawOutput | BaseException | None = None
         self.plan: TimedPlan | None = None
+        self.fed = self._no_disturbance, self._no_disturbance
         self.set_profile(profile)
         set_brake_policy = getattr(compensation, "set_brake_policy", None)
         if set_brake_policy is not None:
@@ -344,6 +347,8 @@ class ControlStack:
         if answered is None:
             return self._last
         inputs, output = answered
+        uses = getattr(self.law, "uses_feedforward", True)
+        self.fed = inputs.feedforward if uses else self._no_disturbance, inputs.disturbance
         if output.plan is not None:
             self.plan = TimedPlan(inputs.t, output.plan)
         if output.held:

@@ -30,6 +30,7 @@ from train_ato.messages.types import (
     Command,
     Diagnostic,
     DisturbanceEstimate,
+    ForceParts,
     Measurement,
     Pipe,
     ProtectionState,
@@ -351,6 +352,13 @@ class ControllerStage:
         self.step_times.append(time.perf_counter_ns() - begin)
         pipe = None if pressure is None else Pipe(stamp, pressure)
         return ControllerMessages(Command(stamp, force), pipe, self.diagnostic(stamp), report)
+
+    def force_parts(self, command: Command) -> ForceParts | None:
+        """Return the parts of the last command; None if the law has not made it."""
+        if self.stack is None or not self.ato.drives or self.ato.assured:
+            return None
+        feed_forward, disturbance = self.stack.fed
+        return ForceParts(command.stamp, feed_forward, command.force - feed_forward + disturbance, -disturbance)
 
     def _engaged_step(
         self, measurement: Measurement, reference: Reference | None, estimate: DisturbanceEstimate | None

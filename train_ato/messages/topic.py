@@ -19,6 +19,9 @@ class Owner(Enum):
 
     VEHICLE = "vehicle"
     UNIT = "unit"
+    FEED_FORWARD = "feed_forward"
+    FEEDBACK = "feedback"
+    ESTIMATE = "estimate"
     COUPLER = "coupler"
     ODOMETER = "odometer"
     BRAKE_LINE = "brake_line"
@@ -32,6 +35,9 @@ class Owner(Enum):
         return {
             Owner.VEHICLE: "every vehicle, front first",
             Owner.UNIT: "every power unit, front first",
+            Owner.FEED_FORWARD: "force of the nominal model on the reference; 0 for a law that does not use it",
+            Owner.FEEDBACK: "rest of the command: law, limits, change of the law",
+            Owner.ESTIMATE: "force against the estimate of the observer",
             Owner.COUPLER: "the coupler behind vehicle I where a sensor is fitted",
             Owner.ODOMETER: "the odometers of the supervisor",
             Owner.BRAKE_LINE: "traction and brakes that the supervisor releases",
@@ -84,7 +90,7 @@ class TrainLayout:
             return FIXED_NAMES[owner]
         numbers = {
             Owner.VEHICLE: range(self.n_vehicles),
-            Owner.UNIT: range(self.n_units),
+            **dict.fromkeys((Owner.UNIT, Owner.FEED_FORWARD, Owner.FEEDBACK, Owner.ESTIMATE), range(self.n_units)),
             Owner.COUPLER: self.sensors,
         }[owner]
         return tuple(f"{owner.value}_{number}" for number in numbers)
@@ -112,6 +118,7 @@ class Rate(Enum):
     TICK = "every tick"
     SUPERVISION = "every supervision period"
     REPORT = "every supervision period, of one of several trains"
+    HEARD = "every tick of an engaged law, while it has a reader"
     SECOND = "every simulated second and at the end"
     END = "once at the end, latched"
 

@@ -37,6 +37,7 @@ from train_ato.messages.types import (
     Diagnostic,
     Disturbance,
     DisturbanceEstimate,
+    ForceParts,
     Measurement,
     Odometry,
     Pipe,
@@ -56,6 +57,7 @@ __all__ = [
     "END_TOPIC",
     "EPOCH_NS",
     "EXTERNAL",
+    "FORCE_PARTS",
     "LINE_FRAME",
     "REPORT",
     "TOPICS",
@@ -80,6 +82,8 @@ END_TOPIC = "train/end"
 """Notice of the end of the run."""
 REPORT, AHEAD = "train/report", "train/ahead"
 """Report of a train for the train behind it, and the newest one that has reached that train."""
+FORCE_PARTS = "ato/force_parts"
+"""Parts of the force demand of the law."""
 _CLOCK = "rosgraph_msgs/msg/Clock"
 _DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 _JOINT_STATE = "sensor_msgs/msg/JointState"
@@ -301,6 +305,22 @@ _TABLE: tuple[Topic, ...] = (
         publishers=(Role.CONTROLLER,),
         readers=(Role.PLANT,),
         meaning="force demand per power unit as sent; ends a tick",
+    ),
+    Topic(
+        FORCE_PARTS,
+        _JOINT_STATE,
+        ForceParts,
+        (
+            *joint_states(Owner.FEED_FORWARD, effort="feed_forward"),
+            *joint_states(Owner.FEEDBACK, effort="feedback"),
+            *joint_states(Owner.ESTIMATE, effort="estimate"),
+        ),
+        publishers=(Role.CONTROLLER,),
+        rate=Rate.HEARD,
+        meaning="parts of the force demand, for debugging; their sum is `ato/command`",
+        recorded=False,
+        awaited=False,
+        optional=True,
     ),
     Topic(
         "ato/brake_pipe_command",

@@ -109,6 +109,17 @@ class Command:
 
 @frozen_for_types
 @dataclass(frozen=True, slots=True)
+class ForceParts:
+    """Parts of the force demand per power unit (topic ``ato/force_parts``)."""
+
+    stamp: int
+    feed_forward: Array = field(metadata=described("force", "N", "part of the force demand"))
+    feedback: Array = field(metadata=described("force", "N", "part of the force demand"))
+    estimate: Array = field(metadata=described("force", "N", "part of the force demand"))
+
+
+@frozen_for_types
+@dataclass(frozen=True, slots=True)
 class Diagnostic:
     """State of one node (topic ``/diagnostics``, one message per node), or end of the run (``train/end``)."""
 

@@ -16,9 +16,11 @@ from std_srvs.srv import Trigger
 from train_ato.control.contract import Parameter
 from train_ato.control.registry import LAWS
 from train_ato.loop.controller import ControllerStage
+from train_ato.loop.stage_messages import diagnostics_due
 from train_ato.loop.stamp_synchronizer import StampSynchronizer
 from train_ato.loop.trajectories import profile_of
-from train_ato.messages.topics import Role
+from train_ato.messages.topics import FORCE_PARTS, Role
+from train_ato.messages.types import Command
 from train_ato.ros.nodes.endpoints import NodeEndpoints
 from train_ato.ros.nodes.parameters import Declared, block_parameters, declare
 from train_ato.scenario.ato_requests import REQUESTS, Request
@@ -50,7 +52,7 @@ class ControllerNode:
         self.stage = stage
         self.endpoints = endpoints
         self._inputs = StampSynchronizer(stage.setup.tick_ns, stage.setup.supervised_at)
-        self._following = False
+        self._following = self._heard = False
         self._laws = stage.setup.laws
         self._advice = ""
         self._declare()
@@ -122,6 +124,14 @@ class ControllerNode:
             if self.stage.changed:
                 self._sync_parameters(self.stage.changed)
             self.endpoints.publish_all(messages.published())
+            self._publish_parts(messages.command)
+
+    def _publish_parts(self, command: Command) -> None:
+        """Send the parts of a command if the topic has a reader; look for one every simulated second."""
+        if diagnostics_due(command.stamp, self.stage.setup.tick_ns):
+            self._heard = self.endpoints.readers(FORCE_PARTS) > 0
+        if self._heard and (parts := self.stage.force_parts(command)) is not None:
+            self.endpoints.publish(FORCE_PARTS, parts)
 
     def _request(self, request: Request, _: Any, response: Any) -> Any:
         """Answer a service request to the ATO; a refusal has its reason."""
