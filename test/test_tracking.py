@@ -250,14 +250,27 @@ def test_an_oscillating_reference_is_no_limit_cycle() -> None:
     assert outcome(setup, replace(found, topics=topics)) == TRACKED
 
 
-@pytest.mark.parametrize(("strength", "found"), [(0.0, "limit cycle"), (1.0, TRACKED)])
-def test_the_answer_to_a_periodic_disturbance_is_no_limit_cycle(strength: float, found: str) -> None:
-    """Breaks if a command that cancels a sinusoidal disturbance counts as an oscillation of the loop."""
+@pytest.mark.parametrize(
+    ("strength", "beside", "found"),
+    [(0.0, 0.0, "limit cycle"), (1.0, 0.0, TRACKED), (1.0, 1.5, TRACKED), (1.0, 5.0, "limit cycle")],
+)
+def test_the_answer_to_a_periodic_disturbance_is_no_limit_cycle(strength: float, beside: float, found: str) -> None:
+    """Breaks if a command that cancels a sine of the disturbance, alone or beside a larger one, is that of the loop."""
     setup = demo()
     answer = run_of(setup, 400.0, command=wave(-0.3, 5 * dead_time(setup)))
     delayed = wave(1e5 * strength, 5 * dead_time(setup))(answer.time + 1.0)
-    forces = delayed + np.random.default_rng(1).standard_normal(delayed.size)
+    fast = wave(1e5 * beside, 1.5 * dead_time(setup))(answer.time)
+    forces = delayed + fast + np.random.default_rng(1).standard_normal(delayed.size)
     assert outcome(setup, with_series(answer, disturbance=forces)) == found
+
+
+def test_turbulence_is_not_the_cause_of_a_limit_cycle() -> None:
+    """Breaks if random forces that have any period count as the cause."""
+    setup = demo()
+    cycle = run_of(setup, 400.0, command=wave(-0.3, 5 * dead_time(setup)))
+    for seed in range(12):
+        forces = 1e5 * noise_of(seed, 20)
+        assert outcome(setup, with_series(cycle, disturbance=forces)) == "limit cycle", seed
 
 
 @pytest.mark.parametrize(

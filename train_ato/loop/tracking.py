@@ -179,8 +179,11 @@ def _correlation(values: Array, lag: int) -> float:
     return float((early * late).sum()) / scale if scale > 0 else 0.0
 
 
-def share_at_period(values: Array, period: float) -> float:
-    """Return the share of a series' variance at periods within 10 % of the given one, 0 ... 1; 0 for a constant series.
+def has_period(values: Array, period: float) -> bool:
+    """Return True if a series has a line at a period, which is not that of a random series.
+
+    The periods within 10 % have more than ``FORCED_SHARE`` of the variance at those within a factor of two, and at
+    least ``LINE_SHARE`` of all: a disturbance can be a sum of sines.
 
     Parameters
     ----------
@@ -190,9 +193,10 @@ def share_at_period(values: Array, period: float) -> float:
         Period [rows].
     """
     power = np.abs(np.fft.rfft(values - values.mean())) ** 2
-    near = np.abs(np.fft.rfftfreq(values.size) * period - 1) <= max(BAND, period / values.size)
-    total = float(power.sum())
-    return float(power[near].sum()) / total if total > 0 else 0.0
+    over = np.fft.rfftfreq(values.size) * period
+    line = float(power[np.abs(over - 1) <= max(BAND, period / values.size)].sum())
+    around = float(power[(over > 0.5) & (over < 2.0)].sum())
+    return line > FORCED_SHARE * around and line >= LINE_SHARE * float(power.sum())
 
 
 RESUMED = 2.0
@@ -297,7 +301,9 @@ LONGEST_PERIOD = 20.0
 with 4 dead times, a slow controller at its stability limit with more; hills of the line are slower."""
 
 FORCED_SHARE = 0.5
-"""Part of the variance of a disturbance at the period of an oscillation above which the disturbance is its cause."""
+"""Part of the variance of a disturbance near the period of an oscillation above which the disturbance is its cause."""
+LINE_SHARE = 0.1
+"""Least part of all its variance: each of ten equal sines has it, and turbulence less."""
 SMALLEST_DRIFT = 0.01
 """Smallest standard deviation of a drift speed [m/s]; an integration of the plant over a tick has less."""
 
@@ -490,7 +496,7 @@ def _is_forced(run: EngagedRun, oscillation: Oscillation) -> bool:
     drift = drift[:, drift.std(axis=0) > SMALLEST_DRIFT]
     forces = [] if recording.of(DISTURBANCE, "unit_force") is None else [*recording.disturbance[rows].T]
     period = oscillation.period / tick
-    return any(share_at_period(values, period) > FORCED_SHARE for values in (*forces, *drift.T))
+    return any(has_period(values, period) for values in (*forces, *drift.T))
 
 
 def _command_shares(run: EngagedRun) -> Iterator[tuple[float, Array]]:
