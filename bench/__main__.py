@@ -8,8 +8,6 @@ status; it is 1 if a script failed.  A new benchmark is a script ``bench/NAME.py
 ``figures.publish`` or ``figures.judge``, and a row here.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

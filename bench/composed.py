@@ -16,8 +16,6 @@ around the parts give the share of each part in the time without clocks.  The ex
 widely (see figures.py).
 """
 
-from __future__ import annotations
-
 import argparse
 import array
 import functools

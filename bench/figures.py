@@ -5,8 +5,6 @@ names a file in the environment variable :data:`FILE` that gets them as well.  T
 bounds: a goal missed by less than the margin is reported and passes; a goal missed by more gives exit status 1.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -7,8 +7,6 @@ The added operators exchange ``min`` and ``max``, remove a call or ``raise`` tha
 a condition without a comparison. ``mutation.py`` makes the copy and starts this file in it.
 """
 
-from __future__ import annotations
-
 import json
 import resource
 import sys

@@ -8,8 +8,6 @@ has the loads, stores and divisions of a loop of the kernel and no other work th
 is missed widely (see figures.py).
 """
 
-from __future__ import annotations
-
 import os
 import sys
 import time

@@ -8,8 +8,6 @@ the steps, so a longer step (a new identification of a model) is included.  The 
 if one is missed widely (see figures.py).
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import time

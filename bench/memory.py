@@ -8,8 +8,6 @@ packages and compiled kernels.  The goal is at most 400 MB for an hour; the exit
 figures.py).
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import tempfile

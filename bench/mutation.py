@@ -11,8 +11,6 @@ with reasons in ``equivalent_mutants.yaml``, are left out. The exit status is 1 
 sample, is below the bound. Needs ``pip install mutmut``.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

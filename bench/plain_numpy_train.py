@@ -4,8 +4,6 @@ The scheme and the order of operations are the same, with array expressions inst
 clip, smoothed and rigid draft gears, air brake, power units and line; not included are disturbances and tables.
 """
 
-from __future__ import annotations
-
 import copy
 from typing import Any
 

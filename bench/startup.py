@@ -8,8 +8,6 @@ of the plant; the kernels are in the cache from a first run.  The goals: help in
 ROS nodes in one process (default) and in the engine.  The exit status is 1 if one is missed widely (see figures.py).
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import subprocess

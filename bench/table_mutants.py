@@ -5,8 +5,6 @@ is imported in a fork of a process that has loaded the third-party packages and 
 ``train_ato``.
 """
 
-from __future__ import annotations
-
 import ast
 import importlib
 import importlib.machinery

@@ -10,8 +10,6 @@ The messages of a tick are dataclasses without the run-time check of frozen fiel
 (:func:`plant_sim.states.frozen_for_types`); the last line compares one of them with the frozen form.
 """
 
-from __future__ import annotations
-
 import statistics
 import sys
 import time

@@ -13,8 +13,6 @@ or in Python, without registration::
 A short name needs a registration by the entry-point group ``train_ato.compensations`` (``pyproject.toml``).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -17,8 +17,6 @@ A short name needs a registration in the package that holds the law (``pyproject
 In the node graph the law is the ROS parameter ``law``, and its parameters are ``my_law.gain``, ...
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

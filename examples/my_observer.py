@@ -12,8 +12,6 @@ or in Python, without registration::
 A short name needs a registration by the entry-point group ``train_ato.observers`` (``pyproject.toml``).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any

@@ -7,8 +7,6 @@ The law gains a part of the speed that it will lose where the force ahead is too
     train-ato run demo --law my_planning_law:MyPlanningLaw
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

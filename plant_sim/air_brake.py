@@ -9,8 +9,6 @@ A change of the pressure runs along the pipe with the speed of the brake waves. 
 pressure there approaches the new value as a first-order lag, because the valve limits the flow.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

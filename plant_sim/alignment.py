@@ -5,8 +5,6 @@ a side turn left and right in turn.  With coordinates the plan is their polyline
 REP 103: x east, y north, z up, in m from the begin of the line.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

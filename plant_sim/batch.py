@@ -4,8 +4,6 @@ The compiled step releases the lock of the interpreter, so that threads run it a
 ticks of one train before the next train, because its arrays fit into the cache of a core.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor

@@ -4,8 +4,6 @@ The emergency brake has a path of its own on every train. It uses neither a driv
 pipe, or on a train without air brake opens a loop that applies the friction emergency brake of every vehicle.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from plant_sim import kernel as k

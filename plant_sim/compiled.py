@@ -1,7 +1,5 @@
 """Compilation of functions by numba, with a cache on disk if possible."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial

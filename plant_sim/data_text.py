@@ -7,8 +7,6 @@ The C loader of PyYAML composes nested nodes by recursion in C: 50 000 brackets 
 Here the parser in C delivers events, and Python composes them within a limit on the depth.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from typing import Any

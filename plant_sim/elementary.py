@@ -14,8 +14,6 @@ those of ``sum`` in Python 3.11.  ``math.fsum`` and ``numpy.sum`` have other bit
 ``test/test_summation.py`` refuses the built-in ``sum`` of floats in the layers of a run.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from operator import mul

@@ -1,7 +1,5 @@
 """Changes of train parameters and parting of couplers during a run, each once at a time or at a position."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -10,8 +10,6 @@ Arrays are two-dimensional with one quantity per row, because every argument of 
 
 # mypy: allow-untyped-defs
 
-from __future__ import annotations
-
 from math import copysign
 
 from numpy import uint64

@@ -5,8 +5,6 @@ has a hash of all that the compiled code depends on: copies of the source share 
 another file gives another name, and two processes that write at the same time write kernels of one meaning.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import pickle

@@ -1,7 +1,5 @@
 """Trains and lines by the name of a shipped file or by path."""
 
-from __future__ import annotations
-
 import re
 from importlib.resources import files
 from pathlib import Path

@@ -5,8 +5,6 @@ supervisor. Wheel and radar have a constant relative error each, drawn once per 
 of the first power unit act on the wheel odometer too.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import floor

@@ -1,7 +1,5 @@
 """Arrays of the kernel from the data models."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

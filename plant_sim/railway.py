@@ -5,8 +5,6 @@ Every function takes numbers or arrays, in Python and in compiled code, with the
 
 # mypy: allow-untyped-defs, allow-untyped-decorators
 
-from __future__ import annotations
-
 import numpy as np
 
 from plant_sim.compiled import also_compiled, compiled

@@ -15,10 +15,15 @@ from typing import Any, Generic, TypeVar, cast, overload
 
 import numpy as np
 from numba import config
+from numpy.typing import NDArray
 from pydantic import BaseModel
 
 Fields = TypeVar("Fields")
-KINDS = {"float": np.float64, "bool": np.bool_, "int": np.int64, "Array": np.float64}
+KINDS: dict[Any, Any] = {
+    "float": np.float64, "bool": np.bool_, "int": np.int64, "Array": np.float64,
+    float: np.float64, bool: np.bool_, int: np.int64, NDArray[np.float64]: np.float64,
+}  # fmt: skip
+"""Kinds of fields by the text of a postponed annotation, and by the type itself."""
 
 
 class Records(Generic[Fields]):
@@ -67,7 +72,7 @@ def dtype_of(record: type) -> np.dtype[np.void]:
         kinds = {name: str(getattr(entry.annotation, "__name__", "")) for name, entry in record.model_fields.items()}
         return np.dtype([(name, KINDS[kind]) for name, kind in kinds.items() if kind in KINDS], align=True)
     fields = [
-        (entry.name, KINDS[str(entry.type)], (count,) if (count := entry.metadata.get("count")) else ())
+        (entry.name, KINDS[entry.type], (count,) if (count := entry.metadata.get("count")) else ())
         for entry in dataclasses.fields(cast(Any, record))
         if entry.type in KINDS
     ]

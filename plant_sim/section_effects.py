@@ -5,8 +5,6 @@ of a section, its columns change before the next tick; the compiled step is the 
 factors, so that jumps of adhesion and resistance keep their effect. A line without such sections changes nothing.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """Measurement from the true state: noise, bias, resolution, frozen channels, wheel slip."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple

@@ -3,8 +3,6 @@
 The JSON Schema of a model contains the keys with and without suffix, so that editors complete and check them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from functools import cache
 from typing import Annotated, Any, Literal, get_args, get_origin

@@ -4,8 +4,6 @@ Stamps are integer nanoseconds since the start of the run.  Forces are > 0 forwa
 Name in tables, unit and meaning of every field are defined only here (:func:`described`).
 """
 
-from __future__ import annotations
-
 import dataclasses
 from dataclasses import dataclass, field
 from typing import NamedTuple, TypeVar

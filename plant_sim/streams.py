@@ -1,7 +1,5 @@
 """Seeded random numbers with one stream per named source, so that a new source does not change the others."""
 
-from __future__ import annotations
-
 import zlib
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Sums and extremes over all plant steps: coupler forces, works, saturated time."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from plant_sim import kernel as k

@@ -4,8 +4,6 @@ Inside a piece the grade is linear and the dry resistance constant. For a vehicl
 constant; averaged over the length of a vehicle it is piecewise linear. The table represents both exactly.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

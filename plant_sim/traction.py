@@ -1,7 +1,5 @@
 """Largest traction and electric-brake force over speed."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """Plant: a train on a line, integrated tick by tick."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -5,8 +5,6 @@ A field annotated with a :class:`Unit` is written under its name (SI) or under i
 file does without pydantic, whose import takes longer than the help of a command.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache
 from typing import Annotated, Any

@@ -1,7 +1,5 @@
 """Standard streams, command-line parser with one-line errors, YAML values of options, checks of output files."""
 
-from __future__ import annotations
-
 import argparse
 import io
 import math

@@ -1,7 +1,5 @@
 """First failure of a run: node and reason in one line, traceback in a file."""
 
-from __future__ import annotations
-
 import traceback
 from collections.abc import Callable
 from contextlib import suppress

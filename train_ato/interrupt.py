@@ -1,7 +1,5 @@
 """Ctrl-C, SIGTERM and a closed terminal: a flag during a run, otherwise KeyboardInterrupt."""
 
-from __future__ import annotations
-
 import ctypes
 import os
 import signal

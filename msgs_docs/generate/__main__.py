@@ -11,8 +11,6 @@ Start it in the top folder of the repository.  Tables: `faults`, `hazards`, `ran
 ``--measure`` of all pages takes an hour on two cores.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import tempfile

@@ -1,7 +1,5 @@
 """Generate ``msgs_docs/any_law.md``: every law on every nominal shipped scenario, with fitted and printed gains."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

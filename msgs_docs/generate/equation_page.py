@@ -1,7 +1,5 @@
 """Generate ``msgs_docs/equations.md`` from the equations of the papers in ``equations/paper_NNN.yaml``."""
 
-from __future__ import annotations
-
 import importlib
 import inspect
 from collections import Counter

@@ -1,7 +1,5 @@
 """Generate ``msgs_docs/faults.md`` from the models of the faults, the fault table and its measured runs."""
 
-from __future__ import annotations
-
 import re
 import typing
 from pathlib import Path

@@ -3,8 +3,6 @@
 The rows are data of ``msgs_docs/faults.md`` and of ``test/test_fault_table.py``, from ``faults.yaml``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property

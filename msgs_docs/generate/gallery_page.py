@@ -4,8 +4,6 @@ The scenarios of README are run by the build. The others are rows of ``gallery_m
 take minutes; ``--measure gallery`` runs them. Pictures of the rows, trains and lines are drawn as SVG.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from pathlib import Path

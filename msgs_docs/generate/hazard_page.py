@@ -1,7 +1,5 @@
 """Generate ``msgs_docs/hazards.md`` from the hazard table and the measured runs of its pairs."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager

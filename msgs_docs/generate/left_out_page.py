@@ -1,7 +1,5 @@
 """Generate ``msgs_docs/left_out.md``: choices where a paper gives nothing, and their measured sensitivity."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path

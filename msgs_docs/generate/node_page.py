@@ -1,7 +1,5 @@
 """Generate the lower parts of the pages of the nodes (topics, services, parameters) and of the requirements."""
 
-from __future__ import annotations
-
 import tempfile
 from pathlib import Path
 from typing import Any

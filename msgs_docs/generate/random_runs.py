@@ -6,8 +6,6 @@ Prints the summary of the runs; without options these are the runs of ``msgs_doc
 the law of every run, ``--scenario`` leaves out the others of the N runs.
 """
 
-from __future__ import annotations
-
 import argparse
 import hashlib
 import json

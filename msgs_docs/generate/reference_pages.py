@@ -1,7 +1,5 @@
 """Generate the reference of the site: keys of the files, commands, Python, metrics, error texts."""
 
-from __future__ import annotations
-
 import argparse
 import ast
 import json

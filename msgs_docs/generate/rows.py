@@ -1,7 +1,5 @@
 """Files beside the pages: JSON with a line for each row, so that a change shows its rows; texts of the pages."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from string import Template

@@ -3,8 +3,6 @@
 Editors complete and check a file that begins with ``# yaml-language-server: $schema=...``.
 """
 
-from __future__ import annotations
-
 from importlib.resources import files
 from pathlib import Path
 from typing import Any

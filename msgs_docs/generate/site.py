@@ -4,8 +4,6 @@ The navigation is made from the tables of ``msgs_docs/README.md``: a page withou
 and a warning is an error.
 """
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

@@ -1,7 +1,5 @@
 """Generate ``msgs_docs/topics.md`` from the topic table."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterator
 from dataclasses import replace

@@ -4,8 +4,6 @@ A page is Markdown. A block ``sh`` is a script of bash with the installed comman
 block with a second word, as ``yaml line.yaml``, is the content of that file. Every other block is text.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

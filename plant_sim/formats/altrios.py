@@ -9,8 +9,6 @@ The drag of a rail vehicle is ``cd_area`` times density times v², without the f
 resistance of the cars to the locomotives too, and no drag.
 """
 
-from __future__ import annotations
-
 import math
 from itertools import count, pairwise
 from pathlib import Path

@@ -5,8 +5,6 @@ row to the next one with a value of its column; an empty cell changes nothing, a
 become grades, linear between their rows.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import math

@@ -4,8 +4,6 @@ Gradients are in per mille along a track, speeds in m/s, a radius > 0 turns to t
 routes; a limit by tag is one of the trains of that category, in place of the others. Neutral sections are directional.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any

@@ -7,8 +7,6 @@ conditions hold is in effect, else the default curve of the mode. Figures withou
 kept for the way back.
 """
 
-from __future__ import annotations
-
 import json
 from itertools import pairwise
 from pathlib import Path

@@ -12,8 +12,6 @@ Operations", 2014, chapter 4; Wende, "Fahrdynamik des Schienenverkehrs", 2003, p
 * braking at ``a_braking``, by default at -0.225 m/s² (freight) or -0.375 m/s² (passenger), on any grade.
 """
 
-from __future__ import annotations
-
 from itertools import pairwise
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Lines and trains from a file of any supported format, recognised by its content."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

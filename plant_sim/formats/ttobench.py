@@ -12,8 +12,6 @@ deceleration on a fall of 50 per mille. The emergency brake is that of the ETCS 
 brake and default. Tunnel coefficients are added to the quadratic running resistance.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from pathlib import Path

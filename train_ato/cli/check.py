@@ -1,7 +1,5 @@
 """``train-ato check-law``, ``check-observer``, ``check-compensation``: run the contract tests on a component."""
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import dataclasses

@@ -1,7 +1,5 @@
 """``train-ato completion SHELL``: code that completes commands, options and names in a shell, with argcomplete."""
 
-from __future__ import annotations
-
 import argparse
 import os
 import shlex

@@ -1,7 +1,5 @@
 """``train-ato convert IN OUT``: write a line or a train of a foreign file in the own format."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from pathlib import Path

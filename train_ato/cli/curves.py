@@ -1,7 +1,5 @@
 """``train-ato curves CASE.json | SCENARIO``: braking curves and supervision limits after SUBSET-026, 3.13."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """``train-ato docs``: open the site of the documentation, which needs no network."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 

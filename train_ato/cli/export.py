@@ -1,7 +1,5 @@
 """``train-ato export``: write the tables of a run as Parquet or CSV files, or its log with the train on the line."""
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import shutil

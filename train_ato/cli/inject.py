@@ -3,8 +3,6 @@
 It also sends requests to the ATO: engage, disengage, reset.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from typing import NamedTuple

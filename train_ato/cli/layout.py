@@ -1,7 +1,5 @@
 """``train-ato layout``: write a layout of a viewer for one run."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """``train-ato learn``: learn the resistance that repeats from run to run, from repeated or recorded runs."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Entry point of the command line: parser, one command, errors as one line and an exit status."""
 
-from __future__ import annotations
-
 import argparse
 import errno
 import importlib

@@ -1,7 +1,5 @@
 """``train-ato new KIND NAME``: write a commented file of one's own that runs as it is."""
 
-from __future__ import annotations
-
 import argparse
 import re
 import sys

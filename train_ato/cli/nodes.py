@@ -1,7 +1,5 @@
 """Console scripts of the standalone nodes ``plant_node``, ``profile_node`` ... for ``ros2 run train_ato NODE``."""
 
-from __future__ import annotations
-
 import sys
 
 from train_ato.messages.topics import Role

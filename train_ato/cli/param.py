@@ -1,7 +1,5 @@
 """``train-ato param``: change a parameter of a node of a running simulation, for example the control law."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 

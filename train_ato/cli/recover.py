@@ -1,7 +1,5 @@
 """``train-ato recover``: restore a readable log from an incomplete or damaged one."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from pathlib import Path

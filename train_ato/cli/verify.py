@@ -1,7 +1,5 @@
 """``train-ato verify``: run a recorded scenario again and compare every message."""
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import sys

@@ -7,8 +7,6 @@ jerk is limited only as far as the distance to the intervention of the superviso
 
 # mypy: no-warn-return-any
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

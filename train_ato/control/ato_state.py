@@ -12,8 +12,6 @@ failure                   traction is off, the train brakes to a stop; until a r
 The ATO is engaged at the start of a run.
 """
 
-from __future__ import annotations
-
 from train_ato.messages.types import AtoState
 
 TAKEOVER_TIME = 5.0

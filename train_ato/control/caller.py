@@ -1,7 +1,5 @@
 """Law of :class:`train_ato.Env`: the caller of the environment gives the force of every step."""
 
-from __future__ import annotations
-
 import base64
 import zlib
 from collections.abc import Sequence

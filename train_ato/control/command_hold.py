@@ -3,8 +3,6 @@
 The holding brake of the plant acts below the holding speed while no unit has a positive demand.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

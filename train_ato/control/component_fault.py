@@ -1,7 +1,5 @@
 """Faults of a law, an observer or a compensation in one line: name, reason, file and line."""
 
-from __future__ import annotations
-
 import inspect
 import math
 import traceback

@@ -1,7 +1,5 @@
 """Components with parameters as keywords: ``MyLaw(gain=0.1)`` instead of a separate parameter dataclass."""
 
-from __future__ import annotations
-
 import dataclasses
 import inspect
 import math

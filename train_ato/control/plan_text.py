@@ -1,7 +1,5 @@
 """Plan of a law as texts of the diagnostics of the controller, once a second."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import NamedTuple

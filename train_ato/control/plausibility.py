@@ -1,7 +1,5 @@
 """Comparison of the measurement of the ATO with the odometry of the supervisor."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import isfinite
 

@@ -10,8 +10,6 @@ A component can also be named as ``module:Class`` without registration; modules 
 component is imported at its first use.
 """
 
-from __future__ import annotations
-
 import importlib
 import sys
 from collections.abc import Mapping

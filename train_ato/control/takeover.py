@@ -4,8 +4,6 @@ The largest change of the demand of a unit in one tick is jerk x inertia x share
 profile, at most ``limits.jerk`` of the scenario: a recorded profile has jumps of the acceleration.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Layout of the log of a run: names, quality of service, and ``metadata.yaml`` as of ``ros2 bag`` (Jazzy)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

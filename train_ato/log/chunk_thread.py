@@ -3,8 +3,6 @@
 Compression, checksums and writing release the interpreter lock (time: ``python studies_done/recorder.py``).
 """
 
-from __future__ import annotations
-
 import functools
 import threading
 import time

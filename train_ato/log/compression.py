@@ -3,8 +3,6 @@
 ``python studies_done/recorder.py`` measures them for a train of 106 vehicles.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Callable
 

@@ -4,8 +4,6 @@ The source is the installed packages, or the Jazzy type store of ``rosbags`` on 
 except for comments.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,7 +1,5 @@
 """Comparison of two logs: every topic, every message in stamp order, every field."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import struct

@@ -3,8 +3,6 @@
 A bag that is not a single plain MCAP file is copied once per process into a temporary one, with all its messages.
 """
 
-from __future__ import annotations
-
 import re
 import shutil
 import sqlite3

@@ -4,8 +4,6 @@ The reader of the ``mcap`` package does not check lengths and skips unknown reco
 read gigabytes or lose a chunk without an error.  Here every inconsistency is a :class:`Damage`.
 """
 
-from __future__ import annotations
-
 import mmap
 import struct
 import zlib

@@ -10,8 +10,6 @@ A message of every tick has a fixed length, so that all ticks have the same byte
 are written into the records of the messages; the other messages are put between them.
 """
 
-from __future__ import annotations
-
 import struct
 import time
 import zlib

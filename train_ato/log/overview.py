@@ -1,7 +1,5 @@
 """Overview of a log: topics with rates and gaps, changes during the run, versions."""
 
-from __future__ import annotations
-
 from array import array
 from dataclasses import dataclass
 from pathlib import Path

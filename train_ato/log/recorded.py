@@ -1,7 +1,5 @@
 """Reader of a recorded run in bulk, with the same result as the recording of the engine."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from collections.abc import Collection, Iterable, Iterator, Mapping

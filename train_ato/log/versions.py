@@ -1,7 +1,5 @@
 """Versions and processor with an effect on the numbers of a run, attached to its log."""
 
-from __future__ import annotations
-
 import hashlib
 import platform
 import sys

@@ -1,7 +1,5 @@
 """Writing of files: a small one as a whole or not at all, errors with the name of the file."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress

@@ -1,7 +1,5 @@
 """Mode of the ATO: state machine, requests, and the command while the law does not drive."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from train_ato.control.algorithms.guard import is_valid_state

@@ -1,7 +1,5 @@
 """Controller stage: the control stack and its changes during a run."""
 
-from __future__ import annotations
-
 import time
 from array import array
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """Receiving ends of a stage: its topics with their faults and age limits."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """Name and unit of the metrics of a run: every table, page and message has these."""
 
-from __future__ import annotations
-
 METRICS: dict[str, tuple[str, str]] = {
     "stop_error_m": ("stop error", "m"),
     "stop_error_max_m": ("stop error, largest", "m"),

@@ -1,7 +1,5 @@
 """Observer stage of the loop."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

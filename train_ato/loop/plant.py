@@ -3,8 +3,6 @@
 Interventions on the train during a run: planned ones, requests, and their effect at the receiving end.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """States of supervision, train protection and ATO over a run, from its diagnostics."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Limit of the rate of the simulation: simulated seconds per second of wall time."""
 
-from __future__ import annotations
-
 import time
 
 _MAX_LAG_S = 0.2

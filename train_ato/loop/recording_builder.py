@@ -1,7 +1,5 @@
 """Recording of a run in memory, with the reduction of the data of all vehicles."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field

@@ -14,8 +14,6 @@ extremes of m. A bounded until is ``l U[0,w] r = F[0,w] r and (l U r)``, so that
 T. Ferrère and O. Maler, "Efficient robust monitoring for STL", CAV 2013).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass

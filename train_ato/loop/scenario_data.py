@@ -1,7 +1,5 @@
 """Parts of a run from a scenario and its files: train, line, nominal model, profile, law and supervisor."""
 
-from __future__ import annotations
-
 import math
 import pickle
 from collections import OrderedDict

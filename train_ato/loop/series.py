@@ -1,7 +1,5 @@
 """Series of a recording: samples of a topic, and the diagnostics of a node."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain

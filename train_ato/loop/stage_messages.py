@@ -1,7 +1,5 @@
 """Messages of the stages of the loop, by name and in the order of publication."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar
 

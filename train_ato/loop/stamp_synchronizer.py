@@ -1,7 +1,5 @@
 """Synchronisation of the inputs of controller and profile by stamp, from messages in any order."""
 
-from __future__ import annotations
-
 import sys
 from collections import deque
 from collections.abc import Callable

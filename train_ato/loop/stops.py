@@ -1,7 +1,5 @@
 """Stops of a run: place, arrival and delay of every stop of the profile."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ the emergency brake, which on a falling grade can be much smaller. Where the pla
 speed, the plan has a lower speed limit there and is made again; a plan that is far enough away is not changed.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

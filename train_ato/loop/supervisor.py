@@ -1,7 +1,5 @@
 """Supervisor stage: decisions of the supervisor as messages."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from train_ato.loop.inputs import StageInputs

@@ -23,8 +23,6 @@ Only ticks with an engaged ATO count.  The limits are in the block ``criteria.tr
 Sustained oscillation of a series: turning points, regular periods, autocorrelation.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from functools import cached_property

@@ -10,8 +10,6 @@ the timeout loses its shortest stop, because nothing then shows that the train a
 nearer end acts at once.  It is never beyond the end of authority of the own stop.
 """
 
-from __future__ import annotations
-
 from bisect import bisect_right
 from collections import deque
 from dataclasses import replace

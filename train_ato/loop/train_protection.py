@@ -8,8 +8,6 @@ The highest demand of these sources is in effect:
 * a train separation.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import IntEnum
 

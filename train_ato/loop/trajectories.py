@@ -1,7 +1,5 @@
 """Conversion of profiles and limits to messages and back."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from train_ato.loop.setup import RunSetup

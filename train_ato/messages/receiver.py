@@ -13,8 +13,6 @@ masquerade            two different messages of one stamp are both refused; a ch
 ====================  ================================================================
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """One topic: its message, the places of its fields in the ROS message, and the condition of its existence."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ Codecs, publishers, subscriptions, the recorder, the tables of a log, the live v
 it.  A new topic needs a message dataclass and an entry here.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial

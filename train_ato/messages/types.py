@@ -4,8 +4,6 @@ Stamps are integer nanoseconds since the start of the run; arrays are float64 ov
 a docstring gives another shape.  Forces are > 0 forward, coupler forces > 0 in draft.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from enum import IntEnum
 

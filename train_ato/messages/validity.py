@@ -1,7 +1,5 @@
 """Validity of the values of a message: finite, physically possible, permitted."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import lru_cache
 from typing import Any

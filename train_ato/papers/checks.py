@@ -1,7 +1,5 @@
 """Figures of results, and verdicts from bounds, for the judges of all papers."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Panels of the figures of the papers, and their files for print."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterable
 from pathlib import Path
 from string import ascii_lowercase

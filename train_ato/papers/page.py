@@ -1,7 +1,5 @@
 """Markdown page with claims, verdicts and tables of a reproduction."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any

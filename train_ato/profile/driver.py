@@ -5,8 +5,6 @@ have.  The reference of the heavy-haul scenario is therefore a simulated run of 
 changes, its speed averaged over time (paper 000 uses a recorded run of an expert driver).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """ROS 2 nodes, their graph, and standalone nodes."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import subprocess

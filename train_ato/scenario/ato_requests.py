@@ -4,8 +4,6 @@ A scenario plans them, or a service call of the node ``controller`` makes them d
 controller contain each accepted request, so that the run can be repeated from its log.
 """
 
-from __future__ import annotations
-
 from typing import Literal, get_args
 
 from pydantic import Field

@@ -5,8 +5,6 @@ tick; the plant's diagnostics of that tick contain it as JSON under the key ``in
 repeated from its log.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable
 from typing import Annotated, Any, Literal

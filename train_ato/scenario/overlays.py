@@ -1,7 +1,5 @@
 """Changes of a raw scenario: overlays of variants and assignments of single keys."""
 
-from __future__ import annotations
-
 import copy
 import re
 from collections.abc import Sequence

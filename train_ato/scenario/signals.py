@@ -1,7 +1,5 @@
 """Signals of requirements: name, unit, meaning and condition; their series: :mod:`train_ato.loop.requirements`."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass

@@ -6,8 +6,6 @@ the running resistance of loaded wagons at low speed are 0.0014 m/s²: with the 
 couplers to traction and braking.
 """
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Deceleration curve through a location and a speed: SUBSET-026, 3.13.8, as arcs of parabola in closed form."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import inf, isnan, nan, sqrt
 from typing import Any

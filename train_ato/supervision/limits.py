@@ -1,7 +1,5 @@
 """Supervision limits of one target: locations over the estimated speed, SUBSET-026, 3.13.9.3."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass
 from math import inf, isnan, nan
 from typing import Any, Literal

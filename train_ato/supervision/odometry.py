@@ -1,7 +1,5 @@
 """Confidence of position and speed: SUBSET-041, 5.3.1, as used in SUBSET-026, 3.13.9."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import isfinite, nan
 from typing import Any, NamedTuple, Protocol

@@ -15,8 +15,6 @@ A force that rises with a common shape and then is constant has, at every time, 
 train of the model never is behind the train of the plant.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Supervision of a train of the plant on a line: grades and speed limits of the line, brakes of the train."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from plant_sim.consist import Consist

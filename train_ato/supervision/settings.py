@@ -1,7 +1,5 @@
 """Block ``supervision:`` of a scenario: supervisor, and reactions of the train to missing messages."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Annotated, Literal
 

@@ -4,8 +4,6 @@ It uses its own odometry only, and no message of the ATO. SUBSET-026, 3.13.10 (c
 monitoring) and 3.14 (roll away).
 """
 
-from __future__ import annotations
-
 from collections import namedtuple
 from collections.abc import Callable
 from dataclasses import dataclass

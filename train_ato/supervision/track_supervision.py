@@ -6,8 +6,6 @@ a closed form per braking curve near the train.
 
 # mypy: no-warn-return-any
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import inf, isnan

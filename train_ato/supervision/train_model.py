@@ -3,8 +3,6 @@
 SUBSET-026, 3.13.3, 3.13.6 and A.3.7-A.3.9.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal
 

@@ -5,8 +5,6 @@ both odometers, less their largest error, less the length of the train with all 
 The shortest stop is the safety data of relative braking: the train cannot stop on a shorter way.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import math

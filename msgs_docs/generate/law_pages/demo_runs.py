@@ -3,8 +3,6 @@
 A component without a row in ``demo_runs.yaml`` gets the runs of :func:`default_demo`, so that a new law needs none.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Drive, summarise and draw the demonstration runs of the pages."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path

@@ -3,8 +3,6 @@
 Components with a page of their own: every law, observer and compensation of this package.
 """
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import inspect

@@ -5,8 +5,6 @@ of one minute, and with invalid inputs. A component may reject a train by a Valu
 them. The tests of every kind are :mod:`train_ato.apps.check_component.common`, those of one kind are beside it.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass

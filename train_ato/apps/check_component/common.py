@@ -1,7 +1,5 @@
 """Contract tests that laws, observers and compensations share."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import time

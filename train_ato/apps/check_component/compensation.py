@@ -1,7 +1,5 @@
 """Contract tests of a delay compensation."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 

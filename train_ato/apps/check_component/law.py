@@ -1,7 +1,5 @@
 """Contract tests of a control law."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

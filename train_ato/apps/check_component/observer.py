@@ -1,7 +1,5 @@
 """Contract tests of a disturbance observer."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from functools import cached_property

@@ -8,8 +8,6 @@ A train has 1 to 100 vehicles, one or more power units, draft gears of one kind,
 All figures are uniform in the given ranges.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass

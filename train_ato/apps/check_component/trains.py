@@ -1,7 +1,5 @@
 """Shipped trains for the contract tests."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable, Iterator

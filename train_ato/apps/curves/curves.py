@@ -1,7 +1,5 @@
 """Braking curves and supervision limits of the cases of a file, or of the train of a scenario on its line."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from math import isfinite
 from pathlib import Path

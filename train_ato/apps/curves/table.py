@@ -1,7 +1,5 @@
 """Distances of the braking curves of a case, before the target."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

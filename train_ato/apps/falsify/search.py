@@ -5,8 +5,6 @@ lower confidence bound (N. Srinivas et al., "Gaussian process optimization in th
 chosen by measurement against CMA-ES, cross-entropy and random search (``studies_done/falsify.py``).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

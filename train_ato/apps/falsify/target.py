@@ -1,7 +1,5 @@
 """Target of a falsification: the robustness of a formula or of a criterion after a run."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Columns of a recorder's file: quantity, unit and power unit in their names."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Faults of a recorder's file, collected so that one command names them all."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar

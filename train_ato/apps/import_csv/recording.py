@@ -1,7 +1,5 @@
 """Plausibility checks of a recorded speed and force history; errors name the line."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

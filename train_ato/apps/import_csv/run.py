@@ -1,7 +1,5 @@
 """Conversion of a measured run to scenario, messages of every tick, and summary."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

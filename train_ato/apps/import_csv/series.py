@@ -1,7 +1,5 @@
 """Interpolation of a measured run at the ticks, with forces per power unit and energy."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

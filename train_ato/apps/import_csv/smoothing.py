@@ -4,8 +4,6 @@ A speed in whole km/h has steps of 0.28 m/s; differences between rows are not th
 average, applied twice, spreads a step over the length of the window.
 """
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Reading of a recorder's CSV: columns of numbers with their line numbers."""
 
-from __future__ import annotations
-
 import csv
 import math
 import re

@@ -4,8 +4,6 @@ The last open version, Foxglove Studio 1.87, and its successors have no multipli
 therefore has the units of the messages (SI).
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Sequence

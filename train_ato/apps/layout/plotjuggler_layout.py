@@ -4,8 +4,6 @@ The layout opens the log without the dialog of the loader.  Messages have their 
 times of the log, which are both simulated times.
 """
 
-from __future__ import annotations
-
 import os
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence

@@ -3,8 +3,6 @@
 Topics and names are those of the log, also those of a namespace.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path

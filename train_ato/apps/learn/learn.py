@@ -10,8 +10,6 @@ runs forward, a smoother (Rauch, Tung and Striebel 1965, AIAA Journal 3) backwar
 noise of the speed is that of the record. Mean values by place with a triangular weight give r(x).
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from collections.abc import Sequence

@@ -4,8 +4,6 @@ The loop is open: measurement, reference and estimate come from the log and do n
 and the parameters of the run the commands are equal bit for bit; a change of code or gains appears as a difference.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace

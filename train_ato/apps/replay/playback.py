@@ -3,8 +3,6 @@
 This module does not use ROS; an :class:`Outlet` sends the messages and processes the service calls.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping

@@ -1,7 +1,5 @@
 """Node of a replay: publishers with the recorded quality of service, and waits for their readers."""
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Callable, Mapping

@@ -4,8 +4,6 @@ Without these types every service is a ``std_srvs/srv/Trigger`` of the same name
 rosbag2 are parameters of the node.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 from collections.abc import Callable, Mapping, Sequence

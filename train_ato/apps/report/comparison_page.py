@@ -1,7 +1,5 @@
 """Figures of several runs: lines in one figure with a colour per run, one heat map per run."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

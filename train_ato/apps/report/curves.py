@@ -1,7 +1,5 @@
 """Curves of the figures at full resolution, in the units of the axes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import accumulate, pairwise

@@ -1,7 +1,5 @@
 """Detection of the events of a run, from its recording and its scenario."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass

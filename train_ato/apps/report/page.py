@@ -1,7 +1,5 @@
 """Page as one HTML file without network access: text, tables, figures and the Bokeh library."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 from pathlib import Path

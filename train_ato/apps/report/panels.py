@@ -1,7 +1,5 @@
 """Bokeh figures of lines from arrays, independent of runs and pages."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

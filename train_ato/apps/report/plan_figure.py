@@ -1,7 +1,5 @@
 """Figure of a plan over the distance: limits and profile, force within its envelopes, grade."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Figures for print: the figures of the page as PNG at 300 dpi or as SVG with searchable text."""
 
-from __future__ import annotations
-
 import io
 import math
 import textwrap

@@ -4,8 +4,6 @@ The colours are those of Okabe and Ito, distinguishable with any colour vision. 
 red, zero white and buff blue.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 

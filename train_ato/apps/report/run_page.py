@@ -1,7 +1,5 @@
 """Figures of the page of one run, in their order."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from bokeh.events import MouseLeave, MouseMove

@@ -1,7 +1,5 @@
 """Rows of the summary table: order, decimals and meanings."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Sequence

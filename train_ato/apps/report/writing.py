@@ -1,7 +1,5 @@
 """Writing of the page of one run, or of the comparison of several runs."""
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Names of everything shipped with their descriptions."""
 
-from __future__ import annotations
-
 from plant_sim.library import consist_names, line_names, load_consist, load_line
 from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
 from train_ato.scenario.scenario import raw_scenario, shipped_scenarios

@@ -1,7 +1,5 @@
 """A line or a train written in another format."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Fatigue damage of the couplers in a recorded run, alone or relative to another run."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -5,8 +5,6 @@ whose scenario contains the reports: it is an ordinary run in every mode, which 
 each report at its time, as in a common run.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any

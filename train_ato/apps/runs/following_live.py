@@ -1,7 +1,5 @@
 """Trains behind each other at the same time: a program for each in one ROS domain, with live reports."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

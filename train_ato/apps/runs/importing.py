@@ -1,7 +1,5 @@
 """A measured speed and force history as a run, or as a speed profile."""
 
-from __future__ import annotations
-
 import re
 import time
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """Linear model of the train of a scenario."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from train_ato.apps.runs.scenario_choice import Changes, GivenScenario, choose_scenario

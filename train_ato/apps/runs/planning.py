@@ -1,7 +1,5 @@
 """Speed profile of a train on a line, planned from names or files."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Line for a run with brake interventions, takeovers of the braking law, or a disengaged ATO at its end."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

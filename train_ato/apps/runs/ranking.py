@@ -1,7 +1,5 @@
 """Order of runs in a comparison, the best value of every metric and the differences from it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from statistics import mean, median

@@ -3,8 +3,6 @@
 The order of the results does not depend on the number of processes. A lost worker costs its own run only.
 """
 
-from __future__ import annotations
-
 import multiprocessing
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import wait

@@ -1,7 +1,5 @@
 """Metrics of a run in their order in tables, as text and as HTML."""
 
-from __future__ import annotations
-
 import html
 from collections.abc import Iterable, Mapping
 from typing import Any

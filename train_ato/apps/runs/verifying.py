@@ -1,7 +1,5 @@
 """A recorded run repeated in the engine, and both logs compared."""
 
-from __future__ import annotations
-
 import dataclasses
 import tempfile
 from collections.abc import Callable

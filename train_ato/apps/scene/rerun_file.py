@@ -1,7 +1,5 @@
 """Copies of a log with the scene of the train: for the Rerun viewer with all numbers, for others as one file."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path

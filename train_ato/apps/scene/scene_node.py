@@ -5,8 +5,6 @@ times a second of wall time.  A topic whose message package is not installed is 
 wheels.
 """
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Callable

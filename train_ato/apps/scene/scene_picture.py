@@ -1,7 +1,5 @@
 """Picture of the train on its line, drawn from the messages of the scene in a log."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Workers of a sweep: a local Dask cluster that only this sweep can use, or a Dask scheduler."""
 
-from __future__ import annotations
-
 import fcntl
 import logging
 import os

@@ -1,7 +1,5 @@
 """Dimensions of a study: the keys of a scenario that vary, each with its values or its range."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any

@@ -4,8 +4,6 @@
 (:mod:`train_ato.apps.runs.series_folder`).
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """One row of a sweep again: run alone, recorded, and compared with the table."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """One run of a sweep and its row: values, end of the run, metrics, hash of the resolved scenario."""
 
-from __future__ import annotations
-
 import gc
 import hashlib
 import json

@@ -1,7 +1,5 @@
 """Specification of a sweep: scenario, design, varied keys and fixed keys, from a YAML file or a mapping."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import product

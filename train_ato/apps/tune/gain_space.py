@@ -3,8 +3,6 @@
 Runs of the search for gains: every scenario with every seed and variation, as one task each.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

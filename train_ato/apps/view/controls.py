@@ -3,8 +3,6 @@
 All ROS calls run in the thread of the executor; other threads queue their requests by :meth:`Controls.submit`.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Speed dial with needle, gauge of the supervision and profile arc; bar of the total force within its envelope."""
 
-from __future__ import annotations
-
 import math
 from itertools import accumulate
 from typing import Any

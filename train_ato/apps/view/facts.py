@@ -1,7 +1,5 @@
 """Constant data of a run: layout of the train, speed limits, grades, force envelopes."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Common data source of the pages for a live graph and a recorded run."""
 
-from __future__ import annotations
-
 import json
 import secrets
 import threading

@@ -4,8 +4,6 @@ For a live run the newest messages of every topic are sent 20 times a second; fo
 in simulated time, and Foxglove's player also controls the time of the page.
 """
 
-from __future__ import annotations
-
 import contextlib
 import threading
 from collections import deque

@@ -1,7 +1,5 @@
 """Feed from a running graph; one thread reads the topics and calls the nodes, independent of the browsers."""
 
-from __future__ import annotations
-
 import math
 import threading
 import time

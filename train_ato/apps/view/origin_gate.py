@@ -7,8 +7,6 @@ than 10^11 places, so that a web page cannot find it beside the gate.
 Every web page can open a WebSocket to this machine; only its origin distinguishes it from a program of the user.
 """
 
-from __future__ import annotations
-
 import asyncio
 import random
 import threading

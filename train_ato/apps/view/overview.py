@@ -1,7 +1,5 @@
 """WholeRun of a whole run above the page: its speed, and bands of the law and of the state of the ATO."""
 
-from __future__ import annotations
-
 from typing import Any
 
 MOST_POINTS = 800

@@ -1,7 +1,5 @@
 """Widgets of a running train: ATO, law, parameters, disturbances, emergency brake, rate, end of the run."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from typing import Any

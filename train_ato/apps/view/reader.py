@@ -4,8 +4,6 @@ The cost does not depend on the rate of the run: queues hold a few messages, rea
 publisher waits for them, and only the messages of one stamp are decoded.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from functools import partial
 from typing import Any

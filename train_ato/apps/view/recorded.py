@@ -1,7 +1,5 @@
 """Feed from a recorded run, with seek, steps and playback at a selected rate."""
 
-from __future__ import annotations
-
 import math
 import threading
 import time

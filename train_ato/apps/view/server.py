@@ -1,7 +1,5 @@
 """Web server of the page: on this machine only by default, and only for its own pages."""
 
-from __future__ import annotations
-
 import asyncio
 import errno
 import logging

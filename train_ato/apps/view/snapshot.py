@@ -6,8 +6,6 @@ the speed limits with the margins of the ceiling supervision, and a brake curve 
 every target.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 from typing import Any

@@ -1,7 +1,5 @@
 """Colours and themes of the page, dark; the quantities have the hues of the report."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from train_ato.apps.report.quantities import FONT, ORANGE, SKY

@@ -12,8 +12,6 @@ The difference between measured and predicted acceleration is an unknown force, 
 train, another resistance or weaker shoes move the decisions without a plan.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Protocol
 

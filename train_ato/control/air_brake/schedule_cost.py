@@ -10,8 +10,6 @@ vehicle i is quasi-static: electric and shoe force of vehicles 0 ... i less thei
 
 # mypy: allow-untyped-defs
 
-from __future__ import annotations
-
 import numpy as np
 
 from plant_sim.compiled import compiled

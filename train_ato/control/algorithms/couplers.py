@@ -1,7 +1,5 @@
 """Forces of the couplers beside the power units, from sensors or from the states of both units."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, Protocol
 

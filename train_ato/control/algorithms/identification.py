@@ -1,7 +1,5 @@
 """Online identification of paper 004: parameters of the model, and a network for the residual."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -8,8 +8,6 @@ With y measured, r the known part of its rate and d the unknown part::
 A constant d is found without offset; the error falls like (1 + k (1 - b)) b^k for any omega Tc.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """Kalman filters of motion, disturbance, mass and noise of a train as one mass; `msgs_docs/mpc_derivation.md`."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

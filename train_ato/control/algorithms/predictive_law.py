@@ -3,8 +3,6 @@
 Diophantine recursion of generalised predictive control, paper 004, eqs. (13), (14), and its model.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple, Protocol
 

@@ -6,8 +6,6 @@ adds the decision of :mod:`train_ato.control.algorithms.force_plan`.
 
 # mypy: allow-untyped-defs
 
-from __future__ import annotations
-
 import numpy as np
 
 from plant_sim.compiled import compiled

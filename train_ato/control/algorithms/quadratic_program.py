@@ -14,8 +14,6 @@ so that it is finite for every such P.
 
 # mypy: allow-untyped-defs
 
-from __future__ import annotations
-
 from math import sqrt
 
 import numpy as np

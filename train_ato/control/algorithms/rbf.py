@@ -2,8 +2,6 @@
 
 # mypy: allow-untyped-defs, allow-untyped-decorators
 
-from __future__ import annotations
-
 from plant_sim.compiled import also_compiled
 from train_ato.control.algorithms.sliding import clamped
 

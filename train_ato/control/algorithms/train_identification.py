@@ -24,8 +24,6 @@ couplers. A rigid balance of forces takes these for errors.
 
 # mypy: allow-untyped-defs
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -6,8 +6,6 @@ by themselves (`funnel`, `gpc`).
 Needs: nothing; any law, any train.
 """
 
-from __future__ import annotations
-
 from typing import ClassVar
 
 from train_ato.control.compensation.base import CompensationBase

@@ -1,7 +1,5 @@
 """Force of the rigid nominal train along the profile, computed once per profile."""
 
-from __future__ import annotations
-
 from typing import Protocol
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Call of a law or policy from compiled code: over records by its machine code, of a law in Python by a callback."""
 
-from __future__ import annotations
-
 import ctypes
 from collections.abc import Callable
 from typing import Any

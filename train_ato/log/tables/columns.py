@@ -3,8 +3,6 @@
 Tables of topics with messages of variable length: profiles, speed limits, diagnostics.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from operator import attrgetter
 from typing import Any

@@ -3,8 +3,6 @@
 Table of one topic in parts, in a temporary file until the columns of all parts are known.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import tempfile

@@ -1,7 +1,5 @@
 """Loading of the tables of a recorded run: one pandas DataFrame per topic."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager
 from functools import partial

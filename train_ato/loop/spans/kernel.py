@@ -2,8 +2,6 @@
 
 # mypy: allow-untyped-defs
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from plant_sim import kernel as k

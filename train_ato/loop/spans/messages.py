@@ -1,7 +1,5 @@
 """Messages of the ticks of a span and of the steps of the supervisor in it, from its arrays."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property

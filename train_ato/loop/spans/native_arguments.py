@@ -4,8 +4,6 @@ A call from Python checks and unpacks every array of its arguments, which takes 
 compiled code. The arrays of a row must be kept by its owner.
 """
 
-from __future__ import annotations
-
 import struct
 import warnings
 from collections.abc import Callable, Iterator

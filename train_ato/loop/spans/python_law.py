@@ -1,7 +1,5 @@
 """Parts of a tick in Python that compiled ticks call: a law, or the control stack as a whole."""
 
-from __future__ import annotations
-
 import time
 from abc import ABC, abstractmethod
 from typing import Any

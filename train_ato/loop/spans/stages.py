@@ -1,7 +1,5 @@
 """Stages of the loop that compiled ticks continue."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from train_ato.loop.controller import ControllerStage

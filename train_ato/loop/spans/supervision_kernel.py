@@ -3,8 +3,6 @@
 A step with an effect (a brake, a takeover, an implausible value) is left to the stages, which call the same functions.
 """
 
-from __future__ import annotations
-
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, NamedTuple

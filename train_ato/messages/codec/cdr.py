@@ -6,8 +6,6 @@ The layout of one message follows from the definition of its type and its bytes.
 texts have the same layout, so that thousands of messages of any type are read as one array.
 """
 
-from __future__ import annotations
-
 import re
 import struct
 from collections.abc import Sequence

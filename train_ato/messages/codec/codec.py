@@ -8,8 +8,6 @@ The messages of a topic have the same names and lengths and differ only in stamp
 of these in the CDR bytes: a message, the messages of many ticks and a block of the log are arrays of it.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import struct
 from collections.abc import Callable

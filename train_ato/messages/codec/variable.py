@@ -8,8 +8,6 @@ Keys and values of diagnostics in a message: one plain number per key, with its 
 In the program a value has the key without unit, and a list of numbers is one value.
 """
 
-from __future__ import annotations
-
 import re
 import struct
 from collections.abc import Callable, Iterable, Iterator, Mapping

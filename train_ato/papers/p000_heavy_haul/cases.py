@@ -3,8 +3,6 @@
 Every case has the 2674 s of the driver's run and a tick of 0.05 s (printed PID: 0.01 s), unless a shorter run suffices.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Judges of the claims of paper 000 with an ideal actuator: tracking, network, observer, forces."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Paper 000: heavy-haul train, RBFNN sliding mode with NDO. Claims, tables and figures."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Judges of paper 000 with lag 0.4 s and delay 0.8 s, and of the goals of this project there."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from train_ato.papers.checks import GOAL, conclude, largest_kmh, recording, rms_kmh, variation, within

@@ -5,8 +5,6 @@ The gains of the laws of this project were chosen on `disturbed` and on the same
 optimisation.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Judges of paper 001: accuracy, chattering, disturbance, delay compensation, the networks, and the goals."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

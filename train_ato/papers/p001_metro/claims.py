@@ -1,7 +1,5 @@
 """Paper 001: metro train, sliding mode with an RBF network for the switching term. Claims, table and figures."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any

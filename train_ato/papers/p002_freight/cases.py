@@ -1,7 +1,5 @@
 """Runs of the freight train for paper 002: the printed setting at 1 ms, and a realistic setting over the delay."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

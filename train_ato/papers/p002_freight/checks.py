@@ -1,7 +1,5 @@
 """Judges of paper 002 on its own train, without limits, lag and delay."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Paper 002: cascaded disturbance observer and fixed-time sliding mode on a freight train of five vehicles."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any

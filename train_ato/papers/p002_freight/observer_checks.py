@@ -1,7 +1,5 @@
 """Judges of paper 002 on the cascaded observer."""
 
-from __future__ import annotations
-
 from train_ato.papers.checks import conclude
 from train_ato.papers.claims import REMOVED, THREE, Bound, Claims, Judgement, Results, worst
 from train_ato.papers.p002_freight.cases import OBSERVER_TICKS

@@ -5,8 +5,6 @@ those of the paper: d1 (speed offset), d2 (acceleration, with the effect of the 
 d1'.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ The largest errors of both occur in the same phases; those of the printed law al
 since its funnel narrows over hours.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Judges of the claims of paper 003."""
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 

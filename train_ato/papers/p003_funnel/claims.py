@@ -1,7 +1,5 @@
 """Paper 003: dynamic-surface funnel control of a high-speed train with input delay and saturation."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Runs of the CRH380A as three power units for paper 004: 286 km for the figures of the paper, else short."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Judges of the claims of paper 004."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Paper 004: multivariable nonlinear generalised predictive control of an EMU with three power units."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Accelerations over the speed for the planner's passes, and the messages for forces that are too small."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -4,8 +4,6 @@ It is the least running time of the section plus the supplements that lie in it.
 section at the least net energy; a time at a place without a stop is a timing point of a journey.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise

@@ -3,8 +3,6 @@
 Places in settings and lines refer to the front of the train; the profile refers to the centre of vehicle 0.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise

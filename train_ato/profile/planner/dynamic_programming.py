@@ -14,8 +14,6 @@ All energies are divided by the inertia.  All compiled code of the value is in t
 changes of this file only.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -28,8 +28,6 @@ The gap has three causes: the plan is not optimal; it keeps the jerk limit, on s
 depends on the place only, so that t(E), which is convex, counts with its mean over slow and fast runs.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -4,8 +4,6 @@ Window, reserves and the extension of the limits are increased until the average
 knots.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

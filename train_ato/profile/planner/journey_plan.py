@@ -4,8 +4,6 @@ The search for the times works with the runs before the jerk limit; the differen
 windows of the next round.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -6,8 +6,6 @@ The passes of the planner have a reserve of traction and one of the brakes, a fr
 speed: the adhesion of a rail takes most of it at the corner of the envelope, and less below and above.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

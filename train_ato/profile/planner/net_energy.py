@@ -3,8 +3,6 @@
 The electric brake acts first, up to its own envelope; friction brakes do the rest and recover nothing.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from train_ato.messages.types import Array

@@ -9,8 +9,6 @@ All compiled code of the passes is in this file, because numba's cache detects c
 place over the speed (rows, 2, columns), and the row of every cell (n,); no rows without limits by place.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

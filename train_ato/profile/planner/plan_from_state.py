@@ -9,8 +9,6 @@ Lost time is caught up as far as the limits permit, at the least net energy for 
 ceiling.  A window that is lost is moved to the earliest possible time and reported.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -10,8 +10,6 @@ The unsmoothed solution has constant acceleration in every cell.  Its average ov
 window.  Averages are differences of the integrals and therefore exact.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

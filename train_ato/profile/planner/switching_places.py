@@ -6,8 +6,6 @@ the limit and brakes.  A search by one switch after the other, with the run itse
 that of a feasible run, therefore no step increases it.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

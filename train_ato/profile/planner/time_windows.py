@@ -20,8 +20,6 @@ with phi = v r(v), psi = v² r'(v), r the running resistance (Howlett and Pudney
 1995), with less coasting, or as a reduced cruise alone.  The strategies with the least net energy are used.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Tables of a train for the planner: forces over the speed, masses along its length."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

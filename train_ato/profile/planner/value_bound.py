@@ -36,8 +36,6 @@ All energies and forces are divided by the inertia.  All compiled code of the va
 cache detects changes of this file only.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any

@@ -27,8 +27,6 @@ time, because commands do not damp the waves in the couplers. Unit i gets d_i - 
 unit pulls against another one. The couplers behind the last unit do not depend on the shares.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -4,8 +4,6 @@ Method after Howlett and Pudney, "Energy-Efficient Train Control" (1995), for th
 the recharge pause are an extension for long trains with an automatic air brake.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -7,8 +7,6 @@ cycles and is 100 times faster. Damage is relative: the sum of (range / 1 MN)^k 
 the slope k = 5 of the S-N curve of steel without welds (FKM guideline "Analytical strength assessment").
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -18,8 +18,6 @@ therefore decreases first the rate, then the traction, step by step at the same 
 and plans again for the running time.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -23,8 +23,6 @@ over time. The limits of a section therefore hold :data:`MARGIN` before and afte
 the rate of the settings. Shoes at low adhesion are limited by the plant of :mod:`.driven_run` only.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

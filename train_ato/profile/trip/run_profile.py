@@ -1,7 +1,5 @@
 """Profile of a trip: averaged speed of a run, and the last part of the braking to standstill at the stop."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

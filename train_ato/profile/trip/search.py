@@ -17,8 +17,6 @@ the filling; from the release on it approaches 1 with the time constant of the r
 
 # mypy: allow-untyped-defs
 
-from __future__ import annotations
-
 import numpy as np
 
 from plant_sim.compiled import compiled

@@ -1,7 +1,5 @@
 """Creation of the nodes of a run, for both runners and the entry points."""
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Iterator, Sequence

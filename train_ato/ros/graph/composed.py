@@ -1,7 +1,5 @@
 """Run with all nodes in one process, on one executor."""
 
-from __future__ import annotations
-
 import gc
 import time
 from collections.abc import Callable, Mapping

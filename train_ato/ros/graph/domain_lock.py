@@ -4,8 +4,6 @@ Two containers with one network see the nodes of each other, and share the names
 temporary files differ.  The kernel removes the name with the last process that has the socket.
 """
 
-from __future__ import annotations
-
 import errno
 import socket
 

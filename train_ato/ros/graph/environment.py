@@ -1,7 +1,5 @@
 """Environment of the nodes of a run: exclusive ROS domain, this machine only by default, logs in the run folder."""
 
-from __future__ import annotations
-
 import os
 import random
 import sys

@@ -1,7 +1,5 @@
 """Options and result of a run of the graph."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Process of a standalone node, and its report."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import signal

@@ -1,7 +1,5 @@
 """Run with one process per node: standalone nodes, as started by ``ros2 run``, with one process that ends them."""
 
-from __future__ import annotations
-
 import signal
 import time
 from collections.abc import Callable

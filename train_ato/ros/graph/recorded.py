@@ -1,7 +1,5 @@
 """Result of a run of the graph, read from its log, with or without a runner."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Mapping
 from dataclasses import replace

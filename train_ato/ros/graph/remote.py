@@ -1,7 +1,5 @@
 """Access to a running graph from another process: set a parameter, call a service."""
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager

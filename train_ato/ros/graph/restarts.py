@@ -4,8 +4,6 @@ The new process starts at once, but joins the graph only after every other node 
 So no topic ever has two publishers, and the new one is identified as at the start of the run.
 """
 
-from __future__ import annotations
-
 import time
 from collections import Counter
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Run of the node graph: environment, one of the two modes, and the result from the log."""
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Removal of abandoned shared memory of Fast DDS, as ``fastdds shm clean`` does it."""
 
-from __future__ import annotations
-
 import contextlib
 import fcntl
 import os

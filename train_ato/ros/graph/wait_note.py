@@ -1,7 +1,5 @@
 """Notes on a long wait, so that a slow machine differs from a silent one."""
 
-from __future__ import annotations
-
 import sys
 import time
 

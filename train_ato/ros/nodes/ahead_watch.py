@@ -1,7 +1,5 @@
 """Live reports of the train ahead at the plant: their subscription, and the wait for them in lockstep."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 

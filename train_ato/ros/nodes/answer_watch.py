@@ -1,7 +1,5 @@
 """Wall times of the plant node: time without an answer with the name of its node, and lateness of the ticks."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Mapping, Sequence
 

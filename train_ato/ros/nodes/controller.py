@@ -4,8 +4,6 @@ The law is the ROS parameter ``controller``; parameters of laws have the name of
 change is validated before it is applied and takes effect at the next step, without a jump in force.
 """
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Publishers and subscriptions of a node from the topic table, for CDR bytes; failures name the node."""
 
-from __future__ import annotations
-
 import importlib
 import os
 import sys

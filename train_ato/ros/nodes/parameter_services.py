@@ -1,7 +1,5 @@
 """Parameter services of a node that answer unreadable requests."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

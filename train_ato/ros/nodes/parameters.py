@@ -4,8 +4,6 @@ Every double has a range, because rclpy accepts NaN without one.  Unknown names 
 them without an error.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ the ticks and changes no number.  Without lockstep it does not wait: the newest 
 counted.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 

@@ -6,8 +6,6 @@ Parameters ``rate`` and ``paused`` control the progress of the run.  Services ``
 no fields for numbers.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, Literal, NamedTuple, Protocol, get_args
 

@@ -5,8 +5,6 @@ second publisher fails the run.  The middleware reports every new publisher, at 
 checks also that the sequence numbers of the messages are consecutive.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from typing import Any

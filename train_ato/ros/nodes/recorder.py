@@ -7,8 +7,6 @@ are written.  A repeated ``/clock`` of a pause is not written, nor a first messa
 external plant causes after the last tick.
 """
 
-from __future__ import annotations
-
 import sys
 import time
 from bisect import bisect_right

@@ -4,8 +4,6 @@ The profile sends its latched speed profile at the start and after re-planning, 
 releases traction and brakes as long as the train keeps its limits. The observer sends the disturbance estimate.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from train_ato.control.contract import Parameter

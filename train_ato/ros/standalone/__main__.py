@@ -1,7 +1,5 @@
 """``python -m train_ato.ros.standalone ROLE ...``: one node in a separate process."""
 
-from __future__ import annotations
-
 import sys
 
 from train_ato.messages.topics import Role

@@ -3,8 +3,6 @@
 The answers contain the fingerprint of the node's scenario; a difference from that of the plant fails the run.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 import time

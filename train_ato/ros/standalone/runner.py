@@ -3,8 +3,6 @@
 The other nodes end after the plant; the recorder ends after the last publisher.
 """
 
-from __future__ import annotations
-
 import gc
 import re
 import signal
