@@ -85,16 +85,9 @@ setup(
     package_data={
         "plant_sim": ["py.typed", "data/*/*.yaml", "data/*/*.csv"],
         "train_ato": [
-            "py.typed",
-            "control/*.yaml",
-            "apps/import_csv/layouts/*.yaml",
-            "scenario/shipped/*",
-            "scenario/shipped/following/*",
-            "scenario/schemas/*.json",
-            "ros/graph/*.xml",
-            "apps/report/page.*",
-            "apps/view/page.*",
-            "apps/view/*.js",
+            "py.typed", "control/*.yaml", "apps/import_csv/layouts/*.yaml", "scenario/shipped/*",
+            "scenario/shipped/following/*", "scenario/schemas/*.json", "ros/graph/*.xml", "apps/report/page.*",
+            "apps/view/page.*", "apps/view/*.js",
         ],
     },
     data_files=[
@@ -163,4 +156,4 @@ setup(
     },
     entry_points={"console_scripts": launchers()},
     zip_safe=False,
-)
+)  # fmt: skip

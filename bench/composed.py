@@ -42,17 +42,13 @@ LEAST_FACTOR = 150.0
 MOST_SUPERVISED = 1.08
 TICKED: dict[Role, tuple[str, ...]] = {
     Role.PLANT: (
-        "/clock",
-        "train/vehicles",
-        "train/brake_pipe",
-        "train/brake_pipe_tail",
-        "train/brake_shoes",
+        "/clock", "train/vehicles", "train/brake_pipe", "train/brake_pipe_tail", "train/brake_shoes",
         "train/measurement",
     ),
     Role.PROFILE: ("ato/reference",),
     Role.OBSERVER: ("ato/estimate",),
     Role.CONTROLLER: ("ato/brake_pipe_command", "ato/command"),
-}
+}  # fmt: skip
 SUPERVISED: dict[Role, tuple[str, ...]] = {
     Role.PLANT: ("train/odometry", "train/protection"),
     Role.SUPERVISOR: ("atp/speeds", "atp/brake_release"),

@@ -42,15 +42,9 @@ COMPILED = (
 )
 """Runs in compiled spans: scenario and assignments."""
 PARTS = (
-    ("plant", "observe"),
-    ("supervisor", "step"),
-    ("profile", "on_measurement"),
-    ("observer", "on_measurement"),
-    ("controller", "receive"),
-    ("controller", "command"),
-    ("plant", "act"),
-    ("recording", "extend"),
-)
+    ("plant", "observe"), ("supervisor", "step"), ("profile", "on_measurement"), ("observer", "on_measurement"),
+    ("controller", "receive"), ("controller", "command"), ("plant", "act"), ("recording", "extend"),
+)  # fmt: skip
 """Attributes of the loop and their methods, in the order of a tick."""
 
 

@@ -7,14 +7,8 @@ from plant_sim.packing import Arrays
 from plant_sim.states import Array
 
 WORKS = [
-    k.WORK_RUNNING,
-    k.WORK_GRADE,
-    k.WORK_CURVE,
-    k.WORK_COUPLER,
-    k.WORK_AIR,
-    k.WORK_HOLD,
-    k.WORK_OUTSIDE,
-]
+    k.WORK_RUNNING, k.WORK_GRADE, k.WORK_CURVE, k.WORK_COUPLER, k.WORK_AIR, k.WORK_HOLD, k.WORK_OUTSIDE,
+]  # fmt: skip
 """Rows of the works of forces on the vehicles."""
 
 

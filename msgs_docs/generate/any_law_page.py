@@ -40,11 +40,8 @@ TUTORIAL = Path("msgs_docs", "tutorials", "learn_a_law.md")
 LEARNED = "learned:Learned"
 """That law."""
 DISTURBED = (
-    "xuzhou_metro:disturbed",
-    "crh380a_funnel:grade",
-    "freight_consensus:realistic",
-    "daqin_heavy_haul:disturbed",
-)
+    "xuzhou_metro:disturbed", "crh380a_funnel:grade", "freight_consensus:realistic", "daqin_heavy_haul:disturbed",
+)  # fmt: skip
 """Scenarios of the leaderboard, one for every train with disturbances."""
 SEEDS = 3
 """Number of seeds of each."""
@@ -62,12 +59,9 @@ DELAY_TOLERANCE = 0.01
 AT_LIMIT = 1.001
 """Force of a profile over that of the train up to which the profile is within it: a planned one is at the limit."""
 KEPT = (
-    "speed_rmse_kmh",
-    "stop_error_max_m",
-    "coupler_buff_max_kn",
-    "coupler_draft_max_kn",
+    "speed_rmse_kmh", "stop_error_max_m", "coupler_buff_max_kn", "coupler_draft_max_kn",
     "command_variation_kn_per_s",
-)
+)  # fmt: skip
 
 
 REASONS: dict[tuple[str, str], str] = {

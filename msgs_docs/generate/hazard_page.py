@@ -360,16 +360,9 @@ def _demands(run: FaultRun) -> tuple[float, float]:
 
 
 MEASURES: dict[str, Callable[[FaultRun], tuple[float, float]]] = {
-    "H1": _speed_above_limit,
-    "H2": _behind_supervised_location,
-    "H3": _rolled_back,
-    "H4": _unrequested_distance,
-    "H5": _traction_while_braked,
-    "H6": _end_speed,
-    "H7": _speed_at_release,
-    "H8": _behind_stop,
-    "H9": _demands,
-}
+    "H1": _speed_above_limit, "H2": _behind_supervised_location, "H3": _rolled_back, "H4": _unrequested_distance,
+    "H5": _traction_while_braked, "H6": _end_speed, "H7": _speed_at_release, "H8": _behind_stop, "H9": _demands,
+}  # fmt: skip
 """Function by hazard that returns the value of its measure and the bound, in the unit of the hazard."""
 
 

@@ -20,14 +20,9 @@ from train_ato.scenario.following import FollowingSpec
 from train_ato.scenario.scenario import Scenario
 
 MODELS: dict[str, type[BaseModel]] = {
-    "scenario": Scenario,
-    "following": FollowingSpec,
-    "consist": Consist,
-    "line": Line,
-    "journey": JourneyFile,
-    "learned": LearnedResistance,
-    "recorder": RecorderLayout,
-}
+    "scenario": Scenario, "following": FollowingSpec, "consist": Consist, "line": Line, "journey": JourneyFile,
+    "learned": LearnedResistance, "recorder": RecorderLayout,
+}  # fmt: skip
 
 
 def schema_text(name: str) -> str:

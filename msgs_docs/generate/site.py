@@ -152,13 +152,8 @@ def key_of(schema: dict[str, Any], path: str) -> dict[str, Any]:
 
 
 DOCUMENTS = (
-    "README.md",
-    "CONTRIBUTING.md",
-    "CHANGELOG.md",
-    "SECURITY.md",
-    "CODE_OF_CONDUCT.md",
-    "studies_done/README.md",
-)
+    "README.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md", "CODE_OF_CONDUCT.md", "studies_done/README.md",
+)  # fmt: skip
 """Pages of the top folder; the first one is the entrance."""
 CONTENTS = Path("msgs_docs", "README.md")
 MADE = {"How to": "how_to", "Concepts": "concepts", "Reference": "reference", "Gallery": "gallery"}

@@ -153,19 +153,10 @@ def _domains() -> Iterable[str]:
 
 
 NAMES: dict[str, Callable[[], Iterable[str]]] = {
-    "scenario": _scenarios,
-    "case": _scenarios,
-    "law": _laws,
-    "laws": _laws,
-    "observer": _observers,
-    "compensation": _compensations,
-    "consist": _consists,
-    "line": _lines,
-    "run": _runs,
-    "runs": _runs,
-    "domain": _domains,
-    "name": _listed,
-}
+    "scenario": _scenarios, "case": _scenarios, "law": _laws, "laws": _laws, "observer": _observers,
+    "compensation": _compensations, "consist": _consists, "line": _lines, "run": _runs, "runs": _runs,
+    "domain": _domains, "name": _listed,
+}  # fmt: skip
 """Known names of an argument, by its name in the parser."""
 WITH_FILES = ("scenario", "case", "consist", "line", "run", "runs", "name")
 """Arguments that also accept a file or a folder."""

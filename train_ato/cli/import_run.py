@@ -14,17 +14,12 @@ if TYPE_CHECKING:
     from train_ato.loop.setup import RunSetup
 
 ROWS: tuple[tuple[str, str], ...] = (
-    ("measured_rows", "rows"),
-    ("measured_interval_s", "between rows, median in s"),
-    ("measured_largest_gap_s", "between rows, largest in s"),
-    ("simulated_s", "duration in s"),
-    ("distance_m", "distance in m"),
-    ("speed_max_kmh", "speed, largest in km/h"),
-    ("energy_traction_kwh", "traction energy in kWh"),
-    ("energy_regenerated_kwh", "regenerated energy in kWh"),
-    ("overspeed_max_kmh", "overspeed, largest in km/h"),
-    ("speed_rmse_kmh", "speed error, rms in km/h"),
-)
+    ("measured_rows", "rows"), ("measured_interval_s", "between rows, median in s"),
+    ("measured_largest_gap_s", "between rows, largest in s"), ("simulated_s", "duration in s"),
+    ("distance_m", "distance in m"), ("speed_max_kmh", "speed, largest in km/h"),
+    ("energy_traction_kwh", "traction energy in kWh"), ("energy_regenerated_kwh", "regenerated energy in kWh"),
+    ("overspeed_max_kmh", "overspeed, largest in km/h"), ("speed_rmse_kmh", "speed error, rms in km/h"),
+)  # fmt: skip
 
 
 def _columns_text() -> str:

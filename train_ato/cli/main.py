@@ -50,11 +50,8 @@ COMMANDS: tuple[tuple[str, str], ...] = (
     ("completion", "print the code that completes commands, options and names in a shell"),
 )
 MODULES: dict[str, str] = {
-    "import": "import_run",
-    "check-law": "check",
-    "check-observer": "check",
-    "check-compensation": "check",
-}
+    "import": "import_run", "check-law": "check", "check-observer": "check", "check-compensation": "check",
+}  # fmt: skip
 """Modules with another name than their command: ``import`` is a keyword of Python."""
 WITHOUT_JSON = ("train_ato.cli.completion",)
 """Modules of the commands without data: a shell reads the result."""

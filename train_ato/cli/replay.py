@@ -247,14 +247,11 @@ OUTPUT_ROWS: tuple[tuple[str, str], ...] = (
     ("variation_kn_per_s", "variation in kN/s"),
 )
 DIFFERENCE_ROWS: tuple[tuple[str, str], ...] = (
-    ("ticks", "ticks compared"),
-    ("equal_ticks", "ticks with the same output"),
-    ("difference_rms_kn", "difference, rms in kN"),
-    ("difference_max_kn", "difference, largest in kN"),
-    ("difference_max_at_s", "largest at s"),
-    ("difference_mean_kn", "difference, mean in kN"),
+    ("ticks", "ticks compared"), ("equal_ticks", "ticks with the same output"),
+    ("difference_rms_kn", "difference, rms in kN"), ("difference_max_kn", "difference, largest in kN"),
+    ("difference_max_at_s", "largest at s"), ("difference_mean_kn", "difference, mean in kN"),
     ("brake_pipe_difference_max_kpa", "brake pipe, largest difference in kPa"),
-)
+)  # fmt: skip
 
 
 def compare_laws(options: argparse.Namespace) -> int:

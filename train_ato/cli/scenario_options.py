@@ -54,11 +54,8 @@ def prepare_from(options: argparse.Namespace, **changes: Any) -> RunSetup:
     from train_ato.scenario.scenario import changes_of, load_scenario
 
     overlay = {
-        "observer": options.observer,
-        "compensation": options.compensation,
-        "seed": options.seed,
-        **changes,
-    }
+        "observer": options.observer, "compensation": options.compensation, "seed": options.seed, **changes,
+    }  # fmt: skip
     overlay = {key: value for key, value in overlay.items() if value is not None}
     for kind in KINDS:
         if kind in overlay:

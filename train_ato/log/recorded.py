@@ -175,12 +175,9 @@ def _surroundings(run: Path) -> tuple[RunSetup | None, dict[str, Any], str]:
 
 
 OWN_KEYS = {
-    Role.PLANT.value: "commands_lost",
-    Role.SUPERVISOR.value: "brake_interventions",
-    Role.PROFILE.value: "knots",
-    Role.OBSERVER.value: "observer",
-    Role.CONTROLLER.value: "compensation",
-}
+    Role.PLANT.value: "commands_lost", Role.SUPERVISOR.value: "brake_interventions", Role.PROFILE.value: "knots",
+    Role.OBSERVER.value: "observer", Role.CONTROLLER.value: "compensation",
+}  # fmt: skip
 """Key in the diagnostics of every node of this project; a program in place of the node has others, or sends none."""
 
 OUTSIDE_KEY = "outside"

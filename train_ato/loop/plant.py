@@ -50,13 +50,9 @@ from train_ato.scenario.interventions import (
 )
 
 MAX_REQUESTS = {
-    "gust": 10,
-    "delay_jump": 100,
-    "emergency_brake": 10,
-    "message_loss": 10,
-    "message_freeze": 10,
+    "gust": 10, "delay_jump": 100, "emergency_brake": 10, "message_loss": 10, "message_freeze": 10,
     "train_jump": 100,
-}
+}  # fmt: skip
 """Maximum number of requested interventions in force, by kind; their effects add up."""
 LASTING = (DelayJumpNow, TrainJumpNow)
 """Kinds with an effect to the end of the run."""
@@ -156,19 +152,11 @@ def _releases(intervention: Intervention) -> bool:
 
 
 TOTALS: tuple[tuple[str, str], ...] = (
-    ("coupler_draft_max", "draft_max"),
-    ("coupler_buff_max", "buff_max"),
-    ("energy_traction", "traction"),
-    ("energy_regenerated", "regenerated"),
-    ("energy_running", "running"),
-    ("energy_curve", "curve"),
-    ("energy_grade", "grade"),
-    ("energy_air_brake", "air_brake"),
-    ("energy_couplers", "couplers"),
-    ("energy_outside", "outside"),
-    ("energy_kinetic", "kinetic"),
-    ("saturated", "saturated_any"),
-)
+    ("coupler_draft_max", "draft_max"), ("coupler_buff_max", "buff_max"), ("energy_traction", "traction"),
+    ("energy_regenerated", "regenerated"), ("energy_running", "running"), ("energy_curve", "curve"),
+    ("energy_grade", "grade"), ("energy_air_brake", "air_brake"), ("energy_couplers", "couplers"),
+    ("energy_outside", "outside"), ("energy_kinetic", "kinetic"), ("saturated", "saturated_any"),
+)  # fmt: skip
 """Key in the diagnostics of the plant, and attribute of the totals of the train [SI]."""
 LOST_KEY, RESTARTS_KEY = "lost", "restarts"
 """Keys in the diagnostics of the plant: nodes without an answer; numbers of restarts by node, as a JSON object."""

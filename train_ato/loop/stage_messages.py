@@ -58,14 +58,10 @@ class PlantTruth(StageMessages):
     disturbance: Disturbance | None
     diagnostics: Diagnostic | None
     order: ClassVar[dict[str, str]] = {
-        "clock": "/clock",
-        "vehicles": "train/vehicles",
-        "brake_pipe": "train/brake_pipe",
-        "brake_pipe_tail": "train/brake_pipe_tail",
-        "brake_shoes": "train/brake_shoes",
-        "disturbance": "train/disturbance",
-        "diagnostics": "/diagnostics",
-    }
+        "clock": "/clock", "vehicles": "train/vehicles", "brake_pipe": "train/brake_pipe",
+        "brake_pipe_tail": "train/brake_pipe_tail", "brake_shoes": "train/brake_shoes",
+        "disturbance": "train/disturbance", "diagnostics": "/diagnostics",
+    }  # fmt: skip
 
 
 @frozen_for_types
@@ -82,13 +78,9 @@ class PlantMessages(PlantTruth):
     report: TrainAhead | None = None
     ahead: TrainAhead | None = None
     order: ClassVar[dict[str, str]] = {
-        **PlantTruth.order,
-        "report": REPORT,
-        "ahead": AHEAD,
-        "odometry": "train/odometry",
-        "protection": "train/protection",
-        "measurement": "train/measurement",
-    }
+        **PlantTruth.order, "report": REPORT, "ahead": AHEAD, "odometry": "train/odometry",
+        "protection": "train/protection", "measurement": "train/measurement",
+    }  # fmt: skip
 
 
 @frozen_for_types

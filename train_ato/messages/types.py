@@ -23,26 +23,10 @@ from plant_sim.states import (
 )
 
 __all__ = [
-    "Array",
-    "AtoReport",
-    "AtoState",
-    "BrakeRelease",
-    "BrakeShoes",
-    "Command",
-    "Diagnostic",
-    "Disturbance",
-    "DisturbanceEstimate",
-    "Measurement",
-    "Odometry",
-    "Pipe",
-    "ProtectionState",
-    "Reference",
-    "SupervisedSpeeds",
-    "Tick",
-    "TrainAhead",
-    "Trajectory",
-    "VehicleStates",
-]
+    "Array", "AtoReport", "AtoState", "BrakeRelease", "BrakeShoes", "Command", "Diagnostic", "Disturbance",
+    "DisturbanceEstimate", "Measurement", "Odometry", "Pipe", "ProtectionState", "Reference", "SupervisedSpeeds",
+    "Tick", "TrainAhead", "Trajectory", "VehicleStates",
+]  # fmt: skip
 
 
 @frozen_for_types

@@ -88,12 +88,8 @@ chosen to meet it (11.4 % of demand above the force limit, paper 003).
 """
 
 FORMER: Mapping[str, tuple[int, int, int]] = {
-    "000": (14, 6, 4),
-    "001": (12, 1, 3),
-    "002": (3, 8, 1),
-    "003": (7, 4, 0),
-    "004": (2, 8, 0),
-}
+    "000": (14, 6, 4), "001": (12, 1, 3), "002": (3, 8, 1), "003": (7, 4, 0), "004": (2, 8, 0),
+}  # fmt: skip
 """Number of claims by verdict before the bounds had sources."""
 
 
@@ -118,13 +114,9 @@ def papers_overview(rows: Iterable[Row], papers: Mapping[str, Paper], options: s
         for number in sorted(papers)
     ]
     shares = {
-        "better": BETTER,
-        "much": MUCH_BETTER,
-        "removed": REMOVED,
-        "unchanged": UNCHANGED,
-        "robust": ROBUST,
+        "better": BETTER, "much": MUCH_BETTER, "removed": REMOVED, "unchanged": UNCHANGED, "robust": ROBUST,
         "about": ABOUT,
-    }
+    }  # fmt: skip
     return INTRODUCTION.format(options=options, **shares) + "\n" + _table(("paper", *verdicts, "before"), lines)
 
 

@@ -23,14 +23,9 @@ Exponents = tuple[int, int, int]
 """Exponents of metre, kilogram and second."""
 NO_DIMENSION: Exponents = (0, 0, 0)
 _BASE: dict[str, Exponents] = {
-    "m": (1, 0, 0),
-    "kg": (0, 1, 0),
-    "s": (0, 0, 1),
-    "N": (1, 1, -2),
-    "W": (2, 1, -3),
-    "Pa": (-1, 1, -2),
+    "m": (1, 0, 0), "kg": (0, 1, 0), "s": (0, 0, 1), "N": (1, 1, -2), "W": (2, 1, -3), "Pa": (-1, 1, -2),
     "1": NO_DIMENSION,
-}
+}  # fmt: skip
 _POWERS = {"²": 2, "³": 3}
 
 

@@ -251,13 +251,10 @@ def on_trains(names: list[str]) -> str:
 
 
 COLUMNS = (
-    ("outcome", "outcome"),
-    ("speed_rmse_kmh", "speed error, rms km/h"),
-    ("speed_error_max_kmh", "largest km/h"),
-    ("position_error_max_m", "position error, largest m"),
-    ("command_variation_kn_per_s", "command variation kN/s"),
+    ("outcome", "outcome"), ("speed_rmse_kmh", "speed error, rms km/h"), ("speed_error_max_kmh", "largest km/h"),
+    ("position_error_max_m", "position error, largest m"), ("command_variation_kn_per_s", "command variation kN/s"),
     ("couplers", "couplers kN"),
-)
+)  # fmt: skip
 """Key of a figure and title of its column."""
 Measured = Mapping[str, list[Mapping[str, Any]]]
 

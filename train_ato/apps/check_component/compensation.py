@@ -43,12 +43,9 @@ BRAKING = BrakeSpec(
 STATE_TOLERANCE = 1e-6
 """Largest difference of state and reference without delay [m, m/s, m/s²]."""
 LARGEST = {
-    "measurement.position": MAX_POSITION,
-    "measurement.velocity": MAX_SPEED,
-    "measurement.applied": MAX_FORCE,
-    "disturbance": MAX_FORCE,
-    "commands_in_flight": MAX_FORCE,
-}
+    "measurement.position": MAX_POSITION, "measurement.velocity": MAX_SPEED, "measurement.applied": MAX_FORCE,
+    "disturbance": MAX_FORCE, "commands_in_flight": MAX_FORCE,
+}  # fmt: skip
 """Largest magnitude of the inputs that the loop checks before the step, SI."""
 COMPUTED = ("pressure", "force_min", "force_max", "saturated")
 """Inputs that the loop computes."""
@@ -193,13 +190,8 @@ def _control(make: Make, rig: CompensationRig) -> tuple[bool, str]:
 
 
 COMPENSATION_TESTS: dict[str, Test] = {
-    "time of a step": timing,
-    "same inputs, same bits": determinism,
-    "valid input of the law": valid_output,
-    "reset forgets everything": reset,
-    "leaves its inputs alone": untouched,
-    "hostile inputs": hostile,
-    "no effect without delay": _without_delay,
-    "the law controls the train": _control,
-}
+    "time of a step": timing, "same inputs, same bits": determinism, "valid input of the law": valid_output,
+    "reset forgets everything": reset, "leaves its inputs alone": untouched, "hostile inputs": hostile,
+    "no effect without delay": _without_delay, "the law controls the train": _control,
+}  # fmt: skip
 """Contract tests, in this order."""

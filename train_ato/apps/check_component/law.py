@@ -72,12 +72,8 @@ def _recovery(make: Make, rig: LawRig) -> tuple[bool, str]:
 
 
 LAW_TESTS: dict[str, Test] = {
-    "time of a step": timing,
-    "same inputs, same bits": determinism,
-    "finite and inside the limits": valid_output,
-    "reset forgets everything": reset,
-    "leaves its inputs alone": untouched,
-    "hostile inputs": hostile,
+    "time of a step": timing, "same inputs, same bits": determinism, "finite and inside the limits": valid_output,
+    "reset forgets everything": reset, "leaves its inputs alone": untouched, "hostile inputs": hostile,
     "recovers after NaN": _recovery,
-}
+}  # fmt: skip
 """Contract tests, in this order."""

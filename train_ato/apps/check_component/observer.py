@@ -106,13 +106,8 @@ def _recovery(make: Make, rig: ObserverRig) -> tuple[bool, str]:
 
 
 OBSERVER_TESTS: dict[str, Test] = {
-    "time of a step": timing,
-    "same inputs, same bits": determinism,
-    "finite estimate of every unit": valid_output,
-    "reset forgets everything": reset,
-    "leaves its inputs alone": untouched,
-    "hostile inputs": hostile,
-    "finds a constant disturbance": _convergence,
-    "recovers after NaN": _recovery,
-}
+    "time of a step": timing, "same inputs, same bits": determinism, "finite estimate of every unit": valid_output,
+    "reset forgets everything": reset, "leaves its inputs alone": untouched, "hostile inputs": hostile,
+    "finds a constant disturbance": _convergence, "recovers after NaN": _recovery,
+}  # fmt: skip
 """Contract tests, in this order."""

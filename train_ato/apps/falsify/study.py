@@ -123,13 +123,9 @@ def row_of(space: SearchSpace, row: SearchRow) -> dict[str, Any]:
     """Return a run as a row of the table."""
     values = space.values(row.point)
     return {
-        "run": row.number,
-        "phase": row.phase,
-        **values,
-        "departure": row.departure,
-        "robustness": row.run.robustness,
-        "problem": row.run.problem,
-    }
+        "run": row.number, "phase": row.phase, **values, "departure": row.departure,
+        "robustness": row.run.robustness, "problem": row.run.problem,
+    }  # fmt: skip
 
 
 def counterexample(choice: ScenarioChoice, target: RequirementTarget, space: SearchSpace, row: SearchRow) -> str:

@@ -19,18 +19,9 @@ from train_ato.interrupt import interruptible
 from train_ato.ros import require_ros
 
 SERVICES = (
-    "pause",
-    "resume",
-    "toggle_paused",
-    "is_paused",
-    "get_rate",
-    "set_rate",
-    "play_next",
-    "burst",
-    "seek",
-    "play",
+    "pause", "resume", "toggle_paused", "is_paused", "get_rate", "set_rate", "play_next", "burst", "seek", "play",
     "stop",
-)
+)  # fmt: skip
 
 
 def offer_triggers(node: Any, playback: Playback) -> None:

@@ -478,19 +478,11 @@ def signal_curves(recording: Recording) -> Curves:
 
 
 CURVES: dict[str, Callable[[Recording], Curves]] = {
-    "speed": speed_curves,
-    "speed_error": speed_error_curves,
-    "position_error": position_error_curves,
-    "forces": force_curves,
-    "unit_forces": unit_force_curves,
-    "coupler_extremes": coupler_curves,
-    "disturbance": disturbance_curves,
-    "delay": delay_curves,
-    "pipe": pipe_curves,
-    "shoe_force": shoe_curves,
-    "energy": energy_curves,
-    "signals": signal_curves,
-}
+    "speed": speed_curves, "speed_error": speed_error_curves, "position_error": position_error_curves,
+    "forces": force_curves, "unit_forces": unit_force_curves, "coupler_extremes": coupler_curves,
+    "disturbance": disturbance_curves, "delay": delay_curves, "pipe": pipe_curves, "shoe_force": shoe_curves,
+    "energy": energy_curves, "signals": signal_curves,
+}  # fmt: skip
 """Figures of lines over time."""
 
 

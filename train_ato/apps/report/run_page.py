@@ -127,10 +127,8 @@ FIGURES: tuple[tuple[str, str, tuple[FigureSpec, ...]], ...] = (
         (
             FigureSpec("speed_error", "Speed error", "Train minus reference at the same stamp.", 200),
             FigureSpec(
-                "position_error",
-                "Position error",
-                "Train minus reference at the same stamp; > 0 is ahead of the profile.",
-                200,
+                "position_error", "Position error",
+                "Train minus reference at the same stamp; > 0 is ahead of the profile.", 200,
             ),
         ),
     ),
@@ -139,10 +137,8 @@ FIGURES: tuple[tuple[str, str, tuple[FigureSpec, ...]], ...] = (
         "Forces",
         (
             FigureSpec(
-                "forces",
-                "Command and applied force",
-                "Sum of all power units: command as sent, force after delay, lag and saturation.",
-                250,
+                "forces", "Command and applied force",
+                "Sum of all power units: command as sent, force after delay, lag and saturation.", 250,
             ),
             FigureSpec("unit_forces", "Applied force of every power unit"),
         ),
@@ -152,8 +148,7 @@ FIGURES: tuple[tuple[str, str, tuple[FigureSpec, ...]], ...] = (
         "Couplers",
         (
             FigureSpec(
-                "couplers",
-                "Force along the train",
+                "couplers", "Force along the train",
                 "Front of the train on top. Each cell shows the force with the largest magnitude, so no peak is lost.",
             ),
             FigureSpec("coupler_extremes", "Extremes", "Largest values of all couplers at every tick.", 240),
@@ -173,8 +168,7 @@ FIGURES: tuple[tuple[str, str, tuple[FigureSpec, ...]], ...] = (
         "Disturbance and delay",
         (
             FigureSpec(
-                "disturbance",
-                "Disturbance: estimate and truth",
+                "disturbance", "Disturbance: estimate and truth",
                 "The estimate contains all effects missing in the nominal model; the truth is the external force only.",
             ),
             FigureSpec(
@@ -187,8 +181,7 @@ FIGURES: tuple[tuple[str, str, tuple[FigureSpec, ...]], ...] = (
         ),
     ),
     (
-        "signals",
-        "Own signals",
+        "signals", "Own signals",
         (FigureSpec("signals", "Own signals", "Numbers of `on_tick` or of the caller of `ta.Env`, by name."),),
     ),
     (
@@ -196,14 +189,12 @@ FIGURES: tuple[tuple[str, str, tuple[FigureSpec, ...]], ...] = (
         "Energy",
         (
             FigureSpec(
-                "energy",
-                "Work done on the train since the start",
-                "> 0 accelerates the train. The sum of all parts is the kinetic energy.",
-                260,
+                "energy", "Work done on the train since the start",
+                "> 0 accelerates the train. The sum of all parts is the kinetic energy.", 260,
             ),
         ),
     ),
-)
+)  # fmt: skip
 """Sections: anchor, title, and their figures."""
 ERRORS = ("speed_error", "position_error")
 """Figures whose metrics may leave out a part of the run."""
@@ -227,21 +218,13 @@ READINGS: tuple[tuple[str, tuple[str, ...]], ...] = (
 )
 """Columns in the bar with the values at the cursor."""
 SHORT = {
-    "position_km": ("position", "km", 3),
-    "speed": ("speed", "km/h", 1),
-    "measured_speed": ("speed", "km/h", 1),
-    "profile": ("profile", "km/h", 1),
-    "limit": ("speed limit", "km/h", 0),
-    "permitted_speed": ("permitted", "km/h", 0),
-    "speed_error": ("speed error", "km/h", 2),
-    "position_error": ("position error", "m", 2),
-    "demand": ("command", "kN", 0),
-    "applied": ("applied force", "kN", 0),
-    "draft": ("draft", "kN", 0),
-    "buff": ("buff", "kN", 0),
-    "pipe": ("brake pipe, head", "kPa", 0),
-    "pipe_tail": ("tail", "kPa", 0),
-}
+    "position_km": ("position", "km", 3), "speed": ("speed", "km/h", 1), "measured_speed": ("speed", "km/h", 1),
+    "profile": ("profile", "km/h", 1), "limit": ("speed limit", "km/h", 0),
+    "permitted_speed": ("permitted", "km/h", 0), "speed_error": ("speed error", "km/h", 2),
+    "position_error": ("position error", "m", 2), "demand": ("command", "kN", 0),
+    "applied": ("applied force", "kN", 0), "draft": ("draft", "kN", 0), "buff": ("buff", "kN", 0),
+    "pipe": ("brake pipe, head", "kPa", 0), "pipe_tail": ("tail", "kPa", 0),
+}  # fmt: skip
 """Labels, units and digits in the bar."""
 
 

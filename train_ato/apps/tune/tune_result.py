@@ -97,15 +97,10 @@ class TuneResult:
     def data(self) -> dict[str, Any]:
         """Result as plain data."""
         return {
-            "law": self.law,
-            "initial": self.initial,
-            "gains": self.gains,
-            "improved": self.improved,
-            "improved_held_out": self.improved_held_out,
-            "interrupted": self.interrupted,
-            "settings": self.settings,
+            "law": self.law, "initial": self.initial, "gains": self.gains, "improved": self.improved,
+            "improved_held_out": self.improved_held_out, "interrupted": self.interrupted, "settings": self.settings,
             "runs": self.rows,
-        }
+        }  # fmt: skip
 
     def write(self, out: str | Path) -> Path:
         """Write overlay scenario, table, history and settings into a folder and return the path of the scenario."""

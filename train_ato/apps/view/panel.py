@@ -14,15 +14,9 @@ from train_ato.scenario.ato_requests import REQUESTS
 
 WIDTH = 292
 RATES = {
-    "½ ×": 0.5,
-    "1 ×": 1.0,
-    "2 ×": 2.0,
-    "5 ×": 5.0,
-    "10 ×": 10.0,
-    "20 ×": 20.0,
-    "50 ×": 50.0,
+    "½ ×": 0.5, "1 ×": 1.0, "2 ×": 2.0, "5 ×": 5.0, "10 ×": 10.0, "20 ×": 20.0, "50 ×": 50.0,
     "as fast as possible": 0.0,
-}
+}  # fmt: skip
 """Rate of the simulation by name; 0 is as fast as possible."""
 SHORT = "return String(Number(tick.toPrecision(6)))"
 """Number format with up to six digits and no trailing zeros."""

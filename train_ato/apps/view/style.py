@@ -28,34 +28,20 @@ GAUGE_COLOURS: dict[SupervisionState, tuple[str, str, str]] = {
 THEME: dict[str, Any] = {
     "attrs": {
         "Plot": {
-            "background_fill_color": PANE,
-            "border_fill_color": PANE,
-            "outline_line_color": EDGE,
-            "outline_line_alpha": 1.0,
-            "min_border_left": 58,
-            "min_border_right": 14,
-            "min_border_top": 4,
+            "background_fill_color": PANE, "border_fill_color": PANE, "outline_line_color": EDGE,
+            "outline_line_alpha": 1.0, "min_border_left": 58, "min_border_right": 14, "min_border_top": 4,
             "min_border_bottom": 4,
         },
         "Grid": {"grid_line_color": FAINT, "grid_line_width": 1},
         "Axis": {
-            "major_label_text_color": SOFT,
-            "major_label_text_font": FONT,
-            "major_label_text_font_size": "11px",
-            "axis_label_text_color": SOFT,
-            "axis_label_text_font": FONT,
-            "axis_label_text_font_size": "11px",
-            "axis_label_text_font_style": "normal",
-            "axis_label_standoff": 6,
-            "axis_line_color": EDGE,
-            "major_tick_line_color": EDGE,
-            "minor_tick_line_color": None,
-            "major_tick_in": 0,
-            "major_tick_out": 4,
+            "major_label_text_color": SOFT, "major_label_text_font": FONT, "major_label_text_font_size": "11px",
+            "axis_label_text_color": SOFT, "axis_label_text_font": FONT, "axis_label_text_font_size": "11px",
+            "axis_label_text_font_style": "normal", "axis_label_standoff": 6, "axis_line_color": EDGE,
+            "major_tick_line_color": EDGE, "minor_tick_line_color": None, "major_tick_in": 0, "major_tick_out": 4,
         },
         "Text": {"text_font": {"value": FONT}, "text_color": {"value": TEXT}},
     }
-}
+}  # fmt: skip
 """Bokeh theme of every figure on the page."""
 
 WIDGETS = f"""

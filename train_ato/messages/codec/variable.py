@@ -24,12 +24,9 @@ from train_ato.messages.types import Array, Diagnostic, Trajectory
 LISTED = ("delay", "delay_brake")
 """Values with one number per power unit."""
 HARDWARE: dict[str, str] = {
-    Role.PLANT.value: "train",
-    Role.PROFILE.value: "ato",
-    Role.OBSERVER.value: "ato",
-    Role.CONTROLLER.value: "ato",
+    Role.PLANT.value: "train", Role.PROFILE.value: "ato", Role.OBSERVER.value: "ato", Role.CONTROLLER.value: "ato",
     Role.SUPERVISOR.value: "atp",
-}
+}  # fmt: skip
 """Unit of the vehicle with a node, ``hardware_id`` of its diagnostics."""
 STATUS_NAMES: dict[str, str] = {
     Role.PLANT.value: "plant: train",

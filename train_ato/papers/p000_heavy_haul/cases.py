@@ -27,14 +27,9 @@ def _law(name: str, parameters: Mapping[str, Any], omega: float | None = None, s
 
 
 PRINTED_PID = {
-    "per_mass": False,
-    "kp": 1e7,
-    "ki": 1.0,
-    "kd": 1.0,
-    "integral": "speed",
-    "feedforward": False,
+    "per_mass": False, "kp": 1e7, "ki": 1.0, "kd": 1.0, "integral": "speed", "feedforward": False,
     "filter_time": 0.0,
-}
+}  # fmt: skip
 PRINTED = {"ks": 0.0, "anti_windup": False, "integral_limit": 1e12}
 """The printed reaching law has no linear term; its integral has no anti-windup and no limit."""
 PRINTED_NETWORK = {**PRINTED, "clip": False, "weight_limit": 1e3}

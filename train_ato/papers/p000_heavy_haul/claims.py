@@ -183,14 +183,10 @@ def _twin(results: Results, folder: Path) -> FigureFile:
 
 
 INDEPENDENT_IDEAL: Mapping[str, tuple[str, str]] = {
-    "pid": ("0.106; 0.20", "0.106"),
-    "smc": ("0.0106; 0.06", "0.0125; 0.06"),
-    "rbf": ("0.0252; 0.09", "0.0270; 0.09"),
-    "rbf_ndo": ("0.0007; 0.04", "0.0012; 0.03"),
-    "smc_ks": ("0.0040", "0.0080"),
-    "rbf_ks": ("0.0029", "0.0069"),
-    "rbf_ks_ndo": ("0.0009", "0.0017"),
-}
+    "pid": ("0.106; 0.20", "0.106"), "smc": ("0.0106; 0.06", "0.0125; 0.06"),
+    "rbf": ("0.0252; 0.09", "0.0270; 0.09"), "rbf_ndo": ("0.0007; 0.04", "0.0012; 0.03"),
+    "smc_ks": ("0.0040", "0.0080"), "rbf_ks": ("0.0029", "0.0069"), "rbf_ks_ndo": ("0.0009", "0.0017"),
+}  # fmt: skip
 """Figures of an independent implementation on another driver's run, undisturbed and with (40)."""
 INDEPENDENT_LAGGED: Mapping[str, tuple[str, str, str, str]] = {
     "twin_pid": ("0.012; 0.22", "0.017; 0.26", "0.053; 0.51", "0.113; 0.54"),

@@ -185,14 +185,10 @@ def _rows(results: Results) -> list[tuple[Any, ...]]:
 
 def _ideal_rows(results: Results) -> list[tuple[Any, ...]]:
     named = {
-        "ideal pid": "PID",
-        "ideal pid_known": "PID + feed-forward",
-        "ideal sign": "sgn(s), 50 ms",
-        "ideal sign 10 ms": "sgn(s), 10 ms",
-        "ideal tanh": "tanh(s/phi)",
-        "ideal rbf": "RBF corrected, 50 ms",
+        "ideal pid": "PID", "ideal pid_known": "PID + feed-forward", "ideal sign": "sgn(s), 50 ms",
+        "ideal sign 10 ms": "sgn(s), 10 ms", "ideal tanh": "tanh(s/phi)", "ideal rbf": "RBF corrected, 50 ms",
         "ideal rbf 10 ms": "RBF corrected, 10 ms",
-    }
+    }  # fmt: skip
     return [
         (label, judges.pair(results[key]), f"{judges.shaking(results[key]):.3f}", results[key].summary["stop_error_m"])
         for key, label in named.items()

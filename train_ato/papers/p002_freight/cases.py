@@ -61,12 +61,9 @@ LAWS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
 """Label and changes by key, in the order of the table."""
 
 OBSERVER_TICKS: Mapping[str, tuple[float, float, float]] = {
-    "0.01 ms": (1e-5, 0.1, 0.06),
-    "0.1 ms": (1e-4, 0.5, 0.3),
-    "1 ms": (1e-3, 30.0, 0.5),
-    "10 ms": (1e-2, 30.0, 0.5),
+    "0.01 ms": (1e-5, 0.1, 0.06), "0.1 ms": (1e-4, 0.5, 0.3), "1 ms": (1e-3, 30.0, 0.5), "10 ms": (1e-2, 30.0, 0.5),
     "50 ms": (5e-2, 30.0, 0.5),
-}
+}  # fmt: skip
 """Tick, duration and begin of the evaluation [s] by sampling time."""
 
 PD = {"law": "pid", "observer": "none", "plant": {"disturbances": []}, "duration": 10.0}

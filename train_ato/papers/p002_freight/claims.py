@@ -85,12 +85,9 @@ def _tracking(results: Results, path: Path) -> FigureFile:
         rows[3].set_ylim(-1.5, 1.5)
         rows[4].set_yscale("symlog", linthresh=10)
         labels = (
-            "x' = v + d1 in m/s",
-            "x + offset in m",
-            "position error in m",
-            "coupler stretch in m",
+            "x' = v + d1 in m/s", "x + offset in m", "position error in m", "coupler stretch in m",
             "force per mass in m/s²",
-        )
+        )  # fmt: skip
         for panel, label in zip(rows, labels, strict=True):
             panel.set_ylabel(label)
     return sheet.save(path, legends=(0, 3))

@@ -345,12 +345,9 @@ def settled_after(results: Results) -> Judgement:
 
 
 TRAINS = (
-    ("half_more", "delay x1.5"),
-    ("half_less", "x0.5"),
-    ("heavy", "mass +20 %"),
-    ("light", "-20 %"),
+    ("half_more", "delay x1.5"), ("half_less", "x0.5"), ("heavy", "mass +20 %"), ("light", "-20 %"),
     ("noise", "noise"),
-)
+)  # fmt: skip
 """Trains of the robustness and their labels."""
 
 

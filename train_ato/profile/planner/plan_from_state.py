@@ -93,14 +93,9 @@ def replan(
     settings = settings or PlanSettings()
     kept = settings.model_copy(
         update={
-            "time": None,
-            "points": None,
-            "allowance": (),
-            "departure": state.time,
-            "begin": None,
-            "end": None,
+            "time": None, "points": None, "allowance": (), "departure": state.time, "begin": None, "end": None,
         }
-    )
+    )  # fmt: skip
     for attempt in relaxed_settings(kept):
         try:
             return _replan(state, profile, line, consist, attempt, available=available)

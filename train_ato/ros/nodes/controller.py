@@ -25,13 +25,9 @@ from train_ato.scenario.ato_requests import REQUESTS, Request
 from train_ato.scenario.changes import LAW, Changes
 
 KINDS = {
-    "profile": "ato/profile",
-    "measurement": "train/measurement",
-    "reference": "ato/reference",
-    "estimate": "ato/estimate",
-    "protection": "train/protection",
-    "speeds": "atp/speeds",
-}
+    "profile": "ato/profile", "measurement": "train/measurement", "reference": "ato/reference",
+    "estimate": "ato/estimate", "protection": "train/protection", "speeds": "atp/speeds",
+}  # fmt: skip
 """Topics of the inputs of a step."""
 PARAMETER = "law"
 """ROS parameter that selects the law."""
