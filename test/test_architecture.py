@@ -174,9 +174,7 @@ def test_few_functions_take_many_positional_parameters() -> None:
     many, flags = [], []
     for name in MODULES:
         for node in ast.walk(tree(name)):
-            if not isinstance(node, ast.FunctionDef) or any(
-                "compiled" in ast.dump(mark) for mark in node.decorator_list
-            ):
+            if not isinstance(node, ast.FunctionDef) or any("compiled" in ast.dump(m) for m in node.decorator_list):
                 continue
             given = [entry for entry in node.args.posonlyargs + node.args.args if entry.arg not in ("self", "cls")]
             typed = [entry for entry in given if entry.annotation is not None]

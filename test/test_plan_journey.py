@@ -277,15 +277,6 @@ def test_traction_above_its_envelope_on_a_descent_before_a_climb() -> None:
     assert result.running_time <= 1.03 * fastest
 
 
-@pytest.mark.parametrize("jerk", [0.1, 0.2, 0.5, 1.0, 2.0])
-def test_a_reserve_at_the_start_does_not_slow_the_climb(open_data: Path, jerk: float) -> None:
-    """A freight train near its limit on 18.6 per mille: 1 % of reserve everywhere takes 13 % more time (4768 s)."""
-    consist, settings = find_train(str(open_data / "freight.yaml"))
-    line = climb(6, 18.6, 3, 20)
-    fastest = plan_profile(line, consist, settings.model_copy(update={"jerk": None})).running_time
-    assert plan_profile(line, consist, settings.model_copy(update={"jerk": jerk})).running_time <= 1.03 * fastest
-
-
 def times_over_jerk(line: Line, consist: Consist, settings: PlanSettings) -> list[float]:
     """Return the running times of increasing jerk limits, the last without a limit [s]."""
     limits = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, None)
@@ -293,9 +284,11 @@ def times_over_jerk(line: Line, consist: Consist, settings: PlanSettings) -> lis
 
 
 def test_more_jerk_is_not_slower_on_the_climb(open_data: Path) -> None:
-    """Breaks with one reserve for the run: 4321 s at 0.2 m/s³, 4768 s at 2."""
+    """Breaks with one reserve for the run of a freight train near its limit: 4321 s at 0.2 m/s³, 4768 s at 2."""
     consist, settings = find_train(str(open_data / "freight.yaml"))
-    assert np.diff(times_over_jerk(climb(6, 18.6, 3, 20), consist, settings)).max() <= GRID_SHARE * 4200
+    _, *limited, fastest = times = times_over_jerk(climb(6, 18.6, 3, 20), consist, settings)
+    assert np.diff(times).max() <= GRID_SHARE * 4200
+    assert max(limited) <= 1.03 * fastest
 
 
 @pytest.mark.parametrize("seed", [8, 44, 77, 92, 108, 127])
@@ -331,7 +324,7 @@ def planned(seed: int) -> Plan | None:
 
 
 @given(SEEDS)
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=12, deadline=None)
 def test_a_plan_keeps_forces_limits_comfort_and_stops(seed: int) -> None:
     """Breaks within a few cases without the reserves for grades and for steps of the envelope."""
     line, consist, asked = random_case(seed)

@@ -373,21 +373,6 @@ def test_the_energy_with_tunnels_dead_sections_and_steps_is_that_of_an_independe
     assert 0.997 * OPTIMA[seed] <= found <= 1.003 * OPTIMA[seed]
 
 
-@pytest.mark.parametrize(("factor", "least"), [pytest.param(1.1, 17.621, marks=pytest.mark.slow), (1.3, 11.290)])
-def test_the_energy_on_falls_to_a_limit_is_near_an_independent_optimum(factor: float, least: float) -> None:
-    """Breaks if the curves of one price are used at other speeds: the train brakes on three falls, 2.9, 1.7 % more.
-
-    It breaks too if coasting begins up to a cell of the search too late: .8 % more with 10 % more time; or if a cell
-    has a step of the grade inside, where the plan pulls and brakes: .4 % more with 30 % more time.
-    """
-    # The optima in kWh are those of linear programs in sequence with 1500 cells, ``studies_done/plan_optimum.py``.
-    line, consist = load_line("xuzhou_metro_test"), load_consist("xuzhou_metro_3")
-    settings = PlanSettings(jerk=None)
-    fastest = plan_profile(line, consist, settings).running_time
-    found = plan_profile(line, consist, settings.model_copy(update={"time": factor * fastest}))
-    assert least * 0.995 <= found.energy / 3.6e6 <= 1.003 * least
-
-
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 10))])
 def test_more_time_is_never_dearer(seed: int) -> None:
     line, car = obstacles(seed)

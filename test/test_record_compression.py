@@ -43,7 +43,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """Return the folder of the same run with every compression."""
     folder = tmp_path_factory.mktemp("runs")
     for name in COMPRESSIONS:
-        options = ("--set", "duration=60", "--compression", name, "--out", str(folder / name))
+        options = ("--set", "duration=30", "--compression", name, "--out", str(folder / name))
         assert main(["run", "demo", "--engine", *options]) == 0
     return {name: folder / name for name in COMPRESSIONS}
 

@@ -90,7 +90,7 @@ SPEC: dict[str, Any] = {
         "links.command.delay": {"from": 0.1, "to": 3.0},
         "plant.mismatch.mass_scale": {"from": 0.7, "to": 1.3},
     },
-    "set": {"duration": 60},
+    "set": {"duration": 30},
 }
 
 
@@ -123,6 +123,7 @@ def listening(process: subprocess.Popen[str]) -> set[str]:
     return {entry.laddr.ip for entry in found if entry.status == psutil.CONN_LISTEN}
 
 
+TIMED = ["wall_s", "evaluation_s", "overhead_s"]
 DASK_DASHBOARD = 8787
 """Port that Dask takes first for the pages of a scheduler."""
 
@@ -145,9 +146,20 @@ def swept(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, set[str], str
     return folder / "out", addresses, output, error
 
 
-def test_a_killed_worker_loses_and_doubles_nothing(swept: tuple[Path, set[str], str, str]) -> None:
-    """Breaks if the runs of a killed worker are missing or there twice, or its death is an error of the sweep."""
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of the same sweep with one worker."""
+    folder = tmp_path_factory.mktemp("whole")
+    (folder / "spec.yaml").write_text(yaml.safe_dump(SPEC))
+    assert main(["sweep", str(folder / "spec.yaml"), "--out", str(folder / "out"), "--jobs", "1", "--json"]) == 0
+    return folder / "out"
+
+
+def test_a_killed_worker_loses_and_doubles_nothing(swept: tuple[Path, set[str], str, str], whole: Path) -> None:
+    """Breaks if a run of a killed worker is missing, twice or another one, or its death is an error of the sweep."""
     folder, _, output, error = swept
+    tables = [read_results(at / "results.parquet")[0].drop(columns=TIMED) for at in (folder, whole)]
+    assert tables[0].equals(tables[1])
     assert sorted(row["run"] for row in rows_in(folder)) == list(range(1, 25))
     assert json.loads(output)["counts"] == {"done": 24}
     assert error == ""  # without the option no dashboard is served or named
@@ -222,9 +234,9 @@ def test_without_a_dashboard_nothing_answers_http() -> None:
                     connection.close()
 
 
-def test_rows_are_those_of_runs_alone(swept: tuple[Path, set[str], str, str]) -> None:
+def test_rows_are_those_of_runs_alone(whole: Path) -> None:
     """Breaks if a part of another run, or the worker, changes a metric: compared with ``ta.run``, bit for bit."""
-    table, identity = read_results(swept[0] / "results.parquet")
+    table, identity = read_results(whole / "results.parquet")
     assert identity["spec"]["runs"] == 24 and identity["versions"]["train_ato"] == ta.__version__
     for index in (0, 11, 23):
         row = table.iloc[index]
@@ -239,12 +251,12 @@ def test_rows_are_those_of_runs_alone(swept: tuple[Path, set[str], str, str]) ->
 
 
 def test_one_row_again_is_equal_and_a_changed_one_is_found(
-    swept: tuple[Path, set[str], str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Breaks if a row cannot be run from the table alone, or a changed figure or hash in it is not found."""
     import pyarrow.parquet
 
-    results = swept[0] / "results.parquet"
+    results = whole / "results.parquet"
     found = run_row_again(results, 5, tmp_path / "run")
     assert found.difference == "" and found.folder == tmp_path / "run"
     assert read_summary(tmp_path / "run")["controller"] == found.point["law"]
@@ -261,18 +273,17 @@ def test_one_row_again_is_equal_and_a_changed_one_is_found(
     assert "no such run; give 1 to 24" in capsys.readouterr().err
 
 
-def test_a_sweep_continues_with_the_missing_runs(swept: tuple[Path, set[str], str, str], tmp_path: Path) -> None:
+def test_a_sweep_continues_with_the_missing_runs(whole: Path, tmp_path: Path) -> None:
     """Breaks if finished runs are run again, an incomplete last line is a row, or missing runs are not run."""
     folder = tmp_path / "out"
-    shutil.copytree(swept[0], folder)
+    shutil.copytree(whole, folder)
     lines = (folder / "runs.jsonl").read_text().splitlines(keepends=True)
     (folder / "runs.jsonl").write_text("".join(lines[:20]) + lines[20][:40])
     kept = (folder / "runs.jsonl").read_bytes()
     result = ta.sweep(SPEC, out=folder, jobs=1, progress=False)
     assert (folder / "runs.jsonl").read_bytes().startswith(kept)
-    whole, _ = read_results(swept[0] / "results.parquet")
-    timed = ["wall_s", "evaluation_s", "overhead_s"]
-    assert result.table.drop(columns=timed).equals(whole.drop(columns=timed))
+    table, _ = read_results(whole / "results.parquet")
+    assert result.table.drop(columns=TIMED).equals(table.drop(columns=TIMED))
 
 
 @pytest.mark.parametrize(
@@ -283,12 +294,10 @@ def test_a_sweep_continues_with_the_missing_runs(swept: tuple[Path, set[str], st
         ({}, "train_ato has changed"),
     ],
 )
-def test_another_sweep_is_not_continued(
-    swept: tuple[Path, set[str], str, str], tmp_path: Path, change: dict[str, Any], text: str
-) -> None:
+def test_another_sweep_is_not_continued(whole: Path, tmp_path: Path, change: dict[str, Any], text: str) -> None:
     """Breaks if rows of another specification or of other code are mixed with those of this sweep."""
     folder = tmp_path / "out"
-    shutil.copytree(swept[0], folder)
+    shutil.copytree(whole, folder)
     if not change:
         identity = json.loads((folder / "sweep.json").read_text())
         (folder / "sweep.json").write_text(json.dumps(identity | {"code": "0" * 64}))
@@ -298,21 +307,21 @@ def test_another_sweep_is_not_continued(
         (tmp_path / "own.yaml").write_text(ta.scenario("demo").yaml)
     with pytest.raises(ValueError, match=text):
         ta.sweep(spec, out=folder, jobs=1, progress=False)
-    assert (folder / "runs.jsonl").read_bytes() == (swept[0] / "runs.jsonl").read_bytes()
+    assert (folder / "runs.jsonl").read_bytes() == (whole / "runs.jsonl").read_bytes()
 
 
-def test_two_sweeps_do_not_write_into_one_folder(swept: tuple[Path, set[str], str, str]) -> None:
+def test_two_sweeps_do_not_write_into_one_folder(whole: Path) -> None:
     """Breaks if two processes append to the same file."""
-    with SweepFolder(swept[0]).appending(), pytest.raises(ValueError, match="another sweep writes"):
-        ta.sweep(SPEC, out=swept[0], jobs=1, progress=False)
+    with SweepFolder(whole).appending(), pytest.raises(ValueError, match="another sweep writes"):
+        ta.sweep(SPEC, out=whole, jobs=1, progress=False)
 
 
-def test_only_the_figures_of_the_design_are_drawn(swept: tuple[Path, set[str], str, str], tmp_path: Path) -> None:
+def test_only_the_figures_of_the_design_are_drawn(whole: Path, tmp_path: Path) -> None:
     """Breaks if a figure of the design is missing, or one is drawn that the design does not permit."""
-    table, _ = read_results(swept[0] / "results.parquet")
+    table, _ = read_results(whole / "results.parquet")
     result = SweepResult(read_sweep(SPEC), table)
     assert set(result.figures(tmp_path)) == {"box", "map", "pareto"}
-    assert {path.name for path in swept[0].glob("*.png")} == {"box.png", "map.png", "pareto.png"}
+    assert {path.name for path in whole.glob("*.png")} == {"box.png", "map.png", "pareto.png"}
     one = SweepResult(read_sweep({**SPEC, "over": {"plant.lag": {"from": 0.1, "to": 0.2}}}), table)
     for plot in (one.plot_box, one.plot_map):
         with pytest.raises(NotDrawable):

@@ -116,13 +116,13 @@ def test_the_output_of_a_run_fits_a_screen_and_its_page_explains_every_line(tmp_
 
 
 @pytest.mark.parametrize("mode", [[], ["--processes"]])
-def test_a_graph_run_prints_its_domain(mode: list[str], tmp_path: Path) -> None:
+def test_a_graph_run_prints_its_domain(mode: list[str], tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """Breaks if the domain of a run is missing off a terminal, or mixed with the result."""
-    done = program("run", "demo", *mode, *SHORT, "--json", "--out", "run", folder=tmp_path)
-    assert done.returncode == 0, done.stderr
-    (domain,) = re.findall(r"^ROS domain (\d+)$", done.stderr, flags=re.M)
+    assert main(["run", "demo", *mode, *SHORT, "--json", "--out", str(tmp_path / "run")]) == 0
+    out, err = capfd.readouterr()
+    (domain,) = re.findall(r"^ROS domain (\d+)$", err, flags=re.M)
     assert 1 <= int(domain) <= 101
-    assert json.loads(done.stdout)["ticks"] == 20
+    assert json.loads(out)["ticks"] == 20
 
 
 def completed(line: str, folder: Path) -> list[str]:
