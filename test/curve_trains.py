@@ -10,10 +10,7 @@ LEVEL = StepFunction.constant(0.0)
 
 
 def supervised_train(
-    emergency: float | StepFunction = 1.0,
-    service: float | None = 0.7,
-    service_time: float = 6.0,
-    **more: object,
+    emergency: float | StepFunction = 1.0, service: float | None = 0.7, service_time: float = 6.0, **more: object
 ) -> SupervisedTrain:
     """Return a train of 200 m and 50 m/s with T_be = 5 s."""
     safe = StepFunction.constant(emergency) if isinstance(emergency, float) else emergency

@@ -107,9 +107,7 @@ def five(
     recording = run(place, speed, units=5, until=until, duration=30.0, tick=0.01, force=1e6)
     wave = motion * 2**0.5 / FASTEST * np.sin(FASTEST * recording.time)[:, None]
     recording = with_series(
-        recording,
-        position=recording.position + stretch * np.arange(5) + wave,
-        velocity=recording.velocity - offset,
+        recording, position=recording.position + stretch * np.arange(5) + wave, velocity=recording.velocity - offset
     )
     return Result({"coupler_draft_max_kn": 10.0, "coupler_buff_max_kn": -10.0, **figures}, recording)
 
@@ -208,14 +206,10 @@ def run(
     position = base.reference_position + place * off
     velocity = base.reference_velocity + speed * off
     return with_series(
-        base,
-        position=position[:, None] - spacing * np.arange(units),
-        velocity=velocity[:, None] * columns,
-        front_position=position,
-        front_velocity=velocity,
-        applied=base.applied * columns,
+        base, position=position[:, None] - spacing * np.arange(units), velocity=velocity[:, None] * columns,
+        front_position=position, front_velocity=velocity, applied=base.applied * columns,
         command=base.command * columns,
-    )
+    )  # fmt: skip
 
 
 def tracked(place: float = 0.0, speed: float = 0.0, **more: float) -> Result:

@@ -112,29 +112,14 @@ def inputs(of: TrainModel, **changes: Any) -> LawInput:
     """Return the input of a law for a train at 10 m/s without errors."""
     n, one = of.n_units, np.ones(of.n_units)
     base = LawInput(
-        t=50.0,
-        position=500.0 - of.offsets,
-        velocity=10.0 * one,
-        applied=0.0 * one,
-        reference_position=500.0 - of.offsets,
-        reference_velocity=10.0 * one,
-        reference_acceleration=0.0 * one,
-        delay_to_effect=0.0,
-        acceleration_at_effect=0.0,
-        jerk_at_effect=0.0,
-        feedforward=0.0 * one,
-        preview=Preview(np.full(60, 500.0), np.full(60, 10.0), np.zeros(60)),
-        disturbance=0.0 * one,
-        deflection=np.zeros(len(of.sensors)),
-        rate=np.zeros(len(of.sensors)),
-        coupler_force=np.zeros(len(of.sensors)),
-        shoe_force=0.0 * one,
-        train_shoe_force=0.0,
-        commands_in_flight=np.zeros((0, n)),
-        force_min=np.full(n, -400e3),
-        force_max=np.full(n, 400e3),
-        saturated=False,
-    )
+        t=50.0, position=500.0 - of.offsets, velocity=10.0 * one, applied=0.0 * one,
+        reference_position=500.0 - of.offsets, reference_velocity=10.0 * one, reference_acceleration=0.0 * one,
+        delay_to_effect=0.0, acceleration_at_effect=0.0, jerk_at_effect=0.0, feedforward=0.0 * one,
+        preview=Preview(np.full(60, 500.0), np.full(60, 10.0), np.zeros(60)), disturbance=0.0 * one,
+        deflection=np.zeros(len(of.sensors)), rate=np.zeros(len(of.sensors)), coupler_force=np.zeros(len(of.sensors)),
+        shoe_force=0.0 * one, train_shoe_force=0.0, commands_in_flight=np.zeros((0, n)), force_min=np.full(n, -400e3),
+        force_max=np.full(n, 400e3), saturated=False,
+    )  # fmt: skip
     return dataclasses.replace(base, **changes)
 
 
@@ -151,16 +136,12 @@ def stack(
     """Return a control stack."""
     period = of.tick if period is None else period
     return ControlStack(
-        model=of,
-        period=period,
-        tick=of.tick,
-        controller=controller,
+        model=of, period=period, tick=of.tick, controller=controller,
         controller_parameters={controller: parameters or {}},
         compensation=COMPENSATIONS.make(compensation, compensation_parameters or {}, of, period),
         brake_policy=make_brake_policy(brake or BrakeSpec(), of, of.line),
-        profile=profile(of.tick) if along is None else along,
-        hold_limit=1.0,
-    )
+        profile=profile(of.tick) if along is None else along, hold_limit=1.0,
+    )  # fmt: skip
 
 
 def measured(of: TrainModel, stamp: int, position: Any, velocity: Any, applied: Any) -> Measurement:

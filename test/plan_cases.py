@@ -34,13 +34,9 @@ def random_train(rng: np.random.Generator, vehicles: int) -> tuple[Consist, floa
     if vehicles > 1:
         train.append({"type": "wagon", "count": vehicles - 1})
     data = {
-        "schema": "train_ato/consist/1",
-        "name": "random",
-        "vehicle_types": {"engine": engine, "wagon": wagon},
-        "train": train,
-        "draft_gears": {"rigid": {"kind": "rigid"}},
-        "default_gear": "rigid",
-    }
+        "schema": "train_ato/consist/1", "name": "random", "vehicle_types": {"engine": engine, "wagon": wagon},
+        "train": train, "draft_gears": {"rigid": {"kind": "rigid"}}, "default_gear": "rigid",
+    }  # fmt: skip
     return Consist.model_validate(data), start
 
 

@@ -21,13 +21,9 @@ QKX = load_consist("hxd1_c80_105").draft_gears["qkx100_mt2"].model_dump()
 SMOOTHED = {key: value for key, value in CLIP.items() if not key.startswith("transition")}
 SMOOTHED.update(kind="smoothed", switching_speed=0.02)
 TABLE = {
-    "kind": "table",
-    "deflection": [0.0, 0.004, 0.05, 0.166],
-    "loading_kn": [0, 50, 300, 2270],
-    "unloading_kn": [0, 10, 75, 570],
-    "slack_mm": 10,
-    "damping": 1e5,
-}
+    "kind": "table", "deflection": [0.0, 0.004, 0.05, 0.166], "loading_kn": [0, 50, 300, 2270],
+    "unloading_kn": [0, 10, 75, 570], "slack_mm": 10, "damping": 1e5,
+}  # fmt: skip
 SLACK = {**LINEAR, "slack_mm": 10}
 GEARS: dict[str, dict[str, Any]] = {
     "linear": LINEAR, "slack": SLACK, "clip": CLIP, "printed clip": {**CLIP, "transition_damping": 0.0},
@@ -61,14 +57,10 @@ def chain(count: int, gear: dict[str, Any], mass: float = 1e5, resistance: float
     car = {"mass": mass, "length": 12.0, "resistance": {"n": [resistance, 0.0, 0.0]}}
     return Consist.model_validate(
         {
-            "schema": "train_ato/consist/1",
-            "name": "chain",
-            "vehicle_types": {"car": car},
-            "train": [{"type": "car", "count": count}],
-            "draft_gears": {"only": gear},
-            "default_gear": "only",
+            "schema": "train_ato/consist/1", "name": "chain", "vehicle_types": {"car": car},
+            "train": [{"type": "car", "count": count}], "draft_gears": {"only": gear}, "default_gear": "only",
         }
-    )
+    )  # fmt: skip
 
 
 def train(

@@ -13,20 +13,13 @@ from train_ato.loop.recording import COMMAND, DISTURBANCE, ESTIMATE, MEASUREMENT
 from train_ato.loop.series import TopicSamples
 
 PLACES = {
-    "position": (TRUTH, "unit_position"),
-    "velocity": (TRUTH, "unit_velocity"),
-    "front_position": (TRUTH, "front_position"),
-    "front_velocity": (TRUTH, "front_velocity"),
-    "coupler_draft_max": (TRUTH, "coupler_draft_max"),
-    "coupler_buff_max": (TRUTH, "coupler_buff_max"),
-    "applied": (MEASUREMENT, "applied"),
-    "command": (COMMAND, "force"),
-    "estimate": (ESTIMATE, "force"),
-    "disturbance": (DISTURBANCE, "unit_force"),
-    "reference_position": (REFERENCE, "position"),
-    "reference_velocity": (REFERENCE, "velocity"),
-    "reference_acceleration": (REFERENCE, "acceleration"),
-}
+    "position": (TRUTH, "unit_position"), "velocity": (TRUTH, "unit_velocity"),
+    "front_position": (TRUTH, "front_position"), "front_velocity": (TRUTH, "front_velocity"),
+    "coupler_draft_max": (TRUTH, "coupler_draft_max"), "coupler_buff_max": (TRUTH, "coupler_buff_max"),
+    "applied": (MEASUREMENT, "applied"), "command": (COMMAND, "force"), "estimate": (ESTIMATE, "force"),
+    "disturbance": (DISTURBANCE, "unit_force"), "reference_position": (REFERENCE, "position"),
+    "reference_velocity": (REFERENCE, "velocity"), "reference_acceleration": (REFERENCE, "acceleration"),
+}  # fmt: skip
 """Series of a recording at the ticks, and their samples."""
 
 

@@ -20,21 +20,11 @@ def series(error: Array, command: Array, period: float = 0.05) -> Recording:
     time = period * np.arange(count)
     speed = np.full(count, 20.0)
     return recording_of(
-        time,
-        position=20.0 * time,
-        velocity=speed + error,
-        front_position=20.0 * time,
-        front_velocity=speed + error,
-        coupler_draft_max=np.zeros(count),
-        coupler_buff_max=np.zeros(count),
-        applied=command,
-        command=command,
-        estimate=np.zeros(count),
-        disturbance=np.zeros(count),
-        reference_position=20.0 * time,
-        reference_velocity=speed,
+        time, position=20.0 * time, velocity=speed + error, front_position=20.0 * time, front_velocity=speed + error,
+        coupler_draft_max=np.zeros(count), coupler_buff_max=np.zeros(count), applied=command, command=command,
+        estimate=np.zeros(count), disturbance=np.zeros(count), reference_position=20.0 * time, reference_velocity=speed,
         reference_acceleration=np.zeros(count),
-    )
+    )  # fmt: skip
 
 
 def result(recording: Recording | None = None, **figures: float | None) -> Result:

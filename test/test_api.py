@@ -382,12 +382,8 @@ def test_a_comparison_goes_on_after_a_refusal_and_a_failure(tmp_path):
     both = ta.compare("demo", ["pid", "lag_smc", Gain(0.2), Gain(gain=0.3), Breaking], out=tmp_path / "kept", **options)
     table = both.table
     ends = {
-        "pid": "done",
-        "lag_smc": "refused",
-        "Gain(gain=0.2)": "done",
-        "Gain(gain=0.3)": "done",
-        "Breaking": "failed",
-    }
+        "pid": "done", "lag_smc": "refused", "Gain(gain=0.2)": "done", "Gain(gain=0.3)": "done", "Breaking": "failed",
+    }  # fmt: skip
     assert table["status"].to_dict() == ends
     assert sorted(table.index[3:]) == ["Breaking", "lag_smc"], "runs to the end are first"
     assert "'twin' gives only a feed-forward" in table.loc["lag_smc", "reason"]

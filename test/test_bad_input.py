@@ -21,11 +21,10 @@ from train_ato.cli import main
 from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
 from train_ato.loop.setup import prepare
 from train_ato.profile.motion import change_of_speed
-from train_ato.scenario.scenario import load_scenario, shipped_scenarios
+from train_ato.scenario.scenario import load_scenario
 
 ROOT = Path(__file__).resolve().parents[1]
 NINES = "9" * 5000
-DEMO = yaml.safe_load(shipped_scenarios()["demo"].read_text())
 
 
 def consist(**changes: object) -> dict[str, object]:

@@ -116,11 +116,7 @@ def test_blending_in_the_simulated_copy_has_the_force_of_its_units(long_fall: Pa
 
 @pytest.mark.parametrize(
     ("then", "released"),
-    [
-        ([(9.0, 0.0, 90)], False),
-        ([(5.0, 1e5, 20), (0.0, 0.0, 60)], False),
-        ([(0.0, 0.0, 60), (0.0, 1e5, 6)], True),
-    ],
+    [([(9.0, 0.0, 90)], False), ([(5.0, 1e5, 20), (0.0, 0.0, 60)], False), ([(0.0, 0.0, 60), (0.0, 1e5, 6)], True)],
     ids=["below 35 km/h", "rolls, then stands", "departs"],
 )
 def test_air_is_released_above_the_limit_and_at_a_departure_only(then, released) -> None:

@@ -42,13 +42,9 @@ def law(value):
 def run(arguments: list[str], **environment: str) -> subprocess.CompletedProcess[str]:
     source = str(Path(plant_sim.__file__).parents[1])
     return subprocess.run(
-        [sys.executable, *arguments],
-        env={**os.environ, "PYTHONPATH": source, **environment},
-        capture_output=True,
-        text=True,
-        timeout=LIMIT_S,
-        check=False,
-    )
+        [sys.executable, *arguments], env={**os.environ, "PYTHONPATH": source, **environment}, capture_output=True,
+        text=True, timeout=LIMIT_S, check=False,
+    )  # fmt: skip
 
 
 def law_of(folder: Path, value: float = 1.5, **changed: str) -> tuple[float, bool]:

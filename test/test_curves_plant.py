@@ -57,8 +57,7 @@ def emergency_stop(train: Train) -> float:
 
 
 @pytest.mark.parametrize(
-    ("consist_name", "line_name", "plant", "top", "end", "kmh"),
-    [(*row[:5], kmh) for row in RUNS for kmh in row[5]],
+    ("consist_name", "line_name", "plant", "top", "end", "kmh"), [(*row[:5], kmh) for row in RUNS for kmh in row[5]]
 )
 def test_emergency_brake_on_the_intervention_curve_stops_before_the_location(
     consist_name: str, line_name: str, plant: dict[str, Any], top: float, end: float, kmh: float

@@ -356,8 +356,7 @@ def test_speeds_outside_the_curve() -> None:
 
 @pytest.mark.parametrize("percentage", [30.0, 250.0])
 @pytest.mark.parametrize(
-    ("position", "length"),
-    [("PassengerTrainInP", 900.0), ("FreightTrainInP", 1500.0), ("FreightTrainInG", 1500.0)],
+    ("position", "length"), [("PassengerTrainInP", 900.0), ("FreightTrainInP", 1500.0), ("FreightTrainInG", 1500.0)]
 )
 def test_the_limits_of_the_conversion_model_belong_to_it(percentage, position, length):
     """Breaks if a train with a limit of 3.13.3.2.1 is refused."""

@@ -171,19 +171,14 @@ def test_compiled_ticks_leave_out_what_no_summary_needs() -> None:
     assert loop._spans is not None and loop._spans.ticks > 0.5 * loop.ticks
     assert {topic: set(samples.values) for topic, samples in loop.recording.finish().topics.items()} == {
         "train/vehicles": {
-            "front_position",
-            "front_velocity",
-            "rear_position",
-            "unit_position",
-            "unit_velocity",
-            "coupler_draft_max",
+            "front_position", "front_velocity", "rear_position", "unit_position", "unit_velocity", "coupler_draft_max",
             "coupler_buff_max",
         },
         "train/measurement": set(),
         "ato/reference": {"position", "velocity", "acceleration"},
         "ato/command": {"force"},
         "ato/state": {"state"},
-    }
+    }  # fmt: skip
 
 
 HERE = "test_engine"

@@ -26,15 +26,10 @@ MASS = {"plant.mismatch.mass_scale": {"from": 0.9, "to": 1.3}}
 DELAY = {"links.command.delay": {"from": 0.0, "to": 0.8}}
 SLOW = "G speed_error >= -0.8 km/h"
 CHEAP = {
-    "schema": "train_ato/scenario/1",
-    "base": "xuzhou_metro",
-    "name": "cheap",
-    "duration": 8,
-    "tick": 0.2,
-    "step": 0.02,
+    "schema": "train_ato/scenario/1", "base": "xuzhou_metro", "name": "cheap", "duration": 8, "tick": 0.2, "step": 0.02,
     "plant": {"line": {"schema": "train_ato/line/1", "name": "short", "end_km": 2}},
     "profile": {"phases": [{"accelerate_to_kmh": 10}, {"brake_to": 0}]},
-}
+}  # fmt: skip
 """A metro train as one mass for 8 s: some hundredths of a second per run."""
 
 

@@ -239,8 +239,7 @@ def test_a_run_does_not_begin_beside_a_second_publisher(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("change", "differs"),
-    [("seed=7", "seed"), pytest.param("tick=0.05", "tick", marks=pytest.mark.graph)],
+    ("change", "differs"), [("seed=7", "seed"), pytest.param("tick=0.05", "tick", marks=pytest.mark.graph)]
 )
 def test_nodes_of_unequal_scenarios_do_not_begin(change, differs, terminals):  # noqa: F811
     """Fails if the profile of another run drives the train."""

@@ -46,13 +46,9 @@ ENVIRONMENT = {
 def run(largest: int, *arguments: str, program: str = PROGRAM) -> subprocess.CompletedProcess[str]:
     """Run a command with a limit on the size of its files [bytes], after compilation of the kernel."""
     return subprocess.run(
-        [sys.executable, "-c", program, str(largest), *arguments],
-        env=ENVIRONMENT,
-        capture_output=True,
-        text=True,
-        timeout=LIMIT_S,
-        check=False,
-    )
+        [sys.executable, "-c", program, str(largest), *arguments], env=ENVIRONMENT, capture_output=True, text=True,
+        timeout=LIMIT_S, check=False,
+    )  # fmt: skip
 
 
 def test_a_run_that_cannot_begin_leaves_nothing(tmp_path: Path) -> None:

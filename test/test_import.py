@@ -70,16 +70,12 @@ def test_a_coarse_recorder_gives_a_profile_that_can_be_driven(tmp_path, capsys):
     assert (
         main(
             [
-                "run",
-                str(tmp_path / "imported" / "scenario.yaml"),
-                "--engine",
-                "--json",
-                "--out",
+                "run", str(tmp_path / "imported" / "scenario.yaml"), "--engine", "--json", "--out",
                 str(tmp_path / "again"),
             ]
         )
         == 0
-    )
+    )  # fmt: skip
     driven = json.loads(capsys.readouterr().out)
     assert driven["speed_rmse_kmh"] < 0.5
     assert abs(driven["stop_error_m"]) < 0.5
@@ -253,15 +249,8 @@ def test_a_gauge_pressure_is_refused(tmp_path, capsys):
     for unit, charged in (("bar", 5.0), ("psi", 72.5), ("kpa", 498.7)):
         file.write_text(text_of({**columns, f"brake_pipe_pressure_{unit}": np.full(time.size, charged)}))
         words = [
-            "import",
-            str(file),
-            "--consist",
-            "hxd1_c80_210",
-            "--line",
-            "daqin_section",
-            "--out",
-            str(tmp_path / "i"),
-        ]
+            "import", str(file), "--consist", "hxd1_c80_210", "--line", "daqin_section", "--out", str(tmp_path / "i"),
+        ]  # fmt: skip
         assert main(words) == 2
         told = capsys.readouterr().err
         assert f"column 'brake_pipe_pressure_{unit}': at most" in told and "probably a gauge pressure" in told

@@ -37,25 +37,13 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> str:
 @pytest.mark.parametrize(
     ("title", "name"),
     [
-        ("V [km/h]", "speed_kmh"),
-        ("v (m/s)", "speed_m_s"),
-        ("Speed in mph", "speed_mph"),
-        ("Geschwindigkeit [km/h]", "speed_kmh"),
-        ("F [kN]", "force_kn"),
-        ("Tractive effort [kN]", "traction_force_kn"),
-        ("s [km]", "position_km"),
-        ("t [s]", "time_s"),
-        ("t [sec]", "time_s"),
-        ("HLL [bar]", "brake_pipe_pressure_bar"),
-        ("v_ref [km/h]", "reference_speed_kmh"),
-        ("Front position [m]", "front_position_m"),
-        ("Date", "timestamp"),
-        ("Door", "Door"),
-        ("V [kN]", "V [kN]"),
-        ("V", "V"),
-        ("speed_kmh", "speed_kmh"),
+        ("V [km/h]", "speed_kmh"), ("v (m/s)", "speed_m_s"), ("Speed in mph", "speed_mph"),
+        ("Geschwindigkeit [km/h]", "speed_kmh"), ("F [kN]", "force_kn"), ("Tractive effort [kN]", "traction_force_kn"),
+        ("s [km]", "position_km"), ("t [s]", "time_s"), ("t [sec]", "time_s"), ("HLL [bar]", "brake_pipe_pressure_bar"),
+        ("v_ref [km/h]", "reference_speed_kmh"), ("Front position [m]", "front_position_m"), ("Date", "timestamp"),
+        ("Door", "Door"), ("V [kN]", "V [kN]"), ("V", "V"), ("speed_kmh", "speed_kmh"),
     ],
-)
+)  # fmt: skip
 def test_titles_of_recorders(title: str, name: str) -> None:
     """Breaks if a quantity with its unit is not found, or a unit of another quantity is accepted."""
     assert column_name(title) == name
@@ -117,22 +105,16 @@ def test_an_impossible_date_is_refused(text: str) -> None:
     ("texts", "seconds"),
     [
         (["11:59:58 AM", "12:00:02 PM", "1:00:00 PM"], [4, 3602]),
-        (["11:59:58 PM", "12:00:02 AM", "12:30:00 a.m."], [4, 1802]),
-        (["23:59:59", "0:00:01,5", "00:01"], [2.5, 61]),
-        (["11/24/2026 23:59:59", "11/25/2026 00:00:01"], [2]),
-        (["24/11/2026 23:59:59", "25/11/2026 00:00:01"], [2]),
-        (["03/01/2026 23:59:59", "03/02/2026 00:00:01"], [2]),
-        (["03/01/2026 23:59:59", "04/01/2026 00:00:01"], [2]),
-        (["1727799360", "1727799362"], [2]),
-        (["1727799360000", "1727799361500"], [1.5]),
-        (["1727799360000000", "1727799361500000"], [1.5]),
-        (["1727799360000000000", "1727799361500000000"], [1.5]),
-        (["2026/11/24 23:59:59", "2026/11/25 0:00:01"], [2]),
-        (["24-11-2026 23:59:59", "25-11-2026 00:00:01"], [2]),
+        (["11:59:58 PM", "12:00:02 AM", "12:30:00 a.m."], [4, 1802]), (["23:59:59", "0:00:01,5", "00:01"], [2.5, 61]),
+        (["11/24/2026 23:59:59", "11/25/2026 00:00:01"], [2]), (["24/11/2026 23:59:59", "25/11/2026 00:00:01"], [2]),
+        (["03/01/2026 23:59:59", "03/02/2026 00:00:01"], [2]), (["03/01/2026 23:59:59", "04/01/2026 00:00:01"], [2]),
+        (["1727799360", "1727799362"], [2]), (["1727799360000", "1727799361500"], [1.5]),
+        (["1727799360000000", "1727799361500000"], [1.5]), (["1727799360000000000", "1727799361500000000"], [1.5]),
+        (["2026/11/24 23:59:59", "2026/11/25 0:00:01"], [2]), (["24-11-2026 23:59:59", "25-11-2026 00:00:01"], [2]),
         (["11-24-2026 23:59:59", "11-25-2026 00:00:01"], [2]),
         (["2026-10-25 02:59:59+02:00", "2026-10-25 02:00:01+01:00"], [2]),
     ],
-)
+)  # fmt: skip
 def test_times_of_recorders(texts: list[str], seconds: list[float]) -> None:
     """Breaks if noon, midnight, the order of day and month, or the unit of a Unix time is wrong."""
     found = [value for value in moments(texts) if value is not None]

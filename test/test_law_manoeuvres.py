@@ -62,17 +62,12 @@ class Setting:
 
 
 SETTINGS = {
-    "pid": Setting("pid", {"kp": 1.0, "ki": 0.3}),
-    "smc": Setting("smc"),
-    "rbf_smc": Setting("rbf_smc"),
-    "rbf_switching_smc": Setting("rbf_switching_smc"),
-    "fixed_time_smc": Setting("fixed_time_smc", observer="eso"),
-    "lag_smc": Setting("lag_smc", observer="eso"),
-    "funnel": Setting("funnel"),
-    "gpc": Setting("gpc", compensation="none"),
-    "mpc": Setting("mpc", compensation="none"),
+    "pid": Setting("pid", {"kp": 1.0, "ki": 0.3}), "smc": Setting("smc"), "rbf_smc": Setting("rbf_smc"),
+    "rbf_switching_smc": Setting("rbf_switching_smc"), "fixed_time_smc": Setting("fixed_time_smc", observer="eso"),
+    "lag_smc": Setting("lag_smc", observer="eso"), "funnel": Setting("funnel"),
+    "gpc": Setting("gpc", compensation="none"), "mpc": Setting("mpc", compensation="none"),
     "mpc, declared noise": Setting("mpc", {"speed_noise": 0.002}, compensation="none"),
-}
+}  # fmt: skip
 
 
 @functools.cache

@@ -241,14 +241,9 @@ def test_lag_smc_by_hand():
     p = {"c1": 1.0, "c0": 0.25, "k": 0.05, "phi": 0.1, "k_i": 1.0}
     e, de, applied = 0.2, -0.1, 5e3
     seen = inputs(
-        of,
-        position=500.0 + e - of.offsets,
-        velocity=np.full(5, 10.0 + de),
-        applied=np.full(5, applied),
-        acceleration_at_effect=0.04,
-        jerk_at_effect=0.02,
-        disturbance=np.full(5, 400.0),
-    )
+        of, position=500.0 + e - of.offsets, velocity=np.full(5, 10.0 + de), applied=np.full(5, applied),
+        acceleration_at_effect=0.04, jerk_at_effect=0.02, disturbance=np.full(5, 400.0),
+    )  # fmt: skip
     own = float(of.own_resistance(np.full(5, 9.9), np.full(5, 0.0))[0])
     off = (applied + 400.0 - own) / MASS - 0.04
     surface = off + de + 0.25 * e
@@ -260,9 +255,6 @@ def test_lag_smc_by_hand():
     uneven = inputs(of, velocity=10.0 + spread)
     out = printed_law("lag_smc", p | {"command": "common"}, of, 0.1).step(uneven)
     assert out.force[2] - out.force[0] == pytest.approx(-MASS * 0.2 * 0.1)
-
-
-QUIET = {"resistance": "model", "gamma_w": 0.0, "bias_rate": 0.0}
 
 
 def make(of, period=0.05, **parameters):
@@ -360,16 +352,10 @@ def drive_of_003(law, of, period, steps, limit, force_of):
     for k in range(steps):
         target, aim, pull = force_of(k * period)
         seen = inputs(
-            of,
-            position=np.array([place]),
-            velocity=np.array([speed]),
-            applied=np.array([acting]),
-            reference_position=np.array([target]),
-            reference_velocity=np.array([aim]),
-            reference_acceleration=np.array([pull]),
-            force_min=np.array([-limit]),
-            force_max=np.array([limit]),
-        )
+            of, position=np.array([place]), velocity=np.array([speed]), applied=np.array([acting]),
+            reference_position=np.array([target]), reference_velocity=np.array([aim]),
+            reference_acceleration=np.array([pull]), force_min=np.array([-limit]), force_max=np.array([limit]),
+        )  # fmt: skip
         errors.append(place - target)
         commands_in_flight.append(float(law.step(seen).force[0]))
         acting = commands_in_flight.pop(0)

@@ -45,9 +45,7 @@ class OnePoint:
 
 
 @given(
-    target=st.lists(st.floats(-0.05, 0.05), min_size=5, max_size=5),
-    e=st.floats(-0.01, 0.01),
-    de=st.floats(-0.01, 0.01),
+    target=st.lists(st.floats(-0.05, 0.05), min_size=5, max_size=5), e=st.floats(-0.01, 0.01), de=st.floats(-0.01, 0.01)
 )
 def test_rbf_smc_falls_along_its_lyapunov_function(target, e, de):
     """Paper 000, (36), (37): L = S²/2 + |W* - W|²/(2 gamma) falls by S (zeta sgn S + xi |S|^alpha sgn S + ks S)."""

@@ -100,18 +100,11 @@ def test_smc_of_paper_000_by_hand():
     e, de = 0.2, -0.05
     out = law.step(
         inputs(
-            of,
-            t=1.0,
-            position=np.array([2000.0 + e]),
-            velocity=np.array([10.0 + de]),
-            reference_position=np.array([2000.0]),
-            acceleration_at_effect=0.03,
-            coupler_force=np.array([250e3]),
-            shoe_force=np.array([1e3]),
-            disturbance=np.array([500.0]),
-            force_max=np.array([760e3]),
+            of, t=1.0, position=np.array([2000.0 + e]), velocity=np.array([10.0 + de]),
+            reference_position=np.array([2000.0]), acceleration_at_effect=0.03, coupler_force=np.array([250e3]),
+            shoe_force=np.array([1e3]), disturbance=np.array([500.0]), force_max=np.array([760e3]),
         )
-    )
+    )  # fmt: skip
     kmh = 3.6 * (10.0 + de)
     specific = 1.20 + 0.0065 * kmh + 0.000279 * kmh**2 + 4.0
     f = 250e3 + 184e3 * 9.81e-3 * specific + 1e3
@@ -136,10 +129,7 @@ def test_smc_with_feedforward_weighs_the_train():
     """With lag and delay the equivalent control is the feed-forward, and the mass that of the train."""
     of = model(HAULED)
     law = printed_law(
-        "smc",
-        {"equivalent": "feedforward", "l1": 0.07, "l2": 0.002, "ks": 0.05, "phi": 0.1, "xi": 0.0},
-        of,
-        0.1,
+        "smc", {"equivalent": "feedforward", "l1": 0.07, "l2": 0.002, "ks": 0.05, "phi": 0.1, "xi": 0.0}, of, 0.1
     )
     out = law.step(inputs(of, velocity=np.array([10.1]), feedforward=np.array([90e3]), force_max=np.array([760e3])))
     assert out.force[0] == pytest.approx(90e3 - 584e3 * (0.07 * 0.1 + 0.05 * 0.1), rel=1e-9)

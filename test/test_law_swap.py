@@ -45,18 +45,13 @@ SPEED_FLOOR, STOP_FLOOR = 0.05, 0.05
 """Errors of speed [m/s] and place of the stop [m] that count as none: the largest noise of a speed sensor in a shipped
 scenario, and a sixth of the smallest stop window."""
 SAMPLE = [
-    ("xuzhou_metro", "standstill", "mpc", "lag_smc"),
-    ("xuzhou_metro", "acceleration", "smc", "funnel"),
-    ("xuzhou_metro", "acceleration", "rbf_switching_smc", "pid"),
-    ("xuzhou_metro", "cruising", "gpc", "rbf_smc"),
-    ("xuzhou_metro", "acceleration", "lag_smc", "mpc"),
-    ("crh380a_funnel:short", "standstill", "smc", "mpc"),
-    ("crh380a_gpc:short", "standstill", "pid", "mpc"),
-    ("crh380a_gpc:short", "cruising", "pid", "gpc"),
-    ("daqin_heavy_haul", "cruising", "pid", "fixed_time_smc"),
-    ("demo", "standstill", "lag_smc", "pid"),
+    ("xuzhou_metro", "standstill", "mpc", "lag_smc"), ("xuzhou_metro", "acceleration", "smc", "funnel"),
+    ("xuzhou_metro", "acceleration", "rbf_switching_smc", "pid"), ("xuzhou_metro", "cruising", "gpc", "rbf_smc"),
+    ("xuzhou_metro", "acceleration", "lag_smc", "mpc"), ("crh380a_funnel:short", "standstill", "smc", "mpc"),
+    ("crh380a_gpc:short", "standstill", "pid", "mpc"), ("crh380a_gpc:short", "cruising", "pid", "gpc"),
+    ("daqin_heavy_haul", "cruising", "pid", "fixed_time_smc"), ("demo", "standstill", "lag_smc", "pid"),
     ("demo", "last 200 m", "fixed_time_smc", "funnel"),
-]
+]  # fmt: skip
 NONE = np.zeros(5)
 """No force that lasts [N]."""
 DRAWN = 4

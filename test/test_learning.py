@@ -184,11 +184,7 @@ def test_foreign_line_train_and_model_are_refused(scenario, key, learned, tmp_pa
     file = tmp_path / "learned.yaml"
     file.write_text(learned_text(learned), encoding="utf-8")
     name, _, variant = scenario.partition("+")
-    more = {
-        "": [],
-        "lighter": ["--set=model.consist=crh380a_one_mass"],
-        "other": ["--set=model.line=daqin_section"],
-    }
+    more = {"": [], "lighter": ["--set=model.consist=crh380a_one_mass"], "other": ["--set=model.line=daqin_section"]}
     options = [f"--set=model.learned={file}", *more[variant], f"--out={tmp_path / 'run'}", "--engine"]
     assert main(["run", name, *options]) == 2
     (line,) = capsys.readouterr().err.splitlines()

@@ -314,35 +314,27 @@ def test_a_vertical_curve_without_room_is_refused(curves: list[dict[str, Any]], 
 
 
 MIRRORED: dict[str, Any] = {
-    "schema": "train_ato/line/1",
-    "name": "one way",
-    "begin": -100,
-    "end": 900,
+    "schema": "train_ato/line/1", "name": "one way", "begin": -100, "end": 900,
     "grades": [{"at": 0, "grade": 0.02}, {"at": 300, "grade": -0.01}],
     "curves": [{"begin": 100, "end": 250, "radius": 300, "side": "left"}],
     "tunnels": [{"begin": 150, "end": 600, "resistance_n_per_kn": 0.5}],
     "speed_limits": [{"at": -100, "speed": 20}, {"at": 400, "speed": 15}],
     "stops": [{"at": 0, "name": "A"}, {"at": 850, "name": "B", "dwell": 9}],
-    "neutral_sections": [{"begin": 500, "end": 550}],
-    "power_limits": [{"begin": 0, "end": 100, "power": 1e6}],
+    "neutral_sections": [{"begin": 500, "end": 550}], "power_limits": [{"begin": 0, "end": 100, "power": 1e6}],
     "adhesion": [{"begin": 600, "end": 700, "factor": 0.5}],
     "temporary_restrictions": [{"begin": 700, "end": 750, "speed": 10}],
-}
+}  # fmt: skip
 OTHER_WAY: dict[str, Any] = {
-    "schema": "train_ato/line/1",
-    "name": "one way:reverse",
-    "begin": -100,
-    "end": 900,
+    "schema": "train_ato/line/1", "name": "one way:reverse", "begin": -100, "end": 900,
     "grades": [{"at": -100, "grade": 0.01}, {"at": 500, "grade": -0.02}, {"at": 800, "grade": 0}],
     "curves": [{"begin": 550, "end": 700, "radius": 300, "side": "right"}],
     "tunnels": [{"begin": 200, "end": 650, "resistance_n_per_kn": 0.5}],
     "speed_limits": [{"at": -100, "speed": 15}, {"at": 400, "speed": 20}],
     "stops": [{"at": -50, "name": "B", "dwell": 9}, {"at": 800, "name": "A"}],
-    "neutral_sections": [{"begin": 250, "end": 300}],
-    "power_limits": [{"begin": 700, "end": 800, "power": 1e6}],
+    "neutral_sections": [{"begin": 250, "end": 300}], "power_limits": [{"begin": 700, "end": 800, "power": 1e6}],
     "adhesion": [{"begin": 100, "end": 200, "factor": 0.5}],
     "temporary_restrictions": [{"begin": 50, "end": 100, "speed": 10}],
-}
+}  # fmt: skip
 """The line above, mirrored by hand: place x is 800 - x."""
 
 
@@ -444,10 +436,7 @@ def test_one_coordinate_is_refused() -> None:
 
 
 @given(
-    st.lists(
-        st.tuples(st.floats(0, 4000), st.floats(1, 2000), st.floats(200, 5000)),
-        max_size=5,
-    ),
+    st.lists(st.tuples(st.floats(0, 4000), st.floats(1, 2000), st.floats(200, 5000)), max_size=5),
     st.lists(st.floats(-100, 6000), min_size=2, max_size=20),
 )
 def test_the_plan_is_as_long_as_the_line_and_has_no_gap(curves, places) -> None:
@@ -482,12 +471,8 @@ def test_falling_kilometres_with_a_jump_are_read_and_shown_again() -> None:
     assert [stop.at for stop in line.stops] == [200, 2750, 2800 + 2050]
     assert [grade.at for grade in line.grades] == [0, 1500, 2850, 4250] and line.end == 5000
     assert [line.post_at(x) for x in (0, 2799.5, 2800, 2850, 5000)] == [
-        "17+000",
-        "14+200.5",
-        "14+050",
-        "14+000",
-        "11+850",
-    ]
+        "17+000", "14+200.5", "14+050", "14+000", "11+850",
+    ]  # fmt: skip
     assert [line.place_of(text) for text in ("14+200", "14+050", "11+850")] == [2800, 2800, 5000]
     assert build_model(Line, yaml.safe_load(own_yaml(line)), "again") == line
     in_km = POSTS.read_text().replace("begin:", "begin_km:").replace("end:", "end_km:").replace("at:", "at_km:")

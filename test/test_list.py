@@ -26,15 +26,8 @@ def listed(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, dic
 def test_every_name_has_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     found = listed(capsys)
     assert list(found) == [
-        "scenarios",
-        "following",
-        "laws",
-        "observers",
-        "compensations",
-        "consists",
-        "lines",
-        "expected",
-    ]
+        "scenarios", "following", "laws", "observers", "compensations", "consists", "lines", "expected",
+    ]  # fmt: skip
     assert all(summary and "\n" not in summary for entries in found.values() for summary in entries.values())
     assert main(["list"]) == 0
     table = capsys.readouterr().out

@@ -157,11 +157,7 @@ def test_a_train_that_catches_up_holds_the_speed_limit_without_chatter(mass, tra
 
 HERE = Path("departure.yaml")
 LIGHT = {"mass_t": 60, "length": 15, "resistance": {"n_per_kn_kmh": [1.0, 0.005, 0.0001]}}
-DRIVEN = {
-    **LIGHT,
-    "traction": [{"to_kmh": 60, "force_kn": 120}],
-    "brake": [{"to_kmh": 60, "force_kn": 120}],
-}
+DRIVEN = {**LIGHT, "traction": [{"to_kmh": 60, "force_kn": 120}], "brake": [{"to_kmh": 60, "force_kn": 120}]}
 
 
 def scenario(grade_permille: float, **changes: Any) -> dict[str, Any]:

@@ -130,10 +130,7 @@ def test_rotating_mass() -> None:
     assert hill.velocity[0] / 1e-3 == pytest.approx((0.02 * 181292.5 * 9.8 - dry) / 192170.05, rel=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("what", "factor", "change"),
-    [("mass", 2.0, 0.5), ("gain", 0.5, 0.5), ("adhesion", 0.5, 0.5)],
-)
+@pytest.mark.parametrize(("what", "factor", "change"), [("mass", 2.0, 0.5), ("gain", 0.5, 0.5), ("adhesion", 0.5, 0.5)])
 def test_jumps_in_time_act_at_their_step(what: str, factor: float, change: float) -> None:
     """A jump at 0.53 s, inside a tick, changes the acceleration from that step on and not before."""
     data = heavy(wagons=0).model_dump(by_alias=True, exclude_none=True)

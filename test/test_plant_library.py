@@ -124,26 +124,22 @@ def test_bad_line_files(tmp_path: Path, text: str) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "names"),
     [
-        ("mass_t: 184", "mass_t: -184", "mass"),
-        ("count: 105", "count: 0", "count"),
+        ("mass_t: 184", "mass_t: -184", "mass"), ("count: 105", "count: 0", "count"),
         ("count: 105", "count: 2000000", "2000001 vehicles, more than 5000"),
-        ("default_gear: mt2_mt2", "default_gear: mt3", "mt3"),
-        ("kind: clip", "kind: clap", "draft_gears"),
-        ("name: hxd1_c80_105", "nom: hxd1_c80_105", "nom"),
-        ("traction:", "tracktion:", "did you mean 'traction'"),
+        ("default_gear: mt2_mt2", "default_gear: mt3", "mt3"), ("kind: clip", "kind: clap", "draft_gears"),
+        ("name: hxd1_c80_105", "nom: hxd1_c80_105", "nom"), ("traction:", "tracktion:", "did you mean 'traction'"),
         ("mass_t: 184", "mass: 184", "write mass_t"),
         ("mass_t: 184", "mass_t: 184\n    adhesive_mass_t: 200", "exceeds the mass"),
         ("{to_kmh: 65, force_kn: 779", "{to_kmh: 4, force_kn: 779", "rising speed"),
         ("{to_kmh: 75, force_kn: 461}", "{to_kmh: 75, force_kn: -461}", "above 0"),
         ("{to_kmh: 5, slope_kn_per_kmh: 92.2}", "{to_kmh: 5, slope_kn_per_kmh: -9}", "above 0"),
         ("transition_stiffness: 60.0e+6", "transition_stiffness: 6.0e+6", "raise it"),
-        ("behind: [0]", "behind: [0, 0]", "twice"),
-        ("reduction_kpa: [0, 50]", "reduction_kpa: [10, 50]", "begin at 0"),
+        ("behind: [0]", "behind: [0, 0]", "twice"), ("reduction_kpa: [0, 50]", "reduction_kpa: [10, 50]", "begin at 0"),
         ("braking_factor: [0, 0.17]", "braking_factor: [0, 1.7]", "up to 1"),
         ("braking_factor: [0, 0.17]", "braking_factor: [0.3, 0.17]", "must rise"),
         ("charged_kpa: 600", "charged: 6", "absolute"),
     ],
-)
+)  # fmt: skip
 def test_bad_consist_files(tmp_path: Path, old: str, new: str, names: str) -> None:
     """Typical mistakes in a train file, each with its own message."""
     from plant_sim import library

@@ -44,16 +44,10 @@ METRO = {
     "start": 0,
     "limits": {"jerk": 0.6, "acceleration": 0.8, "deceleration": 0.8},
     "phases": [
-        {"cruise_until": 2},
-        {"accelerate_to_kmh": 80},
-        {"cruise_until": 130},
-        {"brake_to_kmh": 60},
-        {"cruise_until": 235},
-        {"accelerate_to_kmh": 80},
-        {"cruise_until": 410},
-        {"brake_to": 0},
+        {"cruise_until": 2}, {"accelerate_to_kmh": 80}, {"cruise_until": 130}, {"brake_to_kmh": 60},
+        {"cruise_until": 235}, {"accelerate_to_kmh": 80}, {"cruise_until": 410}, {"brake_to": 0},
     ],
-}
+}  # fmt: skip
 
 
 def test_phases_agree_with_a_hand_calculation() -> None:
@@ -70,10 +64,7 @@ def test_phases_agree_with_a_hand_calculation() -> None:
 
 
 @given(
-    st.lists(st.floats(1, 30), min_size=1, max_size=5),
-    st.floats(0.1, 2.0),
-    st.floats(0.2, 1.2),
-    st.floats(0.2, 1.2),
+    st.lists(st.floats(1, 30), min_size=1, max_size=5), st.floats(0.1, 2.0), st.floats(0.2, 1.2), st.floats(0.2, 1.2)
 )
 @settings(max_examples=60, deadline=None)
 def test_phases_keep_every_limit(speeds: list[float], jerk: float, up: float, down: float) -> None:

@@ -110,16 +110,11 @@ def test_the_summary_counts_and_names_bad_runs():
 SEED = 10
 COUNT = 40
 COMBINATIONS_SCENARIOS: dict[str, tuple[str, ...]] = {
-    "demo": ("duration=150",),
-    "daqin_heavy_haul": ("duration=200",),
-    "xuzhou_metro": ("duration=100", "step=0.005"),
-    "xuzhou_metro:disturbed": ("duration=100", "step=0.005"),
-    "xuzhou_metro:long_delay": ("duration=100", "step=0.005"),
-    "freight_consensus:aligned": (),
-    "freight_consensus:realistic": (),
-    "crh380a_gpc:short": ("duration=150",),
+    "demo": ("duration=150",), "daqin_heavy_haul": ("duration=200",), "xuzhou_metro": ("duration=100", "step=0.005"),
+    "xuzhou_metro:disturbed": ("duration=100", "step=0.005"), "xuzhou_metro:long_delay": ("duration=100", "step=0.005"),
+    "freight_consensus:aligned": (), "freight_consensus:realistic": (), "crh380a_gpc:short": ("duration=150",),
     "crh380a_funnel:short": ("duration=150", "control_period=0.2"),
-}
+}  # fmt: skip
 """Scenario and its assignments: short runs, with departure and running at constant speed."""
 NEAR, FAR = 1 / 20, 1 / 4
 """Part of the way of the reference: a lost train is farther off than the first, a tracked one nearer."""
@@ -185,14 +180,10 @@ def peak_share(command: np.ndarray, setup: RunSetup) -> float:
 
 
 PLACES = {
-    "demo": (100.0, 6.0, 0.8),
-    "daqin_heavy_haul": (700.0, 6.0, 0.7),
-    "xuzhou_metro:disturbed": (20.0, 4.0, 0.6),
-    "freight_consensus:aligned": (1.0, 0.2, 5.5),
-    "freight_consensus:realistic": (60.0, 6.0, 3.5),
-    "crh380a_funnel:short": (60.0, 4.0, 0.4),
-    "crh380a_gpc:short": (60.0, 6.0, 0.75),
-}
+    "demo": (100.0, 6.0, 0.8), "daqin_heavy_haul": (700.0, 6.0, 0.7), "xuzhou_metro:disturbed": (20.0, 4.0, 0.6),
+    "freight_consensus:aligned": (1.0, 0.2, 5.5), "freight_consensus:realistic": (60.0, 6.0, 3.5),
+    "crh380a_funnel:short": (60.0, 4.0, 0.4), "crh380a_gpc:short": (60.0, 6.0, 0.75),
+}  # fmt: skip
 """Scenario, the time in its profile at which the train is put on it, rolling, how long it drives [s], and the largest
 speed error [m/s]: the actuators start without a force, and the last cars of paper 002 are pushed about by 3 m/s.
 """

@@ -44,12 +44,8 @@ def in_chunks() -> bytes:
             if m.channel.topic not in numbers:
                 found, text = m.channel.metadata, m.schema.data.decode()
                 numbers[m.channel.topic] = log.channel(
-                    m.channel.topic,
-                    m.schema.name,
-                    text,
-                    found["topic_type_hash"],
-                    found["offered_qos_profiles"],
-                )
+                    m.channel.topic, m.schema.name, text, found["topic_type_hash"], found["offered_qos_profiles"],
+                )  # fmt: skip
             log.write(numbers[m.channel.topic], m.publish_ns, m.log_ns, m.data)
         log.close()
         return log.path.read_bytes()

@@ -72,13 +72,7 @@ def test_the_command_shows_both_outputs_and_draws_them(run, capsys):
     """The figure is written beside the log; with another law its content differs."""
     assert main(["replay", str(run), "--law", "smc"]) == 0
     shown = capsys.readouterr().out
-    for text in (
-        "pid, recorded",
-        "smc, replayed",
-        "difference, rms in kN",
-        "replay-smc.png",
-        "Open loop",
-    ):
+    for text in ("pid, recorded", "smc, replayed", "difference, rms in kN", "replay-smc.png", "Open loop"):
         assert text in shown
     assert main(["replay", str(run), "--law", "pid", "--json"]) == 0
     summary = json.loads(capsys.readouterr().out)

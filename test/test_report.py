@@ -48,19 +48,10 @@ def test_events_of_a_run_are_found_at_their_times(eventful: Path) -> None:
     found = {(event.kind, round(event.begin, 3), event.end and round(event.end, 3)) for event in
              detect_events(open_recording(eventful)) if event.kind != "limit"}  # fmt: skip
     assert found == {
-        ("disturbance", 12.0, 18.0),
-        ("law", 30.0, None),
-        ("fault", 35.0, None),
-        ("law", 40.5, None),
-        ("air_brake", 45.0, None),
-        ("fault", 52.0, 53.0),
-        ("air_brake", 60.0, None),
-        ("outside", 48.0, 51.0),
-        ("outside", 66.2, None),
-        ("protection", 66.3, 70.0),
-        ("ato", 66.4, None),
-        ("ato", 69.6, None),
-    }
+        ("disturbance", 12.0, 18.0), ("law", 30.0, None), ("fault", 35.0, None), ("law", 40.5, None),
+        ("air_brake", 45.0, None), ("fault", 52.0, 53.0), ("air_brake", 60.0, None), ("outside", 48.0, 51.0),
+        ("outside", 66.2, None), ("protection", 66.3, 70.0), ("ato", 66.4, None), ("ato", 69.6, None),
+    }  # fmt: skip
     texts = " | ".join(event.text for event in detect_events(open_recording(eventful)))
     for words in (
         "law pid → smc", "law smc → pid", "600 → 550 kPa", "550 → 600 kPa", "-0.02 m/s²", "0.4 s longer", "+0.01 m/s²",

@@ -86,15 +86,10 @@ def test_rows_have_the_documented_keys_and_are_written(tmp_path: Path) -> None:
     _run([_paper({"a": case}, Claim("small", "below 2", ("a",), _holds))], tmp_path)
     assert json.loads((tmp_path / "reproduce.json").read_text()) == [
         {
-            "paper": "999",
-            "claim": "small",
-            "stated": "below 2",
-            "measured": "3.0",
-            "verdict": "not reproduced",
-            "reason": "below 2",
-            "bounds": "value <= 2 (test): 3",
+            "paper": "999", "claim": "small", "stated": "below 2", "measured": "3.0", "verdict": "not reproduced",
+            "reason": "below 2", "bounds": "value <= 2 (test): 3",
         }
-    ]
+    ]  # fmt: skip
     assert json.loads((tmp_path / "cases.json").read_text())["999"]["a"] == {"value": 3.0}
 
 

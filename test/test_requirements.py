@@ -309,15 +309,11 @@ def test_bounds_contain_every_continuation_and_close_with_the_run() -> None:
 @pytest.mark.parametrize(
     ("text", "wanted"),
     [
-        ("G speed <= 4 m/s", 0.0),
-        ("F[0.1, 0.3] speed >= 3 m/s", 0.0),
-        ("G[0.1, 0.25] speed <= 4 m/s", 2.0),
-        ("F[5, 6] speed >= 0", -np.inf),
-        ("G[5, 6] speed >= 0", np.inf),
-        ("speed <= 1 m/s U speed >= 3 m/s", -1.0),
+        ("G speed <= 4 m/s", 0.0), ("F[0.1, 0.3] speed >= 3 m/s", 0.0), ("G[0.1, 0.25] speed <= 4 m/s", 2.0),
+        ("F[5, 6] speed >= 0", -np.inf), ("G[5, 6] speed >= 0", np.inf), ("speed <= 1 m/s U speed >= 3 m/s", -1.0),
         ("G[0.2, end] speed >= 3 m/s", -1.0),
     ],
-)
+)  # fmt: skip
 def test_values_by_hand(text: str, wanted: float) -> None:
     """Breaks if a window counts a sample beside its limits, or an empty window is finite."""
     found = robustness_series(parse_formula(text), {"speed": np.arange(5.0)}, TICK)[0]

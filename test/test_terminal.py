@@ -139,20 +139,15 @@ def completed(line: str, folder: Path) -> list[str]:
 @pytest.mark.parametrize(
     ("line", "names"),
     [
-        ("train-ato co", {"compare", "completion"}),
-        ("train-ato sw", {"sweep"}),
-        ("train-ato sweep spec.yaml --sch", {"--scheduler"}),
-        ("train-ato run de", {"demo"}),
+        ("train-ato co", {"compare", "completion"}), ("train-ato sw", {"sweep"}),
+        ("train-ato sweep spec.yaml --sch", {"--scheduler"}), ("train-ato run de", {"demo"}),
         ("train-ato run following", {"following", "following_metro"}),
-        ("train-ato run daqin_heavy_haul:id", {"daqin_heavy_haul:ideal"}),
-        ("train-ato run demo --la", {"--law"}),
-        ("train-ato run demo --law sm", {"smc"}),
-        ("train-ato compare demo --laws pid,sm", {"pid,smc"}),
-        ("train-ato inject emer", {"emergency-brake"}),
-        ("train-ato plan xu", {"xuzhou_metro_test"}),
+        ("train-ato run daqin_heavy_haul:id", {"daqin_heavy_haul:ideal"}), ("train-ato run demo --la", {"--law"}),
+        ("train-ato run demo --law sm", {"smc"}), ("train-ato compare demo --laws pid,sm", {"pid,smc"}),
+        ("train-ato inject emer", {"emergency-brake"}), ("train-ato plan xu", {"xuzhou_metro_test"}),
         ("train-ato report runs/", {"runs/one"}),
     ],
-)
+)  # fmt: skip
 def test_a_shell_completes_commands_options_and_names(line: str, names: set[str], tmp_path: Path) -> None:
     """Breaks if a command, an option, a shipped name or a run is not offered."""
     pytest.importorskip("argcomplete")

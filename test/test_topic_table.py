@@ -48,14 +48,10 @@ MOTORS = Topic(
     meaning="motors of every power unit",
 )
 CABIN = Topic(
-    "train/cabin",
-    "sensor_msgs/msg/Temperature",
-    Cabin,
-    (Place("temperature", "temperature"),),
-    publishers=(Role.PLANT,),
-    meaning="air of the driver's cabin",
+    "train/cabin", "sensor_msgs/msg/Temperature", Cabin, (Place("temperature", "temperature"),),
+    publishers=(Role.PLANT,), meaning="air of the driver's cabin",
     condition=Condition(lambda layout: layout.n_units > 0, "only with a power unit"),
-)
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

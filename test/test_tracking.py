@@ -167,14 +167,10 @@ def dead_time(setup: RunSetup) -> float:
 @pytest.mark.parametrize(
     ("amplitude", "periods", "seconds", "found"),
     [
-        (0.11, 4.0, 200.0, "limit cycle"),
-        (0.09, 4.0, 200.0, TRACKED),
-        (0.3, 19.6, 200.0, "limit cycle"),
-        (0.3, 21.0, 200.0, TRACKED),
-        (0.3, 1.0, 12.0, "limit cycle"),
-        (0.3, 1.0, 9.0, TRACKED),
+        (0.11, 4.0, 200.0, "limit cycle"), (0.09, 4.0, 200.0, TRACKED), (0.3, 19.6, 200.0, "limit cycle"),
+        (0.3, 21.0, 200.0, TRACKED), (0.3, 1.0, 12.0, "limit cycle"), (0.3, 1.0, 9.0, TRACKED),
     ],
-)
+)  # fmt: skip
 def test_a_sustained_oscillation_of_the_command_is_a_limit_cycle(amplitude, periods, seconds, found):
     """Breaks if amplitude, longest period or shortest duration is not that of the definition."""
     setup = demo()
@@ -276,14 +272,10 @@ def test_turbulence_is_not_the_cause_of_a_limit_cycle() -> None:
 @pytest.mark.parametrize(
     ("window", "error", "found"),
     [
-        ("5", 5.05, "stopped beyond"),
-        ("5", 4.95, TRACKED),
-        ("5", -5.05, "stopped short"),
-        ("5", -4.95, TRACKED),
-        ("null", 12.1, "stopped beyond"),
-        ("null", 11.9, TRACKED),
+        ("5", 5.05, "stopped beyond"), ("5", 4.95, TRACKED), ("5", -5.05, "stopped short"), ("5", -4.95, TRACKED),
+        ("null", 12.1, "stopped beyond"), ("null", 11.9, TRACKED),
     ],
-)
+)  # fmt: skip
 def test_a_stop_outside_of_the_window(window: str, error: float, found: str) -> None:
     """Breaks if the window is not that of the criteria, or the sign is wrong."""
     setup = demo(f"criteria.stop_window={window}")
@@ -309,14 +301,10 @@ def test_a_train_that_moves_outside_of_the_window_has_not_stopped(seconds: float
 @pytest.mark.parametrize(
     ("seconds", "kmh", "force", "found"),
     [
-        (12, -2.1, 1.0, "saturated"),
-        (12, 2.1, -1.0, "saturated"),
-        (10, -2.1, 1.0, TRACKED),
-        (12, -1.9, 1.0, TRACKED),
-        (12, 2.1, 1.0, TRACKED),
-        (12, -2.1, -1.0, TRACKED),
+        (12, -2.1, 1.0, "saturated"), (12, 2.1, -1.0, "saturated"), (10, -2.1, 1.0, TRACKED), (12, -1.9, 1.0, TRACKED),
+        (12, 2.1, 1.0, TRACKED), (12, -2.1, -1.0, TRACKED),
     ],
-)
+)  # fmt: skip
 def test_a_force_limit_with_a_speed_error_is_saturated(seconds: int, kmh: float, force: float, found: str) -> None:
     """Breaks if saturation without an error, or with an error that less force reduces, counts."""
     setup = demo()

@@ -165,13 +165,9 @@ def crest() -> Line:
     limits = [{"at": 0, "speed_kmh": 60}]
     return Line.model_validate(
         {
-            "schema": "train_ato/line/1",
-            "name": "crest",
-            "end_km": 9,
-            "grades": grades,
-            "speed_limits": limits,
+            "schema": "train_ato/line/1", "name": "crest", "end_km": 9, "grades": grades, "speed_limits": limits,
         }
-    )
+    )  # fmt: skip
 
 
 @pytest.fixture(scope="module")

@@ -19,16 +19,10 @@ from train_ato.supervision.step_function import ceiling_speeds
 from train_ato.supervision.supervisor import SupervisionState
 
 LINE = Facts(
-    "slow section",
-    TrainLayout(2, 1),
-    rear=np.array([0.0, 20.0]),
-    nose=10.0,
-    length=40.0,
-    limit_places=np.array([0.0, 1000.0, 1500.0]),
-    limit_speeds=np.array([20.0, 10.0, 25.0]),
-    grade_places=np.array([0.0, 400.0, 900.0]),
-    grades=np.array([0.0, -10.0, 5.0]),
-)
+    "slow section", TrainLayout(2, 1), rear=np.array([0.0, 20.0]), nose=10.0, length=40.0,
+    limit_places=np.array([0.0, 1000.0, 1500.0]), limit_speeds=np.array([20.0, 10.0, 25.0]),
+    grade_places=np.array([0.0, 400.0, 900.0]), grades=np.array([0.0, -10.0, 5.0]),
+)  # fmt: skip
 
 
 def plan() -> ProfileCurve:

@@ -19,23 +19,12 @@ from train_ato.scenario.scenario import load_scenario
 
 PROTOCOLS = ["foxglove.sdk.v1"]
 ORIGINS = [
-    (None, True),
-    ("http://localhost:8080", True),
-    ("http://127.0.0.1", True),
-    ("https://[::1]:9", True),
-    ("https://app.foxglove.dev", True),
-    ("file://", True),
-    ("null", False),
-    ("http://evil.example", False),
-    ("http://localhost.evil.example", False),
-    ("http://localhost@evil.example", False),
-    ("https://app.foxglove.dev.evil.example", False),
-    ("http://app.foxglove.dev", False),
-    ("ftp://localhost", False),
-    ("localhost", False),
-    ("", False),
-    ("http://[", False),
-]
+    (None, True), ("http://localhost:8080", True), ("http://127.0.0.1", True), ("https://[::1]:9", True),
+    ("https://app.foxglove.dev", True), ("file://", True), ("null", False), ("http://evil.example", False),
+    ("http://localhost.evil.example", False), ("http://localhost@evil.example", False),
+    ("https://app.foxglove.dev.evil.example", False), ("http://app.foxglove.dev", False), ("ftp://localhost", False),
+    ("localhost", False), ("", False), ("http://[", False),
+]  # fmt: skip
 """Origin and True if it may read the topics."""
 
 
@@ -113,9 +102,5 @@ def test_two_origins_are_refused_and_names_are_compared_without_port():
     """Breaks if a second header hides the first, or letters and ports of a name matter."""
     assert not may_read_topics("localhost", ["http://localhost", "http://evil.example"])
     assert [host_of(text) for text in ("LOCALHOST:80", "[::1]:80", "[::1", "a@b", "")] == [
-        "localhost",
-        "::1",
-        "",
-        "b",
-        "",
-    ]
+        "localhost", "::1", "", "b", "",
+    ]  # fmt: skip

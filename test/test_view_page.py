@@ -19,17 +19,7 @@ pytest.importorskip("rclpy")
 
 from chromium import browser
 from engine_runs import record_run
-from view_browser import (
-    answer,
-    choose,
-    click,
-    number,
-    opened,
-    said_wrong,
-    strangers,
-    text,
-    viewing,
-)
+from view_browser import answer, choose, click, number, opened, said_wrong, strangers, text, viewing
 from waiting import still, wait_for
 
 from train_ato.apps.view.page import ViewPage

@@ -43,34 +43,24 @@ from train_ato.scenario.interventions import EmergencyBrakeNow, GustNow, planned
 from train_ato.scenario.scenario import load_scenario
 
 LINE = Facts(
-    "two limits",
-    TrainLayout(3, 1),
-    nose=10.0,
-    length=60.0,
-    limit_places=np.array([0.0, 1000.0, 1500.0]),
+    "two limits", TrainLayout(3, 1), nose=10.0, length=60.0, limit_places=np.array([0.0, 1000.0, 1500.0]),
     limit_speeds=np.array([20.0, 10.0, 25.0]),
-)
+)  # fmt: skip
 PROFILE = ProfileCurve(np.array([0.0, 100.0]), np.array([0.0, 2000.0]), np.array([15.0, 0.0]))
 
 
 def moment(front, speed=15.0, **more):
     values = {
-        "time": 3725.04,
-        "position": np.array([front - 10.0, front - 30.0, front - 50.0]),
-        "velocity": np.full(3, speed),
-        "coupler": np.array([12e3, -340e3, 0.0]),
-        "shoe": None,
-        "applied": np.array([-45e3]),
-        "command": np.array([-50e3]),
-        "estimate": np.array([0.0]),
+        "time": 3725.04, "position": np.array([front - 10.0, front - 30.0, front - 50.0]),
+        "velocity": np.full(3, speed), "coupler": np.array([12e3, -340e3, 0.0]), "shoe": None,
+        "applied": np.array([-45e3]), "command": np.array([-50e3]), "estimate": np.array([0.0]),
         "reference": (front - 12.5, 14.5, 0.0),
-    }
+    }  # fmt: skip
     return Snapshot(**{**values, **more})
 
 
 @pytest.mark.parametrize(
-    ("front", "speed", "text"),
-    [(209.7, 0.0, "arrived"), (209.7, 0.2, "+3326 s"), (209.4, 0.0, "+3326 s")],
+    ("front", "speed", "text"), [(209.7, 0.0, "arrived"), (209.7, 0.2, "+3326 s"), (209.4, 0.0, "+3326 s")]
 )
 def test_the_delay_ends_with_the_arrival(front: float, speed: float, text: str) -> None:
     """Breaks if the delay grows at the last stop, or a train that is short of the stop window has arrived."""

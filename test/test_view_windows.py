@@ -49,17 +49,8 @@ class Started:
 def running(domain: int, out: Path, scenario: str = "demo"):
     """Start a run on a domain in a new session, so that all its processes can be killed together."""
     command = [
-        sys.executable,
-        "-m",
-        "train_ato",
-        "run",
-        scenario,
-        "--no-lockstep",
-        "--rate",
-        "5",
-        "--domain",
-        str(domain),
-    ]
+        sys.executable, "-m", "train_ato", "run", scenario, "--no-lockstep", "--rate", "5", "--domain", str(domain),
+    ]  # fmt: skip
     process = subprocess.Popen([*command, f"--out={out}"], stderr=subprocess.DEVNULL, start_new_session=True)
     try:
         yield Started(process, out)

@@ -169,13 +169,9 @@ def test_frames_are_the_line_and_the_vehicles_of_the_pressures():
         if "header" in typestore().types[topic.type].__dataclass_fields__
     }
     assert {name: frame for name, frame in frames.items() if frame} == {
-        "train/brake_pipe": "vehicle_0",
-        "train/brake_pipe_tail": "vehicle_105",
-        "ato/brake_pipe_command": "vehicle_0",
-        "ato/profile": "line",
-        "ato/limits": "line",
-        "ato/reference": "line",
-    }
+        "train/brake_pipe": "vehicle_0", "train/brake_pipe_tail": "vehicle_105", "ato/brake_pipe_command": "vehicle_0",
+        "ato/profile": "line", "ato/limits": "line", "ato/reference": "line",
+    }  # fmt: skip
 
 
 def test_diagnostics_are_plain_numbers_with_the_unit_in_the_key():
@@ -277,17 +273,9 @@ def test_topics_exist_only_where_there_is_something_to_tell():
     with pytest.raises(KeyError):
         plain.encode("ato/brake_pipe_command", Pipe(0, 6e5))
     assert {topic.name for topic in topics_of(LONG)} - {topic.name for topic in topics_of(LAYOUTS[1])} == {
-        "train/brake_pipe",
-        "train/brake_pipe_tail",
-        "train/brake_shoes",
-        "train/disturbance",
-        "train/odometry",
-        "train/protection",
-        "atp/brake_release",
-        "atp/speeds",
-        "ato/state",
-        "ato/brake_pipe_command",
-    }
+        "train/brake_pipe", "train/brake_pipe_tail", "train/brake_shoes", "train/disturbance", "train/odometry",
+        "train/protection", "atp/brake_release", "atp/speeds", "ato/state", "ato/brake_pipe_command",
+    }  # fmt: skip
 
 
 def test_equal_bytes_are_decoded_once_and_others_again():

@@ -15,7 +15,6 @@ from packaging.requirements import Requirement
 from train_ato.cli import main
 
 ROOT = Path(__file__).resolve().parents[1]
-SHORT = {"duration": 20}
 PLAN = ["plan", "level", "xuzhou_metro_3", "--to-km", "1", "--time", "200"]
 
 
