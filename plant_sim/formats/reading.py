@@ -205,7 +205,7 @@ def _note_train_traps(consist: Consist, place: str) -> None:
 
 
 def _note_traps(found: ReadLine, place: str) -> None:
-    """Name speeds and grades that are probably in another unit, and entries outside of the line or over another one."""
+    """Name speeds and grades that are probably in another unit, and entries over another one or outside of the line."""
     line = found.line
     own = found.format == "train_ato"
     if not SHORT <= (length := line.end - line.begin) <= LONG:
@@ -246,6 +246,11 @@ def _note_traps(found: ReadLine, place: str) -> None:
                 f"{place}: {key}: none from {number_text(line.begin)} to {number_text(limits[0].at)} m; only the train "
                 "limits the speed there"
             )
+    _note_outside(line, place)
+
+
+def _note_outside(line: Line, place: str) -> None:
+    """Name entries that lie outside of the line."""
     for name in ("grades", "speed_limits", "stops", "curves", "tunnels", "temporary_restrictions", "neutral_sections",
                  "power_limits", "adhesion", "vertical_curves", "coordinates"):  # fmt: skip
         rows = getattr(line, name)

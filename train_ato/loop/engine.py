@@ -111,10 +111,9 @@ def run_engine(
         and not setup.scenario.evaluation.couplers
     )
     loop = TickLoop(setup, sink, compiled=wanted, summary_only=brief)
-    begin = time.perf_counter()
+    begin = next_report = time.perf_counter()
     clock = RateLimit(rate, setup.tick)
     watch = FirstFailure(log_folder)
-    next_report = begin
     try:
         loop.start()
         while not (loop.plant.finished or interrupt.asked or stopped):

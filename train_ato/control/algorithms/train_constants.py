@@ -147,12 +147,12 @@ def hauling_groups(model: TrainModel) -> list[tuple[float, int]]:
     The groups without a hauled neighbour have no entry.
     """
     shares = dict(zip(model.units, model.share.tolist(), strict=True))
-    found, share, before = [], 0.0, 0
-    for number in range(len(model.consist.vehicles) + 1):
+    found, share, before, count = [], 0.0, 0, len(model.consist.vehicles)
+    for number in range(count + 1):
         if number in shares:
             share += shares[number]
             continue
-        after = int(number < len(model.consist.vehicles))
+        after = int(number < count)
         if share > 0.0 and before + after > 0:
             found.append((share, before + after))
         share, before = 0.0, 1

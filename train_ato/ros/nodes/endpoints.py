@@ -131,11 +131,8 @@ class NodeEndpoints:
         arguments: list[str] | None = None,
         external: Role | None = None,
     ) -> None:
-        self.role = role
-        self.external = external
-        self.name = role.value
-        self.wire = wire
-        self.watch = watch
+        self.role, self.name, self.external = role, role.value, external
+        self.wire, self.watch = wire, watch
         self.node = Node(
             self.name,
             context=context,
@@ -164,6 +161,9 @@ class NodeEndpoints:
         self._ticking = {name for name, topic in BY_NAME.items() if topic.rate in (Rate.TICK, Rate.SUPERVISION)}
         self._first_sent: dict[str, tuple[bytes, int]] = {}
         self._first_read: dict[str, bytes] = {}
+        self._repeatable = {name for name in self._ticking if not self.sent_outside(name)}
+        if external is None and role is Role.PLANT:
+            self._repeatable.clear()
         if external is not None:
             self.node.create_timer(REPEAT_S, self._repeat_first, clock=Clock(clock_type=ClockType.STEADY_TIME))
         for topic in published_by(role):
@@ -174,8 +174,7 @@ class NodeEndpoints:
                 self._senders[topic.name] = self._publishers[topic.name].handle.publish_raw
                 self.published[topic.name] = 0
         self._log = self.node.create_publisher(LogMessage, "/rosout", ROSOUT)
-        self.joining = False
-        self.handled = 0
+        self.joining, self.handled = False, 0
         self._end: Diagnostic | None = None
         self._take_end: Callable[[], Any] | None = None
         if role is Role.RECORDER:
@@ -252,9 +251,11 @@ class NodeEndpoints:
 
     def is_repeated(self, name: str, data: bytes) -> bool:
         """Return True for the first message of a topic of ticks that its node sends again, for another reader."""
-        if name not in self._ticking or self.sent_outside(name) or (self.external is None and self.role is Role.PLANT):
+        if name not in self._repeatable:
             return False
         first = self._first_read.setdefault(name, data)
+        if first != data:
+            self._repeatable.discard(name)  # it is sent again before the second message only
         return first is not data and first == data
 
     def publish_all(self, messages: list[tuple[str, Any]]) -> None:
