@@ -305,6 +305,21 @@ def two(tmp_path_factory: pytest.TempPathFactory) -> tuple[FollowingResult, Path
     return run_following(load_following(path), RunMode("engine"), folder / "out", shown=False), folder / "out"
 
 
+def test_a_disturbance_of_the_first_train_does_not_grow(tmp_path: Path) -> None:
+    """Fails if the string is unstable: the peak of a disturbance of the speed grows from train to train."""
+    gust = [{"at": 12, "do": "gust", "acceleration": -1.0, "duration": 20, "ramp": 2}]
+    phases = [{"accelerate_to_kmh": 50}, {"cruise_until": 4000}, {"brake_to": 0}]
+    trains: list[dict[str, Any]] = [
+        {"name": f"t{number}", "scenario": "metro.yaml", "set": {
+            "duration": 130, "profile": {"since": 200 - 40 * number, "phases": phases},
+            **({"leader": LEADER} if number > 1 else {"interventions": gust})}}
+        for number in (1, 2, 3)
+    ]  # fmt: skip
+    file = load_following(following_file(tmp_path, trains=trains))
+    behind = run_following(file, RunMode("engine"), shown=False).summary["trains"][1:]
+    assert all(0.1 < row["speed_amplification"] <= 1.0 for row in behind), behind
+
+
 def columns(run: Run) -> tuple[list[float], list[float], list[float]]:
     """Return times, places of the front and places of the rear of a train from its log."""
     table = run["train/vehicles"]

@@ -192,8 +192,8 @@ def _run_live(trains: FollowingFile, run_mode: RunMode, out: Path) -> FollowingR
 
 FOLLOWING_ROWS = (
     "tracking", "speed_rmse_kmh", "position_error_max_m", "gap_min_m", "contacts", "headway_error_max_m",
-    "headway_error_rms_m", "headway_speed_error_max_kmh", "brake_interventions", "takeovers", "coupler_draft_max_kn",
-    "coupler_buff_max_kn", "energy_traction_kwh",
+    "headway_error_rms_m", "headway_speed_error_max_kmh", "speed_amplification", "brake_interventions", "takeovers",
+    "coupler_draft_max_kn", "coupler_buff_max_kn", "energy_traction_kwh",
 )  # fmt: skip
 """Figures of every train of a following file."""
 

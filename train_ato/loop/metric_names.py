@@ -51,6 +51,7 @@ METRICS: dict[str, tuple[str, str]] = {
     "headway_error_max_m": ("place against the train ahead one headway before, largest error", "m"),
     "headway_error_rms_m": ("place against the train ahead one headway before, rms error", "m"),
     "headway_speed_error_max_kmh": ("speed against the train ahead one headway before, largest error", "km/h"),
+    "speed_amplification": ("deviation of the speed from the own profile, times that of the train ahead", ""),
     "takeovers": ("takeovers of the braking law", ""),
 }
 """Name and unit by key of ``summary.json``."""

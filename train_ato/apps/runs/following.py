@@ -28,6 +28,8 @@ from train_ato.scenario.following import FollowingFile, FollowingSpec
 from train_ato.supervision.train_report import TrainReport, reports_text
 
 SUMMARY = "summary.json"
+LEAST_DEVIATION = 1e-9
+"""Smallest deviation of a speed that another one is divided by [m/s]."""
 
 
 @dataclass(frozen=True)
@@ -170,8 +172,10 @@ def result_of(spec: FollowingSpec, runs: dict[str, Run], place: Path | None) -> 
 def follower_figures(ahead: Recording, own: Recording, setup: RunSetup) -> dict[str, Any]:
     """Return the figures of a train behind another one, on the truth of both.
 
-    Gap: rear of the train ahead less the front, at the common ticks. Headway errors: place and speed of the front less
-    those of the train ahead one headway before, where the profile follows it, away from own stops.
+    Gap: rear of the train ahead less the front, at the common ticks. Speed amplification: largest deviation of the
+    speed from the own profile, by that of the train ahead; at most 1 where a disturbance does not grow. Headway errors:
+    place and speed of the front less those of the train ahead one headway before, where the profile follows it, away
+    from own stops.
     """
     leader = ahead.setup
     assert leader is not None
@@ -186,6 +190,7 @@ def follower_figures(ahead: Recording, own: Recording, setup: RunSetup) -> dict[
         "gap_min_m": float(gap.min()),
         "gap_min_s": float(time[gap.argmin()]),
         "contacts": int(touching[0]) + int((touching[1:] & ~touching[:-1]).sum()),
+        "speed_amplification": _speed_deviation(own, setup) / max(_speed_deviation(ahead, leader), LEAST_DEVIATION),
     }
     spec = setup.scenario.leader
     if spec is None or spec.headway is None:
@@ -204,6 +209,12 @@ def follower_figures(ahead: Recording, own: Recording, setup: RunSetup) -> dict[
         "headway_error_rms_m": float(np.sqrt((error**2).mean())),
         "headway_speed_error_max_kmh": float(np.abs(speed).max() * KMH),
     }
+
+
+def _speed_deviation(recording: Recording, setup: RunSetup) -> float:
+    """Return the largest deviation of the speed of the front from the own profile, before any report [m/s]."""
+    planned = setup.profile.at_times(recording.time)[1]
+    return float(np.abs(recording.front_velocity - planned).max())
 
 
 def _judged(spec: FollowingSpec, rows: list[dict[str, Any]]) -> dict[str, Any]:
