@@ -181,6 +181,18 @@ def test_a_track_with_heights_by_hand(
     assert len(line.coordinates) == len(points)
 
 
+def test_a_track_that_passes_a_station_twice_stops_twice(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if the second passage has no stop, or a track that turns back has no word."""
+    points = track()
+    halt = {"Halt": [points[100][0], 48.0005]}
+    line = find_line(written(tmp_path / "one.gpx", gpx(points, halt)))
+    assert [round(stop.at) for stop in line.stops] == [2000]
+    assert "turns back" not in capsys.readouterr().err
+    line = find_line(written(tmp_path / "two.gpx", gpx(points + points[-2::-1], halt)))
+    assert [round(stop.at) for stop in line.stops] == [2000, 6000]
+    assert "track 'Ours' turns back near 4000 m" in capsys.readouterr().err
+
+
 def test_a_faulty_track_is_refused(tmp_path: Path) -> None:
     """Breaks if a document type is read, or a faulty number or an ambiguous track is a traceback."""
     points = track()

@@ -1,7 +1,7 @@
 """Lines and trains from a file of any supported format, recognised by its content."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -20,7 +20,7 @@ from plant_sim.formats.railml import holds_stock, is_railml, railml_line
 from plant_sim.formats.railml_collection import read_xml
 from plant_sim.formats.railml_stock import railml_train
 from plant_sim.input_error import build_model
-from plant_sim.line import Line, reversed_line
+from plant_sim.line import Line, LineSection, reversed_line
 from plant_sim.si_model import unusual_values
 from plant_sim.units import number_text
 
@@ -202,6 +202,29 @@ def _note_train_traps(consist: Consist, place: str) -> None:
         doubts.append(f"traction power {number_text(power)} W for {number_text(consist.mass)} kg")
     for doubt in doubts:
         print_assumption(f"{place}: {doubt}; check its unit")
+    for loss in _without_effect(consist):
+        print_assumption(f"{place}: {loss}")
+
+
+def _without_effect(consist: Consist) -> Iterator[str]:
+    """Yield the data of the brakes that have no effect, each with its remedy."""
+    with_shoes = [name for name, kind in consist.vehicle_types.items() if kind.shoes is not None]
+    if with_shoes and consist.air_brake is None:
+        yield f"{with_shoes[0]}: shoes have no effect without an air brake; add air_brake: {{}}"
+    if consist.air_brake is not None and not any(vehicle.shoes for vehicle in consist.vehicles):
+        yield "air_brake has no force, because no vehicle of the train has shoes; add shoes"
+    for name, kind in consist.vehicle_types.items():
+        for speed in sorted(part.to for part in (*kind.electric_brake, *kind.brake)):
+            electric, whole = (
+                next((part.at(speed) for part in envelope if speed <= part.to), 0.0)
+                for envelope in (kind.electric_brake, kind.brake)
+            )
+            if electric > whole + 1.0:
+                text = (
+                    f"{number_text(electric)} N at {number_text(speed)} m/s, more than brake with {number_text(whole)}"
+                )
+                yield f"{name}: electric_brake has {text} N, of which it is a part; correct one of them"
+                break
 
 
 def _note_traps(found: ReadLine, place: str) -> None:
@@ -230,11 +253,11 @@ def _note_traps(found: ReadLine, place: str) -> None:
     steepest = max((abs(entry.grade) for entry in line.grades), default=0.0)
     if 0.0 < steepest < FLAT:
         print_assumption(f"{place}: grades: the steepest is {number_text(1e3 * steepest)} per mille; check its unit")
-    bends = sorted(line.curves, key=lambda curve: curve.begin)
-    for one, other in pairwise(bends):
+    added = (("curves", line.curves), ("tunnels", [entry for entry in line.tunnels if entry.resistance_n_per_kn]))
+    for key, one, other in ((key, *pair) for key, rows in added for pair in pairwise(sorted(rows, key=_begin))):
         if other.begin < one.end - ROUNDING:
             print_assumption(
-                f"{place}: curves: two from {number_text(other.begin)} to {number_text(min(one.end, other.end))} m; "
+                f"{place}: {key}: two from {number_text(other.begin)} to {number_text(min(one.end, other.end))} m; "
                 "their resistances add"
             )
     for key, limits in (
@@ -274,6 +297,10 @@ def _note_outside(line: Line, place: str) -> None:
                 f"{place}: {name}[{beyond[0]}]: {number_text(places[beyond[0]])} m lies beyond the end of the line, "
                 f"{number_text(line.end)} m{_more(beyond)}"
             )
+
+
+def _begin(section: LineSection) -> float:
+    return section.begin
 
 
 def _more(entries: Sequence[object]) -> str:

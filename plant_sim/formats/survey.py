@@ -145,6 +145,8 @@ def _line(
         raise ValueError(f"{apart}; give a track without gaps")
     if gap > WIDE:
         print_assumption(f"{apart}; straight between them")
+    if (turn := _turning_place(at, spots)) is not None:
+        print_assumption(f"{place}: track '{name}' turns back near {number_text(turn)} m; the line runs on there")
     every = math.ceil(len(spots) / MAX_COORDINATES)
     shown = sorted({*range(0, len(spots), every), len(spots) - 1})
     raw = {
@@ -162,13 +164,27 @@ def _line(
 
 def distances(spots: list[Spot]) -> Any:
     """Return the distance of every point along the track on the ellipsoid [m], shape (n,)."""
+    return np.concatenate(([0.0], np.cumsum(np.hypot(*_steps(spots)))))
+
+
+def _turning_place(at: Any, spots: list[Spot]) -> float | None:
+    """Return the first place [m] where a track turns back, by chords of :data:`STRETCH`; None without one."""
+    north, east = (np.concatenate(([0.0], np.cumsum(steps))) for steps in _steps(spots))
+    knots = np.arange(0.0, float(at[-1]), STRETCH)
+    x, y = (np.diff(np.interp(knots, at, values)) for values in (north, east))
+    back = np.flatnonzero(x[1:] * x[:-1] + y[1:] * y[:-1] < 0.0)
+    return float(knots[back[0] + 1]) if back.size else None
+
+
+def _steps(spots: list[Spot]) -> tuple[Any, Any]:
+    """Return the ways to the north and to the east from point to point [m], shape (n - 1,) each."""
     latitude, longitude = (np.radians(np.array([spot[:2] for spot in spots], dtype=float)[:, k]) for k in (0, 1))
     middle = (latitude[1:] + latitude[:-1]) / 2
     bulge = 1 - ECCENTRICITY * np.square([math.sin(angle) for angle in middle.tolist()])
     north = EQUATOR * (1 - ECCENTRICITY) / bulge**1.5 * np.diff(latitude)
     turn = (np.diff(longitude) + math.pi) % (2 * math.pi) - math.pi  # over the date line too
     east = EQUATOR / np.sqrt(bulge) * np.array([math.cos(angle) for angle in middle.tolist()]) * turn
-    return np.concatenate(([0.0], np.cumsum(np.hypot(north, east))))
+    return north, east
 
 
 def _grades(at: Any, heights: list[float | None], place: str) -> list[dict[str, float]]:
@@ -206,8 +222,14 @@ def _stops(at: Any, spots: list[Spot], stations: list[tuple[str, Spot]], place: 
         nearest = int(np.argmin(ways))
         if ways[nearest] > BESIDE:
             print_assumption(f"{place}: '{name}' is {ways[nearest]:.0f} m beside the track; no stop")
-        else:
+        while ways[nearest] <= BESIDE:  # a track may pass it again
             found.setdefault(float(at[nearest]), name)
+            for side in (range(nearest, -1, -1), range(nearest + 1, len(ways))):
+                for k in side:
+                    if ways[k] > 2 * BESIDE:
+                        break
+                    ways[k] = math.inf
+            nearest = int(np.argmin(ways))
     return [{"at": where, "name": name} for where, name in sorted(found.items())]
 
 
