@@ -40,11 +40,8 @@ BARE = {"jerk": None, "acceleration": None, "deceleration": None, "force_margin"
 def train(**vehicle: Any) -> Consist:
     base = {"mass": 1000, "length": 1, "resistance": {"n": [0, 0, 0]}}
     data = {
-        "schema": "train_ato/consist/1",
-        "name": "t",
-        "vehicle_types": {"t": base | vehicle},
-        "train": [{"type": "t"}],
-    }
+        "schema": "train_ato/consist/1", "name": "t", "vehicle_types": {"t": base | vehicle}, "train": [{"type": "t"}],
+    }  # fmt: skip
     return Consist.model_validate(data)
 
 
@@ -338,7 +335,7 @@ def energies(line: Line, consist: Consist, settings: PlanSettings, times: list[f
 
 def test_more_time_needs_less_energy_on_the_slow_line() -> None:
     """Breaks if a switching curve near 0 stops the train at its start: 204.3 s then needs more than 182.3 s."""
-    found = energies(slow_line(), slow_train(), PlanSettings(), [170, 182.3, 204.3, 250])
+    found = energies(slow_line(), slow_train(), PlanSettings(), [182.3, 204.3])
     assert np.diff(found).max() <= ENERGY_STEP
 
 
