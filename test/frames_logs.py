@@ -75,14 +75,11 @@ def write_foreign(path) -> None:
         vector, quaternion = t["geometry_msgs/msg/Vector3"], t["geometry_msgs/msg/Quaternion"]
         for k in range(3):
             content = t["sensor_msgs/msg/Imu"](
-                header=header(k),
-                orientation=quaternion(x=0.0, y=0.0, z=0.0, w=1.0),
-                orientation_covariance=np.arange(9.0),
-                angular_velocity=vector(x=0.0, y=0.0, z=k / 2),
-                angular_velocity_covariance=np.arange(9.0),
-                linear_acceleration=vector(x=0.0, y=0.0, z=0.0),
+                header=header(k), orientation=quaternion(x=0.0, y=0.0, z=0.0, w=1.0),
+                orientation_covariance=np.arange(9.0), angular_velocity=vector(x=0.0, y=0.0, z=k / 2),
+                angular_velocity_covariance=np.arange(9.0), linear_acceleration=vector(x=0.0, y=0.0, z=0.0),
                 linear_acceleration_covariance=np.arange(9.0),
-            )
+            )  # fmt: skip
             add(imu, k, bytes(types.serialize_cdr(content, "sensor_msgs/msg/Imu")))
         rosout = channel("/rosout", "rcl_interfaces/msg/Log")
         for k in range(200):

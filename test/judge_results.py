@@ -161,12 +161,9 @@ def on_profile(
     wanted = np.array([profile(scenario).at(float(t))[:2] for t in base.time])
     position = wanted[:, 0] + off
     recording = with_series(
-        base,
-        position=position,
-        front_position=position,
-        front_velocity=wanted[:, 1] + fast,
+        base, position=position, front_position=position, front_velocity=wanted[:, 1] + fast,
         reference_position=position - own,
-    )
+    )  # fmt: skip
     return Result({"command_variation_kn_per_s": 1.0}, recording)
 
 

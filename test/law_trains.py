@@ -28,20 +28,14 @@ HILLY = Line.model_validate(
 )
 
 MOTORED = {
-    "mass": 80e3,
-    "length": 80.0,
-    "resistance": {"n_per_kg": [1.176e-2, 7.7616e-4, 1.6e-5]},
-    "traction": [{"to": 50.0, "force": 400e3}],
-    "brake": [{"to": 50.0, "force": 400e3}],
-}
+    "mass": 80e3, "length": 80.0, "resistance": {"n_per_kg": [1.176e-2, 7.7616e-4, 1.6e-5]},
+    "traction": [{"to": 50.0, "force": 400e3}], "brake": [{"to": 50.0, "force": 400e3}],
+}  # fmt: skip
 WAGON = {"mass": 100e3, "length": 12.0, "resistance": {"n_per_kn_kmh": [0.92, 0.0048, 0.000125]}}
 LOCOMOTIVE = {
-    "mass": 184e3,
-    "length": 35.222,
-    "resistance": {"n_per_kn_kmh": [1.20, 0.0065, 0.000279]},
-    "traction": [{"to": 33.3, "force": 760e3}],
-    "brake": [{"to": 33.3, "force": 461e3}],
-}
+    "mass": 184e3, "length": 35.222, "resistance": {"n_per_kn_kmh": [1.20, 0.0065, 0.000279]},
+    "traction": [{"to": 33.3, "force": 760e3}], "brake": [{"to": 33.3, "force": 461e3}],
+}  # fmt: skip
 SPRING = {"kind": "linear", "stiffness": 160e3, "damping": 800.0}
 
 

@@ -34,12 +34,9 @@ class Bench:
             kind = __import__(BY_NAME[name].type.split("/")[0], fromlist=["msg"])
             message_type = getattr(__import__(f"{kind.__name__}.msg", fromlist=["x"]), BY_NAME[name].type.split("/")[2])
             self.other.create_subscription(
-                message_type,
-                name,
-                lambda data, name=name: self.heard[name].append(self.wire.decode(name, data)),
-                quality_of_service(BY_NAME[name]),
-                raw=True,
-            )
+                message_type, name, lambda data, name=name: self.heard[name].append(self.wire.decode(name, data)),
+                quality_of_service(BY_NAME[name]), raw=True,
+            )  # fmt: skip
 
     def speaker(self, name, node=None):
         message_type = getattr(

@@ -22,13 +22,10 @@ def random_train(rng: np.random.Generator, vehicles: int) -> tuple[Consist, floa
     fading = [{"to_kmh": 5, "slope_kn_per_kmh": pull * 1.1 / 5e3}] if rng.random() < 0.2 else []
     resistance = [float(rng.uniform(*span)) for span in ((0.5, 3), (0, 0.02), (1e-4, 1e-3))]
     engine = {
-        "mass": mass,
-        "length": float(rng.uniform(10, 28)),
-        "rotating_mass_factor": float(rng.uniform(1, 1.15)),
-        "resistance": {"n_per_kn_kmh": resistance},
-        "traction": traction,
+        "mass": mass, "length": float(rng.uniform(10, 28)), "rotating_mass_factor": float(rng.uniform(1, 1.15)),
+        "resistance": {"n_per_kn_kmh": resistance}, "traction": traction,
         "brake": [*fading, {"to": 1.1 * top, "force": pull * 1.1}],
-    }
+    }  # fmt: skip
     wagon = {"mass": mass, "length": float(rng.uniform(10, 28)), "resistance": {"n_per_kn_kmh": [1.0, 0.005, 0.0003]}}
     train: list[dict[str, Any]] = [{"type": "engine"}]
     if vehicles > 1:

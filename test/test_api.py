@@ -551,11 +551,8 @@ def test_a_result_is_typed_and_a_notebook_begins_with_the_verdict(tmp_path: Path
     run = ta.run(short, set={"criteria.stop_window": 0.001})
     failed, row = run.result.criteria[0], run.metrics["criteria"][0]
     assert (run.result.verdict, run.result.passed, failed.name, failed.passed) == (
-        "failed",
-        False,
-        "stop_window",
-        False,
-    )
+        "failed", False, "stop_window", False,
+    )  # fmt: skip
     assert (failed.value, failed.unit, failed.at_s, failed.km) == (row["value"], "m", row["at_s"], row["km"])
     assert [stop.beyond_m for stop in run.result.stops] == [failed.value]
     assert run.result.energy.traction_kwh == run.metrics["energy_traction_kwh"]

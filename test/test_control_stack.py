@@ -155,17 +155,12 @@ BRAKED = Consist.model_validate(
         "name": "braked",
         "vehicle_types": {
             "loco": {
-                "mass": 184e3,
-                "length": 35.222,
-                "resistance": {"n_per_kn_kmh": [1.2, 0.0065, 0.000279]},
-                "traction": [{"to": 33.3, "force": 760e3}],
-                "brake": [{"to": 33.3, "force": 461e3}],
+                "mass": 184e3, "length": 35.222, "resistance": {"n_per_kn_kmh": [1.2, 0.0065, 0.000279]},
+                "traction": [{"to": 33.3, "force": 760e3}], "brake": [{"to": 33.3, "force": 461e3}],
                 "shoes": {"count": 32, "force": 6.93e3, "friction": 0.441},
             },
             "wagon": {
-                "mass": 100e3,
-                "length": 12.0,
-                "resistance": {"n_per_kn_kmh": [0.92, 0.0048, 0.000125]},
+                "mass": 100e3, "length": 12.0, "resistance": {"n_per_kn_kmh": [0.92, 0.0048, 0.000125]},
                 "shoes": {"count": 8, "force": 16.18e3, "friction": 0.481},
             },
         },
@@ -174,7 +169,7 @@ BRAKED = Consist.model_validate(
         "default_gear": "gear",
         "air_brake": {},
     }
-)
+)  # fmt: skip
 
 
 def test_planned_brake_is_demanded_and_taken_off_the_feedforward():

@@ -35,12 +35,9 @@ from train_ato.supervision.train_report import (
 
 CRUISE = [{"accelerate_to_kmh": 50}, {"cruise_until": 400}, {"brake_to": 0}]
 METRO: dict[str, Any] = {
-    "base": "xuzhou_metro",
-    "tick": 0.1,
-    "step": 0.005,
-    "supervision": {"enabled": True},
+    "base": "xuzhou_metro", "tick": 0.1, "step": 0.005, "supervision": {"enabled": True},
     "profile": {"phases": CRUISE, "limits": {"jerk": 0.6, "acceleration": 0.8, "deceleration": 0.8}},
-}
+}  # fmt: skip
 LEADER: dict[str, Any] = {"headway": 40.0, "smoothing": 10.0}
 
 

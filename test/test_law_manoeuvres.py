@@ -42,12 +42,9 @@ class Manoeuvre:
 
 
 MANOEUVRES = {
-    "run": Manoeuvre(),
-    "hill": Manoeuvre(hill=True),
-    "behind": Manoeuvre(behind=2.0),
-    "gap": Manoeuvre(gap=range(300, 308)),
-    "delay": Manoeuvre(delay=0.6, lag=0.4),
-}
+    "run": Manoeuvre(), "hill": Manoeuvre(hill=True), "behind": Manoeuvre(behind=2.0),
+    "gap": Manoeuvre(gap=range(300, 308)), "delay": Manoeuvre(delay=0.6, lag=0.4),
+}  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -267,13 +267,10 @@ def test_one_step_by_hand_003():
     e, de = 0.2, -0.03
     out = make(of).step(
         inputs(
-            of,
-            position=500.0 + e - of.offsets,
-            velocity=np.full(5, 10.0 + de),
-            reference_acceleration=np.full(5, 0.1),
+            of, position=500.0 + e - of.offsets, velocity=np.full(5, 10.0 + de), reference_acceleration=np.full(5, 0.1),
             disturbance=np.full(5, 200.0),
         )
-    )
+    )  # fmt: skip
     k1 = 0.3 / (1 - (e / 0.5) ** 2)
     e2 = de + k1 * e
     k2 = 0.7 / (1 - (e2 / 0.1) ** 2)

@@ -36,13 +36,10 @@ def test_pid_per_mass_with_feedforward_and_disturbance():
     law = printed_law("pid", {"kp": 0.1, "ki": 0.01}, of, 0.1)
     out = law.step(
         inputs(
-            of,
-            velocity=np.full(5, 10.2),
-            position=502.0 - of.offsets,
-            feedforward=np.full(5, 7e3),
+            of, velocity=np.full(5, 10.2), position=502.0 - of.offsets, feedforward=np.full(5, 7e3),
             disturbance=np.full(5, 2e3),
         )
-    )
+    )  # fmt: skip
     assert out.force == pytest.approx(np.full(5, 7e3 - 2e3 - 80e3 * (0.1 * 0.2 + 0.01 * 2.0)), rel=1e-9)
 
 

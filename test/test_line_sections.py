@@ -44,14 +44,11 @@ def railcar(**vehicle: Any) -> Consist:
     }  # fmt: skip
     return Consist.model_validate(
         {
-            "schema": "train_ato/consist/1",
-            "name": "railcar",
-            "vehicle_types": {"car": {**car, **vehicle}},
-            "train": [{"type": "car", "count": 2}],
-            "draft_gears": {"rigid": {"kind": "rigid"}},
+            "schema": "train_ato/consist/1", "name": "railcar", "vehicle_types": {"car": {**car, **vehicle}},
+            "train": [{"type": "car", "count": 2}], "draft_gears": {"rigid": {"kind": "rigid"}},
             "default_gear": "rigid",
         }
-    )
+    )  # fmt: skip
 
 
 def driven(line: Line, demand: float, seconds: float, consist: Consist | None = None, **setup: Any) -> Array:

@@ -164,22 +164,17 @@ def scenario(grade_permille: float, **changes: Any) -> dict[str, Any]:
     """Return a run of 20 m on a grade: a locomotive and three wagons, 240 t, start after 5 s, 0.02 m/s²."""
     plant = {
         "consist": {
-            "schema": "train_ato/consist/1",
-            "name": "short",
-            "vehicle_types": {"engine": DRIVEN, "wagon": LIGHT},
+            "schema": "train_ato/consist/1", "name": "short", "vehicle_types": {"engine": DRIVEN, "wagon": LIGHT},
             "train": [{"type": "engine"}, {"type": "wagon", "count": 3}],
             "draft_gears": {"spring": {"kind": "linear", "stiffness_mn_per_m": 10, "damping_kns_per_m": 100}},
             "default_gear": "spring",
         },
         "line": {
-            "schema": "train_ato/line/1",
-            "name": "slope",
-            "begin": -500,
-            "end": 1000,
+            "schema": "train_ato/line/1", "name": "slope", "begin": -500, "end": 1000,
             "grades": [{"at": -500, "grade_permille": grade_permille}],
         },
         **changes.pop("plant", {}),
-    }
+    }  # fmt: skip
     limits = {"acceleration": 0.02, "deceleration": 0.02, "jerk": 0.02}
     phases = [{"cruise_for": 5}, {"accelerate_to_kmh": 1.5}, {"cruise_for": 25}, {"brake_to": 0}]
     return {

@@ -55,12 +55,9 @@ def test_time_within_a_band_and_how_figures_are_written() -> None:
     assert np.isnan(time_within(time, values, 1.0))
     assert np.isnan(time_within(time, np.full((6, 1), np.nan), 10.0))
     texts = [
-        written(0.0024, "m"),
-        written(43.97, "m"),
-        written(7353.0, "m"),
-        written(float("nan"), "s"),
+        written(0.0024, "m"), written(43.97, "m"), written(7353.0, "m"), written(float("nan"), "s"),
         written(0.698, "m/s"),
-    ]
+    ]  # fmt: skip
     assert texts == ["2.4 mm", "44 m", "7.35 km", "never", "0.698 m/s"]
 
 

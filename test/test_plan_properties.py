@@ -60,11 +60,8 @@ def train_of(types: dict[str, Any], *counts: int) -> Consist:
 def line_of(**keys: Any) -> Line:
     """Return a line of 12 km with a limit of 80 km/h and two stops, changed by keys."""
     data: dict[str, Any] = {
-        "schema": "train_ato/line/1",
-        "name": "own",
-        "end_km": 12,
-        "stops": [{"at": 200}, {"at": 8000}],
-    }
+        "schema": "train_ato/line/1", "name": "own", "end_km": 12, "stops": [{"at": 200}, {"at": 8000}],
+    }  # fmt: skip
     return Line.model_validate({**data, "speed_limits": [{"at": 0, "speed_kmh": 80}], **keys})
 
 
@@ -319,13 +316,10 @@ def test_the_shortest_time_with_tunnels_dead_sections_and_steps_is_found(seed: i
 @pytest.mark.parametrize(
     ("kind", "begin", "end", "value"),
     [
-        ("adhesion", 200, 2500, 0.35),
-        ("adhesion", 1000, 2500, 0.3),
-        ("adhesion", 0, 4500, 0.25),
-        ("power_limits", 200, 2500, 900e3),
-        ("power_limits", 1000, 3000, 600e3),
+        ("adhesion", 200, 2500, 0.35), ("adhesion", 1000, 2500, 0.3), ("adhesion", 0, 4500, 0.25),
+        ("power_limits", 200, 2500, 900e3), ("power_limits", 1000, 3000, 600e3),
     ],
-)
+)  # fmt: skip
 def test_the_shortest_time_with_low_adhesion_or_power_is_found(
     kind: str, begin: float, end: float, value: float
 ) -> None:

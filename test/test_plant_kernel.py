@@ -100,12 +100,9 @@ def test_linear_spring_and_damper_energy() -> None:
     for step_ns in (1_000_000, 500_000, 250_000):
         gear = {"kind": "linear", "stiffness": 5e6, "damping": 2e4}
         plant = train(
-            chain(4, gear),
-            step_ns=step_ns,
-            tick_ns=step_ns,
-            start={"speeds": [1.0, 0.0, 0.0, -1.0]},
+            chain(4, gear), step_ns=step_ns, tick_ns=step_ns, start={"speeds": [1.0, 0.0, 0.0, -1.0]},
             holding_brake_ratio=0,
-        )
+        )  # fmt: skip
         start, dissipated, none = plant.kinetic_energy, 0.0, np.zeros((1, 0))
         for _ in range(round(2e9 / step_ns)):
             rate = -np.diff(plant.velocity)
@@ -278,13 +275,10 @@ def test_loops_over_vehicles_are_vectorised(name: str) -> None:
     a = train(heavy()).arrays
     couplers = (a.state[k.X], a.state[k.V], a.state, a.vehicle, a.gear)
     arguments: dict[str, tuple[Any, ...]] = {
-        "_clip": (1, 105, True, *couplers),
-        "_speeds": (0.005, a.state, a.vehicle),
-        "_braked_speeds": (0.005, a.state, a.vehicle),
-        "_held_speeds": (0.005, 1.0, a.state, a.vehicle),
-        "_cylinders": (a.state, a.vehicle, a.setting),
-        "_slide_protection": (a.state, a.vehicle, True),
-    }
+        "_clip": (1, 105, True, *couplers), "_speeds": (0.005, a.state, a.vehicle),
+        "_braked_speeds": (0.005, a.state, a.vehicle), "_held_speeds": (0.005, 1.0, a.state, a.vehicle),
+        "_cylinders": (a.state, a.vehicle, a.setting), "_slide_protection": (a.state, a.vehicle, True),
+    }  # fmt: skip
     fresh = njit(error_model="numpy")(getattr(k, name).py_func)  # the cache keeps no instructions
     fresh(*arguments.get(name, (1, 105, *couplers)))
     (instructions,) = fresh.inspect_asm().values()

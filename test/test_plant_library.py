@@ -12,15 +12,12 @@ from plant_sim.library import consist_names, line_names, load_consist, load_line
 @pytest.mark.parametrize(
     ("name", "vehicles", "mass_t", "length", "units"),
     [
-        ("hxd1_c80_105", 106, 10_684, 35.222 + 105 * 12, 1),
-        ("hxd1_c80_210", 212, 21_368, 2 * (35.222 + 105 * 12), 2),
-        ("xuzhou_metro_3", 1, 181.2925, 118, 1),
-        ("crh380a_one_mass", 1, 442, 203, 1),
-        ("crh380a_three_units", 3, 442, 203, 3),
-        ("crh380a_eight_cars", 8, 442, 203, 6),
+        ("hxd1_c80_105", 106, 10_684, 35.222 + 105 * 12, 1), ("hxd1_c80_210", 212, 21_368, 2 * (35.222 + 105 * 12), 2),
+        ("xuzhou_metro_3", 1, 181.2925, 118, 1), ("crh380a_one_mass", 1, 442, 203, 1),
+        ("crh380a_three_units", 3, 442, 203, 3), ("crh380a_eight_cars", 8, 442, 203, 6),
         ("freight_five", 5, 400, 400, 5),
     ],
-)
+)  # fmt: skip
 def test_trains(name: str, vehicles: int, mass_t: float, length: float, units: int) -> None:
     """Numbers, masses and lengths of the papers; every file has a source and runs."""
     consist = load_consist(name)

@@ -283,12 +283,9 @@ def test_table_equals_its_source_curve() -> None:
     d = np.linspace(0.0, 0.166, 333)
     loading = force_along(gear(CLIP, damping=0.0, slack=0.0), d, SLOW)
     table = {
-        "kind": "table",
-        "deflection": d.tolist(),
-        "loading": loading.tolist(),
-        "unloading": (0.25 * loading).tolist(),
+        "kind": "table", "deflection": d.tolist(), "loading": loading.tolist(), "unloading": (0.25 * loading).tolist(),
         "slack_mm": 10,
-    }
+    }  # fmt: skip
     turns = path(0.09, 0.04, 0.12, -0.07, 0.02)
     difference = force_along(gear(table), turns, SLOW) - force_along(gear(CLIP, damping=0.0), turns, SLOW)
     assert np.abs(difference).max() < 2.5e3

@@ -37,11 +37,8 @@ def test_a_log_alone_tells_all_but_the_summary(capsys: pytest.CaptureFixture[str
     assert by_name["/ato/profile"]["rate_hz"] is None
     assert all(topic["gaps"] == 0 for topic in found["topics"])
     assert [(row["at_s"], row["name"]) for row in found["changes"]] == [
-        (12.0, "pid.kp"),
-        (20.0, "controller"),
-        (24.0, "gust"),
-        (26.0, "delay_jump"),
-    ]
+        (12.0, "pid.kp"), (20.0, "controller"), (24.0, "gust"), (26.0, "delay_jump"),
+    ]  # fmt: skip
     assert found["versions"]["train_ato"]
     assert found["note"] == ""
 

@@ -156,14 +156,11 @@ def test_the_row_has_value_time_unit_and_the_sign_decides() -> None:
 @pytest.mark.parametrize(
     ("formula", "at_s"),
     [
-        ("G speed <= 3 m/s and G speed >= 1 m/s", 0.2),
-        ("F speed >= 9 m/s or G[0.4,end] speed <= 2 m/s", 0.2),
-        ("not F speed >= 3 m/s", 0.2),
-        ("F[0,0.1] speed >= -2 m/s -> G[0.4,end] speed >= 3 m/s", 0.9),
-        ("speed >= 1 m/s and F speed >= 1 m/s", 0.0),
-        ("speed >= 0 U speed >= 4 m/s", None),
+        ("G speed <= 3 m/s and G speed >= 1 m/s", 0.2), ("F speed >= 9 m/s or G[0.4,end] speed <= 2 m/s", 0.2),
+        ("not F speed >= 3 m/s", 0.2), ("F[0,0.1] speed >= -2 m/s -> G[0.4,end] speed >= 3 m/s", 0.9),
+        ("speed >= 1 m/s and F speed >= 1 m/s", 0.0), ("speed >= 0 U speed >= 4 m/s", None),
     ],
-)
+)  # fmt: skip
 def test_a_compound_formula_has_the_time_of_its_decisive_part(formula: str, at_s: float | None) -> None:
     """Breaks if the time is that of the part with the larger margin, or of the wrong end of a window."""
     speed = np.array([0, 1, 9, 2, 4, 4, 4, 4, 4, 2.0])

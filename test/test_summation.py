@@ -61,21 +61,17 @@ BY_PROCESSOR = re.compile(r"np\.(dot|vdot|inner|convolve|correlate|poly|exp|sin|
 ELSEWHERE = {
     "plant_sim/alignment.py": {"np.cos(heading + turn / 2)", "np.cos(latitude[0])", "np.sin(heading + turn / 2)"},
     "train_ato/control/algorithms/linear_train.py": {
-        "self.C @ np.linalg.solve(1j * w * unit - self.A, self.B)",
-        "np.linalg.solve(1j * w * unit - self.A, self.B)",
-        "np.exp(-1j * w * late)",
-        "np.linalg.eigvals(self.A)",
+        "self.C @ np.linalg.solve(1j * w * unit - self.A, self.B)", "np.linalg.solve(1j * w * unit - self.A, self.B)",
+        "np.exp(-1j * w * late)", "np.linalg.eigvals(self.A)",
     },
     "train_ato/control/algorithms/loop_gains.py": {
-        "np.cos(np.minimum(phase, math.pi))",
-        "np.exp(-s * (delay + 0.5 * period))",
-        "np.exp(-s * delay)",
+        "np.cos(np.minimum(phase, math.pi))", "np.exp(-s * (delay + 0.5 * period))", "np.exp(-s * delay)",
     },
     "train_ato/control/laws/gpc.py": {"np.exp(-s * sampling)", "np.exp(0.5 * s * period)"},
     "train_ato/control/train_model.py": {
         "np.convolve(np.pad(specific, width, mode='edge'), np.full(width, 1 / width), mode='same')"
     },
-}
+}  # fmt: skip
 """The map, the linear model for users, the margin of gains before a run, which is no number of it, and a moving mean
 that has had the same bits on every processor so far."""
 NEWER_TYPES = {"Self", "Never", "LiteralString", "Required", "NotRequired", "Unpack", "TypeVarTuple", "override",

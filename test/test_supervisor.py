@@ -55,12 +55,9 @@ def test_the_states_follow_the_ceiling_speeds_with_the_hysteresis_of_the_standar
     permitted, warning, service, emergency = margins
     rising = [permitted - 1, permitted + 1, warning + 0.5, service + 0.5, emergency + 0.5]
     assert states(supervisor, rising) == [
-        SupervisionState.NORMAL,
-        SupervisionState.OVERSPEED,
-        SupervisionState.WARNING,
-        SupervisionState.SERVICE_BRAKE,
+        SupervisionState.NORMAL, SupervisionState.OVERSPEED, SupervisionState.WARNING, SupervisionState.SERVICE_BRAKE,
         SupervisionState.EMERGENCY_BRAKE,
-    ]
+    ]  # fmt: skip
     assert supervisor.interventions == 1
 
 
@@ -329,14 +326,11 @@ def test_an_age_equal_to_a_bound_is_permitted() -> None:
 @pytest.mark.parametrize(
     ("values", "expected"),
     [
-        ((1.0, 1.0, 1.0), Protection.NONE),
-        ((0.0, 1.0, 1.0), Protection.COAST),
-        ((0.0, 0.0, 1.0), Protection.SERVICE_BRAKE),
-        ((0.0, 0.0, 0.0), Protection.EMERGENCY_BRAKE),
-        ((1.0, 1.0, np.nan), Protection.EMERGENCY_BRAKE),
-        ((1.0, 1.0, 0.5), Protection.EMERGENCY_BRAKE),
+        ((1.0, 1.0, 1.0), Protection.NONE), ((0.0, 1.0, 1.0), Protection.COAST),
+        ((0.0, 0.0, 1.0), Protection.SERVICE_BRAKE), ((0.0, 0.0, 0.0), Protection.EMERGENCY_BRAKE),
+        ((1.0, 1.0, np.nan), Protection.EMERGENCY_BRAKE), ((1.0, 1.0, 0.5), Protection.EMERGENCY_BRAKE),
     ],
-)
+)  # fmt: skip
 def test_only_the_exact_value_releases(values: tuple[float, ...], expected: Protection) -> None:
     """Breaks if a damaged release holds a brake off (fail-safe polarity)."""
     protection = TrainProtection(metro())

@@ -214,18 +214,15 @@ RANGES = [
     # model, key, smallest and largest accepted value (None: no bound), refused values
     (SupervisionSpec, "period", (0.001, 2.0), (0.0009, 2.001)),
     (SupervisionSpec, "overlap", (0.0, 1e5), (-0.001, 100_000.1)),
-    (SupervisionSpec, "kdry", (0.001, 1.0), (0.0, 1.001)),
-    (SupervisionSpec, "roll_away", (0.001, None), (0.0,)),
+    (SupervisionSpec, "kdry", (0.001, 1.0), (0.0, 1.001)), (SupervisionSpec, "roll_away", (0.001, None), (0.0,)),
     (SupervisionSpec, "speed_difference", (0.001, None), (0.0,)),
     (SupervisionSpec, "position_difference", (0.001, None), (0.0,)),
     (SupervisionSpec, "confirmation", (0.0, None), (-0.001,)),
     (SupervisionSpec, "assurance_margin", (0.0, None), (-0.001,)),
-    (SupervisionSpec, "plan_margin", (0.0, None), (-0.001,)),
-    (FailsafeSpec, "hold", (0.0, None), (-0.001,)),
-    (FailsafeSpec, "coast", (0.0, None), (-0.001,)),
-    (FailsafeSpec, "service", (0.0, None), (-0.001,)),
+    (SupervisionSpec, "plan_margin", (0.0, None), (-0.001,)), (FailsafeSpec, "hold", (0.0, None), (-0.001,)),
+    (FailsafeSpec, "coast", (0.0, None), (-0.001,)), (FailsafeSpec, "service", (0.0, None), (-0.001,)),
     (FailsafeSpec, "release", (0.001, None), (0.0,)),
-]
+]  # fmt: skip
 
 
 def test_defaults() -> None:

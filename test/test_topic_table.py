@@ -40,13 +40,10 @@ class Cabin:
 
 
 MOTORS = Topic(
-    "train/motors",
-    "sensor_msgs/msg/JointState",
-    Motors,
-    joint_states(Owner.UNIT, position="temperature", velocity="slip"),
-    publishers=(Role.PLANT,),
+    "train/motors", "sensor_msgs/msg/JointState", Motors,
+    joint_states(Owner.UNIT, position="temperature", velocity="slip"), publishers=(Role.PLANT,),
     meaning="motors of every power unit",
-)
+)  # fmt: skip
 CABIN = Topic(
     "train/cabin", "sensor_msgs/msg/Temperature", Cabin, (Place("temperature", "temperature"),),
     publishers=(Role.PLANT,), meaning="air of the driver's cabin",

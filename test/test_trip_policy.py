@@ -270,12 +270,9 @@ def plan() -> tuple[TripPlan, dict[str, Any]]:
         {"at_km": 4.2, "grade": 0.0},
     ]
     line = {
-        "schema": "train_ato/line/1",
-        "name": "crest",
-        "end_km": 9,
-        "grades": grades,
+        "schema": "train_ato/line/1", "name": "crest", "end_km": 9, "grades": grades,
         "speed_limits": [{"at": 0, "speed_kmh": 60}],
-    }
+    }  # fmt: skip
     planner = TripPlanner(Line.model_validate(line), Consist.model_validate(train), TripSettings(end=8_000.0))
     return planner.with_unit_shares(planner.at_price(0.5)), {"consist": train, "line": line}
 

@@ -45,25 +45,19 @@ def told(time: float, node: str, message: str, **values: str) -> Diagnostic:
 def test_states_follow_the_diagnostics() -> None:
     """Breaks if a reason outlives its state, or the state of one node is taken from another."""
     reports = [
-        told(0, "supervisor", "normal"),
-        told(0, "controller", "engaged", ato_state="engaged", ato_reason="start"),
+        told(0, "supervisor", "normal"), told(0, "controller", "engaged", ato_state="engaged", ato_reason="start"),
         told(1, "supervisor", "warning", reason="82 km/h"),
         told(2, "plant", "coast", protection="no command for 0.6 s"),
-        told(3, "controller", "failure", ato_state="failure", ato_reason="no force"),
-        told(4, "supervisor", "normal"),
-        told(5, "plant", "running"),
-        told(6, "controller", "engaged", ato_state="engaged", ato_reason="request"),
-    ]
+        told(3, "controller", "failure", ato_state="failure", ato_reason="no force"), told(4, "supervisor", "normal"),
+        told(5, "plant", "running"), told(6, "controller", "engaged", ato_state="engaged", ato_reason="request"),
+    ]  # fmt: skip
     times, states, marks = protection_history(reports)
     assert times[-1] == 6.0
     assert states[-1] == ProtectionStates("normal", "", "", "", "engaged", "")
     assert states[times.index(3.0)].reasons == "82 km/h; train: no command for 0.6 s; ATO: no force"
     assert [(mark.time, mark.label) for mark in marks] == [
-        (1.0, ""),
-        (2.0, "coast"),
-        (3.0, "failure"),
-        (6.0, "engaged"),
-    ]
+        (1.0, ""), (2.0, "coast"), (3.0, "failure"), (6.0, "engaged"),
+    ]  # fmt: skip
     assert states_after(states[-1], told(7, "observer", "observing")) is states[-1]
 
 
