@@ -24,6 +24,8 @@ _ENDS = ("begin", "begin_km", "end", "end_km")
 """Keys of the ends of a line."""
 ROUNDING = 1e-6
 """Rounding of places [m]."""
+WIDEST_GAP = 200.0
+"""Largest distance of a recorded kilometre from those of the line [m]."""
 
 
 class ChainageSection(SiModel):
@@ -128,6 +130,28 @@ def place_of_post(sections: Sequence[ChainageSection], begin: float, text: str) 
         where = "nowhere" if not found else f"at {' and '.join(number_text(place) for place in found)} m"
         raise ValueError(f"'{text}': the line has this kilometre {where}; write the distance in metres")
     return found[0]
+
+
+def places_along(sections: Sequence[ChainageSection], begin: float, kilometres: Sequence[float]) -> list[float] | None:
+    """Return the places [m] of kilometres [m] in their order along a line; None if one of them lies nowhere.
+
+    Of a kilometre that the line has twice, the place nearest to the one before counts. In a gap of the kilometres the
+    place is the jump.
+    """
+    found: list[float] = []
+    for kilometre in kilometres:
+        choices, passed = [], begin
+        for section in sections:
+            low, high = sorted((section.begin, section.end))
+            inside = min(max(kilometre, low), high)
+            place = passed + abs(inside - section.begin)
+            choices.append((abs(inside - kilometre), abs(place - found[-1]) if found else 0.0, place))
+            passed += section.length
+        beside, _, place = min(choices)
+        if beside > WIDEST_GAP:
+            return None
+        found.append(place)
+    return found
 
 
 def with_places(data: dict[str, Any]) -> dict[str, Any]:

@@ -203,6 +203,25 @@ def test_falling_kilometres_run_on_the_reversed_line(tmp_path: Path, capsys) -> 
     assert first == pytest.approx(170e3 - 87.5e3, abs=20), "begin + end of the line less the position"
 
 
+def test_kilometres_of_posts_are_places_on_a_line_with_chainage(tmp_path: Path) -> None:
+    """Breaks if kilometres that fall and jump are refused, or read as distances."""
+    line = tmp_path / "line.yaml"
+    sections = "[{begin: 84500, end: 83200}, {begin: 83250, end: 77000}]"
+    line.write_text(f"{{schema: train_ato/line/1, name: l, end: 7550, chainage: {sections}}}")
+    time = np.arange(0.0, 120.5, 1.0)
+    v, x, f = metro(time)
+    post = np.where(x < 1300, 84500 - x, 83250 - (x - 1300))
+    rows = {"time_s": time, "speed_kmh": 3.6 * v, "position_m": post, "force_kn": f / 1e3}
+    (tmp_path / "posts.csv").write_text(text_of(rows))
+    found = read_recorder(tmp_path / "posts.csv", train="xuzhou_metro_3", line=line).found
+    assert found.position is not None and x.max() > 1400
+    np.testing.assert_allclose(found.position.values, x, atol=1e-6)
+    assert "position_m: kilometres of the posts of line 'l'" in found.notes
+    (tmp_path / "posts.csv").write_text(text_of(rows | {"position_m": post + 9000}))
+    with pytest.raises(ValueError, match="positions fall, from"):
+        read_recorder(tmp_path / "posts.csv", train="xuzhou_metro_3", line=line)
+
+
 @pytest.mark.parametrize("leap", [-60.0, 60.0, 180.0])
 def test_a_leap_of_the_odometer_is_refused_at_its_line(leap: float, tmp_path: Path, capsys) -> None:
     """Breaks if positions that the speed contradicts are imported, as one of 180 m in 5.8 km was."""

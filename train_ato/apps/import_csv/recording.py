@@ -4,6 +4,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from plant_sim.chainage import places_along
+from plant_sim.line import Line
 from plant_sim.units import number_text
 from train_ato.apps.import_csv.columns import LARGEST_GAP, Column
 from train_ato.apps.import_csv.faults import FileFaults
@@ -72,7 +74,8 @@ def measured(
     offsets: Array,
     *,
     largest_gap: float = LARGEST_GAP,
-    mirror: float | None = None,
+    line: Line,
+    against: bool = False,
 ) -> Measured:
     """Check the data of a file and return them by quantity.
 
@@ -88,15 +91,16 @@ def measured(
         Distance of every power unit behind the centre of vehicle 0 [m], shape (units,).
     largest_gap
         Maximum time between rows [s].
-    mirror
-        Sum of begin and end of a line against its direction [m]: falling positions x become mirror - x; None: refused.
+    line, against
+        Line of the measurement; against its direction, falling positions are mirrored. Positions that fall, or lie
+        off the line, are kilometres of its posts if it has a chainage.
 
     Raises
     ------
     ValueError
         One line for each fault: file, line, column: problem; fix.
     """
-    return _Check(table, units, half, offsets, largest_gap, mirror).run()
+    return _Check(table, units, half, offsets, largest_gap, line, against).run()
 
 
 def way_of(speed: ColumnSamples) -> Array:
@@ -109,13 +113,14 @@ class _Check:
     """Checks of one file."""
 
     def __init__(
-        self, table: CsvTable, units: int, half: float, offsets: Array, largest_gap: float, mirror: float | None
+        self, table: CsvTable, units: int, half: float, offsets: Array, largest_gap: float, line: Line, against: bool
     ) -> None:
         self._table = table
         self._units = units
         self._half = half
         self._offsets = offsets
-        self._mirror = mirror
+        self._line = line
+        self._against = against
         self._rows = Rows(table, largest_gap)
         self._faults = FileFaults(table.path)
 
@@ -255,13 +260,18 @@ class _Check:
         return {unit: self._rising(samples) for unit, samples in found.items()}
 
     def _rising(self, samples: ColumnSamples) -> ColumnSamples:
-        """Return positions that rise in the direction of running; those of falling kilometres are mirrored."""
-        values = samples.values
+        """Return positions that rise in the direction of running; those of posts, or falling ones, are converted."""
+        values, title, line = samples.values, samples.column.title, self._line
         steps = np.diff(values)
-        if not (values[-1] < values[0] and (steps < 0).sum() > 4 * (steps > 0).sum()):
+        falling = values[-1] < values[0] and (steps < 0).sum() > 4 * (steps > 0).sum()
+        if line.chainage and (falling or values.min() < line.begin or values.max() > line.end):
+            places = places_along(line.chainage, line.begin, values.tolist())
+            if places is not None and places[-1] > places[0]:
+                self._rows.notes.append(f"{title}: kilometres of the posts of line '{line.name}'")
+                return samples.moved(np.array(places))
+        if not falling:
             return samples
-        title = samples.column.title
-        if self._mirror is None:
+        if not self._against:
             raise self._table.wrong(
                 int(samples.rows[int(np.argmax(steps < 0)) + 1]),
                 samples.column,
@@ -269,7 +279,7 @@ class _Check:
                 f"line of this direction with --line LINE:reverse, or use the speed only with --ignore '{title}'",
             )
         self._rows.notes.append(f"{title}: falling kilometres, mirrored with the line")
-        return samples.moved(self._mirror - values)
+        return samples.moved(line.begin + line.end - values)
 
     def _position(self, speed: ColumnSamples, unit_position: dict[int, ColumnSamples]) -> ColumnSamples | None:
         """Return the position of vehicle 0 from the position column of the file."""

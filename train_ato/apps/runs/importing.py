@@ -160,8 +160,8 @@ def read_recorder(
     notes = [sort_rows(table) if sort or (kind is not None and kind.sort) else "", add_notch_force(table, consist)]
     half = consist.vehicles[0].length / 2
     offsets = np.array(consist.offsets)[list(consist.power_units)]
-    mirror = on.begin + on.end if str(line).endswith(ENDING) else None
-    found = measured(table, len(consist.power_units), half, offsets, largest_gap=largest_gap, mirror=mirror)
+    against = str(line).endswith(ENDING)
+    found = measured(table, len(consist.power_units), half, offsets, largest_gap=largest_gap, line=on, against=against)
     found.notes += [note for note in notes if note]
     window = window_of(found) if smooth is None else smooth
     profile = measured_profile(found, tick, _start(from_km, found, half, on, dash), window)
