@@ -470,7 +470,7 @@ def check_remedies(name: str, assignments: tuple[str, ...], message: str) -> Non
         assert again == "", f"{message}\n{' '.join(setting)}: {again}"
 
 
-@pytest.mark.parametrize(("law", "name"), sampled(product(LAWS.names(), PLACES), every=3))
+@pytest.mark.parametrize(("law", "name"), sampled(product(LAWS.names(), PLACES), every=7))
 def test_every_remedy_of_a_refused_pair_is_accepted(name: str, law: str) -> None:
     """Breaks if a remedy of law and compensation is refused, also by another check."""
     for compensation in COMPENSATIONS.names():

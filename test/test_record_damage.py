@@ -114,7 +114,7 @@ def one_line(capsys: pytest.CaptureFixture[str], *arguments: str) -> int:
 
 
 @pytest.mark.parametrize(
-    ("kind", "seed"), sampled(CASES, every=2), ids=lambda case: getattr(case, "__name__", str(case))
+    ("kind", "seed"), sampled(CASES, every=4), ids=lambda case: getattr(case, "__name__", str(case))
 )
 def test_whatever_is_recovered_was_recorded(
     kind: Callable[[random.Random], bytes], seed: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
