@@ -20,6 +20,7 @@ from plant_sim.input_error import build_model
 from plant_sim.line import Line, Rating, line_for, reversed_line
 from plant_sim.track import Track
 from plant_sim.traction import Envelope
+from train_ato.apps.runs.converting import convert
 from train_ato.cli.main import main
 from train_ato.profile.planner.allowance import Allowance
 from train_ato.profile.planner.settings import find_line
@@ -191,6 +192,36 @@ def test_a_track_that_passes_a_station_twice_stops_twice(tmp_path: Path, capsys:
     line = find_line(written(tmp_path / "two.gpx", gpx(points + points[-2::-1], halt)))
     assert [round(stop.at) for stop in line.stops] == [2000, 6000]
     assert "track 'Ours' turns back near 4000 m" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("ending", ["csv", "json", "gpx", "geojson", "yaml"])
+def test_every_key_of_a_line_is_written_or_named(ending: str, tmp_path: Path) -> None:
+    """Breaks if a key, or the length of a line with coordinates for a shorter one, is lost without a word."""
+    text = """schema: train_ato/line/1
+name: full
+summary: all keys
+end: 8000
+chainage: [{begin: 12+000, end: 16+000}, {begin: 16+500, end: 20+500}]
+grades: [{at: 0, grade_permille: 3}, {at: 2000, grade_permille: -6}]
+vertical_curves: [{at: 2000, radius_km: 10}]
+curves: [{begin: 500, end: 900, radius: 500, side: left, resistance_n_per_kn: 2}, {begin: 1500, end: 1900, radius: 80}]
+tunnels: [{begin: 1000, end: 1500, cross_section: 45}, {begin: 5000, end: 5500, resistance_n_per_kn: 1.5}]
+speed_limits: [{at: 0, speed_kmh: 80}, {at: 3000, speed_kmh: 60}]
+category_limits: [{category: freight, speed_limits: [{at: 0, speed_kmh: 50}]}]
+temporary_restrictions: [{begin: 1100, end: 1300, speed_kmh: 30, reason: works}]
+neutral_sections: [{begin: 2500, end: 2600, electric_brake: true}]
+power_limits: [{begin: 6000, end: 7000, power_kw: 2500}]
+adhesion: [{begin: 3000, end: 3200, factor: 0.6}]
+stops: [{at: 200, name: A, dwell: 30}, {at: 7900, name: C}]
+coordinates: [{at: 0, latitude: 48.0, longitude: 11.0}, {at: 8000, latitude: 48.0, longitude: 11.1}]
+"""
+    line = find_line(written(tmp_path / "full.yaml", text))
+    told = " ".join(convert(tmp_path / "full.yaml", tmp_path / f"out.{ending}")["left_out"])
+    back = find_line(str(tmp_path / f"out.{ending}"))
+    averaged = {"grades", "stops", "coordinates", "end"} if ending in ("gpx", "geojson") else set()
+    keys = {*Line.model_fields} - {"schema_", "name", "source"} - averaged
+    assert not [key for key in keys if getattr(line, key) != getattr(back, key) and key not in told]
+    assert (back.end == pytest.approx(8000, rel=5e-3)) != ("its length of 8000 m" in told)
 
 
 def test_a_faulty_track_is_refused(tmp_path: Path) -> None:

@@ -47,8 +47,8 @@ OTHER_NAMES = {
 UNITS = {"km_h": "kmh", "kph": "kmh", "": "1", "degree": "deg", "miles": "mi", "feet": "ft", "promille": "permille"}
 TEXT = "stop"
 NOT_IN_A_TABLE = (
-    "category_limits", "vertical_curves", "temporary_restrictions", "neutral_sections", "power_limits", "adhesion",
-    "tunnels", "summary",
+    "chainage", "category_limits", "vertical_curves", "temporary_restrictions", "neutral_sections", "power_limits",
+    "adhesion", "tunnels", "summary",
 )  # fmt: skip
 """Keys of a line that a table does not have."""
 SEPARATORS = (";", "\t", ",")

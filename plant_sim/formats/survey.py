@@ -32,6 +32,8 @@ GAP = 20e3
 """Largest distance between two points of a track [m]."""
 WIDE = 1e3
 """Distance between two points of a track above which a note names them [m]."""
+STRAIGHT = 5e-3
+"""Difference between the length of a line and the way along its coordinates, over the way, that is named."""
 MAX_COORDINATES = 2000
 """Largest number of coordinates of a line; of a longer track every n-th one."""
 CARRIED = ("type", "features[].type", "features[].geometry", "features[].properties.name", "geometry", "coordinates")
@@ -264,7 +266,10 @@ def _points(line: Line) -> tuple[list[tuple[float, Spot]], tuple[str, ...]]:
     left += [f"begin = {number_text(line.begin)} m (now 0)"] if line.begin else []
     if first > line.begin or last < line.end:
         left.append(f"places without coordinates: only {number_text(first)} to {number_text(last)} m")
-    spots = zip(found[0].tolist(), found[1].tolist(), heights, strict=True)
+    spots = list(zip(found[0].tolist(), found[1].tolist(), heights, strict=True))
+    way = float(distances(spots)[-1])
+    if abs(way - (last - first)) > STRAIGHT * way:
+        left.append(f"its length of {number_text(last - first)} m: its coordinates are {number_text(way)} m apart")
     return list(zip(places, spots, strict=True)), (*left, "heights above the begin of the line, not above the sea")
 
 
