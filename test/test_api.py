@@ -521,6 +521,7 @@ def test_python_has_the_commands_of_the_shell(tmp_path: Path) -> None:
     assert [*catalogue().values()][2:] == [kind() for kind in kinds]
 
 
+@pytest.mark.usefixtures("without_figure")
 def test_a_run_is_verified_from_python(tmp_path: Path) -> None:
     """Breaks if ``ta.verify`` compares nothing, or accepts a tolerance that the command refuses."""
     ta.run("demo", set={"duration": 5}, out=tmp_path / "run", progress=False)
@@ -593,6 +594,7 @@ def test_a_run_is_a_dataset_of_xarray(monkeypatch: pytest.MonkeyPatch) -> None:
     assert force.sel(vehicle=17).values.tolist() == run["train/vehicles"]["vehicle_17_coupler_force_n"].tolist()
 
 
+@pytest.mark.usefixtures("without_figure")
 def test_every_error_is_of_one_tree(tmp_path: Path) -> None:
     """Breaks if a refusal of a function or method is no ``ta.Error``, or a user's ValueError becomes one."""
     run = ta.run("demo", set={"duration": 5})
@@ -618,6 +620,7 @@ def test_every_error_is_of_one_tree(tmp_path: Path) -> None:
     assert not isinstance(raised.value, ta.InputError)
 
 
+@pytest.mark.usefixtures("without_figure")
 def test_a_measured_run_and_braking_curves_are_those_of_the_commands(tmp_path: Path, capsys) -> None:
     """Breaks if ``ta.import_run`` or ``ta.curves`` has other numbers than its command."""
     arguments = ["examples/recorder.csv", "--consist", "xuzhou_metro_3", "--line", "level"]
@@ -638,6 +641,7 @@ def test_help_shows_functions() -> None:
     assert "law: " in pydoc.plain(pydoc.render_doc(ta.run)).partition("\n\n")[2].partition("\n")[0]
 
 
+@pytest.mark.usefixtures("without_figure")
 def test_the_difference_of_two_runs_is_that_of_their_motion(tmp_path: Path) -> None:
     """Breaks if a difference has the wrong sign, another place than the front's, or the stop of another station."""
     hop = {"phases": [{"accelerate_to": 3.0, "acceleration": 0.1}, {"cruise_for": 5}, {"brake_to": 0.0}]}
@@ -662,6 +666,7 @@ def test_the_difference_of_two_runs_is_that_of_their_motion(tmp_path: Path) -> N
     assert "traction energy by +0 kWh" in same.line
 
 
+@pytest.mark.usefixtures("without_figure")
 def test_a_stop_that_one_run_does_not_reach_has_no_difference(tmp_path: Path, capsys) -> None:
     """Breaks if a stop without arrival is left out or gets a number, or the page of both runs lacks the difference."""
     hop = {"phases": [{"accelerate_to": 5.0, "acceleration": 0.5}, {"cruise_for": 5}, {"brake_to": 0.0}]}
