@@ -10,6 +10,7 @@ import pytest
 from engine_runs import record_run
 
 from train_ato.apps.report.page_data import page_data
+from train_ato.apps.view.recorded import RecordedFeed
 from train_ato.cli.main import main
 from train_ato.log.difference import compare_logs
 from train_ato.log.overview import log_overview
@@ -86,6 +87,10 @@ def reported(run: Path, out: Path) -> None:
     page_data(open_recording(run), share=0.01)  # the short run fills its curves, too
 
 
+def viewed(run: Path, out: Path) -> None:
+    RecordedFeed(run)
+
+
 def recovered(run: Path, out: Path) -> None:
     log = out / "run.mcap.partial"
     shutil.copyfile(run / "run.mcap", log)
@@ -101,7 +106,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Callable[[int], Path]:
 
 @pytest.mark.parametrize(
     ("read", "lengths"),
-    [(compared, FEW), *((read, LENGTHS) for read in (info, recovered, repeated, exported, reported))],
+    [(compared, FEW), *((read, LENGTHS) for read in (info, recovered, repeated, exported, reported, viewed))],
 )
 def test_a_day_needs_less_than_a_gigabyte(read, lengths, runs, tmp_path, monkeypatch):
     """Fails if a run or a reader keeps all messages or samples, or several copies of the profile."""
