@@ -369,6 +369,11 @@ def test_a_train_of_several_vehicles_becomes_rolling_stock(tmp_path: Path) -> No
     assert again.vehicles[0].resistance.n == pytest.approx([sum(row) for row in zip(*davis, strict=True)])
     assert any(key.startswith("train: ") for key in left_out) and "draft_gears" in left_out
     assert "added startup_time = 0.0" in left_out
+    data["vehicle_types"]["hxd1"] |= {"notches": {"traction": [[{"to": 30.0, "force": 1e5}]]}}
+    data["vehicle_types"]["c80"] |= {"traction": [{"to": 1.0, "force": 1.0}], "independent_power": True}
+    left_out = osrd_stock_json(build_model(Consist, data | {"gravity": 9.7}, "x"))[1]
+    assert "gravity = 9.7 (now 9.81)" in left_out and "vehicle_types.hxd1.notches" in left_out
+    assert "vehicle_types: independent_power of some units (now all from the line)" in left_out
     with pytest.raises(ValueError, match=r"plan_limits\.deceleration: this key is missing, and OSRD needs it"):
         osrd_stock_json(consist)
 

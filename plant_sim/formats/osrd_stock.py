@@ -308,7 +308,12 @@ def _left_out(consist: Consist) -> list[str]:
         found.append("plan_limits: efficiencies")
     if len(consist.vehicles) > 1:
         found.append(f"train: {len(consist.vehicles)} vehicles (now one)")
-    for key in ("electric_brake", "shoes", "adhesive_mass", "tunnel_resistance"):
+        found += [f"vehicle_types.{n}.supply_curves" for n, kind in consist.vehicle_types.items() if kind.supply_curves]
+    if len({vehicle.independent_power for vehicle in consist.vehicles if vehicle.traction}) > 1:
+        found.append("vehicle_types: independent_power of some units (now all from the line)")
+    if consist.gravity != GRAVITY:
+        found.append(f"gravity = {number_text(consist.gravity)} (now {number_text(GRAVITY)})")
+    for key in ("electric_brake", "shoes", "adhesive_mass", "tunnel_resistance", "notches"):
         found += [f"vehicle_types.{name}.{key}" for name, kind in consist.vehicle_types.items() if getattr(kind, key)]
     if KEPT not in consist.kept:
         found += [
