@@ -1,7 +1,5 @@
 """Data model of the friction brakes of a train: shoes, air brake, emergency brake."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from typing import Annotated
 
@@ -67,7 +65,7 @@ class AirBrake(SiModel):
     )
 
     @model_validator(mode="after")
-    def _table(self) -> AirBrake:
+    def _table(self) -> "AirBrake":
         if len(self.reduction) != len(self.braking_factor) or len(self.reduction) < 2:
             raise ValueError("reduction and braking_factor need the same length of at least 2; correct them")
         if any(b <= a for a, b in pairwise(self.reduction)):

@@ -4,8 +4,6 @@ A place of the program is a distance in the direction of running. The sections o
 other without a gap: where the chainage jumps, the next section begins with another kilometre at the same place.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -40,7 +38,7 @@ class ChainageSection(SiModel):
         return _without_posts(data, lambda _, text: parse_post(text)) if isinstance(data, dict) else data
 
     @model_validator(mode="after")
-    def _has_length(self) -> ChainageSection:
+    def _has_length(self) -> "ChainageSection":
         if self.begin == self.end:
             raise ValueError(f"a section from {post(self.begin)} to {post(self.end)} has no length; correct it")
         return self

@@ -1,7 +1,5 @@
 """Checked access to the keys of a file in another format; every error is one line with file, key and value."""
 
-from __future__ import annotations
-
 import math
 import re
 import sys
@@ -151,7 +149,7 @@ class Fields:
     def __contains__(self, key: str) -> bool:
         return self.data.get(key) is not None
 
-    def below(self, key: str) -> Fields:
+    def below(self, key: str) -> "Fields":
         """Return the mapping under a key."""
         return Fields(self.required(key), f"{self.place}: {key}")
 

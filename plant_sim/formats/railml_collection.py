@@ -90,7 +90,7 @@ def number_of(element: Element, key: str, place: str, low: float = -1e9, high: f
     return number_in(element.get(key, ""), f"{entry_of(element, place)}: {key}", low, high)
 
 
-def flag_of(element: Element, key: str, place: str, default: bool = False) -> bool:
+def flag_of(element: Element, key: str, place: str, *, default: bool = False) -> bool:
     """Return a truth value of an attribute."""
     text = element.get(key)
     if text not in (None, "true", "1", "false", "0"):

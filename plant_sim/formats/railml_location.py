@@ -104,7 +104,7 @@ class Location:
                 if element is None:
                     continue
                 known += 1
-                keeps = flag_of(part, "keepsOrientation", self.place, True)
+                keeps = flag_of(part, "keepsOrientation", self.place, default=True)
                 for piece in self._pieces(owner, part, element, rising=signed and keeps):
                     if piece.same is None and (signed or applies != "both"):
                         raise ValueError(

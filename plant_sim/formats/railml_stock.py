@@ -213,7 +213,7 @@ def _traction(vehicle: Element, place: str) -> dict[str, Any]:
     modes = [mode for engine in vehicle if tag_of(engine) == "engine" for mode in engine if tag_of(mode) == "powerMode"]
     if not modes:
         return {}
-    primary = [mode for mode in modes if flag_of(mode, "isPrimaryMode", place, len(modes) == 1)]
+    primary = [mode for mode in modes if flag_of(mode, "isPrimaryMode", place, default=len(modes) == 1)]
     if len(primary) != 1:
         raise ValueError(f"{entry_of(vehicle, place)}: powerMode: {len(primary)} primary modes; mark one")
     if (mode := primary[0].get("mode", "")) not in MODES:

@@ -138,7 +138,7 @@ def execute(options: argparse.Namespace) -> int:
 
         setup, run_mode, out = prepared(options)
     with compilation_noted(COMPILE_NOTE):
-        ended = partial(_print_end, options.json, expected_verdict(options))
+        ended = partial(_print_end, as_json=options.json, expected=expected_verdict(options))
         run = drive(setup, run_mode, out=out, option="--out", ended=ended)
     if options.strict and (unmet := unmet_requirements(run.metrics)):
         raise RunFailed(f"{run.path}: {unmet}")
@@ -224,7 +224,7 @@ def expected_verdict(options: argparse.Namespace) -> Expectation | None:
     return None if options.assignments or any(changes) else expectation_of(options.scenario)
 
 
-def _print_end(as_json: bool, expected: Expectation | None, run: Run, failure: RunFailed | None) -> None:
+def _print_end(run: Run, failure: RunFailed | None, *, as_json: bool, expected: Expectation | None) -> None:
     """Print result and failure of a run before its figure is drawn."""
     print_run(run, as_json=as_json, failure="" if failure is None else str(failure), expected=expected)
     sys.stdout.flush()

@@ -20,8 +20,6 @@ so that a train which moves as planned, couplings included, needs no correction.
 that the speed is the derivative of the place: an observer of both would estimate their difference as a disturbance.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from bisect import bisect_right
 from collections.abc import Sequence
@@ -92,7 +90,7 @@ class SharesAt(SiModel):
     )
 
     @model_validator(mode="after")
-    def _complete(self) -> SharesAt:
+    def _complete(self) -> "SharesAt":
         total = plain_sum(self.shares)
         if min(self.shares, default=0.0) < 0.0 or abs(total - 1.0) > SUM_TOLERANCE:
             raise ValueError(f"shares {list(self.shares)} have the sum {total:g}; give shares from 0 on with the sum 1")

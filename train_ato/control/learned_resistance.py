@@ -8,8 +8,6 @@ r(x) is linear between evenly spaced places and 0 beyond them. All laws, observe
 nominal model, so that r acts in every feed-forward and in every prediction. ``train-ato learn`` makes the file.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 from pathlib import Path
@@ -53,7 +51,7 @@ class LearnedResistance(SiModel):
     )
 
     @model_validator(mode="after")
-    def _bounded(self) -> LearnedResistance:
+    def _bounded(self) -> "LearnedResistance":
         wrong = [value for value in self.resistance if not abs(value) <= LARGEST]
         if wrong:
             raise ValueError(f"resistance: {wrong[0]:g} m/s² is beyond +-{LARGEST:g}; learn again, or correct it")

@@ -4,8 +4,6 @@ Every power unit has the force of its notch at its speed, from the ``notches`` o
 notch by notch, and the force changes with the rates of the type. Nothing is fed back but speed and place.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -46,7 +44,7 @@ class DriverAction(SiModel):
     )
 
     @model_validator(mode="after")
-    def _does_something(self) -> DriverAction:
+    def _does_something(self) -> "DriverAction":
         if (self.time is None) == (self.place is None):
             raise ValueError("an action has exactly one of time and place; give one")
         if self.notch is None and self.reduction is None:

@@ -1,7 +1,5 @@
 """Parameter dataclasses from user input: the only check of names, types and ranges."""
 
-from __future__ import annotations
-
 import logging
 import math
 from collections.abc import Mapping
@@ -33,11 +31,11 @@ class RefusedParameter(ValueError):
         super().__init__(reason, remedy, other, block)
         self.reason, self.remedy, self.other, self.block = reason, remedy, other, block
 
-    def of(self, kind: str, name: str) -> RefusedParameter:
+    def of(self, kind: str, name: str) -> "RefusedParameter":
         """Return the same refusal with kind and name of the component."""
         return RefusedParameter(f"{kind} '{name}': {self.reason}", self.remedy, self.other, f"{kind}s.{name}")
 
-    def with_remedy_only(self) -> RefusedParameter:
+    def with_remedy_only(self) -> "RefusedParameter":
         """Return the same refusal without the other remedy."""
         return RefusedParameter(self.reason, self.remedy, "", self.block)
 

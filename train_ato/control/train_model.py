@@ -3,8 +3,6 @@
 The plant may differ from it: a mismatch changes the block ``plant:`` only.
 """
 
-from __future__ import annotations
-
 import copy
 import math
 from array import array
@@ -248,7 +246,7 @@ class TrainModel:
         return float(self.mass * between_entries(learned, (position - self._begin) / GRID)) if learned.size else 0.0
 
     @cached_property
-    def without_learned(self) -> TrainModel:
+    def without_learned(self) -> "TrainModel":
         """The same model without the learned resistance."""
         bare = copy.copy(self)
         bare.learned = None

@@ -9,8 +9,6 @@ file that breaks off, all whole records are used.
 beside an undamaged log it is checked and repaired.
 """
 
-from __future__ import annotations
-
 import mmap
 import re
 import shutil
@@ -260,7 +258,7 @@ def _rewrite(source: Path, scratch: Path, name: str, progress: Progress | None) 
 @contextmanager
 def _readable_part(
     source: Path, scratch: Path, progress: Progress | None
-) -> Iterator[tuple[DamagedLog | None, Iterator[RawMessage]]]:
+) -> "Iterator[tuple[DamagedLog | None, Iterator[RawMessage]]]":
     """Yield the readable messages of a file, and the log of an MCAP file."""
     if source.stat().st_size == 0:
         raise ValueError(f"{source}: is empty; nothing can be recovered")

@@ -1,7 +1,5 @@
 """Folder of one run: log, metadata, resolved scenario and summary."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import os
@@ -116,7 +114,7 @@ class RunFolder:
         self.begun = False
 
     @classmethod
-    def make(cls, wanted: Path | None, name: str, option: str = "--out") -> RunFolder:
+    def make(cls, wanted: Path | None, name: str, option: str = "--out") -> "RunFolder":
         """Create the folder of a new run; ``option`` is its name in messages.
 
         Raises
@@ -158,7 +156,7 @@ class RunFolder:
         compression: str = DEFAULT,
         *,
         timed: bool = True,
-    ) -> Iterator[Encoder]:
+    ) -> "Iterator[Encoder]":
         """Open the log for the engine with attachments ``more``; it is closed and renamed on exit.
 
         ``timed``: with the wall time of the recording.

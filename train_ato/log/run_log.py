@@ -4,8 +4,6 @@ The file is written as ``run.mcap.partial`` and renamed when it is closed, also 
 killed process leaves the partial file, for ``recover``.
 """
 
-from __future__ import annotations
-
 import fcntl
 import io
 from collections.abc import Callable, Collection, Iterable, Mapping
@@ -276,7 +274,7 @@ class RunLog:
             self._file.wall_time = self._file.wall_time.ended()
         self._file.close()
 
-    def __enter__(self) -> RunLog:
+    def __enter__(self) -> "RunLog":
         return self
 
     def __exit__(

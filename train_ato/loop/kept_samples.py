@@ -1,7 +1,5 @@
 """Samples of a recording in memory; those of a long run in a temporary file without a name."""
 
-from __future__ import annotations
-
 import os
 import tempfile
 from collections import OrderedDict
@@ -42,7 +40,7 @@ class _Topic:
     parts: list[dict[str, Any]] = field(default_factory=list)
     stored: int = 0
 
-    def store(self, file: SampleFile) -> None:
+    def store(self, file: "SampleFile") -> None:
         """Move the parts in memory to the file, as one part if their values have equal widths."""
         tail = self.parts[self.stored :]
         if len({tuple((name, values.shape[1:]) for name, values in part.items()) for part in tail}) == 1:

@@ -1,7 +1,5 @@
 """End of a run: status and reason, as the plant sends them on ``train/end`` and as ``summary.json`` has them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from train_ato.messages.types import Diagnostic
@@ -30,7 +28,7 @@ class RunEnd:
     ticks: int
 
     @classmethod
-    def judged(cls, ticks: int, planned: int, failure: str | None, interruption: str | None) -> RunEnd:
+    def judged(cls, ticks: int, planned: int, failure: str | None, interruption: str | None) -> "RunEnd":
         """Return the end of a run from its ticks; a run with fewer ticks than planned is never ``done``.
 
         Parameters
@@ -54,7 +52,7 @@ class RunEnd:
         return Diagnostic(stamp, "plant", LEVELS[self.status], self.reason, values)
 
     @classmethod
-    def of(cls, notice: Diagnostic) -> RunEnd | None:
+    def of(cls, notice: Diagnostic) -> "RunEnd | None":
         """Return the end in an end notice; None for a notice without a known status and a number of ticks."""
         status, ticks = notice.values.get("status", ""), notice.values.get("ticks", "")
         return cls(status, notice.message, int(ticks)) if status in LEVELS and ticks.isdecimal() else None

@@ -5,8 +5,6 @@ messages; with one process per node the process itself is killed or stopped too.
 message: repetition, deletion, insertion, re-sequencing, corruption, delay and masquerade.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -57,7 +55,7 @@ class _TopicFault(SiModel):
         return topic
 
     @model_validator(mode="after")
-    def _consistent(self) -> _TopicFault:
+    def _consistent(self) -> "_TopicFault":
         if self.end is not None and self.end <= self.begin:
             raise ValueError(f"end {self.end:g} s must be after begin {self.begin:g} s")
         readers = FAULT_TOPICS[self.topic]

@@ -6,8 +6,6 @@ use a seeded random stream.  A newer value that arrives first replaces older val
 compiled ticks call :func:`push` and :func:`arrive` with the records of a link.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
@@ -88,7 +86,7 @@ class LinkSpec(SiModel):
             return traction, traction
         return traction, _for_units(self.delay_brake, width, f"{block}.delay_brake")
 
-    def newest(self) -> LinkSpec:
+    def newest(self) -> "LinkSpec":
         """Return the parameters of a link of width 1 that delivers with the slowest unit."""
         values = [value for value in (self.delay, self.delay_brake) if value is not None]
         delay = max(max(value, default=0.0) if isinstance(value, tuple) else value for value in values)

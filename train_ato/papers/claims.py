@@ -5,8 +5,6 @@ changes; a case of several claims is run once.  A judge takes the results of the
 measured figures and a verdict.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
@@ -66,7 +64,7 @@ class Bound:
     least: bool = False
     note: str = ""
 
-    def check(self, value: float) -> Check:
+    def check(self, value: float) -> "Check":
         """Return the comparison with a measured value."""
         return Check(self, float(value))
 

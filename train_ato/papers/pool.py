@@ -3,8 +3,6 @@
 A lost worker costs its own case only. The end of the pool kills the workers; the end of the parent ends them.
 """
 
-from __future__ import annotations
-
 import multiprocessing
 import queue
 from collections.abc import Iterable, Iterator
@@ -70,7 +68,7 @@ class WorkerPool:
         self._progress: Any = context.Queue()
         self._pool = ProcessPool(jobs, context=context, initializer=_begin_worker, initargs=[self._progress])
 
-    def __enter__(self) -> WorkerPool:
+    def __enter__(self) -> "WorkerPool":
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -1,7 +1,5 @@
 """Profile files in CSV and YAML: position, speed and acceleration over time, in SI or the unit of a suffix."""
 
-from __future__ import annotations
-
 import csv
 import io
 from contextlib import suppress
@@ -232,7 +230,7 @@ class Point(SiModel):
     speed: Speed = Field(description="speed at the corner", examples=[20.0])
 
     @model_validator(mode="after")
-    def _one_axis(self) -> Point:
+    def _one_axis(self) -> "Point":
         if (self.time is None) == (self.place is None):
             raise ValueError("a point needs either a time or a place; give exactly one")
         return self

@@ -6,8 +6,6 @@ accepted request to the ATO under ``ato_request`` of the controller.  The log th
 by the scenario or requested from outside, and the run can be repeated from it.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -104,7 +102,7 @@ class RunChanges:
     requests: list[tuple[int, Request]] = field(default_factory=list)
 
     @classmethod
-    def of(cls, reports: Iterable[Diagnostic]) -> RunChanges:
+    def of(cls, reports: Iterable[Diagnostic]) -> "RunChanges":
         """Return the changes in the diagnostics of a run."""
         found = cls()
         for message in reports:

@@ -1,7 +1,5 @@
 """The ``criteria:`` block of a scenario: requirements on a run, each optional."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, model_validator
@@ -128,7 +126,7 @@ class Expectation(SiModel):
     )
 
     @model_validator(mode="after")
-    def _has_its_cause(self) -> Expectation:
+    def _has_its_cause(self) -> "Expectation":
         """Check that a failed verdict names its criteria, and that every other verdict but passed has a cause."""
         if (self.verdict == "failed") != bool(self.criteria):
             remedy = "name the criteria that fail" if self.verdict == "failed" else "remove criteria"

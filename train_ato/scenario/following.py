@@ -1,7 +1,5 @@
 """Following files: several trains behind each other on one line, each with a scenario of its own."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -84,7 +82,7 @@ class FollowingSpec(SiModel):
     criteria: FollowingCriteria = FollowingCriteria()
 
     @model_validator(mode="after")
-    def _different_names(self) -> FollowingSpec:
+    def _different_names(self) -> "FollowingSpec":
         name, count = Counter(train.name for train in self.trains).most_common(1)[0]
         if count > 1:
             raise ValueError(f"trains: {count} trains have the name {name}; give each its own")

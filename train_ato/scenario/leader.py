@@ -1,7 +1,5 @@
 """Block ``leader:`` of a scenario: the train ahead, which the train follows and which its supervisor keeps free."""
 
-from __future__ import annotations
-
 import re
 from typing import Literal
 
@@ -72,7 +70,7 @@ class LeaderSpec(SiModel):
         return train if train is None else check_namespace(train)
 
     @model_validator(mode="after")
-    def _known_in_time(self) -> LeaderSpec:
+    def _known_in_time(self) -> "LeaderSpec":
         self.link.per_unit(1, "link")
         if self.headway is not None and self.headway < self.shortest_headway:
             raise ValueError(

@@ -1,7 +1,5 @@
 """The ``profile:`` block of a scenario: a file, phases, points, steps, a plan, or a driver's run."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -80,7 +78,7 @@ class ProfileSpec(SiModel):
     allow_rolling_end: bool = Field(False, description="a profile that does not end at rest is accepted")
 
     @model_validator(mode="after")
-    def _one_source(self) -> ProfileSpec:
+    def _one_source(self) -> "ProfileSpec":
         given = [source for source in SOURCES if getattr(self, source) is not None]
         if len(given) != 1:
             raise ValueError(

@@ -5,8 +5,6 @@ A file holds one case (``inputs``, ``curves``) or several by name.
 The keys are those of the published cases in ``test/data/etcs_braking_cases.json``.
 """
 
-from __future__ import annotations
-
 from itertools import pairwise
 from math import isfinite, nan
 from pathlib import Path
@@ -104,7 +102,7 @@ class CurveInputs(SiModel):
     T_brake_service: Duration | None = None
 
     @model_validator(mode="after")
-    def _complete(self) -> CurveInputs:
+    def _complete(self) -> "CurveInputs":
         if any(b[0] <= a[0] for a, b in pairwise(self.gradients)):
             raise ValueError("gradients: starts must rise; list them by rising start")
         if any(abs(grade) > 500 for _, grade in self.gradients):
@@ -292,7 +290,7 @@ class CurveCase(SiModel):
     curves: dict[str, tuple[Row, ...]] = Field(min_length=1)
 
     @model_validator(mode="after")
-    def _known_curves(self) -> CurveCase:
+    def _known_curves(self) -> "CurveCase":
         for name in self.curves:
             if name not in CURVE_NAMES:
                 raise ValueError(f"curves: '{name}' is none of {', '.join(CURVE_NAMES)}; correct it")

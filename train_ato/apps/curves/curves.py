@@ -137,7 +137,7 @@ def curves_by_case(
         check_new_file(Path(out), FIGURES, f"{dash}out")
     from_file = isinstance(case, (str, Path)) and str(case).lower().endswith(".json")
     if from_file:
-        result, bare = _of_cases(Path(str(case)), deviation, given, dash)
+        result, bare = _of_cases(Path(str(case)), given, dash, deviation=deviation)
     elif deviation:
         raise ValueError(f"{dash}deviation: needs distances; name a JSON file of cases")
     else:
@@ -147,7 +147,7 @@ def curves_by_case(
     return result, bare
 
 
-def _of_cases(path: Path, deviation: bool, given: Mapping[str, Any], dash: str) -> tuple[dict[str, Any], bool]:
+def _of_cases(path: Path, given: Mapping[str, Any], dash: str, *, deviation: bool) -> tuple[dict[str, Any], bool]:
     """Return inputs and curves of every case of a file, and True for a file with one case without a name."""
     for option, key in CASE_KEYS.items():
         if given.get(option) is not None:

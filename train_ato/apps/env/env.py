@@ -1,7 +1,5 @@
 """Environment: a run that the caller drives step by step, with the force in place of a law."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -464,7 +462,7 @@ class Env:
         """End the run; :meth:`reset` begins another one."""
         self._loop = self._run = None
 
-    def __enter__(self) -> Env:
+    def __enter__(self) -> "Env":
         """Return the environment, which is closed at the end of the block."""
         return self
 

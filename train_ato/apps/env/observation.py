@@ -3,8 +3,6 @@
 After a lost measurement its values are NaN, as for a law.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import isfinite
@@ -74,7 +72,7 @@ class Known:
         return bool(self.state[ENGAGED])
 
     @classmethod
-    def of(cls, controller: ControllerStage) -> Known:
+    def of(cls, controller: ControllerStage) -> "Known":
         """Return the knowledge at the first step."""
         return cls(controller.received, controller.in_flight)
 
@@ -90,7 +88,7 @@ class Known:
         if received.reference is not None and received.reference.velocity != 0.0:
             self.state[DIRECTION] = np.sign(received.reference.velocity)
 
-    def values(self, sight: Sight) -> Array:
+    def values(self, sight: "Sight") -> Array:
         """Return the values of all quantities, see :func:`write_values`."""
         seen, expected, estimate = self.measurement, self.received.reference, self.received.estimate
         found, measured = np.empty(sight.size), np.array((seen.position, seen.velocity, seen.applied))

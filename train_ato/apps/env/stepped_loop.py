@@ -4,8 +4,6 @@ The prepared run, its data and its model are named by their place in it and not 
 An array that is a part of another one stays a part of it.
 """
 
-from __future__ import annotations
-
 import io
 import pickle
 from collections.abc import Iterator, Mapping
@@ -37,7 +35,7 @@ class Past:
 
     __slots__ = ("before", "ticks")
 
-    def __init__(self, ticks: list[tuple[int, Published]], before: Past | None = None) -> None:
+    def __init__(self, ticks: list[tuple[int, Published]], before: "Past | None" = None) -> None:
         self.ticks, self.before = ticks, before
 
     def all(self) -> list[tuple[int, Published]]:

@@ -1,7 +1,5 @@
 """Many environments in one: a step drives all trains in one compiled call, spread over the cores."""
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -521,7 +519,7 @@ class VectorEnv:
         self._trains = []
         self._threads.stop()
 
-    def __enter__(self) -> VectorEnv:
+    def __enter__(self) -> "VectorEnv":
         """Return the environments, which are closed at the end of the block."""
         return self
 

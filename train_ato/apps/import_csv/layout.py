@@ -4,8 +4,6 @@ A notch is a share of the largest force of the train at its speed: > 0 of the tr
 force of the notches is the demand, ``command_force``; in a file without a measured force it is used as the force too.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection
 from itertools import combinations
 from pathlib import Path
@@ -60,7 +58,7 @@ class RecorderLayout(SiModel):
     ignore_others: bool = Field(False, description="no fault for a title that is in no key")
 
     @model_validator(mode="after")
-    def _one_meaning(self) -> RecorderLayout:
+    def _one_meaning(self) -> "RecorderLayout":
         for title, name in self.columns.items():
             try:
                 column_of(title, name)

@@ -1,7 +1,5 @@
 """Rows of a recorder's file in order of time, and the samples of every quantity."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,7 +27,7 @@ class ColumnSamples:
         """Return the values at some times [s]; the first and the last value are held outside."""
         return np.asarray(np.interp(moments, self.time, self.values))
 
-    def moved(self, values: Array) -> ColumnSamples:
+    def moved(self, values: Array) -> "ColumnSamples":
         """Return other values at the same times."""
         return ColumnSamples(self.column, self.time, values, self.rows)
 

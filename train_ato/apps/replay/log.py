@@ -6,8 +6,6 @@ bisection over the chunks: about ten chunks are read in the log of an hour.  A l
 beginning.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from collections.abc import Collection, Iterator, Mapping
@@ -111,7 +109,7 @@ class ReplayLog:
         """Close the file."""
         self._file.close()
 
-    def __enter__(self) -> ReplayLog:
+    def __enter__(self) -> "ReplayLog":
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -1,7 +1,5 @@
 """Data of a page: a few thousand points per figure, one-byte heat maps, events."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -118,7 +116,7 @@ class HeatMap:
         """Value of the largest code."""
         return LARGEST_CODE * self.unit
 
-    def scaled(self, largest: float) -> HeatMap:
+    def scaled(self, largest: float) -> "HeatMap":
         """Return the same values on a scale with another value of the largest code."""
         unit = largest / LARGEST_CODE
         codes = np.rint(np.clip(self.codes * (self.unit / unit), -LARGEST_CODE, LARGEST_CODE)).astype(np.int8)

@@ -1,7 +1,5 @@
 """Difference of two driven motions over time and place, at the stops, and of the energy."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -39,7 +37,7 @@ class DrivenMotion:
     measured: bool = False
 
     @classmethod
-    def of(cls, recording: Recording, metrics: dict[str, Any]) -> DrivenMotion | None:
+    def of(cls, recording: Recording, metrics: dict[str, Any]) -> "DrivenMotion | None":
         """Return the motion of a recording; None without a tick or without the length of its first vehicle."""
         if recording.setup is None or not recording.time.size:
             return None

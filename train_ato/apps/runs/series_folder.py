@@ -4,8 +4,6 @@ The lines of the finished runs are on the disk before the next ones are counted,
 was, with the same command.
 """
 
-from __future__ import annotations
-
 import fcntl
 import json
 import os
@@ -130,7 +128,7 @@ class SeriesFolder:
         return [found[number] for number in sorted(found)]
 
     @contextmanager
-    def appending(self) -> Iterator[RowWriter]:
+    def appending(self) -> "Iterator[RowWriter]":
         """Open the file of the finished runs; only one process at a time can.
 
         Raises
@@ -193,7 +191,7 @@ class SearchFolder(SeriesFolder):
     file = "search.json"
 
     @contextmanager
-    def kept(self, command: str, spec: Mapping[str, Any], scenario: Any) -> Iterator[KeptRuns]:
+    def kept(self, command: str, spec: Mapping[str, Any], scenario: Any) -> "Iterator[KeptRuns]":
         """Open the finished runs of a search, specified by ``command``, ``spec`` and the hashes ``scenario``.
 
         A new folder without a finished run is removed at the end.

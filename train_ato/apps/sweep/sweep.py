@@ -1,7 +1,5 @@
 """Sweep of a scenario over keys, laws, observers, compensations and seeds."""
 
-from __future__ import annotations
-
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -396,7 +394,7 @@ def prepare_sweep(
     scheduler: str | None = None,
     dashboard: bool = False,
     dash: str = "",
-) -> PreparedSweep:
+) -> "PreparedSweep":
     """Return a sweep with its points, all values checked; ``dash`` precedes names of options in messages."""
     if jobs is not None and not 1 <= jobs <= MAX_JOBS:
         raise ValueError(f"{dash}jobs {jobs}: out of range; give 1 to {MAX_JOBS}")

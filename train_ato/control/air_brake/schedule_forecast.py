@@ -1,7 +1,5 @@
 """Predicted cost of schedules of the air brake for one train: closed form of the shoe forces, then a rigid train."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -46,7 +44,7 @@ class PredictiveRules(SiModel):
         return value
 
     @model_validator(mode="after")
-    def _sees_an_application(self) -> PredictiveRules:
+    def _sees_an_application(self) -> "PredictiveRules":
         if self.horizon < self.min_application + 2 * self.period:
             raise ValueError(
                 f"horizon {self.horizon:g} s is shorter than an application of {self.min_application:g} s and two "

@@ -11,8 +11,6 @@ C are the dampers, R the slope of the running resistance, and Phi' the friction 
 every mode. Slack and preload are not in the model.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -122,7 +120,7 @@ class LinearTrain:
         return control.ss(self.A, self.B, self.C, self.D, states=names[0], inputs=names[1], outputs=names[2])
 
     @classmethod
-    def of(cls, model: TrainModel, speed: float) -> LinearTrain:
+    def of(cls, model: TrainModel, speed: float) -> "LinearTrain":
         """Return the linear model of a train at a speed > 0 [m/s]."""
         modes, numbers = TrainModes.of(model), body_numbers(model)
         bodies, units, lag = len(modes.mass), model.n_units, model.lag

@@ -2,8 +2,6 @@
 
 # mypy: allow-untyped-defs
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
@@ -68,7 +66,7 @@ class DisturbanceFilters:
     position_prior: float
 
     @classmethod
-    def coupled(cls, period: float, bandwidth: float) -> DisturbanceFilters:
+    def coupled(cls, period: float, bandwidth: float) -> "DisturbanceFilters":
         """Return random walks for a period [s] and a bandwidth omega_o [rad/s]."""
         count = len(SHARES)
         leave = min(0.5, period / STAY_TIME) / (count - 1)
@@ -77,7 +75,7 @@ class DisturbanceFilters:
         return cls((bandwidth * np.array(SHARES)) ** 2, np.zeros(count), chain, COUPLED_FLOOR, COUPLED_PRIOR)
 
     @classmethod
-    def free(cls, period: float, bandwidth: float) -> DisturbanceFilters:
+    def free(cls, period: float, bandwidth: float) -> "DisturbanceFilters":
         """Return the filters of a gust and of a steady rate for a period [s] and a bandwidth omega_o [rad/s]."""
         ends, begins = (min(0.5, period / time) for time in (GUST_TIME, CALM_TIME))
         chain = np.array([[1.0 - ends, ends], [begins, 1.0 - begins]])

@@ -1,7 +1,5 @@
 """Values of the ticks of a span that do not depend on the state of the train: reference, feed-forward, shoe forces."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -67,7 +65,7 @@ class Forecast:
         inside = self._first <= first and first + count <= self._end
         return inside and self._profile is profile and self._compensation is stack.compensation
 
-    def of(self, first: int, count: int, stack: ControlStack, *, used: bool, shoes_used: bool) -> SpanForecast:
+    def of(self, first: int, count: int, stack: ControlStack, *, used: bool, shoes_used: bool) -> "SpanForecast":
         """Return the values of some ticks from a tick on, with the events of the brake so far.
 
         Parameters

@@ -3,8 +3,6 @@
 Conditions of compiled ticks are the next event, state of train and receiving ends, parts that are called in Python.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 
@@ -317,7 +315,7 @@ class CompiledSpans:
             self._entry = direct_call(kernel.run_span, typeof(arguments))
         return int(self._entry(arguments))
 
-    def begin(self, *, without_python: bool = False) -> Span | None:
+    def begin(self, *, without_python: bool = False) -> "Span | None":
         """Return the span from the present tick up to the next event; None if the tick is left to Python.
 
         Parameters
@@ -340,7 +338,7 @@ class CompiledSpans:
             count = min(count, RETRIED)
         return Span(self, stack, law, count)
 
-    def end(self, span: Span, done: int) -> int:
+    def end(self, span: "Span", done: int) -> int:
         """Record the first ticks of a span and set the states to those after them; return their number."""
         stamp, law = span.stamp, span.law
         span.end(done)

@@ -4,8 +4,6 @@ The forms are those of UIC leaflet 451-1 (per cent, minutes per 100 km) and of t
 ``3min/100km``).
 """
 
-from __future__ import annotations
-
 import re
 
 from pydantic import Field, model_validator
@@ -42,7 +40,7 @@ class Allowance(SiModel):
     )
 
     @model_validator(mode="after")
-    def _has_time(self) -> Allowance:
+    def _has_time(self) -> "Allowance":
         if self.share is None and self.per_100km is None and self.per_stop is None:
             raise ValueError("an allowance has no time; give share_percent, per_100km_min or per_stop")
         for key, place in (("begin", self.begin), ("end", self.end)):
@@ -52,7 +50,7 @@ class Allowance(SiModel):
             raise ValueError(f"end = {self.end:g} m must lie beyond begin = {self.begin:g} m; exchange them")
         return self
 
-    def on(self, line: Line) -> Allowance:
+    def on(self, line: Line) -> "Allowance":
         """Return the supplement with the places of its posts on a line [m].
 
         Raises

@@ -1,7 +1,5 @@
 """Inputs, driving strategy and resulting knots of one section between two stops."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -105,7 +103,7 @@ class SectionInputs:
         train: TrainTables,
         settings: PlanSettings,
         ceiling: tuple[Array, Array] | None = None,
-    ) -> SectionInputs:
+    ) -> "SectionInputs":
         """Return the inputs of all sections of a train on a line."""
         force = LineForce(line, train, over_length=settings.grade_over_length)
         limits = SpeedLimits(line, train.speed_max)

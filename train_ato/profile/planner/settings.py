@@ -1,7 +1,5 @@
 """Settings of the planner: the keys of a scenario's blocks ``profile: plan:`` and ``replan:``."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -99,7 +97,7 @@ class PlanSettings(SiModel):
         return self.time is not None or self.points is not None or bool(self.allowance)
 
     @model_validator(mode="after")
-    def _places(self) -> PlanSettings:
+    def _places(self) -> "PlanSettings":
         if self.begin is not None and self.end is not None and self.end <= self.begin:
             raise ValueError(
                 f"end = {self.end:g} m must lie beyond begin = {self.begin:g} m; exchange them or move end on"
@@ -154,7 +152,7 @@ class ReplanSpec(SiModel):
     )
 
     @model_validator(mode="after")
-    def _lateness_with_catch_up(self) -> ReplanSpec:
+    def _lateness_with_catch_up(self) -> "ReplanSpec":
         if self.lateness is not None and not self.catch_up:
             raise ValueError("lateness without catch_up: the rest would have the same times; add catch_up: true")
         return self

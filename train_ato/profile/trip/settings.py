@@ -1,7 +1,5 @@
 """Settings of the trip planner: stops, weights, limits of drives and couplers, rules of the air brake."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from pydantic import Field, model_validator
@@ -60,7 +58,7 @@ class TripSettings(SiModel):
     air_brake: AirBrakeRules = AirBrakeRules()
 
     @model_validator(mode="after")
-    def _places(self) -> TripSettings:
+    def _places(self) -> "TripSettings":
         if self.begin is not None and self.end is not None and self.end <= self.begin:
             raise ValueError(f"end = {self.end:g} m must lie beyond begin = {self.begin:g} m; move end on")
         return self

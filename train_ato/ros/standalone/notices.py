@@ -8,8 +8,6 @@
 =======================  ==============================================================================
 """
 
-from __future__ import annotations
-
 import os
 import queue
 import threading
@@ -60,7 +58,7 @@ class Notice:
         return f"{self.kind.value} {self.role.value} {self.text}"
 
     @classmethod
-    def of(cls, line: str) -> Notice:
+    def of(cls, line: str) -> "Notice":
         """Return the notice of a line.
 
         Raises
