@@ -110,7 +110,10 @@ class Receiver:
             for arrival in self._arrived(now, message):
                 self._take(now, arrival)
         elif message is not None:
-            self._take(now, message)
+            if self.check is None and self._last < message.stamp <= now and not self._problem(message):
+                self._before, self._newest, self._last, self.fresh = self._newest, message, message.stamp, True
+            else:
+                self._take(now, message)
         if message is not None and not self.fresh:
             self.missed += 1
         if not self._checked and self._newest is None:

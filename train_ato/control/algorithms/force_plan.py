@@ -376,7 +376,7 @@ class ForcePlan:
             self._ticks * self._model.tick + self.nodes, reference, start.errors, side, self._plan.copy(),
             at_nodes + start.inertia * (self._plan - disturbance),
             allowed[4 * self.nodes.size : 5 * self.nodes.size], status,
-            self._stops and bool(self._active[self.nodes.size : 2 * self.nodes.size].any()),
+            self._stops and bool(np.count_nonzero(self._active[self.nodes.size : 2 * self.nodes.size])),
         )  # fmt: skip
         return start.feedforward + start.inertia * (float(self._plan[0]) - start.disturbance)
 
@@ -384,9 +384,10 @@ class ForcePlan:
         """Return the plan of the last decision."""
         times, reference, errors, side, plan, force, room, status, at_brake_limit = self._decided
         rows = planned_motion(reference, errors, side.response_position, side.response_velocity, plan, room)
-        beyond = (rows[0] - reference[0])[reference[1] == 0.0]
-        if at_brake_limit and reference[1, 0] != 0.0 and beyond.max(initial=0.0) > KEPT:
-            status = f"{status}, {PASSES} {beyond.max():.1f} m"  # only then the force is the reason
+        if at_brake_limit and reference[1, 0] != 0.0:
+            beyond = (rows[0] - reference[0])[reference[1] == 0.0].max(initial=0.0)
+            if beyond > KEPT:
+                status = f"{status}, {PASSES} {beyond:.1f} m"  # only then the force is the reason
         return LawPlan(times, rows[0], rows[1], force, rows[2], status)
 
     def _bounds(
@@ -396,8 +397,9 @@ class ForcePlan:
         """Return the right-hand sides of the constraints; the force at the nodes receives the running resistance."""
         allowed = np.empty(8 * self.nodes.size)
         drag = (start.beyond_reference, *self._drag_slope)
-        # a brake that acts does not last, and the simulated train had these limits
-        tables = self._no_tables if simulated and start.air_brake_acts else start.gain * self._tables
+        tables = self._tables if start.gain == 1.0 else start.gain * self._tables
+        if simulated and start.air_brake_acts:
+            tables = self._no_tables  # a brake that acts does not last, and the simulated train had these limits
         self._ends[3] = max(self._band, abs(start.position_error))
         bounds(
             at_nodes, reference, self._limits, self._ends, start.force_limits, start.errors,
@@ -407,8 +409,10 @@ class ForcePlan:
         )  # fmt: skip
         if start.departs:
             allowed[2 * self.nodes.size] = max(float(allowed[2 * self.nodes.size]), 0.0)
-        rests = (reference[1] == 0.0) & self._stops
-        allowed[7 * self.nodes.size :] = np.where(rests, np.minimum(STOP_ROOM - start.errors[0], FAR), FAR)
+        allowed[7 * self.nodes.size :] = FAR
+        if self._stops and 0.0 in reference[1].tolist():
+            rests = reference[1] == 0.0
+            allowed[7 * self.nodes.size :][rests] = np.minimum(STOP_ROOM - start.errors[0], FAR)[rests]
         self._approach(start, ahead, reference[1], side, allowed)
         return allowed
 
@@ -450,7 +454,7 @@ class ForcePlan:
             self._plan = np.interp(self.nodes + self._period, self.nodes, self._plan)
             return CONTINUED
         self.most_exchanges = max(self.most_exchanges, exchanges)
-        self.limited_steps += bool(self._active.any())
+        self.limited_steps += bool(np.count_nonzero(self._active))
         return SOLVED
 
     def _force_range(self, motion: Array, ahead: Lookahead) -> Array:

@@ -152,18 +152,22 @@ def is_valid_preview(preview: Preview) -> bool:
     )
 
 
+def _is_possible(values: Array, bound: float) -> bool:
+    """Return True if values are finite and their root mean square is at most a bound (a sum takes twice as long)."""
+    return bool(np.vdot(values, values) <= bound * bound * values.size)
+
+
 def is_valid_lookahead(lookahead: Lookahead) -> bool:
     """Return True if a lookahead is finite and physically possible; an empty one is valid."""
-    count = lookahead.velocity.size
-    return not count or (
-        float(np.abs(lookahead.position).sum()) <= MAX_POSITION * count
-        and float(np.abs(lookahead.velocity).sum()) <= MAX_SPEED * count
-        and float(np.abs(lookahead.acceleration).sum()) <= MAX_SPEED * count
-        and float(np.abs(lookahead.resistance).sum()) <= MAX_FORCE * count
-        and float(np.abs(lookahead.speed_limit).sum()) <= MAX_SPEED * count
-        and float(np.abs(lookahead.force_min).sum()) <= MAX_FORCE * count
-        and float(np.abs(lookahead.force_max).sum()) <= MAX_FORCE * count
-        and float(np.abs(lookahead.simulated_force).sum()) <= MAX_FORCE * count
+    return not lookahead.velocity.size or (
+        _is_possible(lookahead.position, MAX_POSITION)
+        and _is_possible(lookahead.velocity, MAX_SPEED)
+        and _is_possible(lookahead.acceleration, MAX_SPEED)
+        and _is_possible(lookahead.resistance, MAX_FORCE)
+        and _is_possible(lookahead.speed_limit, MAX_SPEED)
+        and _is_possible(lookahead.force_min, MAX_FORCE)
+        and _is_possible(lookahead.force_max, MAX_FORCE)
+        and _is_possible(lookahead.simulated_force, MAX_FORCE)
     )
 
 

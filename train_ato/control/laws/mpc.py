@@ -38,7 +38,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from plant_sim.elementary import mean_over_units, plain_sum
+from plant_sim.elementary import mean_over_units, plain_sum, total_of_units
 from train_ato.control.algorithms.actuator_identification import WRONG_MISFIT, ActuatorIdentification
 from train_ato.control.algorithms.force_plan import PARTS, ForcePlan, PlanStart
 from train_ato.control.algorithms.guard import GuardedLaw, is_valid
@@ -70,7 +70,7 @@ def feedforward(force_at: Callable[[float], float], actuators: Array) -> list[fl
         Delay in traction and braking [s], share of the force.
     """
     found = []
-    for share, forward, backward in zip(*actuators[[2, 0, 1]].tolist(), strict=True):
+    for forward, backward, share in zip(*actuators.tolist(), strict=True):
         force = force_at(forward)
         if force < 0.0 and backward != forward:
             force = min(0.0, force_at(backward))
@@ -295,7 +295,7 @@ class Mpc(GuardedLaw):
         if lag == 0.0:
             rise = (feedforward - gain * last) / inertia - disturbance
         known = gain if abs(gain - 1.0) > WRONG_MISFIT else 1.0  # the misfit of a right model explains the rest
-        limits = gain * np.array([float(inputs.force_min.sum()), float(inputs.force_max.sum())])
+        limits = gain * np.array([total_of_units(inputs.force_min), total_of_units(inputs.force_max)])
         start = PlanStart(
             required, errors, disturbance, self._motion.passing, float(motion[3]), rise, feedforward, last, limits,
             self._motion.observer.position_error, self._motion.beyond_reference, inertia, known,
