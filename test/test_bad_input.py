@@ -112,18 +112,6 @@ def test_deep_yaml_of_other_formats(reader, text, tmp_path, monkeypatch, capsys)
     refused(command, r"deep\.yaml: not valid.*nested deeper than 100 levels", tmp_path, monkeypatch, capsys)
 
 
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ("name=.x", "use letters, digits, _, ., :, + and - only, at most 100, a letter, a digit or _ first"),
-        ("leader.train=t1", "leader.train: t1: give a name such as /t1"),
-    ],
-)
-def test_the_remedy_of_a_name_is_that_of_its_own_form(settings, message, tmp_path, monkeypatch, capsys):
-    """Breaks if every name has the remedy of one of them: a namespace has no letter first."""
-    refused(["run", "demo", "--engine", "--set", settings], re.escape(message), tmp_path, monkeypatch, capsys)
-
-
 def test_large_jerk_limits_nothing() -> None:
     """Breaks if the ramps of a large jerk limit cancel the speed curve by rounding and the motion becomes endless."""
     found = [
@@ -142,14 +130,6 @@ def test_a_middleware_that_is_not_installed(command, tmp_path, monkeypatch, caps
     words = [word.format(golden=ROOT / "test" / "golden" / "short_train") for word in command]
     message = r"RMW_IMPLEMENTATION=rmw_of_another_vendor: this middleware is not installed; `unset RMW_IMPLEMENTATION`"
     refused(words, message, tmp_path, monkeypatch, capsys)
-
-
-def test_existing_and_unwritable_folders(tmp_path, monkeypatch, capsys):
-    """Breaks if a run writes into another's folder, or begins without a place to record to."""
-    (tmp_path / "there").mkdir()
-    (tmp_path / "file").write_text("")
-    refused(["run", "demo", "--out", "there"], r"--out there: exists already", tmp_path, monkeypatch, capsys)
-    refused(["run", "demo", "--out", "file/run"], r"--out file/run: cannot be made", tmp_path, monkeypatch, capsys)
 
 
 def test_a_summary_that_is_none(tmp_path, monkeypatch, capsys):
