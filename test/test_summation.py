@@ -22,7 +22,9 @@ EXACT = {
     "plant_sim/consist.py": {"sum((part.count for part in self.train))"},
     "plant_sim/formats/railtoolkit.py": {"sum((vehicle.powered for vehicle in vehicles))"},
     "plant_sim/train.py": {"sum(stats.cache_misses.values())"},
-    "train_ato/control/algorithms/coupler_modes.py": {"sum(parted[:number])"},
+    "train_ato/control/algorithms/coupler_modes.py": {
+        "sum(parted[:number])", "sum(modes.damped_by_loop(dead_time(model), outlast=True))",
+    },
     "train_ato/control/algorithms/train_constants.py": {"sum((sides for _, sides in groups))"},
     "train_ato/loop/kept_samples.py": {
         "sum((values.nbytes for values in samples.values.values()))",
@@ -60,6 +62,7 @@ BY_PROCESSOR = re.compile(r"np\.(dot|vdot|inner|convolve|correlate|poly|exp|sin|
 """Functions of numpy with other last bits on other processors."""
 ELSEWHERE = {
     "plant_sim/alignment.py": {"np.cos(heading + turn / 2)", "np.cos(latitude[0])", "np.sin(heading + turn / 2)"},
+    "train_ato/control/algorithms/guard.py": {"np.vdot(values, values)"},
     "train_ato/control/algorithms/linear_train.py": {
         "self.C @ np.linalg.solve(1j * w * unit - self.A, self.B)", "np.linalg.solve(1j * w * unit - self.A, self.B)",
         "np.exp(-1j * w * late)", "np.linalg.eigvals(self.A)",
@@ -72,8 +75,8 @@ ELSEWHERE = {
         "np.convolve(np.pad(specific, width, mode='edge'), np.full(width, 1 / width), mode='same')"
     },
 }  # fmt: skip
-"""The map, the linear model for users, the margin of gains before a run, which is no number of it, and a moving mean
-that has had the same bits on every processor so far."""
+"""The map, the check of impossible values (see :data:`BOUNDS`), the linear model for users, the margin of gains before
+a run, which is no number of it, and a moving mean that has had the same bits on every processor so far."""
 NEWER_TYPES = {"Self", "Never", "LiteralString", "Required", "NotRequired", "Unpack", "TypeVarTuple", "override",
                "assert_never", "assert_type", "reveal_type", "dataclass_transform", "StrEnum"}  # fmt: skip
 """Names of ``typing`` and ``enum`` that Python 3.10 does not have."""

@@ -181,15 +181,15 @@ def _consist(consist: Consist) -> Facts:
 
 
 def _bandwidth(consist: Consist, dead: float) -> str:
-    """Return the default bandwidth of `mpc` for a sum of delay and lag [s], and its limit, as text."""
+    """Return the default bandwidth of `mpc` for a sum of delay and lag [s], and its conditions, as text."""
     import numpy as np
 
     from plant_sim.library import load_line
-    from train_ato.control.algorithms.train_constants import default_bandwidth
+    from train_ato.control.algorithms.coupler_modes import bandwidth_text
     from train_ato.control.train_model import TrainModel
 
     delays = np.full(len(consist.power_units), dead)
-    return default_bandwidth(TrainModel(consist, load_line("level"), delays, delays, 0.0, dead)).text
+    return bandwidth_text(TrainModel(consist, load_line("level"), delays, delays, 0.0, dead))
 
 
 def _km(line: Line, place: float) -> str:

@@ -17,7 +17,13 @@ import numpy as np
 
 from plant_sim.compiled import compiled
 from plant_sim.elementary import matrix_product
-from train_ato.control.algorithms.train_constants import friction_damping, mean_stiffness
+from train_ato.control.algorithms.train_constants import (
+    dead_time,
+    default_bandwidth,
+    friction_damping,
+    mean_stiffness,
+    train_class,
+)
 from train_ato.messages.types import Array
 
 if TYPE_CHECKING:
@@ -31,6 +37,8 @@ LEAST_MOBILITY = 1e-9
 """Mobility over that of the whole train below which a mode has a node at the units, but for rounding."""
 DAMPING = (0.02, 0.5)
 """Smallest and largest damping ratio."""
+LONGER_DELAY = 1.5
+"""Factor on the dead time with which the loop still damps a mode that is fed back where waves outlast the feedback."""
 SWEEPS = 60
 """Largest number of sweeps of the Jacobi method; about ten are enough."""
 
@@ -140,6 +148,23 @@ class CouplerModes:
         """
         passed = 1.0 / np.sqrt(1.0 + (self.omega * lag) ** 2)
         return bool(np.any(0.5 * gain * inertia * self.mobility * passed > self.damping * self.omega))
+
+    def damped_by_loop(self, dead_time: float, *, outlast: bool) -> list[bool]:
+        """Return True for every mode that turns by less than a quarter from a measurement to its effect, after [s]."""
+        longest = dead_time * (LONGER_DELAY if outlast else 1.0)
+        return [omega * longest < 0.5 * math.pi for omega in self.omega.tolist()]
+
+
+def bandwidth_text(model: TrainModel) -> str:
+    """Return the default bandwidth of `mpc` with all its conditions as text."""
+    found = default_bandwidth(model)
+    if not train_class(model).hauls:
+        return found.text
+    modes = CouplerModes.of(model)
+    if not modes.outlast(2.0 * found.omega, model.inertia, model.lag):
+        return found.text
+    damped = sum(modes.damped_by_loop(dead_time(model), outlast=True))
+    return f"{found.text}; the couplers damp waves little, the law {damped} of {modes.omega.size} kinds of waves"
 
 
 def body_numbers(model: TrainModel) -> list[int]:

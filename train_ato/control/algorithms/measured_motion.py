@@ -41,8 +41,8 @@ OTHER_WAVES = 0.02
 """Standard deviation of the speed of the units by other modes [m/s]."""
 LIGHT_WAVES = 0.003
 """The same where the waves outlast the feedback [m/s]: e does not follow a wave of another frequency."""
-LONGER_DELAY = 1.5
-"""Factor on the dead time with which the loop still damps a mode that is fed back where waves outlast the feedback."""
+LOOSE_WAVES = 1.0
+"""The same of a mode that is not fed back where waves outlast the feedback: it takes waves near its frequency, too."""
 STEADY_PERIODS = 2.0
 """Time of a lag of the steady force over 1/omega of the slowest mode."""
 MOTION = 3
@@ -169,10 +169,9 @@ class ModalObserver(MotionObserver):
     ) -> None:  # fmt: skip
         self._modes = modes
         self._other_waves = LIGHT_WAVES if outlast else OTHER_WAVES
-        longest = dead_time * (LONGER_DELAY if outlast else 1.0)
-        self._not_fed_back = [
-            MOTION + 2 * number for number, omega in enumerate(modes.omega.tolist()) if omega * longest >= 0.5 * math.pi
-        ]
+        damped = modes.damped_by_loop(dead_time, outlast=outlast)
+        self._not_fed_back = [MOTION + 2 * number for number, kept in enumerate(damped) if not kept]
+        self._wave_speeds = np.array([LOOSE_WAVES if outlast and not kept else WAVE_SPEED for kept in damped])
         self._transition, self._gains = _motion(modes, period)
         self._steady = SteadyForce(STEADY_PERIODS / float(modes.omega[0]), period)
         super().__init__(period, bandwidth, wave_time, speed_noise=speed_noise)
@@ -182,7 +181,7 @@ class ModalObserver(MotionObserver):
         super().reset()
         count, size = self._filters.walks.size, MOTION + 2 * self._modes.omega.size
         self._waves = 2.0 * self._other_waves**2 / self._wave_time * self._period
-        wave = _waves(self._modes)
+        wave = _waves(self._modes, self._wave_speeds)
         self._random = wave - _sandwich(self._transition, wave)
         prior = np.zeros((size, size))
         prior[:MOTION, :MOTION] = np.diag([self._filters.position_prior**2, SPEED_PRIOR**2, DISTURBANCE_PRIOR**2])
@@ -245,13 +244,13 @@ def _oscillator(omega: float, damping: float, period: float) -> tuple[Array, Arr
     return block, np.array([(1.0 - block[0, 0]) / (omega * omega), block[0, 1]])
 
 
-def _waves(modes: CouplerModes) -> Array:
-    """Return the covariance of the states by the waves in a train without a change of the force."""
+def _waves(modes: CouplerModes, speeds: Array) -> Array:
+    """Return the covariance of the states by waves with standard deviations of the speed [m/s], shape (modes,)."""
     size = MOTION + 2 * modes.omega.size
     covariance = np.zeros((size, size))
     part = modes.mobility / math.fsum(modes.mobility.tolist())
-    for number, (omega, share) in enumerate(zip(modes.omega.tolist(), part.tolist(), strict=True)):
-        place, speed = MOTION + 2 * number, share * WAVE_SPEED**2
+    for number, (omega, speed) in enumerate(zip(modes.omega.tolist(), (part * speeds**2).tolist(), strict=True)):
+        place = MOTION + 2 * number
         for offset, variance in ((0, speed / omega**2), (1, speed)):
             covariance[place + offset, place + offset] = variance
             covariance[offset, offset] += variance

@@ -92,7 +92,7 @@ class Bandwidth(NamedTuple):
 
 def default_bandwidth(model: TrainModel) -> Bandwidth:
     """Return the pole of the closed loop, the smallest of its limits by delay, lag and couplers (mpc_derivation.md)."""
-    limits, dead = [Bandwidth(MAX_OMEGA, "largest default")], dead_time(model)
+    limits, dead = [Bandwidth(MAX_OMEGA, "the law itself, delay and couplers permit more")], dead_time(model)
     if dead > 0.0:
         limits.append(Bandwidth(0.9 / dead, "delay and lag"))
     longest, groups = wave_time(model), hauling_groups(model)

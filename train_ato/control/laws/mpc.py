@@ -40,6 +40,7 @@ import numpy as np
 
 from plant_sim.elementary import mean_over_units, plain_sum, total_of_units
 from train_ato.control.algorithms.actuator_identification import WRONG_MISFIT, ActuatorIdentification
+from train_ato.control.algorithms.coupler_modes import bandwidth_text
 from train_ato.control.algorithms.force_plan import PARTS, ForcePlan, PlanStart
 from train_ato.control.algorithms.guard import GuardedLaw, is_valid
 from train_ato.control.algorithms.limits_ahead import limits_force, within_units
@@ -131,8 +132,8 @@ class Mpc(GuardedLaw):
 
     @classmethod
     def gains_note(cls, model: TrainModel, given: Mapping[str, Any]) -> str:
-        """Return the default of omega and its limit as text, "" for a given omega."""
-        return "" if given.get("omega") else default_bandwidth(model).text
+        """Return the default of omega and its conditions as text, "" for a given omega."""
+        return "" if given.get("omega") else bandwidth_text(model)
 
     def __init__(self, parameters: MpcParameters, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)
