@@ -9,7 +9,7 @@ import pytest
 import yaml
 from engine_runs import record_run
 from request_desk import Desk, command, started
-from waiting import LIMIT_S
+from waiting import LIMIT_S, reserved_domain
 
 from train_ato.cli.main import main
 from train_ato.log.difference import compare_logs
@@ -87,14 +87,13 @@ def test_a_request_of_another_version_is_refused() -> None:
 def test_live_requests_are_recorded_and_verified(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Breaks if a service call is missing in the log or ``verify`` omits it, or a refusal has no reason."""
     pytest.importorskip("rclpy")
-    from train_ato.ros.graph.environment import claim_domain, middleware
+    from train_ato.ros.graph.environment import middleware
     from train_ato.ros.graph.remote import set_parameter
 
     for name, value in middleware().items():
         monkeypatch.setenv(name, value)
     run = tmp_path / "run"
-    with claim_domain() as domain:
-        pass  # free a moment ago: the run claims it itself
+    domain = reserved_domain()
     process = started(
         "run", "demo", f"--set={LOST}", "--set=duration=60", "--rate=1", "--json",
         f"--domain={domain}", f"--out={run}", stdout=subprocess.PIPE, stderr=subprocess.PIPE,

@@ -6,10 +6,11 @@ import sys
 from pathlib import Path
 
 import pytest
-from waiting import wait_for
+from waiting import reserved_domain, wait_for
 
 import train_ato
 from train_ato.cli import main
+from train_ato.ros.graph import environment
 from train_ato.ros.graph.domain_lock import DomainLock
 from train_ato.ros.graph.environment import check_domain, claim_domain, domain_of_environment, held_domains, opened_by
 from train_ato.ros.graph.remote import resolve_domain
@@ -39,6 +40,16 @@ def test_runs_with_another_tmpdir_find_the_lock(tmp_path: Path) -> None:
     assert domain not in held_domains()
 
 
+def test_a_private_run_keeps_out_of_the_domains_of_namespaces(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Breaks if a run without a domain meets the nodes of trains that share one."""
+    with claim_domain(namespace="/a") as domain:
+        monkeypatch.setattr(environment, "DOMAINS", range(domain, domain + 1))
+        with pytest.raises(ValueError, match="are held by other runs; end one of them"), claim_domain():
+            pass
+        with claim_domain(domain, namespace="/b"):
+            pass
+
+
 def test_of_several_runs_the_one_of_the_environment_is_meant(monkeypatch: pytest.MonkeyPatch) -> None:
     """Breaks if a command in a shell with ROS_DOMAIN_ID does not reach the run of this domain."""
     with claim_domain() as domain, claim_domain() as another:
@@ -59,8 +70,7 @@ def test_of_several_runs_the_one_of_the_environment_is_meant(monkeypatch: pytest
 
 def test_a_domain_is_locked_until_the_last_node_of_a_killed_run_has_ended(tmp_path: Path) -> None:
     """Breaks if the next run meets the nodes of a killed one, which end about two seconds after it."""
-    with claim_domain() as domain:
-        pass
+    domain = reserved_domain()
     words = ["run", "demo", "--processes", "--rate=5", f"--domain={domain}", f"--out={tmp_path / 'run'}"]
     environment = {**os.environ, "PYTHONPATH": str(Path(train_ato.__file__).resolve().parents[1])}
     run = subprocess.Popen(

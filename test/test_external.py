@@ -17,7 +17,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from waiting import LIMIT_S
+from waiting import LIMIT_S, reserved_domain
 
 import train_ato as ta
 from train_ato.cli.main import main
@@ -25,7 +25,6 @@ from train_ato.control.algorithms.guard import GuardedLaw
 from train_ato.control.contract import LawInput
 from train_ato.log.reading import iter_raw
 from train_ato.loop.setup import prepare
-from train_ato.ros.graph.environment import claim_domain
 from train_ato.ros.graph.runner import run_graph
 from train_ato.scenario.scenario import load_scenario
 
@@ -49,10 +48,8 @@ def program_on(domain: int, *command: str, ends: bool = False) -> Iterator[None]
 
 @pytest.fixture
 def free_domain() -> int:
-    """Return a domain that was free a moment ago: the run claims it itself."""
-    with claim_domain() as domain:
-        pass
-    return domain
+    """Return a free domain, which the run itself claims."""
+    return reserved_domain()
 
 
 @dataclass

@@ -26,7 +26,7 @@ from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool
 from test_standalone_nodes import terminals  # noqa: F401
-from waiting import LIMIT_S
+from waiting import LIMIT_S, reserved_domain
 
 from train_ato.log.mcap_records import stream
 from train_ato.log.reading import iter_raw
@@ -54,8 +54,7 @@ class Running:
     """``train-ato run`` in a separate process and a foreign node on its domain."""
 
     def __init__(self, folder: Path, *options: str, duration: int = 600) -> None:
-        with claim_domain() as self.domain:
-            pass  # free a moment ago: the run claims it itself
+        self.domain = reserved_domain()
         self.out = folder / "run"
         words = ["run", "demo", f"--set=duration={duration}", f"--domain={self.domain}", f"--out={self.out}", "--json"]
         self.process = subprocess.Popen(

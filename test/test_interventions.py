@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from waiting import LIMIT_S, wait_for
+from waiting import LIMIT_S, reserved_domain, wait_for
 
 from plant_sim import kernel as k
 from plant_sim.brake_events import ATMOSPHERE
@@ -284,11 +284,6 @@ class Running:
         assert self.process.returncode == 0, errors
 
 
-def free_domain():
-    with claim_domain() as domain:
-        return domain
-
-
 def do(domain, *arguments):
     command = [sys.executable, "-m", "train_ato", "inject", *arguments, "--domain", str(domain)]
     return subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S)
@@ -298,7 +293,7 @@ def do(domain, *arguments):
 @pytest.mark.parametrize("way", [(), ("--processes",)], ids=["composed", "processes"])
 def test_a_run_with_interventions_is_driven_again_from_its_log(tmp_path, way):
     """Breaks if an intervention acts on another tick than in the log, in one process or several."""
-    domain = free_domain()
+    domain = reserved_domain()
     running = Running(tmp_path / "run", domain, "demo", *way, "--set", "duration=100", "--rate", "1")
     wait_for(lambda: do(domain, "pause").returncode == 0, "the run")
     assert do(domain, "step").returncode == 0
@@ -333,7 +328,7 @@ def test_a_run_with_interventions_is_driven_again_from_its_log(tmp_path, way):
 
 def test_refusals_name_their_reason(tmp_path):
     """Breaks if an invalid size, a step without pause or an unknown run is accepted or gives a traceback."""
-    domain = free_domain()
+    domain = reserved_domain()
     assert "no run holds it" in do(domain, "gust").stderr
     with claim_domain(domain), applied(variables(domain, tmp_path)):
         from train_ato.ros.graph.composed import run_composed
@@ -365,7 +360,7 @@ def test_refusals_name_their_reason(tmp_path):
 
 def test_the_rate_holds_lockstep_back_and_lets_it_go(tmp_path):
     """Breaks if a slow rate does not delay a tick, or a new rate has no effect within a tick."""
-    domain = free_domain()
+    domain = reserved_domain()
     with claim_domain(domain), applied(variables(domain, tmp_path)):
         from train_ato.ros.graph.composed import run_composed
         from train_ato.ros.graph.graph_result import GraphOptions

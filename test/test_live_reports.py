@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import yaml
 from test_following import following_file, report
-from waiting import LIMIT_S, wait_for
+from waiting import LIMIT_S, reserved_domain, wait_for
 
 import train_ato as ta
 from plant_sim.states import Odometry
@@ -71,11 +71,8 @@ def programs_of(
 ) -> Iterator[dict[str, subprocess.Popen[str]]]:
     """Start the train ahead, with options, and the train behind it as programs; none is left."""
     pytest.importorskip("rclpy")
-    from train_ato.ros.graph.environment import claim_domain
 
-    with claim_domain() as domain:
-        pass
-    programs = {}
+    domain, programs = reserved_domain(), {}
     for name, more in {"t1": ["--followed", *options], "t2": []}.items():
         path = folder / f"{name}.yaml"
         path.write_text(yaml.safe_dump({"schema": "train_ato/scenario/1", **scenarios[name]}))

@@ -15,11 +15,11 @@ pytest.importorskip("rclpy")
 
 from foreign_node import ForeignNode
 from test_run_ends import begun
-from waiting import LIMIT_S, pause, wait_for
+from waiting import LIMIT_S, pause, reserved_domain, wait_for
 
 import train_ato as ta
 from train_ato.log.mcap_records import stream
-from train_ato.ros.graph.environment import claim_domain, middleware, opened_by
+from train_ato.ros.graph.environment import middleware, opened_by
 
 ROOT = Path(__file__).resolve().parents[1]
 VARIABLES = ("ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_STATIC_PEERS", "FASTRTPS_DEFAULT_PROFILES_FILE")
@@ -48,8 +48,7 @@ class Drive:
     """``train-ato run`` in a separate process, optionally on another host."""
 
     def __init__(self, folder: Path, *options: str, host: tuple[str, ...] = (), **variables: str) -> None:
-        with claim_domain() as self.domain:
-            pass  # free a moment ago: the run claims it itself
+        self.domain = reserved_domain()
         self.out = folder / "run"
         words = ["run", "demo", "--set=duration=3600", "--rate=20", f"--domain={self.domain}", f"--out={self.out}"]
         self.process = subprocess.Popen(
@@ -183,9 +182,8 @@ def cut_link(options, hosts, out, *, again_s=None):
     """Run the nodes on two hosts, cut the link, and join it again after ``again_s`` [s]; return processes and texts."""
     here, there = hosts
     processes = {}
-    with claim_domain() as domain:
-        peers = {"ROS_STATIC_PEERS": ";".join(HOSTS), "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}
-        variables = environment(ROS_DOMAIN_ID=str(domain), **peers)
+    peers = {"ROS_STATIC_PEERS": ";".join(HOSTS), "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}
+    variables = environment(ROS_DOMAIN_ID=str(reserved_domain()), **peers)
     more = {"plant": ["--recorded", *options], "recorder": ["--out", str(out)]}
     try:
         for role in ("recorder", "supervisor", "profile", "observer", "controller", "plant"):

@@ -11,7 +11,7 @@ import pytest
 import yaml
 from engine_runs import record_run
 from request_desk import Desk, command, started
-from waiting import LIMIT_S
+from waiting import LIMIT_S, reserved_domain
 
 from train_ato.cli import main
 from train_ato.log.difference import compare_logs
@@ -108,14 +108,13 @@ def test_foreign_texts_are_refused(text: str) -> None:
 def test_a_law_set_from_another_process_is_recorded_and_verified(way, tmp_path, monkeypatch):
     """Breaks if the log lacks the time of a change of law or parameter, or ``verify`` omits the change."""
     pytest.importorskip("rclpy")
-    from train_ato.ros.graph.environment import claim_domain, middleware
+    from train_ato.ros.graph.environment import middleware
     from train_ato.ros.graph.remote import set_parameter
 
     for name, value in middleware().items():
         monkeypatch.setenv(name, value)
     run = tmp_path / "run"
-    with claim_domain() as domain:
-        pass  # free a moment ago: the run claims it itself
+    domain = reserved_domain()
     process = started(
         "run", "demo", "--set=duration=100", "--rate=1", "--json", f"--domain={domain}", f"--out={run}", *way,
         stdout=subprocess.PIPE, stderr=subprocess.PIPE,

@@ -1,8 +1,12 @@
-"""Waits for conditions without bounds on wall time, for tests of threads and processes under load."""
+"""Waits without bounds on wall time, and ROS domains for commands, for tests of threads and processes under load."""
 
+import random
+import socket
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 LIMIT_S = 300.0
@@ -12,6 +16,8 @@ LOOK_S = 0.02
 STILL = 50
 """Number of equal values in a row for a constant value."""
 _NEVER = threading.Event()
+_reserved: deque[socket.socket] = deque(maxlen=4)
+"""Locks of the last reserved domains; a test uses one or two."""
 
 
 def pause(seconds: float) -> None:
@@ -39,3 +45,18 @@ def still(value: Callable[[], Any]) -> Any:
         before, seen = seen, value()
         equal = equal + 1 if seen == before else 0
     return seen
+
+
+def reserved_domain() -> int:
+    """Return a domain for a command with ``--domain``; no run without this option takes it before the command does."""
+    from train_ato.ros.graph.domain_lock import locked_domains
+    from train_ato.ros.graph.environment import DOMAINS
+
+    free = {*DOMAINS} - locked_domains()
+    for domain in random.SystemRandom().sample(sorted(free), len(free)):
+        lock = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        with suppress(OSError):
+            lock.bind(f"\0train_ato-domain-{domain}/reserved by a test")
+            _reserved.append(lock)
+            return domain
+    raise AssertionError("all domains are taken")

@@ -5,7 +5,10 @@ temporary files differ.  The kernel removes the name with the last process that 
 """
 
 import errno
+import re
 import socket
+from contextlib import suppress
+from pathlib import Path
 
 _held: set[int] = set()
 """File descriptors of the locks of this process."""
@@ -17,6 +20,14 @@ def inherited_locks() -> tuple[int, ...]:
     A node outlives a killed run by about two seconds: the domain stays locked until the last node has ended.
     """
     return tuple(_held)
+
+
+def locked_domains() -> set[int]:
+    """Return the domains of this network with a lock, also that of a namespace."""
+    with suppress(OSError):
+        names = Path("/proc/net/unix").read_text(encoding="utf-8", errors="replace")
+        return {int(found) for found in re.findall(r"@train_ato-domain-(\d+)", names)}
+    return set()
 
 
 class DomainLock:

@@ -9,7 +9,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from train_ato.ros import DEFAULT_MIDDLEWARE
-from train_ato.ros.graph.domain_lock import DomainLock
+from train_ato.ros.graph.domain_lock import DomainLock, locked_domains
 
 DOMAINS = range(1, 102)
 """Domains with ports below the ephemeral ones, for runs without a wanted one."""
@@ -111,7 +111,8 @@ def claim_domain(wanted: int | None = None, name: str = "--domain", namespace: s
     """
     if wanted is not None:
         check_domain(wanted)
-    order = random.SystemRandom().sample(DOMAINS, len(DOMAINS)) if wanted is None else [wanted]
+    free = [wanted] if wanted is not None else sorted({*DOMAINS} - locked_domains())
+    order = random.SystemRandom().sample(free, len(free))
     for domain in order:
         lock = DomainLock(domain, namespace)
         if lock.acquire():
