@@ -122,12 +122,12 @@ def read_train(path: Path, *, point_mass: bool = False, selection: str = "") -> 
     selection
         Name or identifier of one of several trains.
     """
-    found = _train_of(path, point_mass, selection)
+    found = _train_of(path, selection, point_mass=point_mass)
     _note_train_traps(found.consist, str(path))
     return found
 
 
-def _train_of(path: Path, point_mass: bool, selection: str) -> ReadConsist:
+def _train_of(path: Path, selection: str, *, point_mass: bool) -> ReadConsist:
     """Return the train of a file of any format."""
     place = str(path)
     if is_railml(path):
