@@ -304,7 +304,7 @@ def test_a_node_that_dies_beside_a_plant_of_ones_own_fails_the_run(free_domain: 
         pytest.raises(ta.RunFailed, match="node observer failed: its process was ended by SIGKILL") as caught,
     ):
         ta.run("xuzhou_metro:ideal", set=changes, mode="processes", external="plant", domain=free_domain)
-    assert caught.value.run is not None and caught.value.run.metrics["ticks"] == 20
+    assert caught.value.run is not None and 19 <= caught.value.run.metrics["ticks"] <= 20
 
 
 @pytest.mark.parametrize(
