@@ -227,6 +227,14 @@ def torn(file: Path) -> Path:
     return file
 
 
+def with_large_pages(file: Path) -> Path:
+    """Write an SQLite file again with the largest pages, whose size its head writes as 1."""
+    with closing(sqlite3.connect(file, isolation_level=None)) as database:
+        database.execute("PRAGMA page_size = 65536")
+        database.execute("VACUUM")
+    return file
+
+
 def cut_last(folder: Path, share: float = 0.7) -> Path:
     """Cut the end of the last file of a bag off."""
     cut(sorted(folder.glob("*.mcap"))[-1], share)
@@ -248,6 +256,7 @@ REFUSED: dict[str, Make] = {
     "cut in its folder": lambda m, at: cut_last(rosbag(m, at / "ride", MCAP)),
     "compressed and cut": lambda m, at: cut(packed(mcap(m, at / "ride.mcap", chunk_size=CHUNK))),
     "SQLite, cut": lambda m, at: cut(only(rosbag(m, at / "ride", SQL))),
+    "SQLite, large pages, cut": lambda m, at: cut(with_large_pages(only(rosbag(m, at / "ride", SQL)))),
     "SQLite, a page lost": lambda m, at: torn(only(rosbag(m, at / "ride", SQL))),
 }  # fmt: skip
 

@@ -203,7 +203,7 @@ def of_damaged_sqlite(file: Path, folder: Path) -> Iterator[RawMessage]:
     with whole.open("r+b") as copy:  # SQLite opens no file that is shorter than its head says
         head = copy.read(_SQLITE_HEAD.size)
         page, pages = _SQLITE_HEAD.unpack(head) if len(head) == _SQLITE_HEAD.size else (0, 0)
-        copy.truncate(max(file.stat().st_size, page * pages))
+        copy.truncate(max(file.stat().st_size, (page if page > 1 else 1 << 16) * pages))  # 1 is 65 536
     with suppress(sqlite3.Error), _settled(whole) as address, closing(sqlite3.connect(address, uri=True)) as database:
         kinds = {row["id"]: _kind(row, database) for row in _rows(database, "topics")}
         begin: int | None = 0
