@@ -193,6 +193,7 @@ def left(role):
 
 TERM, INT, KILL, STOP = signal.SIGTERM, signal.SIGINT, signal.SIGKILL, signal.SIGSTOP
 BY_SIGNAL = "node {} failed: its process was ended by {}"
+BY_RUN = "the run was stopped by {} after "
 CASES = [
     *(Case("hand", options, role, KILL, "failed", left(role), 1) for options in (PACED, FREE) for role in ROLES[1:5]),
     Case("hand", PACED, "plant", INT, "interrupted", "node plant was stopped by SIGINT", 0),
@@ -209,15 +210,15 @@ CASES = [
     Case("processes", PACED, "plant", KILL, "failed", BY_SIGNAL.format("plant", "SIGKILL"), 1),
     Case("processes", FREE[:2], "controller", KILL, "failed", BY_SIGNAL.format("controller", "SIGKILL"), 1),
     Case("processes", (*PACED, "--restart"), "observer", TERM, "done", "", 0),
-    Case("processes", PACED, "run", INT, "interrupted", "", 1),
-    Case("composed", PACED, "run", INT, "interrupted", "", 1),
-    Case("composed", FREE[:2], "run", TERM, "interrupted", "", 1),
-    Case("engine", PACED, "run", TERM, "interrupted", "", 1),
+    Case("processes", PACED, "run", INT, "interrupted", BY_RUN.format("SIGINT"), 1),
+    Case("composed", PACED, "run", INT, "interrupted", BY_RUN.format("SIGINT"), 1),
+    Case("composed", FREE[:2], "run", TERM, "interrupted", BY_RUN.format("SIGTERM"), 1),
+    Case("engine", PACED, "run", TERM, "interrupted", BY_RUN.format("SIGTERM"), 1),
     Case("hand", PACED, "recorder", KILL, "killed", "", 1),
     Case("hand", PACED, "recorder", STOP, "failed", "node recorder failed: its process was suspended for ", 1),
     Case("processes", PACED, "recorder", KILL, "failed", BY_SIGNAL.format("recorder", "SIGKILL"), 1),
-    Case("python", PACED, "run", INT, "interrupted", "", 1),
-    Case("python", FREE[:2], "run", TERM, "interrupted", "", 1),
+    Case("python", PACED, "run", INT, "interrupted", BY_RUN.format("SIGINT"), 1),
+    Case("python", FREE[:2], "run", TERM, "interrupted", BY_RUN.format("SIGTERM"), 1),
 ]  # fmt: skip
 
 

@@ -194,6 +194,11 @@ class Interrupt:
             raise SystemExit(128 + self._number)  # not the signal itself: the program still closes its files
         signal.raise_signal(self._number)
 
+    def reason(self, ticks: int, planned: int) -> str:
+        """Return why a run ended after some of its planned ticks; "" without a signal."""
+        by = "" if self._number is None else signal.Signals(self._number).name
+        return by and f"the run was stopped by {by} after {ticks} of {planned} ticks"
+
     def end(self, number: int, frame: FrameType | None) -> None:
         """Signal handler: set the flag and raise KeyboardInterrupt, once for signals within :data:`BURST_S`."""
         self.asked = True

@@ -132,12 +132,12 @@ def run_engine(
     times = [] if loop.compiled else loop.controller.step_times
     published, recording = loop.recording.counts, loop.recording.finish()
     interrupted = interrupt.asked or stopped
-    reason = f"stop_when ended it after {loop.ticks} of {setup.ticks} ticks" if stopped else ""
+    by_caller = f"stop_when ended it after {loop.ticks} of {setup.ticks} ticks" if stopped else ""
     if messages_only:
         return RunResult.without_metrics(recording, interrupted=interrupted, failure=watch.failure, published=published)
     result = RunResult.of(
         setup, recording, wall, loop.ticks, times, interrupted=interrupted, failure=watch.failure,
-        published=published, interruption=reason,
+        published=published, interruption=by_caller or interrupt.reason(loop.ticks, setup.ticks),
     )  # fmt: skip
     return replace(result, recording=None, published={}) if summary_only else result
 

@@ -38,7 +38,7 @@ class RunEnd:
         failure
             Failed node and reason, or None.
         interruption
-            Signal or request that ended the run, "" for Ctrl-C, None without one.
+            Signal or request that ended the run, "" for an unknown one, None without one.
         """
         if failure is not None:
             return cls(FAILED, failure, ticks)

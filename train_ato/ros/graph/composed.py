@@ -89,7 +89,10 @@ def run_composed(
             if role is not Role.RECORDER:
                 executor.add_node(endpoints.node)
         try:
-            return _Composed(executor, all_endpoints, nodes, watch, interrupt, options, apart).run(report)
+            end = _Composed(executor, all_endpoints, nodes, watch, interrupt, options, apart).run(report)
+            if interrupt.asked:
+                end.interruption = interrupt.reason(end.ticks, setup.ticks)
+            return end
         finally:
             all_endpoints[Role.RECORDER].destroy()
 
@@ -139,9 +142,7 @@ class _Composed:
         end.ignored = {
             role.value: count for role, node in self._nodes.items() if (count := getattr(node, "ignored", 0))
         }
-        end.interruption = (
-            "" if self._interrupt.asked else plant_end.reason if plant_end.status == INTERRUPTED else None
-        )
+        end.interruption = plant_end.reason if plant_end.status == INTERRUPTED else None
         end.failure = self._watch.failure
         return end
 

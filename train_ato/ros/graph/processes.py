@@ -71,7 +71,8 @@ def run_processes(
     if (end.failure or "").endswith(REMEDY):
         raise ValueError((end.failure or "").partition(" failed: ")[2])
     _collect(nodes, end, options.external)
-    end.interruption = "" if interrupt.asked else nodes[Role.PLANT].interruption
+    by_node = nodes[Role.PLANT].interruption
+    end.interruption = interrupt.reason(end.ticks, setup.ticks) if interrupt.asked else by_node
     end.restarts = {role.value: count for role, count in restarts.begun.items()}
     return end
 
