@@ -371,8 +371,8 @@ def readable(path: Path, *, broken: bool = False) -> Iterator[None]:
         yield
     except Damage as damage:
         if not broken:
-            text = f"{path}: damaged or no log: {damage}; `train-ato recover {path}` saves the undamaged part"
-            raise ValueError(text) from None
+            remedy = f"`train-ato recover {path}` saves what is undamaged, if anything is"
+            raise ValueError(f"{path}: damaged or no log: {damage}; {remedy}") from None
     except OSError as error:
         raise ValueError(f"{path}: cannot be read ({error.strerror or error})") from None
 
