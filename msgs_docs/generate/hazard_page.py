@@ -18,9 +18,9 @@ from plant_sim.library import read_yaml
 from plant_sim.traction import Envelope
 from train_ato.loop.protection_record import REACTIONS, protection_summary, state_spans
 from train_ato.loop.recording import BRAKE_PIPE
-from train_ato.loop.train_protection import Protection, TrainProtection
+from train_ato.loop.train_protection import TrainProtection
 from train_ato.messages.receiver import Receiver
-from train_ato.messages.types import Array, Odometry
+from train_ato.messages.types import Array, Odometry, Protection
 from train_ato.supervision.plant_line import highest_limit, line_supervision
 from train_ato.supervision.supervisor import SupervisionDecision, Supervisor
 from train_ato.supervision.track_supervision import TrackSupervision

@@ -19,7 +19,7 @@ from train_ato.loop.inputs import StageInputs
 from train_ato.loop.setup import RunSetup
 from train_ato.loop.stage_messages import PlantMessages, PlantTruth, diagnostics_due
 from train_ato.loop.train_ahead import ReportRadio, ReportSender
-from train_ato.loop.train_protection import Protection, TrainProtection
+from train_ato.loop.train_protection import TrainProtection
 from train_ato.messages.faults import DropFault, FreezeFault
 from train_ato.messages.links import DelayJump, Link, LinkSpec
 from train_ato.messages.topics import Role
@@ -32,6 +32,7 @@ from train_ato.messages.types import (
     Disturbance,
     Odometry,
     Pipe,
+    Protection,
     ProtectionState,
     Tick,
     VehicleStates,

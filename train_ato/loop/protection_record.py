@@ -5,8 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from train_ato.control.assurance import BRAKING_LAW
-from train_ato.loop.train_protection import Protection
-from train_ato.messages.types import AtoState, Diagnostic
+from train_ato.messages.types import AtoState, Diagnostic, Protection
 from train_ato.supervision.supervisor import SupervisionState
 
 _PLACES: dict[str, tuple[str | None, str]] = {

@@ -9,7 +9,6 @@ The highest demand of these sources is in effect:
 """
 
 from dataclasses import dataclass
-from enum import IntEnum
 
 import numpy as np
 
@@ -17,29 +16,10 @@ from plant_sim.compiled import compiled
 from plant_sim.record import Records, quantity, zeros
 from train_ato.loop.setup import RunSetup
 from train_ato.messages.links import DelayJump, DelayLine, Link, MessageLink, Stamps, UnitQueue, arrive
-from train_ato.messages.types import Array, BrakeRelease
+from train_ato.messages.types import Array, BrakeRelease, Protection
 
 REQUESTED, SUPERVISOR = "emergency brake requested", "supervisor"
 """Reasons of a reaction: an intervention, and the brake release of the supervisor."""
-
-
-class Protection(IntEnum):
-    """Reaction of the train, by rising severity."""
-
-    NONE = 0
-    COAST = 1
-    SERVICE_BRAKE = 2
-    EMERGENCY_BRAKE = 3
-
-    @property
-    def text(self) -> str:
-        """Reaction in words."""
-        return self.name.lower().replace("_", " ")
-
-    @property
-    def active(self) -> tuple[bool, bool, bool]:
-        """Traction cut off, service brake and emergency brake in effect."""
-        return self >= Protection.COAST, self is Protection.SERVICE_BRAKE, self is Protection.EMERGENCY_BRAKE
 
 
 @dataclass

@@ -168,6 +168,25 @@ class TrainAhead:
     time: Array = field(metadata=described("time", "s", "time of the odometry of the report, for all the same"))
 
 
+class Protection(IntEnum):
+    """Reaction of the train, by rising severity."""
+
+    NONE = 0
+    COAST = 1
+    SERVICE_BRAKE = 2
+    EMERGENCY_BRAKE = 3
+
+    @property
+    def text(self) -> str:
+        """Reaction in words."""
+        return self.name.lower().replace("_", " ")
+
+    @property
+    def active(self) -> tuple[bool, bool, bool]:
+        """Traction cut off, service brake and emergency brake in effect."""
+        return self >= Protection.COAST, self is Protection.SERVICE_BRAKE, self is Protection.EMERGENCY_BRAKE
+
+
 class AtoState(IntEnum):
     """State of the ATO: SUBSET-125, 6.3, without the states of its configuration."""
 

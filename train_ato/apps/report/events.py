@@ -18,9 +18,8 @@ from train_ato.loop.profile import REJOINED
 from train_ato.loop.protection_record import REACTIONS, StateSpan, state_spans
 from train_ato.loop.recording import BRAKE_PIPE_COMMAND, REFERENCE, Recording
 from train_ato.loop.tracking import time_at_force_limit
-from train_ato.loop.train_protection import Protection
 from train_ato.messages.faults import SlowFault, message_faults, node_faults
-from train_ato.messages.types import Array, AtoState, Diagnostic
+from train_ato.messages.types import Array, AtoState, Diagnostic, Protection
 from train_ato.scenario import changes, interventions
 from train_ato.supervision.supervisor import SupervisionState
 

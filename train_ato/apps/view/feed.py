@@ -18,9 +18,9 @@ from train_ato.apps.view.snapshot import STRIP, ProtectionStates, Snapshot, alon
 from train_ato.control.assurance import BRAKING_LAW
 from train_ato.log.versions import SUMMARY
 from train_ato.loop.protection_record import INTERVENTIONS, REACTIONS
-from train_ato.loop.train_protection import REQUESTED, SUPERVISOR, Protection
+from train_ato.loop.train_protection import REQUESTED, SUPERVISOR
 from train_ato.loop.verdict import verdict_line
-from train_ato.messages.types import Array, AtoState, Diagnostic
+from train_ato.messages.types import Array, AtoState, Diagnostic, Protection
 
 REPORT_PAGE = "/report"
 """Path of the report on the server of the page."""

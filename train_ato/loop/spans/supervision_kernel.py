@@ -15,8 +15,7 @@ from plant_sim.record import Records, quantity, zeros
 from train_ato.control.assurance import AssuranceConstants, AssuranceState, assure
 from train_ato.control.plausibility import PLAUSIBLE, CheckConstants, implausible_quantity
 from train_ato.loop.spans.stages import Stages
-from train_ato.loop.train_protection import Protection
-from train_ato.messages.types import AtoState
+from train_ato.messages.types import AtoState, Protection
 from train_ato.supervision.deceleration_curve import Arc
 from train_ato.supervision.limits import Target
 from train_ato.supervision.odometry import PastSpeed, odometry_problem
