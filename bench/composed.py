@@ -31,11 +31,11 @@ import numpy as np
 from figures import Figure, Goal, judge, publish
 
 from plant_sim.train import compile_kernel
-from train_ato.loop.setup import RunSetup, prepare
 from train_ato.messages.topic import Owner, TrainLayout
 from train_ato.messages.topics import BY_NAME, Role
 from train_ato.ros.graph.environment import applied, claim_domain, variables
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import RunSetup, prepare
 
 MOST_RATIO = 1.5
 LEAST_FACTOR = 150.0

@@ -21,8 +21,8 @@ from figures import Figure, judge, publish
 from train_ato.control.contract import LawInput, LawOutput
 from train_ato.control.registry import LAWS
 from train_ato.loop.engine import run_engine
-from train_ato.loop.setup import prepare
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import prepare
 
 ROUNDS = 9
 STEPS = 1000

@@ -25,8 +25,8 @@ from figures import Figure, judge, publish
 from plant_sim import kernel
 from plant_sim.states import Measurement
 from train_ato.loop.engine import TickLoop, run_engine
-from train_ato.loop.setup import prepare
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import prepare
 
 SCENARIOS = ("daqin_heavy_haul", "daqin_heavy_haul:twin", "xuzhou_metro", "crh380a_funnel:short", "crh380a_gpc:short")
 SIMULATED_S = 60

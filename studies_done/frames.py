@@ -52,7 +52,7 @@ def hour(folder: Path) -> Path:
     """Simulate and record an hour in the engine."""
     from train_ato.log.run_folder import RunFolder
     from train_ato.loop.engine import run_engine
-    from train_ato.loop.setup import prepare
+    from train_ato.scenario.setup import prepare
     from train_ato.scenario.scenario import load_scenario
 
     setup = prepare(*load_scenario(SCENARIO, (), {"duration": DURATION_S}))

@@ -19,7 +19,7 @@ import numpy as np
 import train_ato as ta
 from train_ato.control.algorithms.disturbance_lines import LineSpectrum
 from train_ato.control.laws.mpc import Mpc
-from train_ato.loop.verdict import tracking_text
+from train_ato.judge.verdict import tracking_text
 
 BEGIN = 40.0
 """Time from which the forces of the last column count [s]."""

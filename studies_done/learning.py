@@ -21,9 +21,9 @@ import train_ato as ta
 from train_ato.apps.learn.learn import repeated
 from train_ato.apps.runs.scenario_choice import put_components
 from train_ato.apps.runs.drive import RunMode, drive
-from train_ato.loop.scenario_data import PartCache
-from train_ato.loop.setup import prepare
-from train_ato.loop.verdict import outcomes_text
+from train_ato.scenario.scenario_data import PartCache
+from train_ato.scenario.setup import prepare
+from train_ato.judge.verdict import outcomes_text
 
 SCENARIO, LINE = "xuzhou_metro:disturbed", "xuzhou_metro_test"
 STACKS: dict[str, dict[str, str]] = {

@@ -28,8 +28,8 @@ from train_ato.apps.sweep.sweep import sweep_base
 from train_ato.apps.sweep.spec import design_points
 from train_ato.apps.sweep.row import drive_point
 from train_ato.apps.sweep.spec import read_sweep
-from train_ato.loop.scenario_data import PartCache
-from train_ato.loop.setup import RunSetup
+from train_ato.scenario.scenario_data import PartCache
+from train_ato.scenario.setup import RunSetup
 from train_ato.loop.spans.span import CompiledSpans
 
 RUNS, CORES, GOAL_MINUTES = 64 * 64, 2, 10.0

@@ -23,7 +23,7 @@ from train_ato.apps.sweep.sweep import sweep_base
 from train_ato.apps.sweep.spec import design_points
 from train_ato.apps.sweep.row import Row, drive_point
 from train_ato.apps.sweep.spec import read_sweep
-from train_ato.loop.scenario_data import PartCache
+from train_ato.scenario.scenario_data import PartCache
 
 SIDE = 64
 METRICS = {

@@ -22,7 +22,7 @@ from statistics import median
 from typing import Any
 
 import train_ato as ta
-from train_ato.loop.verdict import outcomes_text
+from train_ato.judge.verdict import outcomes_text
 
 GPC, FUNNEL, METRO = "crh380a_gpc:short", "crh380a_funnel:short", "xuzhou_metro"
 FREIGHT, TWIN = "freight_consensus:realistic", "daqin_heavy_haul:twin"

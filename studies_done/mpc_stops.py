@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 import train_ato as ta
-from train_ato.loop.verdict import outcomes_text
+from train_ato.judge.verdict import outcomes_text
 
 PROFILE = {"phases": [{"cruise_for": 5}, {"accelerate_to_kmh": 50}, {"cruise_for": 10}, {"brake_to": 0}]}
 """Profile of 66 s."""

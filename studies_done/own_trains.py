@@ -31,7 +31,7 @@ import yaml
 
 import train_ato as ta
 from train_ato.apps.check_component.random_trips import GEAR_KINDS, random_gear, random_vehicle
-from train_ato.loop.setup import prepare
+from train_ato.scenario.setup import prepare
 from train_ato.scenario.scenario import load_scenario
 
 CLASSES = ("metro", "multiple unit", "freight")

@@ -21,8 +21,8 @@ from figures import Goal, judge
 
 from msgs_docs.generate.fault_runs import BASES
 from plant_sim.train import compile_kernel
-from train_ato.loop.protection_record import state_spans
-from train_ato.loop.setup import prepare
+from train_ato.judge.protection_record import state_spans
+from train_ato.scenario.setup import prepare
 from train_ato.ros.graph.runner import run_graph
 from train_ato.scenario.scenario import load_scenario
 

@@ -19,7 +19,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent.parent / "bench"))
 from figures import Goal, judge
 
-from train_ato.loop.requirements import robustness_at_start, robustness_bounds, robustness_series
+from train_ato.judge.requirements import robustness_at_start, robustness_bounds, robustness_series
 from train_ato.scenario.formula import parse_formula, signals_of
 
 HOUR_S = 3600

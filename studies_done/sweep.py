@@ -36,8 +36,8 @@ from train_ato.apps.sweep.sweep import execute_points
 from train_ato.apps.sweep.row import Row
 from train_ato.apps.sweep.spec import read_sweep
 from train_ato.loop.engine import run_engine
-from train_ato.loop.scenario_data import PartCache
-from train_ato.loop.setup import RunSetup
+from train_ato.scenario.scenario_data import PartCache
+from train_ato.scenario.setup import RunSetup
 
 SPEEDUP, OVERHEAD_MS = 1.8, 5.0
 

@@ -23,7 +23,7 @@ from tick import stage_times
 from train_ato.log.run_folder import Encoder
 from train_ato.log.run_log import RunLog
 from train_ato.loop.engine import TickLoop
-from train_ato.loop.setup import RunSetup, prepare
+from train_ato.scenario.setup import RunSetup, prepare
 from train_ato.loop.spans import span
 from train_ato.messages.codec.codec import Wire
 from train_ato.messages.topics import topics_of

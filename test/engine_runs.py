@@ -4,7 +4,7 @@ from pathlib import Path
 
 from train_ato.log.run_folder import RunFolder
 from train_ato.loop.engine import run_engine
-from train_ato.loop.setup import RunSetup
+from train_ato.scenario.setup import RunSetup
 
 
 def record_run(setup: RunSetup, path: Path) -> Path:

@@ -10,8 +10,7 @@ import numpy as np
 from recordings import with_series
 from reproduce_results import FIGURES, result, series
 
-from train_ato.loop.recording import Recording
-from train_ato.loop.setup import prepare
+from train_ato.judge.recording import Recording
 from train_ato.messages.types import Array
 from train_ato.papers.claims import Result
 from train_ato.papers.p000_heavy_haul.cases import PERIOD
@@ -20,6 +19,7 @@ from train_ato.papers.p001_metro.cases import INERTIA
 from train_ato.papers.p002_freight.checks import STIFFNESS_KN
 from train_ato.profile.profile import Profile
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import prepare
 
 COUNT = 8000
 PHASE = 2.0 * np.pi * 20.0 * np.arange(COUNT) / COUNT

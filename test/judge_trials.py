@@ -11,8 +11,8 @@ import judge_results
 import numpy as np
 import yaml
 
-from train_ato.loop.recording import COMMAND, ESTIMATE, MEASUREMENT, TRUTH, Recording
-from train_ato.loop.series import TopicSamples
+from train_ato.judge.recording import COMMAND, ESTIMATE, MEASUREMENT, TRUTH, Recording
+from train_ato.judge.series import TopicSamples
 from train_ato.papers.claims import Claim, Result, Verdict
 
 GOOD, ELSEWHERE, BAD = Verdict.REPRODUCED, Verdict.OTHER_SETTING, Verdict.NOT_REPRODUCED

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from train_ato.judge.recording import COMMAND, DISTURBANCE, ESTIMATE, MEASUREMENT, REFERENCE, TRUTH, Recording
+from train_ato.judge.series import TopicSamples
 from train_ato.log.mcap_records import stream
 from train_ato.log.reading import log_file
-from train_ato.loop.recording import COMMAND, DISTURBANCE, ESTIMATE, MEASUREMENT, REFERENCE, TRUTH, Recording
-from train_ato.loop.series import TopicSamples
 
 PLACES = {
     "position": (TRUTH, "unit_position"), "velocity": (TRUTH, "unit_velocity"),

@@ -3,7 +3,7 @@
 import numpy as np
 from recordings import recording_of
 
-from train_ato.loop.recording import Recording
+from train_ato.judge.recording import Recording
 from train_ato.messages.types import Array
 from train_ato.papers.claims import Claim, Paper, Result
 

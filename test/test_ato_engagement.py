@@ -9,17 +9,17 @@ import pytest
 from train_ato.control.assurance import AT_ONCE
 from train_ato.control.laws.pid import Pid
 from train_ato.control.takeover import TakeoverRamp
+from train_ato.judge.recording import Recording
+from train_ato.judge.result import RunResult
 from train_ato.loop.controller import ControllerStage
 from train_ato.loop.engine import TickLoop, run_engine
 from train_ato.loop.profile import REJOINED, ProfileStage
-from train_ato.loop.recording import Recording
-from train_ato.loop.result import RunResult
-from train_ato.loop.setup import RunSetup, prepare
 from train_ato.loop.stamp_synchronizer import StampSynchronizer
 from train_ato.loop.supervisor import SupervisorStage
 from train_ato.messages.types import AtoState, Reference, Tick, Trajectory
 from train_ato.ros.graph.runner import run_graph
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import RunSetup, prepare
 from train_ato.supervision.supervisor import SupervisionState
 
 METRO = "xuzhou_metro:disturbed"

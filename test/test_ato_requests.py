@@ -16,11 +16,11 @@ from train_ato.log.difference import compare_logs
 from train_ato.log.recorded import read_changes
 from train_ato.log.run_folder import RunFolder, read_run_folder
 from train_ato.loop.engine import run_engine
-from train_ato.loop.setup import prepare
 from train_ato.messages.codec.codec import Wire
 from train_ato.messages.types import Diagnostic
 from train_ato.scenario.changes import RunChanges
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import prepare
 
 SECOND = 1_000_000_000
 AT_REST = "[{at: 1, do: disengage}, {at: 2.5, do: engage}, {at: 2.5, do: disengage}, {at: 9, do: reset}]"

@@ -19,9 +19,9 @@ from plant_sim.library import consist_path, line_path
 from train_ato.apps.runs.progress import COMPILE_NOTE, PLANNER_NOTE
 from train_ato.cli import main
 from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
-from train_ato.loop.setup import prepare
 from train_ato.profile.motion import change_of_speed
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import prepare
 
 ROOT = Path(__file__).resolve().parents[1]
 NINES = "9" * 5000

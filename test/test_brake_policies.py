@@ -18,16 +18,16 @@ from train_ato.control.compensation.contract import CompensationInput
 from train_ato.control.compensation.rigid import RigidForce
 from train_ato.control.registry import COMPENSATIONS
 from train_ato.control.train_model import TrainModel
+from train_ato.judge.recording import BRAKE_PIPE_COMMAND, Recording
+from train_ato.judge.result import RunResult
 from train_ato.log.difference import compare_logs
 from train_ato.log.run_folder import read_run_folder
 from train_ato.loop.engine import run_engine
-from train_ato.loop.recording import BRAKE_PIPE_COMMAND, Recording
-from train_ato.loop.result import RunResult
-from train_ato.loop.setup import RunSetup, prepare
 from train_ato.messages.codec.codec import Wire
 from train_ato.messages.types import Measurement, Reference
 from train_ato.profile.driver import average_speed
 from train_ato.scenario.scenario import load_scenario, shipped_scenarios
+from train_ato.scenario.setup import RunSetup, prepare
 
 
 @pytest.fixture

@@ -23,7 +23,6 @@ from train_ato.log.reading import read_log
 from train_ato.loop.controller import ControllerStage
 from train_ato.loop.observer import ObserverStage
 from train_ato.loop.profile import ProfileStage
-from train_ato.loop.setup import prepare
 from train_ato.messages.topics import BY_NAME
 from train_ato.ros.graph import shared_memory
 from train_ato.ros.graph.composed import run_composed
@@ -32,6 +31,7 @@ from train_ato.ros.graph.runner import run_graph
 from train_ato.ros.nodes.controller import ControllerNode
 from train_ato.ros.nodes.endpoints import NodeEndpoints
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import prepare
 
 TICK = 100_000_000
 ROOT = Path(__file__).resolve().parents[1]

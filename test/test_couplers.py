@@ -19,8 +19,8 @@ from train_ato.cli import main
 from train_ato.control.algorithms.coupler_limit import CouplerLimit
 from train_ato.control.algorithms.coupler_modes import TrainModes
 from train_ato.control.train_model import TrainModel
+from train_ato.judge.recording import TRUTH, Recording
 from train_ato.log.recorded import open_recording
-from train_ato.loop.recording import TRUTH, Recording
 
 GOLDEN = Path(__file__).resolve().parent / "golden" / "short_train" / "run.mcap"
 

@@ -16,9 +16,9 @@ from train_ato.log.run_folder import RunFolder
 from train_ato.log.tables import files as writing
 from train_ato.log.tables import loading, tables
 from train_ato.log.tables.files import file_names
-from train_ato.loop.setup import prepare
 from train_ato.messages.types import Diagnostic
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import prepare
 
 
 @pytest.fixture

@@ -24,9 +24,9 @@ from train_ato.cli.main import main
 from train_ato.control.algorithms.guard import GuardedLaw
 from train_ato.control.contract import LawInput
 from train_ato.log.reading import iter_raw
-from train_ato.loop.setup import prepare
 from train_ato.ros.graph.runner import run_graph
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import prepare
 
 ROOT = Path(__file__).resolve().parents[1]
 EXAMPLE = str(ROOT / "examples" / "ros" / "my_controller.py")

@@ -21,9 +21,9 @@ from train_ato.apps.runs.following import FollowingResult, first_report, followe
 from train_ato.apps.runs.run import Run
 from train_ato.cli.main import main
 from train_ato.loop.headway import HeadwayProfile
-from train_ato.loop.setup import RunSetup
 from train_ato.loop.train_ahead import MovingAuthority, ReportReceiver
 from train_ato.scenario.following import load_following
+from train_ato.scenario.setup import RunSetup
 from train_ato.supervision.train_report import (
     ShortestStop,
     TrainReport,

@@ -20,11 +20,11 @@ from plant_sim.input_error import build_model
 from plant_sim.library import load_consist, load_line
 from plant_sim.traction import Envelope
 from train_ato.cli.main import main
-from train_ato.loop.setup import prepare
 from train_ato.profile.planner.planner import plan_profile
 from train_ato.profile.planner.settings import find_line, find_train
 from train_ato.profile.planner.train_tables import TrainTables
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import prepare
 
 
 def quantity(value: float, unit: str) -> dict[str, Any]:

@@ -32,7 +32,6 @@ from train_ato.log.mcap_records import stream
 from train_ato.log.reading import iter_raw
 from train_ato.log.run_folder import RunFolder
 from train_ato.loop.engine import run_engine
-from train_ato.loop.setup import prepare
 from train_ato.messages.codec.codec import Wire
 from train_ato.messages.topics import EPOCH_NS
 from train_ato.messages.types import Diagnostic, DisturbanceEstimate, Pipe, Reference, Tick
@@ -42,6 +41,7 @@ from train_ato.ros.graph.graph_result import GraphOptions, GraphResult
 from train_ato.ros.graph.recorded import recorded_result
 from train_ato.ros.standalone import discovery
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import prepare
 
 ROOT = Path(__file__).resolve().parents[1]
 WAYS = pytest.mark.parametrize(

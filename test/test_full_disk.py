@@ -22,11 +22,11 @@ from train_ato.apps.runs.progress import COMPILE_NOTE
 from train_ato.apps.runs.run import Run, RunRecord
 from train_ato.cli.main import main
 from train_ato.errors import FirstFailure, RunFailed
+from train_ato.judge.result import RunResult
 from train_ato.log.run_folder import RunFolder
 from train_ato.loop.engine import run_engine
-from train_ato.loop.result import RunResult
-from train_ato.loop.setup import prepare
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import prepare
 
 PROGRAM = """
 import resource, signal, sys

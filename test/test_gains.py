@@ -26,9 +26,9 @@ from train_ato.control.laws.pid import Pid
 from train_ato.control.registry import LAWS
 from train_ato.control.train_model import TrainModel
 from train_ato.loop.engine import run_engine
-from train_ato.loop.setup import RunSetup, prepare
 from train_ato.papers.claims import Case
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import RunSetup, prepare
 
 
 def prepared(name: str, *assignments: str) -> RunSetup:

@@ -20,10 +20,10 @@ from train_ato.log.reading import attachments
 from train_ato.log.run_folder import read_run_folder
 from train_ato.log.run_log import LogFile
 from train_ato.log.versions import VERSIONS, read_versions, versions
-from train_ato.loop.setup import prepare
 from train_ato.messages.codec.codec import Wire
 from train_ato.messages.topics import EPOCH_NS, topics_of
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import prepare
 
 FOLDER = Path(__file__).resolve().parent / "golden"
 sys.path.append(str(FOLDER))

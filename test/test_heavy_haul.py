@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import pytest
 
 from train_ato.loop.engine import run_engine
-from train_ato.loop.setup import prepare
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import prepare
 
 pytestmark = pytest.mark.campaign
 

@@ -265,7 +265,7 @@ def test_a_signal_ends_the_script_of_two_runs(number: signal.Signals, status: in
         "from pathlib import Path\n"
         "from train_ato.log.run_folder import RunFolder\n"
         "from train_ato.loop.engine import run_engine\n"
-        "from train_ato.loop.setup import prepare\n"
+        "from train_ato.scenario.setup import prepare\n"
         "from train_ato.scenario.scenario import load_scenario\n"
         "setup = prepare(*load_scenario('demo', ('duration=20',)))\n"
         "for name in ('one', 'two'):\n"

@@ -14,14 +14,13 @@ from waiting import LIMIT_S, reserved_domain, wait_for
 from plant_sim import kernel as k
 from plant_sim.brake_events import ATMOSPHERE
 from plant_sim.disturbances import Gust, OutsideForces
+from train_ato.judge.trajectories import profile_of
 from train_ato.log.reading import read_log
 from train_ato.loop.controller import ControllerStage
 from train_ato.loop.engine import run_engine
 from train_ato.loop.observer import ObserverStage
 from train_ato.loop.plant import PlantStage
 from train_ato.loop.profile import ProfileStage
-from train_ato.loop.setup import prepare
-from train_ato.loop.trajectories import profile_of
 from train_ato.messages.types import Command
 from train_ato.scenario.interventions import (
     KEY,
@@ -37,6 +36,7 @@ from train_ato.scenario.interventions import (
     planned_for,
 )
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import prepare
 
 SECOND = 1_000_000_000
 UNSUPERVISED = "supervision.enabled=false"

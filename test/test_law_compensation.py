@@ -15,9 +15,9 @@ from train_ato.control.compensation.contract import CompensationInput
 from train_ato.control.compensation.predictor import DelayEstimate
 from train_ato.control.compensation.rigid import RigidForce
 from train_ato.control.registry import COMPENSATIONS
-from train_ato.loop.setup import prepare
 from train_ato.messages.types import Measurement, Reference
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import prepare
 
 TICK_NS = 100_000_000
 

@@ -28,9 +28,9 @@ from train_ato.cli import run as run_command
 from train_ato.cli.scenario_options import prepare_from
 from train_ato.control.gains import PRINTED
 from train_ato.control.registry import COMPENSATIONS, LAWS
-from train_ato.loop.setup import RunSetup, prepare
 from train_ato.papers.claims import Case, printed
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import RunSetup, prepare
 
 COMPONENTS = {component.key: component for component in components()}
 CASES = {command(case): case for entry in COMPONENTS.values() for case in demo_of(entry.kind, entry.name).runs.values()}

@@ -24,8 +24,8 @@ from train_ato.control.command_hold import RELEASE_FORCE
 from train_ato.control.compensation.ahead_train import AheadTrain, TwinParameters, worn
 from train_ato.control.laws.mpc import Mpc
 from train_ato.control.train_model import TrainModel
-from train_ato.loop.setup import prepare
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import prepare
 
 PERIOD, LAG = 0.1, 0.4
 SCENARIO = "freight_consensus:realistic+delay_1_0"

@@ -11,8 +11,8 @@ from train_ato.control.contract import parameter, parameters_of
 from train_ato.control.laws.pid import Pid
 from train_ato.control.parameters import make_parameters
 from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS, Registry
-from train_ato.loop.setup import prepare
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import prepare
 
 
 def test_pid_forces_of_paper_000():

@@ -19,10 +19,10 @@ from train_ato.control.compensation.rigid import RigidForce
 from train_ato.control.laws.pid import Pid
 from train_ato.control.registry import LAWS
 from train_ato.control.takeover import JoinedReference, LawTransition, lasting_force, stretches
+from train_ato.judge.recording import Recording
 from train_ato.loop.engine import run_engine
-from train_ato.loop.recording import Recording
-from train_ato.loop.setup import RunSetup, prepare
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import RunSetup, prepare
 
 HELD_S, AFTER_S = 3.0, 20.0
 PLACES = {

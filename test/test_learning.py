@@ -14,7 +14,7 @@ from train_ato.apps.runs.drive import drive
 from train_ato.cli import main
 from train_ato.control.learned_resistance import LearnedResistance, learned_text, read_learned
 from train_ato.control.train_model import LineForceTable
-from train_ato.loop.setup import RunSetup
+from train_ato.scenario.setup import RunSetup
 
 METRO = "xuzhou_metro:disturbed"
 STACKS: dict[str, dict[str, Any]] = {

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 
 from plant_sim.streams import random_stream
 from train_ato.loop.engine import run_engine
-from train_ato.loop.setup import prepare
 from train_ato.messages.links import NEVER, DelayJump, Link, LinkSpec, MessageLink, VaryingDelay
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import prepare
 
 STEP = 5_000_000
 TICK = 20 * STEP

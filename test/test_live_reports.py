@@ -24,10 +24,10 @@ from train_ato.apps.runs.run import Run, RunRecord
 from train_ato.apps.runs.scenario_choice import choose_scenario
 from train_ato.cli.main import main
 from train_ato.loop.engine import run_engine
-from train_ato.loop.setup import RunSetup
 from train_ato.loop.train_ahead import ReportRadio, ReportReceiver, ReportSender
 from train_ato.messages.types import TrainAhead
 from train_ato.scenario.following import load_following
+from train_ato.scenario.setup import RunSetup
 
 CHANGES = ("t1.duration=30", "t2.duration=45", "t2.leader.link.delay=0.8", "t2.leader.link.loss=0.3")
 """The train behind is on its way for longer than the train ahead; a third of the reports is lost."""

@@ -10,8 +10,7 @@ import yaml
 from recordings import recording_of, with_final, with_series
 
 from plant_sim.line import Line, SpeedLimit
-from train_ato.loop.engine import run_engine
-from train_ato.loop.metrics import (
+from train_ato.judge.metrics import (
     differences,
     evaluated_ticks,
     excess_speed,
@@ -21,14 +20,15 @@ from train_ato.loop.metrics import (
     stop_error,
     summarise,
 )
-from train_ato.loop.recording import Recording
-from train_ato.loop.result import worst_places
-from train_ato.loop.setup import RunSetup, prepare
-from train_ato.loop.stops import planned_stops, stops_of_run
-from train_ato.loop.verdict import CRITERIA, judge_run, verdict_line
+from train_ato.judge.recording import Recording
+from train_ato.judge.result import worst_places
+from train_ato.judge.stops import planned_stops, stops_of_run
+from train_ato.judge.verdict import CRITERIA, judge_run, verdict_line
+from train_ato.loop.engine import run_engine
 from train_ato.messages.types import Diagnostic
 from train_ato.scenario.criteria import Criteria
 from train_ato.scenario.scenario import load_scenario, shipped_scenarios
+from train_ato.scenario.setup import RunSetup, prepare
 
 
 def setup_of(name: str = "demo", *assignments: str) -> RunSetup:

@@ -17,8 +17,8 @@ from plant_sim.library import load_consist, load_line, named_line
 from plant_sim.line import line_for, reversed_line
 from train_ato.apps.runs.planning import plan
 from train_ato.cli.main import main
-from train_ato.loop.setup import prepare
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import prepare
 
 
 def ends(*names: str) -> dict[str, Any]:

@@ -14,11 +14,11 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 from waiting import LOOK_S, wait_for
 
-from train_ato.loop.setup import prepare
 from train_ato.messages.topics import Role
 from train_ato.ros.graph.assembly import check_arguments, executor_of
 from train_ato.ros.nodes.endpoints import FirstFailure, NodeEndpoints
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import prepare
 
 
 @pytest.fixture(scope="module")

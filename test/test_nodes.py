@@ -22,7 +22,6 @@ from train_ato.errors import FirstFailure, NodeFault
 from train_ato.log.run_log import RunLog
 from train_ato.loop.plant import PlantStage
 from train_ato.loop.profile import ProfileStage
-from train_ato.loop.setup import prepare
 from train_ato.loop.stamp_synchronizer import StampSynchronizer
 from train_ato.messages.codec.codec import Wire
 from train_ato.messages.topics import BY_NAME, EPOCH_NS, TOPICS, Role, read_by, topics_of
@@ -34,6 +33,7 @@ from train_ato.ros.nodes.plant import LEAD, PlantNode
 from train_ato.ros.nodes.recorder import RecorderNode
 from train_ato.ros.nodes.tick_answers import TickAnswers
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import prepare
 
 TICK = 100_000_000
 

@@ -14,10 +14,10 @@ from plant_sim.formats.reading import own_yaml
 from plant_sim.input_error import build_model
 from train_ato.cli import main
 from train_ato.control.open_loop import NotchHandle
-from train_ato.loop.recording import TRUTH, Recording
-from train_ato.loop.setup import prepare
+from train_ato.judge.recording import TRUTH, Recording
 from train_ato.messages.types import Array
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import prepare
 
 EXAMPLE = str(Path(__file__).parent.parent / "examples" / "driver" / "scenario.yaml")
 NOTCHES = {

@@ -23,10 +23,10 @@ import yaml
 from plant_sim.library import load_line
 from plant_sim.line import Line
 from train_ato.apps.runs.protection_note import protection_note
+from train_ato.judge.verdict import verdict_line
 from train_ato.loop.engine import run_engine
-from train_ato.loop.setup import RunSetup, prepare
-from train_ato.loop.verdict import verdict_line
 from train_ato.scenario.scenario import check_scenario, load_scenario
+from train_ato.scenario.setup import RunSetup, prepare
 
 CAR = {
     "mass_t": 20, "length": 15, "rotating_mass_factor": 1.1, "resistance": {"n_per_kn_kmh": [2.0, 0.02, 0.001]},

@@ -6,14 +6,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from train_ato.judge.recording import Recording
 from train_ato.loop.engine import run_engine
-from train_ato.loop.recording import Recording
-from train_ato.loop.setup import prepare
 from train_ato.papers.checks import mean_speed_error, position_error, rms
 from train_ato.papers.claims import printed
 from train_ato.papers.p002_freight.cases import LAWS
 from train_ato.papers.p002_freight.observer_trials import fixed_time_bound, nominal_settling, observer_accuracy, truth
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import prepare
 
 OFFSETS = 80.0 * np.arange(5)
 

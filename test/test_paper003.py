@@ -9,14 +9,14 @@ from judge_results import tracked, with_command
 from recordings import with_series
 from reproduce_results import series
 
+from train_ato.judge.recording import Recording
 from train_ato.loop.engine import run_engine
-from train_ato.loop.recording import Recording
-from train_ato.loop.setup import prepare
 from train_ato.papers.checks import late_cruise, position_error, speed_error, time_within, written
 from train_ato.papers.claims import Case, printed
 from train_ato.papers.p003_funnel.cases import CASES, TRAINS
 from train_ato.papers.p003_funnel.checks import boundaries, last_saturation, off_profile, recovery_by_38
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import prepare
 
 COUNT = 2000
 

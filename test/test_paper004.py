@@ -7,13 +7,13 @@ from recordings import with_series
 from reproduce_results import series
 
 from train_ato.loop.engine import run_engine
-from train_ato.loop.setup import prepare
 from train_ato.papers.checks import largest_speed_error
 from train_ato.papers.claims import Result, printed
 from train_ato.papers.p004_gpc import checks as gpc_judges
 from train_ato.papers.p004_gpc.cases import CASES
 from train_ato.papers.p004_gpc.checks import command_oscillation
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import prepare
 
 
 def moving(speed: float, place: float = 0.1, **more: float) -> Result:

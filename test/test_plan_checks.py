@@ -23,7 +23,6 @@ from plant_sim.consist import Consist
 from plant_sim.library import load_consist, load_line
 from plant_sim.line import Line
 from train_ato.cli.plan import add_arguments, execute, plan_from_options
-from train_ato.loop.setup import prepare
 from train_ato.profile.file import read_profile, write_profile
 from train_ato.profile.planner.allowance import parse_allowance
 from train_ato.profile.planner.allowance_plan import supplements
@@ -33,6 +32,7 @@ from train_ato.profile.planner.settings import PlanSettings, find_line, find_tra
 from train_ato.profile.planner.train_tables import balancing_speed, holding_force, steepest_start
 from train_ato.scenario.profile_spec import ProfileSpec
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import prepare
 
 BARE = {"jerk": None, "acceleration": None, "deceleration": None, "force_margin": 0}
 

@@ -25,7 +25,6 @@ from plant_sim.consist import Consist
 from plant_sim.line import Line
 from train_ato.cli.plan import plan_from_options
 from train_ato.loop.engine import run_engine
-from train_ato.loop.setup import prepare
 from train_ato.messages.types import Measurement
 from train_ato.profile.planner.line_tables import PlaceGrid
 from train_ato.profile.planner.plan_from_state import TrainState, catch_up, replan, timetable_points
@@ -35,6 +34,7 @@ from train_ato.profile.planner.settings import PlanSettings, find_train
 from train_ato.profile.planner.timing_points import SpeedWindow, TimeWindow, TimingPoint, check_points, read_journey
 from train_ato.profile.planner.train_tables import AvailableForce
 from train_ato.scenario.scenario import check_scenario, load_scenario
+from train_ato.scenario.setup import prepare
 
 KEPT = 0.06
 """Tolerance of a window: that of the planner, and the time between two knots at the speed's change within it [s]."""

@@ -25,7 +25,6 @@ from train_ato.interrupt import Interrupt
 from train_ato.log.mcap_records import stream
 from train_ato.log.reading import iter_raw, read_log
 from train_ato.log.recover import recover
-from train_ato.loop.setup import prepare
 from train_ato.messages.codec.codec import Wire
 from train_ato.messages.topics import Rate, Role, topics_of
 from train_ato.ros.graph import processes, shared_memory
@@ -37,6 +36,7 @@ from train_ato.ros.graph.runner import run_graph
 from train_ato.ros.nodes.answer_watch import LEASE_S
 from train_ato.ros.nodes.endpoints import ROLES
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import prepare
 
 ROOT = Path(__file__).resolve().parents[1]
 PACED = 20.0

@@ -17,12 +17,12 @@ from msgs_docs.generate.random_runs import SCENARIOS, SPREAD, Draw, Figures, dra
 from plant_sim.library import consist_path
 from train_ato.cli import main
 from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
+from train_ato.judge.tracking import OUTCOMES, TRACKED
 from train_ato.loop.controller import ControllerStage
 from train_ato.loop.engine import run_engine
-from train_ato.loop.setup import RunSetup, prepare
-from train_ato.loop.tracking import OUTCOMES, TRACKED
 from train_ato.profile.profile import Profile
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import RunSetup, prepare
 
 
 def test_equal_seeds_give_equal_runs_over_all_laws_and_scenarios():

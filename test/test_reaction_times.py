@@ -3,10 +3,10 @@
 import pytest
 
 from msgs_docs.generate.fault_runs import BASES
+from train_ato.judge.protection_record import state_spans
 from train_ato.loop.engine import run_engine
-from train_ato.loop.protection_record import state_spans
-from train_ato.loop.setup import prepare
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import prepare
 
 NAME, *METRO = BASES["metro"]
 LOSS = 20.0

@@ -17,9 +17,9 @@ from train_ato.log.bag_layout import table_name
 from train_ato.log.definitions import definition
 from train_ato.log.run_folder import RunFolder
 from train_ato.loop.engine import run_engine
-from train_ato.loop.setup import prepare
 from train_ato.messages.topics import topics_of
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import prepare
 
 GOLDEN = Path(__file__).resolve().parent / "golden" / "short_train"
 Read = tuple[str, int, Any]

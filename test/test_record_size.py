@@ -13,10 +13,10 @@ from train_ato.log.overview import log_overview
 from train_ato.log.run_folder import RunFolder
 from train_ato.log.run_log import CHUNK, LogFile
 from train_ato.loop.engine import run_engine
-from train_ato.loop.setup import prepare
 from train_ato.messages.topic import SUPERVISED
 from train_ato.messages.topics import EPOCH_NS, TOPICS
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import prepare
 
 GOLDEN = Path(__file__).resolve().parent / "golden" / "short_train" / "run.mcap"
 

@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 from report_runs import EVENTFUL, without
 
+from train_ato.judge import kept_samples
+from train_ato.judge.metrics import summarise
+from train_ato.judge.recording import COMMAND, FIELDS, TRUTH, Recording
+from train_ato.judge.repeated_reports import KeptReports, RepeatedReport
 from train_ato.log.recorded import open_recording, read_recording
 from train_ato.log.run_folder import RunFolder
-from train_ato.loop import kept_samples
 from train_ato.loop.engine import run_engine
-from train_ato.loop.metrics import summarise
-from train_ato.loop.recording import COMMAND, FIELDS, TRUTH, Recording
-from train_ato.loop.repeated_reports import KeptReports, RepeatedReport
-from train_ato.loop.setup import RunSetup, prepare
 from train_ato.messages.types import Diagnostic, Trajectory
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import RunSetup, prepare
 
 
 def setup_of(scenario: str, *options: str) -> RunSetup:

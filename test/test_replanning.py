@@ -9,18 +9,18 @@ import pytest
 
 from train_ato.apps.replay.open_loop import replay_open_loop
 from train_ato.cli import main
+from train_ato.judge.result import RunResult
+from train_ato.judge.trajectories import profile_of
 from train_ato.log.difference import compare_logs
 from train_ato.log.run_folder import read_run_folder
 from train_ato.loop.engine import run_engine
 from train_ato.loop.profile import ProfileStage
-from train_ato.loop.result import RunResult
-from train_ato.loop.setup import RunSetup, prepare
 from train_ato.loop.stamp_synchronizer import StampSynchronizer
-from train_ato.loop.trajectories import profile_of
 from train_ato.messages.codec.codec import Wire
 from train_ato.messages.types import DisturbanceEstimate, Measurement, Reference, Trajectory
 from train_ato.profile.planner.replanner import Sample, Shortfall, ShortfallDetector, _regression_end
 from train_ato.scenario.scenario import check_scenario, load_scenario
+from train_ato.scenario.setup import RunSetup, prepare
 
 SLIPPERY = ("plant.adhesion={kind: constant, coefficient: 0.3}", "plant.jumps=[{at: 10, what: adhesion, factor: 0.2}]")
 """Adhesion of 6 % of the weight from 10 s on: 107 kN instead of 192 kN of traction and 231 kN of brake."""

@@ -15,9 +15,9 @@ from waiting import LIMIT_S
 from train_ato.apps.replay.log import ReplayOptions
 from train_ato.apps.replay.player import REPLAY_PROFILE
 from train_ato.log.reading import iter_raw
-from train_ato.loop.setup import prepare
 from train_ato.messages.codec.codec import stamp_of
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import prepare
 
 SECONDS = 15
 TICKS = SECONDS * 10

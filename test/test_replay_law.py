@@ -14,8 +14,8 @@ from report_runs import without
 from train_ato.apps.replay.open_loop import replay_open_loop
 from train_ato.apps.replay.playback import ReplayClock
 from train_ato.cli import main
-from train_ato.loop.setup import prepare
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import prepare
 
 SECONDS = 40
 

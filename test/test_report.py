@@ -26,10 +26,10 @@ from train_ato.apps.report.writing import short_clock, write_comparison_page, wr
 from train_ato.apps.runs.run import Run
 from train_ato.cli import main
 from train_ato.control.registry import LAWS
+from train_ato.judge.recording import Recording
+from train_ato.judge.recording_builder import reduced
+from train_ato.judge.series import TopicSamples
 from train_ato.log.recorded import open_recording
-from train_ato.loop.recording import Recording
-from train_ato.loop.recording_builder import reduced
-from train_ato.loop.series import TopicSamples
 from train_ato.messages.types import Diagnostic
 
 

@@ -29,15 +29,15 @@ from train_ato.apps.report.summary_rows import GROUPS, filled_groups, shown
 from train_ato.apps.report.words import driven_laws, longer
 from train_ato.apps.report.writing import comparison_title, write_comparison_page, write_run
 from train_ato.cli import main
+from train_ato.judge.metrics import summarise
+from train_ato.judge.recording import BRAKE_PIPE_TAIL, Recording
+from train_ato.judge.series import TopicSamples, aligned
+from train_ato.judge.tracking import time_at_force_limit
 from train_ato.log.recorded import open_recording
 from train_ato.loop.engine import run_engine
-from train_ato.loop.metrics import summarise
-from train_ato.loop.recording import BRAKE_PIPE_TAIL, Recording
-from train_ato.loop.series import TopicSamples, aligned
-from train_ato.loop.setup import RunSetup, prepare
-from train_ato.loop.tracking import time_at_force_limit
 from train_ato.messages.types import Diagnostic
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import RunSetup, prepare
 
 ROOT = Path(__file__).resolve().parents[1]
 SPEED = np.array([0.0, 20.0, 30.0])

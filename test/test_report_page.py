@@ -10,8 +10,8 @@ from report_runs import EVENTFUL, drive
 from waiting import still, wait_for
 
 from train_ato.cli import main
+from train_ato.judge.recording import Recording
 from train_ato.log.recorded import open_recording
-from train_ato.loop.recording import Recording
 
 pytestmark = pytest.mark.campaign
 

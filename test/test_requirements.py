@@ -19,9 +19,8 @@ import train_ato as ta
 from train_ato.apps.view.live import LiveRequirements
 from train_ato.apps.view.snapshot import Snapshot
 from train_ato.cli import main
-from train_ato.loop.engine import run_engine
-from train_ato.loop.recording import Recording
-from train_ato.loop.requirements import (
+from train_ato.judge.recording import Recording
+from train_ato.judge.requirements import (
     SERIES,
     evaluate_formula,
     requirement_rows,
@@ -30,11 +29,12 @@ from train_ato.loop.requirements import (
     robustness_series,
     signal_series,
 )
-from train_ato.loop.series import TopicSamples
-from train_ato.loop.setup import RunSetup, prepare
-from train_ato.loop.verdict import judge_run
+from train_ato.judge.series import TopicSamples
+from train_ato.judge.verdict import judge_run
+from train_ato.loop.engine import run_engine
 from train_ato.scenario.formula import UNITS, NumberTerm, Predicate, Temporal, nodes_of, parse_formula, signals_of
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import RunSetup, prepare
 from train_ato.scenario.signals import SIGNALS
 
 LAW = "G (speed <= limit + 1 km/h)"

@@ -12,17 +12,17 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
+from train_ato.judge.recording import COMMAND, MEASUREMENT, REFERENCE, TRUTH
+from train_ato.judge.result import RunResult
+from train_ato.judge.run_end import RunEnd
+from train_ato.judge.series import TopicSamples
+from train_ato.judge.tracking import tracking_summary
+from train_ato.judge.verdict import tracking_text, verdict_line
 from train_ato.log.overview import log_overview
 from train_ato.log.run_folder import RunFolder
 from train_ato.loop.engine import run_engine
-from train_ato.loop.recording import COMMAND, MEASUREMENT, REFERENCE, TRUTH
-from train_ato.loop.result import RunResult
-from train_ato.loop.run_end import RunEnd
-from train_ato.loop.series import TopicSamples
-from train_ato.loop.setup import prepare
-from train_ato.loop.tracking import tracking_summary
-from train_ato.loop.verdict import tracking_text, verdict_line
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import prepare
 
 ROLES = ("recorder", "supervisor", "profile", "observer", "controller", "plant")
 DURATION = 60

@@ -21,7 +21,6 @@ import train_ato as ta
 from msgs_docs.generate.schemas import MODELS, schema_text
 from plant_sim.library import consist_names, consist_path, line_names, line_path
 from plant_sim.si_model import blocks_of, example_of_key
-from train_ato.loop.setup import prepare
 from train_ato.scenario.criteria import Expectation
 from train_ato.scenario.scenario import (
     expectation_of,
@@ -31,6 +30,7 @@ from train_ato.scenario.scenario import (
     shipped_scenarios,
     variants_of,
 )
+from train_ato.scenario.setup import prepare
 from train_ato.version import VERSION
 
 REPO = Path(__file__).resolve().parents[1]

@@ -16,7 +16,10 @@ from plant_sim.elementary import cos_each, exp_each, plain_dot, plain_sum, sin_e
 from plant_sim.railway import adhesion_by_speed, between_entries, envelope_force, fading_resistance, shoe_force
 
 ROOT = Path(__file__).resolve().parents[1]
-LAYERS = ("plant_sim", *(f"train_ato/{part}" for part in ("messages", "supervision", "control", "profile", "loop")))
+LAYERS = (
+    "plant_sim",
+    *(f"train_ato/{part}" for part in ("messages", "supervision", "control", "profile", "scenario", "judge", "loop")),
+)
 """Layers with the numbers of a run."""
 EXACT = {
     "plant_sim/consist.py": {"sum((part.count for part in self.train))"},
@@ -26,17 +29,17 @@ EXACT = {
         "sum(parted[:number])", "sum(modes.damped_by_loop(dead_time(model), outlast=True))",
     },
     "train_ato/control/algorithms/train_constants.py": {"sum((sides for _, sides in groups))"},
-    "train_ato/loop/kept_samples.py": {
+    "train_ato/judge/kept_samples.py": {
         "sum((values.nbytes for values in samples.values.values()))",
         "sum((time.size for time in self._topics[topic].times))",
         "sum((values.nbytes for values in self._cached.values()))",
         "sum((part.shape[0] for part in parts))",
     },
-    "train_ato/loop/tracking.py": {
+    "train_ato/judge/tracking.py": {
         "sum((max((_correlation(part, lag) for lag in lags)) >= CORRELATION for part in parts))"
     },
-    "train_ato/loop/metrics.py": {"sum((totals.get(name, 0) for name in names))"},
-    "train_ato/loop/recording.py": {"sum((part.nbytes for part in parts if part is not None))"},
+    "train_ato/judge/metrics.py": {"sum((totals.get(name, 0) for name in names))"},
+    "train_ato/judge/recording.py": {"sum((part.nbytes for part in parts if part is not None))"},
     "train_ato/loop/train_protection.py": {"sum((age > bound for bound in self._bounds))"},
     "train_ato/supervision/track_supervision.py": {"sum((limits.arcs.size for limits in self.targets))"},
 }  # fmt: skip

@@ -10,10 +10,10 @@ import pytest
 from train_ato.control.assurance import AT_ONCE, AssuranceMonitor
 from train_ato.control.ato_state import TAKEOVER_TIME, AtoStateMachine
 from train_ato.control.plausibility import MeasurementCheck
-from train_ato.loop.setup import RunSetup, prepare
 from train_ato.loop.train_protection import TrainProtection
 from train_ato.messages.types import AtoState, BrakeRelease, Measurement, Odometry, Protection, SupervisedSpeeds
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import RunSetup, prepare
 from train_ato.supervision.settings import SupervisionSpec
 from train_ato.supervision.step_function import ceiling_speeds
 from train_ato.supervision.supervisor import SupervisionState, Supervisor

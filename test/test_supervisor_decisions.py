@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from train_ato.loop.setup import RunSetup, prepare
 from train_ato.messages.types import Odometry
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import RunSetup, prepare
 from train_ato.supervision.settings import MIN_INDICATION_TIME, FailsafeSpec, SupervisionSpec
 from train_ato.supervision.step_function import ceiling_speeds
 from train_ato.supervision.supervisor import SupervisionDecision, SupervisionState, Supervisor

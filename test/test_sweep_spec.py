@@ -18,9 +18,9 @@ from train_ato.apps.sweep.row import drive_point
 from train_ato.apps.sweep.spec import design_points, read_sweep
 from train_ato.apps.sweep.sweep import check_values, sweep_base
 from train_ato.loop.engine import run_engine
-from train_ato.loop.scenario_data import PartCache, file_state
-from train_ato.loop.setup import RunSetup
 from train_ato.scenario.scenario import shipped_scenarios
+from train_ato.scenario.scenario_data import PartCache, file_state
+from train_ato.scenario.setup import RunSetup
 
 GOOD: dict[str, Any] = {"scenario": "demo", "over": {"seed": [1, 2]}}
 REFUSED = [

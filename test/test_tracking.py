@@ -9,14 +9,14 @@ import pytest
 from recordings import recording_of, with_final, with_series
 
 from train_ato.cli import main
+from train_ato.judge.recording import ATO_STATE, Recording
+from train_ato.judge.series import TopicSamples
+from train_ato.judge.tracking import OUTCOMES, TRACKED, tracking_summary
+from train_ato.judge.verdict import is_tracked, outcomes_text, tracking_text, unmet_requirements, verdict_line
 from train_ato.loop.engine import run_engine
-from train_ato.loop.recording import ATO_STATE, Recording
-from train_ato.loop.series import TopicSamples
-from train_ato.loop.setup import RunSetup, prepare
-from train_ato.loop.tracking import OUTCOMES, TRACKED, tracking_summary
-from train_ato.loop.verdict import is_tracked, outcomes_text, tracking_text, unmet_requirements, verdict_line
 from train_ato.messages.types import AtoState, Diagnostic
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import RunSetup, prepare
 
 SECOND = 1_000_000_000
 PLAIN = ("supervision.enabled=false",)

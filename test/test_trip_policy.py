@@ -18,9 +18,8 @@ from train_ato.control.air_brake.policy import BrakeSpec, make_brake_policy
 from train_ato.control.compensation.rigid import RigidForce
 from train_ato.control.force_distribution import DisplacementAt, ForceDistribution, PlannedDisplacement, SharesAt
 from train_ato.control.train_model import TrainModel
+from train_ato.judge.metrics import summarise
 from train_ato.loop.engine import run_engine
-from train_ato.loop.metrics import summarise
-from train_ato.loop.setup import prepare
 from train_ato.messages.types import Measurement
 from train_ato.profile.driver import average_speed
 from train_ato.profile.trip.driven_run import AVERAGE, TripRun, follow_journey, shares_for_run
@@ -29,6 +28,7 @@ from train_ato.profile.trip.planner import TripPlan, TripPlanner
 from train_ato.profile.trip.reduced_train import coupler_tables, nominal_train_model, reduced_train
 from train_ato.profile.trip.settings import TripSettings
 from train_ato.scenario.scenario import load_scenario, raw_scenario
+from train_ato.scenario.setup import prepare
 from train_ato.scenario.trip_scenario import write_trip
 
 CHARGED, APPLIED = 600e3, 550e3

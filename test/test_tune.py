@@ -23,7 +23,7 @@ from train_ato.apps.tune.objective import (
 )
 from train_ato.apps.tune.tune import GainSearch
 from train_ato.cli.main import main
-from train_ato.loop.tracking import OUTCOMES
+from train_ato.judge.tracking import OUTCOMES
 from train_ato.scenario.criteria import Criteria
 from train_ato.scenario.scenario import load_scenario
 

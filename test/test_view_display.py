@@ -11,8 +11,8 @@ from engine_runs import record_run
 from view_browser import click, opened, said_wrong, viewing
 from waiting import wait_for
 
-from train_ato.loop.setup import prepare
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import prepare
 
 pytestmark = pytest.mark.graph
 BLOWN = ("duration=220", "interventions=[{at: 150, do: gust, acceleration: 0.5, duration: 60}]")

@@ -12,8 +12,8 @@ from chromium import browser
 from engine_runs import record_run
 from view_browser import click, opened, said_wrong, strangers, viewing
 
-from train_ato.loop.setup import prepare
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import prepare
 
 pytestmark = pytest.mark.graph
 SHORT = ("--set=duration=60", "--set=profile.phases=[{cruise_for: 5}, {accelerate_to_kmh: 10}, {brake_to: 0}]")

@@ -24,9 +24,9 @@ from waiting import still, wait_for
 
 from train_ato.apps.view.page import ViewPage
 from train_ato.apps.view.recorded import RecordedFeed
-from train_ato.loop.setup import prepare
 from train_ato.ros.graph.environment import held_domains
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import prepare
 
 pytestmark = pytest.mark.graph
 LONG = ("duration=4000", "profile.phases=[{cruise_for: 5}, {accelerate_to_kmh: 30}, {cruise_for: 3000}, {brake_to: 0}]")

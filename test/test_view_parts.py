@@ -36,11 +36,11 @@ from train_ato.cli.main import command_line
 from train_ato.cli.view import _command, _next_beside, _Started, _Waiting
 from train_ato.errors import RunFailed
 from train_ato.interrupt import Interrupt
-from train_ato.loop.setup import prepare
 from train_ato.messages.topic import TrainLayout
 from train_ato.ros.graph.environment import applied, variables
 from train_ato.scenario.interventions import EmergencyBrakeNow, GustNow, planned_for
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import prepare
 
 LINE = Facts(
     "two limits", TrainLayout(3, 1), nose=10.0, length=60.0, limit_places=np.array([0.0, 1000.0, 1500.0]),

@@ -17,9 +17,9 @@ from train_ato.apps.view.feed import protection_history, states_after
 from train_ato.apps.view.recorded import RecordedFeed
 from train_ato.apps.view.snapshot import LIMIT_NAMES, ProtectionStates, now
 from train_ato.loop.engine import run_engine
-from train_ato.loop.setup import prepare
 from train_ato.messages.types import Diagnostic
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import prepare
 
 SECOND = 1_000_000_000
 BLOWN = ("duration=280", "interventions=[{at: 150, do: gust, acceleration: 0.5, duration: 60}]")

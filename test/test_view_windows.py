@@ -22,10 +22,10 @@ from train_ato.apps.view.controls import Tunable
 from train_ato.apps.view.facts import Facts
 from train_ato.apps.view.snapshot import Snapshot, now, signed
 from train_ato.log.bag_layout import PARTIAL
-from train_ato.loop.setup import prepare
 from train_ato.messages.topic import TrainLayout
 from train_ato.ros.graph.environment import claim_domain
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import prepare
 
 BOX = """(() => {{ const r = {0}.getBoundingClientRect(); return [r.left, r.top, r.right, r.bottom] }})()"""
 

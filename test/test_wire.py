@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from train_ato.loop.run_end import RunEnd
+from train_ato.judge.run_end import RunEnd
 from train_ato.messages.codec.cdr import typestore
 from train_ato.messages.codec.codec import Wire, stamp_of
 from train_ato.messages.codec.variable import _decode_knots, decode_trajectory, encode_trajectory, status_name

@@ -38,8 +38,8 @@ from msgs_docs.generate.rows import read_rows, write_rows
 from plant_sim.input_error import close_match
 from train_ato.apps.runs.progress import share_bar
 from train_ato.cli.params import node_parameters, parameter_file
-from train_ato.loop.setup import prepare
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import prepare
 
 ROOT = Path(__file__).resolve().parents[2]
 LAWS = ROOT / "msgs_docs" / "laws"

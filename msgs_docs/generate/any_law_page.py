@@ -22,8 +22,8 @@ from train_ato.control.gains import FITTED, PRINTED, has_gains
 from train_ato.control.registry import LAWS
 from train_ato.errors import RunFailed
 from train_ato.loop.engine import run_engine
-from train_ato.loop.setup import RunSetup, prepare
 from train_ato.scenario.scenario import load_scenario, raw_scenario, shipped_scenarios, variants_of
+from train_ato.scenario.setup import RunSetup, prepare
 
 PAGE = Path("msgs_docs", "any_law.md")
 """Path of the page in the repository."""

@@ -13,13 +13,13 @@ import numpy as np
 
 from plant_sim.library import read_yaml
 from plant_sim.traction import Envelope
+from train_ato.judge.recording import Recording
+from train_ato.judge.result import RunResult
+from train_ato.judge.series import TopicSamples
 from train_ato.loop.engine import run_engine
-from train_ato.loop.recording import Recording
-from train_ato.loop.result import RunResult
-from train_ato.loop.series import TopicSamples
-from train_ato.loop.setup import RunSetup, prepare
 from train_ato.messages.types import Diagnostic
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import RunSetup, prepare
 from train_ato.supervision.plant_line import highest_limit
 from train_ato.supervision.step_function import EMERGENCY_MARGIN
 

@@ -19,8 +19,8 @@ from plant_sim.units import KMH, number_text
 from train_ato.apps.runs.progress import share_bar
 from train_ato.cli.list import details
 from train_ato.control.train_model import TrainModel
-from train_ato.loop.metric_names import METRICS
-from train_ato.loop.recording import REFERENCE
+from train_ato.judge.metric_names import METRICS
+from train_ato.judge.recording import REFERENCE
 from train_ato.messages.types import Array
 from train_ato.scenario.scenario import expectation_of, shipped_scenarios, variants_of
 

@@ -16,8 +16,8 @@ from msgs_docs.generate.fault_runs import ROWS as FAULT_ROWS
 from msgs_docs.generate.rows import page_text, read_rows, write_rows
 from plant_sim.library import read_yaml
 from plant_sim.traction import Envelope
-from train_ato.loop.protection_record import REACTIONS, protection_summary, state_spans
-from train_ato.loop.recording import BRAKE_PIPE
+from train_ato.judge.protection_record import REACTIONS, protection_summary, state_spans
+from train_ato.judge.recording import BRAKE_PIPE
 from train_ato.loop.train_protection import TrainProtection
 from train_ato.messages.receiver import Receiver
 from train_ato.messages.types import Array, Odometry, Protection

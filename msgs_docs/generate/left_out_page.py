@@ -14,9 +14,9 @@ from train_ato.apps.runs.progress import share_bar
 from train_ato.control.gains import PRINTED, has_gains
 from train_ato.control.registry import LAWS
 from train_ato.loop.engine import run_engine
-from train_ato.loop.setup import RunSetup, prepare
 from train_ato.scenario.overlays import overlay
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import RunSetup, prepare
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,11 @@ from typing import Any
 
 from plant_sim.units import number_text
 from train_ato.loop.plant import MAX_REQUESTS
-from train_ato.loop.setup import prepare
 from train_ato.messages.topics import Role, published_by, read_by
 from train_ato.ros.graph.environment import applied, claim_domain, variables
 from train_ato.scenario.formula import UNITS
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import prepare
 from train_ato.scenario.signals import SIGNALS
 
 PAGE = Path("msgs_docs", "nodes.md")

@@ -25,8 +25,8 @@ from msgs_docs.generate.rows import page_text, read_rows, write_rows
 from train_ato.apps.runs.progress import share_bar
 from train_ato.control.registry import LAWS
 from train_ato.loop.engine import run_engine
-from train_ato.loop.setup import prepare
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import prepare
 
 COUNT, SEED = 1000, 1
 """Number and seed of the runs of the page."""

@@ -181,7 +181,7 @@ def python_page() -> str:
 
 def metrics_page() -> str:
     """Return the page of the metrics of a run."""
-    from train_ato.loop.metric_names import METRICS
+    from train_ato.judge.metric_names import METRICS
 
     rows = [(f"`{key}`", as_cell(name), as_cell(unit)) for key, (name, unit) in METRICS.items()]
     return f"# Metrics\n\nKeys of `summary.json` and of `run.metrics`.\n\n{as_table(('key', 'metric', 'unit'), rows)}"

@@ -21,7 +21,7 @@ from msgs_docs.generate.reference_pages import as_cell, as_code, as_table
 from msgs_docs.generate.rows import page_text
 from msgs_docs.generate.schemas import schema_text
 from plant_sim.units import number_text
-from train_ato.loop.metric_names import METRICS
+from train_ato.judge.metric_names import METRICS
 
 Changes = dict[str, Any]
 METRO: Changes = {

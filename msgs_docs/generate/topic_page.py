@@ -12,8 +12,8 @@ import numpy as np
 import train_ato as ta
 from plant_sim.states import Odometry
 from plant_sim.units import unit_suffix
+from train_ato.judge.run_end import RunEnd
 from train_ato.loop.engine import TickLoop, run_engine
-from train_ato.loop.run_end import RunEnd
 from train_ato.loop.train_ahead import ReportSender
 from train_ato.messages.codec.cdr import typestore
 from train_ato.messages.codec.codec import Wire

@@ -27,11 +27,11 @@ from test_compiled_spans import CASES, COMPONENTS, SUPERVISED  # noqa: E402
 from msgs_docs.generate.fault_runs import BASES, ROWS  # noqa: E402
 from train_ato.apps.runs.scenario_choice import choose_scenario  # noqa: E402
 from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS  # noqa: E402
+from train_ato.judge.result import RunResult  # noqa: E402
 from train_ato.log.versions import versions  # noqa: E402
 from train_ato.loop.engine import run_engine  # noqa: E402
-from train_ato.loop.result import RunResult  # noqa: E402
-from train_ato.loop.setup import RunSetup, prepare  # noqa: E402
 from train_ato.scenario.scenario import load_scenario, shipped_scenarios, variants_of  # noqa: E402
+from train_ato.scenario.setup import RunSetup, prepare  # noqa: E402
 
 BITS = HERE / "bits.txt"
 GRID = {"demo": 30.0, "crh380a_gpc:short": 20.0, "freight_consensus:aligned": 0.3}

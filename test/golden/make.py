@@ -13,9 +13,9 @@ from pathlib import Path
 from train_ato.log.difference import compare_logs
 from train_ato.log.run_folder import RunFolder
 from train_ato.loop.engine import run_engine
-from train_ato.loop.setup import RunSetup, prepare
 from train_ato.messages.codec.codec import Wire
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import RunSetup, prepare
 
 HERE = Path(__file__).resolve().parent
 SCENARIO = HERE / "short_train.yaml"

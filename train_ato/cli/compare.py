@@ -55,8 +55,8 @@ def execute(options: argparse.Namespace) -> int:
     """Run the scenario with every law in the engine, and compare."""
     from train_ato.apps.runs.compare import compare
     from train_ato.apps.runs.scenario_choice import choose_scenario
+    from train_ato.judge.verdict import unmet_requirements
     from train_ato.log.run_folder import RunFolder
-    from train_ato.loop.verdict import unmet_requirements
 
     laws = None
     if options.laws is not None:
@@ -148,7 +148,7 @@ def _leaderboard(options: argparse.Namespace, choices: list[ScenarioChoice], law
     failures = [row for rows_of in found for row in rows_of if row["status"] in ends]
     texts = [f"{row['scenario']}, seed {row['seed']}: {row['controller']}: {row['reason']}" for row in failures]
     if options.strict:
-        from train_ato.loop.verdict import unmet_requirements
+        from train_ato.judge.verdict import unmet_requirements
 
         texts += [
             f"{row['scenario']}, seed {row['seed']}: {row['controller']}: {unmet}"
@@ -197,7 +197,7 @@ def write_comparison_folder(result: Comparison, folder: Path) -> None:
 def print_comparison(result: Comparison, folder: Path | None, *, as_json: bool) -> None:
     """Print the table, and its folder; a run with brake interventions, or a disengaged ATO, has a line on stderr."""
     from train_ato.apps.runs.protection_note import summary_events
-    from train_ato.loop.verdict import is_tracked, tracking_text
+    from train_ato.judge.verdict import is_tracked, tracking_text
 
     for law in result.laws:
         if advice := law.metrics.get("advice"):
@@ -235,7 +235,7 @@ def _value(key: str, row: dict[str, Any], rows: list[dict[str, Any]]) -> str:
     """Return a value as text, with ``*`` if it is the best of its column, with ``!`` if the run is not tracked."""
     from train_ato.apps.runs.ranking import difference_from_best
     from train_ato.apps.runs.summary_table import format_value
-    from train_ato.loop.verdict import is_tracked
+    from train_ato.judge.verdict import is_tracked
 
     if key == "tracking" and not is_tracked(row):
         return f"{row[key]}!"

@@ -11,7 +11,7 @@ from train_ato.cli.screen import print_json, print_table
 
 if TYPE_CHECKING:
     from train_ato.apps.runs.importing import MeasuredRun
-    from train_ato.loop.setup import RunSetup
+    from train_ato.scenario.setup import RunSetup
 
 ROWS: tuple[tuple[str, str], ...] = (
     ("measured_rows", "rows"), ("measured_interval_s", "between rows, median in s"),

@@ -95,7 +95,7 @@ def _summary(run: Path) -> dict[str, Any]:
 
 def print_summary(summary: dict[str, Any], title: str) -> None:
     """Print verdict, criteria, stops and metrics of a run."""
-    from train_ato.loop.verdict import verdict_line
+    from train_ato.judge.verdict import verdict_line
 
     if line := verdict_line(summary):
         sys.stdout.write(f"{line}\n")
@@ -134,8 +134,8 @@ def requirement_rows_of(run: Path, formulas: Sequence[str]) -> list[dict[str, An
     """
     if not formulas:
         return []
+    from train_ato.judge.requirements import recorded_rows
     from train_ato.log.recorded import open_recording
-    from train_ato.loop.requirements import recorded_rows
 
     return recorded_rows(open_recording(run, vehicles=False), formulas, f"{run}: --requirement")
 

@@ -112,7 +112,7 @@ def _following(path: Path) -> Facts:
 def _gains(scenario: Scenario, path: Path) -> Facts:
     """Return the gains that every law would take in a scenario, and their source."""
     from train_ato.control.registry import LAWS
-    from train_ato.loop.setup import prepare
+    from train_ato.scenario.setup import prepare
 
     try:
         setup = prepare(scenario, path)

@@ -12,7 +12,7 @@ from train_ato.cli.scenario_options import add_scenario_options, prepare_from
 from train_ato.cli.screen import print_json
 
 if TYPE_CHECKING:
-    from train_ato.loop.setup import RunSetup
+    from train_ato.scenario.setup import RunSetup
 
 OF_EVERY_NODE = frozenset({"use_sim_time", "start_type_description_service", "scenario"})
 

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from train_ato.apps.runs.drive import RunMode
     from train_ato.apps.runs.following import FollowingResult
     from train_ato.apps.runs.run import Run
-    from train_ato.loop.setup import RunSetup
     from train_ato.scenario.criteria import Expectation
     from train_ato.scenario.following import FollowingFile
+    from train_ato.scenario.setup import RunSetup
 
 LIMIT = 3
 """Default of the restarts of each node."""
@@ -134,7 +134,7 @@ def execute(options: argparse.Namespace) -> int:
     with long_lived_objects():
         from train_ato.apps.runs.drive import drive
         from train_ato.apps.runs.progress import COMPILE_NOTE, compilation_noted
-        from train_ato.loop.verdict import unmet_requirements
+        from train_ato.judge.verdict import unmet_requirements
 
         setup, run_mode, out = prepared(options)
     with compilation_noted(COMPILE_NOTE):
@@ -201,7 +201,7 @@ FOLLOWING_ROWS = (
 def print_following(summary: dict[str, Any], out: Path, *, as_json: bool) -> None:
     """Print verdict and broken requirements, and a column of figures for every train."""
     from train_ato.cli.screen import print_json, print_table
-    from train_ato.loop.metric_names import metric_heading
+    from train_ato.judge.metric_names import metric_heading
 
     if as_json:
         print_json({**summary, "run": str(out)})
@@ -261,7 +261,7 @@ def print_run(run: Run, *, as_json: bool, failure: str = "", expected: Expectati
     from train_ato.apps.runs.protection_note import protection_note
     from train_ato.apps.runs.summary_table import result_rows
     from train_ato.cli.screen import print_json, print_table
-    from train_ato.loop.verdict import verdict_line
+    from train_ato.judge.verdict import verdict_line
 
     summary: dict[str, Any] = {**run.metrics, "run": str(run.path)}
     if failure and not as_json:

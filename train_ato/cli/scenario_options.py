@@ -6,7 +6,7 @@ import argparse
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from train_ato.loop.setup import RunSetup
+    from train_ato.scenario.setup import RunSetup
 
 
 KINDS = ("law", "observer", "compensation")
@@ -49,9 +49,9 @@ def prepare_from(options: argparse.Namespace, **changes: Any) -> RunSetup:
         Bad input, in one line.
     """
     from train_ato.apps.runs.progress import COMPILE_NOTE, PLANNER_NOTE, compilation_noted
-    from train_ato.loop.setup import prepare
     from train_ato.scenario.overlays import caused_by
     from train_ato.scenario.scenario import changes_of, load_scenario
+    from train_ato.scenario.setup import prepare
 
     overlay = {
         "observer": options.observer, "compensation": options.compensation, "seed": options.seed, **changes,

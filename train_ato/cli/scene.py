@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from train_ato.cli.screen import print_json
 
 if TYPE_CHECKING:
-    from train_ato.loop.setup import RunSetup
+    from train_ato.scenario.setup import RunSetup
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -68,9 +68,9 @@ def _running(domain: int) -> RunSetup:
     ValueError
         If the plant names no scenario file.
     """
-    from train_ato.loop.setup import prepare
     from train_ato.ros.graph.remote import read_parameter
     from train_ato.scenario.scenario import load_scenario
+    from train_ato.scenario.setup import prepare
 
     named = Path(str(read_parameter(domain, "plant", "scenario")))
     if not named.is_file():

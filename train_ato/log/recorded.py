@@ -12,22 +12,22 @@ from typing import Any
 import numpy as np
 from mcap.records import Channel, Schema
 
+from train_ato.judge.kept_samples import KeptSamples
+from train_ato.judge.recording import DIAGNOSTICS, FIELDS, LIMITS, MEASUREMENT, PROFILE, Recording
+from train_ato.judge.recording_builder import reduced
+from train_ato.judge.repeated_reports import KeptReports, changed_reports
+from train_ato.judge.series import TopicSamples, seconds
 from train_ato.log.bag_layout import LOG, table_name
 from train_ato.log.reading import log_file
 from train_ato.log.run_folder import parse_summary, read_run_folder
 from train_ato.log.tables.tables import KeptMessages, LayoutRecords, Reader, TopicMessages, check_known
 from train_ato.log.versions import SUMMARY
-from train_ato.loop.kept_samples import KeptSamples
-from train_ato.loop.recording import DIAGNOSTICS, FIELDS, LIMITS, MEASUREMENT, PROFILE, Recording
-from train_ato.loop.recording_builder import reduced
-from train_ato.loop.repeated_reports import KeptReports, changed_reports
-from train_ato.loop.series import TopicSamples, seconds
-from train_ato.loop.setup import RunSetup
 from train_ato.messages.codec.cdr import nanoseconds, typestore
 from train_ato.messages.codec.variable import decode_diagnostic, decode_trajectory
 from train_ato.messages.topics import BY_NAME, EPOCH_NS, Role
 from train_ato.messages.types import Array, Diagnostic
 from train_ato.scenario.changes import RunChanges
+from train_ato.scenario.setup import RunSetup
 
 BATCH = 4096
 """Messages of a topic that are reduced together: the raw log of a long run does not fit into the memory."""

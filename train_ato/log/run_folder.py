@@ -14,17 +14,17 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from plant_sim.data_text import parse_json, parse_yaml
 from plant_sim.input_error import explain, kind_of
+from train_ato.judge.result import RunResult
 from train_ato.log.bag_layout import LOG, PARTIAL
 from train_ato.log.compression import DEFAULT
 from train_ato.log.reading import attachments, log_file
 from train_ato.log.run_log import RunLog
 from train_ato.log.versions import SCENARIO, SUMMARY, attachments_for
 from train_ato.log.whole_file import write_whole
-from train_ato.loop.result import RunResult
-from train_ato.loop.setup import RunSetup, prepare
 from train_ato.messages.codec.codec import Wire
 from train_ato.messages.topics import EPOCH_NS, TickBlock, topics_of
 from train_ato.scenario.scenario import check_scenario, load_scenario
+from train_ato.scenario.setup import RunSetup, prepare
 
 
 class RecordedChange(BaseModel):

@@ -6,10 +6,10 @@ from train_ato.control.algorithms.guard import is_valid_state
 from train_ato.control.assurance import AssuranceMonitor
 from train_ato.control.ato_state import AtoStateMachine
 from train_ato.control.plausibility import MeasurementCheck
-from train_ato.loop.setup import RunSetup
 from train_ato.messages.topic import FIXED_NAMES, Owner
 from train_ato.messages.types import Array, AtoReport, AtoState, Measurement, ProtectionState, SupervisedSpeeds
 from train_ato.scenario.ato_requests import KEY, AtoRequest, Request
+from train_ato.scenario.setup import RunSetup
 from train_ato.supervision.supervisor import STANDSTILL_SPEED
 
 PLANNING_TIME = 10.0

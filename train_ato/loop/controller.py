@@ -17,7 +17,6 @@ from train_ato.errors import RunFailed
 from train_ato.interrupt import ComponentCall
 from train_ato.loop.ato_mode import AtoMode
 from train_ato.loop.inputs import StageInputs
-from train_ato.loop.setup import RunSetup
 from train_ato.loop.stage_messages import ControllerMessages, diagnostics_due, stamped
 from train_ato.messages.links import MessageLink
 from train_ato.messages.topics import Role
@@ -37,6 +36,7 @@ from train_ato.messages.types import (
 )
 from train_ato.profile.profile import Profile
 from train_ato.scenario.changes import GIVEN, KEY, LAW, Changes, changes_to_json, requested_stamp, values_of
+from train_ato.scenario.setup import RunSetup
 
 MAX_REFERENCE_SHIFT = 1.0
 """Largest difference of a reference from the profile at its stamp [m]."""

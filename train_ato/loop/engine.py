@@ -10,17 +10,17 @@ from typing import TYPE_CHECKING, Protocol
 
 from train_ato.errors import FirstFailure
 from train_ato.interrupt import Interrupt, interruptible
+from train_ato.judge.recording_builder import RecordingBuilder
+from train_ato.judge.result import Progress, RunResult
 from train_ato.loop.controller import ControllerStage
 from train_ato.loop.observer import ObserverStage
 from train_ato.loop.plant import PlantStage
 from train_ato.loop.profile import ProfileStage
 from train_ato.loop.rate_limit import RateLimit
-from train_ato.loop.recording_builder import RecordingBuilder
-from train_ato.loop.result import Progress, RunResult
-from train_ato.loop.setup import RunSetup
 from train_ato.loop.stage_messages import Published
 from train_ato.loop.supervisor import SupervisorStage
 from train_ato.messages.types import AtoReport, BrakeRelease, Diagnostic
+from train_ato.scenario.setup import RunSetup
 
 if TYPE_CHECKING:
     from train_ato.loop.spans.span import CompiledSpans

@@ -17,11 +17,11 @@ from typing import NamedTuple
 import numpy as np
 
 from plant_sim.compiled import compiled
-from train_ato.loop.setup import RunSetup
 from train_ato.loop.train_ahead import ReportReceiver
 from train_ato.messages.types import Array, TrainAhead
 from train_ato.profile.profile import Profile
 from train_ato.scenario.leader import RESERVE, LeaderSpec
+from train_ato.scenario.setup import RunSetup
 
 KEPT_TIME = 60.0
 """Time before the present for which a new profile has knots [s]."""

@@ -4,12 +4,12 @@ import json
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from train_ato.loop.setup import RunSetup
 from train_ato.loop.stage_messages import without_values
 from train_ato.messages.faults import FAULT_TOPICS, NEVER, MessageFault, message_faults
 from train_ato.messages.receiver import Receiver
 from train_ato.messages.topics import BY_NAME, Role
 from train_ato.messages.types import Measurement
+from train_ato.scenario.setup import RunSetup
 
 KEY = "faults"
 """Key of the diagnostics with the faults that act on the messages of a node, as a JSON list of texts."""

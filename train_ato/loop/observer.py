@@ -16,7 +16,6 @@ from train_ato.control.observers.contract import ObserverStack
 from train_ato.control.registry import OBSERVERS
 from train_ato.interrupt import ComponentCall
 from train_ato.loop.inputs import StageInputs
-from train_ato.loop.setup import RunSetup
 from train_ato.loop.stage_messages import ObserverMessages, diagnostics_due, stamped
 from train_ato.messages.links import MessageLink
 from train_ato.messages.topics import Role
@@ -26,6 +25,7 @@ from train_ato.messages.types import (
     Measurement,
 )
 from train_ato.scenario.changes import GIVEN, Changes, changes_to_json
+from train_ato.scenario.setup import RunSetup
 
 
 class ObserverStage:

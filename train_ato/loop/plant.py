@@ -16,7 +16,6 @@ from plant_sim.states import Observation
 from plant_sim.traction import FullServiceBrake
 from plant_sim.train import Train
 from train_ato.loop.inputs import StageInputs
-from train_ato.loop.setup import RunSetup
 from train_ato.loop.stage_messages import PlantMessages, PlantTruth, diagnostics_due
 from train_ato.loop.train_ahead import ReportRadio, ReportSender
 from train_ato.loop.train_protection import TrainProtection
@@ -49,6 +48,7 @@ from train_ato.scenario.interventions import (
     due_stamp,
     interventions_to_json,
 )
+from train_ato.scenario.setup import RunSetup
 
 MAX_REQUESTS = {
     "gust": 10, "delay_jump": 100, "emergency_brake": 10, "message_loss": 10, "message_freeze": 10,

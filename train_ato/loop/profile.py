@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from train_ato.control.algorithms.guard import is_valid_state
+from train_ato.judge.trajectories import limits_of, trajectory_of
 from train_ato.loop.headway import HeadwayProfile
 from train_ato.loop.inputs import StageInputs
-from train_ato.loop.setup import RunSetup
 from train_ato.loop.stage_messages import ProfileMessages, ProfileStart, diagnostics_due
-from train_ato.loop.trajectories import limits_of, trajectory_of
 from train_ato.messages.links import MessageLink
 from train_ato.messages.topics import Role
 from train_ato.messages.types import (
@@ -23,6 +22,7 @@ from train_ato.messages.types import (
 from train_ato.profile.planner.plan_from_state import TrainState, replan
 from train_ato.profile.planner.settings import PlanSettings
 from train_ato.profile.profile import Profile
+from train_ato.scenario.setup import RunSetup
 
 if TYPE_CHECKING:
     from train_ato.profile.planner.replanner import ReplanDecision

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from plant_sim.states import frozen_for_types
-from train_ato.loop.setup import RunSetup
 from train_ato.loop.train_ahead import is_early
 from train_ato.messages.types import (
     AtoReport,
@@ -19,6 +18,7 @@ from train_ato.messages.types import (
     TrainAhead,
     Trajectory,
 )
+from train_ato.scenario.setup import RunSetup
 
 KINDS = ("measurement", "reference", "estimate")
 """Messages of a step, one of each per stamp."""

@@ -3,11 +3,11 @@
 import numpy as np
 
 from train_ato.loop.inputs import StageInputs
-from train_ato.loop.setup import RunSetup
 from train_ato.loop.stage_messages import SupervisorMessages, diagnostics_due
 from train_ato.loop.train_ahead import MovingAuthority
 from train_ato.messages.topics import Role
 from train_ato.messages.types import BrakeRelease, Diagnostic, Odometry, SupervisedSpeeds, TrainAhead
+from train_ato.scenario.setup import RunSetup
 from train_ato.supervision.odometry import OdometryCheck
 from train_ato.supervision.supervisor import SupervisionDecision, SupervisionState
 

@@ -18,9 +18,9 @@ from typing import NamedTuple
 import numpy as np
 
 from plant_sim.states import Odometry
-from train_ato.loop.setup import RunSetup
 from train_ato.messages.links import Link
 from train_ato.messages.types import TrainAhead
+from train_ato.scenario.setup import RunSetup
 from train_ato.supervision.limits import BrakingTarget
 from train_ato.supervision.track_supervision import LineLimits, TrackSupervision
 from train_ato.supervision.train_report import TrainReport, TrainReporter

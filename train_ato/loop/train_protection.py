@@ -14,9 +14,9 @@ import numpy as np
 
 from plant_sim.compiled import compiled
 from plant_sim.record import Records, quantity, zeros
-from train_ato.loop.setup import RunSetup
 from train_ato.messages.links import DelayJump, DelayLine, Link, MessageLink, Stamps, UnitQueue, arrive
 from train_ato.messages.types import Array, BrakeRelease, Protection
+from train_ato.scenario.setup import RunSetup
 
 REQUESTED, SUPERVISOR = "emergency brake requested", "supervisor"
 """Reasons of a reaction: an intervention, and the brake release of the supervisor."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from train_ato.loop.recording import Recording
+from train_ato.judge.recording import Recording
 from train_ato.messages.types import Array
 from train_ato.papers.claims import Bound, CaseTable, Check, Judgement, Result, Results, Verdict
 

@@ -15,9 +15,9 @@ import numpy as np
 
 from train_ato.control.gains import PRINTED, has_gains
 from train_ato.control.registry import LAWS
-from train_ato.loop.recording import Recording
-from train_ato.loop.setup import RunSetup, prepare
+from train_ato.judge.recording import Recording
 from train_ato.scenario.scenario import Scenario, load_scenario
+from train_ato.scenario.setup import RunSetup, prepare
 
 BETTER = 0.9
 """"Better", "more accurate": an error of at most nine tenths of the other one."""
@@ -157,7 +157,7 @@ class Case:
     full_only: bool = False
 
     def setup(self) -> RunSetup:
-        """Return the prepared run; errors as :func:`train_ato.loop.setup.prepare`."""
+        """Return the prepared run; errors as :func:`train_ato.scenario.setup.prepare`."""
         return prepare(*printed(*load_scenario(self.scenario, changes={**UNSUPERVISED, **self.changes})))
 
 

@@ -13,8 +13,8 @@ from typing import Any
 from pebble import ProcessExpired, ProcessPool
 
 from train_ato.interrupt import workers_without_ctrl_c
+from train_ato.judge.result import Progress
 from train_ato.loop.engine import run_engine
-from train_ato.loop.result import Progress
 from train_ato.papers.claims import Calculation, Case, Result
 
 Task = tuple[str, Case | Calculation]
@@ -46,7 +46,7 @@ def carry_out(case: Case | Calculation, progress: Any = None) -> Result:
     case
         The case.
     progress
-        Called with :class:`train_ato.loop.result.Progress` during an engine run.
+        Called with :class:`train_ato.judge.result.Progress` during an engine run.
     """
     try:
         if isinstance(case, Calculation):

@@ -1,1 +1,1 @@
-"""Scenario files: models, interventions, recorded changes, shipped scenarios."""
+"""Scenario files: models, interventions, recorded changes, shipped scenarios, and the run prepared from them."""

@@ -20,7 +20,7 @@ RequirementText = Annotated[str, AfterValidator(_checked_formula)]
 
 
 class TrackingLimits(SiModel):
-    """Limits of the outcome of tracking; the evaluation is in :mod:`train_ato.loop.tracking`.
+    """Limits of the outcome of tracking; the evaluation is in :mod:`train_ato.judge.tracking`.
 
     Every run is evaluated, also without a block ``criteria``.
     """
@@ -51,7 +51,7 @@ class TrackingLimits(SiModel):
 
 
 class Criteria(SiModel):
-    """Requirements on a run; the evaluation is in :mod:`train_ato.loop.verdict`.
+    """Requirements on a run; the evaluation is in :mod:`train_ato.judge.verdict`.
 
     A criterion is a largest permitted magnitude. A missing one is not evaluated. A requirement is a formula over the
     signals of the run (:mod:`train_ato.scenario.signals`).

@@ -1,4 +1,4 @@
-"""Syntax tree of a requirement in signal temporal logic (STL); the semantics are in ``train_ato/loop/requirements.py``.
+"""Syntax tree of a requirement in signal temporal logic (STL); ``train_ato/judge/requirements.py`` has its meaning.
 
 O. Maler and D. Nickovic, "Monitoring temporal properties of continuous signals", FORMATS 2004.
 

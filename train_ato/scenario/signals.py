@@ -1,4 +1,4 @@
-"""Signals of requirements: name, unit, meaning and condition; their series: :mod:`train_ato.loop.requirements`."""
+"""Signals of requirements: name, unit, meaning and condition; their series: :mod:`train_ato.judge.requirements`."""
 
 import re
 from collections.abc import Callable, Iterable

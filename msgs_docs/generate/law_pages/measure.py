@@ -17,13 +17,13 @@ from train_ato.apps.report.print_figures import LONG_RUN_S, SHEET_SIZE, styled
 from train_ato.apps.report.quantities import COLOURS, GREY
 from train_ato.control.gains import PRINTED, has_gains
 from train_ato.control.registry import LAWS
-from train_ato.loop.recording import Recording
-from train_ato.loop.setup import RunSetup
+from train_ato.judge.recording import Recording
 from train_ato.messages.types import Array
 from train_ato.papers.claims import Case, Result
 from train_ato.papers.p002_freight.observer_trials import truth as paper_002
 from train_ato.papers.pool import Finished, WorkerPool
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import RunSetup
 
 POINTS = 3000
 """Beyond so many points a line is drawn as the band between its extremes."""

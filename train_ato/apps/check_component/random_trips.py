@@ -18,12 +18,12 @@ import numpy as np
 
 from train_ato.control.gains import MODEL
 from train_ato.errors import RunFailed
+from train_ato.judge.verdict import is_tracked, verdict_line
 from train_ato.loop.engine import run_engine
-from train_ato.loop.scenario_data import PartCache
-from train_ato.loop.setup import prepare
-from train_ato.loop.verdict import is_tracked, verdict_line
 from train_ato.scenario.overlays import overlay
 from train_ato.scenario.scenario import check_scenario
+from train_ato.scenario.scenario_data import PartCache
+from train_ato.scenario.setup import prepare
 
 TRAIN_KINDS = ("metro", "multiple unit", "coaches", "freight")
 """Kinds of random trains."""

@@ -28,11 +28,11 @@ from train_ato.apps.runs.summary_table import html_table
 from train_ato.control.caller import NAME, Caller, forces_text
 from train_ato.control.keyword_form import GivenComponent
 from train_ato.errors import FirstFailure, refusing
-from train_ato.loop.recording_builder import RecordingBuilder
-from train_ato.loop.result import RunResult
-from train_ato.loop.scenario_data import PartCache
-from train_ato.loop.setup import RunSetup
+from train_ato.judge.recording_builder import RecordingBuilder
+from train_ato.judge.result import RunResult
 from train_ato.messages.types import Array
+from train_ato.scenario.scenario_data import PartCache
+from train_ato.scenario.setup import RunSetup
 from train_ato.version import VERSION
 
 Observation = dict[str, Array] | Array

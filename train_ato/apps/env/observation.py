@@ -20,10 +20,10 @@ from train_ato.control.command_history import CommandHistory
 from train_ato.control.train_model import GRID
 from train_ato.loop.controller import ControllerStage, Received
 from train_ato.loop.engine import TickLoop
-from train_ato.loop.setup import RunSetup
 from train_ato.loop.spans.span import envelope_arrays
 from train_ato.messages.topic import FIXED_NAMES, Owner
 from train_ato.messages.types import Array, Measurement
+from train_ato.scenario.setup import RunSetup
 
 DISTANCES = (0.0, 50.0, 100.0, 200.0, 400.0, 800.0, 1600.0)
 """Distances ahead of vehicle 0's centre for limits and gradients [m]."""

@@ -29,13 +29,13 @@ from train_ato.apps.runs.scenario_choice import Changes, GivenScenario, Scenario
 from train_ato.apps.sweep.dimensions import read_dimensions
 from train_ato.control.caller import Caller
 from train_ato.errors import FirstFailure, refusing
+from train_ato.judge.result import RunResult
 from train_ato.loop.engine import TickLoop
-from train_ato.loop.result import RunResult
-from train_ato.loop.scenario_data import PartCache
-from train_ato.loop.setup import RunSetup
 from train_ato.loop.spans.native_arguments import reader_of, row_numbers
 from train_ato.loop.spans.span import CompiledSpans, Span
 from train_ato.messages.types import Array
+from train_ato.scenario.scenario_data import PartCache
+from train_ato.scenario.setup import RunSetup
 
 DOMAIN_STREAM = 33
 """Second seed of the draw of a domain, beside the seed of the run."""

@@ -6,13 +6,13 @@ from typing import NamedTuple
 
 from plant_sim.input_error import close_match
 from train_ato.apps.runs.scenario_choice import Changes, ScenarioChoice
+from train_ato.judge.requirements import evaluate_formula
+from train_ato.judge.result import RunResult
+from train_ato.judge.verdict import CRITERIA
 from train_ato.loop.engine import run_engine
-from train_ato.loop.requirements import evaluate_formula
-from train_ato.loop.result import RunResult
-from train_ato.loop.setup import RunSetup
-from train_ato.loop.verdict import CRITERIA
 from train_ato.scenario.formula import parse_formula, robustness_dimension, signals_of, unit_text
 from train_ato.scenario.scenario import Scenario
+from train_ato.scenario.setup import RunSetup
 from train_ato.scenario.signals import unavailable_signal
 
 DEFAULT_NAME = "falsified"

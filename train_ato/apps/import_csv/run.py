@@ -11,17 +11,17 @@ from plant_sim.library import load_consist, split_name
 from train_ato.apps.import_csv.recording import Measured
 from train_ato.apps.import_csv.samples import ColumnSamples
 from train_ato.apps.import_csv.series import MeasuredSeries
+from train_ato.judge.metrics import differences, summarise
+from train_ato.judge.recording_builder import RecordingBuilder
+from train_ato.judge.result import RunResult, identity
+from train_ato.judge.trajectories import limits_of, trajectory_of
 from train_ato.loop.engine import Sink
-from train_ato.loop.metrics import differences, summarise
-from train_ato.loop.recording_builder import RecordingBuilder
-from train_ato.loop.result import RunResult, identity
-from train_ato.loop.setup import RunSetup, prepare
 from train_ato.loop.stage_messages import diagnostics_due
-from train_ato.loop.trajectories import limits_of, trajectory_of
 from train_ato.messages.types import Command, Diagnostic, DisturbanceEstimate, Measurement, Pipe, Reference, Tick
 from train_ato.profile.file import csv_text
 from train_ato.profile.profile import Profile
 from train_ato.scenario.scenario import SCHEMA, check_scenario
+from train_ato.scenario.setup import RunSetup, prepare
 from train_ato.version import VERSION
 
 LARGEST_STEP = 0.005

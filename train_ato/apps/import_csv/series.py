@@ -9,8 +9,8 @@ from plant_sim.line import Line
 from plant_sim.units import number_text
 from train_ato.apps.import_csv.recording import Measured
 from train_ato.apps.import_csv.samples import ColumnSamples
-from train_ato.loop.setup import RunSetup
 from train_ato.messages.types import Array
+from train_ato.scenario.setup import RunSetup
 
 MAX_FORCE_RATIO = 3.0
 """Maximum force relative to the envelope; larger ones have a wrong unit."""

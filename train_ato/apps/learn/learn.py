@@ -35,16 +35,16 @@ from train_ato.control.learned_resistance import DIGITS, LARGEST, SCHEMA, Learne
 from train_ato.control.observers.force_balance import lag_weight
 from train_ato.control.train_model import TrainModel
 from train_ato.errors import RunInterrupted, refusing
+from train_ato.judge.recording import BRAKE_PIPE_COMMAND, MEASUREMENT, Recording
+from train_ato.judge.series import aligned
 from train_ato.log.recorded import open_recording
 from train_ato.log.run_folder import read_run_folder
 from train_ato.log.whole_file import write_whole
-from train_ato.loop.recording import BRAKE_PIPE_COMMAND, MEASUREMENT, Recording
-from train_ato.loop.scenario_data import PartCache
-from train_ato.loop.series import aligned
-from train_ato.loop.setup import RunSetup, prepare
 from train_ato.messages.types import Array
 from train_ato.profile.profile import Profile
 from train_ato.scenario.scenario import Scenario
+from train_ato.scenario.scenario_data import PartCache
+from train_ato.scenario.setup import RunSetup, prepare
 
 MOVING = 0.5
 """Speed above which a sample counts [m/s]: the holding brake and the fade of the electric brake are below."""

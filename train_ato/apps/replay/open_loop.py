@@ -21,14 +21,14 @@ from train_ato.apps.report.quantities import COLOURS, QUANTITIES
 from train_ato.apps.runs.summary_table import html_table
 from train_ato.errors import RunFailed
 from train_ato.interrupt import interruptible
+from train_ato.judge.result import Progress
+from train_ato.judge.trajectories import profile_of
 from train_ato.log.reading import iter_raw, read_log
 from train_ato.loop.controller import ControllerStage
-from train_ato.loop.result import Progress
-from train_ato.loop.setup import RunSetup
 from train_ato.loop.stamp_synchronizer import StampSynchronizer
-from train_ato.loop.trajectories import profile_of
 from train_ato.messages.codec.codec import Wire
 from train_ato.messages.types import Array, Command, Measurement, Pipe, Reference
+from train_ato.scenario.setup import RunSetup
 
 INPUTS = {
     "ato/profile": "profile",

@@ -11,7 +11,7 @@ from train_ato.apps.runs.progress import progress_bar
 from train_ato.apps.runs.scenario_choice import Changes, ScenarioChoice, given_objects, put_components
 from train_ato.arguments import check_new_file
 from train_ato.log.run_folder import read_run_folder
-from train_ato.loop.setup import RunSetup
+from train_ato.scenario.setup import RunSetup
 
 if TYPE_CHECKING:
     from train_ato.apps.replay.open_loop import OpenLoop

@@ -11,9 +11,8 @@ from plant_sim.units import KMH
 from train_ato.apps.report.events import delay_jumps
 from train_ato.apps.report.quantities import QUANTITIES
 from train_ato.control.train_model import TrainModel
-from train_ato.loop.engine import SIGNALS
-from train_ato.loop.metrics import limit_over_train
-from train_ato.loop.recording import (
+from train_ato.judge.metrics import limit_over_train
+from train_ato.judge.recording import (
     BRAKE_PIPE,
     BRAKE_PIPE_COMMAND,
     BRAKE_PIPE_TAIL,
@@ -27,7 +26,8 @@ from train_ato.loop.recording import (
     TRUTH,
     Recording,
 )
-from train_ato.loop.series import aligned
+from train_ato.judge.series import aligned
+from train_ato.loop.engine import SIGNALS
 from train_ato.messages.links import LinkSpec
 from train_ato.messages.topic import FIXED_NAMES, Owner
 from train_ato.messages.types import Array

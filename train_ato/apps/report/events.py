@@ -13,11 +13,11 @@ from plant_sim.plant_setup import TrainSeparation
 from train_ato.apps.report.quantities import KINDS
 from train_ato.apps.report.words import longer
 from train_ato.control.assurance import BRAKING_LAW
+from train_ato.judge.protection_record import REACTIONS, StateSpan, state_spans
+from train_ato.judge.recording import BRAKE_PIPE_COMMAND, REFERENCE, Recording
+from train_ato.judge.tracking import time_at_force_limit
 from train_ato.loop.plant import LOST_KEY, RESTARTS_KEY
 from train_ato.loop.profile import REJOINED
-from train_ato.loop.protection_record import REACTIONS, StateSpan, state_spans
-from train_ato.loop.recording import BRAKE_PIPE_COMMAND, REFERENCE, Recording
-from train_ato.loop.tracking import time_at_force_limit
 from train_ato.messages.faults import SlowFault, message_faults, node_faults
 from train_ato.messages.types import Array, AtoState, Diagnostic, Protection
 from train_ato.scenario import changes, interventions

@@ -8,8 +8,8 @@ from typing import Any
 
 from train_ato.apps.report.page_data import PageData
 from train_ato.apps.runs.ranking import rank_of
-from train_ato.loop.metric_names import metric_name, metric_unit
-from train_ato.loop.verdict import CRITERIA, is_tracked, place_text, three_digits, tracking_text, verdict_line
+from train_ato.judge.metric_names import metric_name, metric_unit
+from train_ato.judge.verdict import CRITERIA, is_tracked, place_text, three_digits, tracking_text, verdict_line
 
 
 @dataclass(frozen=True)

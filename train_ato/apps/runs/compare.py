@@ -24,10 +24,10 @@ from train_ato.apps.runs.scenario_choice import (
 from train_ato.apps.runs.summary_table import RESULTS, html_table
 from train_ato.control.registry import LAWS
 from train_ato.errors import RunFailed, RunInterrupted, check_packages, refusing
-from train_ato.loop.metric_names import metric_heading
-from train_ato.loop.scenario_data import with_start
-from train_ato.loop.setup import RunSetup
+from train_ato.judge.metric_names import metric_heading
 from train_ato.scenario.scenario import Scenario
+from train_ato.scenario.scenario_data import with_start
+from train_ato.scenario.setup import RunSetup
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
-from train_ato.loop.recording import TRUTH, Recording
+from train_ato.judge.recording import TRUTH, Recording
 from train_ato.messages.types import Array
 from train_ato.profile.trip.plan import SLOPE, coupler_damage
 

@@ -21,15 +21,15 @@ from train_ato.apps.runs.scenario_choice import (
 )
 from train_ato.errors import RunFailed, RunInterrupted
 from train_ato.interrupt import interruptible, no_silent_exit
+from train_ato.judge.result import RunResult
 from train_ato.log.compression import DEFAULT
 from train_ato.log.run_folder import RunFolder
 from train_ato.log.versions import SCENARIO
 from train_ato.loop.engine import run_engine
-from train_ato.loop.result import RunResult
-from train_ato.loop.setup import RunSetup
 from train_ato.messages.topics import EXTERNAL
 from train_ato.ros import require_ros
 from train_ato.scenario.leader import check_namespace
+from train_ato.scenario.setup import RunSetup
 
 if TYPE_CHECKING:
     from train_ato.apps.env.observation import OnTick, StopWhen, TickCalls

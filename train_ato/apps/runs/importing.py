@@ -21,11 +21,11 @@ from train_ato.apps.import_csv.table import CsvTable, read_table, titles_of
 from train_ato.apps.runs.progress import activity, progress_bar
 from train_ato.apps.runs.run import Run
 from train_ato.arguments import option_name
+from train_ato.judge.result import Progress
 from train_ato.log.run_folder import RunFolder, summary_text
 from train_ato.log.versions import SUMMARY
-from train_ato.loop.result import Progress
-from train_ato.loop.setup import RunSetup
 from train_ato.profile.file import write_profile
+from train_ato.scenario.setup import RunSetup
 
 PROFILE = "profile.csv"
 STEP = 0.005

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.progress import TextColumn
 
-    from train_ato.loop.result import Progress
+    from train_ato.judge.result import Progress
 
 
 COMPILE_NOTE = "Compiling the train's kernel, once on this machine; later runs start at once."

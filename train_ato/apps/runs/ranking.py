@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from statistics import mean, median
 from typing import Any
 
-from train_ato.loop.verdict import is_tracked
+from train_ato.judge.verdict import is_tracked
 
 Metrics = Mapping[str, Any]
 SMALL_IS_GOOD = frozenset({

@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Any
 from train_ato.apps.runs.result import TypedResult, dataset_of
 from train_ato.apps.runs.summary_table import html_table, result_rows
 from train_ato.errors import check_packages, refusing
+from train_ato.judge.recording import Recording
+from train_ato.judge.result import RunResult
 from train_ato.log.compression import DEFAULT
 from train_ato.log.recorded import open_recording
 from train_ato.log.run_folder import Encoder, RunFolder, read_run_folder, read_summary
-from train_ato.loop.recording import Recording
-from train_ato.loop.result import RunResult
-from train_ato.loop.setup import RunSetup
 from train_ato.messages.topics import TickBlock
+from train_ato.scenario.setup import RunSetup
 
 if TYPE_CHECKING:
     import pandas as pd

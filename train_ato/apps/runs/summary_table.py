@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from plant_sim.units import number_text
-from train_ato.loop.metric_names import metric_heading
+from train_ato.judge.metric_names import metric_heading
 
 RESULTS = (
     "tracking", "speed_rmse_kmh", "speed_error_max_kmh", "position_error_max_m", "stop_error_m", "overspeed_max_kmh",

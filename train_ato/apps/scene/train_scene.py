@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 
 from plant_sim.alignment import Alignment, TrackPose
-from train_ato.loop.setup import RunSetup
 from train_ato.messages.codec.cdr import SECOND, blank, layout_of, packed_stamp, stamp_of, typestore
 from train_ato.messages.codec.codec import Wire
 from train_ato.messages.types import Array, VehicleStates
+from train_ato.scenario.setup import RunSetup
 
 DEFAULT_RATE = 5.0
 """Messages per simulated second."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from train_ato.errors import InputError
-from train_ato.loop.metric_names import METRICS, metric_heading
+from train_ato.judge.metric_names import METRICS, metric_heading
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -16,7 +16,7 @@ from train_ato.apps.sweep.spec import read_sweep
 from train_ato.apps.sweep.sweep import sweep_base
 from train_ato.errors import RunFailed, RunInterrupted
 from train_ato.log.run_folder import next_free
-from train_ato.loop.setup import RunSetup
+from train_ato.scenario.setup import RunSetup
 
 TEXTS = ("status", "reason", "verdict", "tracking", "sha256")
 """Compared entries beside the metrics."""

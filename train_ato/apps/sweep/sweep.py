@@ -21,7 +21,7 @@ from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
 from train_ato.errors import RunFailed, RunInterrupted
 from train_ato.interrupt import uninterrupted
 from train_ato.log.versions import source_hash
-from train_ato.loop.scenario_data import PartCache
+from train_ato.scenario.scenario_data import PartCache
 
 REGISTRIES = {"law": LAWS, "observer": OBSERVERS, "compensation": COMPENSATIONS}
 

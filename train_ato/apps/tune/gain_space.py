@@ -18,8 +18,8 @@ from train_ato.apps.sweep.dimensions import Dimension, read_dimensions
 from train_ato.control.contract import Parameter
 from train_ato.control.registry import LAWS
 from train_ato.loop.engine import run_engine
-from train_ato.loop.setup import RunSetup
 from train_ato.scenario.scenario import Scenario
+from train_ato.scenario.setup import RunSetup
 
 SEARCHED, HELD_OUT = "searched", "held out"
 """Parts of a tuning: scenarios and seeds of the search, and those that the search does not use."""

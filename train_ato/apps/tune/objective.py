@@ -72,7 +72,7 @@ class ObjectiveTerm:
 
     def scale(self, criteria: Criteria, reference: Mapping[str, Any]) -> float:
         """Return the scale: the smallest limit of the criteria, otherwise the metric of the reference run."""
-        from train_ato.loop.verdict import CRITERIA
+        from train_ato.judge.verdict import CRITERIA
 
         limits = [
             getattr(criteria, entry.key) * entry.factor
@@ -141,7 +141,7 @@ def score_of_run(metrics: Mapping[str, Any], scales: Mapping[str, float], weight
     scales, weights
         Scale, in its unit, and weight of every term.
     """
-    from train_ato.loop.verdict import is_tracked
+    from train_ato.judge.verdict import is_tracked
 
     if metrics.get("status") == "refused":
         return REFUSED_GAINS
@@ -157,7 +157,7 @@ def score_of_run(metrics: Mapping[str, Any], scales: Mapping[str, float], weight
 
 
 def _score_not_tracked(metrics: Mapping[str, Any]) -> float:
-    from train_ato.loop.tracking import OUTCOMES
+    from train_ato.judge.tracking import OUTCOMES
 
     worst = metrics["tracking_findings"][0]
     rank = len(OUTCOMES) - 1 - OUTCOMES.index(worst["outcome"])

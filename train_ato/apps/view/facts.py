@@ -10,10 +10,10 @@ from plant_sim.track import Track
 from plant_sim.units import KMH
 from train_ato.control.contract import LawPlan
 from train_ato.control.plan_text import ARRAYS, STATUS, plan_from_text
-from train_ato.loop.series import DiagnosticSeries
-from train_ato.loop.setup import RunSetup
+from train_ato.judge.series import DiagnosticSeries
 from train_ato.messages.topic import TrainLayout
 from train_ato.messages.types import Array
+from train_ato.scenario.setup import RunSetup
 
 SCALES = (40, 60, 80, 100, 120, 160, 200, 250, 300, 350, 400, 500)
 """Ends of the speed dial [km/h]."""

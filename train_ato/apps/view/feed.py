@@ -16,10 +16,10 @@ from train_ato.apps.view.facts import Facts, ProfileCurve
 from train_ato.apps.view.overview import WholeRun
 from train_ato.apps.view.snapshot import STRIP, ProtectionStates, Snapshot, along, delay_text, now, strip_row, where
 from train_ato.control.assurance import BRAKING_LAW
+from train_ato.judge.protection_record import INTERVENTIONS, REACTIONS
+from train_ato.judge.verdict import verdict_line
 from train_ato.log.versions import SUMMARY
-from train_ato.loop.protection_record import INTERVENTIONS, REACTIONS
 from train_ato.loop.train_protection import REQUESTED, SUPERVISOR
-from train_ato.loop.verdict import verdict_line
 from train_ato.messages.types import Array, AtoState, Diagnostic, Protection
 
 REPORT_PAGE = "/report"

@@ -18,7 +18,7 @@ from train_ato.apps.view.feed import FINISHED, FRAMES_PER_SECOND, RUN_ENDED, Fee
 from train_ato.apps.view.reader import DEPTH, Copied, Copier, GraphReader, taker, train_layout
 from train_ato.apps.view.snapshot import Snapshot
 from train_ato.control.contract import LawPlan
-from train_ato.loop.recording import (
+from train_ato.judge.recording import (
     BRAKE_PIPE,
     BRAKE_SHOES,
     COMMAND,
@@ -28,10 +28,9 @@ from train_ato.loop.recording import (
     TRUTH,
     Recording,
 )
-from train_ato.loop.requirements import Robustness, evaluate_formula
-from train_ato.loop.series import TopicSamples
-from train_ato.loop.setup import RunSetup, prepare
-from train_ato.loop.verdict import three_digits
+from train_ato.judge.requirements import Robustness, evaluate_formula
+from train_ato.judge.series import TopicSamples
+from train_ato.judge.verdict import three_digits
 from train_ato.messages.topic import TrainLayout
 from train_ato.messages.types import Array, Diagnostic, Trajectory
 from train_ato.ros.graph.domain_lock import DomainLock
@@ -40,6 +39,7 @@ from train_ato.scenario.changes import LAW, changes_from_json
 from train_ato.scenario.formula import parse_formula
 from train_ato.scenario.interventions import KEY as DONE
 from train_ato.scenario.interventions import interventions_from_json
+from train_ato.scenario.setup import RunSetup, prepare
 
 LATEST_START_S = 1.0
 """Largest simulated time of the first snapshot: a page that joins later has no samples of the start."""

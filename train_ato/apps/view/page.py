@@ -41,7 +41,7 @@ from train_ato.apps.view.feed import FRAMES_PER_SECOND, LEAST_REACH, LEAST_SHOE,
 from train_ato.apps.view.recorded import RecordedFeed
 from train_ato.apps.view.snapshot import LIMIT_NAMES, full_clock
 from train_ato.apps.view.style import BUFF, DRAFT, SHOE, SOFT, THEME, WIDGETS
-from train_ato.loop.result import completed_summary
+from train_ato.judge.result import completed_summary
 from train_ato.messages.types import Array
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ import numpy as np
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from train_ato.apps.view.snapshot import Snapshot
-from train_ato.loop.recording import (
+from train_ato.judge.recording import (
     BRAKE_PIPE,
     BRAKE_PIPE_COMMAND,
     BRAKE_SHOES,

@@ -17,8 +17,7 @@ from train_ato.apps.view.overview import MOST_POINTS as POINTS_OF_OVERVIEW
 from train_ato.apps.view.overview import WholeRun
 from train_ato.apps.view.snapshot import STRIP, Snapshot
 from train_ato.control.contract import LawPlan
-from train_ato.log.recorded import open_recording
-from train_ato.loop.recording import (
+from train_ato.judge.recording import (
     BRAKE_PIPE,
     BRAKE_PIPE_COMMAND,
     BRAKE_SHOES,
@@ -30,9 +29,10 @@ from train_ato.loop.recording import (
     TRUTH,
     Recording,
 )
-from train_ato.loop.result import completed_summary
-from train_ato.loop.series import TopicSamples, seconds
-from train_ato.loop.verdict import verdict_line
+from train_ato.judge.result import completed_summary
+from train_ato.judge.series import TopicSamples, seconds
+from train_ato.judge.verdict import verdict_line
+from train_ato.log.recorded import open_recording
 from train_ato.messages.topic import TrainLayout
 from train_ato.messages.types import Array
 

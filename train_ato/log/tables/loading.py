@@ -12,6 +12,7 @@ from mcap.records import Channel, Schema
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
 from plant_sim.input_error import close_match
+from train_ato.judge.series import seconds
 from train_ato.log.bag_layout import table_name
 from train_ato.log.reading import log_file
 from train_ato.log.tables.columns import TIME, diagnostic_table, diagnostic_texts, trajectory_table
@@ -25,7 +26,6 @@ from train_ato.log.tables.tables import (
     foreign_table,
     known_table,
 )
-from train_ato.loop.series import seconds
 from train_ato.messages.codec.cdr import typestore
 from train_ato.messages.codec.variable import decode_diagnostic
 from train_ato.messages.topics import BY_NAME, EPOCH_NS

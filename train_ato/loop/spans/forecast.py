@@ -12,9 +12,9 @@ from train_ato.control.compensation.predictor import Predictor
 from train_ato.control.compensation.preview import PreviewFeedforward
 from train_ato.control.compensation.twin import Twin
 from train_ato.control.stack import ControlStack
-from train_ato.loop.setup import RunSetup
 from train_ato.messages.types import Array
 from train_ato.profile.profile import Profile
+from train_ato.scenario.setup import RunSetup
 
 WINDOW = 1 << 14
 """Number of ticks of a forecast."""

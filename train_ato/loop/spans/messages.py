@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from plant_sim import kernel as k
 from plant_sim.odometry import odometry_of
-from train_ato.loop.plant import TOTALS
-from train_ato.loop.recording import (
+from train_ato.judge.recording import (
     ATO_STATE,
     BRAKE_PIPE,
     BRAKE_PIPE_COMMAND,
@@ -28,8 +27,9 @@ from train_ato.loop.recording import (
     SUPERVISED_SPEEDS,
     TRUTH,
 )
-from train_ato.loop.recording_builder import RecordingBuilder
-from train_ato.loop.repeated_reports import RepeatedReport
+from train_ato.judge.recording_builder import RecordingBuilder
+from train_ato.judge.repeated_reports import RepeatedReport
+from train_ato.loop.plant import TOTALS
 from train_ato.loop.spans.stages import Stages
 from train_ato.loop.spans.supervision_kernel import SupervisionArrays
 from train_ato.loop.stage_messages import SECOND_NS, Published

@@ -30,9 +30,8 @@ from train_ato.control.observers.none import NoObserver
 from train_ato.control.observers.record_observer import RecordObserver
 from train_ato.control.stack import ControlStack
 from train_ato.control.train_model import TrainModel
+from train_ato.judge.recording_builder import RecordingBuilder
 from train_ato.loop.inputs import StageInputs
-from train_ato.loop.recording_builder import RecordingBuilder
-from train_ato.loop.setup import RunSetup
 from train_ato.loop.spans import kernel
 from train_ato.loop.spans.forecast import Forecast
 from train_ato.loop.spans.messages import Publish, SpanArrays, SpanMessages
@@ -44,6 +43,7 @@ from train_ato.messages.links import LinkSpec
 from train_ato.messages.topics import TickBlock
 from train_ato.messages.types import Array, AtoReport
 from train_ato.scenario.changes import requested_stamp
+from train_ato.scenario.setup import RunSetup
 
 LONGEST, BRAKED = 256, 128
 """Longest span, and longest one with forecasts of shoe forces, which cost more [ticks]."""

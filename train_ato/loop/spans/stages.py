@@ -6,8 +6,8 @@ from train_ato.loop.controller import ControllerStage
 from train_ato.loop.observer import ObserverStage
 from train_ato.loop.plant import PlantStage
 from train_ato.loop.profile import ProfileStage
-from train_ato.loop.setup import RunSetup
 from train_ato.loop.supervisor import SupervisorStage
+from train_ato.scenario.setup import RunSetup
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import numpy as np
 from plant_sim.record import fill, zeros
 from train_ato.control.law import LawNow, LawUnit
 from train_ato.control.laws.rbf_smc import RbfSmc, RbfSmcConstants, RbfSmcParameters, RbfSmcUnit
-from train_ato.loop.recording import Recording
+from train_ato.judge.recording import Recording
 from train_ato.messages.types import Array
 from train_ato.messages.validity import MAX_FORCE
 from train_ato.papers.checks import conclude, gain, largest_kmh, recording, rms_kmh, variation

@@ -20,12 +20,12 @@ from train_ato.control.observers.cascaded import Cascade, CascadedParameters
 from train_ato.control.observers.contract import ObserverInput
 from train_ato.control.observers.force_balance import BalanceState, ForceBalance
 from train_ato.control.train_model import TrainModel
+from train_ato.judge.recording import Recording
 from train_ato.loop.engine import run_engine
-from train_ato.loop.recording import Recording
-from train_ato.loop.setup import prepare
 from train_ato.messages.types import Array
 from train_ato.papers.claims import UNSUPERVISED, printed
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import prepare
 
 CARS = 5
 DAMPING = 0.01

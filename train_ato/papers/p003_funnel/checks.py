@@ -8,8 +8,7 @@ import numpy as np
 from train_ato.control.contract import LawInput, Preview
 from train_ato.control.laws.funnel import A2, PRINTED_BETA2, Funnel
 from train_ato.control.registry import LAWS
-from train_ato.loop.recording import Recording
-from train_ato.loop.setup import prepare
+from train_ato.judge.recording import Recording
 from train_ato.messages.types import Array
 from train_ato.papers.checks import (
     GOAL,
@@ -45,6 +44,7 @@ from train_ato.papers.claims import (
 )
 from train_ato.profile.profile import Profile
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import prepare
 
 CLAIMS = Claims()
 WHERE_MOVING = f"speed errors only where v_ref > {MOVING:g} m/s"

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from train_ato.loop.recording import Recording
+from train_ato.judge.recording import Recording
 from train_ato.papers.checks import (
     GOAL,
     MOVING,

@@ -21,7 +21,6 @@ from train_ato.log.versions import attachments_for
 from train_ato.loop.controller import ControllerStage
 from train_ato.loop.plant import PlantStage
 from train_ato.loop.profile import ProfileStage
-from train_ato.loop.setup import RunSetup
 from train_ato.loop.supervisor import SupervisorStage
 from train_ato.messages.topics import Role, topics_of
 from train_ato.ros.nodes.controller import ControllerNode
@@ -30,6 +29,7 @@ from train_ato.ros.nodes.lifecycle import serve_lifecycle
 from train_ato.ros.nodes.plant import PlantNode
 from train_ato.ros.nodes.recorder import RecorderNode
 from train_ato.ros.nodes.stages import ObserverNode, ProfileNode, SupervisorNode
+from train_ato.scenario.setup import RunSetup
 
 TURN_S = 0.1
 """Maximum wait of the executor for an event [s]; an unlimited wait would block Ctrl-C."""

@@ -9,8 +9,7 @@ from typing import Any
 
 from train_ato.errors import FirstFailure
 from train_ato.interrupt import Interrupt, interruptible
-from train_ato.loop.run_end import INTERRUPTED
-from train_ato.loop.setup import RunSetup
+from train_ato.judge.run_end import INTERRUPTED
 from train_ato.messages.codec.codec import Wire
 from train_ato.messages.topics import Role
 from train_ato.messages.types import Tick
@@ -22,6 +21,7 @@ from train_ato.ros.graph.wait_note import WaitNote
 from train_ato.ros.nodes.endpoints import NodeEndpoints, roles_of
 from train_ato.ros.nodes.outside_plant import OutsidePlant
 from train_ato.ros.standalone.notices import READY
+from train_ato.scenario.setup import RunSetup
 
 RECORD_EVERY = 50
 """Ticks after which the recorder empties its queues of 1000 messages."""

@@ -8,7 +8,6 @@ from pathlib import Path
 from train_ato.interrupt import Interrupt, interruptible
 from train_ato.log.bag_layout import LOG, PARTIAL
 from train_ato.log.whole_file import write_whole
-from train_ato.loop.setup import RunSetup
 from train_ato.messages.faults import node_faults
 from train_ato.messages.topics import Role
 from train_ato.ros import REMEDY
@@ -19,6 +18,7 @@ from train_ato.ros.graph.restarts import Restarts
 from train_ato.ros.graph.wait_note import WaitNote
 from train_ato.ros.nodes.answer_watch import SUSPENDED_S
 from train_ato.ros.standalone.notices import LAST_COUNT, TRAIN_STOPPED, Notice, NoticeKind
+from train_ato.scenario.setup import RunSetup
 
 ROLES = (Role.RECORDER, Role.CONTROLLER, Role.OBSERVER, Role.PROFILE, Role.SUPERVISOR, Role.PLANT)
 """Start order of the processes."""

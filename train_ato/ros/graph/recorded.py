@@ -7,20 +7,20 @@ from pathlib import Path
 
 import numpy as np
 
+from train_ato.judge.recording import DIAGNOSTICS, FIELDS, LIMITS, PROFILE, Recording
+from train_ato.judge.recording_builder import RecordingBuilder
+from train_ato.judge.result import RunResult
+from train_ato.judge.run_end import FAILED, INTERRUPTED, RunEnd
 from train_ato.log.bag_layout import LOG
 from train_ato.log.reading import iter_raw
 from train_ato.log.recorded import outside_nodes, read_recording, read_reports
 from train_ato.log.run_folder import RunFolder
-from train_ato.loop.recording import DIAGNOSTICS, FIELDS, LIMITS, PROFILE, Recording
-from train_ato.loop.recording_builder import RecordingBuilder
-from train_ato.loop.result import RunResult
-from train_ato.loop.run_end import FAILED, INTERRUPTED, RunEnd
-from train_ato.loop.setup import RunSetup
 from train_ato.messages.codec.codec import Wire
 from train_ato.messages.topics import BY_NAME
 from train_ato.ros.graph.environment import opened_by
 from train_ato.ros.graph.graph_result import GraphResult
 from train_ato.scenario.changes import RunChanges
+from train_ato.scenario.setup import RunSetup
 
 
 def recorded_result(

@@ -8,13 +8,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from train_ato.loop.result import Progress, RunResult
-from train_ato.loop.setup import RunSetup
+from train_ato.judge.result import Progress, RunResult
 from train_ato.messages.topics import Role
 from train_ato.ros import missing_ros
 from train_ato.ros.graph.environment import applied, claim_domain, domain_of_environment, print_domain, variables
 from train_ato.ros.graph.graph_result import IGNORED, GraphOptions, GraphResult
 from train_ato.ros.graph.recorded import recorded_result
+from train_ato.scenario.setup import RunSetup
 
 
 def run_graph(

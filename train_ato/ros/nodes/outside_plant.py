@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from train_ato.loop.run_end import DONE, FAILED, RunEnd
+from train_ato.judge.run_end import DONE, FAILED, RunEnd
 from train_ato.messages.topics import BY_NAME, Role
 from train_ato.ros.nodes.answer_watch import AnswerWatch, awaited_node, departure, silent_node
 
 if TYPE_CHECKING:
-    from train_ato.loop.setup import RunSetup
     from train_ato.ros.nodes.recorder import RecorderNode
+    from train_ato.scenario.setup import RunSetup
 
 MEASUREMENT = "train/measurement"
 TRUTH = "train/vehicles"

@@ -10,10 +10,10 @@ from dataclasses import replace
 
 from rclpy.clock import Clock, ClockType
 
+from train_ato.judge.run_end import RunEnd
 from train_ato.log.recorded import OUTSIDE_KEY
 from train_ato.loop.plant import PlantStage
 from train_ato.loop.rate_limit import SteadyRateLimit
-from train_ato.loop.run_end import RunEnd
 from train_ato.loop.stage_messages import Published
 from train_ato.messages.topics import BY_NAME, END_TOPIC, EPOCH_NS, REPORT, Role
 from train_ato.messages.types import BrakeRelease, Command, Diagnostic, Pipe, Tick

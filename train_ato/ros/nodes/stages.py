@@ -10,7 +10,6 @@ from train_ato.control.contract import Parameter
 from train_ato.control.registry import OBSERVERS
 from train_ato.loop.observer import ObserverStage
 from train_ato.loop.profile import ProfileStage
-from train_ato.loop.setup import RunSetup
 from train_ato.loop.stamp_synchronizer import AwaitedReport, ProfileInputs
 from train_ato.loop.supervisor import SupervisorStage
 from train_ato.loop.train_ahead import is_early
@@ -19,6 +18,7 @@ from train_ato.messages.types import Measurement, Odometry, TrainAhead
 from train_ato.ros.nodes.endpoints import NodeEndpoints
 from train_ato.ros.nodes.parameters import Declared, block_parameters, declare
 from train_ato.scenario.changes import Changes, RunChanges
+from train_ato.scenario.setup import RunSetup
 
 
 class ProfileNode:

@@ -12,7 +12,7 @@ from train_ato.messages.topics import EPOCH_NS, Role
 from train_ato.messages.types import BrakeRelease, Command, Pipe
 
 if TYPE_CHECKING:
-    from train_ato.loop.setup import RunSetup
+    from train_ato.scenario.setup import RunSetup
 
 BY_ROLE: dict[Role, tuple[type, ...]] = {Role.CONTROLLER: (Command, Pipe), Role.SUPERVISOR: (BrakeRelease,)}
 """Types of the answers by node."""

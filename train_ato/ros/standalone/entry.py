@@ -26,10 +26,10 @@ from train_ato.ros.graph.graph_result import FREE_TIMEOUT_S, LOCKSTEP_TIMEOUT_S
 from train_ato.ros.standalone.notices import LAST_COUNT, EndOrder, Notices, begin_stamp, read_notices
 
 if TYPE_CHECKING:
-    from train_ato.loop.result import RunResult
-    from train_ato.loop.setup import RunSetup
+    from train_ato.judge.result import RunResult
     from train_ato.ros.nodes.endpoints import NodeEndpoints
     from train_ato.ros.standalone.runner import StandaloneRunner
+    from train_ato.scenario.setup import RunSetup
 
     Completed = Callable[[RunSetup, RunResult, Path], None]
 
@@ -140,12 +140,12 @@ def _run(
 ) -> int:
     """Create and run the node; imports are late because rclpy reads the environment at import."""
     from train_ato.errors import FirstFailure
-    from train_ato.loop.setup import prepare
     from train_ato.messages.codec.codec import Wire
     from train_ato.ros.graph.assembly import check_arguments, executor_of, make_node
     from train_ato.ros.nodes.endpoints import ROLES, NodeEndpoints
     from train_ato.ros.standalone.runner import StandaloneRunner
     from train_ato.scenario.scenario import load_scenario
+    from train_ato.scenario.setup import prepare
 
     setup = prepare(*load_scenario(options.scenario, tuple(options.set)))
     if role is Role.SUPERVISOR and not setup.layout.supervised:
@@ -232,7 +232,7 @@ def _complete_recording(
     completed: Completed | None,
 ) -> bool:
     """Complete the folder of a recorder started by hand; return True if the record fails and nothing else has."""
-    from train_ato.loop.run_end import FAILED, RunEnd
+    from train_ato.judge.run_end import FAILED, RunEnd
     from train_ato.ros.graph.recorded import complete_folder
 
     endpoints = turner.endpoints

@@ -16,7 +16,7 @@ from typing import Any
 from rcl_interfaces.msg import Log as LogMessage
 
 from train_ato.control.component_fault import ComponentFailed
-from train_ato.loop.run_end import INTERRUPTED
+from train_ato.judge.run_end import INTERRUPTED
 from train_ato.messages.topics import BY_NAME, Role
 from train_ato.messages.types import Tick
 from train_ato.ros.graph.environment import opened_by

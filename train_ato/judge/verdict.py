@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from train_ato.loop.metric_names import metric_name, metric_unit
+from train_ato.judge.metric_names import metric_name, metric_unit
 
 if TYPE_CHECKING:
     from train_ato.scenario.criteria import Criteria
@@ -87,9 +87,9 @@ def judge_run(
     metrics
         Metrics of the run by the keys of ``summary.json``, and ``status`` of a run that did not end regularly.
     requirements
-        Rows of the requirements (:func:`train_ato.loop.requirements.requirement_rows`).
+        Rows of the requirements (:func:`train_ato.judge.requirements.requirement_rows`).
     places
-        ``at_s`` and ``km`` of the worst value by metric (:func:`train_ato.loop.result.worst_places`).
+        ``at_s`` and ``km`` of the worst value by metric (:func:`train_ato.judge.result.worst_places`).
 
     Returns
     -------

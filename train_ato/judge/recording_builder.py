@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from train_ato.loop.kept_samples import KeptSamples
-from train_ato.loop.recording import (
+from train_ato.judge.kept_samples import KeptSamples
+from train_ato.judge.recording import (
     ATO_STATE,
     BRAKE_SHOES,
     COMMAND,
@@ -25,10 +25,10 @@ from train_ato.loop.recording import (
     TRUTH,
     Recording,
 )
-from train_ato.loop.repeated_reports import KeptReports, RepeatedReport
-from train_ato.loop.series import TopicSamples, seconds
-from train_ato.loop.setup import RunSetup
+from train_ato.judge.repeated_reports import KeptReports, RepeatedReport
+from train_ato.judge.series import TopicSamples, seconds
 from train_ato.messages.types import Array, Trajectory
+from train_ato.scenario.setup import RunSetup
 
 PORTION = 256
 """Number of messages of a topic that are stacked at once."""
@@ -127,7 +127,7 @@ class RecordingBuilder:
         stamps : Array of int, shape (k,)
             Stamps [ns].
         values : dict of Array, each of shape (k, n)
-            Values by the names of :data:`~train_ato.loop.recording.FIELDS`.
+            Values by the names of :data:`~train_ato.judge.recording.FIELDS`.
         """
         if topic not in self._open:
             self._others[topic] += len(stamps)

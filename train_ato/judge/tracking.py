@@ -33,13 +33,13 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from train_ato.control.train_model import STANDSTILL_SPEED
-from train_ato.loop.recording import ATO_STATE, DISTURBANCE, Recording
-from train_ato.loop.run_end import DONE, FAILED
-from train_ato.loop.setup import RunSetup
-from train_ato.loop.stops import stops_of_run
-from train_ato.loop.verdict import three_digits
+from train_ato.judge.recording import ATO_STATE, DISTURBANCE, Recording
+from train_ato.judge.run_end import DONE, FAILED
+from train_ato.judge.stops import stops_of_run
+from train_ato.judge.verdict import three_digits
 from train_ato.messages.types import Array, AtoState
 from train_ato.scenario.criteria import TrackingLimits
+from train_ato.scenario.setup import RunSetup
 from train_ato.supervision.step_function import EMERGENCY_MARGIN
 
 PERIODS = 6

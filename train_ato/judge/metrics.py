@@ -6,12 +6,12 @@ import numpy as np
 
 from plant_sim.line import Line
 from train_ato.control.plan_text import PASSES, STATUS
-from train_ato.loop.recording import TRUTH, Recording
-from train_ato.loop.setup import RunSetup
-from train_ato.loop.stops import STANDSTILL_SPEED, StopResult, running_time, stops_of_run
-from train_ato.loop.tracking import time_at_force_limit
+from train_ato.judge.recording import TRUTH, Recording
+from train_ato.judge.stops import STANDSTILL_SPEED, StopResult, running_time, stops_of_run
+from train_ato.judge.tracking import time_at_force_limit
 from train_ato.messages.types import Array
 from train_ato.profile.trip.plan import coupler_cycles, cycle_damage
+from train_ato.scenario.setup import RunSetup
 
 OF_THE_PLANT = (
     "energy_traction_kwh", "energy_regenerated_kwh", "saturated_s",

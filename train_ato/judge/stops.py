@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from train_ato.loop.recording import Recording
-from train_ato.loop.setup import RunSetup
+from train_ato.judge.recording import Recording
 from train_ato.messages.types import Array
 from train_ato.profile.profile import Profile
+from train_ato.scenario.setup import RunSetup
 
 STANDSTILL_SPEED = 0.01
 """Speed below which a train or a reference is at rest [m/s]."""

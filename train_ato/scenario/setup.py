@@ -28,7 +28,14 @@ from train_ato.control.keyword_form import GivenComponent, started
 from train_ato.control.open_loop import late_action
 from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS, Registry
 from train_ato.control.train_model import TrainModel
-from train_ato.loop.scenario_data import (
+from train_ato.messages.topic import TrainLayout
+from train_ato.messages.topics import BY_NAME
+from train_ato.messages.types import Array, TrainAhead
+from train_ato.profile.profile import Profile
+from train_ato.scenario.formula import parse_formula, signals_of
+from train_ato.scenario.interventions import Intervention, TrainJumpNow
+from train_ato.scenario.scenario import LawChange, Links, PlantBlock, Scenario
+from train_ato.scenario.scenario_data import (
     PartCache,
     fitting_law,
     line_supervisor,
@@ -42,15 +49,8 @@ from train_ato.loop.scenario_data import (
     with_driver,
     with_start,
 )
-from train_ato.loop.supervised_plan import SpeedCeiling, profile_within
-from train_ato.messages.topic import TrainLayout
-from train_ato.messages.topics import BY_NAME
-from train_ato.messages.types import Array, TrainAhead
-from train_ato.profile.profile import Profile
-from train_ato.scenario.formula import parse_formula, signals_of
-from train_ato.scenario.interventions import Intervention, TrainJumpNow
-from train_ato.scenario.scenario import LawChange, Links, PlantBlock, Scenario
 from train_ato.scenario.signals import unavailable_signal
+from train_ato.scenario.supervised_plan import SpeedCeiling, profile_within
 from train_ato.supervision.supervisor import Supervisor
 from train_ato.supervision.train_report import TrainReport, parse_reports
 

@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from train_ato.loop.setup import RunSetup
 from train_ato.messages.types import (
     Array,
     Trajectory,
 )
 from train_ato.profile.profile import Profile
+from train_ato.scenario.setup import RunSetup
 
 
 def trajectory_of(profile: Profile, planned: int = 0) -> Trajectory:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from train_ato.loop.series import TopicSamples
+from train_ato.judge.series import TopicSamples
 from train_ato.messages.types import Array
 
 IN_MEMORY = 64 * 2**20

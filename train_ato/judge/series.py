@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from train_ato.loop.repeated_reports import RepeatedReport, Report
+from train_ato.judge.repeated_reports import RepeatedReport, Report
 from train_ato.messages.types import Array, Diagnostic
 
 

@@ -22,10 +22,9 @@ from typing import Any
 import numpy as np
 
 from plant_sim.compiled import compiled
-from train_ato.loop.metrics import JERK_SPAN, limit_over_train, place_of_front
-from train_ato.loop.recording import BRAKE_PIPE, BRAKE_PIPE_TAIL, BRAKE_SHOES, SUPERVISED_SPEEDS, Recording
-from train_ato.loop.setup import RunSetup
-from train_ato.loop.stops import PlannedStop, planned_stops
+from train_ato.judge.metrics import JERK_SPAN, limit_over_train, place_of_front
+from train_ato.judge.recording import BRAKE_PIPE, BRAKE_PIPE_TAIL, BRAKE_SHOES, SUPERVISED_SPEEDS, Recording
+from train_ato.judge.stops import PlannedStop, planned_stops
 from train_ato.messages.types import Array
 from train_ato.scenario.formula import (
     AbsTerm,
@@ -44,6 +43,7 @@ from train_ato.scenario.formula import (
     signals_of,
     unit_text,
 )
+from train_ato.scenario.setup import RunSetup
 from train_ato.scenario.signals import find_signal, unavailable_signal
 
 _ON_GRID = 1e-6

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from train_ato.loop.metrics import (
+from train_ato.judge.metrics import (
     JERK_SPAN,
     differences,
     evaluated_ticks,
@@ -20,16 +20,16 @@ from train_ato.loop.metrics import (
     speed_errors,
     summarise,
 )
-from train_ato.loop.protection_record import protection_summary
-from train_ato.loop.recording import Recording
-from train_ato.loop.requirements import requirement_rows
-from train_ato.loop.run_end import DONE, FAILED, INTERRUPTED, RunEnd
-from train_ato.loop.setup import RunSetup
-from train_ato.loop.stops import StopResult, stops_of_run
-from train_ato.loop.tracking import INCOMPLETE, TRACKED, TrackingFinding, outcome_of, tracking_summary
-from train_ato.loop.verdict import judge_run
+from train_ato.judge.protection_record import protection_summary
+from train_ato.judge.recording import Recording
+from train_ato.judge.requirements import requirement_rows
+from train_ato.judge.run_end import DONE, FAILED, INTERRUPTED, RunEnd
+from train_ato.judge.stops import StopResult, stops_of_run
+from train_ato.judge.tracking import INCOMPLETE, TRACKED, TrackingFinding, outcome_of, tracking_summary
+from train_ato.judge.verdict import judge_run
 from train_ato.messages.types import Array, AtoState
 from train_ato.scenario.changes import RunChanges
+from train_ato.scenario.setup import RunSetup
 from train_ato.version import VERSION
 
 
@@ -41,7 +41,7 @@ def worst_places(setup: RunSetup, recording: Recording, metrics: Mapping[str, An
     setup, recording
         Run with at least one complete tick.
     metrics
-        Metrics of the run (:func:`train_ato.loop.metrics.summarise`) and of its protection.
+        Metrics of the run (:func:`train_ato.judge.metrics.summarise`) and of its protection.
 
     Returns
     -------

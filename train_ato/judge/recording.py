@@ -13,13 +13,13 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from train_ato.loop.repeated_reports import Report, all_reports, changed_reports
-from train_ato.loop.series import DiagnosticSeries, TopicSamples, aligned, diagnostic_series, held
-from train_ato.loop.setup import RunSetup
-from train_ato.loop.trajectories import profile_of
+from train_ato.judge.repeated_reports import Report, all_reports, changed_reports
+from train_ato.judge.series import DiagnosticSeries, TopicSamples, aligned, diagnostic_series, held
+from train_ato.judge.trajectories import profile_of
 from train_ato.messages.topic import Owner
 from train_ato.messages.topics import TOPICS, Rate
 from train_ato.messages.types import Array, Diagnostic, Trajectory
+from train_ato.scenario.setup import RunSetup
 
 TRUTH, MEASUREMENT, DISTURBANCE = "train/vehicles", "train/measurement", "train/disturbance"
 BRAKE_PIPE, BRAKE_SHOES, BRAKE_PIPE_COMMAND = "train/brake_pipe", "train/brake_shoes", "ato/brake_pipe_command"
@@ -115,7 +115,7 @@ class Recording:
     ----------
     topics : dict of TopicSamples
         Samples by the name in the topic table, without the topics that were not recorded; vehicles are reduced by
-        :func:`train_ato.loop.recording_builder.reduced`.
+        :func:`train_ato.judge.recording_builder.reduced`.
     profiles : tuple of Trajectory
         Profiles in the order of their planning.
     limits : Trajectory or None
