@@ -23,11 +23,11 @@ from msgs_docs.generate.law_pages.demo_runs import DEMO_RUNS, DemoRun, demo_of
 from msgs_docs.generate.law_pages.measure import command, measure
 from msgs_docs.generate.law_pages.pages import Component, components, parameter_table, sections
 from msgs_docs.generate.rows import read_rows
-from train_ato.apps.runs.ranking import rank_of, standings
 from train_ato.cli import run as run_command
 from train_ato.cli.scenario_options import prepare_from
 from train_ato.control.gains import PRINTED
 from train_ato.control.registry import COMPENSATIONS, LAWS
+from train_ato.judge.ranking import rank_of, standings
 from train_ato.papers.claims import Case, printed
 from train_ato.scenario.scenario import load_scenario
 from train_ato.scenario.setup import RunSetup, prepare

@@ -53,7 +53,6 @@ if TYPE_CHECKING:
     from train_ato.apps.runs.importing import import_run as import_run
     from train_ato.apps.runs.linearise import linearise as linearise
     from train_ato.apps.runs.planning import plan as plan
-    from train_ato.apps.runs.result import TypedResult as TypedResult
     from train_ato.apps.runs.run import Run as Run
     from train_ato.apps.runs.run import open_run as open_run
     from train_ato.apps.runs.run_difference import RunDifference as RunDifference
@@ -70,6 +69,7 @@ if TYPE_CHECKING:
     from train_ato.errors import InputError as InputError
     from train_ato.errors import RunFailed as RunFailed
     from train_ato.errors import RunInterrupted as RunInterrupted
+    from train_ato.judge.typed_result import TypedResult as TypedResult
     from train_ato.log.tables.loading import Frames as Frames
     from train_ato.log.tables.loading import load as load
 
@@ -82,7 +82,7 @@ _PLACES = {
     "InputError": "train_ato.errors",
     "Law": "train_ato.control.contract",
     "LearnResult": "train_ato.apps.learn.learn",
-    "TypedResult": "train_ato.apps.runs.result",
+    "TypedResult": "train_ato.judge.typed_result",
     "Run": "train_ato.apps.runs.run",
     "RunDifference": "train_ato.apps.runs.run_difference",
     "RunFailed": "train_ato.errors",

@@ -17,10 +17,10 @@ from msgs_docs.generate.rows import page_text, read_rows, write_rows
 from msgs_docs.generate.tutorials import page_blocks, run_block
 from plant_sim.plant_setup import Mismatch
 from plant_sim.units import number_text
-from train_ato.apps.runs.ranking import standings
 from train_ato.control.gains import FITTED, PRINTED, has_gains
 from train_ato.control.registry import LAWS
 from train_ato.errors import RunFailed
+from train_ato.judge.ranking import standings
 from train_ato.loop.engine import run_engine
 from train_ato.scenario.scenario import load_scenario, raw_scenario, shipped_scenarios, variants_of
 from train_ato.scenario.setup import RunSetup, prepare

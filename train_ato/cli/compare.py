@@ -109,7 +109,7 @@ STANDINGS: tuple[tuple[str, str], ...] = (
     ("first", "first"), ("rank", "mean rank"), ("speed_rmse_kmh", "median rms km/h"),
     ("stop_error_m", "largest stop error m"),
 )  # fmt: skip
-"""Keys of :func:`train_ato.apps.runs.ranking.standings` with their headings."""
+"""Keys of :func:`train_ato.judge.ranking.standings` with their headings."""
 
 
 def _leaderboard(options: argparse.Namespace, choices: list[ScenarioChoice], laws: list[str] | None) -> int:
@@ -163,8 +163,8 @@ def _write_standings(
     folder: Path, found: list[list[dict[str, Any]]], title: str
 ) -> tuple[list[dict[str, Any]], list[list[str]]]:
     """Write leaderboard and metrics of the finished comparisons; return the standings and the rows of their table."""
-    from train_ato.apps.runs.ranking import standings
-    from train_ato.apps.runs.summary_table import format_value
+    from train_ato.judge.ranking import standings
+    from train_ato.judge.summary_table import format_value
     from train_ato.log.whole_file import write_whole
 
     rows = standings(found)
@@ -196,7 +196,7 @@ def write_comparison_folder(result: Comparison, folder: Path) -> None:
 
 def print_comparison(result: Comparison, folder: Path | None, *, as_json: bool) -> None:
     """Print the table, and its folder; a run with brake interventions, or a disengaged ATO, has a line on stderr."""
-    from train_ato.apps.runs.protection_note import summary_events
+    from train_ato.judge.protection_note import summary_events
     from train_ato.judge.verdict import is_tracked, tracking_text
 
     for law in result.laws:
@@ -233,8 +233,8 @@ def print_comparison(result: Comparison, folder: Path | None, *, as_json: bool) 
 
 def _value(key: str, row: dict[str, Any], rows: list[dict[str, Any]]) -> str:
     """Return a value as text, with ``*`` if it is the best of its column, with ``!`` if the run is not tracked."""
-    from train_ato.apps.runs.ranking import difference_from_best
-    from train_ato.apps.runs.summary_table import format_value
+    from train_ato.judge.ranking import difference_from_best
+    from train_ato.judge.summary_table import format_value
     from train_ato.judge.verdict import is_tracked
 
     if key == "tracking" and not is_tracked(row):
@@ -245,8 +245,8 @@ def _value(key: str, row: dict[str, Any], rows: list[dict[str, Any]]) -> str:
 
 def _difference(key: str, row: dict[str, Any], rows: list[dict[str, Any]]) -> str:
     """Return the difference of a value from the best of its column as text."""
-    from train_ato.apps.runs.ranking import difference_from_best
-    from train_ato.apps.runs.summary_table import format_value
+    from train_ato.judge.ranking import difference_from_best
+    from train_ato.judge.summary_table import format_value
 
     if key == COLUMNS[0][0]:
         return str(row[key])

@@ -112,8 +112,8 @@ def _write_files(options: argparse.Namespace, plan: TripPlan, line: Line, consis
 def execute_trip(options: argparse.Namespace) -> int:
     """Compute the trip plan and print one JSON value or a table."""
     from train_ato.apps.runs.progress import PLANNER_NOTE, activity, compilation_noted
-    from train_ato.apps.runs.summary_table import format_value
     from train_ato.cli.screen import print_json, print_table
+    from train_ato.judge.summary_table import format_value
 
     with compilation_noted(PLANNER_NOTE), activity("planning the trip") as report:
         result = trip_from_options(options, report)
@@ -303,8 +303,8 @@ def execute(options: argparse.Namespace) -> int:
 def execute_plan(options: argparse.Namespace) -> int:
     """Compute the profile and print one JSON value or a table."""
     from train_ato.apps.runs.progress import PLANNER_NOTE, compilation_noted
-    from train_ato.apps.runs.summary_table import format_value
     from train_ato.cli.screen import print_json, print_table
+    from train_ato.judge.summary_table import format_value
 
     with compilation_noted(PLANNER_NOTE):
         result = plan_from_options(options)

@@ -56,7 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Run the cases of the claims and judge the claims."""
-    from train_ato.apps.runs.summary_table import format_value
+    from train_ato.judge.summary_table import format_value
     from train_ato.papers.session import Judged, load_paper, paper_numbers, reproduce, with_claim
 
     if not 1 <= options.jobs <= 64:
@@ -178,7 +178,7 @@ def _print(judged: Judged, *, full: bool, screen: Console) -> None:
 def _grid(table: CaseTable, judged: Judged) -> Grid:
     from rich.table import Table as Grid
 
-    from train_ato.apps.runs.summary_table import format_value
+    from train_ato.judge.summary_table import format_value
     from train_ato.papers.page import table_rows
 
     grid = Grid(title=table.title, title_justify="left")

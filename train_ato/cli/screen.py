@@ -51,7 +51,7 @@ def print_table(columns: Iterable[str], rows: Iterable[Iterable[Any]], title: st
     """Print a table on standard output; in a narrow terminal long cells are folded."""
     from rich.table import Table
 
-    from train_ato.apps.runs.summary_table import format_value
+    from train_ato.judge.summary_table import format_value
 
     columns = list(columns)
     result = Table(header_style="bold underline", box=None, padding=(0, 2, 0, 0))

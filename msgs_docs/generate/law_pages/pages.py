@@ -18,12 +18,12 @@ import yaml
 from msgs_docs.generate.law_pages.demo_runs import demo_of
 from plant_sim.library import consist_names, load_consist, load_line
 from plant_sim.units import number_text
-from train_ato.apps.runs.summary_table import format_value
 from train_ato.control.compensation.contract import check_compatible
 from train_ato.control.contract import Parameter
 from train_ato.control.gains import TABLE
 from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS, Registry
 from train_ato.control.train_model import TrainModel
+from train_ato.judge.summary_table import format_value
 
 REGISTRIES = (LAWS, OBSERVERS, COMPENSATIONS)
 PLURAL = {"law": "laws", "observer": "observers", "compensation": "compensations"}

@@ -24,12 +24,12 @@ from train_ato.apps.env.observation import (
 from train_ato.apps.env.stepped_loop import History, Past, SharedParts, SteppedLoop
 from train_ato.apps.runs.run import Run, RunRecord
 from train_ato.apps.runs.scenario_choice import Changes, GivenScenario, ScenarioChoice, choose_scenario
-from train_ato.apps.runs.summary_table import html_table
 from train_ato.control.caller import NAME, Caller, forces_text
 from train_ato.control.keyword_form import GivenComponent
 from train_ato.errors import FirstFailure, refusing
 from train_ato.judge.recording_builder import RecordingBuilder
 from train_ato.judge.result import RunResult
+from train_ato.judge.summary_table import html_table
 from train_ato.messages.types import Array
 from train_ato.scenario.scenario_data import PartCache
 from train_ato.scenario.setup import RunSetup

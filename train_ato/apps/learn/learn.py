@@ -26,7 +26,6 @@ from train_ato.apps.runs.progress import share_bar
 from train_ato.apps.runs.run import Run
 from train_ato.apps.runs.scenario_choice import Changes, GivenScenario, choose_scenario, put_components
 from train_ato.apps.runs.series_folder import KeptRuns
-from train_ato.apps.runs.summary_table import html_table
 from train_ato.arguments import check_new_file
 from train_ato.control.air_brake.shoes import ShoeForecast
 from train_ato.control.algorithms.motion_observer import WAVE_SPEED
@@ -37,6 +36,7 @@ from train_ato.control.train_model import TrainModel
 from train_ato.errors import RunInterrupted, refusing
 from train_ato.judge.recording import BRAKE_PIPE_COMMAND, MEASUREMENT, Recording
 from train_ato.judge.series import aligned
+from train_ato.judge.summary_table import html_table
 from train_ato.log.recorded import open_recording
 from train_ato.log.run_folder import read_run_folder
 from train_ato.log.whole_file import write_whole

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from train_ato.apps.report.print_figures import LONG_RUN_S, SHEET_SIZE, styled, write_figure
 from train_ato.apps.report.quantities import COLOURS, QUANTITIES
-from train_ato.apps.runs.summary_table import html_table
 from train_ato.errors import RunFailed
 from train_ato.interrupt import interruptible
 from train_ato.judge.result import Progress
+from train_ato.judge.summary_table import html_table
 from train_ato.judge.trajectories import profile_of
 from train_ato.log.reading import iter_raw, read_log
 from train_ato.loop.controller import ControllerStage

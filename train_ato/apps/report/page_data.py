@@ -15,8 +15,8 @@ from train_ato.apps.report.curves import KILO, NEVER_APPLIED, NO_COUPLER, Curves
 from train_ato.apps.report.events import Event, detect_events
 from train_ato.apps.report.quantities import NO_LINES, RUN_COLOURS
 from train_ato.apps.report.words import MODES, driven_laws, evaluation_note
-from train_ato.apps.runs.coupler_fatigue import KEYS, coupler_fatigue
-from train_ato.apps.runs.motion_difference import DrivenMotion, MotionDifference, motion_difference
+from train_ato.judge.coupler_fatigue import KEYS, coupler_fatigue
+from train_ato.judge.motion_difference import DrivenMotion, MotionDifference, motion_difference
 from train_ato.judge.recording import BRAKE_SHOES, TRUTH, Recording
 from train_ato.judge.result import completed_summary
 from train_ato.judge.series import seconds

@@ -50,10 +50,10 @@ from train_ato.apps.report.quantities import (
     traces_of,
 )
 from train_ato.apps.report.words import ENDS, MODES, driven_laws, evaluation_note
-from train_ato.apps.runs.motion_difference import MotionDifference
-from train_ato.apps.runs.result import TypedResult
+from train_ato.judge.motion_difference import MotionDifference
 from train_ato.judge.recording import Recording
 from train_ato.judge.result import RunResult
+from train_ato.judge.typed_result import TypedResult
 from train_ato.log.whole_file import writing
 from train_ato.messages.types import Array
 from train_ato.scenario.setup import RunSetup

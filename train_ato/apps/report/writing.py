@@ -16,10 +16,10 @@ from train_ato.apps.report.summary_rows import (
     verdict_texts,
 )
 from train_ato.apps.report.words import COMPARISON, REPORT
-from train_ato.apps.runs.motion_difference import MotionDifference
-from train_ato.apps.runs.protection_note import summary_events
-from train_ato.apps.runs.ranking import difference_from_best
 from train_ato.arguments import check_new_file
+from train_ato.judge.motion_difference import MotionDifference
+from train_ato.judge.protection_note import summary_events
+from train_ato.judge.ranking import difference_from_best
 from train_ato.log.reading import log_file
 from train_ato.log.whole_file import write_whole
 from train_ato.version import VERSION

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from train_ato.apps.runs.drive import RunMode, drive
-from train_ato.apps.runs.ranking import rank_of
 from train_ato.apps.runs.run import Run
 from train_ato.apps.runs.scenario_choice import (
     Changes,
@@ -21,10 +20,11 @@ from train_ato.apps.runs.scenario_choice import (
     choose_scenario,
     put_components,
 )
-from train_ato.apps.runs.summary_table import RESULTS, html_table
 from train_ato.control.registry import LAWS
 from train_ato.errors import RunFailed, RunInterrupted, check_packages, refusing
 from train_ato.judge.metric_names import metric_heading
+from train_ato.judge.ranking import rank_of
+from train_ato.judge.summary_table import RESULTS, html_table
 from train_ato.scenario.scenario import Scenario
 from train_ato.scenario.scenario_data import with_start
 from train_ato.scenario.setup import RunSetup

@@ -10,11 +10,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from train_ato.apps.runs.result import TypedResult, dataset_of
-from train_ato.apps.runs.summary_table import html_table, result_rows
 from train_ato.errors import check_packages, refusing
 from train_ato.judge.recording import Recording
 from train_ato.judge.result import RunResult
+from train_ato.judge.summary_table import html_table, result_rows
+from train_ato.judge.typed_result import TypedResult, dataset_of
 from train_ato.log.compression import DEFAULT
 from train_ato.log.recorded import open_recording
 from train_ato.log.run_folder import Encoder, RunFolder, read_run_folder, read_summary

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from train_ato.apps.runs.motion_difference import STOP_COLUMNS, DrivenMotion, motion_difference
 from train_ato.apps.runs.run import Run, open_run
-from train_ato.apps.runs.summary_table import verdict_html
+from train_ato.judge.motion_difference import STOP_COLUMNS, DrivenMotion, motion_difference
+from train_ato.judge.summary_table import verdict_html
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -9,11 +9,11 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from train_ato.apps.runs.summary_table import verdict_html
 from train_ato.apps.sweep.groups import ERROR_METRIC, NotDrawable
 from train_ato.apps.sweep.row import Row
 from train_ato.apps.sweep.spec import SweepSpec
 from train_ato.errors import check_packages, refusing
+from train_ato.judge.summary_table import verdict_html
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from train_ato.apps.runs.summary_table import html_table
+from train_ato.judge.summary_table import html_table
 from train_ato.judge.verdict import CRITERIA, unmet_requirements, verdict_line
 
 if TYPE_CHECKING:

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from train_ato.apps.runs.result import StopOfRun, TypedResult
 from train_ato.judge.metrics import front_of_train
 from train_ato.judge.recording import Recording
+from train_ato.judge.typed_result import StopOfRun, TypedResult
 from train_ato.messages.types import Array
 
 STOP_COLUMNS = ("km", "arrival_s", "second_arrival_s", "difference_arrival_s", "difference_stop_m")
