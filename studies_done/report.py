@@ -25,9 +25,9 @@ STEPS = """
 import json, sys, time
 from pathlib import Path
 from train_ato.log.recorded import open_recording
-from train_ato.apps.report.page_data import page_data
-from train_ato.apps.report.writing import write_run
-from train_ato.apps.report.print_figures import write_print_figures
+from train_ato.report.page_data import page_data
+from train_ato.report.writing import write_run
+from train_ato.report.print_figures import write_print_figures
 begin = time.process_time()
 recording = open_recording(Path(sys.argv[1]))
 read = time.process_time()

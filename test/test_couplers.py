@@ -12,7 +12,6 @@ import train_ato as ta
 from plant_sim.library import load_consist, load_line
 from plant_sim.line import Line
 from plant_sim.train import Train
-from train_ato.apps.report.page_data import page_data
 from train_ato.apps.runs.scenario_choice import choose_scenario
 from train_ato.cli import main
 from train_ato.control.algorithms.coupler_limit import CouplerLimit
@@ -21,6 +20,7 @@ from train_ato.control.train_model import TrainModel
 from train_ato.judge.coupler_fatigue import CouplerFatigue, relative_fatigue
 from train_ato.judge.recording import TRUTH, Recording
 from train_ato.log.recorded import open_recording
+from train_ato.report.page_data import page_data
 
 GOLDEN = Path(__file__).resolve().parent / "golden" / "short_train" / "run.mcap"
 

@@ -14,7 +14,6 @@ from pydantic import TypeAdapter, ValidationError
 from msgs_docs.generate.fault_page import MEASURED
 from msgs_docs.generate.fault_runs import BASES, NOTHING, ROWS, STANDSTILL, run_row
 from msgs_docs.generate.rows import read_rows
-from train_ato.apps.report.events import detect_events
 from train_ato.cli import main
 from train_ato.log.difference import compare_logs
 from train_ato.log.run_folder import read_run_folder
@@ -24,6 +23,7 @@ from train_ato.messages.receiver import Receiver
 from train_ato.messages.topics import BY_NAME, TOPICS, Rate, Role
 from train_ato.messages.types import BrakeRelease, Command
 from train_ato.messages.validity import AliveCheck, validity_check
+from train_ato.report.events import detect_events
 
 REACTION_TIME = 1.5
 """Largest time from the detection of a fault to a demand to coast or brake [s]."""

@@ -25,10 +25,10 @@ from plant_sim.plant_setup import PlantSetup
 from plant_sim.section_effects import limited_segments
 from plant_sim.states import Array
 from plant_sim.track import Track
-from train_ato.apps.report.writing import stop_cells
 from train_ato.judge.verdict import place_text
 from train_ato.profile.planner.planner import Plan, plan_profile
 from train_ato.profile.planner.settings import PlanSettings
+from train_ato.report.writing import stop_cells
 from train_ato.supervision.plant_line import grades_permille, line_supervision
 
 FORCE, POWER = 100e3, 1e6

@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 from engine_runs import record_run
 
-from train_ato.apps.report.page_data import page_data
 from train_ato.apps.view.recorded import RecordedFeed
 from train_ato.cli.main import main
 from train_ato.log.difference import compare_logs
@@ -19,6 +18,7 @@ from train_ato.log.recover import recover
 from train_ato.log.run_folder import read_run_folder
 from train_ato.loop.engine import run_engine
 from train_ato.messages.codec.codec import Wire
+from train_ato.report.page_data import page_data
 from train_ato.scenario.scenario import load_scenario
 from train_ato.scenario.setup import RunSetup, prepare
 

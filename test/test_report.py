@@ -16,13 +16,6 @@ from test_engine import Breaks
 from test_wire import LONG
 
 import train_ato as ta
-from train_ato.apps.report import print_figures
-from train_ato.apps.report.curves import CURVES
-from train_ato.apps.report.events import detect_events
-from train_ato.apps.report.page_data import MAPS, page_data, share_of
-from train_ato.apps.report.print_figures import clock_axis, titles, write_print_figures
-from train_ato.apps.report.summary_rows import filled_groups, run_groups
-from train_ato.apps.report.writing import short_clock, write_comparison_page, write_run
 from train_ato.apps.runs.run import Run
 from train_ato.cli import main
 from train_ato.control.registry import LAWS
@@ -31,6 +24,13 @@ from train_ato.judge.recording_builder import reduced
 from train_ato.judge.series import TopicSamples
 from train_ato.log.recorded import open_recording
 from train_ato.messages.types import Diagnostic
+from train_ato.report import print_figures
+from train_ato.report.curves import CURVES
+from train_ato.report.events import detect_events
+from train_ato.report.page_data import MAPS, page_data, share_of
+from train_ato.report.print_figures import clock_axis, titles, write_print_figures
+from train_ato.report.summary_rows import filled_groups, run_groups
+from train_ato.report.writing import short_clock, write_comparison_page, write_run
 
 
 @pytest.fixture(scope="module")

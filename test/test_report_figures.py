@@ -18,16 +18,6 @@ from import_files import MASS, metro, recorded, take, text_of
 from report_runs import drive
 
 from plant_sim.library import load_line
-from train_ato.apps.report.comparison_page import comparison_sections
-from train_ato.apps.report.curves import CURVES, NotAvailable, _without_saturation, found_delay
-from train_ato.apps.report.events import detect_events
-from train_ato.apps.report.page_data import NO_CODE, PageData, heat_map, kept, page_data, track_shape
-from train_ato.apps.report.print_figures import SHEET_SIZE, STYLE, comparison_figure, run_figure, styled, titles
-from train_ato.apps.report.quantities import axis_range
-from train_ato.apps.report.run_page import run_sections
-from train_ato.apps.report.summary_rows import GROUPS, filled_groups, shown
-from train_ato.apps.report.words import driven_laws, longer
-from train_ato.apps.report.writing import comparison_title, write_comparison_page, write_run
 from train_ato.cli import main
 from train_ato.judge.metrics import summarise
 from train_ato.judge.recording import BRAKE_PIPE_TAIL, Recording
@@ -36,6 +26,16 @@ from train_ato.judge.tracking import time_at_force_limit
 from train_ato.log.recorded import open_recording
 from train_ato.loop.engine import run_engine
 from train_ato.messages.types import Diagnostic
+from train_ato.report.comparison_page import comparison_sections
+from train_ato.report.curves import CURVES, NotAvailable, _without_saturation, found_delay
+from train_ato.report.events import detect_events
+from train_ato.report.page_data import NO_CODE, PageData, heat_map, kept, page_data, track_shape
+from train_ato.report.print_figures import SHEET_SIZE, STYLE, comparison_figure, run_figure, styled, titles
+from train_ato.report.quantities import axis_range
+from train_ato.report.run_page import run_sections
+from train_ato.report.summary_rows import GROUPS, filled_groups, shown
+from train_ato.report.words import driven_laws, longer
+from train_ato.report.writing import comparison_title, write_comparison_page, write_run
 from train_ato.scenario.scenario import load_scenario
 from train_ato.scenario.setup import RunSetup, prepare
 
@@ -118,7 +118,7 @@ def test_no_tooltip_covers_a_curve(braked: Path) -> None:
 
 def test_all_figures_take_their_colours_from_one_table() -> None:
     """Breaks if a figure declares a colour of its own, or draws its own grid."""
-    folders = ("train_ato/papers", "train_ato/apps/replay", "train_ato/apps/curves", "train_ato/apps/report")
+    folders = ("train_ato/papers", "train_ato/apps/replay", "train_ato/apps/curves", "train_ato/report")
     found = []
     for folder in (*folders, "msgs_docs/generate/law_pages"):
         for path in (ROOT / folder).rglob("*.py"):

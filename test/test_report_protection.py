@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from report_runs import drive, without
 
-from train_ato.apps.report.events import detect_events
-from train_ato.apps.report.page_data import page_data
-from train_ato.apps.report.summary_rows import SUPERVISION, filled_groups, run_groups
 from train_ato.cli import main
 from train_ato.log.reading import read_log
 from train_ato.log.recorded import open_recording
 from train_ato.log.run_folder import read_run_folder
 from train_ato.messages.codec.codec import Wire
+from train_ato.report.events import detect_events
+from train_ato.report.page_data import page_data
+from train_ato.report.summary_rows import SUPERVISION, filled_groups, run_groups
 
 BRAKED = (
     "--set=duration=290",

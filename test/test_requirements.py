@@ -210,8 +210,8 @@ def test_the_log_gives_the_rows_of_the_run(tmp_path: Path, capsys: pytest.Captur
 
 def test_the_report_has_formula_and_robustness() -> None:
     """Breaks if the page of a run leaves out its requirements."""
-    from train_ato.apps.report.page_data import empty_page_data
-    from train_ato.apps.report.summary_rows import criterion_cells, verdict_texts
+    from train_ato.report.page_data import empty_page_data
+    from train_ato.report.summary_rows import criterion_cells, verdict_texts
 
     metrics = short(limit=LAW, force="G abs(command) <= 1 kN").metrics
     page = empty_page_data("run", metrics, "")

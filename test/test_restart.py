@@ -14,7 +14,6 @@ from test_processes import nothing_left, processes_of
 from waiting import LIMIT_S, wait_for
 
 import train_ato as ta
-from train_ato.apps.report.events import detect_events
 from train_ato.judge.result import Progress, RunResult
 from train_ato.log.reading import iter_raw, read_log
 from train_ato.log.recorded import open_recording
@@ -22,6 +21,7 @@ from train_ato.log.run_folder import RunFolder
 from train_ato.messages.codec.codec import Wire
 from train_ato.messages.topics import Role, published_by, tick_topics
 from train_ato.messages.types import AtoState
+from train_ato.report.events import detect_events
 from train_ato.ros.graph import shared_memory
 from train_ato.ros.graph.runner import run_graph
 from train_ato.scenario.scenario import load_scenario

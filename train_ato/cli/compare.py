@@ -184,7 +184,7 @@ def write_comparison_folder(result: Comparison, folder: Path) -> None:
     text = json.dumps(result.rows, indent=2) + "\n"
     write_whole(folder / "summary.json", text)
     if result.drawable:
-        from train_ato.apps.report.words import COMPARISON
+        from train_ato.report.words import COMPARISON
 
         with activity("drawing the report"):
             result.plot(folder / "figure.png")

@@ -33,7 +33,7 @@ def controller() -> int:
 
 def recorder() -> int:
     """Run the recorder node; it writes the figure of the run to its folder."""
-    from train_ato.apps.report.print_figures import write_run_figure  # matplotlib: not needed before the end
+    from train_ato.report.print_figures import write_run_figure  # matplotlib: not needed before the end
 
     return run_role(Role.RECORDER, sys.argv[1:], completed=write_run_figure)
 

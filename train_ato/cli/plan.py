@@ -85,8 +85,8 @@ def trip_from_options(options: argparse.Namespace, report: Any = lambda _: None)
 
 def _write_files(options: argparse.Namespace, plan: TripPlan, line: Line, consist: Consist) -> list[Path]:
     """Write the files of ``--out`` and return their paths; after a failure or Ctrl-C none of them is left."""
-    from train_ato.apps.report.plan_figure import draw_trip
     from train_ato.profile.file import write_profile
+    from train_ato.report.plan_figure import draw_trip
     from train_ato.scenario.trip_scenario import plant_data, write_trip
 
     source = f"train-ato plan {options.line} {options.consist} --trip: {plan.running_time:.1f} s"

@@ -12,8 +12,8 @@ from train_ato.cli.screen import print_json
 from train_ato.errors import check_packages
 
 if TYPE_CHECKING:
-    from train_ato.apps.report.page_data import PageData
-    from train_ato.apps.report.writing import Request
+    from train_ato.report.page_data import PageData
+    from train_ato.report.writing import Request
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -38,9 +38,9 @@ def execute(options: argparse.Namespace) -> int:
     import gc
 
     check_packages("report", "bokeh", "jinja2")
-    from train_ato.apps.report.page_data import motion_differences
-    from train_ato.apps.report.writing import checked
     from train_ato.apps.runs.progress import activity
+    from train_ato.report.page_data import motion_differences
+    from train_ato.report.writing import checked
 
     request = checked(options.runs, options.out, options.figures, options.format)
     gc.disable()  # a tenth of the time; the objects live until the end
@@ -74,8 +74,8 @@ def execute(options: argparse.Namespace) -> int:
 
 def read(request: Request, show: Callable[[str], None]) -> list[PageData]:
     """Return the data of the figures of every run; runs are read one after the other."""
-    from train_ato.apps.report.page_data import page_data, share_of
     from train_ato.log.recorded import open_recording
+    from train_ato.report.page_data import page_data, share_of
 
     pages = []
     for run, label in zip(request.runs, request.labels, strict=True):
@@ -86,7 +86,7 @@ def read(request: Request, show: Callable[[str], None]) -> list[PageData]:
 
 def write_page(request: Request, pages: list[PageData]) -> int:
     """Write the page and return its size [bytes]."""
-    from train_ato.apps.report.writing import write_comparison_page, write_run
+    from train_ato.report.writing import write_comparison_page, write_run
 
     return write_run(pages[0], request.page) if len(pages) == 1 else write_comparison_page(pages, request.page)
 
@@ -95,8 +95,8 @@ def write_figures(request: Request, pages: list[PageData], show: Callable[[str],
     """Write the figures in print quality: of one run to the folder, of several to one subfolder each."""
     if request.figures is None:
         return []
-    from train_ato.apps.report.print_figures import write_comparison_figure, write_print_figures
-    from train_ato.apps.report.writing import comparison_title
+    from train_ato.report.print_figures import write_comparison_figure, write_print_figures
+    from train_ato.report.writing import comparison_title
 
     written = []
     for data in pages:

@@ -257,11 +257,11 @@ def print_run(run: Run, *, as_json: bool, failure: str = "", expected: Expectati
 
     An expected verdict has a line if it is not ``passed``, or not the verdict of the run.
     """
-    from train_ato.apps.report.words import driven_laws
     from train_ato.cli.screen import print_json, print_table
     from train_ato.judge.protection_note import protection_note
     from train_ato.judge.summary_table import result_rows
     from train_ato.judge.verdict import verdict_line
+    from train_ato.report.words import driven_laws
 
     summary: dict[str, Any] = {**run.metrics, "run": str(run.path)}
     if failure and not as_json:

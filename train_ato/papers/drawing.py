@@ -8,12 +8,12 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from train_ato.apps.report.page_data import kept
-from train_ato.apps.report.print_figures import DPI, LONG_RUN_S
-from train_ato.apps.report.quantities import COLOURS, GREY
 from train_ato.log.whole_file import writing
 from train_ato.messages.types import Array
 from train_ato.papers.claims import FigureFile
+from train_ato.report.page_data import kept
+from train_ato.report.print_figures import DPI, LONG_RUN_S
+from train_ato.report.quantities import COLOURS, GREY
 
 Series = tuple[str, Array, Array]
 """Label, time [s], values."""

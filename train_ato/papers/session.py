@@ -196,8 +196,8 @@ def _plan(papers: list[Paper], *, full: bool) -> tuple[list[_Pending], dict[str,
 
 
 def _judge(entry: _Pending, folder: Path, *, full: bool) -> Judged:
-    from train_ato.apps.report.print_figures import SHEET_SIZE, styled
     from train_ato.papers.page import judge_paper
+    from train_ato.report.print_figures import SHEET_SIZE, styled
 
     paper, results = entry.paper, {key: entry.results[key] for key in entry.wanted}
     rows = judge_paper(paper, results, full=full)

@@ -13,8 +13,6 @@ from PIL import Image
 from msgs_docs.generate.any_law_page import summary_figures, verdict
 from msgs_docs.generate.law_pages.demo_runs import DemoRun, demo_of
 from msgs_docs.generate.law_pages.pages import Component
-from train_ato.apps.report.print_figures import LONG_RUN_S, SHEET_SIZE, styled
-from train_ato.apps.report.quantities import COLOURS, GREY
 from train_ato.control.gains import PRINTED, has_gains
 from train_ato.control.registry import LAWS
 from train_ato.judge.recording import Recording
@@ -22,6 +20,8 @@ from train_ato.messages.types import Array
 from train_ato.papers.claims import Case, Result
 from train_ato.papers.p002_freight.observer_trials import truth as paper_002
 from train_ato.papers.pool import Finished, WorkerPool
+from train_ato.report.print_figures import LONG_RUN_S, SHEET_SIZE, styled
+from train_ato.report.quantities import COLOURS, GREY
 from train_ato.scenario.scenario import load_scenario
 from train_ato.scenario.setup import RunSetup
 

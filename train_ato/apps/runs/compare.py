@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-    from train_ato.apps.report.page_data import PageData
+    from train_ato.report.page_data import PageData
 
 
 OWN = "own"
@@ -141,8 +141,8 @@ class Comparison:
         ValueError
             If no law has a complete tick.
         """
-        from train_ato.apps.report.print_figures import SCREEN_DPI, comparison_figure, save_figure
-        from train_ato.apps.report.writing import comparison_title
+        from train_ato.report.print_figures import SCREEN_DPI, comparison_figure, save_figure
+        from train_ato.report.writing import comparison_title
 
         figure = comparison_figure(self._pages, comparison_title(self._pages)) if self._pages else None
         if figure is None:
@@ -161,8 +161,8 @@ class Comparison:
             If the file exists already or cannot be written, or no law has a complete tick.
         """
         check_packages("report", "bokeh", "jinja2")
-        from train_ato.apps.report.writing import write_comparison_page
         from train_ato.arguments import check_new_file
+        from train_ato.report.writing import write_comparison_page
 
         page = Path(out)
         check_new_file(page, (".html", ".htm"), "report")
@@ -306,8 +306,8 @@ def _compared(law: ComponentChoice, setup: RunSetup, runs: int, keep: Path | Non
 
 def _page_data(label: str, run: Run, runs: int) -> PageData:
     """Return the data of the figures; the path of a temporary folder is removed."""
-    from train_ato.apps.report.page_data import empty_page_data, page_data, share_of
     from train_ato.log.recorded import open_recording
+    from train_ato.report.page_data import empty_page_data, page_data, share_of
 
     try:
         recording = open_recording(run.folder())

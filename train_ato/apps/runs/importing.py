@@ -65,7 +65,7 @@ class MeasuredRun:
                 write_messages(setup, series, sink, report)
             self.write_profile(folder.path / PROFILE)
             folder.finish(setup, outcome)
-            from train_ato.apps.report.print_figures import write_run_figure  # matplotlib: not needed before the end
+            from train_ato.report.print_figures import write_run_figure  # matplotlib: not needed before the end
 
             write_run_figure(setup, outcome, folder.path)
         except BaseException:

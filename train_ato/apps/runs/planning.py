@@ -90,7 +90,7 @@ def plan(
     result = plan_profile(on, consist, chosen, period)
     for path in files:
         if path.suffix.lower() in FIGURES:
-            from train_ato.apps.report.plan_figure import draw_plan
+            from train_ato.report.plan_figure import draw_plan
 
             draw_plan(result, path)
         else:

@@ -281,7 +281,7 @@ class Run:
         ValueError
             If the run holds no complete tick.
         """
-        from train_ato.apps.report.print_figures import SCREEN_DPI, run_figure, save_figure
+        from train_ato.report.print_figures import SCREEN_DPI, run_figure, save_figure
 
         figure = run_figure(self.recording)
         if figure is None:
@@ -311,10 +311,10 @@ class Run:
             HTML file; default: ``report.html`` in the run folder, a temporary one before the run is saved.
         """
         check_packages("report", "bokeh", "jinja2")
-        from train_ato.apps.report.page_data import page_data
-        from train_ato.apps.report.words import REPORT
-        from train_ato.apps.report.writing import write_run
         from train_ato.arguments import check_new_file
+        from train_ato.report.page_data import page_data
+        from train_ato.report.words import REPORT
+        from train_ato.report.writing import write_run
 
         folder = self.folder()
         page = folder / REPORT if out is None else Path(out)

@@ -216,7 +216,7 @@ class SweepResult:
 
     def _saved(self, figure: Figure, out: str | Path | None) -> Figure:
         if out is not None:
-            from train_ato.apps.report.print_figures import SCREEN_DPI, save_figure
+            from train_ato.report.print_figures import SCREEN_DPI, save_figure
 
             save_figure(figure, Path(out), SCREEN_DPI)
         return figure

@@ -9,8 +9,6 @@ from bokeh.models import BasicTickFormatter, ColumnDataSource, CustomJSHover, Da
 from bokeh.plotting import figure
 
 from plant_sim.units import KMH
-from train_ato.apps.report.page import time_formatter, time_ticker
-from train_ato.apps.report.page_data import after_jump
 from train_ato.apps.view.facts import Facts, ProfileCurve, is_current, plan_columns
 from train_ato.apps.view.feed import Mark
 from train_ato.apps.view.snapshot import DIAL_BEGIN, DIAL_SWEEP, LIMIT_NAMES, STRIP, angle
@@ -37,6 +35,8 @@ from train_ato.apps.view.style import (
     WARNING,
 )
 from train_ato.control.contract import LawPlan
+from train_ato.report.page import time_formatter, time_ticker
+from train_ato.report.page_data import after_jump
 
 _CLOCK = """
 const s = Math.abs(value), h = Math.floor(s / 3600), m = Math.floor(s / 60) % 60;

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from train_ato.apps.report.events import EXCEEDED
 from train_ato.apps.view.facts import Facts, ProfileCurve
 from train_ato.apps.view.overview import WholeRun
 from train_ato.apps.view.snapshot import STRIP, ProtectionStates, Snapshot, along, delay_text, now, strip_row, where
@@ -21,6 +20,7 @@ from train_ato.judge.verdict import verdict_line
 from train_ato.log.versions import SUMMARY
 from train_ato.loop.train_protection import REQUESTED, SUPERVISOR
 from train_ato.messages.types import Array, AtoState, Diagnostic, Protection
+from train_ato.report.events import EXCEEDED
 
 REPORT_PAGE = "/report"
 """Path of the report on the server of the page."""

@@ -33,8 +33,6 @@ from bokeh.themes import Theme
 from jinja2 import Template
 
 from plant_sim.units import KMH
-from train_ato.apps.report.summary_rows import SUPERVISION, run_groups
-from train_ato.apps.report.writing import short_clock
 from train_ato.apps.view.display import Ahead, Strips, add_hover, dial, force_bar, tick_columns
 from train_ato.apps.view.facts import Facts, ProfileCurve
 from train_ato.apps.view.feed import FRAMES_PER_SECOND, LEAST_REACH, LEAST_SHOE, Ending, Feed, Mark
@@ -43,6 +41,8 @@ from train_ato.apps.view.snapshot import LIMIT_NAMES, full_clock
 from train_ato.apps.view.style import BUFF, DRAFT, SHOE, SOFT, THEME, WIDGETS
 from train_ato.judge.result import completed_summary
 from train_ato.messages.types import Array
+from train_ato.report.summary_rows import SUPERVISION, run_groups
+from train_ato.report.writing import short_clock
 
 if TYPE_CHECKING:
     from train_ato.apps.view.live import LiveFeed

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 
 from plant_sim.units import KMH
-from train_ato.apps.report.events import Event, detect_events
 from train_ato.apps.view.facts import Facts, ProfileCurve, facts_of, plan_of_row
 from train_ato.apps.view.feed import FRAMES_PER_SECOND, REPORT_PAGE, Ending, Feed, Mark, protection_history
 from train_ato.apps.view.overview import MOST_POINTS as POINTS_OF_OVERVIEW
@@ -35,6 +34,7 @@ from train_ato.judge.verdict import verdict_line
 from train_ato.log.recorded import open_recording
 from train_ato.messages.topic import TrainLayout
 from train_ato.messages.types import Array
+from train_ato.report.events import Event, detect_events
 
 MOST_POINTS = 1500
 """Largest number of points of a strip chart in one message."""

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from train_ato.apps.report.quantities import FONT, ORANGE, SKY
+from train_ato.report.quantities import FONT, ORANGE, SKY
 from train_ato.supervision.supervisor import SupervisionState
 
 GROUND, PANE, EDGE = "#0a121c", "#101c29", "#24384b"

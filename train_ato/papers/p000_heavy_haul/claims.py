@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from train_ato.apps.report.quantities import COLOURS
 from train_ato.control.laws.rbf_smc import RbfSmcParameters
 from train_ato.papers.checks import largest_kmh, printed_forms_table, recording, rms_kmh, variation
 from train_ato.papers.claims import CaseTable, FigureFile, Paper, Results
@@ -27,6 +26,7 @@ from train_ato.papers.p000_heavy_haul.checks import (
     network_estimate,
     unexplained,
 )
+from train_ato.report.quantities import COLOURS
 
 LAWS = {"pid": "PID", "smc": "SMC", "rbf": "RBFNN-SMC", "rbf_ndo": "RBFNN-SMC + NDO"}
 BAND = 5e-5

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from train_ato.apps.report.quantities import COLOURS
 from train_ato.messages.types import Array
 from train_ato.papers.checks import mean_speed_error, position_error, printed_forms_table
 from train_ato.papers.checks import recording as series_of
@@ -17,6 +16,7 @@ from train_ato.papers.p002_freight import observer_checks
 from train_ato.papers.p002_freight.cases import CASES, DELAYS, LAWS, OBSERVER_TICKS, PRINTED_FORMS, RATIOS
 from train_ato.papers.p002_freight.observer_checks import percent
 from train_ato.papers.p002_freight.observer_trials import FORMS
+from train_ato.report.quantities import COLOURS
 
 OFFSETS: Array = 80.0 * np.arange(5, dtype=np.float64)
 MASS = 80e3

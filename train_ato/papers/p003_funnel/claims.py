@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from train_ato.apps.report.quantities import COLOURS
 from train_ato.papers.checks import largest_position_error as place
 from train_ato.papers.checks import largest_speed_error as speed
 from train_ato.papers.checks import position_error, printed_forms_table, speed_error, variation, written
@@ -16,6 +15,7 @@ from train_ato.papers.drawing import Sheet, thinned
 from train_ato.papers.p003_funnel import checks as judge
 from train_ato.papers.p003_funnel.cases import CASES, LAWS, PRINTED_FORMS, TRAINS
 from train_ato.papers.p003_funnel.checks import boundaries, off_profile
+from train_ato.report.quantities import COLOURS
 
 LONG = "crh380a_funnel"
 

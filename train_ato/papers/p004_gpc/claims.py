@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from train_ato.apps.report.quantities import COLOURS
 from train_ato.papers.checks import largest_position_error as unit_place
 from train_ato.papers.checks import largest_speed_error as speed
 from train_ato.papers.checks import position_error, printed_forms_table, speed_error
@@ -14,6 +13,7 @@ from train_ato.papers.drawing import Sheet
 from train_ato.papers.p004_gpc import checks as judge
 from train_ato.papers.p004_gpc.cases import CASES, JUMP, LAWS, PRINTED_FORMS, SAMPLINGS, TRAINS, WEIGHTS
 from train_ato.papers.p004_gpc.checks import speed_rms
+from train_ato.report.quantities import COLOURS
 
 
 def draw(results: Results, folder: Path) -> list[FigureFile]:

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from train_ato.apps.report.page_data import PageData
 from train_ato.judge.metric_names import metric_name, metric_unit
 from train_ato.judge.ranking import rank_of
 from train_ato.judge.verdict import CRITERIA, is_tracked, place_text, three_digits, tracking_text, verdict_line
+from train_ato.report.page_data import PageData
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from bokeh.models import ColumnDataSource
 
-from train_ato.apps.report.curves import Curves
-from train_ato.apps.report.page import Figure, Linked, PageSection, Placed
-from train_ato.apps.report.page_data import (
+from train_ato.report.curves import Curves
+from train_ato.report.page import Figure, Linked, PageSection, Placed
+from train_ato.report.page_data import (
     CELLS,
     PageData,
     common_events,
@@ -19,7 +19,7 @@ from train_ato.apps.report.page_data import (
     run_dash,
     share_of,
 )
-from train_ato.apps.report.panels import (
+from train_ato.report.panels import (
     distance_figure,
     heat_figure,
     line_figure,
@@ -28,7 +28,7 @@ from train_ato.apps.report.panels import (
     source_of,
     track_figure,
 )
-from train_ato.apps.report.quantities import HEAT, PANELS, QUANTITIES, Trace, traces_of
+from train_ato.report.quantities import HEAT, PANELS, QUANTITIES, Trace, traces_of
 
 
 @dataclass(frozen=True)

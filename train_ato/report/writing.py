@@ -5,9 +5,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from train_ato.apps.report.page_data import PageData, run_colours
-from train_ato.apps.report.quantities import KINDS, PANELS
-from train_ato.apps.report.summary_rows import (
+from train_ato.arguments import check_new_file
+from train_ato.judge.motion_difference import MotionDifference
+from train_ato.judge.protection_note import summary_events
+from train_ato.judge.ranking import difference_from_best
+from train_ato.log.reading import log_file
+from train_ato.log.whole_file import write_whole
+from train_ato.report.page_data import PageData, run_colours
+from train_ato.report.quantities import KINDS, PANELS
+from train_ato.report.summary_rows import (
     best_text,
     criterion_cells,
     difference_text,
@@ -15,13 +21,7 @@ from train_ato.apps.report.summary_rows import (
     run_groups,
     verdict_texts,
 )
-from train_ato.apps.report.words import COMPARISON, REPORT
-from train_ato.arguments import check_new_file
-from train_ato.judge.motion_difference import MotionDifference
-from train_ato.judge.protection_note import summary_events
-from train_ato.judge.ranking import difference_from_best
-from train_ato.log.reading import log_file
-from train_ato.log.whole_file import write_whole
+from train_ato.report.words import COMPARISON, REPORT
 from train_ato.version import VERSION
 
 
@@ -85,8 +85,8 @@ def labels_of(places: list[Path]) -> tuple[str, ...]:
 
 def write_run(data: PageData, path: Path) -> int:
     """Write the page of one run and return its size in bytes."""
-    from train_ato.apps.report.page import ReportPage, render
-    from train_ato.apps.report.run_page import run_sections
+    from train_ato.report.page import ReportPage, render
+    from train_ato.report.run_page import run_sections
 
     sections, linked = run_sections(data)
     summary = data.summary
@@ -152,9 +152,9 @@ def _protection_warning(summary: dict[str, Any]) -> list[str]:
 
 def write_comparison_page(pages: list[PageData], path: Path) -> int:
     """Write the page of several runs side by side and return its size in bytes."""
-    from train_ato.apps.report.comparison_page import comparison_sections
-    from train_ato.apps.report.page import ReportPage, render
-    from train_ato.apps.report.page_data import motion_differences
+    from train_ato.report.comparison_page import comparison_sections
+    from train_ato.report.page import ReportPage, render
+    from train_ato.report.page_data import motion_differences
 
     sections, linked = comparison_sections(pages)
     drawn = [data for data in pages if data.curves]

@@ -9,12 +9,12 @@ from matplotlib.figure import Figure
 from plant_sim.consist import Consist
 from plant_sim.line import Line
 from plant_sim.track import Track
-from train_ato.apps.report.print_figures import SHEET_SIZE, styled, write_figure
-from train_ato.apps.report.quantities import GREY, INK, ORANGE, QUANTITIES
 from train_ato.messages.types import Array
 from train_ato.profile.planner.line_tables import LineForce, SpeedLimits
 from train_ato.profile.planner.planner import Plan
 from train_ato.profile.trip.plan import TripPlan
+from train_ato.report.print_figures import SHEET_SIZE, styled, write_figure
+from train_ato.report.quantities import GREY, INK, ORANGE, QUANTITIES
 
 LIMIT, PROFILE, FORCE = (QUANTITIES[name].colour for name in ("limit", "speed", "applied"))
 ENVELOPE, GRADE, DARK = GREY, ORANGE, INK

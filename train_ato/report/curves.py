@@ -8,8 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant_sim.units import KMH
-from train_ato.apps.report.events import delay_jumps
-from train_ato.apps.report.quantities import QUANTITIES
 from train_ato.control.train_model import TrainModel
 from train_ato.judge.metrics import limit_over_train
 from train_ato.judge.recording import (
@@ -31,6 +29,8 @@ from train_ato.loop.engine import SIGNALS
 from train_ato.messages.links import LinkSpec
 from train_ato.messages.topic import FIXED_NAMES, Owner
 from train_ato.messages.types import Array
+from train_ato.report.events import delay_jumps
+from train_ato.report.quantities import QUANTITIES
 
 WINDOWS = 80
 """Approximate number of time windows; each is ``MIN_WINDOW`` to ``MAX_WINDOW`` [s] long."""

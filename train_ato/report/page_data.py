@@ -11,16 +11,16 @@ from numpy.typing import NDArray
 from plant_sim.line import Line
 from plant_sim.track import Track
 from plant_sim.units import KMH
-from train_ato.apps.report.curves import KILO, NEVER_APPLIED, NO_COUPLER, Curves, NotAvailable, curves_of
-from train_ato.apps.report.events import Event, detect_events
-from train_ato.apps.report.quantities import NO_LINES, RUN_COLOURS
-from train_ato.apps.report.words import MODES, driven_laws, evaluation_note
 from train_ato.judge.coupler_fatigue import KEYS, coupler_fatigue
 from train_ato.judge.motion_difference import DrivenMotion, MotionDifference, motion_difference
 from train_ato.judge.recording import BRAKE_SHOES, TRUTH, Recording
 from train_ato.judge.result import completed_summary
 from train_ato.judge.series import seconds
 from train_ato.messages.types import Array, Trajectory
+from train_ato.report.curves import KILO, NEVER_APPLIED, NO_COUPLER, Curves, NotAvailable, curves_of
+from train_ato.report.events import Event, detect_events
+from train_ato.report.quantities import NO_LINES, RUN_COLOURS
+from train_ato.report.words import MODES, driven_laws, evaluation_note
 
 LARGEST_CODE = 127
 """Largest magnitude of the codes of a heat map."""

@@ -19,9 +19,15 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, MultipleLocator
 
 from plant_sim.units import number_text
-from train_ato.apps.report.curves import Curves, curves_of
-from train_ato.apps.report.events import Event, detect_events
-from train_ato.apps.report.page_data import (
+from train_ato.judge.motion_difference import MotionDifference
+from train_ato.judge.recording import Recording
+from train_ato.judge.result import RunResult
+from train_ato.judge.typed_result import TypedResult
+from train_ato.log.whole_file import writing
+from train_ato.messages.types import Array
+from train_ato.report.curves import Curves, curves_of
+from train_ato.report.events import Event, detect_events
+from train_ato.report.page_data import (
     NO_CODE,
     HeatMap,
     PageData,
@@ -31,7 +37,7 @@ from train_ato.apps.report.page_data import (
     run_colours,
     run_dash,
 )
-from train_ato.apps.report.quantities import (
+from train_ato.report.quantities import (
     AXES,
     FAINT,
     FILLED,
@@ -49,13 +55,7 @@ from train_ato.apps.report.quantities import (
     none_to_full,
     traces_of,
 )
-from train_ato.apps.report.words import ENDS, MODES, driven_laws, evaluation_note
-from train_ato.judge.motion_difference import MotionDifference
-from train_ato.judge.recording import Recording
-from train_ato.judge.result import RunResult
-from train_ato.judge.typed_result import TypedResult
-from train_ato.log.whole_file import writing
-from train_ato.messages.types import Array
+from train_ato.report.words import ENDS, MODES, driven_laws, evaluation_note
 from train_ato.scenario.setup import RunSetup
 
 WIDTH = 6.7
@@ -202,7 +202,7 @@ def over_time(
     curves
         Curves by panel.
     panels
-        Keys of :data:`train_ato.apps.report.quantities.PANELS`; those without curves are left out.
+        Keys of :data:`train_ato.report.quantities.PANELS`; those without curves are left out.
     end
         Last time [s].
     heat

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from plant_sim.data_text import parse_json
 from plant_sim.disturbances import Gust, Paper001, TravellingLoad, UnmodelledGrade
 from plant_sim.plant_setup import TrainSeparation
-from train_ato.apps.report.quantities import KINDS
-from train_ato.apps.report.words import longer
 from train_ato.control.assurance import BRAKING_LAW
 from train_ato.judge.protection_record import REACTIONS, StateSpan, state_spans
 from train_ato.judge.recording import BRAKE_PIPE_COMMAND, REFERENCE, Recording
@@ -20,6 +18,8 @@ from train_ato.loop.plant import LOST_KEY, RESTARTS_KEY
 from train_ato.loop.profile import REJOINED
 from train_ato.messages.faults import SlowFault, message_faults, node_faults
 from train_ato.messages.types import Array, AtoState, Diagnostic, Protection
+from train_ato.report.quantities import KINDS
+from train_ato.report.words import longer
 from train_ato.scenario import changes, interventions
 from train_ato.supervision.supervisor import SupervisionState
 
@@ -31,7 +31,7 @@ class Event:
     Attributes
     ----------
     kind
-        Key of :data:`train_ato.apps.report.quantities.KINDS`.
+        Key of :data:`train_ato.report.quantities.KINDS`.
     begin, end
         Times [s]; ``end`` is None for an event without duration.
     text

@@ -21,10 +21,11 @@ from bokeh.models import (
     Span,
 )
 
-from train_ato.apps.report.events import Event
-from train_ato.apps.report.page import HEIGHT, Figure, Linked, add_page_legend, style_axis
-from train_ato.apps.report.page_data import LARGEST_CODE, HeatMap, TrackShape
-from train_ato.apps.report.quantities import (
+from train_ato.messages.types import Array
+from train_ato.report.events import Event
+from train_ato.report.page import HEIGHT, Figure, Linked, add_page_legend, style_axis
+from train_ato.report.page_data import LARGEST_CODE, HeatMap, TrackShape
+from train_ato.report.quantities import (
     FILLED,
     FONT,
     GREY,
@@ -39,7 +40,6 @@ from train_ato.apps.report.quantities import (
     buff_to_draft,
     none_to_full,
 )
-from train_ato.messages.types import Array
 
 
 def source_of(time: Array, columns: dict[str, Array]) -> ColumnDataSource:

@@ -26,9 +26,9 @@ from bokeh.models import (
 )
 from bokeh.plotting import figure as bokeh_figure
 
-from train_ato.apps.report.events import Event
-from train_ato.apps.report.quantities import AXES, FAINT, FONT, INK, KINDS
-from train_ato.apps.report.summary_rows import CriterionCells, VerdictText
+from train_ato.report.events import Event
+from train_ato.report.quantities import AXES, FAINT, FONT, INK, KINDS
+from train_ato.report.summary_rows import CriterionCells, VerdictText
 
 Figure = Any
 """A Bokeh figure; its classes are created at run time."""

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from bokeh.events import MouseLeave, MouseMove
 from bokeh.models import ColumnDataSource, CustomJS, Span
 
-from train_ato.apps.report.page import HEIGHT, Figure, Linked, PageSection, Placed
-from train_ato.apps.report.page_data import PageData
-from train_ato.apps.report.panels import (
+from train_ato.report.page import HEIGHT, Figure, Linked, PageSection, Placed
+from train_ato.report.page_data import PageData
+from train_ato.report.panels import (
     distance_figure,
     event_figure,
     heat_figure,
@@ -16,7 +16,7 @@ from train_ato.apps.report.panels import (
     source_of,
     track_figure,
 )
-from train_ato.apps.report.quantities import BOUNDS, HEAT, PANELS, VERMILION, traces_of
+from train_ato.report.quantities import BOUNDS, HEAT, PANELS, VERMILION, traces_of
 
 _FIND = """
     const nearest = (column, value) => {
