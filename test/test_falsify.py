@@ -19,8 +19,8 @@ from train_ato.apps.falsify.search import FalsificationSearch, GaussianProcess, 
 from train_ato.apps.falsify.study import RUNS_TABLE, Falsification, write_study
 from train_ato.apps.falsify.target import TargetRun, requirement_target
 from train_ato.apps.runs.scenario_choice import choose_scenario
-from train_ato.apps.sweep.dimensions import read_dimensions
 from train_ato.cli import main
+from train_ato.scenario.dimensions import read_dimensions
 
 MASS = {"plant.mismatch.mass_scale": {"from": 0.9, "to": 1.3}}
 DELAY = {"links.command.delay": {"from": 0.0, "to": 0.8}}

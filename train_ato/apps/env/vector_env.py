@@ -26,7 +26,6 @@ from train_ato.apps.env.observation import (
     weights_of,
 )
 from train_ato.apps.runs.scenario_choice import Changes, GivenScenario, ScenarioChoice, choose_scenario
-from train_ato.apps.sweep.dimensions import read_dimensions
 from train_ato.control.caller import Caller
 from train_ato.errors import FirstFailure, refusing
 from train_ato.judge.result import RunResult
@@ -34,6 +33,7 @@ from train_ato.loop.engine import TickLoop
 from train_ato.loop.spans.native_arguments import reader_of, row_numbers
 from train_ato.loop.spans.span import CompiledSpans, Span
 from train_ato.messages.types import Array
+from train_ato.scenario.dimensions import read_dimensions
 from train_ato.scenario.scenario_data import PartCache
 from train_ato.scenario.setup import RunSetup
 

@@ -20,10 +20,10 @@ from train_ato.apps.runs.progress import share_bar
 from train_ato.apps.runs.scenario_choice import Changes, GivenScenario, ScenarioChoice, choose_scenario
 from train_ato.apps.runs.search_runs import search_runs
 from train_ato.apps.runs.series_folder import KeptRuns
-from train_ato.apps.sweep.dimensions import read_dimensions
 from train_ato.judge.summary_table import verdict_html
 from train_ato.judge.verdict import three_digits
 from train_ato.log.whole_file import write_whole
+from train_ato.scenario.dimensions import read_dimensions
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -11,8 +11,8 @@ import numpy as np
 
 from plant_sim.input_error import close_match, kind_of
 from plant_sim.library import read_yaml, split_name
-from train_ato.apps.sweep.dimensions import Dimension, read_dimensions
 from train_ato.messages.types import Array
+from train_ato.scenario.dimensions import Dimension, read_dimensions
 
 DESIGNS = ("grid", "random", "latin_hypercube", "sobol")
 KEYS = ("scenario", "design", "runs", "seed", "over", "set")

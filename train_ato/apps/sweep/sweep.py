@@ -12,7 +12,6 @@ from train_ato.apps.runs.progress import Report, activity, share_bar
 from train_ato.apps.runs.scenario_choice import ScenarioChoice, choose_scenario
 from train_ato.apps.runs.series_folder import RowWriter
 from train_ato.apps.sweep.cluster import MAX_JOBS, sweep_client
-from train_ato.apps.sweep.dimensions import Dimension
 from train_ato.apps.sweep.folder import SweepFolder, sweep_identity
 from train_ato.apps.sweep.result import SweepResult, sweep_table, write_results
 from train_ato.apps.sweep.row import TIMES, Batch, Row, SweepBase, one_line, run_batch
@@ -21,6 +20,7 @@ from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
 from train_ato.errors import RunFailed, RunInterrupted
 from train_ato.interrupt import uninterrupted
 from train_ato.log.versions import source_hash
+from train_ato.scenario.dimensions import Dimension
 from train_ato.scenario.scenario_data import PartCache
 
 REGISTRIES = {"law": LAWS, "observer": OBSERVERS, "compensation": COMPENSATIONS}

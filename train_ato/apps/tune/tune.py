@@ -18,7 +18,6 @@ from train_ato.apps.runs.scenario_choice import (
 )
 from train_ato.apps.runs.search_runs import RunAll, search_runs
 from train_ato.apps.runs.series_folder import KeptRuns, SearchFolder
-from train_ato.apps.sweep.dimensions import Dimension
 from train_ato.apps.sweep.row import data_hash, scenario_hash
 from train_ato.apps.tune.gain_space import (
     HELD_OUT,
@@ -48,6 +47,7 @@ from train_ato.apps.tune.tune_result import HISTORY, INITIAL, TUNED, TuneResult,
 from train_ato.control.registry import LAWS
 from train_ato.errors import RunFailed
 from train_ato.log.whole_file import writing
+from train_ato.scenario.dimensions import Dimension
 
 
 @dataclass(frozen=True)
