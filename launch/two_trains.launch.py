@@ -8,7 +8,7 @@ from pathlib import Path
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, GroupAction, IncludeLaunchDescription, OpaqueFunction
 
-from train_ato.apps.runs.following_live import write_live_scenarios
+from train_ato.api.following_live import write_live_scenarios
 from train_ato.scenario.following import find_following, load_following
 
 DEMO = str(Path(__file__).resolve().parent / "demo.launch.py")

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 import train_ato as ta
-from train_ato.apps.runs.following import follower_figures, train_reports
+from train_ato.api.following import follower_figures, train_reports
 from train_ato.supervision.train_report import reports_text
 
 PROFILE = {

@@ -19,8 +19,8 @@ from typing import Any
 
 import train_ato as ta
 from train_ato.apps.learn.learn import repeated
-from train_ato.apps.runs.scenario_choice import put_components
-from train_ato.apps.runs.drive import RunMode, drive
+from train_ato.api.scenario_choice import put_components
+from train_ato.api.drive import RunMode, drive
 from train_ato.scenario.scenario_data import PartCache
 from train_ato.scenario.setup import prepare
 from train_ato.judge.verdict import outcomes_text

@@ -46,7 +46,7 @@ def domain() -> Iterator[int]:
 @pytest.fixture
 def without_figure(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave out ``figure.png``, most of the time of a short run, where a test is about other files."""
-    from train_ato.apps.runs.run import Run
+    from train_ato.api.run import Run
     from train_ato.report import print_figures
 
     monkeypatch.setattr(Run, "finish", Run.folder)

@@ -5,7 +5,7 @@ from unittest.mock import patch
 
 from numba import typeof
 
-from train_ato.apps.runs.scenario_choice import choose_scenario
+from train_ato.api.scenario_choice import choose_scenario
 from train_ato.apps.sweep.row import WALL_TIMES
 from train_ato.judge.result import RunResult
 from train_ato.judge.series import DiagnosticSeries

@@ -21,7 +21,7 @@ import pytest
 import yaml
 
 import train_ato as ta
-from train_ato.apps.runs import progress
+from train_ato.api import progress
 from train_ato.cli.list import catalogue
 from train_ato.cli.main import main
 from train_ato.control.contract import LawOutput, parameter
@@ -139,7 +139,7 @@ def test_the_record_is_the_same_wherever_it_is_held(tmp_path, monkeypatch):
     held = ta.run("demo", set=SHORT)
     recorded = ta.run("demo", set=SHORT, out=tmp_path / "run")
     assert recorded.path == tmp_path / "run" and (tmp_path / "run" / "figure.png").is_file()
-    monkeypatch.setattr("train_ato.apps.runs.run.MESSAGES_IN_MEMORY", 500)
+    monkeypatch.setattr("train_ato.api.run.MESSAGES_IN_MEMORY", 500)
     spilt = ta.run("demo", set=SHORT)
     same_tables(held, recorded)
     same_tables(held, spilt)

@@ -16,7 +16,7 @@ from case_costs import sampled
 
 import train_ato as ta
 from plant_sim.library import consist_path, line_path
-from train_ato.apps.runs.progress import COMPILE_NOTE, PLANNER_NOTE
+from train_ato.api.progress import COMPILE_NOTE, PLANNER_NOTE
 from train_ato.cli import main
 from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
 from train_ato.profile.motion import change_of_speed

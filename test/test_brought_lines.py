@@ -20,7 +20,7 @@ from plant_sim.input_error import build_model
 from plant_sim.line import Line, Rating, line_for, reversed_line
 from plant_sim.track import Track
 from plant_sim.traction import Envelope
-from train_ato.apps.runs.converting import convert
+from train_ato.api.converting import convert
 from train_ato.cli.main import main
 from train_ato.profile.planner.allowance import Allowance
 from train_ato.profile.planner.settings import find_line

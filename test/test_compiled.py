@@ -20,8 +20,8 @@ from waiting import LIMIT_S
 import plant_sim
 from plant_sim import kernel_cache
 from plant_sim.compiled import on_compilation
-from train_ato.apps.runs import progress
-from train_ato.apps.runs.progress import COMPILE_NOTE, compilation_noted
+from train_ato.api import progress
+from train_ato.api.progress import COMPILE_NOTE, compilation_noted
 
 PACKAGE = {
     "constants": "FACTOR = 2.0\n",

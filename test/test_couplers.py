@@ -12,7 +12,7 @@ import train_ato as ta
 from plant_sim.library import load_consist, load_line
 from plant_sim.line import Line
 from plant_sim.train import Train
-from train_ato.apps.runs.scenario_choice import choose_scenario
+from train_ato.api.scenario_choice import choose_scenario
 from train_ato.cli import main
 from train_ato.control.algorithms.coupler_limit import CouplerLimit
 from train_ato.control.algorithms.coupler_modes import TrainModes

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import train_ato as ta
-from train_ato.apps.env.observation import COSTS, DISTANCES
+from train_ato.api.env.observation import COSTS, DISTANCES
 from train_ato.cli.main import main
 from train_ato.report.page_data import page_data
 from train_ato.report.quantities import traces_of

@@ -14,11 +14,11 @@ import pytest
 from waiting import LIMIT_S, wait_for
 
 import train_ato as ta
+from train_ato.api.scenario_choice import choose_scenario
 from train_ato.apps.falsify import study
 from train_ato.apps.falsify.search import FalsificationSearch, GaussianProcess, SearchSpace, search_space
 from train_ato.apps.falsify.study import RUNS_TABLE, Falsification, write_study
 from train_ato.apps.falsify.target import TargetRun, requirement_target
-from train_ato.apps.runs.scenario_choice import choose_scenario
 from train_ato.cli import main
 from train_ato.scenario.dimensions import read_dimensions
 

@@ -16,9 +16,9 @@ import train_ato as ta
 from plant_sim.line import Line
 from plant_sim.states import Odometry
 from plant_sim.traction import Envelope
-from train_ato.apps.runs.drive import RunMode
-from train_ato.apps.runs.following import FollowingResult, first_report, follower_figures, run_following, train_reports
-from train_ato.apps.runs.run import Run
+from train_ato.api.drive import RunMode
+from train_ato.api.following import FollowingResult, first_report, follower_figures, run_following, train_reports
+from train_ato.api.run import Run
 from train_ato.cli.main import main
 from train_ato.loop.headway import HeadwayProfile
 from train_ato.loop.train_ahead import MovingAuthority, ReportReceiver

@@ -17,9 +17,9 @@ import pytest
 from waiting import LIMIT_S, wait_for
 
 import plant_sim
-from train_ato.apps.runs.drive import finish
-from train_ato.apps.runs.progress import COMPILE_NOTE
-from train_ato.apps.runs.run import Run, RunRecord
+from train_ato.api.drive import finish
+from train_ato.api.progress import COMPILE_NOTE
+from train_ato.api.run import Run, RunRecord
 from train_ato.cli.main import main
 from train_ato.errors import FirstFailure, RunFailed
 from train_ato.judge.result import RunResult

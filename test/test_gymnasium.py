@@ -10,7 +10,7 @@ import pytest
 import train_ato as ta
 
 gymnasium = pytest.importorskip("gymnasium", reason="needs the extra packages: pip install '.[gymnasium]'")
-ENVS = "train_ato.apps.env.gymnasium_env"
+ENVS = "train_ato.api.env.gymnasium_env"
 
 
 @pytest.mark.parametrize("scenario", ta.scenarios())

@@ -10,10 +10,10 @@ import yaml
 from import_files import BRAKE, CRUISE, TOP, TRAIN, metro, recorded, take, text_of
 
 import train_ato
-from train_ato.apps.import_csv import run as measured_run
-from train_ato.apps.import_csv.columns import Column
-from train_ato.apps.import_csv.samples import ColumnSamples
-from train_ato.apps.import_csv.series import _checked_pressure
+from train_ato.api.import_csv import run as measured_run
+from train_ato.api.import_csv.columns import Column
+from train_ato.api.import_csv.samples import ColumnSamples
+from train_ato.api.import_csv.series import _checked_pressure
 from train_ato.cli.main import main
 from train_ato.profile.file import read_profile
 
@@ -320,7 +320,7 @@ def test_a_full_disk_leaves_nothing(tmp_path, capsys, monkeypatch):
         sink.add("/clock", measured_run.Tick(0), 0)
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("train_ato.apps.runs.importing.write_messages", full)
+    monkeypatch.setattr("train_ato.api.importing.write_messages", full)
     (tmp_path / "run.csv").write_text(recorded())
     assert main(["import", str(tmp_path / "run.csv"), *TRAIN, "--out", str(tmp_path / "deep" / "run")]) == 1
     assert "No space left" in capsys.readouterr().err

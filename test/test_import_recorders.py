@@ -13,10 +13,10 @@ from import_files import TRAIN, metro, recorded, refused, take, text_of
 
 from plant_sim.library import load_consist
 from plant_sim.traction import Envelope
-from train_ato.apps.import_csv.columns import layout_names
-from train_ato.apps.import_csv.layout import load_layout
-from train_ato.apps.import_csv.table import column_name, is_units_row, moments
-from train_ato.apps.runs.importing import read_recorder
+from train_ato.api.import_csv.columns import layout_names
+from train_ato.api.import_csv.layout import load_layout
+from train_ato.api.import_csv.table import column_name, is_units_row, moments
+from train_ato.api.importing import read_recorder
 from train_ato.cli.main import main
 
 pytestmark = pytest.mark.usefixtures("without_figure")

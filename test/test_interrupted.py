@@ -15,7 +15,7 @@ import pytest
 from waiting import LIMIT_S, pause, wait_for
 
 import train_ato
-from train_ato.apps.runs.progress import COMPILE_NOTE, PLANNER_NOTE
+from train_ato.api.progress import COMPILE_NOTE, PLANNER_NOTE
 from train_ato.cli.main import main
 from train_ato.interrupt import Interrupt, ending_like_ctrl_c
 from train_ato.scenario.scenario import load_scenario

@@ -9,8 +9,8 @@ import yaml
 from span_runs import Both, messages_of, setup_of
 
 import train_ato as ta
+from train_ato.api.drive import drive
 from train_ato.apps.learn.learn import Residual, RunAverage, residual_of, smoothed_resistance
-from train_ato.apps.runs.drive import drive
 from train_ato.cli import main
 from train_ato.control.learned_resistance import LearnedResistance, learned_text, read_learned
 from train_ato.control.train_model import LineForceTable

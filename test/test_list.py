@@ -10,7 +10,7 @@ from case_costs import sampled
 
 import train_ato as ta
 from plant_sim.library import consist_path, line_path
-from train_ato.apps.runs.compare import compare
+from train_ato.api.compare import compare
 from train_ato.cli import main
 from train_ato.cli.list import catalogue
 from train_ato.scenario.scenario import shipped_following, shipped_scenarios
@@ -113,7 +113,7 @@ def test_ctrl_c_keeps_the_finished_comparisons(tmp_path, monkeypatch, capsys) ->
         done.append(compare(*arguments, **options))
         return done[-1]
 
-    monkeypatch.setattr("train_ato.apps.runs.compare.compare", pressed)
+    monkeypatch.setattr("train_ato.api.compare.compare", pressed)
     assert compared(tmp_path, "demo", "--laws=pid", "--seeds=4") == 1
     assert "interrupted after 2 of 4 comparisons, in " in capsys.readouterr().err
     told = json.loads((tmp_path / "compared" / "summary.json").read_text())

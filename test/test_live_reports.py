@@ -18,10 +18,10 @@ from waiting import LIMIT_S, reserved_domain, wait_for
 
 import train_ato as ta
 from plant_sim.states import Odometry
-from train_ato.apps.runs.drive import RunMode
-from train_ato.apps.runs.following import follower_figures, run_following
-from train_ato.apps.runs.run import Run, RunRecord
-from train_ato.apps.runs.scenario_choice import choose_scenario
+from train_ato.api.drive import RunMode
+from train_ato.api.following import follower_figures, run_following
+from train_ato.api.run import Run, RunRecord
+from train_ato.api.scenario_choice import choose_scenario
 from train_ato.cli.main import main
 from train_ato.loop.engine import run_engine
 from train_ato.loop.train_ahead import ReportRadio, ReportReceiver, ReportSender

@@ -21,11 +21,11 @@ from test_readers import BENCH, NAMED, PATH, TRAIN
 
 from plant_sim.formats.reading import ReadConsist, ReadLine, read_line, read_train
 from plant_sim.library import load_consist, load_line
-from train_ato.apps.import_csv.recording import measured
-from train_ato.apps.import_csv.run import measured_setup
-from train_ato.apps.import_csv.series import series_of
-from train_ato.apps.import_csv.smoothing import measured_profile
-from train_ato.apps.import_csv.table import read_table
+from train_ato.api.import_csv.recording import measured
+from train_ato.api.import_csv.run import measured_setup
+from train_ato.api.import_csv.series import series_of
+from train_ato.api.import_csv.smoothing import measured_profile
+from train_ato.api.import_csv.table import read_table
 
 ETCS = {
     "A_brake_emergency": {"units": {"velocity": "km/h", "deceleration": "m/s^2"}, "values": [[100, 0.9]]},

@@ -15,7 +15,7 @@ import yaml
 from plant_sim.formats import osrd
 from plant_sim.library import load_consist, load_line, named_line
 from plant_sim.line import line_for, reversed_line
-from train_ato.apps.runs.planning import plan
+from train_ato.api.planning import plan
 from train_ato.cli.main import main
 from train_ato.scenario.scenario import load_scenario
 from train_ato.scenario.setup import prepare

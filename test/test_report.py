@@ -16,7 +16,7 @@ from test_engine import Breaks
 from test_wire import LONG
 
 import train_ato as ta
-from train_ato.apps.runs.run import Run
+from train_ato.api.run import Run
 from train_ato.cli import main
 from train_ato.control.registry import LAWS
 from train_ato.judge.recording import Recording

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
-from train_ato.apps.runs.scenario_choice import choose_scenario
+from train_ato.api.scenario_choice import choose_scenario
 from train_ato.apps.sweep.cluster import sweep_client
 from train_ato.apps.sweep.result import sweep_table
 from train_ato.apps.sweep.robustness_map import CELLS, map_cells, pareto_front

@@ -36,7 +36,7 @@ def test_every_train_is_that_of_an_environment_of_its_own(case, monkeypatch):
     name, changes, over = CASES[case]
     kinds = set()  # the compiled call reads all rows as those of the first one
     monkeypatch.setattr(
-        "train_ato.apps.env.vector_env.row_numbers", lambda row: kinds.add(typeof(row)) or row_numbers(row)
+        "train_ato.api.env.vector_env.row_numbers", lambda row: kinds.add(typeof(row)) or row_numbers(row)
     )
     envs = ta.vector_env(name, 3, set=changes, over=over, normalised=True, threads=2)
     observations, _ = envs.reset(seed=5)

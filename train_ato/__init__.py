@@ -30,35 +30,35 @@ from train_ato.errors import refusing
 from train_ato.version import VERSION
 
 if TYPE_CHECKING:
+    from train_ato.api.catalogue import compensations as compensations
+    from train_ato.api.catalogue import laws as laws
+    from train_ato.api.catalogue import lines as lines
+    from train_ato.api.catalogue import observers as observers
+    from train_ato.api.catalogue import scenarios as scenarios
+    from train_ato.api.catalogue import trains as trains
+    from train_ato.api.compare import Comparison as Comparison
+    from train_ato.api.compare import compare as compare
+    from train_ato.api.converting import convert as convert
+    from train_ato.api.drive import run as run
+    from train_ato.api.env.env import Env as Env
+    from train_ato.api.env.env import EnvState as EnvState
+    from train_ato.api.env.vector_env import VectorEnv as VectorEnv
+    from train_ato.api.env.vector_env import vector_env as vector_env
+    from train_ato.api.importing import import_run as import_run
+    from train_ato.api.linearise import linearise as linearise
+    from train_ato.api.planning import plan as plan
+    from train_ato.api.run import Run as Run
+    from train_ato.api.run import open_run as open_run
+    from train_ato.api.run_difference import RunDifference as RunDifference
+    from train_ato.api.run_difference import difference as difference
+    from train_ato.api.scenario_choice import choose_scenario
+    from train_ato.api.verifying import verify as verify
     from train_ato.apps.check_component.checking import check_law as check_law
     from train_ato.apps.curves.curves import curves as curves
-    from train_ato.apps.env.env import Env as Env
-    from train_ato.apps.env.env import EnvState as EnvState
-    from train_ato.apps.env.vector_env import VectorEnv as VectorEnv
-    from train_ato.apps.env.vector_env import vector_env as vector_env
     from train_ato.apps.falsify.study import falsify as falsify
     from train_ato.apps.learn.learn import LearnResult as LearnResult
     from train_ato.apps.learn.learn import learn as learn
     from train_ato.apps.replay.replaying import replay as replay
-    from train_ato.apps.runs.catalogue import compensations as compensations
-    from train_ato.apps.runs.catalogue import laws as laws
-    from train_ato.apps.runs.catalogue import lines as lines
-    from train_ato.apps.runs.catalogue import observers as observers
-    from train_ato.apps.runs.catalogue import scenarios as scenarios
-    from train_ato.apps.runs.catalogue import trains as trains
-    from train_ato.apps.runs.compare import Comparison as Comparison
-    from train_ato.apps.runs.compare import compare as compare
-    from train_ato.apps.runs.converting import convert as convert
-    from train_ato.apps.runs.drive import run as run
-    from train_ato.apps.runs.importing import import_run as import_run
-    from train_ato.apps.runs.linearise import linearise as linearise
-    from train_ato.apps.runs.planning import plan as plan
-    from train_ato.apps.runs.run import Run as Run
-    from train_ato.apps.runs.run import open_run as open_run
-    from train_ato.apps.runs.run_difference import RunDifference as RunDifference
-    from train_ato.apps.runs.run_difference import difference as difference
-    from train_ato.apps.runs.scenario_choice import choose_scenario
-    from train_ato.apps.runs.verifying import verify as verify
     from train_ato.apps.sweep.result import SweepResult as SweepResult
     from train_ato.apps.sweep.sweep import sweep as sweep
     from train_ato.apps.tune.tune import tune as tune
@@ -74,47 +74,47 @@ if TYPE_CHECKING:
     from train_ato.log.tables.loading import load as load
 
 _PLACES = {
-    "Comparison": "train_ato.apps.runs.compare",
-    "Env": "train_ato.apps.env.env",
-    "EnvState": "train_ato.apps.env.env",
+    "Comparison": "train_ato.api.compare",
+    "Env": "train_ato.api.env.env",
+    "EnvState": "train_ato.api.env.env",
     "Error": "train_ato.errors",
     "Frames": "train_ato.log.tables.loading",
     "InputError": "train_ato.errors",
     "Law": "train_ato.control.contract",
     "LearnResult": "train_ato.apps.learn.learn",
     "TypedResult": "train_ato.judge.typed_result",
-    "Run": "train_ato.apps.runs.run",
-    "RunDifference": "train_ato.apps.runs.run_difference",
+    "Run": "train_ato.api.run",
+    "RunDifference": "train_ato.api.run_difference",
     "RunFailed": "train_ato.errors",
     "RunInterrupted": "train_ato.errors",
-    "VectorEnv": "train_ato.apps.env.vector_env",
+    "VectorEnv": "train_ato.api.env.vector_env",
     "SweepResult": "train_ato.apps.sweep.result",
     "TuneResult": "train_ato.apps.tune.tune_result",
     "check_law": "train_ato.apps.check_component.checking",
-    "compare": "train_ato.apps.runs.compare",
-    "compensations": "train_ato.apps.runs.catalogue",
-    "convert": "train_ato.apps.runs.converting",
+    "compare": "train_ato.api.compare",
+    "compensations": "train_ato.api.catalogue",
+    "convert": "train_ato.api.converting",
     "curves": "train_ato.apps.curves.curves",
-    "difference": "train_ato.apps.runs.run_difference",
+    "difference": "train_ato.api.run_difference",
     "falsify": "train_ato.apps.falsify.study",
-    "import_run": "train_ato.apps.runs.importing",
-    "laws": "train_ato.apps.runs.catalogue",
+    "import_run": "train_ato.api.importing",
+    "laws": "train_ato.api.catalogue",
     "learn": "train_ato.apps.learn.learn",
-    "linearise": "train_ato.apps.runs.linearise",
-    "lines": "train_ato.apps.runs.catalogue",
+    "linearise": "train_ato.api.linearise",
+    "lines": "train_ato.api.catalogue",
     "load": "train_ato.log.tables.loading",
-    "observers": "train_ato.apps.runs.catalogue",
-    "open_run": "train_ato.apps.runs.run",
+    "observers": "train_ato.api.catalogue",
+    "open_run": "train_ato.api.run",
     "parameter": "train_ato.control.contract",
-    "plan": "train_ato.apps.runs.planning",
+    "plan": "train_ato.api.planning",
     "replay": "train_ato.apps.replay.replaying",
-    "run": "train_ato.apps.runs.drive",
-    "scenarios": "train_ato.apps.runs.catalogue",
+    "run": "train_ato.api.drive",
+    "scenarios": "train_ato.api.catalogue",
     "sweep": "train_ato.apps.sweep.sweep",
-    "trains": "train_ato.apps.runs.catalogue",
+    "trains": "train_ato.api.catalogue",
     "tune": "train_ato.apps.tune.tune",
-    "vector_env": "train_ato.apps.env.vector_env",
-    "verify": "train_ato.apps.runs.verifying",
+    "vector_env": "train_ato.api.env.vector_env",
+    "verify": "train_ato.api.verifying",
 }
 """Modules of the public names; they are imported on first use, so that ``import train_ato`` is fast."""
 
@@ -129,9 +129,9 @@ else:
     def scenario(name: Any) -> Any:
         """Return a scenario from its name, file, content or object, with ``with_()``, ``yaml`` and ``variants``.
 
-        See :func:`train_ato.apps.runs.scenario_choice.choose_scenario`.
+        See :func:`train_ato.api.scenario_choice.choose_scenario`.
         """
-        from train_ato.apps.runs.scenario_choice import choose_scenario
+        from train_ato.api.scenario_choice import choose_scenario
 
         return refusing(choose_scenario)(name)
 

@@ -36,7 +36,7 @@ from msgs_docs.generate.law_pages.measure import command, measure
 from msgs_docs.generate.law_pages.pages import Component, Measured, components, index, page
 from msgs_docs.generate.rows import read_rows, write_rows
 from plant_sim.input_error import close_match
-from train_ato.apps.runs.progress import share_bar
+from train_ato.api.progress import share_bar
 from train_ato.cli.params import node_parameters, parameter_file
 from train_ato.scenario.scenario import load_scenario
 from train_ato.scenario.setup import prepare

@@ -16,7 +16,7 @@ from msgs_docs.generate.rows import read_rows, write_rows
 from plant_sim.library import consist_names, line_names, load_consist, load_line
 from plant_sim.track import Track
 from plant_sim.units import KMH, number_text
-from train_ato.apps.runs.progress import share_bar
+from train_ato.api.progress import share_bar
 from train_ato.cli.list import details
 from train_ato.control.train_model import TrainModel
 from train_ato.judge.metric_names import METRICS

@@ -10,7 +10,7 @@ import yaml
 from msgs_docs.generate.equation_page import source_line
 from msgs_docs.generate.rows import page_text, read_rows, write_rows
 from plant_sim.library import consist_path, read_yaml
-from train_ato.apps.runs.progress import share_bar
+from train_ato.api.progress import share_bar
 from train_ato.control.gains import PRINTED, has_gains
 from train_ato.control.registry import LAWS
 from train_ato.loop.engine import run_engine

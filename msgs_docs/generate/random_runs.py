@@ -22,7 +22,7 @@ import numpy as np
 
 from msgs_docs.generate.fault_runs import BASES, BEGIN, ROWS, STANDSTILL, FaultRow, FaultRun
 from msgs_docs.generate.rows import page_text, read_rows, write_rows
-from train_ato.apps.runs.progress import share_bar
+from train_ato.api.progress import share_bar
 from train_ato.control.registry import LAWS
 from train_ato.loop.engine import run_engine
 from train_ato.scenario.scenario import load_scenario

@@ -12,7 +12,7 @@ from pydantic import BaseModel
 from msgs_docs.generate.rows import rows_text
 from plant_sim.consist import Consist
 from plant_sim.line import Line
-from train_ato.apps.import_csv.layout import RecorderLayout
+from train_ato.api.import_csv.layout import RecorderLayout
 from train_ato.control.learned_resistance import LearnedResistance
 from train_ato.profile.planner.timing_points import JourneyFile
 from train_ato.scenario.criteria import Expectation

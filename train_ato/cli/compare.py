@@ -13,8 +13,8 @@ from train_ato.cli.screen import note_compilation, print_json, print_table
 from train_ato.errors import RunFailed, RunInterrupted, missing_packages
 
 if TYPE_CHECKING:
-    from train_ato.apps.runs.compare import Comparison
-    from train_ato.apps.runs.scenario_choice import ScenarioChoice
+    from train_ato.api.compare import Comparison
+    from train_ato.api.scenario_choice import ScenarioChoice
 
 COLUMNS: tuple[tuple[str, str], ...] = (
     ("controller", "law"), ("speed_rmse_kmh", "rms km/h"), ("speed_error_max_kmh", "max"),
@@ -53,8 +53,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Run the scenario with every law in the engine, and compare."""
-    from train_ato.apps.runs.compare import compare
-    from train_ato.apps.runs.scenario_choice import choose_scenario
+    from train_ato.api.compare import compare
+    from train_ato.api.scenario_choice import choose_scenario
     from train_ato.judge.verdict import unmet_requirements
     from train_ato.log.run_folder import RunFolder
 
@@ -114,7 +114,7 @@ STANDINGS: tuple[tuple[str, str], ...] = (
 
 def _leaderboard(options: argparse.Namespace, choices: list[ScenarioChoice], laws: list[str] | None) -> int:
     """Compare the laws in every scenario with every seed; print and write their standings."""
-    from train_ato.apps.runs.compare import compare
+    from train_ato.api.compare import compare
     from train_ato.log.run_folder import RunFolder
 
     if options.keep:
@@ -178,7 +178,7 @@ def _write_standings(
 
 def write_comparison_folder(result: Comparison, folder: Path) -> None:
     """Write summary, figure and page into the folder."""
-    from train_ato.apps.runs.progress import activity
+    from train_ato.api.progress import activity
     from train_ato.log.whole_file import write_whole
 
     text = json.dumps(result.rows, indent=2) + "\n"

@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Write the file; print the keys that it does not carry on stderr."""
-    from train_ato.apps.runs.converting import convert
+    from train_ato.api.converting import convert
 
     result = convert(options.source, options.target)
     for key in result["left_out"]:

@@ -88,7 +88,7 @@ def _check(options: argparse.Namespace, line: Line) -> None:
 
 
 def _print_position(place: float) -> None:
-    from train_ato.apps.runs.progress import console
+    from train_ato.api.progress import console
 
     if sys.stderr.isatty():
         console().print(f"km {place / 1e3:.1f}", end="\r")

@@ -34,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Write one file per topic; the name of every column contains its unit."""
-    from train_ato.apps.runs.progress import share_bar
+    from train_ato.api.progress import share_bar
     from train_ato.log.reading import log_file
 
     if options.scene:
@@ -69,7 +69,7 @@ def execute(options: argparse.Namespace) -> int:
 
 def _write_scene(options: argparse.Namespace) -> int:
     """Write a copy of the log with the messages of the scene."""
-    from train_ato.apps.runs.progress import share_bar
+    from train_ato.api.progress import share_bar
     from train_ato.apps.scene.rerun_file import write_scene_log
     from train_ato.apps.scene.scene_picture import draw_scene
     from train_ato.apps.scene.train_scene import DEFAULT_RATE, check_rate
@@ -96,7 +96,7 @@ def _write_scene(options: argparse.Namespace) -> int:
 
 def _write_rerun(options: argparse.Namespace) -> int:
     """Write one recording for the Rerun viewer."""
-    from train_ato.apps.runs.progress import share_bar
+    from train_ato.api.progress import share_bar
     from train_ato.apps.scene.rerun_file import write_rerun
     from train_ato.apps.scene.train_scene import DEFAULT_RATE, check_rate
     from train_ato.log.run_folder import read_run_folder

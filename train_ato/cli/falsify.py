@@ -11,9 +11,9 @@ from train_ato.cli.scenario_options import KINDS, add_scenario_options, check_co
 from train_ato.errors import RunFailed, RunInterrupted
 
 if TYPE_CHECKING:
+    from train_ato.api.scenario_choice import ScenarioChoice
     from train_ato.apps.falsify.search import SearchRow
     from train_ato.apps.falsify.study import Falsification
-    from train_ato.apps.runs.scenario_choice import ScenarioChoice
 
 RUNS = 100
 """Default of the largest number of runs."""
@@ -46,9 +46,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Search, write the folder and print the result; imports are late, so that help and completion are fast."""
+    from train_ato.api.progress import share_bar
+    from train_ato.api.series_folder import SearchFolder
     from train_ato.apps.falsify.study import Falsification, prepare_study, write_study
-    from train_ato.apps.runs.progress import share_bar
-    from train_ato.apps.runs.series_folder import SearchFolder
     from train_ato.apps.sweep.row import data_hash
     from train_ato.cli.screen import note_compilation
 
@@ -84,7 +84,7 @@ def execute(options: argparse.Namespace) -> int:
 
 def _choice(options: argparse.Namespace) -> ScenarioChoice:
     """Return the scenario of the options with its changes."""
-    from train_ato.apps.runs.scenario_choice import choose_scenario
+    from train_ato.api.scenario_choice import choose_scenario
 
     changes: dict[str, Any] = {}
     for kind in KINDS:

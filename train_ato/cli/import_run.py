@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from train_ato.cli.screen import print_json, print_table
 
 if TYPE_CHECKING:
-    from train_ato.apps.runs.importing import MeasuredRun
+    from train_ato.api.importing import MeasuredRun
     from train_ato.scenario.setup import RunSetup
 
 ROWS: tuple[tuple[str, str], ...] = (
@@ -24,7 +24,7 @@ ROWS: tuple[tuple[str, str], ...] = (
 
 def _columns_text() -> str:
     """Return the description of the columns for the help."""
-    from train_ato.apps.import_csv.columns import QUANTITIES, TIMESTAMP
+    from train_ato.api.import_csv.columns import QUANTITIES, TIMESTAMP
 
     width = max(len(" | ".join(quantity.names)) for quantity in QUANTITIES)
     lines = [f"  {' | '.join(q.names):{width}}  {q.meaning}" for q in QUANTITIES]
@@ -56,7 +56,7 @@ def _columns_text() -> str:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``import``."""
-    from train_ato.apps.import_csv.columns import LARGEST_GAP, layout_names
+    from train_ato.api.import_csv.columns import LARGEST_GAP, layout_names
 
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = _columns_text()
@@ -107,8 +107,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Read, check and write a measured run."""
-    from train_ato.apps.import_csv.table import FileRules, titles_of
-    from train_ato.apps.runs.importing import read_recorder
+    from train_ato.api.import_csv.table import FileRules, titles_of
+    from train_ato.api.importing import read_recorder
 
     if missing := [f"--{key}" for key in ("train", "line") if getattr(options, key) is None]:
         titles_of(options.csv, FileRules())  # a file that is no recorder's is refused first
@@ -136,7 +136,7 @@ def _renames(entries: list[str]) -> dict[str, str]:
 
 
 def _write_profile(options: argparse.Namespace, measured: MeasuredRun) -> int:
-    from train_ato.apps.runs.importing import run_name
+    from train_ato.api.importing import run_name
 
     path = options.out or Path(f"{run_name(options.csv)}_profile.csv")
     if path.exists():
@@ -154,7 +154,7 @@ def _write_profile(options: argparse.Namespace, measured: MeasuredRun) -> int:
 
 def _write_run(options: argparse.Namespace, measured: MeasuredRun) -> int:
     """Write the run folder with its log."""
-    from train_ato.apps.runs.importing import PROFILE
+    from train_ato.api.importing import PROFILE
 
     run = measured.write(options.out)
     path = run.folder()

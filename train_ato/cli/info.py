@@ -44,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Print summary, topics with counts, rates and gaps, changes and versions."""
-    from train_ato.apps.runs.progress import share_bar
+    from train_ato.api.progress import share_bar
     from train_ato.log.bag_layout import LOG
     from train_ato.log.foreign_bag import bag_files
     from train_ato.log.overview import log_overview
@@ -155,7 +155,7 @@ def fatigue_of(run: Path, other: Path | None) -> dict[str, Any]:
     ValueError
         For a run that cannot be read, or without couplers.
     """
-    from train_ato.apps.runs.progress import activity
+    from train_ato.api.progress import activity
     from train_ato.log.reading import partial_of
 
     if other is None:

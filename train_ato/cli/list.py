@@ -235,7 +235,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def catalogue() -> dict[str, dict[str, str]]:
     """Return the names of every kind with their one-line summaries."""
-    from train_ato.apps.runs import catalogue as shipped
+    from train_ato.api import catalogue as shipped
     from train_ato.scenario.following import load_following
     from train_ato.scenario.scenario import shipped_following, shipped_scenarios, variants_of
 

@@ -111,7 +111,7 @@ def _write_files(options: argparse.Namespace, plan: TripPlan, line: Line, consis
 
 def execute_trip(options: argparse.Namespace) -> int:
     """Compute the trip plan and print one JSON value or a table."""
-    from train_ato.apps.runs.progress import PLANNER_NOTE, activity, compilation_noted
+    from train_ato.api.progress import PLANNER_NOTE, activity, compilation_noted
     from train_ato.cli.screen import print_json, print_table
     from train_ato.judge.summary_table import format_value
 
@@ -261,7 +261,7 @@ def _add_train_arguments(parser: argparse.ArgumentParser, least: Callable[[str],
 
 def plan_from_options(options: argparse.Namespace) -> dict[str, Any]:
     """Compute the profile of the options, write the files, and return the figures of the plan."""
-    from train_ato.apps.runs.planning import plan
+    from train_ato.api.planning import plan
 
     if options.journey is not None:
         _check_journey(options)
@@ -302,7 +302,7 @@ def execute(options: argparse.Namespace) -> int:
 
 def execute_plan(options: argparse.Namespace) -> int:
     """Compute the profile and print one JSON value or a table."""
-    from train_ato.apps.runs.progress import PLANNER_NOTE, compilation_noted
+    from train_ato.api.progress import PLANNER_NOTE, compilation_noted
     from train_ato.cli.screen import print_json, print_table
     from train_ato.judge.summary_table import format_value
 
@@ -328,7 +328,7 @@ def execute_plan(options: argparse.Namespace) -> int:
 
 def _certificate(result: Plan, options: argparse.Namespace) -> dict[str, float]:
     """Return the lower bound of the energy [kWh] and the gap of a timetabled plan to it [%]."""
-    from train_ato.apps.runs.progress import activity
+    from train_ato.api.progress import activity
     from train_ato.profile.planner.planner import net_energy_bound
 
     if result.settings.time is None or options.no_bound:

@@ -14,7 +14,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Write the intact part of the log as a new log; the damaged file is kept beside it."""
-    from train_ato.apps.runs.progress import share_bar
+    from train_ato.api.progress import share_bar
     from train_ato.log.bag_layout import METADATA
     from train_ato.log.recover import recover
 

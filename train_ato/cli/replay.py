@@ -206,7 +206,7 @@ def _acknowledgement_s(milliseconds: int | None) -> float:
 @contextmanager
 def _bar(title: str) -> Iterator[Callable[[ReplayState], None]]:
     """Show a progress bar of the replay; yield its update function."""
-    from train_ato.apps.runs.progress import share_bar
+    from train_ato.api.progress import share_bar
 
     with share_bar(title) as update:
 

@@ -38,7 +38,7 @@ def execute(options: argparse.Namespace) -> int:
     import gc
 
     check_packages("report", "bokeh", "jinja2")
-    from train_ato.apps.runs.progress import activity
+    from train_ato.api.progress import activity
     from train_ato.report.page_data import motion_differences
     from train_ato.report.writing import checked
 

@@ -118,7 +118,7 @@ def _folder(options: argparse.Namespace) -> RunFolder:
 @contextmanager
 def _bar() -> Iterator[Callable[[Moved | Finished, int], None]]:
     """Show a progress bar of the cases; yield its update function."""
-    from train_ato.apps.runs.progress import share_bar
+    from train_ato.api.progress import share_bar
     from train_ato.papers.pool import Moved
 
     under_way: dict[str, float] = {}
@@ -140,7 +140,7 @@ def _bar() -> Iterator[Callable[[Moved | Finished, int], None]]:
 
 def _report(judged: Judged, folder: Path, *, full: bool, quiet: bool) -> None:
     """Print the tables of a paper and write them beside its figures."""
-    from train_ato.apps.runs.progress import plain_console
+    from train_ato.api.progress import plain_console
     from train_ato.log.whole_file import writing
 
     path = folder / f"paper{judged.paper.number}.txt"

@@ -18,9 +18,9 @@ from train_ato.errors import RunFailed
 from train_ato.log.compression import add_compression
 
 if TYPE_CHECKING:
-    from train_ato.apps.runs.drive import RunMode
-    from train_ato.apps.runs.following import FollowingResult
-    from train_ato.apps.runs.run import Run
+    from train_ato.api.drive import RunMode
+    from train_ato.api.following import FollowingResult
+    from train_ato.api.run import Run
     from train_ato.scenario.criteria import Expectation
     from train_ato.scenario.following import FollowingFile
     from train_ato.scenario.setup import RunSetup
@@ -98,7 +98,7 @@ def prepared(options: argparse.Namespace) -> tuple[RunSetup, RunMode, Path]:
     ValueError
         One line that names the option or the key, the value and the remedy.
     """
-    from train_ato.apps.runs.drive import RunMode
+    from train_ato.api.drive import RunMode
     from train_ato.log.run_folder import check_free, next_free
 
     mode = "engine" if options.engine else "processes" if options.processes else "composed"
@@ -132,8 +132,8 @@ def execute(options: argparse.Namespace) -> int:
     if options.live:
         raise ValueError(f"--live: {options.scenario} has one train; remove it, or name following trains")
     with long_lived_objects():
-        from train_ato.apps.runs.drive import drive
-        from train_ato.apps.runs.progress import COMPILE_NOTE, compilation_noted
+        from train_ato.api.drive import drive
+        from train_ato.api.progress import COMPILE_NOTE, compilation_noted
         from train_ato.judge.verdict import unmet_requirements
 
         setup, run_mode, out = prepared(options)
@@ -147,9 +147,9 @@ def execute(options: argparse.Namespace) -> int:
 
 def _execute_following(options: argparse.Namespace, file: Path) -> int:
     """Run trains behind each other."""
-    from train_ato.apps.runs.drive import RunMode
-    from train_ato.apps.runs.following import run_following
-    from train_ato.apps.runs.progress import COMPILE_NOTE, compilation_noted
+    from train_ato.api.drive import RunMode
+    from train_ato.api.following import run_following
+    from train_ato.api.progress import COMPILE_NOTE, compilation_noted
     from train_ato.log.run_folder import check_free, next_free
     from train_ato.scenario.following import load_following
 
@@ -180,7 +180,7 @@ def _execute_following(options: argparse.Namespace, file: Path) -> int:
 
 def _run_live(trains: FollowingFile, run_mode: RunMode, out: Path) -> FollowingResult:
     """Run trains at the same time, each in the given mode."""
-    from train_ato.apps.runs.following_live import run_following_live
+    from train_ato.api.following_live import run_following_live
 
     given = {"rate": run_mode.rate, "start-limit": run_mode.start_limit}
     words = [f"--{name}={value}" for name, value in given.items() if value is not None and math.isfinite(value)]

@@ -48,7 +48,7 @@ def prepare_from(options: argparse.Namespace, **changes: Any) -> RunSetup:
     ValueError
         Bad input, in one line.
     """
-    from train_ato.apps.runs.progress import COMPILE_NOTE, PLANNER_NOTE, compilation_noted
+    from train_ato.api.progress import COMPILE_NOTE, PLANNER_NOTE, compilation_noted
     from train_ato.scenario.overlays import caused_by
     from train_ato.scenario.scenario import changes_of, load_scenario
     from train_ato.scenario.setup import prepare

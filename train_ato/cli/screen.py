@@ -22,7 +22,7 @@ FILE_WIDTH = 100_000
 def note_compilation() -> None:
     """Load the kernel of the train; print a note if it is compiled, once on every machine."""
     from plant_sim.train import compile_kernel
-    from train_ato.apps.runs.progress import COMPILE_NOTE, compilation_noted
+    from train_ato.api.progress import COMPILE_NOTE, compilation_noted
 
     with compilation_noted(COMPILE_NOTE):
         compile_kernel()
@@ -66,7 +66,7 @@ def _print(table: Table, title: str) -> None:
     """Print a title and a table: as wide as the terminal, or as wide as the table off a terminal."""
     from rich.text import Text
 
-    from train_ato.apps.runs.progress import plain_console
+    from train_ato.api.progress import plain_console
 
     if sys.stdout.isatty():
         screen = plain_console()

@@ -57,7 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Run the sweep, or one row of it again."""
-    from train_ato.apps.runs.progress import activity
+    from train_ato.api.progress import activity
     from train_ato.apps.sweep.folder import SweepFolder
     from train_ato.apps.sweep.spec import read_sweep
     from train_ato.apps.sweep.sweep import prepare_sweep

@@ -72,8 +72,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Search, write the overlay scenario and print initial and tuned runs."""
-    from train_ato.apps.runs.scenario_choice import choose_scenario
-    from train_ato.apps.runs.series_folder import SearchFolder
+    from train_ato.api.scenario_choice import choose_scenario
+    from train_ato.api.series_folder import SearchFolder
     from train_ato.apps.tune.objective import read_weights
     from train_ato.apps.tune.tune import tune
     from train_ato.apps.tune.tune_result import OVERLAY

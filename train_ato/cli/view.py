@@ -91,7 +91,7 @@ def _serve(options: argparse.Namespace, interrupt: Interrupt, *, first: bool) ->
     """Serve one run; return True if a page has started it again."""
     import webbrowser
 
-    from train_ato.apps.runs.progress import console
+    from train_ato.api.progress import console
 
     with contextlib.ExitStack() as stack:
         feed = stack.enter_context(_feed(options, interrupt))

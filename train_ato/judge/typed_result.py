@@ -147,7 +147,7 @@ class TypedResult:
 
 
 def dataset_of(tables: Mapping[str, pd.DataFrame], about: Mapping[str, Any]) -> xarray.Dataset:
-    """Return the numbers of all tables as one dataset; see :meth:`train_ato.apps.runs.run.Run.to_xarray`."""
+    """Return the numbers of all tables as one dataset; see :meth:`train_ato.api.run.Run.to_xarray`."""
     try:
         import xarray
     except ImportError:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from plant_sim.input_error import close_match
-from train_ato.apps.runs.scenario_choice import Changes, ScenarioChoice
+from train_ato.api.scenario_choice import Changes, ScenarioChoice
 from train_ato.judge.requirements import evaluate_formula
 from train_ato.judge.result import RunResult
 from train_ato.judge.verdict import CRITERIA

@@ -21,11 +21,11 @@ import numpy as np
 
 from plant_sim.disturbances import shifted
 from plant_sim.streams import random_stream
-from train_ato.apps.runs.drive import RunMode, drive
-from train_ato.apps.runs.progress import share_bar
-from train_ato.apps.runs.run import Run
-from train_ato.apps.runs.scenario_choice import Changes, GivenScenario, choose_scenario, put_components
-from train_ato.apps.runs.series_folder import KeptRuns
+from train_ato.api.drive import RunMode, drive
+from train_ato.api.progress import share_bar
+from train_ato.api.run import Run
+from train_ato.api.scenario_choice import Changes, GivenScenario, choose_scenario, put_components
+from train_ato.api.series_folder import KeptRuns
 from train_ato.arguments import check_new_file
 from train_ato.control.air_brake.shoes import ShoeForecast
 from train_ato.control.algorithms.motion_observer import WAVE_SPEED

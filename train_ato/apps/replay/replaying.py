@@ -7,8 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
-from train_ato.apps.runs.progress import progress_bar
-from train_ato.apps.runs.scenario_choice import Changes, ScenarioChoice, given_objects, put_components
+from train_ato.api.progress import progress_bar
+from train_ato.api.scenario_choice import Changes, ScenarioChoice, given_objects, put_components
 from train_ato.arguments import check_new_file
 from train_ato.log.run_folder import read_run_folder
 from train_ato.scenario.setup import RunSetup
@@ -137,7 +137,7 @@ def evaluated(
 
 def output_names(recorded: RunSetup, summary: dict[str, Any], law: str) -> tuple[str, str]:
     """Return the labels of the recorded output (its law, or the measured quantity) and of the replayed one."""
-    from train_ato.apps.import_csv.run import MEASURED, NOT_RECORDED
+    from train_ato.api.import_csv.run import MEASURED, NOT_RECORDED
 
     if summary.get("controller") != MEASURED:
         name = f"{summary.get('controller', recorded.controller)}, recorded"

@@ -1,13 +1,13 @@
 """Folder of a sweep: its specification, one line for every finished run, and the table of results.
 
 ``sweep.json`` has the specification and the versions, ``runs.jsonl`` the finished runs
-(:mod:`train_ato.apps.runs.series_folder`).
+(:mod:`train_ato.api.series_folder`).
 """
 
 from pathlib import Path
 from typing import Any
 
-from train_ato.apps.runs.series_folder import SeriesFolder
+from train_ato.api.series_folder import SeriesFolder
 from train_ato.apps.sweep.row import SweepBase, data_hash
 from train_ato.apps.sweep.spec import SweepSpec, read_sweep
 from train_ato.log.versions import versions

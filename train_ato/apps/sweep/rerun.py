@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from train_ato.apps.runs.drive import RunMode, drive
-from train_ato.apps.runs.scenario_choice import ScenarioChoice
+from train_ato.api.drive import RunMode, drive
+from train_ato.api.scenario_choice import ScenarioChoice
 from train_ato.apps.sweep.folder import SweepFolder
 from train_ato.apps.sweep.result import FIRST, LAST, read_results
 from train_ato.apps.sweep.row import Row, code_of_process, one_line, row_metrics, scenario_hash

@@ -14,7 +14,7 @@ from typing import Any
 
 from plant_sim.library import split_name
 from plant_sim.train import compile_kernel
-from train_ato.apps.runs.scenario_choice import ScenarioChoice
+from train_ato.api.scenario_choice import ScenarioChoice
 from train_ato.apps.sweep.spec import Point
 from train_ato.log.versions import source_hash
 from train_ato.loop.engine import run_engine

@@ -8,9 +8,9 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from train_ato.apps.runs.progress import Report, activity, share_bar
-from train_ato.apps.runs.scenario_choice import ScenarioChoice, choose_scenario
-from train_ato.apps.runs.series_folder import RowWriter
+from train_ato.api.progress import Report, activity, share_bar
+from train_ato.api.scenario_choice import ScenarioChoice, choose_scenario
+from train_ato.api.series_folder import RowWriter
 from train_ato.apps.sweep.cluster import MAX_JOBS, sweep_client
 from train_ato.apps.sweep.folder import SweepFolder, sweep_identity
 from train_ato.apps.sweep.result import SweepResult, sweep_table, write_results

@@ -13,7 +13,7 @@ import numpy as np
 
 from plant_sim.input_error import close_match
 from plant_sim.library import read_yaml
-from train_ato.apps.runs.scenario_choice import ScenarioChoice, put_components
+from train_ato.api.scenario_choice import ScenarioChoice, put_components
 from train_ato.control.contract import Parameter
 from train_ato.control.registry import LAWS
 from train_ato.loop.engine import run_engine

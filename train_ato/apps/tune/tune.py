@@ -8,16 +8,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from train_ato.apps.runs.progress import Report, share_bar
-from train_ato.apps.runs.scenario_choice import (
+from train_ato.api.progress import Report, share_bar
+from train_ato.api.scenario_choice import (
     Changes,
     GivenScenario,
     ScenarioChoice,
     choose_component,
     choose_scenario,
 )
-from train_ato.apps.runs.search_runs import RunAll, search_runs
-from train_ato.apps.runs.series_folder import KeptRuns, SearchFolder
+from train_ato.api.search_runs import RunAll, search_runs
+from train_ato.api.series_folder import KeptRuns, SearchFolder
 from train_ato.apps.sweep.row import data_hash, scenario_hash
 from train_ato.apps.tune.gain_space import (
     HELD_OUT,

@@ -8,7 +8,7 @@ import numpy as np
 
 from plant_sim import kernel as k
 from plant_sim.compiled import compiled
-from train_ato.apps.env.observation import DIRECTION, ENGAGED, SUPERVISED, add_costs, write_values
+from train_ato.api.env.observation import DIRECTION, ENGAGED, SUPERVISED, add_costs, write_values
 from train_ato.loop.spans.kernel import span_ticks
 from train_ato.loop.spans.native_arguments import arguments_of, taken
 
@@ -53,7 +53,7 @@ def step_trains(kind, rows, who, next_of, most, stamp_unit, weights, results, co
         Kind of the rows.
     rows : Array of int, shape (trains, numbers)
         Arguments of :func:`train_ato.loop.spans.kernel.run_span` of every train, and the arrays of its
-        :class:`train_ato.apps.env.observation.Sight`.
+        :class:`train_ato.api.env.observation.Sight`.
     who : Array of int
         Numbers of the trains.
     next_of : Array of int, shape (1,)

@@ -18,8 +18,8 @@ from plant_sim.input_error import build_model, close_match
 from plant_sim.library import read_yaml
 from plant_sim.si_model import SiModel, Source, Summary
 from plant_sim.traction import Envelope
-from train_ato.apps.import_csv.columns import LAYOUTS, NOTCH, Column, column_of, layout_names, spellings
-from train_ato.apps.import_csv.table import CsvTable, FileRules, plain_notch
+from train_ato.api.import_csv.columns import LAYOUTS, NOTCH, Column, column_of, layout_names, spellings
+from train_ato.api.import_csv.table import CsvTable, FileRules, plain_notch
 
 FORCES = ("force", "traction_force", "brake_force")
 Share = Annotated[float, Field(ge=-1, le=1)]

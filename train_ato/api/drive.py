@@ -10,9 +10,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from train_ato.apps.runs.progress import progress_bar
-from train_ato.apps.runs.run import Run, RunRecord
-from train_ato.apps.runs.scenario_choice import (
+from train_ato.api.progress import progress_bar
+from train_ato.api.run import Run, RunRecord
+from train_ato.api.scenario_choice import (
     Changes,
     GivenScenario,
     choose_scenario,
@@ -32,7 +32,7 @@ from train_ato.scenario.leader import check_namespace
 from train_ato.scenario.setup import RunSetup
 
 if TYPE_CHECKING:
-    from train_ato.apps.env.observation import OnTick, StopWhen, TickCalls
+    from train_ato.api.env.observation import OnTick, StopWhen, TickCalls
 
 Mode = Literal["engine", "composed", "processes"]
 MODES = ("engine", "composed", "processes")
@@ -148,7 +148,7 @@ def run(
     if on_tick is not None or stop_when is not None:
         if mode != "engine":
             raise ValueError(f"mode '{mode}': on_tick and stop_when need the engine; remove them or the mode")
-        from train_ato.apps.env.observation import TickCalls
+        from train_ato.api.env.observation import TickCalls
 
         calls = TickCalls(setup, on_tick, stop_when)
     return drive(setup, run_mode, out=None if out is None else Path(out), shown=progress, calls=calls)

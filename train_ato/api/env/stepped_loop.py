@@ -53,7 +53,7 @@ class Past:
 
 
 class History:
-    """Messages of a run up to now; made by :class:`train_ato.apps.env.stepped_loop.SteppedLoop`."""
+    """Messages of a run up to now; made by :class:`train_ato.api.env.stepped_loop.SteppedLoop`."""
 
     def __init__(self, past: Past | None = None) -> None:
         self._past, self._ticks = past, list[tuple[int, Published]]()

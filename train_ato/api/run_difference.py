@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from train_ato.apps.runs.run import Run, open_run
+from train_ato.api.run import Run, open_run
 from train_ato.judge.motion_difference import STOP_COLUMNS, DrivenMotion, motion_difference
 from train_ato.judge.summary_table import verdict_html
 

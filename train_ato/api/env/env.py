@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from plant_sim.elementary import plain_sum
-from train_ato.apps.env.observation import (
+from train_ato.api.env.observation import (
     PER_TICK,
     Known,
     Quantity,
@@ -21,9 +21,9 @@ from train_ato.apps.env.observation import (
     signal_texts,
     weights_of,
 )
-from train_ato.apps.env.stepped_loop import History, Past, SharedParts, SteppedLoop
-from train_ato.apps.runs.run import Run, RunRecord
-from train_ato.apps.runs.scenario_choice import Changes, GivenScenario, ScenarioChoice, choose_scenario
+from train_ato.api.env.stepped_loop import History, Past, SharedParts, SteppedLoop
+from train_ato.api.run import Run, RunRecord
+from train_ato.api.scenario_choice import Changes, GivenScenario, ScenarioChoice, choose_scenario
 from train_ato.control.caller import NAME, Caller, forces_text
 from train_ato.control.keyword_form import GivenComponent
 from train_ato.errors import FirstFailure, refusing
@@ -76,7 +76,7 @@ class _Episode:
     known : Known
         Knowledge of the ATO at the present step.
     memory : Array
-        Memory of the costs, :func:`train_ato.apps.env.observation.add_costs`.
+        Memory of the costs, :func:`train_ato.api.env.observation.add_costs`.
     failure : str or None
         Failure that ended the run.
     ended : bool
@@ -112,7 +112,7 @@ class Env:
         True: the force of a step is relative to the envelope of every unit at its measured speed, from -1 (largest
         brake) to 1 (largest traction).
     reward
-        Weights of the costs by name (:data:`train_ato.apps.env.observation.COSTS`) [1/unit]; the reward of a
+        Weights of the costs by name (:data:`train_ato.api.env.observation.COSTS`) [1/unit]; the reward of a
         step is minus their sum. Default: the weights there.
 
     Attributes

@@ -1,9 +1,9 @@
 """Environments of Gymnasium, one for every shipped scenario; the import of this module registers them.
 
->>> import gymnasium, train_ato.apps.env.gymnasium_env  # doctest: +SKIP
+>>> import gymnasium, train_ato.api.env.gymnasium_env  # doctest: +SKIP
 >>> env = gymnasium.make("train_ato/XuzhouMetro-v0", set={"duration": 60})  # doctest: +SKIP
 
-Without the import: ``gymnasium.make("train_ato.apps.env.gymnasium_env:train_ato/XuzhouMetro-v0")``. Gymnasium since
+Without the import: ``gymnasium.make("train_ato.api.env.gymnasium_env:train_ato/XuzhouMetro-v0")``. Gymnasium since
 1.0 looks up no entry points. A vector environment has the default autoreset mode of Gymnasium, ``NEXT_STEP``: the step
 after the end of a run is its reset. One that drives all trains in one compiled call:
 
@@ -21,7 +21,7 @@ import numpy as np
 from gymnasium import spaces
 
 if TYPE_CHECKING:
-    from train_ato.apps.env.env import Observation
+    from train_ato.api.env.env import Observation
 
 VERSION = 0
 """Version of the environments in their names."""
@@ -36,7 +36,7 @@ class GymnasiumEnv(gymnasium.Env):  # type: ignore[misc]  # without types where 
     Parameters
     ----------
     scenario
-        As for :class:`train_ato.apps.env.env.Env`.
+        As for :class:`train_ato.api.env.env.Env`.
     **choices
         Other arguments of it: ``set``, ``observe``, ``flat``, ``normalised``, ``reward``.
 
@@ -49,7 +49,7 @@ class GymnasiumEnv(gymnasium.Env):  # type: ignore[misc]  # without types where 
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 - the declaration of Gymnasium
 
     def __init__(self, scenario: str, render_mode: str | None = None, **choices: Any) -> None:
-        from train_ato.apps.env.env import Env  # a late import: the registration needs no compiler
+        from train_ato.api.env.env import Env  # a late import: the registration needs no compiler
 
         self.render_mode = render_mode
         self.run_env = env = Env(scenario, **{"normalised": True, **choices})
@@ -63,12 +63,12 @@ class GymnasiumEnv(gymnasium.Env):  # type: ignore[misc]  # without types where 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin a run; ``options`` as in :meth:`train_ato.apps.env.env.Env.reset`, with the spaces of the first run."""
+        """Begin a run; ``options`` as in :meth:`train_ato.api.env.env.Env.reset`, with the spaces of the first run."""
         super().reset(seed=seed)
         return self.run_env.reset(seed=int(self.np_random.integers(2**31)) if seed is None else seed, options=options)
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Drive one step; see :meth:`train_ato.apps.env.env.Env.step`."""
+        """Drive one step; see :meth:`train_ato.api.env.env.Env.step`."""
         return self.run_env.step(action)
 
     def close(self) -> None:
@@ -82,7 +82,7 @@ class GymnasiumVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]  # a
     Parameters
     ----------
     scenario, num_envs
-        As for :class:`train_ato.apps.env.vector_env.VectorEnv`.
+        As for :class:`train_ato.api.env.vector_env.VectorEnv`.
     **choices
         Other arguments of it: ``set``, ``over``, ``observe``, ``normalised``, ``reward``, ``threads``; and ``flat``.
 
@@ -99,7 +99,7 @@ class GymnasiumVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]  # a
     def __init__(
         self, scenario: str, num_envs: int = 1, render_mode: str | None = None, *, flat: bool = False, **choices: Any
     ) -> None:
-        from train_ato.apps.env.vector_env import VectorEnv  # a late import: the registration needs no compiler
+        from train_ato.api.env.vector_env import VectorEnv  # a late import: the registration needs no compiler
 
         self.render_mode, self.num_envs, self._flat = render_mode, num_envs, flat
         self.run_envs = envs = VectorEnv(scenario, num_envs, **{"normalised": True, **choices})
@@ -117,14 +117,14 @@ class GymnasiumVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]  # a
         return dict(zip(self.run_envs.quantities, np.split(rows, self._ends, axis=1), strict=True))
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Begin a run of every train; see :meth:`train_ato.apps.env.vector_env.VectorEnv.reset`."""
+        """Begin a run of every train; see :meth:`train_ato.api.env.vector_env.VectorEnv.reset`."""
         if isinstance(seed, int):
             super().reset(seed=seed)
         rows, info = self.run_envs.reset(seed=seed, options=options)
         return self._observed(rows), info
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Drive one step of all trains; see :meth:`train_ato.apps.env.vector_env.VectorEnv.step`."""
+        """Drive one step of all trains; see :meth:`train_ato.api.env.vector_env.VectorEnv.step`."""
         rows, *others, info = self.run_envs.step(actions)
         return self._observed(rows), *others, info
 

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from train_ato.apps.import_csv.recording import Measured
+from train_ato.api.import_csv.recording import Measured
 from train_ato.messages.types import Array
 from train_ato.profile.profile import Profile
 

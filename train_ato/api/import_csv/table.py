@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from train_ato.apps.import_csv.columns import NOTCH, QUANTITIES, TIMESTAMP, Column, column_of, plainly
-from train_ato.apps.import_csv.faults import FileFaults
+from train_ato.api.import_csv.columns import NOTCH, QUANTITIES, TIMESTAMP, Column, column_of, plainly
+from train_ato.api.import_csv.faults import FileFaults
 from train_ato.messages.types import Array
 
 SYMBOLS: dict[str, tuple[str, ...]] = {

@@ -11,9 +11,9 @@ from weakref import finalize
 
 import numpy as np
 
-from train_ato.apps.env.compiled_steps import GOES_ON, ROWS, TICKS, set_forces, step_trains
-from train_ato.apps.env.env import MAX_SEED, caller_setup, checked_seed
-from train_ato.apps.env.observation import (
+from train_ato.api.env.compiled_steps import GOES_ON, ROWS, TICKS, set_forces, step_trains
+from train_ato.api.env.env import MAX_SEED, caller_setup, checked_seed
+from train_ato.api.env.observation import (
     DIRECTION,
     PER_TICK,
     Known,
@@ -25,7 +25,7 @@ from train_ato.apps.env.observation import (
     observed,
     weights_of,
 )
-from train_ato.apps.runs.scenario_choice import Changes, GivenScenario, ScenarioChoice, choose_scenario
+from train_ato.api.scenario_choice import Changes, GivenScenario, ScenarioChoice, choose_scenario
 from train_ato.control.caller import Caller
 from train_ato.errors import FirstFailure, refusing
 from train_ato.judge.result import RunResult

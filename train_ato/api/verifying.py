@@ -6,8 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from plant_sim.train import compile_kernel
-from train_ato.apps.import_csv.run import MEASURED
-from train_ato.apps.runs.progress import COMPILE_NOTE, compilation_noted, progress_bar, share_bar
+from train_ato.api.import_csv.run import MEASURED
+from train_ato.api.progress import COMPILE_NOTE, compilation_noted, progress_bar, share_bar
 from train_ato.errors import RunFailed
 from train_ato.log.difference import LogComparison, compare_logs
 from train_ato.log.reading import read_log

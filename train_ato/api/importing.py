@@ -10,16 +10,16 @@ import numpy as np
 
 from plant_sim.library import load_consist, load_line
 from plant_sim.line import ENDING, Line
-from train_ato.apps.import_csv.columns import LARGEST_GAP
-from train_ato.apps.import_csv.layout import RecorderLayout, add_notch_force, load_layout
-from train_ato.apps.import_csv.recording import Measured, measured
-from train_ato.apps.import_csv.run import measured_result, measured_setup, write_messages
-from train_ato.apps.import_csv.samples import sort_rows
-from train_ato.apps.import_csv.series import series_of
-from train_ato.apps.import_csv.smoothing import MAX_WINDOW, measured_profile, window_of
-from train_ato.apps.import_csv.table import CsvTable, read_table, titles_of
-from train_ato.apps.runs.progress import activity, progress_bar
-from train_ato.apps.runs.run import Run
+from train_ato.api.import_csv.columns import LARGEST_GAP
+from train_ato.api.import_csv.layout import RecorderLayout, add_notch_force, load_layout
+from train_ato.api.import_csv.recording import Measured, measured
+from train_ato.api.import_csv.run import measured_result, measured_setup, write_messages
+from train_ato.api.import_csv.samples import sort_rows
+from train_ato.api.import_csv.series import series_of
+from train_ato.api.import_csv.smoothing import MAX_WINDOW, measured_profile, window_of
+from train_ato.api.import_csv.table import CsvTable, read_table, titles_of
+from train_ato.api.progress import activity, progress_bar
+from train_ato.api.run import Run
 from train_ato.arguments import option_name
 from train_ato.judge.result import Progress
 from train_ato.log.run_folder import RunFolder, summary_text

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from train_ato.apps.runs.drive import RunMode, drive
-from train_ato.apps.runs.run import Run
-from train_ato.apps.runs.scenario_choice import (
+from train_ato.api.drive import RunMode, drive
+from train_ato.api.run import Run
+from train_ato.api.scenario_choice import (
     Changes,
     ComponentChoice,
     GivenScenario,

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import yaml
 
-from train_ato.apps.runs.following import FollowingResult, Preparation, result_of
-from train_ato.apps.runs.run import open_run
+from train_ato.api.following import FollowingResult, Preparation, result_of
+from train_ato.api.run import open_run
 from train_ato.errors import RunFailed, RunInterrupted
 from train_ato.interrupt import Interrupt, interruptible
 from train_ato.log.run_folder import RunFolder

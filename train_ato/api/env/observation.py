@@ -340,7 +340,7 @@ class TickCalls:
     setup
         Prepared run.
     on_tick
-        Receives the observation by name (:func:`train_ato.apps.env.observation.observed`); returns own numbers by name
+        Receives the observation by name (:func:`train_ato.api.env.observation.observed`); returns own numbers by name
         for the log, or None.
     stop_when
         Receives the same; True ends the run after this tick.

@@ -8,9 +8,9 @@ import numpy as np
 
 from plant_sim.consist import Consist
 from plant_sim.library import load_consist, split_name
-from train_ato.apps.import_csv.recording import Measured
-from train_ato.apps.import_csv.samples import ColumnSamples
-from train_ato.apps.import_csv.series import MeasuredSeries
+from train_ato.api.import_csv.recording import Measured
+from train_ato.api.import_csv.samples import ColumnSamples
+from train_ato.api.import_csv.series import MeasuredSeries
 from train_ato.judge.metrics import differences, summarise
 from train_ato.judge.recording_builder import RecordingBuilder
 from train_ato.judge.result import RunResult, identity

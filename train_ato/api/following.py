@@ -13,9 +13,9 @@ import numpy as np
 
 from plant_sim.states import Odometry
 from plant_sim.units import KMH
-from train_ato.apps.runs.drive import RunMode, drive
-from train_ato.apps.runs.run import Run
-from train_ato.apps.runs.scenario_choice import choose_scenario
+from train_ato.api.drive import RunMode, drive
+from train_ato.api.run import Run
+from train_ato.api.scenario_choice import choose_scenario
 from train_ato.errors import RunFailed
 from train_ato.judge.recording import TRUTH, Recording
 from train_ato.log.run_folder import RunFolder, summary_text
@@ -128,7 +128,7 @@ def run_following(
     out
         Folder to make, with a run folder for each train and the common summary; None: in memory.
     shown
-        As for :func:`train_ato.apps.runs.drive.drive`.
+        As for :func:`train_ato.api.drive.drive`.
 
     Raises
     ------

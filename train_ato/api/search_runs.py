@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from train_ato.apps.runs.series_folder import KeptRuns
+from train_ato.api.series_folder import KeptRuns
 from train_ato.interrupt import workers_without_ctrl_c
 
 Task = Callable[[Any], Any]

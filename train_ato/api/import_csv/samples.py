@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant_sim.units import number_text
-from train_ato.apps.import_csv.columns import TIMESTAMP, Column
-from train_ato.apps.import_csv.table import CsvTable
+from train_ato.api.import_csv.columns import TIMESTAMP, Column
+from train_ato.api.import_csv.table import CsvTable
 from train_ato.messages.types import Array
 
 HOUR = 3600.0

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from train_ato.apps.runs.scenario_choice import Changes, GivenScenario, choose_scenario
+from train_ato.api.scenario_choice import Changes, GivenScenario, choose_scenario
 from train_ato.control.algorithms.linear_train import LinearTrain
 
 FASTEST_KMH = 1000.0

@@ -7,10 +7,10 @@ import numpy as np
 from plant_sim.chainage import places_along
 from plant_sim.line import Line
 from plant_sim.units import number_text
-from train_ato.apps.import_csv.columns import LARGEST_GAP, Column
-from train_ato.apps.import_csv.faults import FileFaults
-from train_ato.apps.import_csv.samples import ColumnSamples, Rows
-from train_ato.apps.import_csv.table import CsvTable
+from train_ato.api.import_csv.columns import LARGEST_GAP, Column
+from train_ato.api.import_csv.faults import FileFaults
+from train_ato.api.import_csv.samples import ColumnSamples, Rows
+from train_ato.api.import_csv.table import CsvTable
 from train_ato.messages.types import Array
 
 STANDSTILL_NOISE = 0.5 / 3.6

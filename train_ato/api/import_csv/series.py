@@ -7,8 +7,8 @@ import numpy as np
 
 from plant_sim.line import Line
 from plant_sim.units import number_text
-from train_ato.apps.import_csv.recording import Measured
-from train_ato.apps.import_csv.samples import ColumnSamples
+from train_ato.api.import_csv.recording import Measured
+from train_ato.api.import_csv.samples import ColumnSamples
 from train_ato.messages.types import Array
 from train_ato.scenario.setup import RunSetup
 
