@@ -18,7 +18,7 @@ from statistics import median
 from typing import Any
 
 import train_ato as ta
-from train_ato.apps.learn.learn import repeated
+from train_ato.studies.learn import repeated
 from train_ato.api.scenario_choice import put_components
 from train_ato.api.drive import RunMode, drive
 from train_ato.scenario.scenario_data import PartCache

@@ -23,11 +23,11 @@ from kernel import RELEASED
 from kernel_cycles import tick_cycles
 from processor_counters import ProcessorCounters
 
-from train_ato.apps.sweep.row import keep_loaded_objects
-from train_ato.apps.sweep.sweep import sweep_base
-from train_ato.apps.sweep.spec import design_points
-from train_ato.apps.sweep.row import drive_point
-from train_ato.apps.sweep.spec import read_sweep
+from train_ato.studies.sweep.row import keep_loaded_objects
+from train_ato.studies.sweep.sweep import sweep_base
+from train_ato.studies.sweep.spec import design_points
+from train_ato.studies.sweep.row import drive_point
+from train_ato.studies.sweep.spec import read_sweep
 from train_ato.scenario.scenario_data import PartCache
 from train_ato.scenario.setup import RunSetup
 from train_ato.loop.spans.span import CompiledSpans

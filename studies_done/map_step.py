@@ -19,10 +19,10 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "bench"))
 from figures import Figure, publish
 from map_cost import SPEC
 
-from train_ato.apps.sweep.sweep import sweep_base
-from train_ato.apps.sweep.spec import design_points
-from train_ato.apps.sweep.row import Row, drive_point
-from train_ato.apps.sweep.spec import read_sweep
+from train_ato.studies.sweep.sweep import sweep_base
+from train_ato.studies.sweep.spec import design_points
+from train_ato.studies.sweep.row import Row, drive_point
+from train_ato.studies.sweep.spec import read_sweep
 from train_ato.scenario.scenario_data import PartCache
 
 SIDE = 64

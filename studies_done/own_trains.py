@@ -30,7 +30,7 @@ import numpy as np
 import yaml
 
 import train_ato as ta
-from train_ato.apps.check_component.random_trips import GEAR_KINDS, random_gear, random_vehicle
+from train_ato.studies.check_component.random_trips import GEAR_KINDS, random_gear, random_vehicle
 from train_ato.scenario.setup import prepare
 from train_ato.scenario.scenario import load_scenario
 

@@ -27,14 +27,14 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "bench"))
 from figures import Goal, judge
 
 from plant_sim.train import compile_kernel
-from train_ato.apps.sweep import row
-from train_ato.apps.sweep.row import SweepBase, run_batch
-from train_ato.apps.sweep.sweep import sweep_base
-from train_ato.apps.sweep.cluster import sweep_client
-from train_ato.apps.sweep.spec import Point, design_points
-from train_ato.apps.sweep.sweep import execute_points
-from train_ato.apps.sweep.row import Row
-from train_ato.apps.sweep.spec import read_sweep
+from train_ato.studies.sweep import row
+from train_ato.studies.sweep.row import SweepBase, run_batch
+from train_ato.studies.sweep.sweep import sweep_base
+from train_ato.studies.sweep.cluster import sweep_client
+from train_ato.studies.sweep.spec import Point, design_points
+from train_ato.studies.sweep.sweep import execute_points
+from train_ato.studies.sweep.row import Row
+from train_ato.studies.sweep.spec import read_sweep
 from train_ato.loop.engine import run_engine
 from train_ato.scenario.scenario_data import PartCache
 from train_ato.scenario.setup import RunSetup

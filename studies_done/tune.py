@@ -21,8 +21,8 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "bench"))
 from figures import Figure, publish
 
 import train_ato as ta
-from train_ato.apps.tune.objective import CmaOptimizer, GainOptimizer
-from train_ato.apps.tune.tune import tune
+from train_ato.studies.tune.objective import CmaOptimizer, GainOptimizer
+from train_ato.studies.tune.tune import tune
 
 CASES: tuple[tuple[str, str, tuple[str, ...], dict[str, Any]], ...] = (
     ("xuzhou_metro", "smc", ("l1", "l2", "ks", "kappa"), {"duration": 135}),

@@ -6,7 +6,6 @@ from unittest.mock import patch
 from numba import typeof
 
 from train_ato.api.scenario_choice import choose_scenario
-from train_ato.apps.sweep.row import WALL_TIMES
 from train_ato.judge.result import RunResult
 from train_ato.judge.series import DiagnosticSeries
 from train_ato.loop import engine
@@ -14,6 +13,7 @@ from train_ato.loop.engine import TickLoop, run_engine
 from train_ato.loop.spans.span import CompiledSpans
 from train_ato.messages.codec.codec import Wire
 from train_ato.scenario.setup import RunSetup
+from train_ato.studies.sweep.row import WALL_TIMES
 
 
 class Messages:

@@ -13,14 +13,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from law_trains import FIVE, SINGLE, inputs, model
 
-from train_ato.apps.check_component import checking, common
-from train_ato.apps.check_component.checking import TRAINS, check_component, findings_table
 from train_ato.cli import main
 from train_ato.control.compensation.preview import PreviewFeedforward
 from train_ato.control.contract import LawInput, LawOutput, Lookahead, NoParameters, parameter
 from train_ato.control.laws.pid import Pid
 from train_ato.control.observers.ndo import Ndo
 from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS, load_class
+from train_ato.studies.check_component import checking, common
+from train_ato.studies.check_component.checking import TRAINS, check_component, findings_table
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 TEMPLATES = {

@@ -22,7 +22,6 @@ from span_runs import Both, setup_of
 from waiting import LIMIT_S, wait_for
 
 from plant_sim.units import KMH
-from train_ato.apps.sweep.row import WALL_TIMES
 from train_ato.apps.view.facts import PLAN_LASTS, plan_columns, plan_words
 from train_ato.apps.view.recorded import RecordedFeed
 from train_ato.cli import main
@@ -31,6 +30,7 @@ from train_ato.control.plan_text import STATUS, TimedPlan, plan_from_text, plan_
 from train_ato.control.registry import LAWS
 from train_ato.log.recorded import open_recording
 from train_ato.loop.engine import TickLoop, run_engine
+from train_ato.studies.sweep.row import WALL_TIMES
 
 
 @dataclass(frozen=True)

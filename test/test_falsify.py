@@ -15,12 +15,12 @@ from waiting import LIMIT_S, wait_for
 
 import train_ato as ta
 from train_ato.api.scenario_choice import choose_scenario
-from train_ato.apps.falsify import study
-from train_ato.apps.falsify.search import FalsificationSearch, GaussianProcess, SearchSpace, search_space
-from train_ato.apps.falsify.study import RUNS_TABLE, Falsification, write_study
-from train_ato.apps.falsify.target import TargetRun, requirement_target
 from train_ato.cli import main
 from train_ato.scenario.dimensions import read_dimensions
+from train_ato.studies.falsify import study
+from train_ato.studies.falsify.search import FalsificationSearch, GaussianProcess, SearchSpace, search_space
+from train_ato.studies.falsify.study import RUNS_TABLE, Falsification, write_study
+from train_ato.studies.falsify.target import TargetRun, requirement_target
 
 MASS = {"plant.mismatch.mass_scale": {"from": 0.9, "to": 1.3}}
 DELAY = {"links.command.delay": {"from": 0.0, "to": 0.8}}
@@ -253,7 +253,7 @@ def test_ctrl_c_keeps_the_results_and_leaves_no_process(jobs: str, cheap: str, t
     spec.write_text(json.dumps({"over": MASS}))
     code = (
         "import os, sys\n"
-        "from train_ato.apps.falsify import search\n"
+        "from train_ato.studies.falsify import search\n"
         "from train_ato.cli import main\n"
         "run = search.FalsificationSearch._run\n"
         "def noted(self, points, phase):\n"

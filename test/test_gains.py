@@ -10,15 +10,6 @@ import yaml
 from law_trains import HAULED, LOCOMOTIVE, SINGLE, SPRING, WAGON, consist, inputs, model
 
 from plant_sim.library import load_consist
-from train_ato.apps.check_component.random_trips import (
-    FITTING_SHARE,
-    GEAR_KINDS,
-    Trip,
-    drive_random_trip,
-    random_scenario,
-    random_trips,
-    trips_text,
-)
 from train_ato.cli import main
 from train_ato.control.algorithms.loop_gains import LoopGains, feedback_of, is_stable
 from train_ato.control.gains import MODEL, TABLE, has_gains
@@ -29,6 +20,15 @@ from train_ato.loop.engine import run_engine
 from train_ato.papers.claims import Case
 from train_ato.scenario.scenario import load_scenario
 from train_ato.scenario.setup import RunSetup, prepare
+from train_ato.studies.check_component.random_trips import (
+    FITTING_SHARE,
+    GEAR_KINDS,
+    Trip,
+    drive_random_trip,
+    random_scenario,
+    random_trips,
+    trips_text,
+)
 
 
 def prepared(name: str, *assignments: str) -> RunSetup:

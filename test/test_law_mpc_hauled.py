@@ -8,7 +8,6 @@ import pytest
 from law_trains import LEVEL, LOCOMOTIVE, WAGON, consist
 
 import train_ato as ta
-from train_ato.apps.check_component import checking
 from train_ato.cli import main
 from train_ato.control.algorithms.coupler_modes import CouplerModes, bandwidth_text, eigenvalues
 from train_ato.control.algorithms.measured_motion import MOTION, ModalObserver, SteadyForce
@@ -21,6 +20,7 @@ from train_ato.control.algorithms.train_constants import (
 )
 from train_ato.control.registry import LAWS
 from train_ato.control.train_model import TrainModel
+from train_ato.studies.check_component import checking
 
 SPRING = {"kind": "linear", "stiffness": 10e6, "damping": 2e5}
 RIGID = {"kind": "rigid"}

@@ -10,11 +10,11 @@ from span_runs import Both, messages_of, setup_of
 
 import train_ato as ta
 from train_ato.api.drive import drive
-from train_ato.apps.learn.learn import Residual, RunAverage, residual_of, smoothed_resistance
 from train_ato.cli import main
 from train_ato.control.learned_resistance import LearnedResistance, learned_text, read_learned
 from train_ato.control.train_model import LineForceTable
 from train_ato.scenario.setup import RunSetup
+from train_ato.studies.learn import Residual, RunAverage, residual_of, smoothed_resistance
 
 METRO = "xuzhou_metro:disturbed"
 STACKS: dict[str, dict[str, Any]] = {
@@ -234,7 +234,7 @@ def test_ctrl_c_keeps_the_finished_runs(tmp_path: Path, capsys: Any, monkeypatch
             raise KeyboardInterrupt
         return drive(*arguments, **options)
 
-    monkeypatch.setattr("train_ato.apps.learn.learn.drive", interrupted)
+    monkeypatch.setattr("train_ato.studies.learn.drive", interrupted)
     for name, message in (("some", "has the result of 2 runs"), ("none", "nothing is learned")):
         file = tmp_path / f"{name}.yaml"
         assert main(["learn", METRO, "--runs", "5", "--set", "duration=20", "--out", str(file)]) == 1

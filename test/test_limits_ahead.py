@@ -11,7 +11,6 @@ from span_runs import setup_of
 from test_line_sections import driven, plain_line, railcar
 
 from plant_sim.library import load_consist, load_line
-from train_ato.apps.check_component.checking import check_component
 from train_ato.control.algorithms.limits_ahead import LimitsAhead, limits_at_nodes, within_units
 from train_ato.control.algorithms.predictive_plan import lowest_limit
 from train_ato.control.contract import LawPlan, Lookahead
@@ -19,6 +18,7 @@ from train_ato.control.registry import load_class
 from train_ato.control.train_model import TrainModel
 from train_ato.loop.engine import run_engine
 from train_ato.messages.validity import MAX_SPEED
+from train_ato.studies.check_component.checking import check_component
 
 
 def _model(consist, line):

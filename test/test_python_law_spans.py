@@ -10,7 +10,6 @@ from span_runs import Both, compiled_part, setup_of
 from test_compiled_spans import CASES as LAWS
 from test_compiled_spans import COMPONENTS
 
-from train_ato.apps.sweep.row import WALL_TIMES
 from train_ato.control.compensation.base import CompensationBase
 from train_ato.control.compensation.contract import CompensationInput
 from train_ato.control.contract import LawInput, LawOutput, parameter
@@ -18,6 +17,7 @@ from train_ato.control.observers.contract import ObserverInput
 from train_ato.control.observers.record_observer import GuardedObserver
 from train_ato.loop.engine import TickLoop, run_engine
 from train_ato.loop.spans import python_law, span
+from train_ato.studies.sweep.row import WALL_TIMES
 
 FREE = {"supervision.enabled": False}
 HERE = "test_python_law_spans"

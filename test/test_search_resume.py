@@ -10,10 +10,10 @@ import pytest
 from test_falsify import CHEAP
 
 from train_ato.api.series_folder import RUNS, KeptRuns, SearchFolder
-from train_ato.apps.falsify import target
-from train_ato.apps.learn import learn
-from train_ato.apps.tune import gain_space
 from train_ato.cli.main import main
+from train_ato.studies import learn
+from train_ato.studies.falsify import target
+from train_ato.studies.tune import gain_space
 
 
 class Killed(BaseException):

@@ -22,18 +22,18 @@ from waiting import wait_for
 
 import train_ato as ta
 from plant_sim.library import consist_path, line_path
-from train_ato.apps.sweep import sweep as sweep_module
-from train_ato.apps.sweep.cluster import OWNER, SCRATCH, SETTINGS, _scratch_folder, sweep_client
-from train_ato.apps.sweep.folder import SweepFolder
-from train_ato.apps.sweep.groups import NotDrawable
-from train_ato.apps.sweep.rerun import run_row_again
-from train_ato.apps.sweep.result import METADATA, SweepResult, read_results, write_results
-from train_ato.apps.sweep.row import WALL_TIMES, run_batch
-from train_ato.apps.sweep.spec import read_sweep
-from train_ato.apps.sweep.sweep import prepare_sweep
 from train_ato.cli.main import main
 from train_ato.interrupt import Interrupt, ending_like_ctrl_c
 from train_ato.log.run_folder import read_summary
+from train_ato.studies.sweep import sweep as sweep_module
+from train_ato.studies.sweep.cluster import OWNER, SCRATCH, SETTINGS, _scratch_folder, sweep_client
+from train_ato.studies.sweep.folder import SweepFolder
+from train_ato.studies.sweep.groups import NotDrawable
+from train_ato.studies.sweep.rerun import run_row_again
+from train_ato.studies.sweep.result import METADATA, SweepResult, read_results, write_results
+from train_ato.studies.sweep.row import WALL_TIMES, run_batch
+from train_ato.studies.sweep.spec import read_sweep
+from train_ato.studies.sweep.sweep import prepare_sweep
 
 ROOT = Path(__file__).resolve().parents[1]
 LAWS = '''
@@ -344,7 +344,7 @@ def test_the_run_of_a_frozen_worker_is_named_and_runs_again(tmp_path: Path, monk
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     monkeypatch.setenv("FROZEN", str(tmp_path / "frozen"))
     monkeypatch.setitem(SETTINGS, "distributed.scheduler.worker-ttl", "15s")
-    monkeypatch.setattr("train_ato.apps.sweep.sweep.SILENT_S", 0.0)
+    monkeypatch.setattr("train_ato.studies.sweep.sweep.SILENT_S", 0.0)
     spec = {"scenario": "demo", "over": {"law": ["pid", "own_laws:Freezes"]}, "set": {"duration": 20}}
     said: list[str] = []
     found = sweep_module.prepare_sweep(read_sweep(spec), jobs=2).run(announce=said.append)

@@ -11,16 +11,16 @@ import pytest
 import yaml
 
 from train_ato.api.scenario_choice import choose_scenario
-from train_ato.apps.sweep.cluster import sweep_client
-from train_ato.apps.sweep.result import sweep_table
-from train_ato.apps.sweep.robustness_map import CELLS, map_cells, pareto_front
-from train_ato.apps.sweep.row import drive_point
-from train_ato.apps.sweep.spec import design_points, read_sweep
-from train_ato.apps.sweep.sweep import check_values, sweep_base
 from train_ato.loop.engine import run_engine
 from train_ato.scenario.scenario import shipped_scenarios
 from train_ato.scenario.scenario_data import PartCache, file_state
 from train_ato.scenario.setup import RunSetup
+from train_ato.studies.sweep.cluster import sweep_client
+from train_ato.studies.sweep.result import sweep_table
+from train_ato.studies.sweep.robustness_map import CELLS, map_cells, pareto_front
+from train_ato.studies.sweep.row import drive_point
+from train_ato.studies.sweep.spec import design_points, read_sweep
+from train_ato.studies.sweep.sweep import check_values, sweep_base
 
 GOOD: dict[str, Any] = {"scenario": "demo", "over": {"seed": [1, 2]}}
 REFUSED = [

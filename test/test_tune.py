@@ -10,8 +10,12 @@ import pytest
 import yaml
 
 import train_ato as ta
-from train_ato.apps.tune.gain_space import SEARCHED, GainRunner, gain_space, gain_tasks, read_tune_spec
-from train_ato.apps.tune.objective import (
+from train_ato.cli.main import main
+from train_ato.judge.tracking import OUTCOMES
+from train_ato.scenario.criteria import Criteria
+from train_ato.scenario.scenario import load_scenario
+from train_ato.studies.tune.gain_space import SEARCHED, GainRunner, gain_space, gain_tasks, read_tune_spec
+from train_ato.studies.tune.objective import (
     LARGEST_FEASIBLE,
     NOT_TRACKED,
     TERMS,
@@ -21,11 +25,7 @@ from train_ato.apps.tune.objective import (
     scales_of,
     score_of_run,
 )
-from train_ato.apps.tune.tune import GainSearch
-from train_ato.cli.main import main
-from train_ato.judge.tracking import OUTCOMES
-from train_ato.scenario.criteria import Criteria
-from train_ato.scenario.scenario import load_scenario
+from train_ato.studies.tune.tune import GainSearch
 
 SHORT = {"duration": 10}
 """The metro train starts within 10 s."""

@@ -53,16 +53,7 @@ if TYPE_CHECKING:
     from train_ato.api.run_difference import difference as difference
     from train_ato.api.scenario_choice import choose_scenario
     from train_ato.api.verifying import verify as verify
-    from train_ato.apps.check_component.checking import check_law as check_law
-    from train_ato.apps.curves.curves import curves as curves
-    from train_ato.apps.falsify.study import falsify as falsify
-    from train_ato.apps.learn.learn import LearnResult as LearnResult
-    from train_ato.apps.learn.learn import learn as learn
     from train_ato.apps.replay.replaying import replay as replay
-    from train_ato.apps.sweep.result import SweepResult as SweepResult
-    from train_ato.apps.sweep.sweep import sweep as sweep
-    from train_ato.apps.tune.tune import tune as tune
-    from train_ato.apps.tune.tune_result import TuneResult as TuneResult
     from train_ato.control.contract import Law as Law
     from train_ato.control.contract import parameter as parameter
     from train_ato.errors import Error as Error
@@ -72,6 +63,15 @@ if TYPE_CHECKING:
     from train_ato.judge.typed_result import TypedResult as TypedResult
     from train_ato.log.tables.loading import Frames as Frames
     from train_ato.log.tables.loading import load as load
+    from train_ato.studies.check_component.checking import check_law as check_law
+    from train_ato.studies.curves.curves import curves as curves
+    from train_ato.studies.falsify.study import falsify as falsify
+    from train_ato.studies.learn import LearnResult as LearnResult
+    from train_ato.studies.learn import learn as learn
+    from train_ato.studies.sweep.result import SweepResult as SweepResult
+    from train_ato.studies.sweep.sweep import sweep as sweep
+    from train_ato.studies.tune.tune import tune as tune
+    from train_ato.studies.tune.tune_result import TuneResult as TuneResult
 
 _PLACES = {
     "Comparison": "train_ato.api.compare",
@@ -81,25 +81,25 @@ _PLACES = {
     "Frames": "train_ato.log.tables.loading",
     "InputError": "train_ato.errors",
     "Law": "train_ato.control.contract",
-    "LearnResult": "train_ato.apps.learn.learn",
+    "LearnResult": "train_ato.studies.learn",
     "TypedResult": "train_ato.judge.typed_result",
     "Run": "train_ato.api.run",
     "RunDifference": "train_ato.api.run_difference",
     "RunFailed": "train_ato.errors",
     "RunInterrupted": "train_ato.errors",
     "VectorEnv": "train_ato.api.env.vector_env",
-    "SweepResult": "train_ato.apps.sweep.result",
-    "TuneResult": "train_ato.apps.tune.tune_result",
-    "check_law": "train_ato.apps.check_component.checking",
+    "SweepResult": "train_ato.studies.sweep.result",
+    "TuneResult": "train_ato.studies.tune.tune_result",
+    "check_law": "train_ato.studies.check_component.checking",
     "compare": "train_ato.api.compare",
     "compensations": "train_ato.api.catalogue",
     "convert": "train_ato.api.converting",
-    "curves": "train_ato.apps.curves.curves",
+    "curves": "train_ato.studies.curves.curves",
     "difference": "train_ato.api.run_difference",
-    "falsify": "train_ato.apps.falsify.study",
+    "falsify": "train_ato.studies.falsify.study",
     "import_run": "train_ato.api.importing",
     "laws": "train_ato.api.catalogue",
-    "learn": "train_ato.apps.learn.learn",
+    "learn": "train_ato.studies.learn",
     "linearise": "train_ato.api.linearise",
     "lines": "train_ato.api.catalogue",
     "load": "train_ato.log.tables.loading",
@@ -110,9 +110,9 @@ _PLACES = {
     "replay": "train_ato.apps.replay.replaying",
     "run": "train_ato.api.drive",
     "scenarios": "train_ato.api.catalogue",
-    "sweep": "train_ato.apps.sweep.sweep",
+    "sweep": "train_ato.studies.sweep.sweep",
     "trains": "train_ato.api.catalogue",
-    "tune": "train_ato.apps.tune.tune",
+    "tune": "train_ato.studies.tune.tune",
     "vector_env": "train_ato.api.env.vector_env",
     "verify": "train_ato.api.verifying",
 }

@@ -23,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(options: argparse.Namespace) -> int:
     """Run the tests; a failed test ends with status 1."""
     from train_ato.api.progress import share_bar
-    from train_ato.apps.check_component.checking import RANDOM_TRAINS, check_component, findings_table
+    from train_ato.studies.check_component.checking import RANDOM_TRAINS, check_component, findings_table
 
     name, kind = options.component, options.command.removeprefix("check-")
     if kind != "observer":

@@ -40,8 +40,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Compute the curves, print them and draw the figure."""
-    from train_ato.apps.curves.curves import curves_by_case
     from train_ato.cli.screen import print_json
+    from train_ato.studies.curves.curves import curves_by_case
 
     result, bare = curves_by_case(
         options.case, at_km=options.at_km, max_speed_kmh=options.max_speed_kmh, acceleration=options.acceleration,

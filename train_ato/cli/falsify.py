@@ -12,8 +12,8 @@ from train_ato.errors import RunFailed, RunInterrupted
 
 if TYPE_CHECKING:
     from train_ato.api.scenario_choice import ScenarioChoice
-    from train_ato.apps.falsify.search import SearchRow
-    from train_ato.apps.falsify.study import Falsification
+    from train_ato.studies.falsify.search import SearchRow
+    from train_ato.studies.falsify.study import Falsification
 
 RUNS = 100
 """Default of the largest number of runs."""
@@ -48,9 +48,9 @@ def execute(options: argparse.Namespace) -> int:
     """Search, write the folder and print the result; imports are late, so that help and completion are fast."""
     from train_ato.api.progress import share_bar
     from train_ato.api.series_folder import SearchFolder
-    from train_ato.apps.falsify.study import Falsification, prepare_study, write_study
-    from train_ato.apps.sweep.row import data_hash
     from train_ato.cli.screen import note_compilation
+    from train_ato.studies.falsify.study import Falsification, prepare_study, write_study
+    from train_ato.studies.sweep.row import data_hash
 
     choice = _choice(options)
     study = prepare_study(choice, options.requirement, options.over, options.runs, jobs=options.jobs, dash="--")
@@ -96,8 +96,8 @@ def _choice(options: argparse.Namespace) -> ScenarioChoice:
 
 def print_result(result: Falsification, folder: Path, *, as_json: bool) -> None:
     """Print the result and the names of the files."""
-    from train_ato.apps.falsify.study import COUNTEREXAMPLE, RUNS_TABLE, result_data
     from train_ato.cli.screen import print_json
+    from train_ato.studies.falsify.study import COUNTEREXAMPLE, RUNS_TABLE, result_data
 
     problems = [row.run.problem for row in result.rows if row.run.problem]
     if problems:

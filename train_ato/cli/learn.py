@@ -7,7 +7,7 @@ from pathlib import Path
 from train_ato.cli.scenario_options import add_change_options, prepare_from
 
 RUNS, SPACING, MEMORY = 5, 5.0, 20
-"""Defaults of the options; the last two are those of :mod:`train_ato.apps.learn.learn`."""
+"""Defaults of the options; the last two are those of :mod:`train_ato.studies.learn`."""
 OF_REPEATED_RUNS = ("runs", "law", "observer", "compensation", "seed", "gust_shift", "assignments")
 """Options without an effect on recorded runs."""
 
@@ -46,12 +46,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(options: argparse.Namespace) -> int:
     """Learn, write the file, and print the errors of the runs."""
     from train_ato.api.series_folder import SearchFolder
-    from train_ato.apps.learn.learn import LearnResult, learn_from, learn_runs, learned_rows
-    from train_ato.apps.sweep.row import data_hash, scenario_hash
     from train_ato.arguments import check_new_file
     from train_ato.cli.screen import print_json, print_table
     from train_ato.errors import RunFailed
     from train_ato.log.run_folder import RunFolder
+    from train_ato.studies.learn import LearnResult, learn_from, learn_runs, learned_rows
+    from train_ato.studies.sweep.row import data_hash, scenario_hash
 
     place = options.out.with_name(f"{options.out.name}.runs")
     if not SearchFolder.holds(place):

@@ -12,15 +12,15 @@ from train_ato.cli.screen import note_compilation, print_json, print_table
 from train_ato.errors import RunFailed
 
 if TYPE_CHECKING:
-    from train_ato.apps.sweep.folder import SweepFolder
-    from train_ato.apps.sweep.result import SweepResult
+    from train_ato.studies.sweep.folder import SweepFolder
+    from train_ato.studies.sweep.result import SweepResult
 
 COLUMNS = ("runs", "done", "tracked", "passed", "median", "largest")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``sweep``."""
-    from train_ato.apps.sweep.groups import BORDERS, ERROR_METRIC
+    from train_ato.studies.sweep.groups import BORDERS, ERROR_METRIC
 
     parser.add_argument(
         "sweep",
@@ -58,9 +58,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(options: argparse.Namespace) -> int:
     """Run the sweep, or one row of it again."""
     from train_ato.api.progress import activity
-    from train_ato.apps.sweep.folder import SweepFolder
-    from train_ato.apps.sweep.spec import read_sweep
-    from train_ato.apps.sweep.sweep import prepare_sweep
+    from train_ato.studies.sweep.folder import SweepFolder
+    from train_ato.studies.sweep.spec import read_sweep
+    from train_ato.studies.sweep.sweep import prepare_sweep
 
     if options.row is not None:
         return _run_row(options)
@@ -89,7 +89,7 @@ def execute(options: argparse.Namespace) -> int:
 
 def _print(result: SweepResult, folder: SweepFolder, figures: dict[str, Path], metric: str, *, as_json: bool) -> None:
     """Print one line for every law or value of another list, and the files."""
-    from train_ato.apps.sweep.groups import grouped, inside, list_key, metric_words
+    from train_ato.studies.sweep.groups import grouped, inside, list_key, metric_words
 
     words = metric_words(result.table, metric) if (result.table["status"] == "done").any() else metric
     key = list_key(result.spec)
@@ -123,7 +123,7 @@ def _print(result: SweepResult, folder: SweepFolder, figures: dict[str, Path], m
 
 def _run_row(options: argparse.Namespace) -> int:
     """Run one row again and compare it."""
-    from train_ato.apps.sweep.rerun import run_row_again
+    from train_ato.studies.sweep.rerun import run_row_again
 
     for name in ("jobs", "scheduler", "dashboard"):
         if getattr(options, name) not in (None, False):

@@ -7,13 +7,13 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from train_ato.apps.tune.objective import TERMS
 from train_ato.cli.scenario_options import KINDS, check_component_name
 from train_ato.cli.screen import note_compilation, print_json, print_table
 from train_ato.errors import RunFailed
+from train_ato.studies.tune.objective import TERMS
 
 if TYPE_CHECKING:
-    from train_ato.apps.tune.tune_result import TuneResult
+    from train_ato.studies.tune.tune_result import TuneResult
 
 COLUMNS: tuple[tuple[str, str], ...] = (
     ("run", "run"),
@@ -74,10 +74,10 @@ def execute(options: argparse.Namespace) -> int:
     """Search, write the overlay scenario and print initial and tuned runs."""
     from train_ato.api.scenario_choice import choose_scenario
     from train_ato.api.series_folder import SearchFolder
-    from train_ato.apps.tune.objective import read_weights
-    from train_ato.apps.tune.tune import tune
-    from train_ato.apps.tune.tune_result import OVERLAY
     from train_ato.log.run_folder import check_free, next_free
+    from train_ato.studies.tune.objective import read_weights
+    from train_ato.studies.tune.tune import tune
+    from train_ato.studies.tune.tune_result import OVERLAY
 
     for kind in KINDS:
         if (name := getattr(options, kind)) is not None:
@@ -141,7 +141,7 @@ def _seeds(text: str | None, option: str) -> list[int]:
 
 def print_tuning(result: TuneResult, folder: Path) -> None:
     """Print gains, runs with the initial and the tuned gains, and the overlay scenario."""
-    from train_ato.apps.tune.tune_result import OVERLAY
+    from train_ato.studies.tune.tune_result import OVERLAY
 
     ranges = result.settings["ranges"]
     print_table(

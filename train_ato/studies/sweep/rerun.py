@@ -9,14 +9,14 @@ from typing import Any
 
 from train_ato.api.drive import RunMode, drive
 from train_ato.api.scenario_choice import ScenarioChoice
-from train_ato.apps.sweep.folder import SweepFolder
-from train_ato.apps.sweep.result import FIRST, LAST, read_results
-from train_ato.apps.sweep.row import Row, code_of_process, one_line, row_metrics, scenario_hash
-from train_ato.apps.sweep.spec import read_sweep
-from train_ato.apps.sweep.sweep import sweep_base
 from train_ato.errors import RunFailed, RunInterrupted
 from train_ato.log.run_folder import next_free
 from train_ato.scenario.setup import RunSetup
+from train_ato.studies.sweep.folder import SweepFolder
+from train_ato.studies.sweep.result import FIRST, LAST, read_results
+from train_ato.studies.sweep.row import Row, code_of_process, one_line, row_metrics, scenario_hash
+from train_ato.studies.sweep.spec import read_sweep
+from train_ato.studies.sweep.sweep import sweep_base
 
 TEXTS = ("status", "reason", "verdict", "tracking", "sha256")
 """Compared entries beside the metrics."""

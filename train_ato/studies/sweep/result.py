@@ -9,11 +9,11 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from train_ato.apps.sweep.groups import ERROR_METRIC, NotDrawable
-from train_ato.apps.sweep.row import Row
-from train_ato.apps.sweep.spec import SweepSpec
 from train_ato.errors import check_packages, refusing
 from train_ato.judge.summary_table import verdict_html
+from train_ato.studies.sweep.groups import ERROR_METRIC, NotDrawable
+from train_ato.studies.sweep.row import Row
+from train_ato.studies.sweep.spec import SweepSpec
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -151,7 +151,7 @@ class SweepResult:
         ValueError
             If the table has no such metric, or the design no list.
         """
-        from train_ato.apps.sweep.robustness_map import box_plot
+        from train_ato.studies.sweep.robustness_map import box_plot
 
         return self._saved(box_plot(self.spec, self.table, metric), out)
 
@@ -174,7 +174,7 @@ class SweepResult:
         ValueError
             If the table has no such metric, or the design not two ranges.
         """
-        from train_ato.apps.sweep.robustness_map import robustness_map
+        from train_ato.studies.sweep.robustness_map import robustness_map
 
         return self._saved(robustness_map(self.spec, self.table, metric, border), out)
 
@@ -192,7 +192,7 @@ class SweepResult:
         ValueError
             If the table has no such metric, or no run ended.
         """
-        from train_ato.apps.sweep.robustness_map import pareto_figure
+        from train_ato.studies.sweep.robustness_map import pareto_figure
 
         return self._saved(pareto_figure(self.table, metric, self.spec.title), out)
 

@@ -17,10 +17,10 @@ from plant_sim.input_error import close_match
 from plant_sim.library import read_yaml
 from plant_sim.si_model import SiModel
 from train_ato.api.scenario_choice import ScenarioChoice
-from train_ato.apps.falsify.target import TargetRun
 from train_ato.messages.types import Array
 from train_ato.scenario.dimensions import Dimension, read_dimensions
 from train_ato.scenario.overlays import keys_of
+from train_ato.studies.falsify.target import TargetRun
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from train_ato.judge.metric_names import METRICS, metric_heading
 if TYPE_CHECKING:
     import pandas as pd
 
-    from train_ato.apps.sweep.spec import SweepSpec
+    from train_ato.studies.sweep.spec import SweepSpec
 
 ERROR_METRIC = "speed_rmse_kmh"
 """Metric of the figures if no other one is chosen."""

@@ -11,12 +11,12 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from train_ato.apps.sweep.groups import NotDrawable, RunGroup, grouped, inside, list_key, metric_words
-from train_ato.apps.sweep.spec import MISSING_SCIPY, SweepSpec
 from train_ato.messages.types import Array
 from train_ato.report.print_figures import LEGEND, WIDTH, NotebookFigure, add_print_legend, sheet, styled
 from train_ato.report.quantities import COLOURS, FAINT, INK, VERMILION, none_to_full
 from train_ato.scenario.dimensions import Dimension
+from train_ato.studies.sweep.groups import NotDrawable, RunGroup, grouped, inside, list_key, metric_words
+from train_ato.studies.sweep.spec import MISSING_SCIPY, SweepSpec
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -2,7 +2,7 @@
 
 ``check_component("observer", "package.module:Observer")`` runs the component on shipped rigid trains along a profile
 of one minute, and with invalid inputs. A component may reject a train by a ValueError with the reason, but not all of
-them. The tests of every kind are :mod:`train_ato.apps.check_component.common`, those of one kind are beside it.
+them. The tests of every kind are :mod:`train_ato.studies.check_component.common`, those of one kind are beside it.
 """
 
 import dataclasses
@@ -10,16 +10,16 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from train_ato.apps.check_component.common import TOO_SLOW, Rig, Test
-from train_ato.apps.check_component.compensation import COMPENSATION_TESTS, CompensationRig
-from train_ato.apps.check_component.law import LAW_TESTS, LawRig
-from train_ato.apps.check_component.observer import OBSERVER_TESTS, ObserverRig
-from train_ato.apps.check_component.random_trips import random_trips, trips_text
-from train_ato.apps.check_component.trains import PERIOD
 from train_ato.control.contract import parameters_of
 from train_ato.control.gains import has_rule
 from train_ato.control.keyword_form import in_contract_form
 from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS, Registry, load_class
+from train_ato.studies.check_component.common import TOO_SLOW, Rig, Test
+from train_ato.studies.check_component.compensation import COMPENSATION_TESTS, CompensationRig
+from train_ato.studies.check_component.law import LAW_TESTS, LawRig
+from train_ato.studies.check_component.observer import OBSERVER_TESTS, ObserverRig
+from train_ato.studies.check_component.random_trips import random_trips, trips_text
+from train_ato.studies.check_component.trains import PERIOD
 
 TRAINS = ("xuzhou_metro_3", "freight_five", "crh380a_three_units", "hxd1_c80_105")
 """Shipped trains of the tests; the last has a sensor at its first coupler."""

@@ -18,12 +18,12 @@ from train_ato.api.progress import share_bar
 from train_ato.api.scenario_choice import Changes, GivenScenario, ScenarioChoice, choose_scenario
 from train_ato.api.search_runs import search_runs
 from train_ato.api.series_folder import KeptRuns
-from train_ato.apps.falsify.search import FalsificationSearch, SearchRow, SearchSpace, read_spec, search_space
-from train_ato.apps.falsify.target import RequirementTarget, TargetRun, check_signals, requirement_target, run_target
 from train_ato.judge.summary_table import verdict_html
 from train_ato.judge.verdict import three_digits
 from train_ato.log.whole_file import write_whole
 from train_ato.scenario.dimensions import read_dimensions
+from train_ato.studies.falsify.search import FalsificationSearch, SearchRow, SearchSpace, read_spec, search_space
+from train_ato.studies.falsify.target import RequirementTarget, TargetRun, check_signals, requirement_target, run_target
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -8,9 +8,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from train_ato.apps.check_component.trains import PERIOD
 from train_ato.control.train_model import TrainModel
 from train_ato.messages.types import Array
+from train_ato.studies.check_component.trains import PERIOD
 
 HOSTILE = (math.nan, math.inf, -math.inf, 1e300, -1e300, 1e18)
 """Invalid values of an input."""

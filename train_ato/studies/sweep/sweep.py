@@ -11,17 +11,17 @@ from typing import Any
 from train_ato.api.progress import Report, activity, share_bar
 from train_ato.api.scenario_choice import ScenarioChoice, choose_scenario
 from train_ato.api.series_folder import RowWriter
-from train_ato.apps.sweep.cluster import MAX_JOBS, sweep_client
-from train_ato.apps.sweep.folder import SweepFolder, sweep_identity
-from train_ato.apps.sweep.result import SweepResult, sweep_table, write_results
-from train_ato.apps.sweep.row import TIMES, Batch, Row, SweepBase, one_line, run_batch
-from train_ato.apps.sweep.spec import Point, SweepSpec, design_points, read_sweep
 from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
 from train_ato.errors import RunFailed, RunInterrupted
 from train_ato.interrupt import uninterrupted
 from train_ato.log.versions import source_hash
 from train_ato.scenario.dimensions import Dimension
 from train_ato.scenario.scenario_data import PartCache
+from train_ato.studies.sweep.cluster import MAX_JOBS, sweep_client
+from train_ato.studies.sweep.folder import SweepFolder, sweep_identity
+from train_ato.studies.sweep.result import SweepResult, sweep_table, write_results
+from train_ato.studies.sweep.row import TIMES, Batch, Row, SweepBase, one_line, run_batch
+from train_ato.studies.sweep.spec import Point, SweepSpec, design_points, read_sweep
 
 REGISTRIES = {"law": LAWS, "observer": OBSERVERS, "compensation": COMPENSATIONS}
 

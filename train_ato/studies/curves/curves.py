@@ -10,12 +10,12 @@ from matplotlib.figure import Figure
 
 from plant_sim.units import KMH
 from train_ato.api.scenario_choice import GivenScenario, choose_scenario
-from train_ato.apps.curves.case_file import read_cases
-from train_ato.apps.curves.table import CurveTable, case_table, largest_deviations, line_curves
 from train_ato.arguments import check_new_file, option_name
 from train_ato.report.print_figures import SHEET_SIZE, styled, write_figure
 from train_ato.report.quantities import BLACK, BLUE, BROWN, GREEN, GREY, ORANGE, PURPLE, VERMILION
 from train_ato.scenario.scenario_data import scenario_consist, scenario_line
+from train_ato.studies.curves.case_file import read_cases
+from train_ato.studies.curves.table import CurveTable, case_table, largest_deviations, line_curves
 from train_ato.supervision.odometry import MotionEstimate, motion_estimate
 from train_ato.supervision.plant_line import line_supervision
 from train_ato.supervision.track_supervision import TrackSupervision

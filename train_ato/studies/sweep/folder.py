@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from train_ato.api.series_folder import SeriesFolder
-from train_ato.apps.sweep.row import SweepBase, data_hash
-from train_ato.apps.sweep.spec import SweepSpec, read_sweep
 from train_ato.log.versions import versions
+from train_ato.studies.sweep.row import SweepBase, data_hash
+from train_ato.studies.sweep.spec import SweepSpec, read_sweep
 
 RESULTS = "results.parquet"
 

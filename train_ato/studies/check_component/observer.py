@@ -8,7 +8,10 @@ from typing import Any
 import numpy as np
 
 from plant_sim.units import number_text
-from train_ato.apps.check_component.common import (
+from train_ato.control.laws.pid import Pid
+from train_ato.control.observers.contract import ObserverInput
+from train_ato.messages.types import Array
+from train_ato.studies.check_component.common import (
     HOSTILE,
     Make,
     Test,
@@ -21,10 +24,7 @@ from train_ato.apps.check_component.common import (
     valid_output,
     writable,
 )
-from train_ato.apps.check_component.trains import PERIOD, Bench, RigidTrain
-from train_ato.control.laws.pid import Pid
-from train_ato.control.observers.contract import ObserverInput
-from train_ato.messages.types import Array
+from train_ato.studies.check_component.trains import PERIOD, Bench, RigidTrain
 
 LAG = 0.4
 """Lag of the actuators [s]."""

@@ -192,7 +192,7 @@ def design_points(spec: SweepSpec) -> list[Point]:
 
     Examples
     --------
-    >>> from train_ato.apps.sweep.spec import read_sweep
+    >>> from train_ato.studies.sweep.spec import read_sweep
     >>> design_points(read_sweep({"scenario": "demo", "over": {"law": ["pid", "smc"], "seed": [1, 2]}}))[1]
     {'law': 'pid', 'seed': 2}
     """

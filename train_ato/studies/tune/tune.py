@@ -18,8 +18,12 @@ from train_ato.api.scenario_choice import (
 )
 from train_ato.api.search_runs import RunAll, search_runs
 from train_ato.api.series_folder import KeptRuns, SearchFolder
-from train_ato.apps.sweep.row import data_hash, scenario_hash
-from train_ato.apps.tune.gain_space import (
+from train_ato.control.registry import LAWS
+from train_ato.errors import RunFailed
+from train_ato.log.whole_file import writing
+from train_ato.scenario.dimensions import Dimension
+from train_ato.studies.sweep.row import data_hash, scenario_hash
+from train_ato.studies.tune.gain_space import (
     HELD_OUT,
     NO_SPEC,
     SEARCHED,
@@ -33,7 +37,7 @@ from train_ato.apps.tune.gain_space import (
     lost_run,
     read_tune_spec,
 )
-from train_ato.apps.tune.objective import (
+from train_ato.studies.tune.objective import (
     CmaOptimizer,
     GainOptimizer,
     GainScore,
@@ -43,11 +47,7 @@ from train_ato.apps.tune.objective import (
     scales_of,
     score_of_run,
 )
-from train_ato.apps.tune.tune_result import HISTORY, INITIAL, TUNED, TuneResult, history_row, result_row
-from train_ato.control.registry import LAWS
-from train_ato.errors import RunFailed
-from train_ato.log.whole_file import writing
-from train_ato.scenario.dimensions import Dimension
+from train_ato.studies.tune.tune_result import HISTORY, INITIAL, TUNED, TuneResult, history_row, result_row
 
 
 @dataclass(frozen=True)
@@ -408,7 +408,7 @@ def tune(
     """Search for the gains of a law with the best runs of one or more scenarios.
 
     Every candidate is run on every scenario, seed and variation. Its objective is the mean of the average and the worst
-    score; the formula of a score is in :mod:`train_ato.apps.tune.objective`. Candidates have three significant digits.
+    score; the formula of a score is in :mod:`train_ato.studies.tune.objective`. Candidates have three significant digits.
     For one ``search_seed`` the result is the same with every number of jobs. Ctrl-C ends the search: the result has
     the best gains of the complete generations.
 

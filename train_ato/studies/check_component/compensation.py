@@ -6,7 +6,14 @@ from typing import Any
 import numpy as np
 
 from plant_sim.train import compile_kernel
-from train_ato.apps.check_component.common import (
+from train_ato.control.air_brake.policy import BrakeEvent, BrakeSpec, make_brake_policy
+from train_ato.control.algorithms.guard import invalid_inputs, is_valid
+from train_ato.control.compensation.contract import CompensationInput
+from train_ato.control.contract import LawInput, Preview
+from train_ato.control.laws.pid import Pid
+from train_ato.messages.types import Array
+from train_ato.messages.validity import MAX_FORCE, MAX_POSITION, MAX_SPEED
+from train_ato.studies.check_component.common import (
     HOSTILE,
     STEPS,
     Make,
@@ -21,14 +28,7 @@ from train_ato.apps.check_component.common import (
     untouched,
     valid_output,
 )
-from train_ato.apps.check_component.trains import PERIOD, Bench, CoupledTrain, TrainSample
-from train_ato.control.air_brake.policy import BrakeEvent, BrakeSpec, make_brake_policy
-from train_ato.control.algorithms.guard import invalid_inputs, is_valid
-from train_ato.control.compensation.contract import CompensationInput
-from train_ato.control.contract import LawInput, Preview
-from train_ato.control.laws.pid import Pid
-from train_ato.messages.types import Array
-from train_ato.messages.validity import MAX_FORCE, MAX_POSITION, MAX_SPEED
+from train_ato.studies.check_component.trains import PERIOD, Bench, CoupledTrain, TrainSample
 
 DELAY, LAG = 0.5, 0.4
 """Delay of the commands and lag of the actuators [s]."""

@@ -15,12 +15,12 @@ from typing import Any
 from plant_sim.library import split_name
 from plant_sim.train import compile_kernel
 from train_ato.api.scenario_choice import ScenarioChoice
-from train_ato.apps.sweep.spec import Point
 from train_ato.log.versions import source_hash
 from train_ato.loop.engine import run_engine
 from train_ato.scenario.overlays import RefusedScenario
 from train_ato.scenario.scenario_data import PartCache
 from train_ato.scenario.setup import RunSetup
+from train_ato.studies.sweep.spec import Point
 
 TIMES = ("wall_s", "evaluation_s", "overhead_s")
 """Wall times of a run [s]: loop of the engine, its start and metrics, all else."""

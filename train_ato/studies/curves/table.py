@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from plant_sim.units import KMH
-from train_ato.apps.curves.case_file import CurveCase
+from train_ato.studies.curves.case_file import CurveCase
 from train_ato.supervision.limits import TargetLimits
 from train_ato.supervision.odometry import EXACT_MOTION, MotionEstimate
 from train_ato.supervision.track_supervision import TrackSupervision

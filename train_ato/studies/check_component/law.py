@@ -5,7 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from train_ato.apps.check_component.common import (
+from train_ato.control.contract import LawInput
+from train_ato.messages.types import Array
+from train_ato.studies.check_component.common import (
     HOSTILE,
     Make,
     Test,
@@ -17,9 +19,7 @@ from train_ato.apps.check_component.common import (
     untouched,
     valid_output,
 )
-from train_ato.apps.check_component.trains import Bench
-from train_ato.control.contract import LawInput
-from train_ato.messages.types import Array
+from train_ato.studies.check_component.trains import Bench
 
 
 class LawRig:

@@ -1,1 +1,0 @@
-"""Learning from run to run: the resistance by place that repeats on a line."""

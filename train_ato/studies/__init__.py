@@ -1,0 +1,1 @@
+"""Studies over many runs: sweep, search for gains, falsification, learning; case files and contract checks."""
