@@ -6,9 +6,9 @@ from pathlib import Path
 
 from waiting import wait_for
 
-from train_ato.apps.replay.log import ReplayOptions
-from train_ato.apps.replay.player import NODE
-from train_ato.apps.replay.publishing import Replayed, publish_run
+from train_ato.replay.log import ReplayOptions
+from train_ato.replay.player import NODE
+from train_ato.replay.publishing import Replayed, publish_run
 
 
 class Listener:

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from train_ato.apps.replay.open_loop import replay_open_loop
 from train_ato.cli import main
 from train_ato.judge.result import RunResult
 from train_ato.judge.trajectories import profile_of
@@ -19,6 +18,7 @@ from train_ato.loop.stamp_synchronizer import StampSynchronizer
 from train_ato.messages.codec.codec import Wire
 from train_ato.messages.types import DisturbanceEstimate, Measurement, Reference, Trajectory
 from train_ato.profile.planner.replanner import Sample, Shortfall, ShortfallDetector, _regression_end
+from train_ato.replay.open_loop import replay_open_loop
 from train_ato.scenario.scenario import check_scenario, load_scenario
 from train_ato.scenario.setup import RunSetup, prepare
 

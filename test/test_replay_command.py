@@ -17,11 +17,11 @@ from replay_listener import Replaying
 from test_replay import COMMAND, PROFILE, SECONDS, TICKS, domain, listen, paused, recorded, run  # noqa: F401  # noqa: F401
 from waiting import LIMIT_S
 
-from train_ato.apps.replay.player import NODE
 from train_ato.cli.main import main
 from train_ato.cli.replay import KEYS, pressed
 from train_ato.messages.codec.codec import stamp_of
 from train_ato.messages.topics import EPOCH_NS
+from train_ato.replay.player import NODE
 
 COMMAND_LINE = [sys.executable, "-m", "train_ato", "replay"]
 

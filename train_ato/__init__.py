@@ -53,7 +53,6 @@ if TYPE_CHECKING:
     from train_ato.api.run_difference import difference as difference
     from train_ato.api.scenario_choice import choose_scenario
     from train_ato.api.verifying import verify as verify
-    from train_ato.apps.replay.replaying import replay as replay
     from train_ato.control.contract import Law as Law
     from train_ato.control.contract import parameter as parameter
     from train_ato.errors import Error as Error
@@ -63,6 +62,7 @@ if TYPE_CHECKING:
     from train_ato.judge.typed_result import TypedResult as TypedResult
     from train_ato.log.tables.loading import Frames as Frames
     from train_ato.log.tables.loading import load as load
+    from train_ato.replay.replaying import replay as replay
     from train_ato.studies.check_component.checking import check_law as check_law
     from train_ato.studies.curves.curves import curves as curves
     from train_ato.studies.falsify.study import falsify as falsify
@@ -107,7 +107,7 @@ _PLACES = {
     "open_run": "train_ato.api.run",
     "parameter": "train_ato.control.contract",
     "plan": "train_ato.api.planning",
-    "replay": "train_ato.apps.replay.replaying",
+    "replay": "train_ato.replay.replaying",
     "run": "train_ato.api.drive",
     "scenarios": "train_ato.api.catalogue",
     "sweep": "train_ato.studies.sweep.sweep",

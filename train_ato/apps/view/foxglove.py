@@ -14,7 +14,6 @@ import foxglove
 from foxglove import Capability, Channel, Context, Schema
 from foxglove.websocket import PlaybackCommand, PlaybackControlRequest, PlaybackState, PlaybackStatus, ServerListener
 
-from train_ato.apps.replay.log import ReplayLog
 from train_ato.apps.scene.train_scene import VEHICLES, SceneSampler
 from train_ato.apps.view.feed import FRAMES_PER_SECOND, Feed
 from train_ato.apps.view.live import LiveFeed
@@ -25,6 +24,7 @@ from train_ato.log.bag_layout import log_name, table_name
 from train_ato.log.definitions import definition
 from train_ato.log.mcap_records import RawMessage
 from train_ato.messages.topics import BY_NAME, EPOCH_NS, topics_of
+from train_ato.replay.log import ReplayLog
 
 MOST_AT_ONCE = 20_000
 """Messages of a recorded run sent in one period; the rest of a longer interval is skipped."""

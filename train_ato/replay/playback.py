@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
-from train_ato.apps.replay.log import DISORDER_NS, LogTopic, ReplayLog, ReplayOptions
 from train_ato.log.mcap_records import RawMessage
+from train_ato.replay.log import DISORDER_NS, LogTopic, ReplayLog, ReplayOptions
 
 
 class ReplayClock:
