@@ -85,9 +85,9 @@ setup(
     package_data={
         "plant_sim": ["py.typed", "data/*/*.yaml", "data/*/*.csv"],
         "train_ato": [
-            "py.typed", "control/*.yaml", "apps/import_csv/layouts/*.yaml", "scenario/shipped/*",
-            "scenario/shipped/following/*", "scenario/schemas/*.json", "ros/graph/*.xml", "apps/report/page.*",
-            "apps/view/page.*", "apps/view/*.js",
+            "py.typed", "control/*.yaml", "api/import_csv/layouts/*.yaml", "scenario/shipped/*",
+            "scenario/shipped/following/*", "scenario/schemas/*.json", "ros/graph/*.xml", "report/page.*",
+            "view/page.*", "view/*.js",
         ],
     },
     data_files=[

@@ -17,7 +17,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent.parent / "bench"))
 from figures import Figure, publish
 
-from train_ato.apps.scene.train_scene import DEFAULT_RATE, MARKERS, TrainScene
+from train_ato.view.train_scene import DEFAULT_RATE, MARKERS, TrainScene
 from train_ato.scenario.setup import prepare
 from train_ato.messages.codec.cdr import typestore
 from train_ato.messages.types import VehicleStates

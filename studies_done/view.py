@@ -97,8 +97,8 @@ def measured(seconds: float, frames: Any, browsers: Any) -> dict[str, float]:
 
 def served(domain: int, options: argparse.Namespace) -> list[dict[str, float]]:
     """Attach to the run, serve its page from a thread, measure."""
-    from train_ato.apps.view.live import LiveFeed
-    from train_ato.apps.view.server import PageServer
+    from train_ato.view.live import LiveFeed
+    from train_ato.view.server import PageServer
 
     feed = LiveFeed(domain, lambda _: None)
     over = threading.Event()

@@ -452,9 +452,9 @@ def test_importing_the_package_is_light():
 
 
 MODULES = ["train_ato", "train_ato.scenario.overlays", "plant_sim.batch"] + [
-    f"train_ato.apps.{path.parent.name}.{path.stem}"
-    for folder in ("runs", "sweep", "env")
-    for path in sorted((ROOT / "train_ato/apps" / folder).glob("[a-z]*.py"))
+    f"train_ato.{folder.replace('/', '.')}.{path.stem}"
+    for folder in ("api", "api/env", "studies/sweep")
+    for path in sorted((ROOT / "train_ato" / folder).glob("[a-z]*.py"))
 ]
 
 

@@ -22,8 +22,6 @@ from span_runs import Both, setup_of
 from waiting import LIMIT_S, wait_for
 
 from plant_sim.units import KMH
-from train_ato.apps.view.facts import PLAN_LASTS, plan_columns, plan_words
-from train_ato.apps.view.recorded import RecordedFeed
 from train_ato.cli import main
 from train_ato.control.contract import LawInput, LawOutput, LawPlan, parameter
 from train_ato.control.plan_text import STATUS, TimedPlan, plan_from_text, plan_to_text
@@ -31,6 +29,8 @@ from train_ato.control.registry import LAWS
 from train_ato.log.recorded import open_recording
 from train_ato.loop.engine import TickLoop, run_engine
 from train_ato.studies.sweep.row import WALL_TIMES
+from train_ato.view.facts import PLAN_LASTS, plan_columns, plan_words
+from train_ato.view.recorded import RecordedFeed
 
 
 @dataclass(frozen=True)

@@ -19,10 +19,10 @@ from rosbags.rosbag2.enums import CompressionFormat, CompressionMode
 from rosbags.typesys import Stores, get_typestore
 
 import train_ato as ta
-from train_ato.apps.view.recorded import RecordedFeed
 from train_ato.cli import main
 from train_ato.log.mcap_records import RawMessage, stream
 from train_ato.replay.log import ReplayLog
+from train_ato.view.recorded import RecordedFeed
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)
 SQL, MCAP = StoragePlugin.SQLITE3, StoragePlugin.MCAP

@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 from engine_runs import record_run
 
-from train_ato.apps.view.recorded import RecordedFeed
 from train_ato.cli.main import main
 from train_ato.log.difference import compare_logs
 from train_ato.log.overview import log_overview
@@ -21,6 +20,7 @@ from train_ato.messages.codec.codec import Wire
 from train_ato.report.page_data import page_data
 from train_ato.scenario.scenario import load_scenario
 from train_ato.scenario.setup import RunSetup, prepare
+from train_ato.view.recorded import RecordedFeed
 
 TICK, TRIP = 0.1, 60
 """Tick and duration of a trip from stop to stop [s]."""

@@ -16,8 +16,6 @@ import pytest
 from recordings import recording_of
 
 import train_ato as ta
-from train_ato.apps.view.live import LiveRequirements
-from train_ato.apps.view.snapshot import Snapshot
 from train_ato.cli import main
 from train_ato.judge.recording import Recording
 from train_ato.judge.requirements import (
@@ -36,6 +34,8 @@ from train_ato.scenario.formula import UNITS, NumberTerm, Predicate, Temporal, n
 from train_ato.scenario.scenario import load_scenario
 from train_ato.scenario.setup import RunSetup, prepare
 from train_ato.scenario.signals import SIGNALS
+from train_ato.view.live import LiveRequirements
+from train_ato.view.snapshot import Snapshot
 
 LAW = "G (speed <= limit + 1 km/h)"
 

@@ -10,7 +10,17 @@ from report_runs import drive
 from rosbags.rosbag2 import Reader
 
 from plant_sim.alignment import Alignment
-from train_ato.apps.scene.train_scene import (
+from train_ato.cli import main
+from train_ato.log.mcap_records import stream
+from train_ato.log.reading import iter_raw
+from train_ato.log.run_folder import read_run_folder
+from train_ato.messages.codec.cdr import typestore
+from train_ato.messages.codec.codec import Wire
+from train_ato.messages.topics import EPOCH_NS
+from train_ato.messages.types import VehicleStates
+from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import RunSetup, prepare
+from train_ato.view.train_scene import (
     BUFF,
     DRAFT,
     FIX,
@@ -24,16 +34,6 @@ from train_ato.apps.scene.train_scene import (
     force_color,
     larger_coupler_force,
 )
-from train_ato.cli import main
-from train_ato.log.mcap_records import stream
-from train_ato.log.reading import iter_raw
-from train_ato.log.run_folder import read_run_folder
-from train_ato.messages.codec.cdr import typestore
-from train_ato.messages.codec.codec import Wire
-from train_ato.messages.topics import EPOCH_NS
-from train_ato.messages.types import VehicleStates
-from train_ato.scenario.scenario import load_scenario
-from train_ato.scenario.setup import RunSetup, prepare
 
 
 @pytest.fixture(scope="module")
@@ -171,8 +171,8 @@ def test_foxglove_receives_the_scene_of_a_recorded_run(run: Path) -> None:
     pytest.importorskip("rclpy")
     from test_view_foxglove import Client
 
-    from train_ato.apps.view.foxglove import serve_foxglove
-    from train_ato.apps.view.recorded import RecordedFeed
+    from train_ato.view.foxglove import serve_foxglove
+    from train_ato.view.recorded import RecordedFeed
 
     feed = RecordedFeed(run)
 
@@ -204,9 +204,9 @@ def test_a_live_graph_publishes_the_scene(run: Path, setup: RunSetup) -> None:
     from sensor_msgs.msg import JointState
     from waiting import wait_for
 
-    from train_ato.apps.scene.scene_node import SceneNode
     from train_ato.ros.graph.assembly import executor_of
     from train_ato.ros.graph.environment import claim_domain
+    from train_ato.view.scene_node import SceneNode
 
     with claim_domain(None) as domain, executor_of(domain, []) as (context, _):
         node = Node("scene", context=context, enable_rosout=False)

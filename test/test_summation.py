@@ -39,6 +39,7 @@ EXACT = {
         "sum((max((_correlation(part, lag) for lag in lags)) >= CORRELATION for part in parts))"
     },
     "train_ato/judge/metrics.py": {"sum((totals.get(name, 0) for name in names))"},
+    "train_ato/judge/ranking.py": {"sum((row['passed'] is False for row in metrics.get('criteria') or ()))"},
     "train_ato/judge/recording.py": {"sum((part.nbytes for part in parts if part is not None))"},
     "train_ato/loop/train_protection.py": {"sum((age > bound for bound in self._bounds))"},
     "train_ato/supervision/track_supervision.py": {"sum((limits.arcs.size for limits in self.targets))"},
@@ -77,9 +78,13 @@ ELSEWHERE = {
     "train_ato/control/train_model.py": {
         "np.convolve(np.pad(specific, width, mode='edge'), np.full(width, 1 / width), mode='same')"
     },
+    "train_ato/scenario/dimensions.py": {
+        "np.exp(np.log(self.low) + share * (np.log(self.high) - np.log(self.low)))"
+    },
 }  # fmt: skip
 """The map, the check of impossible values (see :data:`BOUNDS`), the linear model for users, the margin of gains before
-a run, which is no number of it, and a moving mean that has had the same bits on every processor so far."""
+a run, which is no number of it, a moving mean that has had the same bits on every processor so far, and a point of a
+study, which its scenario records."""
 NEWER_TYPES = {"Self", "Never", "LiteralString", "Required", "NotRequired", "Unpack", "TypeVarTuple", "override",
                "assert_never", "assert_type", "reveal_type", "dataclass_transform", "StrEnum"}  # fmt: skip
 """Names of ``typing`` and ``enum`` that Python 3.10 does not have."""

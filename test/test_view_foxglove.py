@@ -16,12 +16,12 @@ from engine_runs import record_run
 from tornado.websocket import websocket_connect
 from waiting import LIMIT_S
 
-from train_ato.apps.view.foxglove import serve_foxglove
-from train_ato.apps.view.recorded import RecordedFeed
 from train_ato.log.reading import iter_raw
 from train_ato.messages.topics import EPOCH_NS
 from train_ato.scenario.scenario import load_scenario
 from train_ato.scenario.setup import prepare
+from train_ato.view.foxglove import serve_foxglove
+from train_ato.view.recorded import RecordedFeed
 
 PROTOCOLS = ["foxglove.sdk.v1", "foxglove.websocket.v1"]
 MESSAGE, TIME = 1, 2

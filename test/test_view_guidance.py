@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 from import_files import recorded, take
 
-from train_ato.apps.view.facts import Facts, ProfileCurve
-from train_ato.apps.view.feed import Feed, Mark, ProtectionTracker
-from train_ato.apps.view.page import MOST_MESSAGES, message_rows, track_ahead
-from train_ato.apps.view.recorded import RecordedFeed
-from train_ato.apps.view.snapshot import delay_at, guidance, targets
 from train_ato.log.tables.loading import load
 from train_ato.messages.topic import TrainLayout
 from train_ato.messages.types import Diagnostic
 from train_ato.supervision.step_function import ceiling_speeds
 from train_ato.supervision.supervisor import SupervisionState
+from train_ato.view.facts import Facts, ProfileCurve
+from train_ato.view.feed import Feed, Mark, ProtectionTracker
+from train_ato.view.page import MOST_MESSAGES, message_rows, track_ahead
+from train_ato.view.recorded import RecordedFeed
+from train_ato.view.snapshot import delay_at, guidance, targets
 
 LINE = Facts(
     "slow section", TrainLayout(2, 1), rear=np.array([0.0, 20.0]), nose=10.0, length=40.0,

@@ -13,9 +13,9 @@ from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import websocket_connect
 from view_browser import viewing
 
-from train_ato.apps.view.origin_gate import _accepted, host_of, may_read_topics
 from train_ato.scenario.scenario import load_scenario
 from train_ato.scenario.setup import prepare
+from train_ato.view.origin_gate import _accepted, host_of, may_read_topics
 
 PROTOCOLS = ["foxglove.sdk.v1"]
 ORIGINS = [

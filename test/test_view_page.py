@@ -22,11 +22,11 @@ from engine_runs import record_run
 from view_browser import answer, choose, click, number, opened, said_wrong, strangers, text, viewing
 from waiting import still, wait_for
 
-from train_ato.apps.view.page import ViewPage
-from train_ato.apps.view.recorded import RecordedFeed
 from train_ato.ros.graph.environment import held_domains
 from train_ato.scenario.scenario import load_scenario
 from train_ato.scenario.setup import prepare
+from train_ato.view.page import ViewPage
+from train_ato.view.recorded import RecordedFeed
 
 pytestmark = pytest.mark.graph
 LONG = ("duration=4000", "profile.phases=[{cruise_for: 5}, {accelerate_to_kmh: 30}, {cruise_for: 3000}, {brake_to: 0}]")

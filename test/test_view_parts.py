@@ -11,15 +11,25 @@ import pytest
 from engine_runs import record_run
 from waiting import wait_for
 
-from train_ato.apps.view.controls import Tunable, coerced, slider_scale
-from train_ato.apps.view.facts import Facts, ProfileCurve, facts_of
-from train_ato.apps.view.feed import KEPT_S, Ending, Feed, Mark, Strip, ending_of
-from train_ato.apps.view.live import WAITING_RATE
-from train_ato.apps.view.overview import MOST_POINTS as POINTS_OF_OVERVIEW
-from train_ato.apps.view.overview import WholeRun
-from train_ato.apps.view.recorded import MOST_POINTS, RecordedFeed
-from train_ato.apps.view.server import PageServer
-from train_ato.apps.view.snapshot import (
+from train_ato.cli import main
+from train_ato.cli.main import command_line
+from train_ato.cli.view import _command, _next_beside, _Started, _Waiting
+from train_ato.errors import RunFailed
+from train_ato.interrupt import Interrupt
+from train_ato.messages.topic import TrainLayout
+from train_ato.ros.graph.environment import applied, variables
+from train_ato.scenario.interventions import EmergencyBrakeNow, GustNow, planned_for
+from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import prepare
+from train_ato.view.controls import Tunable, coerced, slider_scale
+from train_ato.view.facts import Facts, ProfileCurve, facts_of
+from train_ato.view.feed import KEPT_S, Ending, Feed, Mark, Strip, ending_of
+from train_ato.view.live import WAITING_RATE
+from train_ato.view.overview import MOST_POINTS as POINTS_OF_OVERVIEW
+from train_ato.view.overview import WholeRun
+from train_ato.view.recorded import MOST_POINTS, RecordedFeed
+from train_ato.view.server import PageServer
+from train_ato.view.snapshot import (
     DIAL_BEGIN,
     DIAL_SWEEP,
     STRIP,
@@ -31,16 +41,6 @@ from train_ato.apps.view.snapshot import (
     now,
     strip_row,
 )
-from train_ato.cli import main
-from train_ato.cli.main import command_line
-from train_ato.cli.view import _command, _next_beside, _Started, _Waiting
-from train_ato.errors import RunFailed
-from train_ato.interrupt import Interrupt
-from train_ato.messages.topic import TrainLayout
-from train_ato.ros.graph.environment import applied, variables
-from train_ato.scenario.interventions import EmergencyBrakeNow, GustNow, planned_for
-from train_ato.scenario.scenario import load_scenario
-from train_ato.scenario.setup import prepare
 
 LINE = Facts(
     "two limits", TrainLayout(3, 1), nose=10.0, length=60.0, limit_places=np.array([0.0, 1000.0, 1500.0]),
@@ -315,7 +315,7 @@ def test_playing_goes_on_until_the_end_and_begins_again(run, monkeypatch):
     """Breaks if the rate is wrong, time passes the end, or does not restart after the end."""
     feed = RecordedFeed(run)
     clock_now = [1000.0]
-    monkeypatch.setattr("train_ato.apps.view.recorded.time.monotonic", lambda: clock_now[0])
+    monkeypatch.setattr("train_ato.view.recorded.time.monotonic", lambda: clock_now[0])
     feed.seek(30.0)
     feed.speed = 10.0
     feed.set_playing(playing=True)
@@ -413,7 +413,7 @@ def test_the_awaited_nodes_are_named(domain, tmp_path):
         heard.append(awaited)
         raise Enough
 
-    from train_ato.apps.view.live import LiveFeed
+    from train_ato.view.live import LiveFeed
 
     with applied(variables(domain, tmp_path)), pytest.raises(Enough):
         LiveFeed(domain, wait)

@@ -13,13 +13,13 @@ from engine_runs import record_run
 from view_browser import answer, click, number, opened, said_wrong, strangers, text, viewing
 from waiting import wait_for
 
-from train_ato.apps.view.feed import protection_history, states_after
-from train_ato.apps.view.recorded import RecordedFeed
-from train_ato.apps.view.snapshot import LIMIT_NAMES, ProtectionStates, now
 from train_ato.loop.engine import run_engine
 from train_ato.messages.types import Diagnostic
 from train_ato.scenario.scenario import load_scenario
 from train_ato.scenario.setup import prepare
+from train_ato.view.feed import protection_history, states_after
+from train_ato.view.recorded import RecordedFeed
+from train_ato.view.snapshot import LIMIT_NAMES, ProtectionStates, now
 
 SECOND = 1_000_000_000
 BLOWN = ("duration=280", "interventions=[{at: 150, do: gust, acceleration: 0.5, duration: 60}]")

@@ -18,14 +18,14 @@ from engine_runs import record_run
 from view_browser import answer, opened, said_wrong, text, viewing
 from waiting import LIMIT_S, wait_for
 
-from train_ato.apps.view.controls import Tunable
-from train_ato.apps.view.facts import Facts
-from train_ato.apps.view.snapshot import Snapshot, now, signed
 from train_ato.log.bag_layout import PARTIAL
 from train_ato.messages.topic import TrainLayout
 from train_ato.ros.graph.environment import claim_domain
 from train_ato.scenario.scenario import load_scenario
 from train_ato.scenario.setup import prepare
+from train_ato.view.controls import Tunable
+from train_ato.view.facts import Facts
+from train_ato.view.snapshot import Snapshot, now, signed
 
 BOX = """(() => {{ const r = {0}.getBoundingClientRect(); return [r.left, r.top, r.right, r.bottom] }})()"""
 

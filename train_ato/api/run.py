@@ -14,7 +14,7 @@ from train_ato.errors import check_packages, refusing
 from train_ato.judge.recording import Recording
 from train_ato.judge.result import RunResult
 from train_ato.judge.summary_table import html_table, result_rows
-from train_ato.judge.typed_result import TypedResult, dataset_of
+from train_ato.judge.typed_result import TypedResult
 from train_ato.log.compression import DEFAULT
 from train_ato.log.recorded import open_recording
 from train_ato.log.run_folder import Encoder, RunFolder, read_run_folder, read_summary
@@ -232,6 +232,8 @@ class Run:
         InputError
             If xarray is not installed, with the command that installs it.
         """
+        from train_ato.log.tables.columns import dataset_of
+
         return dataset_of(self.tables, self.metrics)
 
     def __getitem__(self, topic: str) -> pd.DataFrame:

@@ -70,11 +70,11 @@ def execute(options: argparse.Namespace) -> int:
 def _write_scene(options: argparse.Namespace) -> int:
     """Write a copy of the log with the messages of the scene."""
     from train_ato.api.progress import share_bar
-    from train_ato.apps.scene.rerun_file import write_scene_log
-    from train_ato.apps.scene.scene_picture import draw_scene
-    from train_ato.apps.scene.train_scene import DEFAULT_RATE, check_rate
     from train_ato.log.bag_layout import LOG
     from train_ato.log.run_folder import read_run_folder
+    from train_ato.view.rerun_file import write_scene_log
+    from train_ato.view.scene_picture import draw_scene
+    from train_ato.view.train_scene import DEFAULT_RATE, check_rate
 
     if options.csv or options.parquet or options.topics:
         raise ValueError("--scene: no effect on tables; remove --csv, --parquet and --topics")
@@ -97,10 +97,10 @@ def _write_scene(options: argparse.Namespace) -> int:
 def _write_rerun(options: argparse.Namespace) -> int:
     """Write one recording for the Rerun viewer."""
     from train_ato.api.progress import share_bar
-    from train_ato.apps.scene.rerun_file import write_rerun
-    from train_ato.apps.scene.train_scene import DEFAULT_RATE, check_rate
     from train_ato.log.run_folder import read_run_folder
     from train_ato.log.tables.loading import load
+    from train_ato.view.rerun_file import write_rerun
+    from train_ato.view.train_scene import DEFAULT_RATE, check_rate
 
     if options.csv or options.parquet:
         raise ValueError("--rerun: no effect on tables; remove --csv and --parquet")

@@ -24,10 +24,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Write the layout with the topics, names and sizes of the run."""
-    from train_ato.apps.layout.foxglove_layout import foxglove_layout
-    from train_ato.apps.layout.plotjuggler_layout import plotjuggler_layout
-    from train_ato.apps.layout.signals import read_signals
     from train_ato.log.whole_file import write_whole
+    from train_ato.view.foxglove_layout import foxglove_layout
+    from train_ato.view.layout_signals import read_signals
+    from train_ato.view.plotjuggler_layout import plotjuggler_layout
 
     if options.scene and options.plotjuggler:
         raise ValueError("--scene: PlotJuggler shows curves only; remove it")

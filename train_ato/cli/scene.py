@@ -31,12 +31,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Publish /tf, /tf_static, poses, markers and track until the run ends."""
-    from train_ato.apps.scene.train_scene import SceneSampler, check_rate
     from train_ato.interrupt import interruptible
     from train_ato.log.run_folder import read_run_folder
     from train_ato.ros import require_ros
     from train_ato.ros.graph.environment import applied, variables
     from train_ato.ros.graph.remote import resolve_domain
+    from train_ato.view.train_scene import SceneSampler, check_rate
 
     check_rate(options.rate)
     if options.run is not None and options.domain is None:
@@ -50,7 +50,7 @@ def execute(options: argparse.Namespace) -> int:
         applied(variables(domain, Path(scratch))),
         interruptible() as interrupt,
     ):
-        from train_ato.apps.scene.scene_node import publish_scene
+        from train_ato.view.scene_node import publish_scene
 
         counts = publish_scene(sampler, domain, lambda: interrupt.asked)
     if options.json:

@@ -1,4 +1,4 @@
-"""Terminal output: tables, and one JSON value with ``--json``; progress bars are in ``apps/runs/progress``.
+"""Terminal output: tables, and one JSON value with ``--json``; progress bars are in ``api/progress``.
 
 A text is printed as it is: names and headers of a user may contain brackets, which are markup for rich.
 """

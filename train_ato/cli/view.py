@@ -23,7 +23,7 @@ from train_ato.interrupt import Interrupt, interruptible
 from train_ato.ros.graph.wait_note import WaitNote
 
 if TYPE_CHECKING:
-    from train_ato.apps.view.feed import Feed
+    from train_ato.view.feed import Feed
 
 ENDING_S = 120.0
 """Maximum wall time for a run to close its log; then it is killed [s]."""
@@ -95,13 +95,13 @@ def _serve(options: argparse.Namespace, interrupt: Interrupt, *, first: bool) ->
 
     with contextlib.ExitStack() as stack:
         feed = stack.enter_context(_feed(options, interrupt))
-        from train_ato.apps.view.server import PageServer
+        from train_ato.view.server import PageServer
 
         server = PageServer(feed, options.address, options.port)
         options.port = server.port
         foxglove = None
         if options.foxglove is not None:
-            from train_ato.apps.view.foxglove import serve_foxglove
+            from train_ato.view.foxglove import serve_foxglove
 
             foxglove = stack.enter_context(serve_foxglove(feed, options.foxglove))
         if first:
@@ -133,7 +133,7 @@ def _print_addresses(addresses: list[str], *, as_json: bool) -> None:
 
 def _warn_of_network(address: str, *, live: bool) -> None:
     """Print a line if other hosts can open the page."""
-    from train_ato.apps.view.origin_gate import LOCAL_NAMES
+    from train_ato.view.origin_gate import LOCAL_NAMES
 
     if address not in LOCAL_NAMES:
         able = "act on the train" if live else "read the run"
@@ -189,7 +189,7 @@ def _feed(options: argparse.Namespace, interrupt: Interrupt) -> Iterator[Feed]:
     from train_ato.ros.graph.environment import applied, variables
 
     if options.run is not None:
-        from train_ato.apps.view.recorded import RecordedFeed
+        from train_ato.view.recorded import RecordedFeed
 
         yield RecordedFeed(options.run)
         return
@@ -199,7 +199,7 @@ def _feed(options: argparse.Namespace, interrupt: Interrupt) -> Iterator[Feed]:
         tempfile.TemporaryDirectory(prefix="train_ato_view_", ignore_cleanup_errors=True) as scratch,
         applied(variables(domain, Path(scratch))),
     ):
-        from train_ato.apps.view.live import LiveFeed
+        from train_ato.view.live import LiveFeed
 
         feed = LiveFeed(domain, wait, options.rate if _waits(options) else None)
         try:
@@ -248,7 +248,7 @@ def _command(options: argparse.Namespace, domain: int) -> list[str]:
     command = [sys.executable, "-m", "train_ato", "run", options.scenario, "--domain", str(domain)]
     command += ["--start-limit", "none"]
     if _waits(options):
-        from train_ato.apps.view.live import WAITING_RATE
+        from train_ato.view.live import WAITING_RATE
 
         command += ["--rate", repr(WAITING_RATE)]
     else:

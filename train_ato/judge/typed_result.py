@@ -1,25 +1,13 @@
-"""Typed result of a run: verdict, criteria, stops and energy; and its tables as a dataset of xarray."""
+"""Typed result of a run: verdict, criteria, stops and energy."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
-
-import numpy as np
+from typing import Any, Literal
 
 from train_ato.judge.summary_table import html_table
 from train_ato.judge.verdict import CRITERIA, unmet_requirements, verdict_line
-
-if TYPE_CHECKING:
-    import pandas as pd
-    import xarray
-
-OWNED = re.compile(r"(unit|vehicle|coupler)_(\d+)_(.+)")
-"""Column of one of several owners: kind, number, quantity."""
-TICKS = "train/measurement"
-"""Topic with the times of the ticks."""
 
 
 @dataclass(frozen=True)
@@ -144,35 +132,3 @@ class TypedResult:
             stops=tuple(StopOfRun(**row) for row in summary.get("stops") or ()),
             energy=Energy(summary.get("energy_traction_kwh"), summary.get("energy_regenerated_kwh")),
         )
-
-
-def dataset_of(tables: Mapping[str, pd.DataFrame], about: Mapping[str, Any]) -> xarray.Dataset:
-    """Return the numbers of all tables as one dataset; see :meth:`train_ato.api.run.Run.to_xarray`."""
-    try:
-        import xarray
-    except ImportError:
-        raise ValueError("to_xarray: the package 'xarray' is not installed; install it: pip install xarray") from None
-    from train_ato.log.tables.columns import unit_of
-
-    variables: dict[str, Any] = {}
-    ticks = tables[TICKS].index if TICKS in tables else None
-    for topic, table in tables.items():
-        name = topic.strip("/").replace("/", "_")
-        time = "time_s" if ticks is not None and table.index.equals(ticks) else f"{name}_time_s"
-        owned: dict[tuple[str, str], list[str]] = {}
-        for column in table.select_dtypes(("number", "bool")):
-            parts = OWNED.fullmatch(column)
-            owned.setdefault((parts[1], parts[3]) if parts else ("", column), []).append(column)
-        for (owner, quantity), columns in owned.items():
-            numbers = np.array([int(column.split("_")[1]) for column in columns]) if owner else np.empty(0)
-            known = variables.get(owner, (owner, numbers))[1]
-            number = owner if np.array_equal(known, numbers) else f"{name}_{owner}"
-            dims = (time, number) if owner else (time,)
-            values = table[columns if owner else columns[0]].to_numpy()
-            about_it = {"units": unit_of(quantity), "topic": topic}
-            variables[f"{name}_{owner}_{quantity}" if owner else f"{name}_{quantity}"] = (dims, values, about_it)
-            variables[time] = (time, table.index.to_numpy(), {"units": "s"})
-            if owner:
-                variables[number] = (number, numbers)
-    plain = {key: value for key, value in about.items() if isinstance(value, (str, int, float))}
-    return xarray.Dataset(variables, attrs=plain).set_coords([v for v in variables if v.endswith("time_s")])

@@ -3,9 +3,10 @@
 Tables of topics with messages of variable length: profiles, speed limits, diagnostics.
 """
 
-from collections.abc import Iterable, Sequence
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from operator import attrgetter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -17,6 +18,13 @@ from train_ato.messages.codec.variable import decode_diagnostic, decode_trajecto
 from train_ato.messages.topics import BY_NAME, DIAGNOSTIC_UNITS, TOPICS
 from train_ato.messages.types import Diagnostic, Trajectory
 
+if TYPE_CHECKING:
+    import xarray
+
+OWNED = re.compile(r"(unit|vehicle|coupler)_(\d+)_(.+)")
+"""Column of one of several owners: kind, number, quantity."""
+TICKS = "train/measurement"
+"""Topic with the times of the ticks."""
 TIME = "time_s"
 """Name of every table's index: simulated time [s]; for a log of another tool, time since its first message."""
 
@@ -139,3 +147,33 @@ def numbers_or_texts(texts: Sequence[str | None]) -> Any:
         return np.array([np.nan if text is None else float(text) for text in texts])
     except ValueError:
         return texts
+
+
+def dataset_of(tables: Mapping[str, pd.DataFrame], about: Mapping[str, Any]) -> "xarray.Dataset":
+    """Return the numbers of all tables as one dataset; see :meth:`train_ato.api.run.Run.to_xarray`."""
+    try:
+        import xarray
+    except ImportError:
+        raise ValueError("to_xarray: the package 'xarray' is not installed; install it: pip install xarray") from None
+    variables: dict[str, Any] = {}
+    ticks = tables[TICKS].index if TICKS in tables else None
+    for topic, table in tables.items():
+        name = topic.strip("/").replace("/", "_")
+        time = "time_s" if ticks is not None and table.index.equals(ticks) else f"{name}_time_s"
+        owned: dict[tuple[str, str], list[str]] = {}
+        for column in table.select_dtypes(("number", "bool")):
+            parts = OWNED.fullmatch(column)
+            owned.setdefault((parts[1], parts[3]) if parts else ("", column), []).append(column)
+        for (owner, quantity), columns in owned.items():
+            numbers = np.array([int(column.split("_")[1]) for column in columns]) if owner else np.empty(0)
+            known = variables.get(owner, (owner, numbers))[1]
+            number = owner if np.array_equal(known, numbers) else f"{name}_{owner}"
+            dims = (time, number) if owner else (time,)
+            values = table[columns if owner else columns[0]].to_numpy()
+            about_it = {"units": unit_of(quantity), "topic": topic}
+            variables[f"{name}_{owner}_{quantity}" if owner else f"{name}_{quantity}"] = (dims, values, about_it)
+            variables[time] = (time, table.index.to_numpy(), {"units": "s"})
+            if owner:
+                variables[number] = (number, numbers)
+    plain = {key: value for key, value in about.items() if isinstance(value, (str, int, float))}
+    return xarray.Dataset(variables, attrs=plain).set_coords([v for v in variables if v.endswith("time_s")])

@@ -408,9 +408,9 @@ def tune(
     """Search for the gains of a law with the best runs of one or more scenarios.
 
     Every candidate is run on every scenario, seed and variation. Its objective is the mean of the average and the worst
-    score; the formula of a score is in :mod:`train_ato.studies.tune.objective`. Candidates have three significant digits.
-    For one ``search_seed`` the result is the same with every number of jobs. Ctrl-C ends the search: the result has
-    the best gains of the complete generations.
+    score; the formula of a score is in :mod:`train_ato.studies.tune.objective`. Candidates have three significant
+    digits. For one ``search_seed`` the result is the same with every number of jobs. Ctrl-C ends the search: the result
+    has the best gains of the complete generations.
 
     Parameters
     ----------

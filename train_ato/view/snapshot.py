@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 
 from plant_sim.units import KMH
-from train_ato.apps.view.facts import Facts, ProfileCurve, plan_words
-from train_ato.apps.view.style import GAUGE_COLOURS, NEEDLE
 from train_ato.control.contract import LawPlan
 from train_ato.loop.train_protection import SUPERVISOR
 from train_ato.messages.types import Array
 from train_ato.supervision.settings import MIN_INDICATION_TIME, FixedValues
 from train_ato.supervision.step_function import ceiling_speeds
 from train_ato.supervision.supervisor import STANDSTILL_SPEED, SupervisionState
+from train_ato.view.facts import Facts, ProfileCurve, plan_words
+from train_ato.view.style import GAUGE_COLOURS, NEEDLE
 
 TOLERANCE = 1.0
 """Speed above the permitted one from which a run without a supervisor shows an overspeed [km/h]."""

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from plant_sim.units import KMH
-from train_ato.apps.scene.train_scene import MARKERS
 from train_ato.log.bag_layout import table_name
 from train_ato.log.mcap_records import MAX_TIME_NS, RawMessage, stream
 from train_ato.log.reading import log_file
@@ -19,6 +18,7 @@ from train_ato.messages.codec.cdr import typestore
 from train_ato.messages.codec.variable import decode_trajectory, node_of
 from train_ato.messages.topic import FIXED_NAMES, Owner
 from train_ato.messages.topics import BY_NAME
+from train_ato.view.train_scene import MARKERS
 
 DIAGNOSTICS = "/diagnostics"
 SPEED_EVERY = 7

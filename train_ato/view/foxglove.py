@@ -14,17 +14,17 @@ import foxglove
 from foxglove import Capability, Channel, Context, Schema
 from foxglove.websocket import PlaybackCommand, PlaybackControlRequest, PlaybackState, PlaybackStatus, ServerListener
 
-from train_ato.apps.scene.train_scene import VEHICLES, SceneSampler
-from train_ato.apps.view.feed import FRAMES_PER_SECOND, Feed
-from train_ato.apps.view.live import LiveFeed
-from train_ato.apps.view.origin_gate import LOOPBACK, OriginGate, hidden_address
-from train_ato.apps.view.reader import Copied
-from train_ato.apps.view.recorded import RecordedFeed
 from train_ato.log.bag_layout import log_name, table_name
 from train_ato.log.definitions import definition
 from train_ato.log.mcap_records import RawMessage
 from train_ato.messages.topics import BY_NAME, EPOCH_NS, topics_of
 from train_ato.replay.log import ReplayLog
+from train_ato.view.feed import FRAMES_PER_SECOND, Feed
+from train_ato.view.live import LiveFeed
+from train_ato.view.origin_gate import LOOPBACK, OriginGate, hidden_address
+from train_ato.view.reader import Copied
+from train_ato.view.recorded import RecordedFeed
+from train_ato.view.train_scene import VEHICLES, SceneSampler
 
 MOST_AT_ONCE = 20_000
 """Messages of a recorded run sent in one period; the rest of a longer interval is skipped."""

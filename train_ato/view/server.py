@@ -23,10 +23,10 @@ from tornado.httputil import HTTPHeaders, HTTPServerRequest
 from tornado.ioloop import IOLoop, PeriodicCallback
 from tornado.web import OutputTransform, RequestHandler
 
-from train_ato.apps.view.feed import REPORT_PAGE, Feed
-from train_ato.apps.view.origin_gate import LOCAL_IPV6, LOOPBACK, host_of
-from train_ato.apps.view.page import MARK_PATH, ViewPage
 from train_ato.report.words import REPORT
+from train_ato.view.feed import REPORT_PAGE, Feed
+from train_ato.view.origin_gate import LOCAL_IPV6, LOOPBACK, host_of
+from train_ato.view.page import MARK_PATH, ViewPage
 
 ANYWHERE = ("0.0.0.0", "::", "")
 UNUSED_MS = 5_000

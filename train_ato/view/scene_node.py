@@ -13,10 +13,10 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from train_ato.apps.scene.train_scene import VEHICLES, SceneMessages, SceneSampler, SceneTopic
-from train_ato.apps.view.reader import taker
 from train_ato.ros.graph.assembly import executor_of
 from train_ato.ros.nodes.endpoints import message_class
+from train_ato.view.reader import taker
+from train_ato.view.train_scene import VEHICLES, SceneMessages, SceneSampler, SceneTopic
 
 TURN_S = 0.05
 """Period of reading the queue [s of wall time]."""

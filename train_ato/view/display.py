@@ -9,10 +9,13 @@ from bokeh.models import BasicTickFormatter, ColumnDataSource, CustomJSHover, Da
 from bokeh.plotting import figure
 
 from plant_sim.units import KMH
-from train_ato.apps.view.facts import Facts, ProfileCurve, is_current, plan_columns
-from train_ato.apps.view.feed import Mark
-from train_ato.apps.view.snapshot import DIAL_BEGIN, DIAL_SWEEP, LIMIT_NAMES, STRIP, angle
-from train_ato.apps.view.style import (
+from train_ato.control.contract import LawPlan
+from train_ato.report.page import time_formatter, time_ticker
+from train_ato.report.page_data import after_jump
+from train_ato.view.facts import Facts, ProfileCurve, is_current, plan_columns
+from train_ato.view.feed import Mark
+from train_ato.view.snapshot import DIAL_BEGIN, DIAL_SWEEP, LIMIT_NAMES, STRIP, angle
+from train_ato.view.style import (
     APPLIED,
     BUFF,
     DEMAND,
@@ -34,9 +37,6 @@ from train_ato.apps.view.style import (
     UPHILL,
     WARNING,
 )
-from train_ato.control.contract import LawPlan
-from train_ato.report.page import time_formatter, time_ticker
-from train_ato.report.page_data import after_jump
 
 _CLOCK = """
 const s = Math.abs(value), h = Math.floor(s / 3600), m = Math.floor(s / 60) % 60;
@@ -193,7 +193,7 @@ class Strips:
     Attributes
     ----------
     source
-        Rows of :data:`train_ato.apps.view.snapshot.STRIP`.
+        Rows of :data:`train_ato.view.snapshot.STRIP`.
     marks
         Events: time, label, and vertical offset of the label against overlap.
     span : Range1d

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from train_ato.apps.view.snapshot import Snapshot
 from train_ato.judge.recording import (
     BRAKE_PIPE,
     BRAKE_PIPE_COMMAND,
@@ -32,6 +31,7 @@ from train_ato.messages.topic import TrainLayout
 from train_ato.messages.topics import BY_NAME, EPOCH_NS, topics_of
 from train_ato.messages.types import Diagnostic, Trajectory
 from train_ato.ros.nodes.endpoints import message_class
+from train_ato.view.snapshot import Snapshot
 
 DEPTH = 4
 COPIED_DEPTH = 20

@@ -33,19 +33,19 @@ from bokeh.themes import Theme
 from jinja2 import Template
 
 from plant_sim.units import KMH
-from train_ato.apps.view.display import Ahead, Strips, add_hover, dial, force_bar, tick_columns
-from train_ato.apps.view.facts import Facts, ProfileCurve
-from train_ato.apps.view.feed import FRAMES_PER_SECOND, LEAST_REACH, LEAST_SHOE, Ending, Feed, Mark
-from train_ato.apps.view.recorded import RecordedFeed
-from train_ato.apps.view.snapshot import LIMIT_NAMES, full_clock
-from train_ato.apps.view.style import BUFF, DRAFT, SHOE, SOFT, THEME, WIDGETS
 from train_ato.judge.result import completed_summary
 from train_ato.messages.types import Array
 from train_ato.report.summary_rows import SUPERVISION, run_groups
 from train_ato.report.writing import short_clock
+from train_ato.view.display import Ahead, Strips, add_hover, dial, force_bar, tick_columns
+from train_ato.view.facts import Facts, ProfileCurve
+from train_ato.view.feed import FRAMES_PER_SECOND, LEAST_REACH, LEAST_SHOE, Ending, Feed, Mark
+from train_ato.view.recorded import RecordedFeed
+from train_ato.view.snapshot import LIMIT_NAMES, full_clock
+from train_ato.view.style import BUFF, DRAFT, SHOE, SOFT, THEME, WIDGETS
 
 if TYPE_CHECKING:
-    from train_ato.apps.view.live import LiveFeed
+    from train_ato.view.live import LiveFeed
 
 WIDTH = 292
 SPEEDS = {"½ ×": 0.5, "1 ×": 1.0, "2 ×": 2.0, "5 ×": 5.0, "10 ×": 10.0, "20 ×": 20.0, "50 ×": 50.0, "100 ×": 100.0}
@@ -339,7 +339,7 @@ class ViewPage:
     def _controls(self) -> Any:
         """Return the widgets of the panel and the bar; only the needed module is imported."""
         if self._feed.live:
-            from train_ato.apps.view.panel import Panel
+            from train_ato.view.panel import Panel
 
             return Panel(cast("LiveFeed", self._feed), self._say)
 
@@ -544,7 +544,7 @@ def _ending_columns(ending: Ending | None) -> dict[str, list[str]]:
 
 
 def _asset(name: str) -> str:
-    return (files("train_ato") / "apps" / "view" / name).read_text(encoding="utf-8")
+    return (files("train_ato") / "view" / name).read_text(encoding="utf-8")
 
 
 class Beat(DataModel):  # type: ignore[misc]

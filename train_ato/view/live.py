@@ -12,11 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from train_ato.apps.view.controls import Controls
-from train_ato.apps.view.facts import Facts, ProfileCurve, facts_of, reported_plan
-from train_ato.apps.view.feed import FINISHED, FRAMES_PER_SECOND, RUN_ENDED, Feed, Mark, ProtectionTracker, ending_of
-from train_ato.apps.view.reader import DEPTH, Copied, Copier, GraphReader, taker, train_layout
-from train_ato.apps.view.snapshot import Snapshot
 from train_ato.control.contract import LawPlan
 from train_ato.judge.recording import (
     BRAKE_PIPE,
@@ -40,6 +35,11 @@ from train_ato.scenario.formula import parse_formula
 from train_ato.scenario.interventions import KEY as DONE
 from train_ato.scenario.interventions import interventions_from_json
 from train_ato.scenario.setup import RunSetup, prepare
+from train_ato.view.controls import Controls
+from train_ato.view.facts import Facts, ProfileCurve, facts_of, reported_plan
+from train_ato.view.feed import FINISHED, FRAMES_PER_SECOND, RUN_ENDED, Feed, Mark, ProtectionTracker, ending_of
+from train_ato.view.reader import DEPTH, Copied, Copier, GraphReader, taker, train_layout
+from train_ato.view.snapshot import Snapshot
 
 LATEST_START_S = 1.0
 """Largest simulated time of the first snapshot: a page that joins later has no samples of the start."""

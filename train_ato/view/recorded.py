@@ -10,11 +10,6 @@ from pathlib import Path
 import numpy as np
 
 from plant_sim.units import KMH
-from train_ato.apps.view.facts import Facts, ProfileCurve, facts_of, plan_of_row
-from train_ato.apps.view.feed import FRAMES_PER_SECOND, REPORT_PAGE, Ending, Feed, Mark, protection_history
-from train_ato.apps.view.overview import MOST_POINTS as POINTS_OF_OVERVIEW
-from train_ato.apps.view.overview import WholeRun
-from train_ato.apps.view.snapshot import STRIP, Snapshot
 from train_ato.control.contract import LawPlan
 from train_ato.judge.recording import (
     BRAKE_PIPE,
@@ -35,6 +30,11 @@ from train_ato.log.recorded import open_recording
 from train_ato.messages.topic import TrainLayout
 from train_ato.messages.types import Array
 from train_ato.report.events import Event, detect_events
+from train_ato.view.facts import Facts, ProfileCurve, facts_of, plan_of_row
+from train_ato.view.feed import FRAMES_PER_SECOND, REPORT_PAGE, Ending, Feed, Mark, protection_history
+from train_ato.view.overview import MOST_POINTS as POINTS_OF_OVERVIEW
+from train_ato.view.overview import WholeRun
+from train_ato.view.snapshot import STRIP, Snapshot
 
 MOST_POINTS = 1500
 """Largest number of points of a strip chart in one message."""
@@ -276,7 +276,7 @@ def _facts(recording: Recording, cars: TopicSamples) -> Facts:
 
 
 def _table(recording: Recording, cars: TopicSamples, facts: Facts) -> dict[str, Array]:
-    """Return the columns :data:`train_ato.apps.view.snapshot.STRIP` of the whole run."""
+    """Return the columns :data:`train_ato.view.snapshot.STRIP` of the whole run."""
     reference = recording.topics[REFERENCE]
     at = cars.time
     front = cars["position"][:, 0] + facts.nose

@@ -9,11 +9,11 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
 
-from train_ato.apps.scene.train_scene import BUFF, DRAFT, MARKERS, NEUTRAL, TRACK
 from train_ato.log.mcap_records import stream
 from train_ato.messages.codec.cdr import typestore
 from train_ato.messages.topics import EPOCH_NS
 from train_ato.messages.types import Array
+from train_ato.view.train_scene import BUFF, DRAFT, MARKERS, NEUTRAL, TRACK
 
 WIDER = 8.0
 """Factor of the drawn width of the vehicles in the plan."""

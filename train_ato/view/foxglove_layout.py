@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from plant_sim.units import KMH
-from train_ato.apps.layout.signals import DIAGNOSTICS, LayoutCurve, LayoutPanel, LogSignals, Signal, panels_of
-from train_ato.apps.scene.train_scene import BASE, MARKERS, POSES, TRACK
+from train_ato.view.layout_signals import DIAGNOSTICS, LayoutCurve, LayoutPanel, LogSignals, Signal, panels_of
+from train_ato.view.train_scene import BASE, MARKERS, POSES, TRACK
 
 LEFT = ("speed", "states", "force", "coupler", "pipe")
 RIGHT = ("scene", "along", "shoes", "nodes")

@@ -9,18 +9,6 @@ import numpy as np
 import pandas as pd
 
 from plant_sim.alignment import Alignment
-from train_ato.apps.scene.train_scene import (
-    DEFAULT_RATE,
-    GAP,
-    HEIGHT,
-    LEAST_SCALE,
-    VEHICLES,
-    WIDTH,
-    SceneSampler,
-    SceneTopic,
-    force_color,
-    larger_coupler_force,
-)
 from train_ato.log.bag_layout import qos_profiles, qos_text, table_name
 from train_ato.log.definitions import definition
 from train_ato.log.mcap_records import Progress, stream
@@ -33,6 +21,18 @@ from train_ato.messages.codec.codec import Wire
 from train_ato.messages.topics import BY_NAME, EPOCH_NS
 from train_ato.messages.types import Array
 from train_ato.scenario.setup import RunSetup
+from train_ato.view.train_scene import (
+    DEFAULT_RATE,
+    GAP,
+    HEIGHT,
+    LEAST_SCALE,
+    VEHICLES,
+    WIDTH,
+    SceneSampler,
+    SceneTopic,
+    force_color,
+    larger_coupler_force,
+)
 
 
 @dataclass(frozen=True)

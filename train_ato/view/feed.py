@@ -11,9 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from train_ato.apps.view.facts import Facts, ProfileCurve
-from train_ato.apps.view.overview import WholeRun
-from train_ato.apps.view.snapshot import STRIP, ProtectionStates, Snapshot, along, delay_text, now, strip_row, where
 from train_ato.control.assurance import BRAKING_LAW
 from train_ato.judge.protection_record import INTERVENTIONS, REACTIONS
 from train_ato.judge.verdict import verdict_line
@@ -21,6 +18,9 @@ from train_ato.log.versions import SUMMARY
 from train_ato.loop.train_protection import REQUESTED, SUPERVISOR
 from train_ato.messages.types import Array, AtoState, Diagnostic, Protection
 from train_ato.report.events import EXCEEDED
+from train_ato.view.facts import Facts, ProfileCurve
+from train_ato.view.overview import WholeRun
+from train_ato.view.snapshot import STRIP, ProtectionStates, Snapshot, along, delay_text, now, strip_row, where
 
 REPORT_PAGE = "/report"
 """Path of the report on the server of the page."""
@@ -69,7 +69,7 @@ GROW = 2
 
 
 class Strip:
-    """Rows of :data:`train_ato.apps.view.snapshot.STRIP` with constant row numbers, newest last.
+    """Rows of :data:`train_ato.view.snapshot.STRIP` with constant row numbers, newest last.
 
     Attributes
     ----------

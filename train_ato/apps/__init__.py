@@ -1,1 +1,0 @@
-"""Applications on recorded or running trains: report, view, replay, CSV import, law checks."""

@@ -1,1 +1,0 @@
-"""Layouts of viewers for the run at hand."""

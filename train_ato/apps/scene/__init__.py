@@ -1,1 +1,0 @@
-"""The train on its line in three dimensions, from the recorded or published states of its vehicles."""
