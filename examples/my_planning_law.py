@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from train_ato.control.algorithms.coupler_limit import CouplerLimit
 from train_ato.control.algorithms.guard import GuardedLaw
 from train_ato.control.contract import LawInput, LawPlan, parameter
+from train_ato.control.mpc.coupler_limit import CouplerLimit
 
 STEP = 0.5
 """Time from one entry of the lookahead to the next [s]."""

@@ -26,7 +26,7 @@ import numpy as np
 
 from plant_sim.disturbances import Paper002, TravellingLoad
 from train_ato.control.algorithms.coupled_units import matrix_exponential
-from train_ato.control.algorithms.unit_deviations import filter_gain, regulator_gain
+from train_ato.control.mpc.unit_deviations import filter_gain, regulator_gain
 from train_ato.messages.types import Array
 
 UNITS, MASS, STIFFNESS, DAMPING, DRAG = 5, 80e3, 160e3, 800.0, 8e-4

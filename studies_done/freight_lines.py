@@ -17,7 +17,7 @@ from unittest.mock import patch
 import numpy as np
 
 import train_ato as ta
-from train_ato.control.algorithms.disturbance_lines import LineSpectrum
+from train_ato.control.mpc.disturbance_lines import LineSpectrum
 from train_ato.control.laws.mpc import Mpc
 from train_ato.judge.verdict import tracking_text
 

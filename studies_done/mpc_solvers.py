@@ -25,7 +25,7 @@ import numpy as np
 import scipy.sparse as sp
 
 import train_ato as ta
-from train_ato.control.algorithms.predictive_plan import decide
+from train_ato.control.mpc.predictive_plan import decide
 
 TOLERANCE = 1e-6
 """Absolute tolerance of the iterative solvers."""

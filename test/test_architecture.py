@@ -19,6 +19,7 @@ CONTROL_LAYERS = (
     ("contract", "command_history", "component_fault", "parameters", "learned_resistance", "train_model", "gains",
      "keyword_form", "plan_text", "rows_by_place"),
     ("algorithms",),
+    ("mpc",),
     ("law",),
     ("air_brake",),
     ("observers", "compensation"),

@@ -14,8 +14,8 @@ from plant_sim.line import Line
 from plant_sim.train import Train
 from train_ato.api.scenario_choice import choose_scenario
 from train_ato.cli import main
-from train_ato.control.algorithms.coupler_limit import CouplerLimit
 from train_ato.control.algorithms.coupler_modes import TrainModes
+from train_ato.control.mpc.coupler_limit import CouplerLimit
 from train_ato.control.train_model import TrainModel
 from train_ato.judge.coupler_fatigue import CouplerFatigue, relative_fatigue
 from train_ato.judge.recording import TRUTH, Recording

@@ -10,11 +10,6 @@ from hypothesis import strategies as st
 
 import train_ato as ta
 from plant_sim.library import load_consist, load_line
-from train_ato.control.algorithms.actuator_identification import ActuatorIdentification
-from train_ato.control.algorithms.force_plan import horizon_model, node_times, ramp_response, responses
-from train_ato.control.algorithms.motion_filters import RAMP_TIME, motion_by_rate
-from train_ato.control.algorithms.motion_observer import MotionObserver
-from train_ato.control.algorithms.predictive_plan import decide, free_motion, node_values
 from train_ato.control.algorithms.quadratic_program import inverse, multipliers
 from train_ato.control.algorithms.train_constants import (
     COUPLED_UNITS,
@@ -23,7 +18,12 @@ from train_ato.control.algorithms.train_constants import (
     force_tables,
     train_class,
 )  # fmt: skip
-from train_ato.control.algorithms.unit_deviations import UnitDeviations, filter_gain, regulator_gain
+from train_ato.control.mpc.actuator_identification import ActuatorIdentification
+from train_ato.control.mpc.force_plan import horizon_model, node_times, ramp_response, responses
+from train_ato.control.mpc.motion_filters import RAMP_TIME, motion_by_rate
+from train_ato.control.mpc.motion_observer import MotionObserver
+from train_ato.control.mpc.predictive_plan import decide, free_motion, node_values
+from train_ato.control.mpc.unit_deviations import UnitDeviations, filter_gain, regulator_gain
 from train_ato.control.observers.force_balance import lag_weight
 from train_ato.control.train_model import TrainModel
 

@@ -10,7 +10,6 @@ from law_trains import LEVEL, LOCOMOTIVE, WAGON, consist
 import train_ato as ta
 from train_ato.cli import main
 from train_ato.control.algorithms.coupler_modes import CouplerModes, bandwidth_text, eigenvalues
-from train_ato.control.algorithms.measured_motion import MOTION, ModalObserver, SteadyForce
 from train_ato.control.algorithms.train_constants import (
     MATCHED_SHARE,
     dead_time,
@@ -18,6 +17,7 @@ from train_ato.control.algorithms.train_constants import (
     hauling_groups,
     wave_time,
 )
+from train_ato.control.mpc.measured_motion import MOTION, ModalObserver, SteadyForce
 from train_ato.control.registry import LAWS
 from train_ato.control.train_model import TrainModel
 from train_ato.studies.check_component import checking

@@ -12,8 +12,8 @@ from test_line_sections import driven, plain_line, railcar
 
 from plant_sim.library import load_consist, load_line
 from train_ato.control.algorithms.limits_ahead import LimitsAhead, limits_at_nodes, within_units
-from train_ato.control.algorithms.predictive_plan import lowest_limit
 from train_ato.control.contract import LawPlan, Lookahead
+from train_ato.control.mpc.predictive_plan import lowest_limit
 from train_ato.control.registry import load_class
 from train_ato.control.train_model import TrainModel
 from train_ato.loop.engine import run_engine

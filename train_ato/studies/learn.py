@@ -28,9 +28,9 @@ from train_ato.api.scenario_choice import Changes, GivenScenario, choose_scenari
 from train_ato.api.series_folder import KeptRuns
 from train_ato.arguments import check_new_file
 from train_ato.control.air_brake.shoes import ShoeForecast
-from train_ato.control.algorithms.motion_observer import WAVE_SPEED
 from train_ato.control.algorithms.train_constants import wave_time as waves_through
 from train_ato.control.learned_resistance import DIGITS, LARGEST, SCHEMA, LearnedResistance, learned_text, model_hash
+from train_ato.control.mpc.motion_observer import WAVE_SPEED
 from train_ato.control.observers.force_balance import lag_weight
 from train_ato.control.train_model import TrainModel
 from train_ato.errors import RunInterrupted, refusing

@@ -10,13 +10,14 @@ import numpy as np
 from plant_sim.elementary import mean_over_units, plain_sum
 from plant_sim.gears import LinearGear, RigidGear, SmoothedGear, TableGear
 from plant_sim.units import number_text
-from train_ato.control.algorithms.predictive_plan import SPEED_STEP
 from train_ato.messages.types import Array
 from train_ato.messages.validity import MAX_FORCE
 
 if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel
 
+SPEED_STEP = 0.05
+"""Spacing of the tables of force limits [m/s]."""
 MAX_TABLE_SPEED = 140.0
 """Last speed of the tables of force limits [m/s]."""
 MATCHED_SHARE = 2.0 / 3.0

@@ -39,20 +39,20 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from plant_sim.elementary import mean_over_units, plain_sum, total_of_units
-from train_ato.control.algorithms.actuator_identification import WRONG_MISFIT, ActuatorIdentification
 from train_ato.control.algorithms.coupler_modes import bandwidth_text
-from train_ato.control.algorithms.force_plan import PARTS, ForcePlan, PlanStart
 from train_ato.control.algorithms.guard import GuardedLaw, is_valid
 from train_ato.control.algorithms.limits_ahead import limits_force, within_units
-from train_ato.control.algorithms.measured_motion import SIMULATED_SHARE, MeasuredMotion, follow_simulation
-from train_ato.control.algorithms.motion_filters import motion_by_rate
-from train_ato.control.algorithms.motion_observer import SPEED_PRIOR
-from train_ato.control.algorithms.predictive_plan import free_errors, free_motion
-from train_ato.control.algorithms.standstill_force import StandstillForce
 from train_ato.control.algorithms.train_constants import default_bandwidth, train_class
-from train_ato.control.algorithms.unit_deviations import UnitDeviations
 from train_ato.control.contract import LawInput, LawPlan, parameter
 from train_ato.control.gains import model_choice
+from train_ato.control.mpc.actuator_identification import WRONG_MISFIT, ActuatorIdentification
+from train_ato.control.mpc.force_plan import PARTS, ForcePlan, PlanStart
+from train_ato.control.mpc.measured_motion import SIMULATED_SHARE, MeasuredMotion, follow_simulation
+from train_ato.control.mpc.motion_filters import motion_by_rate
+from train_ato.control.mpc.motion_observer import SPEED_PRIOR
+from train_ato.control.mpc.predictive_plan import free_errors, free_motion
+from train_ato.control.mpc.standstill_force import StandstillForce
+from train_ato.control.mpc.unit_deviations import UnitDeviations
 from train_ato.control.observers.force_balance import lag_weight
 from train_ato.messages.types import Array
 

@@ -18,8 +18,6 @@ import numpy as np
 from plant_sim.compiled import compiled
 from plant_sim.elementary import mean_over_units
 from train_ato.control.algorithms.coupler_modes import CouplerModes
-from train_ato.control.algorithms.motion_filters import correct, match, mix, weigh
-from train_ato.control.algorithms.motion_observer import DISTURBANCE_PRIOR, SPEED_PRIOR, MotionObserver
 from train_ato.control.algorithms.train_constants import (
     dead_time,
     drag_slope,
@@ -27,6 +25,8 @@ from train_ato.control.algorithms.train_constants import (
     train_class,
     wave_time,
 )  # fmt: skip
+from train_ato.control.mpc.motion_filters import correct, match, mix, weigh
+from train_ato.control.mpc.motion_observer import DISTURBANCE_PRIOR, SPEED_PRIOR, MotionObserver
 from train_ato.control.train_model import STANDSTILL_SPEED
 from train_ato.messages.types import Array
 
@@ -63,7 +63,7 @@ def modal_step(
     covariances : Array, shape (filters, n, n)
         Their covariances.
     chances, noise, before, chain, weight, position, speed, floor_ratio
-        As in :func:`train_ato.control.algorithms.motion_filters.filter_step`.
+        As in :func:`train_ato.control.mpc.motion_filters.filter_step`.
     transition : Array, shape (n, n)
         State after a period without input.
     driven : Array, shape (n,)

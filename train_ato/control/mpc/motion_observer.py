@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from train_ato.control.algorithms.motion_filters import (
+from train_ato.control.mpc.motion_filters import (
     NOISE_FLOOR,
     SPEED_FLOOR,
     STATES,

@@ -1,7 +1,7 @@
 """One step of a constrained predictive law on a train as one mass, compiled.
 
 The free motion follows from the measured forces and the commands in flight, unit by unit with its own delay. The plan
-adds the decision of :mod:`train_ato.control.algorithms.force_plan`.
+adds the decision of :mod:`train_ato.control.mpc.force_plan`.
 """
 
 # mypy: allow-untyped-defs
@@ -12,10 +12,9 @@ from plant_sim.compiled import compiled
 from plant_sim.elementary import libm_exp
 from plant_sim.railway import between_entries
 from train_ato.control.algorithms.quadratic_program import multipliers
+from train_ato.control.algorithms.train_constants import SPEED_STEP
 from train_ato.control.command_history import newest_arrived
 
-SPEED_STEP = 0.05
-"""Spacing of the tables of force limits [m/s]."""
 FAR = 1e4
 """Distance in place of no limit [m]: the programme permits a violation in proportion to its largest entry."""
 

@@ -10,12 +10,12 @@ import numpy as np
 
 from plant_sim.compiled import compiled
 from plant_sim.elementary import exp_each, libm_exp, matrix_product, plain_sum
-from train_ato.control.algorithms.coupler_limit import CouplerLimit
 from train_ato.control.algorithms.limits_ahead import limits_at_nodes, limits_force
-from train_ato.control.algorithms.predictive_plan import FAR, bounds, decide, node_values, planned_motion
 from train_ato.control.algorithms.quadratic_program import inverse
 from train_ato.control.algorithms.train_constants import drag_slope, force_tables
 from train_ato.control.contract import LawPlan
+from train_ato.control.mpc.coupler_limit import CouplerLimit
+from train_ato.control.mpc.predictive_plan import FAR, bounds, decide, node_values, planned_motion
 from train_ato.control.plan_text import PASSES
 from train_ato.messages.types import Array
 from train_ato.messages.validity import MAX_FORCE, MAX_POSITION
