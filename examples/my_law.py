@@ -20,8 +20,8 @@ In the node graph the law is the ROS parameter ``law``, and its parameters are `
 from dataclasses import dataclass
 from typing import Any
 
-from train_ato.control.algorithms.guard import GuardedLaw
 from train_ato.control.contract import LawInput, parameter
+from train_ato.control.guard import GuardedLaw
 
 
 @dataclass

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from train_ato.control.algorithms.guard import GuardedLaw
 from train_ato.control.contract import LawInput, LawPlan, parameter
+from train_ato.control.guard import GuardedLaw
 from train_ato.control.mpc.coupler_limit import CouplerLimit
 
 STEP = 0.5

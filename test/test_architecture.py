@@ -18,13 +18,14 @@ LAYERS = (
 CONTROL_LAYERS = (
     ("contract", "command_history", "component_fault", "parameters", "learned_resistance", "train_model", "gains",
      "keyword_form", "plan_text", "rows_by_place"),
+    ("guard",),
     ("algorithms",),
     ("mpc",),
     ("law",),
     ("air_brake",),
     ("observers", "compensation"),
     ("laws", "open_loop"),
-    ("registry", "compiled"),
+    ("registry", "law_call"),
     ("standstill", "force_distribution", "planned_displacement", "command_hold", "stack", "ato_state", "assurance",
      "plausibility", "takeover", "caller"),
 )  # fmt: skip

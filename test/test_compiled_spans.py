@@ -12,7 +12,7 @@ from span_runs import Both, setup_of
 from plant_sim.plant_setup import Sensors
 from plant_sim.sensors import SensorSet
 from plant_sim.states import VehicleStates
-from train_ato.control.compiled.law_call import is_in_loop
+from train_ato.control.law_call import is_in_loop
 from train_ato.judge.recording import BRAKE_PIPE_COMMAND
 from train_ato.loop.engine import COMPILED_FROM, TickLoop, run_engine
 from train_ato.loop.spans import kernel

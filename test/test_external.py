@@ -21,8 +21,8 @@ from waiting import LIMIT_S, reserved_domain
 
 import train_ato as ta
 from train_ato.cli.main import main
-from train_ato.control.algorithms.guard import GuardedLaw
 from train_ato.control.contract import LawInput
+from train_ato.control.guard import GuardedLaw
 from train_ato.log.reading import iter_raw
 from train_ato.ros.graph.runner import run_graph
 from train_ato.scenario.scenario import load_scenario

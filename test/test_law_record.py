@@ -12,8 +12,8 @@ from span_runs import Both, compiled_part, messages_of, setup_of
 
 from plant_sim.compiled import compiled
 from plant_sim.record import Records, dtype_of, quantity, zeros
-from train_ato.control.algorithms.guard import GIVEN
 from train_ato.control.contract import NoParameters, parameter
+from train_ato.control.guard import GIVEN
 from train_ato.control.law import STEPPED, LawForm, LawNow, LawUnit, RecordLaw
 from train_ato.control.observers.contract import ObserverInput
 from train_ato.control.observers.force_balance import BalanceConstants, ForceBalance

@@ -55,7 +55,7 @@ ARRAYS = {
 }
 """Sums of numpy arrays: added in order in every version."""
 BOUNDS = {
-    "train_ato/control/algorithms/guard.py": {
+    "train_ato/control/guard.py": {
         "sum(map(abs, preview.position.tolist()))",
         "sum(map(abs, preview.velocity.tolist()))",
         "sum(map(abs, preview.acceleration.tolist()))",
@@ -66,7 +66,7 @@ BY_PROCESSOR = re.compile(r"np\.(dot|vdot|inner|convolve|correlate|poly|exp|sin|
 """Functions of numpy with other last bits on other processors."""
 ELSEWHERE = {
     "plant_sim/alignment.py": {"np.cos(heading + turn / 2)", "np.cos(latitude[0])", "np.sin(heading + turn / 2)"},
-    "train_ato/control/algorithms/guard.py": {"np.vdot(values, values)"},
+    "train_ato/control/guard.py": {"np.vdot(values, values)"},
     "train_ato/control/algorithms/linear_train.py": {
         "self.C @ np.linalg.solve(1j * w * unit - self.A, self.B)", "np.linalg.solve(1j * w * unit - self.A, self.B)",
         "np.exp(-1j * w * late)", "np.linalg.eigvals(self.A)",

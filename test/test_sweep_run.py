@@ -42,7 +42,7 @@ import signal
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from train_ato.control.algorithms.guard import GuardedLaw
+from train_ato.control.guard import GuardedLaw
 
 
 @dataclass

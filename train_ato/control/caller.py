@@ -11,9 +11,9 @@ from numba import carray
 
 from plant_sim.compiled import compiled
 from plant_sim.record import dtype_of, zeros
-from train_ato.control.compiled.law_call import LawCall
 from train_ato.control.contract import LawInput, LawOutput, parameter
 from train_ato.control.law import STEPPED, LawUnit
+from train_ato.control.law_call import LawCall
 from train_ato.messages.types import Array
 
 NAME = "train_ato.control.caller:Caller"

@@ -19,7 +19,8 @@ from numba import carray, typeof
 from plant_sim.compiled import compiled, direct_call
 from plant_sim.railway import fading_resistance
 from plant_sim.record import dtype_of, fill, quantity, zeros
-from train_ato.control.algorithms.guard import (
+from train_ato.control.contract import LawInput, LawOutput
+from train_ato.control.guard import (
     GuardedLaw,
     LawNow,
     LawUnit,
@@ -29,7 +30,6 @@ from train_ato.control.algorithms.guard import (
     limit_demands,
     write_inputs,
 )
-from train_ato.control.contract import LawInput, LawOutput
 from train_ato.messages.types import Array
 from train_ato.messages.validity import MAX_POSITION
 
@@ -125,7 +125,7 @@ class RecordLaw(GuardedLaw):
     Parameters
     ----------
     parameters, model, period
-        See :class:`train_ato.control.algorithms.guard.GuardedLaw`.
+        See :class:`train_ato.control.guard.GuardedLaw`.
     rows
         Number of records of the state; default: one for every unit.
 

@@ -18,8 +18,8 @@ from plant_sim.railway import envelope_force
 from plant_sim.si_model import SiModel
 from plant_sim.units import Place, Pressure, Time, number_text
 from train_ato.control.air_brake.policy import BrakeEvent
-from train_ato.control.algorithms.guard import GuardedLaw
 from train_ato.control.contract import LawInput, parameter
+from train_ato.control.guard import GuardedLaw
 
 ROUNDING = 1e-9
 """Rounding of times [s]."""

@@ -11,7 +11,6 @@ import numpy as np
 
 from plant_sim.elementary import total_of_units
 from plant_sim.record import zeros
-from train_ato.control.algorithms.guard import LawUnit, all_within, is_at_limit, is_valid, is_valid_state, limit_demands
 from train_ato.control.command_history import CommandHistory
 from train_ato.control.command_hold import CommandHold, command_at_standstill, profile_at_standstill, stands
 from train_ato.control.compensation.contract import Compensation, CompensationInput
@@ -25,6 +24,7 @@ from train_ato.control.component_fault import (
     unless_raised,
 )
 from train_ato.control.contract import Law, LawInput, LawOutput
+from train_ato.control.guard import LawUnit, all_within, is_at_limit, is_valid, is_valid_state, limit_demands
 from train_ato.control.plan_text import TimedPlan, plan_to_text
 from train_ato.control.registry import LAWS
 from train_ato.control.takeover import (

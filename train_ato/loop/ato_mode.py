@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from train_ato.control.algorithms.guard import is_valid_state
 from train_ato.control.assurance import AssuranceMonitor
 from train_ato.control.ato_state import AtoStateMachine
+from train_ato.control.guard import is_valid_state
 from train_ato.control.plausibility import MeasurementCheck
 from train_ato.messages.topic import FIXED_NAMES, Owner
 from train_ato.messages.types import Array, AtoReport, AtoState, Measurement, ProtectionState, SupervisedSpeeds

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from train_ato.control.algorithms.guard import is_valid_state
+from train_ato.control.guard import is_valid_state
 from train_ato.judge.trajectories import limits_of, trajectory_of
 from train_ato.loop.headway import HeadwayProfile
 from train_ato.loop.inputs import StageInputs

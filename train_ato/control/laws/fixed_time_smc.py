@@ -51,12 +51,12 @@ from plant_sim.compiled import compiled
 from plant_sim.elementary import libm_pow
 from plant_sim.record import Records, quantity
 from train_ato.control.algorithms.couplers import UnitCouplers
-from train_ato.control.algorithms.guard import is_valid
 from train_ato.control.algorithms.loop_gains import LoopGains
 from train_ato.control.algorithms.luenberger import Tracked, luenberger_gains, unknown_rate
 from train_ato.control.algorithms.sliding import sig
 from train_ato.control.contract import LawInput, parameter
 from train_ato.control.gains import gains_choice
+from train_ato.control.guard import is_valid
 from train_ato.control.law import LawForm, LawNow, LawUnit, RecordLaw
 from train_ato.control.observers.cascaded import Cascade, CascadedParameters
 from train_ato.control.parameters import RefusedParameter

@@ -57,11 +57,11 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from plant_sim.compiled import compiled
 from plant_sim.elementary import libm_exp, libm_pow
 from plant_sim.record import Records, quantity
-from train_ato.control.algorithms.guard import is_valid
 from train_ato.control.algorithms.loop_gains import LoopGains
 from train_ato.control.algorithms.sliding import clamped
 from train_ato.control.contract import LawInput, parameter
 from train_ato.control.gains import gains_choice
+from train_ato.control.guard import is_valid
 from train_ato.control.law import LawForm, LawNow, LawUnit, RecordLaw, TrainConstants, train_resistance
 from train_ato.messages.types import Array
 

@@ -56,12 +56,12 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from plant_sim.elementary import dot_of, plain_sum
-from train_ato.control.algorithms.guard import GuardedLaw, is_valid
 from train_ato.control.algorithms.identification import Increments, ResidualNetwork
 from train_ato.control.algorithms.loop_gains import Complex, LoopGains, Response
 from train_ato.control.algorithms.predictive_law import LinearLaw, linear_law, sampled_actuator
 from train_ato.control.contract import LawInput, parameter
 from train_ato.control.gains import gains_choice
+from train_ato.control.guard import GuardedLaw, is_valid
 from train_ato.messages.types import Array
 
 if TYPE_CHECKING:

@@ -40,11 +40,11 @@ import numpy as np
 
 from plant_sim.elementary import mean_over_units, plain_sum, total_of_units
 from train_ato.control.algorithms.coupler_modes import bandwidth_text
-from train_ato.control.algorithms.guard import GuardedLaw, is_valid
 from train_ato.control.algorithms.limits_ahead import limits_force, within_units
 from train_ato.control.algorithms.train_constants import default_bandwidth, train_class
 from train_ato.control.contract import LawInput, LawPlan, parameter
 from train_ato.control.gains import model_choice
+from train_ato.control.guard import GuardedLaw, is_valid
 from train_ato.control.mpc.actuator_identification import WRONG_MISFIT, ActuatorIdentification
 from train_ato.control.mpc.force_plan import PARTS, ForcePlan, PlanStart
 from train_ato.control.mpc.measured_motion import SIMULATED_SHARE, MeasuredMotion, follow_simulation

@@ -10,7 +10,7 @@ import numpy as np
 from plant_sim.elementary import total_of_units
 from plant_sim.states import frozen_for_types
 from train_ato.control.air_brake.shoes import ShoeForecast
-from train_ato.control.algorithms.guard import is_valid_state
+from train_ato.control.guard import is_valid_state
 from train_ato.messages.types import Array, DisturbanceEstimate, Measurement
 
 if TYPE_CHECKING:

@@ -11,8 +11,8 @@ from plant_sim.elementary import plain_sum
 from plant_sim.railway import fading_resistance
 from plant_sim.record import Records, quantity, zeros
 from train_ato.control.algorithms.couplers import UnitCouplers
-from train_ato.control.algorithms.guard import all_within
 from train_ato.control.contract import parameter
+from train_ato.control.guard import all_within
 from train_ato.control.law import LawNow, LawUnit
 from train_ato.control.observers.contract import ObserverInput
 from train_ato.control.parameters import RefusedParameter

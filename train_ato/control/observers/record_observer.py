@@ -17,7 +17,7 @@ from numba import carray
 
 from plant_sim.compiled import compiled
 from plant_sim.record import Records, dtype_of, fill, quantity, zeros
-from train_ato.control.algorithms.guard import all_within, is_valid_state
+from train_ato.control.guard import all_within, is_valid_state
 from train_ato.control.law import INVALID, NOT_FINITE, STEPPED, LawNow, LawUnit
 from train_ato.control.observers.contract import ObserverInput
 from train_ato.control.observers.force_balance import BalanceConstants, ForceBalance, balanced

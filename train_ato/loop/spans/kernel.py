@@ -12,11 +12,11 @@ from plant_sim.record import quantity
 from plant_sim.sensors import measure_train
 from train_ato.control.air_brake.record_policy import electric_brake_available
 from train_ato.control.algorithms.couplers import opposing
-from train_ato.control.algorithms.guard import is_at_limit, limit_demands
 from train_ato.control.command_hold import command_at_standstill
 from train_ato.control.compensation.predictor import predict
-from train_ato.control.compiled.law_call import address
+from train_ato.control.guard import is_at_limit, limit_demands
 from train_ato.control.law import STEPPED
+from train_ato.control.law_call import address
 from train_ato.control.train_model import GRID, own_resistance
 from train_ato.loop.spans.supervision_kernel import MAX_POSITION, MAX_SPEED, copy_states, supervised_tick
 from train_ato.loop.train_protection import command_age

@@ -18,7 +18,7 @@ from numba.core.errors import NumbaExperimentalFeatureWarning
 from numba.extending import NativeValue, intrinsic, models, overload, register_model, unbox
 
 from plant_sim.compiled import direct_call
-from train_ato.control.compiled.law_call import LawCall
+from train_ato.control.law_call import LawCall
 
 
 class NativeKind(types.Opaque):  # type: ignore[misc]

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 
 from plant_sim.record import zeros
-from train_ato.control.algorithms.guard import GIVEN
 from train_ato.control.compensation.base import NO_PREVIEW
-from train_ato.control.compiled.law_call import LEFT, LawCall
 from train_ato.control.component_fault import step_limit
 from train_ato.control.contract import Law, LawInput, Preview
+from train_ato.control.guard import GIVEN
 from train_ato.control.law import LawUnit
+from train_ato.control.law_call import LEFT, LawCall
 from train_ato.control.plan_text import TimedPlan
 from train_ato.loop.spans.forecast import SpanForecast
 from train_ato.loop.spans.messages import SpanArrays

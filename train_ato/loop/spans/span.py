@@ -23,8 +23,8 @@ from train_ato.control.compensation.pade import Pade
 from train_ato.control.compensation.predictor import RIGID, PredictionConstants, Predictor
 from train_ato.control.compensation.preview import PreviewFeedforward
 from train_ato.control.compensation.twin import Twin
-from train_ato.control.compiled.law_call import LEFT, OBSERVER, POLICY, LawCall, RecordStep, is_in_loop
 from train_ato.control.law import LawNow, RecordLaw
+from train_ato.control.law_call import LEFT, OBSERVER, POLICY, LawCall, RecordStep, is_in_loop
 from train_ato.control.observers.contract import ObserverStack
 from train_ato.control.observers.none import NoObserver
 from train_ato.control.observers.record_observer import RecordObserver

@@ -7,9 +7,9 @@ import numpy as np
 
 from plant_sim.train import compile_kernel
 from train_ato.control.air_brake.policy import BrakeEvent, BrakeSpec, make_brake_policy
-from train_ato.control.algorithms.guard import invalid_inputs, is_valid
 from train_ato.control.compensation.contract import CompensationInput
 from train_ato.control.contract import LawInput, Preview
+from train_ato.control.guard import invalid_inputs, is_valid
 from train_ato.control.laws.pid import Pid
 from train_ato.messages.types import Array
 from train_ato.messages.validity import MAX_FORCE, MAX_POSITION, MAX_SPEED
