@@ -20,8 +20,8 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "bench"))
 from figures import Figure, Goal, judge, publish
 import numpy as np
 
-from train_ato.messages.codec.cdr import typestore
-from train_ato.messages.codec.codec import Wire
+from train_ato.messages.cdr import typestore
+from train_ato.messages.fixed_codec import Wire
 from train_ato.messages.topic import TrainLayout
 from train_ato.messages.topics import BY_NAME, Topic, tick_topics
 

@@ -87,7 +87,7 @@ def with_rosbags(run: Path) -> tuple[int, float]:
     """Decode every message with rosbags; return their number and the time [s]."""
     from rosbags.rosbag2 import Reader
 
-    from train_ato.messages.codec.cdr import typestore
+    from train_ato.messages.cdr import typestore
 
     types, count, begin = typestore(), 0, time.process_time()
     with Reader(run) as bag:

@@ -19,7 +19,7 @@ from figures import Figure, publish
 
 from train_ato.view.train_scene import DEFAULT_RATE, MARKERS, TrainScene
 from train_ato.scenario.setup import prepare
-from train_ato.messages.codec.cdr import typestore
+from train_ato.messages.cdr import typestore
 from train_ato.messages.types import VehicleStates
 from train_ato.scenario.scenario import load_scenario
 

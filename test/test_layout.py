@@ -13,7 +13,7 @@ from report_runs import drive, without
 
 from train_ato.cli import main
 from train_ato.log.mcap_records import stream
-from train_ato.messages.codec.cdr import typestore
+from train_ato.messages.cdr import typestore
 
 pytestmark = pytest.mark.usefixtures("without_figure")
 

@@ -16,7 +16,7 @@ from train_ato.log.recorded import open_recording, read_changes
 from train_ato.log.recover import recover
 from train_ato.log.run_folder import read_run_folder
 from train_ato.loop.engine import run_engine
-from train_ato.messages.codec.codec import Wire
+from train_ato.messages.fixed_codec import Wire
 from train_ato.report.page_data import page_data
 from train_ato.scenario.scenario import load_scenario
 from train_ato.scenario.setup import RunSetup, prepare

@@ -10,9 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from train_ato.judge.run_end import RunEnd
-from train_ato.messages.codec.cdr import typestore
-from train_ato.messages.codec.codec import Wire, stamp_of
-from train_ato.messages.codec.variable import _decode_knots, decode_trajectory, encode_trajectory, status_name
+from train_ato.messages.cdr import typestore
+from train_ato.messages.fixed_codec import Wire, stamp_of
 from train_ato.messages.topic import SUPERVISED, TrainLayout
 from train_ato.messages.topics import BY_NAME, EPOCH_NS, TOPICS, topics_of
 from train_ato.messages.types import (
@@ -29,6 +28,7 @@ from train_ato.messages.types import (
     Trajectory,
     VehicleStates,
 )
+from train_ato.messages.variable_codec import _decode_knots, decode_trajectory, encode_trajectory, status_name
 
 LONG = TrainLayout(106, 1, (0, 52), air_brake=True, disturbed=True, supervised=True)
 LAYOUTS = [LONG, TrainLayout(1, 1), TrainLayout(8, 3, (0, 1, 6)), TrainLayout(2, 2, air_brake=True)]

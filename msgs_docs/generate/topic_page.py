@@ -15,12 +15,12 @@ from plant_sim.units import unit_suffix
 from train_ato.judge.run_end import RunEnd
 from train_ato.loop.engine import TickLoop, run_engine
 from train_ato.loop.train_ahead import ReportSender
-from train_ato.messages.codec.cdr import typestore
-from train_ato.messages.codec.codec import Wire
-from train_ato.messages.codec.variable import HARDWARE, LISTED, STATUS_NAMES, message_key
+from train_ato.messages.cdr import typestore
+from train_ato.messages.fixed_codec import Wire
 from train_ato.messages.topic import FIXED_NAMES, Owner
 from train_ato.messages.topics import DIAGNOSTIC_UNITS, END_TOPIC, FORCE_PARTS, REPORT, TOPICS, Place, Topic
 from train_ato.messages.types import Diagnostic, Tick
+from train_ato.messages.variable_codec import HARDWARE, LISTED, STATUS_NAMES, message_key
 
 SHOWN = 3
 """Number of the entries of a list that an example shows."""

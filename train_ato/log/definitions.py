@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
-from train_ato.messages.codec.cdr import typestore
+from train_ato.messages.cdr import typestore
 
 _FIELD = re.compile(r"^([A-Za-z]\w*(?:/[A-Za-z]\w*)?)(?:<=\d+)?(?:\[[^\]]*\])?\s+[A-Za-z]\w*")
 _PRIMITIVE = frozenset(("bool", "byte", "char", "string", "wstring", "float32", "float64")) | {

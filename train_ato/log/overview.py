@@ -12,8 +12,8 @@ from train_ato.log.bag_layout import table_name
 from train_ato.log.mcap_records import MAX_TIME_NS, Definitions, Progress, blocks, readable
 from train_ato.log.reading import WallTime, attachments, read_wall_time
 from train_ato.log.versions import VERSIONS, read_versions
-from train_ato.messages.codec.variable import decode_diagnostic
 from train_ato.messages.topics import BY_NAME, EPOCH_NS, Rate
+from train_ato.messages.variable_codec import decode_diagnostic
 from train_ato.scenario.changes import RunChanges
 
 LATE = 1.5

@@ -22,10 +22,10 @@ from train_ato.log.reading import log_file
 from train_ato.log.run_folder import parse_summary, read_run_folder
 from train_ato.log.tables.tables import KeptMessages, LayoutRecords, Reader, TopicMessages, check_known
 from train_ato.log.versions import SUMMARY
-from train_ato.messages.codec.cdr import nanoseconds, typestore
-from train_ato.messages.codec.variable import decode_diagnostic, decode_trajectory
+from train_ato.messages.cdr import nanoseconds, typestore
 from train_ato.messages.topics import BY_NAME, EPOCH_NS, Role
 from train_ato.messages.types import Array, Diagnostic
+from train_ato.messages.variable_codec import decode_diagnostic, decode_trajectory
 from train_ato.scenario.changes import RunChanges
 from train_ato.scenario.setup import RunSetup
 

@@ -14,10 +14,10 @@ from plant_sim.units import KMH
 from train_ato.log.bag_layout import table_name
 from train_ato.log.mcap_records import MAX_TIME_NS, RawMessage, stream
 from train_ato.log.reading import log_file
-from train_ato.messages.codec.cdr import typestore
-from train_ato.messages.codec.variable import decode_trajectory, node_of
+from train_ato.messages.cdr import typestore
 from train_ato.messages.topic import FIXED_NAMES, Owner
 from train_ato.messages.topics import BY_NAME
+from train_ato.messages.variable_codec import decode_trajectory, node_of
 from train_ato.view.train_scene import MARKERS
 
 DIAGNOSTICS = "/diagnostics"

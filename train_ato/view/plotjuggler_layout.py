@@ -9,7 +9,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from pathlib import Path
 
-from train_ato.messages.codec.variable import message_key
+from train_ato.messages.variable_codec import message_key
 from train_ato.view.layout_signals import BLUE, GREEN, RED, LayoutPanel, LogSignals, Signal, panels_of
 
 TABS: tuple[tuple[str, tuple[str, ...]], ...] = (

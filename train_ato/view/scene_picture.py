@@ -10,7 +10,7 @@ from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
 
 from train_ato.log.mcap_records import stream
-from train_ato.messages.codec.cdr import typestore
+from train_ato.messages.cdr import typestore
 from train_ato.messages.topics import EPOCH_NS
 from train_ato.messages.types import Array
 from train_ato.view.train_scene import BUFF, DRAFT, MARKERS, NEUTRAL, TRACK

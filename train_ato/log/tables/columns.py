@@ -14,9 +14,9 @@ import pandas as pd
 from plant_sim.states import FieldDescription
 from plant_sim.units import unit_suffix
 from train_ato.judge.series import seconds
-from train_ato.messages.codec.variable import decode_diagnostic, decode_trajectory, message_key
 from train_ato.messages.topics import BY_NAME, DIAGNOSTIC_UNITS, TOPICS
 from train_ato.messages.types import Diagnostic, Trajectory
+from train_ato.messages.variable_codec import decode_diagnostic, decode_trajectory, message_key
 
 if TYPE_CHECKING:
     import xarray

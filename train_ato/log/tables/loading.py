@@ -26,10 +26,10 @@ from train_ato.log.tables.tables import (
     foreign_table,
     known_table,
 )
-from train_ato.messages.codec.cdr import typestore
-from train_ato.messages.codec.variable import decode_diagnostic
+from train_ato.messages.cdr import typestore
 from train_ato.messages.topics import BY_NAME, EPOCH_NS
 from train_ato.messages.types import Diagnostic
+from train_ato.messages.variable_codec import decode_diagnostic
 
 PART = 8 * 2**20
 """Size of the messages of a topic from which on a part of its table is complete [bytes]."""

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from plant_sim.units import unit_suffix
-from train_ato.messages.codec.cdr import SECOND, header, packed_stamp, stamp_of, typestore
+from train_ato.messages.cdr import SECOND, header, packed_stamp, stamp_of, typestore
 from train_ato.messages.topics import BY_NAME, DIAGNOSTIC_UNITS, LINE_FRAME, Role
 from train_ato.messages.types import Array, Diagnostic, Trajectory
 

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from train_ato.messages.codec.cdr import (
+from train_ato.messages.cdr import (
     HEAD,
     SECOND,
     TIME,
@@ -32,9 +32,9 @@ from train_ato.messages.codec.cdr import (
     structure,
     typestore,
 )
-from train_ato.messages.codec.variable import VARIABLE
 from train_ato.messages.topic import Place, Topic, TrainLayout
 from train_ato.messages.topics import EPOCH_NS, Values, topics_of
+from train_ato.messages.variable_codec import VARIABLE
 
 STAMP_END = 12
 """End of the stamp in the bytes of a message."""

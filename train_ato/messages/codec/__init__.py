@@ -1,1 +1,0 @@
-"""CDR encoding and decoding of every message of the topic table."""
