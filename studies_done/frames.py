@@ -36,7 +36,7 @@ import json, os, sys, time
 os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
 begin = time.process_time()
 import pandas
-from train_ato.log.tables.loading import load
+from train_ato.log.table_loading import load
 imported, clock = time.process_time(), time.perf_counter()
 frames = load(sys.argv[1])
 opened, wall = time.process_time(), time.perf_counter() - clock

@@ -12,10 +12,11 @@ from test_wire import LONG
 
 import train_ato
 from train_ato.cli.main import main
+from train_ato.log import table_files as writing
+from train_ato.log import table_loading as loading
+from train_ato.log import tables
 from train_ato.log.run_folder import RunFolder
-from train_ato.log.tables import files as writing
-from train_ato.log.tables import loading, tables
-from train_ato.log.tables.files import file_names
+from train_ato.log.table_files import file_names
 from train_ato.messages.types import Diagnostic
 from train_ato.scenario.scenario import load_scenario
 from train_ato.scenario.setup import prepare

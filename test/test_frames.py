@@ -16,7 +16,7 @@ from train_ato.log.bag_layout import table_name
 from train_ato.log.reading import read_log
 from train_ato.log.run_folder import RunFolder
 from train_ato.log.run_log import RunLog
-from train_ato.log.tables.columns import column, diagnostic_column, unit_of
+from train_ato.log.table_columns import column, diagnostic_column, unit_of
 from train_ato.loop.engine import run_engine
 from train_ato.messages.cdr import layout_of, typestore
 from train_ato.messages.fixed_codec import Wire

@@ -29,7 +29,7 @@ from train_ato.log.mcap_records import Damage, chunk_content, stream
 from train_ato.log.reading import attachments, log_file
 from train_ato.log.recover import recover
 from train_ato.log.run_log import LogFile
-from train_ato.log.tables.loading import load
+from train_ato.log.table_loading import load
 
 GOLDEN = Path(__file__).resolve().parent / "golden" / "short_train" / "run.mcap"
 CHUNK = 150_000

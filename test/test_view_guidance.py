@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from import_files import recorded, take
 
-from train_ato.log.tables.loading import load
+from train_ato.log.table_loading import load
 from train_ato.messages.topic import TrainLayout
 from train_ato.messages.types import Diagnostic
 from train_ato.supervision.step_function import ceiling_speeds

@@ -60,8 +60,8 @@ if TYPE_CHECKING:
     from train_ato.errors import RunFailed as RunFailed
     from train_ato.errors import RunInterrupted as RunInterrupted
     from train_ato.judge.typed_result import TypedResult as TypedResult
-    from train_ato.log.tables.loading import Frames as Frames
-    from train_ato.log.tables.loading import load as load
+    from train_ato.log.table_loading import Frames as Frames
+    from train_ato.log.table_loading import load as load
     from train_ato.replay.replaying import replay as replay
     from train_ato.studies.check_component.checking import check_law as check_law
     from train_ato.studies.curves.curves import curves as curves
@@ -78,7 +78,7 @@ _PLACES = {
     "Env": "train_ato.api.env.env",
     "EnvState": "train_ato.api.env.env",
     "Error": "train_ato.errors",
-    "Frames": "train_ato.log.tables.loading",
+    "Frames": "train_ato.log.table_loading",
     "InputError": "train_ato.errors",
     "Law": "train_ato.control.contract",
     "LearnResult": "train_ato.studies.learn",
@@ -102,7 +102,7 @@ _PLACES = {
     "learn": "train_ato.studies.learn",
     "linearise": "train_ato.api.linearise",
     "lines": "train_ato.api.catalogue",
-    "load": "train_ato.log.tables.loading",
+    "load": "train_ato.log.table_loading",
     "observers": "train_ato.api.catalogue",
     "open_run": "train_ato.api.run",
     "parameter": "train_ato.control.contract",

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.figure import Figure
 
-    from train_ato.log.tables.loading import Frames
+    from train_ato.log.table_loading import Frames
 
 
 MESSAGES_IN_MEMORY = 100_000
@@ -208,7 +208,7 @@ class Run:
     def tables(self) -> Frames:
         """Table of every topic, as :func:`train_ato.load` returns them."""
         if self._tables is None:
-            from train_ato.log.tables.loading import load  # pandas: not needed for metrics only
+            from train_ato.log.table_loading import load  # pandas: not needed for metrics only
 
             assert self._record is not None or self._path is not None
             self._tables = load(self._path if self._record is None else self._record.written().path)  # type: ignore[arg-type]
@@ -232,7 +232,7 @@ class Run:
         InputError
             If xarray is not installed, with the command that installs it.
         """
-        from train_ato.log.tables.columns import dataset_of
+        from train_ato.log.table_columns import dataset_of
 
         return dataset_of(self.tables, self.metrics)
 

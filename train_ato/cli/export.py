@@ -47,7 +47,7 @@ def execute(options: argparse.Namespace) -> int:
     if options.rerun:
         return _write_rerun(options)
     check_packages("export", "pyarrow")
-    from train_ato.log.tables.files import FORMATS, write_tables
+    from train_ato.log.table_files import FORMATS, write_tables
 
     formats = [name for name in FORMATS if getattr(options, name)] or ["parquet"]
     folder = options.out or _beside(options.run)
@@ -98,7 +98,7 @@ def _write_rerun(options: argparse.Namespace) -> int:
     """Write one recording for the Rerun viewer."""
     from train_ato.api.progress import share_bar
     from train_ato.log.run_folder import read_run_folder
-    from train_ato.log.tables.loading import load
+    from train_ato.log.table_loading import load
     from train_ato.view.rerun_file import write_rerun
     from train_ato.view.train_scene import DEFAULT_RATE, check_rate
 

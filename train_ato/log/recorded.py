@@ -20,7 +20,7 @@ from train_ato.judge.series import TopicSamples, seconds
 from train_ato.log.bag_layout import LOG, table_name
 from train_ato.log.reading import log_file
 from train_ato.log.run_folder import parse_summary, read_run_folder
-from train_ato.log.tables.tables import KeptMessages, LayoutRecords, Reader, TopicMessages, check_known
+from train_ato.log.tables import KeptMessages, LayoutRecords, Reader, TopicMessages, check_known
 from train_ato.log.versions import SUMMARY
 from train_ato.messages.cdr import nanoseconds, typestore
 from train_ato.messages.topics import BY_NAME, EPOCH_NS, Role

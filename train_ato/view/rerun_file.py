@@ -14,7 +14,7 @@ from train_ato.log.definitions import definition
 from train_ato.log.mcap_records import Progress, stream
 from train_ato.log.reading import attachments, iter_raw, log_file, read_wall_time
 from train_ato.log.run_log import LogFile
-from train_ato.log.tables.loading import Frames
+from train_ato.log.table_loading import Frames
 from train_ato.log.whole_file import writing
 from train_ato.messages.cdr import SECOND
 from train_ato.messages.fixed_codec import Wire

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from train_ato.judge.series import seconds
 from train_ato.log.mcap_records import NO_SCHEMA, Definitions, Progress, blocks, readable
-from train_ato.log.tables.columns import TIME, column, has_column
+from train_ato.log.table_columns import TIME, column, has_column
 from train_ato.messages.cdr import Layout, Leaf, Typestore, layout_of, nanoseconds, rows_of
 from train_ato.messages.topics import EPOCH_NS
 

@@ -19,8 +19,8 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from train_ato.log.bag_layout import table_name
-from train_ato.log.tables.columns import FIXED, TIME, numbers_or_texts, unit_of
-from train_ato.log.tables.loading import TableReader
+from train_ato.log.table_columns import FIXED, TIME, numbers_or_texts, unit_of
+from train_ato.log.table_loading import TableReader
 from train_ato.log.whole_file import writing
 from train_ato.messages.topics import BY_NAME
 from train_ato.messages.types import Trajectory
@@ -188,7 +188,7 @@ def write_tables(
     Raises
     ------
     ValueError
-        As :func:`~train_ato.log.tables.loading.load`, or if no table has a row.
+        As :func:`~train_ato.log.table_loading.load`, or if no table has a row.
     OSError
         If the disk is full or gone.
     """

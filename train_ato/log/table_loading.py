@@ -15,8 +15,8 @@ from plant_sim.input_error import close_match
 from train_ato.judge.series import seconds
 from train_ato.log.bag_layout import table_name
 from train_ato.log.reading import log_file
-from train_ato.log.tables.columns import TIME, diagnostic_table, diagnostic_texts, trajectory_table
-from train_ato.log.tables.tables import (
+from train_ato.log.table_columns import TIME, diagnostic_table, diagnostic_texts, trajectory_table
+from train_ato.log.tables import (
     KeptMessages,
     Portion,
     Reader,
