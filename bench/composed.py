@@ -235,7 +235,7 @@ def parts(setup: RunSetup, domain: int) -> dict[str, float]:
     from train_ato.loop.observer import ObserverStage
     from train_ato.loop.plant import PlantStage
     from train_ato.loop.profile import ProfileStage
-    from train_ato.messages.fixed_codec import Wire
+    from train_ato.messages.codec import Wire
     from train_ato.ros.nodes.endpoints import NodeEndpoints
     from train_ato.ros.nodes.recorder import RecorderNode
 

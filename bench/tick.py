@@ -3,7 +3,7 @@
     python bench/tick.py [SCENARIO ...]
 
 The times are medians over the ticks of a run of 60 s, without the log. The floor is the time of the kernel for the
-steps of a tick. Some runs are also measured whole, in Python and in compiled spans (:mod:`train_ato.loop.spans`), with
+steps of a tick. Some runs are also measured whole, in Python and in compiled spans (:mod:`train_ato.loop.span`), with
 equal numbers; ``studies_done/tick_parts.py`` has the parts of a span. One of them has a law in Python,
 ``examples/my_law.py``; its goal is 1500 times real time. The exit status is 1 if it is missed widely (see figures.py).
 The messages of a tick are dataclasses without the run-time check of frozen fields

@@ -21,7 +21,7 @@ from figures import Figure, Goal, judge, publish
 import numpy as np
 
 from train_ato.messages.cdr import typestore
-from train_ato.messages.fixed_codec import Wire
+from train_ato.messages.codec import Wire
 from train_ato.messages.topic import TrainLayout
 from train_ato.messages.topics import BY_NAME, Topic, tick_topics
 

@@ -30,7 +30,7 @@ from train_ato.studies.sweep.row import drive_point
 from train_ato.studies.sweep.spec import read_sweep
 from train_ato.scenario.scenario_data import PartCache
 from train_ato.scenario.setup import RunSetup
-from train_ato.loop.spans.span import CompiledSpans
+from train_ato.loop.span import CompiledSpans
 
 RUNS, CORES, GOAL_MINUTES = 64 * 64, 2, 10.0
 SPEC: dict[str, Any] = {

@@ -49,7 +49,7 @@ from train_ato.log.run_folder import RunFolder
 from train_ato.log.run_log import LogFile
 from train_ato.loop.engine import run_engine
 from train_ato.scenario.setup import RunSetup, prepare
-from train_ato.messages.fixed_codec import Wire
+from train_ato.messages.codec import Wire
 from train_ato.messages.topics import BY_NAME, EPOCH_NS, Rate, Role
 from train_ato.ros.graph.environment import applied, claim_domain, variables
 from train_ato.scenario.scenario import load_scenario

@@ -24,8 +24,8 @@ from train_ato.log.run_folder import Encoder
 from train_ato.log.run_log import RunLog
 from train_ato.loop.engine import TickLoop
 from train_ato.scenario.setup import RunSetup, prepare
-from train_ato.loop.spans import span
-from train_ato.messages.fixed_codec import Wire
+from train_ato.loop import span
+from train_ato.messages.codec import Wire
 from train_ato.messages.topics import topics_of
 from train_ato.scenario.scenario import load_scenario
 

@@ -9,7 +9,7 @@ from train_ato.log.bag_layout import qos_profiles, qos_text
 from train_ato.log.definitions import from_typestore
 from train_ato.log.run_log import LogFile, RunLog
 from train_ato.messages.cdr import typestore
-from train_ato.messages.fixed_codec import Wire
+from train_ato.messages.codec import Wire
 from train_ato.messages.topic import TrainLayout
 from train_ato.messages.topics import BY_NAME, EPOCH_NS, Rate, topics_of
 from train_ato.messages.types import Command

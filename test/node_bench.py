@@ -4,7 +4,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from waiting import LOOK_S, wait_for
 
-from train_ato.messages.fixed_codec import Wire
+from train_ato.messages.codec import Wire
 from train_ato.messages.topics import BY_NAME
 from train_ato.ros.graph.assembly import executor_of, make_node
 from train_ato.ros.nodes.endpoints import ROLES, FirstFailure, NodeEndpoints, quality_of_service

@@ -10,8 +10,8 @@ from train_ato.judge.result import RunResult
 from train_ato.judge.series import DiagnosticSeries
 from train_ato.loop import engine
 from train_ato.loop.engine import TickLoop, run_engine
-from train_ato.loop.spans.span import CompiledSpans
-from train_ato.messages.fixed_codec import Wire
+from train_ato.loop.span import CompiledSpans
+from train_ato.messages.codec import Wire
 from train_ato.scenario.setup import RunSetup
 from train_ato.studies.sweep.row import WALL_TIMES
 

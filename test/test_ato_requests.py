@@ -16,7 +16,7 @@ from train_ato.log.difference import compare_logs
 from train_ato.log.recorded import read_changes
 from train_ato.log.run_folder import RunFolder, read_run_folder
 from train_ato.loop.engine import run_engine
-from train_ato.messages.fixed_codec import Wire
+from train_ato.messages.codec import Wire
 from train_ato.messages.types import Diagnostic
 from train_ato.scenario.changes import RunChanges
 from train_ato.scenario.scenario import load_scenario

@@ -23,7 +23,7 @@ from train_ato.judge.result import RunResult
 from train_ato.log.difference import compare_logs
 from train_ato.log.run_folder import read_run_folder
 from train_ato.loop.engine import run_engine
-from train_ato.messages.fixed_codec import Wire
+from train_ato.messages.codec import Wire
 from train_ato.messages.types import Measurement, Reference
 from train_ato.profile.driver import average_speed
 from train_ato.scenario.scenario import load_scenario, shipped_scenarios

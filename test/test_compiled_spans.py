@@ -14,8 +14,8 @@ from plant_sim.sensors import SensorSet
 from plant_sim.states import VehicleStates
 from train_ato.control.law_call import is_in_loop
 from train_ato.judge.recording import BRAKE_PIPE_COMMAND
+from train_ato.loop import span_kernel as kernel
 from train_ato.loop.engine import COMPILED_FROM, TickLoop, run_engine
-from train_ato.loop.spans import kernel
 from train_ato.loop.train_protection import TrainProtection, command_age
 from train_ato.messages.links import DelayJump
 

@@ -12,7 +12,7 @@ import pytest
 from train_ato.cli import main
 from train_ato.log.difference import compare_logs
 from train_ato.log.run_folder import read_run_folder
-from train_ato.messages.fixed_codec import Wire
+from train_ato.messages.codec import Wire
 
 pytest.importorskip("rclpy")
 

@@ -17,8 +17,8 @@ from msgs_docs.generate.rows import read_rows
 from train_ato.cli import main
 from train_ato.log.difference import compare_logs
 from train_ato.log.run_folder import read_run_folder
+from train_ato.messages.codec import Wire
 from train_ato.messages.faults import FAULT_TOPICS, Fault, message_faults
-from train_ato.messages.fixed_codec import Wire
 from train_ato.messages.receiver import Receiver
 from train_ato.messages.topics import BY_NAME, TOPICS, Rate, Role
 from train_ato.messages.types import BrakeRelease, Command

@@ -21,8 +21,8 @@ from train_ato.log.reading import iter_raw
 from train_ato.log.recover import recover
 from train_ato.log.run_folder import RunFolder
 from train_ato.loop.engine import run_engine
+from train_ato.messages.codec import Wire
 from train_ato.messages.faults import node_faults
-from train_ato.messages.fixed_codec import Wire
 from train_ato.ros.graph.runner import run_graph
 
 REACTION_TIME = 1.5

@@ -32,7 +32,7 @@ from train_ato.log.mcap_records import stream
 from train_ato.log.reading import iter_raw
 from train_ato.log.run_folder import RunFolder
 from train_ato.loop.engine import run_engine
-from train_ato.messages.fixed_codec import Wire
+from train_ato.messages.codec import Wire
 from train_ato.messages.topics import EPOCH_NS
 from train_ato.messages.types import Diagnostic, DisturbanceEstimate, Pipe, Reference, Tick
 from train_ato.ros.graph.composed import run_composed

@@ -19,7 +19,7 @@ from train_ato.log.run_log import RunLog
 from train_ato.log.table_columns import column, diagnostic_column, unit_of
 from train_ato.loop.engine import run_engine
 from train_ato.messages.cdr import layout_of, typestore
-from train_ato.messages.fixed_codec import Wire
+from train_ato.messages.codec import Wire
 from train_ato.messages.topic import SUPERVISED, Owner
 from train_ato.messages.topics import BY_NAME, EPOCH_NS, TOPICS
 from train_ato.messages.types import Diagnostic, Trajectory

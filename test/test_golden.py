@@ -20,7 +20,7 @@ from train_ato.log.reading import attachments
 from train_ato.log.run_folder import read_run_folder
 from train_ato.log.run_log import LogFile
 from train_ato.log.versions import VERSIONS, read_versions, versions
-from train_ato.messages.fixed_codec import Wire
+from train_ato.messages.codec import Wire
 from train_ato.messages.topics import EPOCH_NS, topics_of
 from train_ato.scenario.scenario import load_scenario
 from train_ato.scenario.setup import prepare

@@ -262,7 +262,7 @@ rclpy = pytest.importorskip("rclpy")
 
 from train_ato.log.difference import compare_logs  # noqa: E402
 from train_ato.log.run_folder import RunFolder  # noqa: E402
-from train_ato.messages.fixed_codec import Wire  # noqa: E402
+from train_ato.messages.codec import Wire  # noqa: E402
 from train_ato.ros.graph.environment import applied, claim_domain, variables  # noqa: E402
 from train_ato.ros.graph.remote import graph_client  # noqa: E402
 

@@ -19,7 +19,7 @@ from train_ato.control.observers.contract import ObserverInput
 from train_ato.control.observers.force_balance import BalanceConstants, ForceBalance
 from train_ato.control.observers.record_observer import Body, ObserverForm, RecordObserver
 from train_ato.control.registry import LAWS, OBSERVERS
-from train_ato.loop.spans import kernel
+from train_ato.loop import span_kernel as kernel
 from train_ato.messages.types import Array
 
 

@@ -25,7 +25,7 @@ from train_ato.interrupt import Interrupt
 from train_ato.log.mcap_records import stream
 from train_ato.log.reading import iter_raw, read_log
 from train_ato.log.recover import recover
-from train_ato.messages.fixed_codec import Wire
+from train_ato.messages.codec import Wire
 from train_ato.messages.topics import Rate, Role, topics_of
 from train_ato.ros.graph import processes, shared_memory
 from train_ato.ros.graph.environment import claim_domain

@@ -15,8 +15,8 @@ from train_ato.control.compensation.contract import CompensationInput
 from train_ato.control.contract import LawInput, LawOutput, parameter
 from train_ato.control.observers.contract import ObserverInput
 from train_ato.control.observers.record_observer import GuardedObserver
+from train_ato.loop import python_law, span
 from train_ato.loop.engine import TickLoop, run_engine
-from train_ato.loop.spans import python_law, span
 from train_ato.studies.sweep.row import WALL_TIMES
 
 FREE = {"supervision.enabled": False}

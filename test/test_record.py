@@ -22,7 +22,7 @@ from train_ato.log.mcap_records import stream
 from train_ato.log.reading import iter_raw, log_file, read_log
 from train_ato.log.recover import recover
 from train_ato.log.run_log import RunLog
-from train_ato.messages.fixed_codec import Wire
+from train_ato.messages.codec import Wire
 from train_ato.messages.topics import EPOCH_NS, TOPICS, Rate, topics_of
 
 TICK = 100_000_000

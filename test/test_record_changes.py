@@ -18,7 +18,7 @@ from train_ato.log.difference import compare_logs
 from train_ato.log.recorded import OUTSIDE_KEY, OWN_KEYS, late_commands, outside_nodes, read_changes
 from train_ato.log.run_folder import STARTED, RunFolder, read_run_folder
 from train_ato.loop.engine import run_engine
-from train_ato.messages.fixed_codec import Wire
+from train_ato.messages.codec import Wire
 from train_ato.messages.topics import BY_NAME
 from train_ato.messages.types import Diagnostic
 from train_ato.ros.graph.recorded import complete_folder

@@ -16,7 +16,7 @@ from train_ato.log.recorded import open_recording, read_changes
 from train_ato.log.recover import recover
 from train_ato.log.run_folder import read_run_folder
 from train_ato.loop.engine import run_engine
-from train_ato.messages.fixed_codec import Wire
+from train_ato.messages.codec import Wire
 from train_ato.report.page_data import page_data
 from train_ato.scenario.scenario import load_scenario
 from train_ato.scenario.setup import RunSetup, prepare
@@ -34,9 +34,9 @@ PROGRAM = 2e8
 BYTES_PER_TICK = (1e9 - PROGRAM) / DAY
 """Memory for a tick in a day of ticks of 0.05 s within 1 GB [bytes]."""
 WINDOWS = {
-    "log.difference.PORTION": 64, "log.difference.WINDOW_NS": 10**10, "log.tables.loading.PART": 2**14,
-    "log.tables.loading.REPORTS_OF_PART": 64, "log.tables.tables.PORTION": 2**14, "loop.kept_samples.CACHED": 2**14,
-    "loop.kept_samples.IN_MEMORY": 2**14, "loop.spans.forecast.WINDOW": 2**10,
+    "log.difference.PORTION": 64, "log.difference.WINDOW_NS": 10**10, "log.table_loading.PART": 2**14,
+    "log.table_loading.REPORTS_OF_PART": 64, "log.tables.PORTION": 2**14, "judge.kept_samples.CACHED": 2**14,
+    "judge.kept_samples.IN_MEMORY": 2**14, "loop.forecast.WINDOW": 2**10,
 }  # fmt: skip
 """Windows in memory: messages, bytes, ticks."""
 TRIPS = """

@@ -15,7 +15,7 @@ from train_ato.log.run_folder import read_run_folder
 from train_ato.loop.engine import run_engine
 from train_ato.loop.profile import ProfileStage
 from train_ato.loop.stamp_synchronizer import StampSynchronizer
-from train_ato.messages.fixed_codec import Wire
+from train_ato.messages.codec import Wire
 from train_ato.messages.types import DisturbanceEstimate, Measurement, Reference, Trajectory
 from train_ato.profile.planner.replanner import Sample, Shortfall, ShortfallDetector, _regression_end
 from train_ato.replay.open_loop import replay_open_loop

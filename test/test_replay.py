@@ -13,7 +13,7 @@ from replay_listener import Listener, Replaying
 from waiting import LIMIT_S
 
 from train_ato.log.reading import iter_raw
-from train_ato.messages.fixed_codec import stamp_of
+from train_ato.messages.codec import stamp_of
 from train_ato.replay.log import ReplayOptions
 from train_ato.replay.player import REPLAY_PROFILE
 from train_ato.scenario.scenario import load_scenario

@@ -19,7 +19,7 @@ from waiting import LIMIT_S
 
 from train_ato.cli.main import main
 from train_ato.cli.replay import KEYS, pressed
-from train_ato.messages.fixed_codec import stamp_of
+from train_ato.messages.codec import stamp_of
 from train_ato.messages.topics import EPOCH_NS
 from train_ato.replay.player import NODE
 

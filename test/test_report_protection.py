@@ -12,7 +12,7 @@ from train_ato.cli import main
 from train_ato.log.reading import read_log
 from train_ato.log.recorded import open_recording
 from train_ato.log.run_folder import read_run_folder
-from train_ato.messages.fixed_codec import Wire
+from train_ato.messages.codec import Wire
 from train_ato.report.events import detect_events
 from train_ato.report.page_data import page_data
 from train_ato.report.summary_rows import SUPERVISION, filled_groups, run_groups

@@ -18,7 +18,7 @@ from train_ato.judge.result import Progress, RunResult
 from train_ato.log.reading import iter_raw, read_log
 from train_ato.log.recorded import open_recording
 from train_ato.log.run_folder import RunFolder
-from train_ato.messages.fixed_codec import Wire
+from train_ato.messages.codec import Wire
 from train_ato.messages.topics import Role, published_by, tick_topics
 from train_ato.messages.types import AtoState
 from train_ato.report.events import detect_events

@@ -15,7 +15,7 @@ from train_ato.log.mcap_records import stream
 from train_ato.log.reading import iter_raw
 from train_ato.log.run_folder import read_run_folder
 from train_ato.messages.cdr import typestore
-from train_ato.messages.fixed_codec import Wire
+from train_ato.messages.codec import Wire
 from train_ato.messages.topics import EPOCH_NS
 from train_ato.messages.types import VehicleStates
 from train_ato.scenario.scenario import load_scenario

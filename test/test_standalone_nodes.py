@@ -20,7 +20,7 @@ from train_ato.cli import main
 from train_ato.log.difference import compare_logs
 from train_ato.log.mcap_records import stream
 from train_ato.log.run_folder import read_run_folder
-from train_ato.messages.fixed_codec import Wire
+from train_ato.messages.codec import Wire
 from train_ato.ros.graph import shared_memory
 from train_ato.ros.graph.environment import claim_domain
 

@@ -15,7 +15,7 @@ from train_ato.log.mcap_writer import MESSAGE, MESSAGE_TYPE
 from train_ato.log.run_folder import Encoder
 from train_ato.log.run_log import RunLog
 from train_ato.loop.engine import run_engine
-from train_ato.messages.fixed_codec import Wire
+from train_ato.messages.codec import Wire
 from train_ato.messages.topics import topics_of
 
 pytestmark = pytest.mark.usefixtures("without_figure")

@@ -14,7 +14,7 @@ from train_ato.log.run_folder import RunFolder
 from train_ato.loop import engine
 from train_ato.loop.plant import PlantStage
 from train_ato.loop.stage_messages import PlantMessages
-from train_ato.messages.fixed_codec import Wire
+from train_ato.messages.codec import Wire
 from train_ato.messages.topic import AIR_BRAKE, Condition, Owner, Place, Role, Topic, TrainLayout, joint_states
 from train_ato.messages.topics import BY_NAME, TOPICS, topics_of
 from train_ato.messages.types import Array

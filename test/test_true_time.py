@@ -17,7 +17,7 @@ from train_ato.log.reading import WallTime, read_wall_time
 from train_ato.log.recover import recover
 from train_ato.log.run_folder import read_run_folder
 from train_ato.log.run_log import LogFile, RunLog
-from train_ato.messages.fixed_codec import Wire
+from train_ato.messages.codec import Wire
 from train_ato.messages.topics import EPOCH_NS, topics_of
 from train_ato.ros.nodes import recorder
 

@@ -7,7 +7,7 @@ import pytest
 from numba import typeof
 
 import train_ato as ta
-from train_ato.loop.spans.native_arguments import row_numbers
+from train_ato.loop.native_arguments import row_numbers
 
 MASS = {"plant.mismatch.mass_scale": {"from": 0.8, "to": 1.2}}
 DOMAIN = MASS | {

@@ -12,7 +12,7 @@ from train_ato.log import difference
 from train_ato.log.difference import LogComparison, _Scale, _unequal, compare_logs
 from train_ato.log.run_folder import RunFolder
 from train_ato.loop.engine import run_engine
-from train_ato.messages.fixed_codec import Wire
+from train_ato.messages.codec import Wire
 from train_ato.messages.types import Tick
 from train_ato.scenario.scenario import load_scenario
 from train_ato.scenario.setup import RunSetup, prepare

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from train_ato.judge.run_end import RunEnd
 from train_ato.messages.cdr import typestore
-from train_ato.messages.fixed_codec import Wire, stamp_of
+from train_ato.messages.codec import Wire, stamp_of
 from train_ato.messages.topic import SUPERVISED, TrainLayout
 from train_ato.messages.topics import BY_NAME, EPOCH_NS, TOPICS, topics_of
 from train_ato.messages.types import (

@@ -69,7 +69,7 @@ def _sections() -> list[str]:
         folder = Path(scratch)
         with applied(variables(domain, folder / "log")):
             from train_ato.errors import FirstFailure
-            from train_ato.messages.fixed_codec import Wire
+            from train_ato.messages.codec import Wire
             from train_ato.ros.graph.assembly import executor_of, make_node
             from train_ato.ros.nodes.endpoints import ROLES, NodeEndpoints
             from train_ato.ros.standalone.discovery import answer_ready

@@ -16,7 +16,7 @@ from train_ato.judge.run_end import RunEnd
 from train_ato.loop.engine import TickLoop, run_engine
 from train_ato.loop.train_ahead import ReportSender
 from train_ato.messages.cdr import typestore
-from train_ato.messages.fixed_codec import Wire
+from train_ato.messages.codec import Wire
 from train_ato.messages.topic import FIXED_NAMES, Owner
 from train_ato.messages.topics import DIAGNOSTIC_UNITS, END_TOPIC, FORCE_PARTS, REPORT, TOPICS, Place, Topic
 from train_ato.messages.types import Diagnostic, Tick

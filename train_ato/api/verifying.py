@@ -15,7 +15,7 @@ from train_ato.log.recorded import late_commands, outside_nodes, read_changes, r
 from train_ato.log.run_folder import RunFolder, read_run_folder
 from train_ato.log.versions import SCENARIO
 from train_ato.loop.engine import SIGNALS, TickLoop, run_engine
-from train_ato.messages.fixed_codec import Wire
+from train_ato.messages.codec import Wire
 from train_ato.messages.topics import AHEAD
 from train_ato.messages.types import TrainAhead
 from train_ato.scenario.setup import RunSetup

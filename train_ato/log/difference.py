@@ -15,7 +15,7 @@ import numpy as np
 
 from train_ato.log.mcap_records import Progress
 from train_ato.log.reading import iter_raw, read_log
-from train_ato.messages.fixed_codec import Wire
+from train_ato.messages.codec import Wire
 from train_ato.messages.topics import TOPICS
 from train_ato.messages.variable_codec import status_name
 from train_ato.scenario.changes import GIVEN

@@ -40,7 +40,7 @@ from mcap.records import (
 from numpy.typing import NDArray
 
 from train_ato.log.compression import DEFAULT, packer
-from train_ato.messages.fixed_codec import Wire
+from train_ato.messages.codec import Wire
 from train_ato.messages.topics import EPOCH_NS, TickBlock
 
 MESSAGE = struct.Struct("<BQHIQQ")

@@ -21,7 +21,7 @@ from train_ato.log.reading import attachments, log_file
 from train_ato.log.run_log import RunLog
 from train_ato.log.versions import SCENARIO, SUMMARY, attachments_for
 from train_ato.log.whole_file import write_whole
-from train_ato.messages.fixed_codec import Wire
+from train_ato.messages.codec import Wire
 from train_ato.messages.topics import EPOCH_NS, TickBlock, topics_of
 from train_ato.scenario.scenario import check_scenario, load_scenario
 from train_ato.scenario.setup import RunSetup, prepare

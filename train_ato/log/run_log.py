@@ -32,7 +32,7 @@ from train_ato.log.definitions import definition
 from train_ato.log.mcap_writer import McapWriter, TickRecords
 from train_ato.log.reading import WALL_TIME, WallTime
 from train_ato.log.whole_file import write_whole
-from train_ato.messages.fixed_codec import Wire
+from train_ato.messages.codec import Wire
 from train_ato.messages.topics import EPOCH_NS, TOPICS, TickBlock, Topic
 
 CHUNK = 512 * 1024

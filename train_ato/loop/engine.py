@@ -23,7 +23,7 @@ from train_ato.messages.types import AtoReport, BrakeRelease, Diagnostic
 from train_ato.scenario.setup import RunSetup
 
 if TYPE_CHECKING:
-    from train_ato.loop.spans.span import CompiledSpans
+    from train_ato.loop.span import CompiledSpans
 
 COMPILED_FROM = 2000
 """Number of ticks from which a run uses compiled ticks: loading them takes as long as some hundred ticks."""
@@ -245,8 +245,8 @@ class TickLoop:
 
     def compiled_spans(self) -> CompiledSpans:
         """Return the compiled ticks of the run."""
-        from train_ato.loop.spans.span import CompiledSpans  # late imports: only long runs need them
-        from train_ato.loop.spans.stages import Stages
+        from train_ato.loop.span import CompiledSpans  # late imports: only long runs need them
+        from train_ato.loop.stages import Stages
 
         setup, sink = self._setup, self._sink
         stages = Stages(setup, self.plant, self.profile, self.observer, self.controller, self.supervisor)

@@ -24,7 +24,7 @@ from train_ato.judge.trajectories import profile_of
 from train_ato.log.reading import iter_raw, read_log
 from train_ato.loop.controller import ControllerStage
 from train_ato.loop.stamp_synchronizer import StampSynchronizer
-from train_ato.messages.fixed_codec import Wire
+from train_ato.messages.codec import Wire
 from train_ato.messages.types import Array, Command, Measurement, Pipe, Reference
 from train_ato.report.print_figures import LONG_RUN_S, SHEET_SIZE, styled, write_figure
 from train_ato.report.quantities import COLOURS, QUANTITIES

@@ -26,7 +26,7 @@ from train_ato.judge.recording import (
     TRUTH,
 )
 from train_ato.messages.cdr import stamp_of, typestore
-from train_ato.messages.fixed_codec import Wire
+from train_ato.messages.codec import Wire
 from train_ato.messages.topic import TrainLayout
 from train_ato.messages.topics import BY_NAME, EPOCH_NS, topics_of
 from train_ato.messages.types import Diagnostic, Trajectory

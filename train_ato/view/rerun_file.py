@@ -17,7 +17,7 @@ from train_ato.log.run_log import LogFile
 from train_ato.log.table_loading import Frames
 from train_ato.log.whole_file import writing
 from train_ato.messages.cdr import SECOND
-from train_ato.messages.fixed_codec import Wire
+from train_ato.messages.codec import Wire
 from train_ato.messages.topics import BY_NAME, EPOCH_NS
 from train_ato.messages.types import Array
 from train_ato.scenario.setup import RunSetup

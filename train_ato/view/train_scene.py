@@ -14,7 +14,7 @@ import numpy as np
 
 from plant_sim.alignment import Alignment, TrackPose
 from train_ato.messages.cdr import SECOND, blank, layout_of, packed_stamp, stamp_of, typestore
-from train_ato.messages.fixed_codec import Wire
+from train_ato.messages.codec import Wire
 from train_ato.messages.types import Array, VehicleStates
 from train_ato.scenario.setup import RunSetup
 

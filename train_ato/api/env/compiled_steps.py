@@ -9,8 +9,8 @@ import numpy as np
 from plant_sim import kernel as k
 from plant_sim.compiled import compiled
 from train_ato.api.env.observation import DIRECTION, ENGAGED, SUPERVISED, add_costs, write_values
-from train_ato.loop.spans.kernel import span_ticks
-from train_ato.loop.spans.native_arguments import arguments_of, taken
+from train_ato.loop.native_arguments import arguments_of, taken
+from train_ato.loop.span_kernel import span_ticks
 
 TICKS, ROWS, GOES_ON = range(3)
 """Results of a train: ticks of this call, rows of its span that have been run, and 1 if its next tick was observed."""
@@ -52,7 +52,7 @@ def step_trains(kind, rows, who, next_of, most, stamp_unit, weights, results, co
     kind
         Kind of the rows.
     rows : Array of int, shape (trains, numbers)
-        Arguments of :func:`train_ato.loop.spans.kernel.run_span` of every train, and the arrays of its
+        Arguments of :func:`train_ato.loop.span_kernel.run_span` of every train, and the arrays of its
         :class:`train_ato.api.env.observation.Sight`.
     who : Array of int
         Numbers of the trains.

@@ -20,7 +20,7 @@ from train_ato.control.command_history import CommandHistory
 from train_ato.control.train_model import GRID
 from train_ato.loop.controller import ControllerStage, Received
 from train_ato.loop.engine import TickLoop
-from train_ato.loop.spans.span import envelope_arrays
+from train_ato.loop.span import envelope_arrays
 from train_ato.messages.topic import FIXED_NAMES, Owner
 from train_ato.messages.types import Array, Measurement
 from train_ato.scenario.setup import RunSetup

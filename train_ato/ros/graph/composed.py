@@ -10,7 +10,7 @@ from typing import Any
 from train_ato.errors import FirstFailure
 from train_ato.interrupt import Interrupt, interruptible
 from train_ato.judge.run_end import INTERRUPTED
-from train_ato.messages.fixed_codec import Wire
+from train_ato.messages.codec import Wire
 from train_ato.messages.topics import Role
 from train_ato.messages.types import Tick
 from train_ato.ros.graph import shared_memory

@@ -15,7 +15,7 @@ from train_ato.log.bag_layout import LOG
 from train_ato.log.reading import iter_raw
 from train_ato.log.recorded import outside_nodes, read_recording, read_reports
 from train_ato.log.run_folder import RunFolder
-from train_ato.messages.fixed_codec import Wire
+from train_ato.messages.codec import Wire
 from train_ato.messages.topics import BY_NAME
 from train_ato.ros.graph.environment import opened_by
 from train_ato.ros.graph.graph_result import GraphResult

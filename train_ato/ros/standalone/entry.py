@@ -140,7 +140,7 @@ def _run(
 ) -> int:
     """Create and run the node; imports are late because rclpy reads the environment at import."""
     from train_ato.errors import FirstFailure
-    from train_ato.messages.fixed_codec import Wire
+    from train_ato.messages.codec import Wire
     from train_ato.ros.graph.assembly import check_arguments, executor_of, make_node
     from train_ato.ros.nodes.endpoints import ROLES, NodeEndpoints
     from train_ato.ros.standalone.runner import StandaloneRunner

@@ -14,10 +14,10 @@ from train_ato.control.guard import GIVEN
 from train_ato.control.law import LawUnit
 from train_ato.control.law_call import LEFT, LawCall
 from train_ato.control.plan_text import TimedPlan
-from train_ato.loop.spans.forecast import SpanForecast
-from train_ato.loop.spans.messages import SpanArrays
-from train_ato.loop.spans.stages import Stages
+from train_ato.loop.forecast import SpanForecast
+from train_ato.loop.span_messages import SpanArrays
 from train_ato.loop.stage_messages import diagnostics_due
+from train_ato.loop.stages import Stages
 from train_ato.messages.types import Diagnostic, DisturbanceEstimate, Measurement, Reference
 
 LONGEST_CALLS_NS = 200_000_000

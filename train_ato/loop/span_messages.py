@@ -30,9 +30,9 @@ from train_ato.judge.recording import (
 from train_ato.judge.recording_builder import RecordingBuilder
 from train_ato.judge.repeated_reports import RepeatedReport
 from train_ato.loop.plant import TOTALS
-from train_ato.loop.spans.stages import Stages
-from train_ato.loop.spans.supervision_kernel import SupervisionArrays
 from train_ato.loop.stage_messages import SECOND_NS, Published
+from train_ato.loop.stages import Stages
+from train_ato.loop.supervision_kernel import SupervisionArrays
 from train_ato.messages.topics import TickBlock, Values, message_at
 from train_ato.messages.types import (
     Array,
@@ -216,7 +216,7 @@ class SpanArrays:
     sent, at_limit : Array, shape (ticks + 1, units) and (ticks + 1,)
         Commands [N] and steps of the law at a force limit so far, those before the first tick first.
     reference : Array, shape (3, ticks)
-        See :class:`train_ato.loop.spans.forecast.Forecast`.
+        See :class:`train_ato.loop.forecast.Forecast`.
     outside, cubes, means : Array
         Disturbances, see :meth:`plant_sim.disturbances.OutsideForces.ahead`.
     reports : list of Array

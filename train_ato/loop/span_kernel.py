@@ -18,7 +18,7 @@ from train_ato.control.guard import is_at_limit, limit_demands
 from train_ato.control.law import STEPPED
 from train_ato.control.law_call import address
 from train_ato.control.train_model import GRID, own_resistance
-from train_ato.loop.spans.supervision_kernel import MAX_POSITION, MAX_SPEED, copy_states, supervised_tick
+from train_ato.loop.supervision_kernel import MAX_POSITION, MAX_SPEED, copy_states, supervised_tick
 from train_ato.loop.train_protection import command_age
 from train_ato.messages.links import arrive, push
 

@@ -31,14 +31,14 @@ from train_ato.control.observers.record_observer import RecordObserver
 from train_ato.control.stack import ControlStack
 from train_ato.control.train_model import TrainModel
 from train_ato.judge.recording_builder import RecordingBuilder
+from train_ato.loop import span_kernel as kernel
+from train_ato.loop.forecast import Forecast
 from train_ato.loop.inputs import StageInputs
-from train_ato.loop.spans import kernel
-from train_ato.loop.spans.forecast import Forecast
-from train_ato.loop.spans.messages import Publish, SpanArrays, SpanMessages
-from train_ato.loop.spans.python_law import PythonCall, PythonLaw, PythonStack
-from train_ato.loop.spans.stages import Stages
-from train_ato.loop.spans.supervision_kernel import SupervisedTicks
+from train_ato.loop.python_law import PythonCall, PythonLaw, PythonStack
+from train_ato.loop.span_messages import Publish, SpanArrays, SpanMessages
 from train_ato.loop.stage_messages import SECOND_NS
+from train_ato.loop.stages import Stages
+from train_ato.loop.supervision_kernel import SupervisedTicks
 from train_ato.messages.links import LinkSpec
 from train_ato.messages.topics import TickBlock
 from train_ato.messages.types import Array, AtoReport
@@ -426,7 +426,7 @@ class Span:
     stamp : int
         Stamp of its first tick [ns].
     arguments : tuple
-        Those of :func:`train_ato.loop.spans.kernel.run_span`; they keep their arrays.
+        Those of :func:`train_ato.loop.span_kernel.run_span`; they keep their arrays.
     """
 
     def __init__(self, spans: CompiledSpans, stack: ControlStack, law: LawStep, count: int) -> None:

@@ -14,7 +14,7 @@ from plant_sim.odometry import OdometerState, OdometryReading, SlipRecord, count
 from plant_sim.record import Records, quantity, zeros
 from train_ato.control.assurance import AssuranceConstants, AssuranceState, assure
 from train_ato.control.plausibility import PLAUSIBLE, CheckConstants, implausible_quantity
-from train_ato.loop.spans.stages import Stages
+from train_ato.loop.stages import Stages
 from train_ato.messages.types import AtoState, Protection
 from train_ato.supervision.deceleration_curve import Arc
 from train_ato.supervision.limits import Target
