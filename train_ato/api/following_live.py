@@ -22,7 +22,7 @@ from train_ato.scenario.leader import check_namespace
 _LOOK_S = 0.1
 _SAYS = "train-ato: "
 """Begin of a line of a program."""
-_PACKAGE_ROOT = str(Path(__file__).resolve().parents[3])
+_PACKAGE_ROOT = str(Path(__file__).resolve().parents[2])
 
 
 def write_live_scenarios(file: FollowingFile, out: Path) -> dict[str, Path]:
