@@ -127,7 +127,7 @@ setup(
         "sweep": SWEEP,
         "tune": TUNE,
         "docs": [*DOCS, *VIEW, *EXPORT, *PLAN, *PICTURES, *SWEEP, *TUNE],
-        "gymnasium": ["gymnasium>=1.0"],
+        "gymnasium": ["gymnasium>=1.1"],
         "xarray": ["xarray>=2024.1"],
         "rerun": ["rerun-sdk>=0.24; python_version >= '3.11'"],
         "test": [
@@ -136,7 +136,7 @@ setup(
             *PICTURES,
             *DOCS,
             *TUNE,
-            "gymnasium>=1.0",
+            "gymnasium>=1.1",
             "xarray>=2024.1",
             "control>=0.10",
             "rtamt>=0.3.5; python_version < '3.13'",

@@ -80,7 +80,12 @@ def test_one_compiled_call_is_a_vector_with_the_results_of_single_environments(f
     joined.close()
 
 
-def test_the_registration_does_not_import_the_compiler():
-    """Breaks if the import of Gymnasium, of this project or of the registration loads numba."""
-    code = f"import sys, gymnasium, train_ato, {ENVS}; assert not {{'numba', 'pandas'}} & sys.modules.keys()"
-    subprocess.run([sys.executable, "-c", code], check=True)
+def test_the_import_registers_every_scenario_without_the_compiler():
+    """Breaks if `gymnasium.make` needs another import, the registration loads numba, or an old Gymnasium stops it."""
+    code = (
+        "import sys, gymnasium, train_ato; assert not {'numba', 'pandas'} & sys.modules.keys()\n"
+        "assert gymnasium.make('train_ato/XuzhouMetro-v0', set={'duration': 1}).reset(seed=1)"
+    )
+    old = "import gymnasium; del gymnasium.vector.AutoresetMode; import train_ato; train_ato.scenarios()"
+    for text in (code, old):
+        subprocess.run([sys.executable, "-c", text], check=True)

@@ -22,6 +22,7 @@ Every error is an ``Error`` with one line for each fault: ``InputError`` before 
 """
 
 import importlib
+import sys
 from types import FunctionType
 from typing import TYPE_CHECKING, Any
 
@@ -150,3 +151,7 @@ def __getattr__(name: str) -> Any:
 def __dir__() -> list[str]:
     """Return the public names."""
     return sorted({*__all__, *(name for name in globals() if name.startswith("__"))})
+
+
+if hasattr(getattr(sys.modules.get("gymnasium"), "vector", None), "AutoresetMode"):  # imported before, 1.1 or later
+    importlib.import_module("train_ato.api.env.gymnasium_env")  # registers its environments

@@ -1,11 +1,12 @@
-"""Environments of Gymnasium, one for every shipped scenario; the import of this module registers them.
+"""Environments of Gymnasium, one for every shipped scenario.
 
->>> import gymnasium, train_ato.api.env.gymnasium_env  # doctest: +SKIP
+``import train_ato`` after that of Gymnasium registers them: Gymnasium since 1.0 looks up no entry points.
+
+>>> import gymnasium, train_ato  # doctest: +SKIP
 >>> env = gymnasium.make("train_ato/XuzhouMetro-v0", set={"duration": 60})  # doctest: +SKIP
 
-Without the import: ``gymnasium.make("train_ato.api.env.gymnasium_env:train_ato/XuzhouMetro-v0")``. Gymnasium since
-1.0 looks up no entry points. A vector environment has the default autoreset mode of Gymnasium, ``NEXT_STEP``: the step
-after the end of a run is its reset. One that drives all trains in one compiled call:
+A vector environment has the default autoreset mode of Gymnasium, ``NEXT_STEP``: the step after the end of a run is its
+reset. One that drives all trains in one compiled call:
 
 >>> envs = gymnasium.make_vec("train_ato/XuzhouMetro-v0", 64)  # doctest: +SKIP
 """
