@@ -27,7 +27,7 @@ DOCS = ["sphinx>=8.1", "myst-parser>=4.0", "numpydoc>=1.8", "furo>=2024.8.6"]
 def version() -> str:
     """Read the version from the one file that declares it."""
     scope: dict[str, str] = {}
-    exec((HERE / NAME / "version.py").read_text(), scope)
+    exec((HERE / NAME / "program" / "version.py").read_text(), scope)
     return scope["VERSION"]
 
 

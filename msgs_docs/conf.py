@@ -7,7 +7,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from msgs_docs.generate.site import DOCUMENTS, with_navigation  # noqa: E402
-from train_ato.version import VERSION  # noqa: E402
+from train_ato.program.version import VERSION  # noqa: E402
 
 project = "train_ato"
 release = VERSION

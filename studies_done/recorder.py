@@ -41,7 +41,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "bench"))
 from figures import Figure, Goal, judge, publish
 from mcap.writer import CompressionType, Writer
 
-from train_ato.errors import FirstFailure
+from train_ato.program.errors import FirstFailure
 from train_ato.log.bag_layout import table_name
 from train_ato.log.compression import COMPRESSIONS, DEFAULT
 from train_ato.log.mcap_records import RawMessage, stream

@@ -26,7 +26,7 @@ from train_ato.cli.list import catalogue
 from train_ato.cli.main import main
 from train_ato.control.contract import LawOutput, parameter
 from train_ato.control.registry import LAWS
-from train_ato.errors import refusing
+from train_ato.program.errors import refusing
 from train_ato.scenario.scenario import check_scenario
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -446,7 +446,7 @@ def test_importing_the_package_is_light():
         "assert train_ato.scenario.scenario.load_scenario and ta.scenario('demo').name == 'demo'\n"
     )
     subprocess.run([sys.executable, "-c", code], env={**os.environ, "PYTHONPATH": str(ROOT)}, check=True)
-    assert ta.__version__ == importlib.import_module("train_ato.version").VERSION
+    assert ta.__version__ == importlib.import_module("train_ato.program.version").VERSION
     with pytest.raises(AttributeError, match="no attribute 'runn'"):
         ta.runn  # noqa: B018
 

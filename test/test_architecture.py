@@ -8,11 +8,10 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 
 LAYERS = (
-    "plant_sim", "train_ato.version", "train_ato.errors", "train_ato.interrupt", "train_ato.arguments",
-    "train_ato.messages", "train_ato.supervision", "train_ato.control", "train_ato.profile", "train_ato.scenario",
-    "train_ato.judge", "train_ato.loop", "train_ato.log", "train_ato.ros", "train_ato.report", "train_ato.api",
-    "train_ato.studies", "train_ato.replay", "train_ato.view", "train_ato.papers", "train_ato.cli",
-    "train_ato", "train_ato.__main__",
+    "plant_sim", "train_ato.program", "train_ato.messages", "train_ato.supervision", "train_ato.control",
+    "train_ato.profile", "train_ato.scenario", "train_ato.judge", "train_ato.loop", "train_ato.log", "train_ato.ros",
+    "train_ato.report", "train_ato.api", "train_ato.studies", "train_ato.replay", "train_ato.view", "train_ato.papers",
+    "train_ato.cli", "train_ato", "train_ato.__main__",
 )  # fmt: skip
 """Layers from lowest to highest; CONTRIBUTING.md describes them."""
 CONTROL_LAYERS = (
@@ -189,7 +188,7 @@ def test_few_functions_take_many_positional_parameters() -> None:
 
 def test_the_first_level_is_small() -> None:
     entries = [path for path in (ROOT / "train_ato").iterdir() if not path.name.startswith("__pycache__")]
-    assert sum(path.is_dir() for path in entries) <= 16
-    assert sum(path.suffix == ".py" for path in entries) <= 6
+    assert sum(path.is_dir() for path in entries) <= 17
+    assert sum(path.suffix == ".py" for path in entries) <= 2
     layers = {layer(name) for name in MODULES}
-    assert len(layers) <= 23
+    assert len(layers) <= 20

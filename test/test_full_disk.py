@@ -21,10 +21,10 @@ from train_ato.api.drive import finish
 from train_ato.api.progress import COMPILE_NOTE
 from train_ato.api.run import Run, RunRecord
 from train_ato.cli.main import main
-from train_ato.errors import FirstFailure, RunFailed
 from train_ato.judge.result import RunResult
 from train_ato.log.run_folder import RunFolder
 from train_ato.loop.engine import run_engine
+from train_ato.program.errors import FirstFailure, RunFailed
 from train_ato.scenario.scenario import load_scenario
 from train_ato.scenario.setup import prepare
 

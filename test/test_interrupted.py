@@ -17,7 +17,7 @@ from waiting import LIMIT_S, pause, wait_for
 import train_ato
 from train_ato.api.progress import COMPILE_NOTE, PLANNER_NOTE
 from train_ato.cli.main import main
-from train_ato.interrupt import Interrupt, ending_like_ctrl_c
+from train_ato.program.interrupt import Interrupt, ending_like_ctrl_c
 from train_ato.scenario.scenario import load_scenario
 
 ROOT = Path(train_ato.__file__).resolve().parents[1]
@@ -188,7 +188,7 @@ def test_nohup_is_respected(tmp_path: Path) -> None:
     """Breaks if a closed terminal ends a command that ignores its signal, as with nohup."""
     code = (
         "import signal, sys; signal.signal(signal.SIGHUP, signal.SIG_IGN)\n"
-        "from train_ato.interrupt import Interrupt, ending_like_ctrl_c, interruptible\n"
+        "from train_ato.program.interrupt import Interrupt, ending_like_ctrl_c, interruptible\n"
         "with ending_like_ctrl_c(Interrupt()), interruptible() as interrupt:\n"
         "    signal.raise_signal(signal.SIGHUP)\n"
         "    assert not interrupt.asked\n"
@@ -284,7 +284,7 @@ def test_the_first_worker_of_a_program_gets_no_ctrl_c(tmp_path: Path) -> None:
     script = tmp_path / "workers.py"
     script.write_text(
         "import multiprocessing, signal, threading\n"
-        "from train_ato.interrupt import workers_without_ctrl_c\n"
+        "from train_ato.program.interrupt import workers_without_ctrl_c\n"
         "def work():\n"
         "    print(signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, []), flush=True)\n"
         "def start():\n"

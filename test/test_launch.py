@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 import yaml
 
-from train_ato.arguments import BAD_INPUT
 from train_ato.cli.main import main
 from train_ato.messages.topics import Role
+from train_ato.program.arguments import BAD_INPUT
 from train_ato.ros.standalone.entry import run_role
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -12,9 +12,9 @@ from train_ato.cli import main
 from train_ato.control.contract import LawInput, LawOutput
 from train_ato.control.laws.pid import Pid
 from train_ato.control.registry import LAWS
-from train_ato.errors import RunFailed
 from train_ato.log.reading import read_log
 from train_ato.messages.codec import Wire
+from train_ato.program.errors import RunFailed
 from train_ato.scenario.scenario import load_scenario
 from train_ato.scenario.setup import prepare
 

@@ -18,7 +18,6 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 from waiting import LIMIT_S, wait_for
 
-from train_ato.errors import FirstFailure, NodeFault
 from train_ato.log.run_log import RunLog
 from train_ato.loop.plant import PlantStage
 from train_ato.loop.profile import ProfileStage
@@ -26,6 +25,7 @@ from train_ato.loop.stamp_synchronizer import StampSynchronizer
 from train_ato.messages.codec import Wire
 from train_ato.messages.topics import BY_NAME, EPOCH_NS, TOPICS, Role, read_by, topics_of
 from train_ato.messages.types import Command, Diagnostic, DisturbanceEstimate, Reference, Tick, Trajectory
+from train_ato.program.errors import FirstFailure, NodeFault
 from train_ato.ros.graph.assembly import executor_of
 from train_ato.ros.nodes.answer_watch import CHECK_S, SUSPENDED_S, silent_node
 from train_ato.ros.nodes.endpoints import NodeEndpoints

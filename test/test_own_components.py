@@ -14,14 +14,14 @@ import pandas as pd
 import pytest
 
 import train_ato as ta
-from train_ato import interrupt
 from train_ato.cli.main import main
 from train_ato.control.compensation.base import CompensationBase
 from train_ato.control.component_fault import output_fault
 from train_ato.control.contract import LawOutput
 from train_ato.control.keyword_form import in_contract_form
 from train_ato.control.registry import COMPENSATIONS, OBSERVERS
-from train_ato.errors import RunFailed
+from train_ato.program import interrupt
+from train_ato.program.errors import RunFailed
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 KEYS = ("speed_rmse_kmh", "coupler_draft_max_kn", "energy_traction_kwh")

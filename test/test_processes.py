@@ -21,12 +21,12 @@ from recordings import message_counts
 from remains import processes_of
 from waiting import LIMIT_S, LOOK_S, wait_for
 
-from train_ato.interrupt import Interrupt
 from train_ato.log.mcap_records import stream
 from train_ato.log.reading import iter_raw, read_log
 from train_ato.log.recover import recover
 from train_ato.messages.codec import Wire
 from train_ato.messages.topics import Rate, Role, topics_of
+from train_ato.program.interrupt import Interrupt
 from train_ato.ros.graph import processes, shared_memory
 from train_ato.ros.graph.environment import claim_domain
 from train_ato.ros.graph.graph_result import GraphOptions, GraphResult

@@ -21,6 +21,7 @@ import train_ato as ta
 from msgs_docs.generate.schemas import MODELS, schema_text
 from plant_sim.library import consist_names, consist_path, line_names, line_path
 from plant_sim.si_model import blocks_of, example_of_key
+from train_ato.program.version import VERSION
 from train_ato.scenario.criteria import Expectation
 from train_ato.scenario.scenario import (
     expectation_of,
@@ -31,7 +32,6 @@ from train_ato.scenario.scenario import (
     variants_of,
 )
 from train_ato.scenario.setup import prepare
-from train_ato.version import VERSION
 
 REPO = Path(__file__).resolve().parents[1]
 SCENARIOS = [

@@ -13,8 +13,8 @@ from msgs_docs.generate.schemas import MODELS, schema_text
 from plant_sim.library import consist_names, line_names
 from train_ato.cli import main, new
 from train_ato.cli.main import COMMANDS
+from train_ato.program.version import VERSION
 from train_ato.scenario.scenario import expectation_of
-from train_ato.version import VERSION
 
 ROOT = Path(__file__).resolve().parents[1]
 

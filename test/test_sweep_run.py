@@ -23,8 +23,8 @@ from waiting import wait_for
 import train_ato as ta
 from plant_sim.library import consist_path, line_path
 from train_ato.cli.main import main
-from train_ato.interrupt import Interrupt, ending_like_ctrl_c
 from train_ato.log.run_folder import read_summary
+from train_ato.program.interrupt import Interrupt, ending_like_ctrl_c
 from train_ato.studies.sweep import sweep as sweep_module
 from train_ato.studies.sweep.cluster import OWNER, SCRATCH, SETTINGS, _scratch_folder, sweep_client
 from train_ato.studies.sweep.folder import SweepFolder

@@ -19,8 +19,6 @@ from plant_sim.consist import Consist
 from plant_sim.library import load_consist
 from plant_sim.line import Line
 from train_ato.cli.plan import add_arguments, execute, trip_from_options
-from train_ato.errors import RunInterrupted
-from train_ato.interrupt import Interrupt, ending_like_ctrl_c
 from train_ato.messages.types import Array
 from train_ato.profile.trip.driven_run import TripRun, follow_journey
 from train_ato.profile.trip.journey import Journey, JourneySearch
@@ -35,6 +33,8 @@ from train_ato.profile.trip.reduced_train import (
 )
 from train_ato.profile.trip.run_profile import braking_distance, final_deceleration, stop_knots
 from train_ato.profile.trip.settings import TripSettings
+from train_ato.program.errors import RunInterrupted
+from train_ato.program.interrupt import Interrupt, ending_like_ctrl_c
 from train_ato.scenario.scenario import load_scenario
 from train_ato.scenario.trip_scenario import FINAL_GAINS, final_gains
 

@@ -14,9 +14,9 @@ from waiting import wait_for
 from train_ato.cli import main
 from train_ato.cli.main import command_line
 from train_ato.cli.view import _command, _next_beside, _Started, _Waiting
-from train_ato.errors import RunFailed
-from train_ato.interrupt import Interrupt
 from train_ato.messages.topic import TrainLayout
+from train_ato.program.errors import RunFailed
+from train_ato.program.interrupt import Interrupt
 from train_ato.ros.graph.environment import applied, variables
 from train_ato.scenario.interventions import EmergencyBrakeNow, GustNow, planned_for
 from train_ato.scenario.scenario import load_scenario

@@ -27,8 +27,8 @@ from types import FunctionType
 from typing import TYPE_CHECKING, Any
 
 import train_ato.scenario as _package
-from train_ato.errors import refusing
-from train_ato.version import VERSION
+from train_ato.program.errors import refusing
+from train_ato.program.version import VERSION
 
 if TYPE_CHECKING:
     from train_ato.api.catalogue import compensations as compensations
@@ -56,13 +56,13 @@ if TYPE_CHECKING:
     from train_ato.api.verifying import verify as verify
     from train_ato.control.contract import Law as Law
     from train_ato.control.contract import parameter as parameter
-    from train_ato.errors import Error as Error
-    from train_ato.errors import InputError as InputError
-    from train_ato.errors import RunFailed as RunFailed
-    from train_ato.errors import RunInterrupted as RunInterrupted
     from train_ato.judge.typed_result import TypedResult as TypedResult
     from train_ato.log.table_loading import Frames as Frames
     from train_ato.log.table_loading import load as load
+    from train_ato.program.errors import Error as Error
+    from train_ato.program.errors import InputError as InputError
+    from train_ato.program.errors import RunFailed as RunFailed
+    from train_ato.program.errors import RunInterrupted as RunInterrupted
     from train_ato.replay.replaying import replay as replay
     from train_ato.studies.check_component.checking import check_law as check_law
     from train_ato.studies.curves.curves import curves as curves
@@ -78,16 +78,16 @@ _PLACES = {
     "Comparison": "train_ato.api.compare",
     "Env": "train_ato.api.env.env",
     "EnvState": "train_ato.api.env.env",
-    "Error": "train_ato.errors",
+    "Error": "train_ato.program.errors",
     "Frames": "train_ato.log.table_loading",
-    "InputError": "train_ato.errors",
+    "InputError": "train_ato.program.errors",
     "Law": "train_ato.control.contract",
     "LearnResult": "train_ato.studies.learn",
     "TypedResult": "train_ato.judge.typed_result",
     "Run": "train_ato.api.run",
     "RunDifference": "train_ato.api.run_difference",
-    "RunFailed": "train_ato.errors",
-    "RunInterrupted": "train_ato.errors",
+    "RunFailed": "train_ato.program.errors",
+    "RunInterrupted": "train_ato.program.errors",
     "VectorEnv": "train_ato.api.env.vector_env",
     "SweepResult": "train_ato.studies.sweep.result",
     "TuneResult": "train_ato.studies.tune.tune_result",

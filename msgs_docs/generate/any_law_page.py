@@ -19,9 +19,9 @@ from plant_sim.plant_setup import Mismatch
 from plant_sim.units import number_text
 from train_ato.control.gains import FITTED, PRINTED, has_gains
 from train_ato.control.registry import LAWS
-from train_ato.errors import RunFailed
 from train_ato.judge.ranking import standings
 from train_ato.loop.engine import run_engine
+from train_ato.program.errors import RunFailed
 from train_ato.scenario.scenario import load_scenario, raw_scenario, shipped_scenarios, variants_of
 from train_ato.scenario.setup import RunSetup, prepare
 

@@ -68,8 +68,8 @@ def _sections() -> list[str]:
     with tempfile.TemporaryDirectory() as scratch, claim_domain() as domain:
         folder = Path(scratch)
         with applied(variables(domain, folder / "log")):
-            from train_ato.errors import FirstFailure
             from train_ato.messages.codec import Wire
+            from train_ato.program.errors import FirstFailure
             from train_ato.ros.graph.assembly import executor_of, make_node
             from train_ato.ros.nodes.endpoints import ROLES, NodeEndpoints
             from train_ato.ros.standalone.discovery import answer_ready

@@ -21,10 +21,10 @@ from train_ato.api.scenario_choice import (
     put_components,
 )
 from train_ato.control.registry import LAWS
-from train_ato.errors import RunFailed, RunInterrupted, check_packages, refusing
 from train_ato.judge.metric_names import metric_heading
 from train_ato.judge.ranking import rank_of
 from train_ato.judge.summary_table import RESULTS, html_table
+from train_ato.program.errors import RunFailed, RunInterrupted, check_packages, refusing
 from train_ato.scenario.scenario import Scenario
 from train_ato.scenario.scenario_data import with_start
 from train_ato.scenario.setup import RunSetup
@@ -161,7 +161,7 @@ class Comparison:
             If the file exists already or cannot be written, or no law has a complete tick.
         """
         check_packages("report", "bokeh", "jinja2")
-        from train_ato.arguments import check_new_file
+        from train_ato.program.arguments import check_new_file
         from train_ato.report.writing import write_comparison_page
 
         page = Path(out)

@@ -8,8 +8,8 @@ from plant_sim.formats.osrd_stock import osrd_stock_json
 from plant_sim.formats.reading import holds_train, own_yaml, ttobench_json
 from plant_sim.formats.survey import line_geojson, line_gpx
 from plant_sim.library import consist_names, line_names, named_line, named_train, split_name
-from train_ato.arguments import check_new_file
 from train_ato.log.whole_file import write_whole
+from train_ato.program.arguments import check_new_file
 
 OWN, JSON = (".yaml", ".yml"), ".json"
 LINES = {JSON: ttobench_json, ".csv": line_csv, ".gpx": line_gpx, ".geojson": line_geojson}

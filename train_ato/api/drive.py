@@ -19,14 +19,14 @@ from train_ato.api.scenario_choice import (
     given_objects,
     put_components,
 )
-from train_ato.errors import RunFailed, RunInterrupted
-from train_ato.interrupt import interruptible, no_silent_exit
 from train_ato.judge.result import RunResult
 from train_ato.log.compression import DEFAULT
 from train_ato.log.run_folder import RunFolder
 from train_ato.log.versions import SCENARIO
 from train_ato.loop.engine import run_engine
 from train_ato.messages.topics import EXTERNAL
+from train_ato.program.errors import RunFailed, RunInterrupted
+from train_ato.program.interrupt import interruptible, no_silent_exit
 from train_ato.ros import require_ros
 from train_ato.scenario.leader import check_namespace
 from train_ato.scenario.setup import RunSetup

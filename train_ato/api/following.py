@@ -16,12 +16,12 @@ from plant_sim.units import KMH
 from train_ato.api.drive import RunMode, drive
 from train_ato.api.run import Run
 from train_ato.api.scenario_choice import choose_scenario
-from train_ato.errors import RunFailed
 from train_ato.judge.recording import TRUTH, Recording
 from train_ato.log.run_folder import RunFolder, summary_text
 from train_ato.log.whole_file import write_whole
 from train_ato.loop.headway import following_weight
 from train_ato.loop.train_ahead import reporter_of
+from train_ato.program.errors import RunFailed
 from train_ato.scenario.following import FollowingFile, FollowingSpec
 from train_ato.scenario.scenario_data import PartCache
 from train_ato.scenario.setup import RunSetup

@@ -12,9 +12,9 @@ import yaml
 
 from train_ato.api.following import FollowingResult, Preparation, result_of
 from train_ato.api.run import open_run
-from train_ato.errors import RunFailed, RunInterrupted
-from train_ato.interrupt import Interrupt, interruptible
 from train_ato.log.run_folder import RunFolder
+from train_ato.program.errors import RunFailed, RunInterrupted
+from train_ato.program.interrupt import Interrupt, interruptible
 from train_ato.ros.graph.environment import claim_domain, domain_of_environment, print_domain
 from train_ato.scenario.following import FollowingFile
 from train_ato.scenario.leader import check_namespace

@@ -20,11 +20,11 @@ from train_ato.api.import_csv.smoothing import MAX_WINDOW, measured_profile, win
 from train_ato.api.import_csv.table import CsvTable, read_table, titles_of
 from train_ato.api.progress import activity, progress_bar
 from train_ato.api.run import Run
-from train_ato.arguments import option_name
 from train_ato.judge.result import Progress
 from train_ato.log.run_folder import RunFolder, summary_text
 from train_ato.log.versions import SUMMARY
 from train_ato.profile.file import write_profile
+from train_ato.program.arguments import option_name
 from train_ato.scenario.setup import RunSetup
 
 PROFILE = "profile.csv"

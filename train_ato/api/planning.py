@@ -8,11 +8,11 @@ from pydantic import ValidationError
 
 from plant_sim.input_error import explain
 from plant_sim.line import line_for
-from train_ato.arguments import OPTIONS_OF_PLAN, check_new_file
 from train_ato.profile.file import write_profile
 from train_ato.profile.planner.planner import Plan, plan_profile
 from train_ato.profile.planner.settings import PlanSettings, find_line, find_train
 from train_ato.profile.planner.timing_points import read_journey
+from train_ato.program.arguments import OPTIONS_OF_PLAN, check_new_file
 
 PROFILES, FIGURES = (".csv", ".yaml", ".yml"), (".png", ".pdf", ".svg")
 OF_THE_JOURNEY = ("time", "allowance", "begin", "end", "dwell", "calling")

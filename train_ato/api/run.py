@@ -10,7 +10,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from train_ato.errors import check_packages, refusing
 from train_ato.judge.recording import Recording
 from train_ato.judge.result import RunResult
 from train_ato.judge.summary_table import html_table, result_rows
@@ -19,6 +18,7 @@ from train_ato.log.compression import DEFAULT
 from train_ato.log.recorded import open_recording
 from train_ato.log.run_folder import Encoder, RunFolder, read_run_folder, read_summary
 from train_ato.messages.topics import TickBlock
+from train_ato.program.errors import check_packages, refusing
 from train_ato.scenario.setup import RunSetup
 
 if TYPE_CHECKING:
@@ -313,7 +313,7 @@ class Run:
             HTML file; default: ``report.html`` in the run folder, a temporary one before the run is saved.
         """
         check_packages("report", "bokeh", "jinja2")
-        from train_ato.arguments import check_new_file
+        from train_ato.program.arguments import check_new_file
         from train_ato.report.page_data import page_data
         from train_ato.report.words import REPORT
         from train_ato.report.writing import write_run

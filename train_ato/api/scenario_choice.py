@@ -16,8 +16,8 @@ from plant_sim.data_text import TextDumper
 from plant_sim.library import split_name
 from train_ato.control.keyword_form import GivenComponent, keyword_values
 from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS, Registry, load_class
-from train_ato.errors import InputError
 from train_ato.judge.summary_table import verdict_html
+from train_ato.program.errors import InputError
 from train_ato.scenario.overlays import RefusedScenario, assign, caused_by, overlay, put, with_absolute_files
 from train_ato.scenario.scenario import SCHEMA, Scenario, check_scenario, expectation_of, raw_scenario, variants_of
 from train_ato.scenario.scenario_data import PartCache

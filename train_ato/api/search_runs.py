@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from train_ato.api.series_folder import KeptRuns
-from train_ato.interrupt import workers_without_ctrl_c
+from train_ato.program.interrupt import workers_without_ctrl_c
 
 Task = Callable[[Any], Any]
 """Function that returns the result of one input; for several processes it is pickled."""

@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from plant_sim.data_text import parse_json
-from train_ato.errors import RunFailed
 from train_ato.log.run_folder import RunFolder
 from train_ato.log.versions import source_hash, versions
 from train_ato.log.whole_file import write_whole, writing
+from train_ato.program.errors import RunFailed
 
 Self = TypeVar("Self", bound="SeriesFolder")
 RUNS = "runs.jsonl"

@@ -8,7 +8,6 @@ from pathlib import Path
 from plant_sim.train import compile_kernel
 from train_ato.api.import_csv.run import MEASURED
 from train_ato.api.progress import COMPILE_NOTE, compilation_noted, progress_bar, share_bar
-from train_ato.errors import RunFailed
 from train_ato.log.difference import LogComparison, compare_logs
 from train_ato.log.reading import read_log
 from train_ato.log.recorded import late_commands, outside_nodes, read_changes, read_recording, read_reports
@@ -18,6 +17,7 @@ from train_ato.loop.engine import SIGNALS, TickLoop, run_engine
 from train_ato.messages.codec import Wire
 from train_ato.messages.topics import AHEAD
 from train_ato.messages.types import TrainAhead
+from train_ato.program.errors import RunFailed
 from train_ato.scenario.setup import RunSetup
 
 

@@ -6,7 +6,7 @@ import dataclasses
 import sys
 
 from train_ato.cli.screen import note_compilation, print_json
-from train_ato.errors import RunFailed
+from train_ato.program.errors import RunFailed
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

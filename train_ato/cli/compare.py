@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from train_ato.cli.scenario_options import KINDS, add_change_options, check_component_name
 from train_ato.cli.screen import note_compilation, print_json, print_table
-from train_ato.errors import RunFailed, RunInterrupted, missing_packages
+from train_ato.program.errors import RunFailed, RunInterrupted, missing_packages
 
 if TYPE_CHECKING:
     from train_ato.api.compare import Comparison

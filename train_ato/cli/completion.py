@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
-from train_ato.arguments import OneLineParser
+from train_ato.program.arguments import OneLineParser
 
 SHELLS = ("bash", "zsh", "fish")
 PROGRAM = "train-ato"

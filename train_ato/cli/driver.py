@@ -8,8 +8,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from train_ato.arguments import check_new_file
 from train_ato.cli.screen import print_json
+from train_ato.program.arguments import check_new_file
 
 if TYPE_CHECKING:
     from plant_sim.line import Line

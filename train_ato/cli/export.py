@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from train_ato.cli.screen import print_json, print_table
-from train_ato.errors import check_packages
+from train_ato.program.errors import check_packages
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from train_ato.cli.scenario_options import KINDS, add_scenario_options, check_component_name
-from train_ato.errors import RunFailed, RunInterrupted
+from train_ato.program.errors import RunFailed, RunInterrupted
 
 if TYPE_CHECKING:
     from train_ato.api.scenario_choice import ScenarioChoice

@@ -7,8 +7,8 @@ import argparse
 import sys
 from typing import NamedTuple
 
-from train_ato.arguments import parse_yaml_value
 from train_ato.cli.screen import print_json
+from train_ato.program.arguments import parse_yaml_value
 
 
 class Action(NamedTuple):

@@ -46,10 +46,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(options: argparse.Namespace) -> int:
     """Learn, write the file, and print the errors of the runs."""
     from train_ato.api.series_folder import SearchFolder
-    from train_ato.arguments import check_new_file
     from train_ato.cli.screen import print_json, print_table
-    from train_ato.errors import RunFailed
     from train_ato.log.run_folder import RunFolder
+    from train_ato.program.arguments import check_new_file
+    from train_ato.program.errors import RunFailed
     from train_ato.studies.learn import LearnResult, learn_from, learn_runs, learned_rows
     from train_ato.studies.sweep.row import data_hash, scenario_hash
 

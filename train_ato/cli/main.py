@@ -9,10 +9,10 @@ from collections.abc import Sequence
 from typing import Any
 
 from plant_sim.input_error import InputFaults
-from train_ato.arguments import BAD_INPUT, OneLineParser, prepare_streams, shortened
-from train_ato.errors import RunFailed
-from train_ato.interrupt import Interrupt, ProcessExit, ending_like_ctrl_c, no_silent_exit, text_of_exit
-from train_ato.version import VERSION
+from train_ato.program.arguments import BAD_INPUT, OneLineParser, prepare_streams, shortened
+from train_ato.program.errors import RunFailed
+from train_ato.program.interrupt import Interrupt, ProcessExit, ending_like_ctrl_c, no_silent_exit, text_of_exit
+from train_ato.program.version import VERSION
 
 __all__ = ["RunFailed", "main"]
 

@@ -27,8 +27,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Write the files, then print their names and the next command."""
-    from train_ato.arguments import check_new_file
     from train_ato.log.whole_file import write_whole
+    from train_ato.program.arguments import check_new_file
 
     if not re.fullmatch(r"[a-z][a-z0-9_]*", options.name):
         raise ValueError(

@@ -3,8 +3,8 @@
 import argparse
 import sys
 
-from train_ato.arguments import parse_yaml_value
 from train_ato.cli.screen import print_json
+from train_ato.program.arguments import parse_yaml_value
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

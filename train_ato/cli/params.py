@@ -48,9 +48,9 @@ def node_parameters(setup: RunSetup) -> dict[str, dict[str, Any]]:
 
     require_ros()
     with tempfile.TemporaryDirectory() as scratch, claim_domain() as domain, applied(variables(domain, Path(scratch))):
-        from train_ato.errors import FirstFailure
         from train_ato.messages.codec import Wire
         from train_ato.messages.topics import Role
+        from train_ato.program.errors import FirstFailure
         from train_ato.ros.graph.assembly import executor_of, make_node
         from train_ato.ros.nodes.endpoints import NodeEndpoints
 

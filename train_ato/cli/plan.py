@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from plant_sim.input_error import InputFaults, explain
-from train_ato.arguments import OPTIONS_OF_PLAN, check_new_file
-from train_ato.errors import RunInterrupted, check_packages
+from train_ato.program.arguments import OPTIONS_OF_PLAN, check_new_file
+from train_ato.program.errors import RunInterrupted, check_packages
 
 if TYPE_CHECKING:
     from plant_sim.consist import Consist

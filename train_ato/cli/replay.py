@@ -13,8 +13,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from train_ato.arguments import parse_rate
 from train_ato.cli.screen import print_json, print_table
+from train_ato.program.arguments import parse_rate
 
 if TYPE_CHECKING:
     from train_ato.replay.playback import Playback, ReplayState

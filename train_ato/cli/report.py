@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from train_ato.cli.screen import print_json
-from train_ato.errors import check_packages
+from train_ato.program.errors import check_packages
 
 if TYPE_CHECKING:
     from train_ato.report.page_data import PageData

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from train_ato.cli.screen import note_compilation
-from train_ato.errors import RunFailed
+from train_ato.program.errors import RunFailed
 
 if TYPE_CHECKING:
     from rich.console import Console

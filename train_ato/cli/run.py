@@ -12,10 +12,10 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from train_ato.arguments import add_followed, add_no_lockstep, add_rate, parse_limit
 from train_ato.cli.scenario_options import add_scenario_options, prepare_from
-from train_ato.errors import RunFailed
 from train_ato.log.compression import add_compression
+from train_ato.program.arguments import add_followed, add_no_lockstep, add_rate, parse_limit
+from train_ato.program.errors import RunFailed
 
 if TYPE_CHECKING:
     from train_ato.api.drive import RunMode

@@ -31,8 +31,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Publish /tf, /tf_static, poses, markers and track until the run ends."""
-    from train_ato.interrupt import interruptible
     from train_ato.log.run_folder import read_run_folder
+    from train_ato.program.interrupt import interruptible
     from train_ato.ros import require_ros
     from train_ato.ros.graph.environment import applied, variables
     from train_ato.ros.graph.remote import resolve_domain

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from train_ato.cli.screen import note_compilation, print_json, print_table
-from train_ato.errors import RunFailed
+from train_ato.program.errors import RunFailed
 
 if TYPE_CHECKING:
     from train_ato.studies.sweep.folder import SweepFolder

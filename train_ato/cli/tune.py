@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from train_ato.cli.scenario_options import KINDS, check_component_name
 from train_ato.cli.screen import note_compilation, print_json, print_table
-from train_ato.errors import RunFailed
+from train_ato.program.errors import RunFailed
 from train_ato.studies.tune.objective import TERMS
 
 if TYPE_CHECKING:

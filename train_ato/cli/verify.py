@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 from train_ato.cli.screen import print_json
-from train_ato.errors import RunFailed
+from train_ato.program.errors import RunFailed
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -16,10 +16,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from train_ato.arguments import BAD_INPUT, add_rate
 from train_ato.cli.screen import print_json
-from train_ato.errors import RunFailed, check_packages
-from train_ato.interrupt import Interrupt, interruptible
+from train_ato.program.arguments import BAD_INPUT, add_rate
+from train_ato.program.errors import RunFailed, check_packages
+from train_ato.program.interrupt import Interrupt, interruptible
 from train_ato.ros.graph.wait_note import WaitNote
 
 if TYPE_CHECKING:

@@ -10,8 +10,8 @@ import numpy as np
 from plant_sim.compiled import compiled
 from train_ato.control.component_fault import ComponentFailed
 from train_ato.control.train_model import STANDSTILL_SPEED, TrainModel
-from train_ato.errors import RunFailed
 from train_ato.messages.types import Array
+from train_ato.program.errors import RunFailed
 
 MIN_HELD_STEPS = 3
 """Consecutive steps that are allowed for any period of the law."""

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from train_ato.control.contract import LawOutput, LawPlan
-from train_ato.errors import RunFailed
-from train_ato.interrupt import STEP_LIMIT_S, ComponentCall, StepLimit, TimedOut, text_of_exit
+from train_ato.program.errors import RunFailed
+from train_ato.program.interrupt import STEP_LIMIT_S, ComponentCall, StepLimit, TimedOut, text_of_exit
 
 _OF_PROJECT = ("train_ato", "plant_sim")
 

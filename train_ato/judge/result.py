@@ -28,9 +28,9 @@ from train_ato.judge.stops import StopResult, stops_of_run
 from train_ato.judge.tracking import INCOMPLETE, TRACKED, TrackingFinding, outcome_of, tracking_summary
 from train_ato.judge.verdict import judge_run
 from train_ato.messages.types import Array, AtoState
+from train_ato.program.version import VERSION
 from train_ato.scenario.changes import RunChanges
 from train_ato.scenario.setup import RunSetup
-from train_ato.version import VERSION
 
 
 def worst_places(setup: RunSetup, recording: Recording, metrics: Mapping[str, Any]) -> dict[str, dict[str, float]]:

@@ -24,7 +24,7 @@ from train_ato.log.table_loading import TableReader
 from train_ato.log.whole_file import writing
 from train_ato.messages.topics import BY_NAME
 from train_ato.messages.types import Trajectory
-from train_ato.version import VERSION
+from train_ato.program.version import VERSION
 
 LZ4 = pa.ipc.IpcWriteOptions(compression="lz4")
 

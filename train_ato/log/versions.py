@@ -11,7 +11,7 @@ from pathlib import Path
 import yaml
 
 from plant_sim.data_text import parse_yaml
-from train_ato.version import VERSION
+from train_ato.program.version import VERSION
 
 SCENARIO = "scenario.yaml"
 VERSIONS = "versions.yaml"

@@ -13,8 +13,6 @@ from train_ato.control.gains import Gains
 from train_ato.control.registry import COMPENSATIONS, LAWS
 from train_ato.control.stack import ControlStack
 from train_ato.control.takeover import DEFAULT_JERK, TakeoverRamp, transition_jerk
-from train_ato.errors import RunFailed
-from train_ato.interrupt import ComponentCall
 from train_ato.loop.ato_mode import AtoMode
 from train_ato.loop.inputs import StageInputs
 from train_ato.loop.stage_messages import ControllerMessages, diagnostics_due, stamped
@@ -35,6 +33,8 @@ from train_ato.messages.types import (
     SupervisedSpeeds,
 )
 from train_ato.profile.profile import Profile
+from train_ato.program.errors import RunFailed
+from train_ato.program.interrupt import ComponentCall
 from train_ato.scenario.changes import GIVEN, KEY, LAW, Changes, changes_to_json, requested_stamp, values_of
 from train_ato.scenario.setup import RunSetup
 

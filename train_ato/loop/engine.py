@@ -8,8 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
-from train_ato.errors import FirstFailure
-from train_ato.interrupt import Interrupt, interruptible
 from train_ato.judge.recording_builder import RecordingBuilder
 from train_ato.judge.result import Progress, RunResult
 from train_ato.loop.controller import ControllerStage
@@ -20,6 +18,8 @@ from train_ato.loop.rate_limit import RateLimit
 from train_ato.loop.stage_messages import Published
 from train_ato.loop.supervisor import SupervisorStage
 from train_ato.messages.types import AtoReport, BrakeRelease, Diagnostic
+from train_ato.program.errors import FirstFailure
+from train_ato.program.interrupt import Interrupt, interruptible
 from train_ato.scenario.setup import RunSetup
 
 if TYPE_CHECKING:

@@ -14,7 +14,6 @@ from train_ato.control.component_fault import (
 )
 from train_ato.control.observers.contract import ObserverStack
 from train_ato.control.registry import OBSERVERS
-from train_ato.interrupt import ComponentCall
 from train_ato.loop.inputs import StageInputs
 from train_ato.loop.stage_messages import ObserverMessages, diagnostics_due, stamped
 from train_ato.messages.links import MessageLink
@@ -24,6 +23,7 @@ from train_ato.messages.types import (
     DisturbanceEstimate,
     Measurement,
 )
+from train_ato.program.interrupt import ComponentCall
 from train_ato.scenario.changes import GIVEN, Changes, changes_to_json
 from train_ato.scenario.setup import RunSetup
 

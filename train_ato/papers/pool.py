@@ -12,10 +12,10 @@ from typing import Any
 
 from pebble import ProcessExpired, ProcessPool
 
-from train_ato.interrupt import workers_without_ctrl_c
 from train_ato.judge.result import Progress
 from train_ato.loop.engine import run_engine
 from train_ato.papers.claims import Calculation, Case, Result
+from train_ato.program.interrupt import workers_without_ctrl_c
 
 Task = tuple[str, Case | Calculation]
 POLL_S = 0.1

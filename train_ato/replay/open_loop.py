@@ -16,8 +16,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from train_ato.errors import RunFailed
-from train_ato.interrupt import interruptible
 from train_ato.judge.result import Progress
 from train_ato.judge.summary_table import html_table
 from train_ato.judge.trajectories import profile_of
@@ -26,6 +24,8 @@ from train_ato.loop.controller import ControllerStage
 from train_ato.loop.stamp_synchronizer import StampSynchronizer
 from train_ato.messages.codec import Wire
 from train_ato.messages.types import Array, Command, Measurement, Pipe, Reference
+from train_ato.program.errors import RunFailed
+from train_ato.program.interrupt import interruptible
 from train_ato.report.print_figures import LONG_RUN_S, SHEET_SIZE, styled, write_figure
 from train_ato.report.quantities import COLOURS, QUANTITIES
 from train_ato.scenario.setup import RunSetup

@@ -13,7 +13,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from train_ato.interrupt import interruptible
+from train_ato.program.interrupt import interruptible
 from train_ato.replay.log import ReplayLog, ReplayOptions, chosen_topics
 from train_ato.replay.playback import Playback, ReplayState
 from train_ato.ros import require_ros

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, overload
 
 from train_ato.api.progress import progress_bar
 from train_ato.api.scenario_choice import Changes, ScenarioChoice, given_objects, put_components
-from train_ato.arguments import check_new_file
 from train_ato.log.run_folder import read_run_folder
+from train_ato.program.arguments import check_new_file
 from train_ato.scenario.setup import RunSetup
 
 if TYPE_CHECKING:

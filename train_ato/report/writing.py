@@ -5,12 +5,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from train_ato.arguments import check_new_file
 from train_ato.judge.motion_difference import MotionDifference
 from train_ato.judge.protection_note import summary_events
 from train_ato.judge.ranking import difference_from_best
 from train_ato.log.reading import log_file
 from train_ato.log.whole_file import write_whole
+from train_ato.program.arguments import check_new_file
+from train_ato.program.version import VERSION
 from train_ato.report.page_data import PageData, run_colours
 from train_ato.report.quantities import KINDS, PANELS
 from train_ato.report.summary_rows import (
@@ -22,7 +23,6 @@ from train_ato.report.summary_rows import (
     verdict_texts,
 )
 from train_ato.report.words import COMPARISON, REPORT
-from train_ato.version import VERSION
 
 
 @dataclass(frozen=True)

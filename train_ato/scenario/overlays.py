@@ -8,8 +8,8 @@ from typing import Any
 
 from plant_sim.input_error import InputFaults
 from plant_sim.library import split_name
-from train_ato.arguments import parse_yaml_value
-from train_ato.errors import InputError
+from train_ato.program.arguments import parse_yaml_value
+from train_ato.program.errors import InputError
 
 __all__ = ["RefusedScenario", "assign", "caused_by", "keys_of", "overlay", "put", "with_absolute_files"]
 

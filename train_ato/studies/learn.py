@@ -26,14 +26,12 @@ from train_ato.api.progress import share_bar
 from train_ato.api.run import Run
 from train_ato.api.scenario_choice import Changes, GivenScenario, choose_scenario, put_components
 from train_ato.api.series_folder import KeptRuns
-from train_ato.arguments import check_new_file
 from train_ato.control.air_brake.shoes import ShoeForecast
 from train_ato.control.algorithms.train_constants import wave_time as waves_through
 from train_ato.control.learned_resistance import DIGITS, LARGEST, SCHEMA, LearnedResistance, learned_text, model_hash
 from train_ato.control.mpc.motion_observer import WAVE_SPEED
 from train_ato.control.observers.force_balance import lag_weight
 from train_ato.control.train_model import TrainModel
-from train_ato.errors import RunInterrupted, refusing
 from train_ato.judge.recording import BRAKE_PIPE_COMMAND, MEASUREMENT, Recording
 from train_ato.judge.series import aligned
 from train_ato.judge.summary_table import html_table
@@ -42,6 +40,8 @@ from train_ato.log.run_folder import read_run_folder
 from train_ato.log.whole_file import write_whole
 from train_ato.messages.types import Array
 from train_ato.profile.profile import Profile
+from train_ato.program.arguments import check_new_file
+from train_ato.program.errors import RunInterrupted, refusing
 from train_ato.scenario.scenario import Scenario
 from train_ato.scenario.scenario_data import PartCache
 from train_ato.scenario.setup import RunSetup, prepare

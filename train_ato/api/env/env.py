@@ -26,14 +26,14 @@ from train_ato.api.run import Run, RunRecord
 from train_ato.api.scenario_choice import Changes, GivenScenario, ScenarioChoice, choose_scenario
 from train_ato.control.caller import NAME, Caller, forces_text
 from train_ato.control.keyword_form import GivenComponent
-from train_ato.errors import FirstFailure, refusing
 from train_ato.judge.recording_builder import RecordingBuilder
 from train_ato.judge.result import RunResult
 from train_ato.judge.summary_table import html_table
 from train_ato.messages.types import Array
+from train_ato.program.errors import FirstFailure, refusing
+from train_ato.program.version import VERSION
 from train_ato.scenario.scenario_data import PartCache
 from train_ato.scenario.setup import RunSetup
-from train_ato.version import VERSION
 
 Observation = dict[str, Array] | Array
 MAX_SEED = 2**31

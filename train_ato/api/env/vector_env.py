@@ -27,12 +27,12 @@ from train_ato.api.env.observation import (
 )
 from train_ato.api.scenario_choice import Changes, GivenScenario, ScenarioChoice, choose_scenario
 from train_ato.control.caller import Caller
-from train_ato.errors import FirstFailure, refusing
 from train_ato.judge.result import RunResult
 from train_ato.loop.engine import TickLoop
 from train_ato.loop.native_arguments import reader_of, row_numbers
 from train_ato.loop.span import CompiledSpans, Span
 from train_ato.messages.types import Array
+from train_ato.program.errors import FirstFailure, refusing
 from train_ato.scenario.dimensions import read_dimensions
 from train_ato.scenario.scenario_data import PartCache
 from train_ato.scenario.setup import RunSetup

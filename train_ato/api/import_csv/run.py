@@ -20,9 +20,9 @@ from train_ato.loop.stage_messages import diagnostics_due
 from train_ato.messages.types import Command, Diagnostic, DisturbanceEstimate, Measurement, Pipe, Reference, Tick
 from train_ato.profile.file import csv_text
 from train_ato.profile.profile import Profile
+from train_ato.program.version import VERSION
 from train_ato.scenario.scenario import SCHEMA, check_scenario
 from train_ato.scenario.setup import RunSetup, prepare
-from train_ato.version import VERSION
 
 LARGEST_STEP = 0.005
 """Maximum plant step of the scenario [s]."""

@@ -22,8 +22,8 @@ from plant_sim.railway import DRY_FRICTION_SPEED
 from plant_sim.units import KMH
 from train_ato.control.algorithms.coupler_modes import TrainModes, body_numbers, chain
 from train_ato.control.train_model import TrainModel
-from train_ato.errors import check_packages
 from train_ato.messages.types import Array
+from train_ato.program.errors import check_packages
 
 Signal = tuple[str, str]
 """Name and unit."""

@@ -14,7 +14,6 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from plant_sim.train import compile_kernel
-from train_ato.errors import FirstFailure, of_own_code
 from train_ato.log.compression import DEFAULT
 from train_ato.log.run_log import RunLog
 from train_ato.log.versions import attachments_for
@@ -23,6 +22,7 @@ from train_ato.loop.plant import PlantStage
 from train_ato.loop.profile import ProfileStage
 from train_ato.loop.supervisor import SupervisorStage
 from train_ato.messages.topics import Role, topics_of
+from train_ato.program.errors import FirstFailure, of_own_code
 from train_ato.ros.nodes.controller import ControllerNode
 from train_ato.ros.nodes.endpoints import NodeEndpoints
 from train_ato.ros.nodes.lifecycle import serve_lifecycle

@@ -7,12 +7,12 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from train_ato.errors import FirstFailure
-from train_ato.interrupt import Interrupt, interruptible
 from train_ato.judge.run_end import INTERRUPTED
 from train_ato.messages.codec import Wire
 from train_ato.messages.topics import Role
 from train_ato.messages.types import Tick
+from train_ato.program.errors import FirstFailure
+from train_ato.program.interrupt import Interrupt, interruptible
 from train_ato.ros.graph import shared_memory
 from train_ato.ros.graph.assembly import TURN_S, executor_of, make_node
 from train_ato.ros.graph.graph_result import ANSWERING, STOPPING_S, GraphOptions, GraphResult, Report

@@ -9,8 +9,8 @@ import threading
 import time
 from pathlib import Path
 
-from train_ato.arguments import BAD_INPUT
 from train_ato.messages.topics import Role
+from train_ato.program.arguments import BAD_INPUT
 from train_ato.ros.graph.domain_lock import inherited_locks
 from train_ato.ros.graph.environment import variables
 from train_ato.ros.standalone.notices import FAILURE, INTERRUPTION, LAST_COUNT, NOTE, OUTSIDE, Notice

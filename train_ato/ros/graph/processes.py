@@ -5,11 +5,11 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from train_ato.interrupt import Interrupt, interruptible
 from train_ato.log.bag_layout import LOG, PARTIAL
 from train_ato.log.whole_file import write_whole
 from train_ato.messages.faults import node_faults
 from train_ato.messages.topics import Role
+from train_ato.program.interrupt import Interrupt, interruptible
 from train_ato.ros import REMEDY
 from train_ato.ros.graph import shared_memory
 from train_ato.ros.graph.graph_result import GraphOptions, GraphResult, Report

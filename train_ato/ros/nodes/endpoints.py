@@ -16,11 +16,11 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-from train_ato.errors import FirstFailure, NodeFault
 from train_ato.messages.codec import Wire
 from train_ato.messages.topic import TrainLayout
 from train_ato.messages.topics import BY_NAME, END_TOPIC, EPOCH_NS, Rate, Role, Topic, published_by
 from train_ato.messages.types import Diagnostic
+from train_ato.program.errors import FirstFailure, NodeFault
 from train_ato.ros.nodes.parameter_services import ParameterServices
 from train_ato.ros.nodes.publishers import NamedSenders, OnePublisher
 

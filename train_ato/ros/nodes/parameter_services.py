@@ -10,7 +10,7 @@ from rclpy.parameter import Parameter as RosParameter
 from rclpy.parameter_service import ParameterService
 
 from plant_sim.input_error import close_match
-from train_ato.errors import FirstFailure, of_own_code
+from train_ato.program.errors import FirstFailure, of_own_code
 
 
 def unknown_parameter(node: str, given: str, names: list[str]) -> str:

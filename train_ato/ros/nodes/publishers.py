@@ -11,9 +11,9 @@ from typing import Any
 
 from rclpy.node import Node
 
-from train_ato.errors import NodeFault
 from train_ato.messages.topics import Role, Topic
 from train_ato.messages.variable_codec import status_name
+from train_ato.program.errors import NodeFault
 
 _NAMING_S = 3.0
 """Maximum wall time until the name of a new node arrives, after its endpoints [s]; a busy machine takes over 0.3."""

@@ -14,11 +14,11 @@ from collections.abc import Mapping
 from operator import itemgetter
 from types import MappingProxyType
 
-from train_ato.errors import NodeFault
 from train_ato.log.run_log import RunLog
 from train_ato.messages.cdr import stamp_of, with_stamp
 from train_ato.messages.topics import BY_NAME, EPOCH_NS, Rate, Role, published_by, tick_topics, topics_of
 from train_ato.messages.types import Tick
+from train_ato.program.errors import NodeFault
 from train_ato.ros.nodes.answer_watch import LEASE_S
 from train_ato.ros.nodes.endpoints import NodeEndpoints
 from train_ato.ros.nodes.publishers import wait_for_names

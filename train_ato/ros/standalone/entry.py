@@ -15,11 +15,18 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING
 
-from train_ato.arguments import BAD_INPUT, OneLineParser, add_followed, add_no_lockstep, add_rate, prepare_streams
-from train_ato.interrupt import Interrupt, no_silent_exit
 from train_ato.log.compression import DEFAULT, add_compression
 from train_ato.messages.faults import node_faults
 from train_ato.messages.topics import EXTERNAL, Role
+from train_ato.program.arguments import (
+    BAD_INPUT,
+    OneLineParser,
+    add_followed,
+    add_no_lockstep,
+    add_rate,
+    prepare_streams,
+)
+from train_ato.program.interrupt import Interrupt, no_silent_exit
 from train_ato.ros import missing_ros, require_ros
 from train_ato.ros.graph.environment import domain_of_environment, middleware, opened_by
 from train_ato.ros.graph.graph_result import FREE_TIMEOUT_S, LOCKSTEP_TIMEOUT_S
@@ -139,8 +146,8 @@ def _run(
     role: Role, options: argparse.Namespace, stopped: EndOrder, notices: Notices, completed: Completed | None
 ) -> int:
     """Create and run the node; imports are late because rclpy reads the environment at import."""
-    from train_ato.errors import FirstFailure
     from train_ato.messages.codec import Wire
+    from train_ato.program.errors import FirstFailure
     from train_ato.ros.graph.assembly import check_arguments, executor_of, make_node
     from train_ato.ros.nodes.endpoints import ROLES, NodeEndpoints
     from train_ato.ros.standalone.runner import StandaloneRunner

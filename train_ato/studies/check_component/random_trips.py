@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 
 from train_ato.control.gains import MODEL
-from train_ato.errors import RunFailed
 from train_ato.judge.verdict import is_tracked, verdict_line
 from train_ato.loop.engine import run_engine
+from train_ato.program.errors import RunFailed
 from train_ato.scenario.overlays import overlay
 from train_ato.scenario.scenario import check_scenario
 from train_ato.scenario.scenario_data import PartCache

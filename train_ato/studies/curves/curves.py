@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from plant_sim.units import KMH
 from train_ato.api.scenario_choice import GivenScenario, choose_scenario
-from train_ato.arguments import check_new_file, option_name
+from train_ato.program.arguments import check_new_file, option_name
 from train_ato.report.print_figures import SHEET_SIZE, styled, write_figure
 from train_ato.report.quantities import BLACK, BLUE, BROWN, GREEN, GREY, ORANGE, PURPLE, VERMILION
 from train_ato.scenario.scenario_data import scenario_consist, scenario_line

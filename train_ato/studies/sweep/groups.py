@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from train_ato.errors import InputError
 from train_ato.judge.metric_names import METRICS, metric_heading
+from train_ato.program.errors import InputError
 
 if TYPE_CHECKING:
     import pandas as pd

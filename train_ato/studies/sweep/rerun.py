@@ -9,8 +9,8 @@ from typing import Any
 
 from train_ato.api.drive import RunMode, drive
 from train_ato.api.scenario_choice import ScenarioChoice
-from train_ato.errors import RunFailed, RunInterrupted
 from train_ato.log.run_folder import next_free
+from train_ato.program.errors import RunFailed, RunInterrupted
 from train_ato.scenario.setup import RunSetup
 from train_ato.studies.sweep.folder import SweepFolder
 from train_ato.studies.sweep.result import FIRST, LAST, read_results

@@ -9,8 +9,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from train_ato.errors import check_packages, refusing
 from train_ato.judge.summary_table import verdict_html
+from train_ato.program.errors import check_packages, refusing
 from train_ato.studies.sweep.groups import ERROR_METRIC, NotDrawable
 from train_ato.studies.sweep.row import Row
 from train_ato.studies.sweep.spec import SweepSpec

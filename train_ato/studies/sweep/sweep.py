@@ -12,9 +12,9 @@ from train_ato.api.progress import Report, activity, share_bar
 from train_ato.api.scenario_choice import ScenarioChoice, choose_scenario
 from train_ato.api.series_folder import RowWriter
 from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
-from train_ato.errors import RunFailed, RunInterrupted
-from train_ato.interrupt import uninterrupted
 from train_ato.log.versions import source_hash
+from train_ato.program.errors import RunFailed, RunInterrupted
+from train_ato.program.interrupt import uninterrupted
 from train_ato.scenario.dimensions import Dimension
 from train_ato.scenario.scenario_data import PartCache
 from train_ato.studies.sweep.cluster import MAX_JOBS, sweep_client

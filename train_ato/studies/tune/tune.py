@@ -19,8 +19,8 @@ from train_ato.api.scenario_choice import (
 from train_ato.api.search_runs import RunAll, search_runs
 from train_ato.api.series_folder import KeptRuns, SearchFolder
 from train_ato.control.registry import LAWS
-from train_ato.errors import RunFailed
 from train_ato.log.whole_file import writing
+from train_ato.program.errors import RunFailed
 from train_ato.scenario.dimensions import Dimension
 from train_ato.studies.sweep.row import data_hash, scenario_hash
 from train_ato.studies.tune.gain_space import (

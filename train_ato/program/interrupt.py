@@ -13,7 +13,7 @@ from time import monotonic
 from types import FrameType
 from typing import Any, ClassVar, NoReturn
 
-from train_ato.errors import RunFailed
+from train_ato.program.errors import RunFailed
 
 _ENDING = (signal.SIGTERM, signal.SIGHUP)
 RETURN_S = 2.0
