@@ -15,6 +15,7 @@ from plant_sim.library import load_consist
 from plant_sim.traction import Envelope
 from train_ato.api.import_csv.columns import layout_names
 from train_ato.api.import_csv.layout import load_layout
+from train_ato.api.import_csv.series import series_of
 from train_ato.api.import_csv.table import column_name, is_units_row, moments
 from train_ato.api.importing import read_recorder
 from train_ato.cli.main import main
@@ -217,6 +218,10 @@ def test_kilometres_of_posts_are_places_on_a_line_with_chainage(tmp_path: Path) 
     assert found.position is not None and x.max() > 1400
     np.testing.assert_allclose(found.position.values, x, atol=1e-6)
     assert "position_m: kilometres of the posts of line 'l'" in found.notes
+    with pytest.raises(
+        ValueError, match=r"against the direction of line 'l:reverse', from 84\\.000 to .*without :reverse"
+    ):
+        read_recorder(tmp_path / "posts.csv", train="xuzhou_metro_3", line=f"{line}:reverse")
     (tmp_path / "posts.csv").write_text(text_of(rows | {"position_m": post + 9000}))
     with pytest.raises(ValueError, match="positions fall, from"):
         read_recorder(tmp_path / "posts.csv", train="xuzhou_metro_3", line=line)
@@ -290,6 +295,29 @@ def test_what_speed_and_traction_do_not_show_is_noted(
     text = "".join(",".join(row) + "\n" for row in metro_rows(**(TIME | columns)))
     notes = take(tmp_path, capsys, text).get("measured_notes") or ""
     assert note in notes and bool(note) == bool(notes)
+
+
+@pytest.mark.parametrize(
+    ("columns", "parts"),
+    [
+        (SPEED, []),
+        (PLACE | SPEED, []),
+        ({"speed_kmh": lambda t, v, x, f: f"{v / 0.44704:.3f}"}, ["455 m beside the nearest stop", "the force does"]),
+        ({"speed_mph": SPEED["speed_kmh"]}, ["86.9 km/h at km 0.762, where", "732 m beside the nearest stop"]),
+        (SPEED | {"position_m": lambda t, v, x, f: f"{x + 400:.3f}"}, ["at km 2.160, 429 m beside the nearest stop"]),
+    ],
+)  # fmt: skip
+def test_a_speed_in_another_unit_and_other_places_are_noted(columns, parts, tmp_path: Path) -> None:
+    """Breaks if a speed in mph under the name of km/h, or a place far from the stops, is imported without a word."""
+    line = "schema: train_ato/line/1\nname: l\nend: 3e3\nspeed_limits: [{at: 0, speed_kmh: 60}]\nstops: [{at: 530},"
+    (tmp_path / "line.yaml").write_text(f"{line} {{at: 1731}}]")
+    (tmp_path / "a.csv").write_text("".join(",".join(row) + "\n" for row in metro_rows(**TIME, **columns, **FORCE)))
+    start = None if "position_m" in columns else 0.53
+    line = tmp_path / "line.yaml"
+    read = read_recorder(tmp_path / "a.csv", train="xuzhou_metro_3", line=line, from_km=start)
+    series_of(read.found, read.setup)
+    notes = " ".join(read.found.notes)
+    assert bool(parts) == bool(notes) and all(part in notes for part in parts), notes
 
 
 @pytest.mark.parametrize(

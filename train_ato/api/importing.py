@@ -12,7 +12,7 @@ from plant_sim.library import load_consist, load_line
 from plant_sim.line import ENDING, Line
 from train_ato.api.import_csv.columns import LARGEST_GAP
 from train_ato.api.import_csv.layout import RecorderLayout, add_notch_force, load_layout
-from train_ato.api.import_csv.recording import Measured, measured
+from train_ato.api.import_csv.recording import Measured, measured, place_notes
 from train_ato.api.import_csv.run import measured_result, measured_setup, write_messages
 from train_ato.api.import_csv.samples import sort_rows
 from train_ato.api.import_csv.series import series_of
@@ -165,6 +165,8 @@ def read_recorder(
     found.notes += [note for note in notes if note]
     window = window_of(found) if smooth is None else smooth
     profile = measured_profile(found, tick, _start(from_km, found, half, on, dash), window)
+    front = np.interp(found.speed.time, profile.time, profile.position) + half
+    found.notes += place_notes(found, front, on, consist.length)
     setup = measured_setup(found, profile, str(train), str(line), name or run_name(Path(csv)))
     return MeasuredRun(setup, found, window)
 

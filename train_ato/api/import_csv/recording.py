@@ -28,6 +28,8 @@ LEAP, LEAP_SHARE, LEAP_WAY = 50.0, 0.25, 200.0
 """Tolerance between positions and integral of the speed over ``LEAP_WAY`` [m]: length [m], and fraction of the way."""
 STEP, STEP_SHARE, RUN_SHARE = 5.0, 0.25, 0.03
 """Difference between them that is noted: from row to row [m] and as a fraction, and as a fraction of the run."""
+NEAR, STANDSTILL, OVERSPEED = 200.0, 10.0, 1.25
+"""Tolerance of a place [m], shortest halt [s], and speed over the limit of the line that is noted."""
 
 
 @dataclass
@@ -101,6 +103,45 @@ def measured(
         One line for each fault: file, line, column: problem; fix.
     """
     return _Check(table, units, half, offsets, largest_gap, line, against).run()
+
+
+def place_notes(found: Measured, places: Array, line: Line, length: float) -> list[str]:
+    """Return notes on places or speeds that do not fit to a line.
+
+    Without places of its own, a speed in another unit moves the train along the line without a contradiction.
+
+    Parameters
+    ----------
+    places
+        Front of the train at every sample of the speed [m].
+    length
+        Length of the train [m].
+    """
+    notes, speed = [], found.speed.values
+    remedy = f"check the unit of '{found.speed.column.title}', the places and the line"
+    if line.speed_limits:
+        starts = np.array([entry.at for entry in line.speed_limits])
+        limits = np.array([np.inf, *(entry.speed for entry in line.speed_limits)])
+        most = np.maximum(*(limits[np.searchsorted(starts, places + way, side="right")] for way in (-NEAR, NEAR)))
+        row = int(np.argmax(speed / most))
+        if speed[row] > OVERSPEED * most[row]:
+            notes.append(
+                f"{3.6 * speed[row]:.1f} km/h at km {line.post_at(places[row])}, where line '{line.name}' "
+                f"permits {number_text(3.6 * most[row])}; {remedy}"
+            )
+    standing = np.concatenate(([False], speed < STANDSTILL_NOISE, [False]))
+    begins, ends = (np.flatnonzero(edge) for edge in (standing[1:] & ~standing[:-1], standing[:-1] & ~standing[1:]))
+    lasting = (found.speed.time[ends - 1] - found.speed.time[begins] >= STANDSTILL) | (begins == 0)
+    stands = places[begins[lasting]]
+    if line.stops and stands.size > 1:
+        beside = np.abs(stands[:, None] - [entry.at for entry in line.stops]).min(axis=1)
+        if np.count_nonzero(beside > max(NEAR, length)) >= stands.size / 2:
+            worst = int(np.argmax(beside))
+            notes.append(
+                f"the train stands at km {line.post_at(stands[worst])}, {beside[worst]:.0f} m beside the "
+                f"nearest stop of line '{line.name}'; {remedy}"
+            )
+    return notes
 
 
 def way_of(speed: ColumnSamples) -> Array:
@@ -266,7 +307,15 @@ class _Check:
         falling = values[-1] < values[0] and (steps < 0).sum() > 4 * (steps > 0).sum()
         if line.chainage and (falling or values.min() < line.begin or values.max() > line.end):
             places = places_along(line.chainage, line.begin, values.tolist())
-            if places is not None and places[-1] > places[0]:
+            if places is not None and places[-1] < places[0]:
+                other = "without :reverse" if self._against else "with --line LINE:reverse"
+                raise self._table.wrong(
+                    int(samples.rows[int(np.argmax(steps != 0)) + 1]),
+                    samples.column,
+                    f"kilometres against the direction of line '{line.name}', from {line.post_at(places[0])} to "
+                    f"{line.post_at(places[-1])}: name the line {other}, or use the speed only with --ignore '{title}'",
+                )
+            if places is not None:
                 self._rows.notes.append(f"{title}: kilometres of the posts of line '{line.name}'")
                 return samples.moved(np.array(places))
         if not falling:

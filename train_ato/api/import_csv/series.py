@@ -7,7 +7,7 @@ import numpy as np
 
 from plant_sim.line import Line
 from plant_sim.units import number_text
-from train_ato.api.import_csv.recording import Measured
+from train_ato.api.import_csv.recording import STANDSTILL_NOISE, Measured
 from train_ato.api.import_csv.samples import ColumnSamples
 from train_ato.messages.types import Array
 from train_ato.scenario.setup import RunSetup
@@ -15,8 +15,9 @@ from train_ato.scenario.setup import RunSetup
 MAX_FORCE_RATIO = 3.0
 """Maximum force relative to the envelope; larger ones have a wrong unit."""
 
-WORK_NOTE, WORK_REFUSED = (0.4, 2.5), (0.1, 10.0)
-"""Work of the force over the energy that the train needs: outside of them a note, and an error of the unit."""
+WORK_NOTE, WORK_BRAKED, WORK_REFUSED = (0.63, 1.45), (0.4, 2.5), (0.1, 10.0)
+"""Work of the force over the energy that the train needs, outside of which there is a note (also where the train brakes
+in between), and an error of the unit. A speed in mph that is read as km/h has 1.6."""
 LEAST_FORCE, REFERENCE = 0.01, (0.4, 2.5)
 """Force over the brake envelope, and reference over measured speed, of a probably wrong unit."""
 BRAKING, BRAKED_SHARE = 0.3, 0.2
@@ -166,7 +167,8 @@ def _check_work(found: Measured, setup: RunSetup) -> None:
     """
     vehicles, gravity = setup.consist.vehicles, setup.consist.gravity
     time, speed = found.speed.time, found.speed.values
-    kinetic = 0.5 * sum(vehicle.inertia for vehicle in vehicles) * speed**2
+    standing = speed < STANDSTILL_NOISE  # the least speed is that of the last standstill, not of the least noise
+    kinetic = 0.5 * sum(vehicle.inertia for vehicle in vehicles) * np.where(standing, 0.0, speed) ** 2
     gain = kinetic - np.minimum.accumulate(kinetic)
     last = int(np.argmax(gain))
     first = last - int(np.argmin(kinetic[: last + 1][::-1]))
@@ -191,14 +193,15 @@ def _check_work(found: Measured, setup: RunSetup) -> None:
         float(gain[last]) + work(terms[0] + terms[1] * v + terms[2] * v**2) + max(climbed, -0.5 * float(gain[last]))
     )
     ratio = work(np.maximum(force, 0.0)) / needed
-    if needed < LEAST_WORK or WORK_NOTE[0] <= ratio <= WORK_NOTE[1]:
+    usual = WORK_BRAKED if (np.diff(v) < -BRAKING * steps).any() else WORK_NOTE
+    if needed < LEAST_WORK or usual[0] <= ratio <= usual[1]:
         return
     samples = next(iter(found.force.values()))
     title, against = samples.column.title, work(np.maximum(-force, 0.0))
-    remedy = "check the unit in the column name"
-    if against > WORK_NOTE[0] * needed:
+    remedy = f"check the units of '{title}' and '{found.speed.column.title}'"
+    if against > WORK_BRAKED[0] * needed:
         remedy = f"it does {number_text(against / KWH)} kWh with the other sign: traction is > 0, correct the signs"
-    elif WORK_NOTE[0] <= 1e3 * ratio * samples.column.factor <= WORK_NOTE[1]:
+    elif WORK_BRAKED[0] <= 1e3 * ratio * samples.column.factor <= WORK_BRAKED[1]:
         remedy += f", --rename '{title}:=force_kn' for kN"
     lines = [int(found.table.lines[found.speed.rows[row]]) for row in (first, last)]
     text = (
