@@ -219,7 +219,7 @@ def test_kilometres_of_posts_are_places_on_a_line_with_chainage(tmp_path: Path) 
     np.testing.assert_allclose(found.position.values, x, atol=1e-6)
     assert "position_m: kilometres of the posts of line 'l'" in found.notes
     with pytest.raises(
-        ValueError, match=r"against the direction of line 'l:reverse', from 84\\.000 to .*without :reverse"
+        ValueError, match=r"against the direction of line 'l:reverse', from 84\+000 to .*without :reverse"
     ):
         read_recorder(tmp_path / "posts.csv", train="xuzhou_metro_3", line=f"{line}:reverse")
     (tmp_path / "posts.csv").write_text(text_of(rows | {"position_m": post + 9000}))
