@@ -5,13 +5,15 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
+import train_ato
+
 ROOT = Path(__file__).resolve().parents[1]
 
 LAYERS = (
     "plant_sim", "train_ato.program", "train_ato.messages", "train_ato.supervision", "train_ato.control",
     "train_ato.profile", "train_ato.scenario", "train_ato.judge", "train_ato.loop", "train_ato.log", "train_ato.ros",
-    "train_ato.report", "train_ato.api", "train_ato.studies", "train_ato.replay", "train_ato.view", "train_ato.papers",
-    "train_ato.cli", "train_ato", "train_ato.__main__",
+    "train_ato.report", "train_ato.api", "train_ato.studies", "train_ato.playback", "train_ato.view",
+    "train_ato.papers", "train_ato.cli", "train_ato", "train_ato.__main__",
 )  # fmt: skip
 """Layers from lowest to highest; CONTRIBUTING.md describes them."""
 CONTROL_LAYERS = (
@@ -192,3 +194,5 @@ def test_the_first_level_is_small() -> None:
     assert sum(path.suffix == ".py" for path in entries) <= 2
     layers = {layer(name) for name in MODULES}
     assert len(layers) <= 20
+    # Python sets an imported package as attribute of train_ato: it would hide a function of the same name.
+    assert {path.name for path in entries} & set(train_ato.__all__) == {"scenario"}

@@ -21,7 +21,7 @@ from rosbags.typesys import Stores, get_typestore
 import train_ato as ta
 from train_ato.cli import main
 from train_ato.log.mcap_records import RawMessage, stream
-from train_ato.replay.log import ReplayLog
+from train_ato.playback.log import ReplayLog
 from train_ato.view.recorded import RecordedFeed
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)

@@ -39,7 +39,7 @@ COUNTS: dict[str, int] = {
     "bench": 0, "examples": 0, "msgs_docs": 0, "pages": 0, "plant_sim": 0, "test": 0, "train_ato": 0,
     "train_ato/api": 0, "train_ato/cli": 0, "train_ato/control": 0, "train_ato/judge": 0, "train_ato/log": 0,
     "train_ato/loop": 0, "train_ato/messages": 0, "train_ato/papers": 0, "train_ato/profile": 0,
-    "train_ato/program": 0, "train_ato/replay": 0, "train_ato/report": 0, "train_ato/ros": 0, "train_ato/scenario": 0,
+    "train_ato/program": 0, "train_ato/playback": 0, "train_ato/report": 0, "train_ato/ros": 0, "train_ato/scenario": 0,
     "train_ato/studies": 0, "train_ato/supervision": 0, "train_ato/view": 0,
 }  # fmt: skip
 """Sentences that break the rules, by room.  A number may only fall; after an improvement lower it here."""

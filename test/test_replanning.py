@@ -17,8 +17,8 @@ from train_ato.loop.profile import ProfileStage
 from train_ato.loop.stamp_synchronizer import StampSynchronizer
 from train_ato.messages.codec import Wire
 from train_ato.messages.types import DisturbanceEstimate, Measurement, Reference, Trajectory
+from train_ato.playback.open_loop import replay_open_loop
 from train_ato.profile.planner.replanner import Sample, Shortfall, ShortfallDetector, _regression_end
-from train_ato.replay.open_loop import replay_open_loop
 from train_ato.scenario.scenario import check_scenario, load_scenario
 from train_ato.scenario.setup import RunSetup, prepare
 

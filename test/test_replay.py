@@ -14,8 +14,8 @@ from waiting import LIMIT_S
 
 from train_ato.log.reading import iter_raw
 from train_ato.messages.codec import stamp_of
-from train_ato.replay.log import ReplayOptions
-from train_ato.replay.player import REPLAY_PROFILE
+from train_ato.playback.log import ReplayOptions
+from train_ato.playback.player import REPLAY_PROFILE
 from train_ato.scenario.scenario import load_scenario
 from train_ato.scenario.setup import prepare
 
@@ -78,8 +78,8 @@ def test_a_listener_that_waits_already_hears_every_message_as_it_was_recorded(ru
 
 def test_a_participant_that_is_not_discovered_yet_is_awaited(run, listen, domain):
     """Fails if a reader that a loaded machine discovers late loses the first messages: its socket is there before."""
-    from train_ato.replay.log import ReplayLog, chosen_topics
-    from train_ato.replay.player import Player
+    from train_ato.playback.log import ReplayLog, chosen_topics
+    from train_ato.playback.player import Player
     from train_ato.ros.graph.assembly import executor_of
 
     listen({COMMAND: COMMAND})

@@ -12,8 +12,8 @@ from matplotlib.image import imread
 from report_runs import without
 
 from train_ato.cli import main
-from train_ato.replay.open_loop import replay_open_loop
-from train_ato.replay.playback import ReplayClock
+from train_ato.playback.open_loop import replay_open_loop
+from train_ato.playback.playback import ReplayClock
 from train_ato.scenario.scenario import load_scenario
 from train_ato.scenario.setup import prepare
 

@@ -11,7 +11,7 @@ from train_ato.log.mcap_records import stream
 from train_ato.log.run_log import RunLog
 from train_ato.messages.codec import Wire
 from train_ato.messages.topics import EPOCH_NS, Rate, topics_of
-from train_ato.replay.log import ReplayLog, ReplayOptions, chosen_topics, parse_remap
+from train_ato.playback.log import ReplayLog, ReplayOptions, chosen_topics, parse_remap
 
 TICK = 100_000_000
 TICKS = 3000

@@ -118,7 +118,7 @@ def test_no_tooltip_covers_a_curve(braked: Path) -> None:
 
 def test_all_figures_take_their_colours_from_one_table() -> None:
     """Breaks if a figure declares a colour of its own, or draws its own grid."""
-    folders = ("train_ato/papers", "train_ato/replay", "train_ato/studies", "train_ato/report")
+    folders = ("train_ato/papers", "train_ato/playback", "train_ato/studies", "train_ato/report")
     found = []
     for folder in (*folders, "msgs_docs/generate/law_pages"):
         for path in (ROOT / folder).rglob("*.py"):

@@ -59,11 +59,11 @@ if TYPE_CHECKING:
     from train_ato.judge.typed_result import TypedResult as TypedResult
     from train_ato.log.table_loading import Frames as Frames
     from train_ato.log.table_loading import load as load
+    from train_ato.playback.replaying import replay as replay
     from train_ato.program.errors import Error as Error
     from train_ato.program.errors import InputError as InputError
     from train_ato.program.errors import RunFailed as RunFailed
     from train_ato.program.errors import RunInterrupted as RunInterrupted
-    from train_ato.replay.replaying import replay as replay
     from train_ato.studies.check_component.checking import check_law as check_law
     from train_ato.studies.curves.curves import curves as curves
     from train_ato.studies.falsify.study import falsify as falsify
@@ -108,7 +108,7 @@ _PLACES = {
     "open_run": "train_ato.api.run",
     "parameter": "train_ato.control.contract",
     "plan": "train_ato.api.planning",
-    "replay": "train_ato.replay.replaying",
+    "replay": "train_ato.playback.replaying",
     "run": "train_ato.api.drive",
     "scenarios": "train_ato.api.catalogue",
     "sweep": "train_ato.studies.sweep.sweep",

@@ -17,8 +17,8 @@ from train_ato.cli.screen import print_json, print_table
 from train_ato.program.arguments import parse_rate
 
 if TYPE_CHECKING:
-    from train_ato.replay.playback import Playback, ReplayState
-    from train_ato.replay.publishing import Replayed
+    from train_ato.playback.playback import Playback, ReplayState
+    from train_ato.playback.publishing import Replayed
 
 RATE_STEP = 1.1
 KEYS: dict[bytes, Callable[[Playback], None]] = {
@@ -158,7 +158,7 @@ def execute(options: argparse.Namespace) -> int:
 
 
 def _publish(options: argparse.Namespace) -> int:
-    from train_ato.replay.log import ReplayOptions, parse_remap
+    from train_ato.playback.log import ReplayOptions, parse_remap
 
     _check_domain(options.domain)
     chosen = ReplayOptions(
@@ -174,8 +174,8 @@ def _publish(options: argparse.Namespace) -> int:
         remap=parse_remap(tuple(options.remap)),
         acknowledged_s=_acknowledgement_s(options.wait_for_all_acked),
     )
-    from train_ato.replay.player import REPLAY_PROFILE
-    from train_ato.replay.publishing import publish_run
+    from train_ato.playback.player import REPLAY_PROFILE
+    from train_ato.playback.publishing import publish_run
     from train_ato.ros.graph.environment import middleware
 
     os.environ.update(middleware(REPLAY_PROFILE))
@@ -257,7 +257,7 @@ DIFFERENCE_ROWS: tuple[tuple[str, str], ...] = (
 def compare_laws(options: argparse.Namespace) -> int:
     """Evaluate a law on the recorded inputs; the law of the run itself keeps its planned changes."""
     from train_ato.log.run_folder import read_run_folder
-    from train_ato.replay.replaying import evaluated, output_names, setup_with_law
+    from train_ato.playback.replaying import evaluated, output_names, setup_with_law
 
     recorded, recorded_summary = read_run_folder(options.run)
     changed = setup_with_law(recorded, options.run, options.law, lambda choice: choice.assigned(options.set))
@@ -280,7 +280,7 @@ def compare_laws(options: argparse.Namespace) -> int:
 def _figure_path(options: argparse.Namespace) -> Path:
     """Return the path of the figure; check it before the computation."""
     from train_ato.log.reading import log_file
-    from train_ato.replay.replaying import FORMATS
+    from train_ato.playback.replaying import FORMATS
 
     wanted: Path | None = options.out
     if wanted is not None:

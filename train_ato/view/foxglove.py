@@ -18,7 +18,7 @@ from train_ato.log.bag_layout import log_name, table_name
 from train_ato.log.definitions import definition
 from train_ato.log.mcap_records import RawMessage
 from train_ato.messages.topics import BY_NAME, EPOCH_NS, topics_of
-from train_ato.replay.log import ReplayLog
+from train_ato.playback.log import ReplayLog
 from train_ato.view.feed import FRAMES_PER_SECOND, Feed
 from train_ato.view.live import LiveFeed
 from train_ato.view.origin_gate import LOOPBACK, OriginGate, hidden_address

@@ -13,9 +13,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from train_ato.playback.log import ReplayLog, ReplayOptions, chosen_topics
+from train_ato.playback.playback import Playback, ReplayState
 from train_ato.program.interrupt import interruptible
-from train_ato.replay.log import ReplayLog, ReplayOptions, chosen_topics
-from train_ato.replay.playback import Playback, ReplayState
 from train_ato.ros import require_ros
 
 SERVICES = (
@@ -235,7 +235,7 @@ def publish_run(
     with ReplayLog(run) as log, interruptible() as interrupt:
         topics = chosen_topics(log.topics, options)
         log.check_place("--start-offset", options.start_offset)
-        from train_ato.replay.player import Player
+        from train_ato.playback.player import Player
         from train_ato.ros.graph.assembly import executor_of
 
         def interrupted() -> bool:

@@ -14,8 +14,8 @@ from train_ato.program.arguments import check_new_file
 from train_ato.scenario.setup import RunSetup
 
 if TYPE_CHECKING:
-    from train_ato.replay.open_loop import OpenLoop
-    from train_ato.replay.publishing import Replayed
+    from train_ato.playback.open_loop import OpenLoop
+    from train_ato.playback.publishing import Replayed
 
 FORMATS = (".png", ".svg", ".pdf")
 
@@ -54,7 +54,7 @@ def replay(
     domain
         ROS domain of the published messages; default: that of the environment.
     **publishing
-        Attributes of :class:`~train_ato.replay.log.ReplayOptions`, as ``rate=5``.
+        Attributes of :class:`~train_ato.playback.log.ReplayOptions`, as ``rate=5``.
 
     Returns
     -------
@@ -80,8 +80,8 @@ def replay(
     if law is None:
         if set or out:
             raise ValueError(f"{'set' if set else 'out'}: only for the evaluation of a law; add law")
-        from train_ato.replay.log import ReplayOptions
-        from train_ato.replay.publishing import publish_run
+        from train_ato.playback.log import ReplayOptions
+        from train_ato.playback.publishing import publish_run
 
         known = [field.name for field in dataclasses.fields(ReplayOptions)]
         for name in publishing:
@@ -122,13 +122,13 @@ def evaluated(
     recorded: RunSetup, changed: RunSetup, run: Path, summary: dict[str, Any], figure: Path | None
 ) -> OpenLoop:
     """Return the outputs of a law on the recorded inputs of a run, and draw them."""
-    from train_ato.replay.open_loop import replay_open_loop
+    from train_ato.playback.open_loop import replay_open_loop
 
     law = changed.controller
     with progress_bar(f"{law} on the inputs of {run.name}") as progress:
         result = replay_open_loop(changed, run, progress)
     if figure is not None:
-        from train_ato.replay.open_loop import draw_open_loop
+        from train_ato.playback.open_loop import draw_open_loop
 
         title = f"{recorded.scenario.name}: {law} on the recorded inputs, open loop"
         draw_open_loop(result, title, *output_names(recorded, summary, law), figure)

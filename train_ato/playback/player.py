@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from train_ato.log.mcap_records import RawMessage
-from train_ato.replay.log import CLOCK, LogTopic
+from train_ato.playback.log import CLOCK, LogTopic
 
 NODE = "rosbag2_player"
 """Name of the node, that of ``ros2 bag play``, so that scripts find the same services."""

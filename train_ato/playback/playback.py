@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from train_ato.log.mcap_records import RawMessage
-from train_ato.replay.log import DISORDER_NS, LogTopic, ReplayLog, ReplayOptions
+from train_ato.playback.log import DISORDER_NS, LogTopic, ReplayLog, ReplayOptions
 
 
 class ReplayClock:
