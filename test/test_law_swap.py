@@ -219,15 +219,18 @@ def test_a_swap_while_the_air_brake_acts_stays_inside_the_limits() -> None:
 
 @pytest.mark.parametrize("waiting", [0.5, 1.5])
 def test_a_train_departs_in_time_after_a_swap(waiting: float) -> None:
-    """Breaks if the force of the departure begins with that of the law: it rises five times as fast as the bound."""
+    """Breaks if the force of the departure begins with that of the law: it rises five times as fast as the bound.
+
+    Breaks also if a law with large gains removes the speed that the early change gains: `mpc` had .043 m/s.
+    """
     # By hand: a force of 47 kN that is missing for the 1.7 s of the jerk is 0.2 m/s on 192 t.
     begin = 1.7 - waiting
-    for old, new in (("pid", "lag_smc"), ("mpc", "smc")):
+    for old, new in (("pid", "lag_smc"), ("mpc", "smc"), ("lag_smc", "mpc")):
         setup, recording = driven(
             "xuzhou_metro", f"law={old}", f"law_changes=[{{at: {begin:.2f}, law: {new}}}]", "duration=15"
         )
         assert (change(recording, begin, setup.tick) <= bound(setup)).all(), (old, new)
-        assert errors(setup, recording, begin)[0] <= SPEED_FLOOR, (old, new)
+        assert errors(setup, recording, begin)[0] <= 0.016, (old, new)
 
 
 @pytest.mark.parametrize(("corner", "before"), [(42.1, 0.8), (129.65, 1.6), (129.65, 2.9), (234.65, 0.5)])

@@ -465,8 +465,9 @@ class ControlStack:
         """Return the demand of the law, or before a corner of the profile the one that changes early enough [N].
 
         In motion the demand of the law keeps its difference from the force of the profile inside the limits of the
-        units; one at the limit that it can reach is not known beyond it. With an air brake in action the force of the
-        profile is not that of the units alone.
+        units; one at the limit that it can reach is not known beyond it. From the begin of an early change on the
+        difference is that of the begin: the law would remove the speed that the early change gains for the corner. With
+        an air brake in action the force of the profile is not that of the units alone.
         """
         t = measurement.stamp * 1e-9
         rests = self.profile.at(t)[1] == 0.0
@@ -478,11 +479,14 @@ class ControlStack:
         reach, demand = transition.reach(self.every), np.array(self._last)
         least = np.where(demand >= last + AGREED * reach, 0.0, -np.inf)
         most = np.where(demand <= last - AGREED * reach, 0.0, np.inf)
-        wanted = required if rests else required + np.clip(demand - required[0], least, most)
+        if transition.beyond is None:
+            transition.beyond = 0.0 * demand if rests else np.clip(demand - required[0], least, most)
         low, high = self.model.limits_of_units(measurement.velocity.tolist())
-        wanted = np.clip(wanted, low, high)
+        wanted = np.clip(required + transition.beyond, low, high)
         speeds = self.profile.at_times(effects)[1].reshape(-1, model.n_units)
         part = transition.early(last, wanted, speeds != 0.0, self.every)
+        if not part.any():
+            transition.beyond = None
         early = last + part * reach
         changed = np.where(part > 0.0, np.maximum(demand, early), np.minimum(demand, early))
         return [float(force) for force in np.where(part != 0.0, np.clip(changed, low, high), demand)]

@@ -127,6 +127,8 @@ class LawTransition:
     ----------
     lasting : int
         Ticks of ``TRANSITION_TIME``.
+    beyond : Array, shape (units,), or None
+        Difference of the demand of the law from the force of the profile at the begin of an early change [N].
     ended : bool
         True after the demand of the law has been reached.
     """
@@ -136,6 +138,7 @@ class LawTransition:
         self.lasting = round(TRANSITION_TIME / tick)
         self._ticks = 0
         self._aim: Array | None = None
+        self.beyond: Array | None = None
         self._early = False
         self.ended = False
 
