@@ -46,10 +46,14 @@ class Started:
 
 
 @contextlib.contextmanager
-def running(domain: int, out: Path, scenario: str = "demo"):
-    """Start a run on a domain in a new session, so that all its processes can be killed together."""
+def running(domain: int, out: Path, scenario: str = "demo", rate: str = "5"):
+    """Start a run on a domain in a new session, so that all its processes can be killed together.
+
+    It lasts longer than a loaded machine needs for the start of a view and a browser.
+    """
     command = [
-        sys.executable, "-m", "train_ato", "run", scenario, "--no-lockstep", "--rate", "5", "--domain", str(domain),
+        sys.executable, "-m", "train_ato", "run", scenario, "--no-lockstep", "--rate", rate, "--domain", str(domain),
+        "--set=duration=7200",
     ]  # fmt: skip
     process = subprocess.Popen([*command, f"--out={out}"], stderr=subprocess.DEVNULL, start_new_session=True)
     try:
@@ -111,7 +115,7 @@ def test_a_killed_run_is_gone_and_the_next_one_is_not_taken_for_it(tmp_path):
         page.wait_for("['no data', 'run ended'].includes(document.body.dataset.state)")
         profile = "Math.max(...model('ahead').renderers[1].data_source.data.speed)"
         standing = (text(page, "clock_text"), page.evaluate(profile))
-        with running(domain, tmp_path / "second", "xuzhou_metro") as second:
+        with running(domain, tmp_path / "second", "xuzhou_metro", "20") as second:  # it overtakes the time of the first
             page.wait_for("document.body.dataset.state == 'run ended'")
             with _when_there(domain, second.out) as other:
                 assert other.process.poll() is None

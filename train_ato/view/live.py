@@ -328,12 +328,12 @@ class LiveFeed(Feed):
 
     def _read_messages(self, now: float) -> None:
         """Read new messages; after a second without a new tick the frame shows no rate."""
-        moment = self._reader.poll()
         gone = self._presence.gone
-        self._presence.look(now, news=moment is not None)
-        if gone or self._presence.replaced:  # later messages belong to another run
-            moment = None
-            self._reader.clear()
+        self._presence.look(now, news=False)
+        # Later messages belong to another run, whose train may have other vehicles.
+        moment = None if gone or self._presence.replaced else self._reader.poll()
+        if moment is not None:
+            self._presence.look(now, news=True)
         self._process_messages()
         self._look_for_end(now)
         self._begin_if_seen(now)
