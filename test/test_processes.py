@@ -308,25 +308,33 @@ def test_a_law_is_swapped_from_another_process_without_a_jump(setup, tmp_path):
     from train_ato.ros.graph.environment import applied, variables
     from train_ato.ros.graph.processes import run_processes
 
-    # In lockstep a loaded machine cannot delay the law; the call arrives within ten minutes of the run.
-    long = prepare(*load_scenario("daqin_heavy_haul", ("duration=900",)))
+    # In lockstep a loaded machine cannot delay the law; the run is slow until the law is set.
+    long = prepare(*load_scenario("daqin_heavy_haul", ("duration=280",)))
+    slow = GraphOptions(rate=2.0, timeout=LIMIT_S)
     ends: queue.Queue = queue.Queue()
     with claim_domain() as domain, applied(variables(domain, tmp_path / "log")):
-        run = threading.Thread(target=lambda: ends.put(run_processes(long, tmp_path, domain, GraphOptions())))
+        run = threading.Thread(target=lambda: ends.put(run_processes(long, tmp_path, domain, slow)))
         run.start()
         with executor_of(domain) as (context, executor):
             node = Node("driver_desk", context=context, enable_rosout=False)
             executor.add_node(node)
-            client = node.create_client(SetParameters, "controller/set_parameters")
+            clients = {
+                name: node.create_client(SetParameters, f"{name}/set_parameters") for name in ("controller", "plant")
+            }
             results = {}
             turn = functools.partial(executor.spin_once, timeout_sec=LOOK_S)
-            wait_for(client.service_is_ready, "the controller", turn)
-            wait_for(lambda: commands_in(tmp_path / "run.mcap.partial") > 10)
-            for law in ("nosuch", "smc"):
-                request = SetParameters.Request(parameters=[Parameter("law", value=law).to_parameter_msg()])
-                future = client.call_async(request)
+            for client in clients.values():
+                wait_for(client.service_is_ready, "the nodes", turn)
+            wait_for(lambda: commands_in(tmp_path / "run.mcap.partial") > 100)  # the train has set off
+            for name, key, value in (
+                ("controller", "law", "nosuch"),
+                ("controller", "law", "smc"),
+                ("plant", "rate", 0.0),
+            ):
+                request = SetParameters.Request(parameters=[Parameter(key, value=value).to_parameter_msg()])
+                future = clients[name].call_async(request)
                 wait_for(future.done, "an answer", turn)
-                results[law] = future.result().results[0]
+                results[value] = future.result().results[0]
         run.join(timeout=LIMIT_S)
     end = ends.get_nowait()
     assert end.failure is None

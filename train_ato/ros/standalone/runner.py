@@ -134,6 +134,7 @@ class StandaloneRunner:
         """Run the node; return the exit status."""
         gc.collect()
         gc.freeze()
+        signal.signal(signal.SIGCONT, lambda *_: self._continued.set())
         {Role.PLANT: self._drive, Role.RECORDER: self._record}.get(self.role, self._follow)()
         if self.role is Role.PLANT:
             self.node.announce_end()
@@ -232,7 +233,7 @@ class StandaloneRunner:
             turn()
         if self._ends or self.endpoints.end is not None:
             return
-        if suspended > LEASE_S:
+        if self._continued.is_set() and suspended > LEASE_S:  # a loaded machine only delays it
             self.endpoints.watch.fail(self.role.value, SUSPENDED.format(suspended))
         else:
             self.endpoints.watch.fail(Role.PLANT.value, CUT)
@@ -318,7 +319,6 @@ class StandaloneRunner:
         if not self._wait_for_nodes():
             return
         self.node.follow_recorder()
-        signal.signal(signal.SIGCONT, lambda *_: self._continued.set())
         begin = time.perf_counter_ns()
         self.endpoints.guard(self.node.begin)
         look = 0.0
