@@ -1,5 +1,6 @@
 """Fixtures for all tests: signals, data of open projects, a ROS domain, one hypothesis profile; marks by cost."""
 
+import gc
 import signal
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,6 +15,17 @@ settings.register_profile(
 )
 settings.register_profile("first_failure", settings.get_profile("train_ato"), phases=[Phase.explicit, Phase.generate])
 settings.load_profile("train_ato")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Iterator[None]:
+    """Look for no garbage in the modules and cases of a collection, now and in the tests: they stay to the end."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 @pytest.fixture(scope="session", autouse=True)
