@@ -9,8 +9,8 @@ from typing import Any
 
 import judge_results
 import numpy as np
-import yaml
 
+from plant_sim.library import read_yaml
 from train_ato.judge.recording import COMMAND, ESTIMATE, MEASUREMENT, TRUTH, Recording
 from train_ato.judge.series import TopicSamples
 from train_ato.papers.claims import Claim, Result, Verdict
@@ -93,9 +93,7 @@ class Trial:
 
 TRIALS: dict[str, list[Trial]] = {
     paper: [Trial.of(row) for row in rows]
-    for paper, rows in yaml.safe_load(
-        Path(__file__).with_name("data").joinpath("judge_trials.yaml").read_text(encoding="utf-8")
-    ).items()
+    for paper, rows in read_yaml(Path(__file__).with_name("data") / "judge_trials.yaml").items()
 }
 """Trials by paper."""
 
