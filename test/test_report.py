@@ -435,7 +435,8 @@ def test_unfinished_runs_are_marked_at_their_end(eventful: Path) -> None:
 def test_the_figures_have_verdict_limits_and_stations(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Breaks if a figure hides the verdict, a near limit, or a station, or a far limit stretches the axis."""
     metro = ta.scenario(Path(__file__).resolve().parents[1] / "examples" / "metro" / "scenario.yaml")
-    scenario = metro.with_({"duration": 30, "criteria": {"speed_error": 0.02}})
+    changes = {"duration": 30, "criteria": {"speed_error": 0.02}, "profile": {"plan": {}}}
+    scenario = metro.with_(changes)
     run = ta.run(scenario, out=tmp_path / "near")
     figure = run.plot()
     assert " ".join(figure.get_suptitle().split()).endswith(run.result.title)
