@@ -84,7 +84,7 @@ class _UniqueKeys(yaml.constructor.SafeConstructor):
             if node.flow_style and value.value == "" and before and text.isdigit():
                 problem = f"'{before},{text}' has a decimal comma; write {before}.{text}"
                 raise yaml.constructor.ConstructorError(None, None, problem, key.start_mark)
-            before = str(value.value) if _INTEGER.match(str(value.value)) else ""
+            before = value.value if isinstance(value, yaml.ScalarNode) and _INTEGER.match(value.value) else ""
             if text in seen and text != "<<":
                 problem = f"key '{text}' is repeated"
                 raise yaml.constructor.ConstructorError(None, None, problem, key.start_mark)

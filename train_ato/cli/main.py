@@ -80,14 +80,14 @@ class _Command(OneLineParser):
         return known, unknown
 
 
-def command_line() -> OneLineParser:
-    """Return the parser of the program, with a parser for each command."""
+def command_line(only: str | None = None) -> OneLineParser:
+    """Return the parser of the program, with a parser for each command or, within 1 ms, for one command."""
     parser = OneLineParser(
         prog="train-ato", description="Onboard automatic train operation (ATO) on ROS 2, with a simulated train."
     )
     parser.add_argument("--version", action="version", version=f"train-ato {VERSION}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=_Command)
-    for name, summary in COMMANDS:
+    for name, summary in COMMANDS if only is None else [(only, dict(COMMANDS)[only])]:
         command = commands.add_parser(name, help=summary, description=summary[0].upper() + summary[1:] + ".")
         command.module = f"train_ato.cli.{MODULES.get(name, name.replace('-', '_'))}"
     return parser
@@ -107,7 +107,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if not given:
                 command_line().print_help()
                 return DONE
-            return _executed(command_line().parse_args(_with_known_command(given)))
+            given = _with_known_command(given)
+            only = None if given[0].startswith("-") else given[0]
+            return _executed(command_line(only).parse_args(given))
     except RunFailed as error:
         return FAILED if error.printed else print_error(error, FAILED)
     except KeyboardInterrupt:
