@@ -222,6 +222,9 @@ def test_kilometres_of_posts_are_places_on_a_line_with_chainage(tmp_path: Path) 
         ValueError, match=r"against the direction of line 'l:reverse', from 84\+000 to .*without :reverse"
     ):
         read_recorder(tmp_path / "posts.csv", train="xuzhou_metro_3", line=f"{line}:reverse")
+    start = {"from_km": "83+000", "ignore": ["position_m"]}
+    found = read_recorder(tmp_path / "posts.csv", train="xuzhou_metro_3", line=line, **start)
+    assert found.setup.profile.position[0] == pytest.approx(1550 - 59), "250 m beyond the jump at 1 300 m; 59: half"
     (tmp_path / "posts.csv").write_text(text_of(rows | {"position_m": post + 9000}))
     with pytest.raises(ValueError, match="positions fall, from"):
         read_recorder(tmp_path / "posts.csv", train="xuzhou_metro_3", line=line)

@@ -140,7 +140,7 @@ def test_logs_of_others_are_entered_too(tmp_path, options):
     [
         ("absent.mcap", None, "no such log"),
         ("empty.mcap", b"", "is empty; nothing was recorded in it"),
-        ("text.mcap", b"not a log at all, but a text that is longer than a footer is", "damaged or no log"),
+        ("text.mcap", b"not a log at all, but a text that is longer than a footer is", "no log: a text; name the log"),
     ],
 )
 def test_what_is_no_log_is_refused_in_one_line(tmp_path, name, content, says):

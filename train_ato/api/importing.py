@@ -82,7 +82,7 @@ def import_run(
     layout: str | Path | None = None,
     rename: Mapping[str, str] | None = None,
     ignore: Sequence[str] = (),
-    from_km: float | None = None,
+    from_km: float | str | None = None,
     tick: float = 0.1,
     largest_gap: float = LARGEST_GAP,
     smooth: float | None = None,
@@ -103,7 +103,7 @@ def import_run(
     rename, ignore
         Columns read under another name, and columns that are not read.
     from_km
-        Position of the front at the first row [km], for a file without a position column.
+        Position of the front at the first row [km], or a post such as ``84+500``, for a file without a position column.
     tick
         Period of the run [s].
     largest_gap
@@ -137,7 +137,7 @@ def read_recorder(
     layout: str | Path | None = None,
     rename: Mapping[str, str] | None = None,
     ignore: Sequence[str] = (),
-    from_km: float | None = None,
+    from_km: float | str | None = None,
     tick: float = 0.1,
     largest_gap: float = LARGEST_GAP,
     smooth: float | None = None,
@@ -180,7 +180,9 @@ def _table(path: Path, kind: RecorderLayout | None, rename: dict[str, str], igno
     return read_table(path, named | rename, ignore | ((titles & {*kind.ignore}) - {*rename}), kind.rules())
 
 
-def _check_numbers(largest_gap: float, tick: float, smooth: float | None, from_km: float | None, dash: str) -> None:
+def _check_numbers(
+    largest_gap: float, tick: float, smooth: float | None, from_km: float | str | None, dash: str
+) -> None:
     """Check the numbers of the options."""
     if not 0 < largest_gap < float("inf"):
         raise ValueError(f"{option_name('largest_gap', dash)} {largest_gap}: out of range; give more than 0 s")
@@ -189,7 +191,7 @@ def _check_numbers(largest_gap: float, tick: float, smooth: float | None, from_k
         raise ValueError(f"{dash}tick {tick}: out of range; give a multiple of {STEP:g} s up to 10 s, for example 0.1")
     if smooth is not None and not 0 <= smooth <= MAX_WINDOW:
         raise ValueError(f"{dash}smooth {smooth}: out of range; give 0 to {MAX_WINDOW:g} s")
-    if from_km is not None and not abs(from_km) < 1e5:
+    if isinstance(from_km, (int, float)) and not abs(from_km) < 1e5:
         raise ValueError(f"{option_name('from_km', dash)} {from_km}: out of range; give kilometres of the line")
 
 
@@ -198,11 +200,13 @@ def run_name(path: Path) -> str:
     return re.sub(r"[^A-Za-z0-9_.+-]+", "_", path.stem).strip("_.+-")[:80] or "measured"
 
 
-def _start(from_km: float | None, found: Measured, half: float, line: Line, dash: str) -> float:
+def _start(from_km: float | str | None, found: Measured, half: float, line: Line, dash: str) -> float:
     """Return the position of vehicle 0's centre at the first row [m]."""
     if found.position is not None:
         if from_km is not None:
             option, ignored = option_name("from_km", dash), f"{dash}ignore '{found.position.column.title}'"
             raise ValueError(f"{option} {from_km}: the file has a position column; remove the option, or add {ignored}")
         return float(found.position.values[0])
-    return line.begin if from_km is None else from_km * 1e3 - half
+    if from_km is None:
+        return line.begin
+    return (line.place_of(from_km) if isinstance(from_km, str) else from_km * 1e3) - half

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from train_ato.cli.plan import kilometre
 from train_ato.cli.screen import print_json, print_table
 
 if TYPE_CHECKING:
@@ -79,9 +80,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--ignore", nargs="+", action="extend", default=[], metavar="COLUMN", help="ignore columns")
     parser.add_argument(
         "--from-km",
-        type=float,
+        type=kilometre,
         metavar="KM",
-        help="position of the front at the first row, for a file without a position column",
+        help="position of the front at the first row [km], or a post as 84+500, for a file without a position column",
     )
     parser.add_argument("--tick", type=float, default=0.1, metavar="S", help="period of the run (default: 0.1 s)")
     parser.add_argument(
@@ -111,7 +112,8 @@ def execute(options: argparse.Namespace) -> int:
     from train_ato.api.importing import read_recorder
 
     if missing := [f"--{key}" for key in ("train", "line") if getattr(options, key) is None]:
-        titles_of(options.csv, FileRules())  # a file that is no recorder's is refused first
+        if len(titles_of(options.csv, FileRules())) < 2 and options.layout is None:  # refused first
+            raise ValueError(f"{options.csv}: no table: its first line has one column; give the file of a recorder")
         raise ValueError(f"{' and '.join(missing)}: missing; give the measured train and its line, a name or a file")
     measured = read_recorder(
         options.csv, train=options.train, line=options.line, layout=options.layout, rename=_renames(options.rename),

@@ -185,14 +185,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--from-km",
         dest="begin_km",
-        type=_kilometre,
+        type=kilometre,
         metavar="KM",
         help="start position of the front [km], or a post as 84+500 (default: first stop)",
     )
     parser.add_argument(
         "--to-km",
         dest="end_km",
-        type=_kilometre,
+        type=kilometre,
         metavar="KM",
         help="stop position of the front [km], or a post as 84+500 (default: last stop)",
     )
@@ -389,7 +389,7 @@ def _number(low: float = -math.inf) -> Callable[[str], float]:
     return parse
 
 
-def _kilometre(text: str) -> float | str:
+def kilometre(text: str) -> float | str:
     """Return kilometres, or the text of a post such as 84+500."""
     from plant_sim.chainage import parse_post
 

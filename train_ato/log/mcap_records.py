@@ -358,6 +358,13 @@ Progress = Callable[[float], None]
 """Receiver of the completed fraction of a task, 0 to 1."""
 
 
+def _is_text(path: Path) -> bool:
+    """Return True if a file begins with text; the head of a log has zeros."""
+    with path.open("rb") as file:
+        begin = file.read(512)
+    return bool(begin) and not set(begin) & set(range(9))
+
+
 @contextmanager
 def readable(path: Path, *, broken: bool = False) -> Iterator[None]:
     """Convert damage of a file and disk errors into a one-line ValueError; with ``broken``, stop at the damage.
@@ -370,6 +377,8 @@ def readable(path: Path, *, broken: bool = False) -> Iterator[None]:
     try:
         yield
     except Damage as damage:
+        if not broken and _is_text(path):
+            raise ValueError(f"{path}: no log: a text; name the log or the folder of a run") from None
         if not broken:
             remedy = f"`train-ato recover {path}` saves what is undamaged, if anything is"
             raise ValueError(f"{path}: damaged or no log: {damage}; {remedy}") from None
