@@ -33,6 +33,8 @@ from train_ato.ros.nodes.endpoints import NodeEndpoints
 from train_ato.scenario.scenario import load_scenario
 from train_ato.scenario.setup import prepare
 
+pytestmark = pytest.mark.usefixtures("without_figure")
+
 TICK = 100_000_000
 ROOT = Path(__file__).resolve().parents[1]
 

@@ -22,6 +22,8 @@ from train_ato.judge.recording import TRUTH, Recording
 from train_ato.log.recorded import open_recording
 from train_ato.report.page_data import page_data
 
+pytestmark = pytest.mark.usefixtures("without_figure")
+
 GOLDEN = Path(__file__).resolve().parent / "golden" / "short_train" / "run.mcap"
 
 

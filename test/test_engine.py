@@ -32,6 +32,8 @@ from train_ato.studies.sweep.row import WALL_TIMES
 from train_ato.view.facts import PLAN_LASTS, plan_columns, plan_words
 from train_ato.view.recorded import RecordedFeed
 
+pytestmark = pytest.mark.usefixtures("without_figure")
+
 
 @dataclass(frozen=True)
 class NoParameters:

@@ -28,6 +28,8 @@ from train_ato.ros.graph.runner import run_graph
 from train_ato.scenario.scenario import load_scenario
 from train_ato.scenario.setup import prepare
 
+pytestmark = pytest.mark.usefixtures("without_figure")
+
 ROOT = Path(__file__).resolve().parents[1]
 EXAMPLE = str(ROOT / "examples" / "ros" / "my_controller.py")
 PLANT = str(ROOT / "examples" / "ros" / "my_plant.py")

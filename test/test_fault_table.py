@@ -25,6 +25,8 @@ from train_ato.messages.types import BrakeRelease, Command
 from train_ato.messages.validity import AliveCheck, validity_check
 from train_ato.report.events import detect_events
 
+pytestmark = pytest.mark.usefixtures("without_figure")
+
 REACTION_TIME = 1.5
 """Largest time from the detection of a fault to a demand to coast or brake [s]."""
 STOPPING_ERROR = 5.0

@@ -19,6 +19,8 @@ from train_ato.log.mcap_writer import McapWriter
 from train_ato.log.recover import recover
 from train_ato.log.run_log import CHUNK, LogFile
 
+pytestmark = pytest.mark.usefixtures("without_figure")
+
 NAMES = {"none": "", "fast": "zstd", "small": "zstd"}
 """Name of each compression in the file."""
 SIZE = 1000

@@ -139,10 +139,10 @@ def completed(line: str, folder: Path) -> list[str]:
 @pytest.mark.parametrize(
     ("line", "names"),
     [
-        ("train-ato co", {"compare", "completion"}), ("train-ato sw", {"sweep"}),
+        ("train-ato co", {"compare", "completion"}),
         ("train-ato sweep spec.yaml --sch", {"--scheduler"}), ("train-ato run de", {"demo"}),
         ("train-ato run following", {"following", "following_metro"}),
-        ("train-ato run daqin_heavy_haul:id", {"daqin_heavy_haul:ideal"}), ("train-ato run demo --la", {"--law"}),
+        ("train-ato run daqin_heavy_haul:id", {"daqin_heavy_haul:ideal"}),
         ("train-ato run demo --law sm", {"smc"}), ("train-ato compare demo --laws pid,sm", {"pid,smc"}),
         ("train-ato inject emer", {"emergency-brake"}), ("train-ato plan xu", {"xuzhou_metro_test"}),
         ("train-ato report runs/", {"runs/one"}),

@@ -21,6 +21,8 @@ from train_ato.messages.codec import Wire
 from train_ato.messages.topics import EPOCH_NS, topics_of
 from train_ato.ros.nodes import recorder
 
+pytestmark = pytest.mark.usefixtures("without_figure")
+
 SECONDS = 20
 """Simulated duration of the runs [s]: many times their wall time, so that the two cannot be mistaken."""
 TICK_HZ = 10.0
