@@ -562,8 +562,9 @@ def test_a_result_is_typed_and_a_notebook_begins_with_the_verdict(tmp_path: Path
         "the same output in 200 of 200 ticks": (ta.replay(folder, "pid"),),
         "expected verdict: passed": (ta.scenario("demo"),),
         "planned in ": (ta.plan("xuzhou_metro_test", "xuzhou_metro_3", end_km=1),),
-        "stable at 60 km/h": (ta.linearise("xuzhou_metro", speed_kmh=60),),
+        "stable at 60 km/h": (model := ta.linearise("xuzhou_metro", speed_kmh=60),),
     }
+    assert repr(model) == "stable at 60 km/h, besides the free place"
     env = ta.Env("xuzhou_metro", set={"duration": 0.2})
     titles = [env._repr_html_()]
     env.reset()

@@ -17,6 +17,7 @@ from plant_sim.input_error import close_match
 from plant_sim.railway import between_entries, envelope_force
 from train_ato.control.algorithms.limits_ahead import LimitsAhead, step_value
 from train_ato.control.command_history import CommandHistory
+from train_ato.control.component_fault import place_of
 from train_ato.control.train_model import GRID
 from train_ato.loop.controller import ControllerStage, Received
 from train_ato.loop.engine import TickLoop
@@ -363,10 +364,18 @@ class TickCalls:
         known.take(loop.controller)
         seen = known.values(self._sight)
         values = {name: seen[quantity.part] for name, quantity in self._quantities.items()}
-        if self._on_tick is not None and (signals := self._on_tick(values)):
+        if self._on_tick is not None and (signals := _answer("on_tick", self._on_tick, values)):
             loop.note(signal_texts(signals, "on_tick"))
-        self.stopped = self._stop_when is not None and bool(self._stop_when(values))
+        self.stopped = self._stop_when is not None and bool(_answer("stop_when", self._stop_when, values))
         return self.stopped
+
+
+def _answer(name: str, function: Callable[[dict[str, Array]], Any], values: dict[str, Array]) -> Any:
+    """Call a function of the user; its error becomes a ValueError with file and line."""
+    try:
+        return function(values)
+    except Exception as error:
+        raise ValueError(f"{name}: {type(error).__name__}: {error}{place_of(error)}") from error
 
 
 def signal_texts(signals: Any, source: str) -> dict[str, str]:

@@ -29,7 +29,7 @@ Signal = tuple[str, str]
 """Name and unit."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class LinearTrain:
     """Linear model ``z' = A z + B u(t - delay)``, ``y = C z + D u(t - delay)``.
 
@@ -66,16 +66,18 @@ class LinearTrain:
         """Eigenvalues of A [rad/s]."""
         return np.linalg.eigvals(self.A).astype(np.complex128)
 
-    def _repr_html_(self) -> str:
+    def __repr__(self) -> str:
         poles = sorted(self.poles, key=abs)  # the first one is 0: the place of the train on level line
         worst = max(pole.real for pole in poles[1:])
-        verdict = f"{'stable' if worst < 0.0 else 'unstable'} at {KMH * self.speed:.4g} km/h, besides the free place"
+        return f"{'stable' if worst < 0.0 else 'unstable'} at {KMH * self.speed:.4g} km/h, besides the free place"
+
+    def _repr_html_(self) -> str:
         rows = (
             f"<tr><td>{name}</td><td>{delay:.4g} s</td><td>{braking:.4g} s</td></tr>"
             for (name, _), delay, braking in zip(self.inputs, self.delay, self.delay_brake, strict=True)
         )
         return (
-            f"<p><b>{verdict}</b></p><p>{len(self.states)} states, {len(self.outputs)} outputs</p><table><tr>"
+            f"<p><b>{self!r}</b></p><p>{len(self.states)} states, {len(self.outputs)} outputs</p><table><tr>"
             f"<th>input</th><th>delay in traction</th><th>in braking</th></tr>{''.join(rows)}</table>"
         )
 
