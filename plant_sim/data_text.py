@@ -8,7 +8,9 @@ Here the parser in C delivers events, and Python composes them within a limit on
 """
 
 import json
+import pickle
 import re
+from functools import lru_cache
 from typing import Any
 
 import yaml
@@ -45,6 +47,8 @@ _SCALARS: tuple[tuple[str, re.Pattern[str], list[str]], ...] = (
 """Type, text and first characters of the plain scalars that are not text."""
 MAX_DIGITS = 400
 """Largest number of digits of an integer: more than of the largest floating-point number."""
+SHORT = 50_000
+"""Length of the texts whose data are kept; to parse them again takes 100 times as long as to copy them."""
 _Base: Any = getattr(yaml.cyaml, "CParser", None) if yaml.__with_libyaml__ else None
 _PYTHON = (yaml.reader.Reader, yaml.scanner.Scanner, yaml.parser.Parser)
 _PARSERS: tuple[Any, ...] = _PYTHON if _Base is None else (_Base,)
@@ -132,8 +136,13 @@ class TextDumper(yaml.SafeDumper):
 _add_scalars(TextDumper)
 
 
+@lru_cache(64)
+def _pickled(text: str | bytes) -> bytes:
+    return pickle.dumps(yaml.load(text, Loader=_Loader))
+
+
 def parse_yaml(text: str | bytes) -> Any:
-    """Return the data of a YAML text.
+    """Return the data of a YAML text; a short one, as the base of many scenarios, is parsed once.
 
     Raises
     ------
@@ -141,7 +150,7 @@ def parse_yaml(text: str | bytes) -> Any:
         Line number and problem, without remedy: not YAML, an unsafe tag, a repeated key, or a limit exceeded.
     """
     try:
-        return yaml.load(text, Loader=_Loader)
+        return pickle.loads(_pickled(text)) if len(text) < SHORT else yaml.load(text, Loader=_Loader)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         last = len(text.splitlines()) - 1  # the parser in C counts one line more at the end

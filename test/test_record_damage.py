@@ -116,7 +116,7 @@ def one_line(capsys: pytest.CaptureFixture[str], *arguments: str) -> int:
 
 
 @pytest.mark.parametrize(
-    ("kind", "seed"), sampled(CASES, every=8), ids=lambda case: getattr(case, "__name__", str(case))
+    ("kind", "seed"), sampled(CASES, every=6), ids=lambda case: getattr(case, "__name__", str(case))
 )
 def test_whatever_is_recovered_was_recorded(
     kind: Callable[[random.Random], bytes], seed: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
