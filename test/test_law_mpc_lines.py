@@ -13,14 +13,7 @@ from train_ato.control.algorithms.train_identification import SLOWEST, WEAR, Tra
 from train_ato.control.command_hold import RELEASE_FORCE
 from train_ato.control.compensation.ahead_train import AheadTrain, TwinParameters, worn
 from train_ato.control.laws.mpc import Mpc
-from train_ato.control.mpc.disturbance_lines import (
-    COUPLER,
-    POSITION,
-    RATE,
-    LineSpectrum,
-    add_line,
-    periodic_response,
-)
+from train_ato.control.mpc.disturbance_lines import COUPLER, POSITION, RATE, LineSpectrum, add_line, periodic_response
 from train_ato.control.mpc.measured_motion import follow_simulation
 from train_ato.control.mpc.standstill_force import FREE, StandstillForce
 from train_ato.control.train_model import TrainModel

@@ -188,11 +188,7 @@ def test_parameters_at_the_start_are_taken(make):
 
 @pytest.mark.parametrize(
     ("given", "lockstep", "rate"),
-    [
-        (["rate:=5.0"], True, 5.0),
-        (["lockstep:=false"], False, 1.0),
-        (["lockstep:=false", "rate:=4.0"], False, 4.0),
-    ],
+    [(["rate:=5.0"], True, 5.0), (["lockstep:=false"], False, 1.0), (["lockstep:=false", "rate:=4.0"], False, 4.0)],
 )
 def test_rate_and_lockstep_at_the_start(make, given, lockstep, rate):
     """Breaks if a start parameter is refused, or a run without lockstep gets no rate."""

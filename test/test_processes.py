@@ -135,8 +135,7 @@ def test_a_suspended_plant_is_named(seconds, says, setup, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("recorded", "failure"),
-    [(12, None), (11, "node recorder failed: ato/command: 11 of 12 messages are recorded")],
+    ("recorded", "failure"), [(12, None), (11, "node recorder failed: ato/command: 11 of 12 messages are recorded")]
 )
 def test_a_message_lost_at_the_end_fails_the_run(recorded, failure):
     """Breaks if a run whose log has fewer messages than were published counts as complete."""

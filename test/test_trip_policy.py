@@ -143,31 +143,31 @@ def two_shares(*entries: tuple[float, float]) -> ForceDistribution:
     return ForceDistribution([SharesAt(at=at, shares=(front, 1 - front)) for at, front in entries], [0.5, 0.5])
 
 
-@pytest.fixture(scope="module")
-def train_of_two() -> Consist:
-    """Power unit, 20 wagons, power unit, 20 wagons: the shipped train of 212 vehicles, shortened."""
+def of_two_units(wagons: int) -> dict[str, Any]:
+    """Return power unit, wagons, power unit, wagons: the shipped train of 212 vehicles, shortened."""
     data = load_consist("hxd1_c80_210").model_dump(mode="json", by_alias=True, exclude_defaults=True)
     data["name"] = "short"
     for entry in data["train"]:
-        entry["count"] = 20 if entry["type"] == "c80" else 1
-    data["couplings"][0]["behind"] = [0, MIDDLE - 1, MIDDLE]
-    return Consist.model_validate(data)
+        entry["count"] = wagons if entry["type"] == "c80" else 1
+    data["couplings"][0]["behind"] = [0, wagons, wagons + 1]
+    return data
+
+
+@pytest.fixture(scope="module")
+def train_of_two() -> Consist:
+    return Consist.model_validate(of_two_units(20))
+
+
+CREST = {
+    "schema": "train_ato/line/1", "name": "crest", "end_km": 9, "speed_limits": [{"at": 0, "speed_kmh": 60}],
+    "grades": [{"at_km": 0, "grade": 0.0}, {"at_km": 2.5, "grade_permille": 8}, {"at_km": 3.2, "grade_permille": -14},
+               {"at_km": 4.2, "grade": 0.0}],
+}  # fmt: skip
+"""Line with a crest of 8 per mille: the front is in the fall while the rear is on the climb."""
 
 
 def crest() -> Line:
-    """Return a line with a crest of 8 per mille: the front is in the fall while the rear is on the climb."""
-    grades = [
-        {"at_km": 0, "grade": 0.0},
-        {"at_km": 2.5, "grade_permille": 8},
-        {"at_km": 3.2, "grade_permille": -14},
-        {"at_km": 4.2, "grade": 0.0},
-    ]
-    limits = [{"at": 0, "speed_kmh": 60}]
-    return Line.model_validate(
-        {
-            "schema": "train_ato/line/1", "name": "crest", "end_km": 9, "grades": grades, "speed_limits": limits,
-        }
-    )  # fmt: skip
+    return Line.model_validate(CREST)
 
 
 @pytest.fixture(scope="module")
@@ -258,23 +258,9 @@ def two_displacements(*entries: tuple[float, float, float]) -> PlannedDisplaceme
 @pytest.fixture(scope="module")
 def plan() -> tuple[TripPlan, dict[str, Any]]:
     """Plan of two power units with 60 wagons each over a crest, and its plant."""
-    train = load_consist("hxd1_c80_210").model_dump(mode="json", by_alias=True, exclude_defaults=True)
-    train["name"] = "short"
-    for entry in train["train"]:
-        entry["count"] = 60 if entry["type"] == "c80" else 1
-    train["couplings"][0]["behind"] = [0, 60, 61]
-    grades = [
-        {"at_km": 0, "grade": 0.0},
-        {"at_km": 2.5, "grade_permille": 8},
-        {"at_km": 3.2, "grade_permille": -14},
-        {"at_km": 4.2, "grade": 0.0},
-    ]
-    line = {
-        "schema": "train_ato/line/1", "name": "crest", "end_km": 9, "grades": grades,
-        "speed_limits": [{"at": 0, "speed_kmh": 60}],
-    }  # fmt: skip
-    planner = TripPlanner(Line.model_validate(line), Consist.model_validate(train), TripSettings(end=8_000.0))
-    return planner.with_unit_shares(planner.at_price(0.5)), {"consist": train, "line": line}
+    train = of_two_units(60)
+    planner = TripPlanner(crest(), Consist.model_validate(train), TripSettings(end=8_000.0))
+    return planner.with_unit_shares(planner.at_price(0.5)), {"consist": train, "line": CREST}
 
 
 def test_the_slope_is_the_derivative_of_the_displacement() -> None:
