@@ -1,11 +1,16 @@
 """Requests of other processes to a running graph, by the commands of the program, at chosen ticks."""
 
+import json
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
-from waiting import LIMIT_S, LOOK_S, wait_for
+import pytest
+from waiting import LIMIT_S, LOOK_S, reserved_domain, wait_for
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -53,6 +58,34 @@ class Desk:
 
     def inject(self, action: str) -> subprocess.CompletedProcess[str]:
         return command("inject", action, f"--domain={self.domain}")
+
+
+@contextmanager
+def beside_a_run(out: Path, monkeypatch: pytest.MonkeyPatch, *options: str) -> Iterator[tuple[Desk, dict[str, Any]]]:
+    """Yield a desk beside a paused run, and its summary, which is filled at its end; then verify the run."""
+    from train_ato.ros.graph.environment import middleware
+    from train_ato.ros.graph.remote import set_parameter
+
+    for name, value in middleware().items():
+        monkeypatch.setenv(name, value)
+    domain = reserved_domain()
+    words = ["run", "demo", "--rate=1", "--json", f"--domain={domain}", f"--out={out}", *options]
+    process = started(*words, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    desk, summary = Desk(domain), {}
+    try:
+        desk.pause(True)
+        yield desk, summary
+        assert set_parameter(domain, "plant", "rate", 0.0) is None
+        desk.pause(False)
+    finally:
+        desk.close()
+    text, err = process.communicate(timeout=LIMIT_S)
+    assert process.returncode == 0, err
+    summary.update(json.loads(text))
+    for name in (out, out / "run.mcap"):
+        verified = command("verify", str(name), "--json")
+        assert verified.returncode == 0, verified.stderr
+        assert json.loads(verified.stdout)["equal"] is True
 
 
 def command(*arguments: str) -> subprocess.CompletedProcess[str]:

@@ -2,14 +2,12 @@
 
 import dataclasses
 import json
-import subprocess
 from pathlib import Path
 
 import pytest
 import yaml
 from engine_runs import record_run
-from request_desk import Desk, command, started
-from waiting import LIMIT_S, reserved_domain
+from request_desk import beside_a_run
 
 from train_ato.cli.main import main
 from train_ato.log.difference import compare_logs
@@ -87,20 +85,8 @@ def test_a_request_of_another_version_is_refused() -> None:
 def test_live_requests_are_recorded_and_verified(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Breaks if a service call is missing in the log or ``verify`` omits it, or a refusal has no reason."""
     pytest.importorskip("rclpy")
-    from train_ato.ros.graph.environment import middleware
-    from train_ato.ros.graph.remote import set_parameter
-
-    for name, value in middleware().items():
-        monkeypatch.setenv(name, value)
     run = tmp_path / "run"
-    domain = reserved_domain()
-    process = started(
-        "run", "demo", f"--set={LOST}", "--set=duration=60", "--rate=1", "--json",
-        f"--domain={domain}", f"--out={run}", stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-    )  # fmt: skip
-    desk = Desk(domain)
-    try:
-        desk.pause(True)
+    with beside_a_run(run, monkeypatch, f"--set={LOST}", "--set=duration=60") as (desk, summary):
         early = desk.inject("engage")
         assert early.returncode == 2
         assert "engage: refused by the controller: engage: the ATO is" in early.stderr
@@ -108,24 +94,14 @@ def test_live_requests_are_recorded_and_verified(tmp_path: Path, monkeypatch: py
         for action in ("reset", "engage", "disengage"):
             done = desk.inject(action)
             assert done.returncode == 0, done.stderr
-            assert f"controller on domain {domain}: {action}" in done.stdout
+            assert f"controller on domain {desk.domain}: {action}" in done.stdout
             desk.steps(8)
-        assert set_parameter(domain, "plant", "rate", 0.0) is None
-        desk.pause(False)
-    finally:
-        desk.close()
-    out, err = process.communicate(timeout=LIMIT_S)
-    assert process.returncode == 0, err
-    rows = json.loads(out)["changes"]
+    rows = summary["changes"]
     assert [(row["name"], row["value"], row["planned"]) for row in rows] == [
         ("ato_request", action, False) for action in ("reset", "engage", "disengage")
     ]
     planned = yaml.safe_load((run / "scenario.yaml").read_text())["ato_requests"]
     assert [(entry["at"], entry["do"]) for entry in planned] == [(row["at_s"], row["value"]) for row in rows]
-    for name in (run, run / "run.mcap"):
-        verified = command("verify", str(name), "--json")
-        assert verified.returncode == 0, verified.stderr
-        assert json.loads(verified.stdout)["equal"] is True
     setup, _ = read_run_folder(run)
     silent = dataclasses.replace(setup, scenario=setup.scenario.model_copy(update={"ato_requests": ()}))
     other = RunFolder.make(tmp_path / "other", "other")
