@@ -264,7 +264,7 @@ def test_the_supervisor_brakes_in_spite_of_the_caller(assured, tmp_path):
     assert obs["speed"][0] < speed - 1.0
 
 
-def test_the_caller_drives_again_after_a_takeover(tmp_path):
+def test_the_caller_drives_again_after_a_takeover(tmp_path, without_figure):
     """Breaks if the force of the caller is lost at the return of the law, or the saved run is another one."""
     changes = {"duration": 60, "supervision.enabled": True, "plant.line": own_line(tmp_path)}
     env = ta.Env("xuzhou_metro", set=changes, normalised=True)

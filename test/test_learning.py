@@ -211,6 +211,7 @@ def test_bad_files_are_refused_in_one_line(change, words, learned, tmp_path, cap
     assert str(file) in line and words in line
 
 
+@pytest.mark.usefixtures("without_figure")
 def test_runs_with_brake_interventions_are_not_used(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Breaks if the force of the supervisor's brake, which is not measured, is learned as a grade."""
     run = ta.run(METRO, set={"duration": 20}, out=tmp_path / "run", progress=False)

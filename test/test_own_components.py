@@ -46,7 +46,7 @@ def figures(run):
     return [run.metrics[key] for key in KEYS]
 
 
-def test_names_classes_and_objects_give_the_same_run(templates, capsys):
+def test_names_classes_and_objects_give_the_same_run(templates, capsys, without_figure):
     """Breaks if an object, a class with parameters, a name and the command result in different runs."""
     observer, compensation = templates
     by_object = ta.run("demo", observer=observer(filter_time=2.0), compensation=compensation(0.5), set=SHORT)

@@ -378,7 +378,7 @@ def test_couplers_that_cannot_part_are_refused(consist: Any, vehicles: list[int]
         train(consist, jumps=[{"at": 1.0, "what": "coupler", "vehicles": vehicles}])
 
 
-def test_a_run_with_a_separation(tmp_path: Path) -> None:
+def test_a_run_with_a_separation(tmp_path: Path, without_figure: None) -> None:
     """Breaks if a scenario cannot part a train."""
     jump = "plant.jumps=[{at: 5, what: coupler, vehicles: [20]}]"
     words = ["run", "demo", "--engine", "--set", "duration=30", "--set"]

@@ -43,6 +43,7 @@ def test_a_log_alone_tells_all_but_the_summary(capsys: pytest.CaptureFixture[str
     assert found["note"] == ""
 
 
+@pytest.mark.usefixtures("without_figure")
 def test_a_run_folder_tells_its_summary_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run = tmp_path / "run"
     swaps = "--set=law_changes=[{at: 3, law: smc}]"

@@ -250,6 +250,7 @@ def test_rows_are_those_of_runs_alone(whole: Path) -> None:
         assert (row["verdict"], row["tracking"]) == (run.metrics.get("verdict"), run.metrics["tracking"])
 
 
+@pytest.mark.usefixtures("without_figure")
 def test_one_row_again_is_equal_and_a_changed_one_is_found(
     whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
