@@ -16,11 +16,6 @@ ROOT = Path(__file__).resolve().parents[1]
 PAPERS = {number: load_paper(number) for number in paper_numbers()}
 
 
-def trials_of(number: str, claim: Claim) -> list[Trial]:
-    """Return the trials of a claim."""
-    return [trial for trial in TRIALS.get(number, ()) if claim.text.startswith(trial.claim)]
-
-
 CLAIMS = [
     pytest.param(paper, claim, id=f"{number} {claim.text}")
     for number, paper in PAPERS.items()
@@ -30,7 +25,7 @@ CLAIMS = [
 
 def only(number: str, claim: Claim) -> Trial:
     """Return the one trial of a claim."""
-    (trial,) = trials_of(number, claim)
+    (trial,) = (trial for trial in TRIALS.get(number, ()) if claim.text.startswith(trial.claim))
     return trial
 
 

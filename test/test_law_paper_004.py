@@ -68,30 +68,33 @@ def test_matrix_exponential():
     assert matrix_exponential(np.array([[0.0, 2.0], [0.0, 0.0]])) == pytest.approx(np.array([[1.0, 2.0], [0.0, 1.0]]))
 
 
-@pytest.mark.parametrize("beyond", ["zero", "hold"])
-def test_first_command_minimises_the_cost(beyond):
-    """Simulate (7) for any U and minimise (12) by least squares: its first command is that of (18)."""
-    p = GpcParameters(n=5, nu=2, command_weight=0.3, beyond_horizon=beyond)
+def best_first_command(speeds, commands, residual, target, beyond="zero"):
+    """Simulate (7) for any two commands after the past, minimise (12) by least squares; return model and command."""
     a, b = sampled_actuator(1.0, 0.4, 1.2)
-    v, u, xi = [5.0, 4.9, 4.85], [0.1, -0.2], 0.03
-    target = np.array([5.2, 5.3, 5.5, 5.6, 5.8])
 
     def rollout(first, second):
-        speeds, sent, found = list(v), list(u), []
-        for j in range(p.n):
-            now = (first, second)[j] if j < 2 else (second if beyond == "hold" else 0.0)
-            sent = [now, *sent]
-            speeds = [float(-a[1:] @ np.array(speeds[:3]) + b @ np.array(sent[:3]) + xi), *speeds]
-            found.append(speeds[0])
+        v, u, found = list(speeds), list(commands), []
+        for j in range(target.size):
+            u = [(first, second)[j] if j < 2 else (second if beyond == "hold" else 0.0), *u]
+            v = [float(-a[1:] @ np.array(v[:3]) + b @ np.array(u[:3]) + residual), *v]
+            found.append(v[0])
         return np.array(found)
 
     base = rollout(0.0, 0.0)
     effect = np.column_stack((rollout(1.0, 0.0) - base, rollout(0.0, 1.0) - base))
-    rows = np.vstack((effect, np.sqrt(p.command_weight) * np.eye(2)))
-    best = np.linalg.lstsq(rows, np.concatenate((target - base, np.zeros(2))), rcond=None)[0]
-    law = linear_law(a, b, p)
+    rows = np.vstack((effect, np.sqrt(0.3) * np.eye(2)))
+    return a, b, float(np.linalg.lstsq(rows, np.concatenate((target - base, np.zeros(2))), rcond=None)[0][0])
+
+
+@pytest.mark.parametrize("beyond", ["zero", "hold"])
+def test_first_command_minimises_the_cost(beyond):
+    """The first command is that of (18)."""
+    v, u, xi = [5.0, 4.9, 4.85], [0.1, -0.2], 0.03
+    target = np.array([5.2, 5.3, 5.5, 5.6, 5.8])
+    a, b, best = best_first_command(v, u, xi, target, beyond)
+    law = linear_law(a, b, GpcParameters(n=5, nu=2, command_weight=0.3, beyond_horizon=beyond))
     found = law.tracking @ target - law.feedback @ np.array(v) - law.past @ np.array(u) - xi * law.residual
-    assert found == pytest.approx(best[0], rel=1e-9)
+    assert found == pytest.approx(best, rel=1e-9)
     assert law.scale == pytest.approx(1.0, abs=1e-9)
 
 
@@ -173,21 +176,7 @@ def test_one_step_by_hand():
     law = printed_law("gpc", {"sampling": 1.2, "command_weight": 0.3}, of, 0.4)
     ahead = 10.0 + 0.05 * np.arange(10)
     out = law.step(inputs(of, preview=Preview(np.zeros(10), ahead, np.zeros(10)), disturbance=np.full(5, 700.0)))
-    a, b = sampled_actuator(1.0, 0.4, 1.2)
-
-    def rollout(first, second):
-        speeds, sent, found = [10.0] * 3, [0.0, 0.0], []
-        for command in (first, second, 0.0):
-            sent = [command, *sent]
-            speeds = [float(-a[1:] @ np.array(speeds[:3]) + b @ np.array(sent[:3])), *speeds]
-            found.append(speeds[0])
-        return np.array(found)
-
-    base = rollout(0.0, 0.0)
-    effect = np.column_stack((rollout(1.0, 0.0) - base, rollout(0.0, 1.0) - base))
-    rows = np.vstack((effect, np.sqrt(0.3) * np.eye(2)))
-    wanted = np.concatenate((ahead[[3, 6, 9]] - base, np.zeros(2)))
-    best = float(np.linalg.lstsq(rows, wanted, rcond=None)[0][0])
+    _, _, best = best_first_command([10.0] * 3, [0.0] * 2, 0.0, ahead[[3, 6, 9]])
     assert out.force == pytest.approx(np.full(5, (best * of.inertia - 5 * 700.0) / 5), rel=1e-9)
 
 
