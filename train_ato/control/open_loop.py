@@ -8,7 +8,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf
-from typing import Any
+from typing import Annotated, Any
 
 from pydantic import Field, TypeAdapter, model_validator
 
@@ -16,7 +16,7 @@ from plant_sim.consist import Notches
 from plant_sim.input_error import one_of
 from plant_sim.railway import envelope_force
 from plant_sim.si_model import SiModel
-from plant_sim.units import Place, Pressure, Time, number_text
+from plant_sim.units import Place, Pressure, Time, Usual, number_text
 from train_ato.control.air_brake.policy import BrakeEvent
 from train_ato.control.contract import LawInput, parameter
 from train_ato.control.guard import GuardedLaw
@@ -39,7 +39,7 @@ class DriverAction(SiModel):
         description="numbers of the power units of the notch, front first from 0; default: all",
         examples=[(0, 1)],
     )
-    reduction: Pressure | None = Field(
+    reduction: Annotated[Pressure | None, Usual(10e3, 1e6)] = Field(
         None, ge=0, description="reduction of the brake pipe; 0 releases", examples=[50e3]
     )
 

@@ -84,10 +84,10 @@ class Criteria(SiModel):
     coupler_buff: Annotated[Force | None, Usual(2e3, 20e6)] = Field(
         None, gt=0, description="largest buff of all couplers, a magnitude", examples=[400e3]
     )
-    acceleration: Acceleration | None = Field(
+    acceleration: Annotated[Acceleration | None, Usual(0.005, 20)] = Field(
         None, gt=0, description="largest acceleration of vehicle 0, a magnitude", examples=[1.2]
     )
-    jerk: Jerk | None = Field(
+    jerk: Annotated[Jerk | None, Usual(0.005, 500)] = Field(
         None,
         gt=0,
         description="largest change of vehicle 0's mean acceleration from one second to the next",

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import inf
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
@@ -21,7 +21,7 @@ from plant_sim.compiled import compiled
 from plant_sim.line import Line
 from plant_sim.record import Records, quantity
 from plant_sim.si_model import SiModel
-from plant_sim.units import Place, Pressure, Ratio, Slope, Speed, Time
+from plant_sim.units import Place, Ratio, Reduction, Slope, Speed, Time, Usual
 from train_ato.control.air_brake.predictive_policy import PredictiveBrake, SpeedProfile
 from train_ato.control.air_brake.record_policy import BrakeNow, BrakePolicy, NoRules, PolicyForm, lasts, used_share
 from train_ato.control.air_brake.schedule_forecast import PredictiveRules
@@ -32,7 +32,7 @@ from train_ato.control.train_model import STANDSTILL_SPEED, TrainModel
 class BlendRules(SiModel):
     """Conditions for the air brake beside the electric brake."""
 
-    reduction: Pressure = Field(50e3, gt=0, description="reduction of the brake pipe for an application")
+    reduction: Reduction = Field(50e3, gt=0, description="reduction of the brake pipe for an application")
     call: Ratio = Field(
         0.9, gt=0, le=1, description="used part of the electric brake from which the air brake is applied"
     )
@@ -44,7 +44,7 @@ class BlendRules(SiModel):
     pause: Time = Field(
         60.0, ge=0, description="least time from a release to the next application, in which the reservoirs recharge"
     )
-    never_below: Speed = Field(
+    never_below: Annotated[Speed, Usual(0.3, 40)] = Field(
         35 / 3.6, ge=0, description="speed below which no release occurs, except for a departure from standstill"
     )
 
@@ -98,7 +98,7 @@ class BrakeEvent(SiModel):
 
     time: Time | None = Field(None, ge=0, description="time of the reduction", examples=[60.0])
     place: Place | None = Field(None, description="position of vehicle 0's centre at the reduction", examples=[1200.0])
-    reduction: Pressure = Field(ge=0, description="reduction of the brake pipe; 0 releases", examples=[50e3])
+    reduction: Reduction = Field(ge=0, description="reduction of the brake pipe; 0 releases", examples=[50e3])
 
     @model_validator(mode="after")
     def _one(self) -> BrakeEvent:
@@ -110,8 +110,10 @@ class BrakeEvent(SiModel):
 class TriggerRules(SiModel):
     """Rules of paper 000, section 1.2: application before long falling grades, release at a lower speed."""
 
-    reduction: Pressure = Field(50e3, gt=0, description="reduction of the brake pipe for an application")
-    min_speed: Speed = Field(60 / 3.6, ge=0, description="speed below which no application occurs")
+    reduction: Reduction = Field(50e3, gt=0, description="reduction of the brake pipe for an application")
+    min_speed: Annotated[Speed, Usual(0.3, 40)] = Field(
+        60 / 3.6, ge=0, description="speed below which no application occurs"
+    )
     lookahead: Place = Field(2500.0, gt=0, description="length of line ahead in which steep segments are counted")
     segments: int = Field(4, ge=1, description="least number of steep segments for an application")
     grade_below: Slope = Field(-8e-3, lt=0, description="grade below which a segment is steep")
@@ -121,7 +123,9 @@ class TriggerRules(SiModel):
         10 / 3.6, ge=0, description="amount below the speed of the application at which the brake is released"
     )
     release_margin: Speed = Field(0.5 / 3.6, ge=0, description="tolerance of the release speed")
-    never_below: Speed = Field(35 / 3.6, ge=0, description="speed below which no release occurs")
+    never_below: Annotated[Speed, Usual(0.3, 40)] = Field(
+        35 / 3.6, ge=0, description="speed below which no release occurs"
+    )
 
 
 class BrakeSpec(SiModel):

@@ -1,14 +1,14 @@
 """Predicted cost of schedules of the air brake for one train: closed form of the shoe forces, then a rigid train."""
 
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
 from plant_sim.elementary import total_of_units
 from plant_sim.si_model import SiModel
-from plant_sim.units import Force, Number, Pressure, Ratio, Speed, Time
+from plant_sim.units import Force, Number, Pressure, Ratio, Speed, Time, Usual
 from train_ato.control.air_brake import schedule_cost as s
 from train_ato.control.air_brake.shoes import ShoeForecast
 from train_ato.control.train_model import GRID, TrainModel
@@ -19,14 +19,16 @@ from train_ato.supervision.track_supervision import limits_under_train
 class PredictiveRules(SiModel):
     """Schedules and cost of the predictive policy."""
 
-    reductions: tuple[Pressure, ...] = Field((50e3,), min_length=1, description="reductions of the brake pipe, rising")
+    reductions: Annotated[tuple[Pressure, ...], Usual(10e3, 1e6)] = Field(
+        (50e3,), min_length=1, description="reductions of the brake pipe, rising"
+    )
     period: Time = Field(2.0, ge=1, le=5, description="time between two decisions")
     horizon: Time = Field(120.0, ge=30, le=600, description="time ahead in which schedules are compared")
     pause: Time = Field(
         60.0, ge=0, description="least time from a release to the next application, in which the reservoirs recharge"
     )
     min_application: Time = Field(25.0, ge=0, description="least time from an application to its release")
-    never_below: Speed = Field(
+    never_below: Annotated[Speed, Usual(0.3, 40)] = Field(
         35 / 3.6, ge=0, description="speed below which no application or release occurs, except for a departure"
     )
     electric_use: Ratio = Field(0.9, gt=0, le=1, description="part of the electric brake in the prediction")
@@ -34,7 +36,9 @@ class PredictiveRules(SiModel):
     application_cost: Number = Field(
         0.3, ge=0, description="cost of an application: mean squared speed error over the horizon, per speed_error²"
     )
-    coupler_max: Force = Field(600e3, gt=0, description="coupler force above which a schedule has a cost")
+    coupler_max: Annotated[Force, Usual(2e3, 20e6)] = Field(
+        600e3, gt=0, description="coupler force above which a schedule has a cost"
+    )
 
     @field_validator("reductions")
     @classmethod

@@ -14,14 +14,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import inf
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field, model_validator
 
 from plant_sim.compiled import compiled
 from plant_sim.record import Records, quantity
 from plant_sim.si_model import SiModel
-from plant_sim.units import Place, Pressure, Ratio, Speed, Time
+from plant_sim.units import Place, Ratio, Reduction, Speed, Time, Usual
 from train_ato.control.air_brake.record_policy import BrakeNow, BrakePolicy, PolicyForm, lasts, used_share
 from train_ato.control.train_model import STANDSTILL_SPEED
 
@@ -34,7 +34,7 @@ class PlannedApplication(SiModel):
 
     apply: Place = Field(description="place of the application", examples=[5000.0])
     release: Place = Field(description="place of the release", examples=[9000.0])
-    reduction: Pressure = Field(50e3, gt=0, description="reduction of the brake pipe")
+    reduction: Reduction = Field(50e3, gt=0, description="reduction of the brake pipe")
     electric_at_apply: Ratio = Field(
         0.0, ge=-1, le=1, description="planned use of the electric brake at the application", examples=[0.9]
     )
@@ -60,7 +60,7 @@ class TripRules(SiModel):
     after: Time = Field(4.0, ge=0, description="time above call before an application, and below ease before a release")
     tolerance: Ratio = Field(0.15, ge=0, le=1, description="difference from the planned use that moves a place")
     pause: Time = Field(60.0, ge=0, description="least time from a release to an unplanned application")
-    never_below: Speed = Field(
+    never_below: Annotated[Speed, Usual(0.3, 40)] = Field(
         35 / 3.6, ge=0, description="speed below which no release occurs, except for a departure"
     )
     release_margin: Speed = Field(
