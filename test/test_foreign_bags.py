@@ -289,9 +289,12 @@ def test_the_remedy_for_a_damaged_bag_works(kind, many, tmp_path, capsys):
     assert kind != "cut, unchunked" or len(found) == len(many) - 1
 
 
-def test_recover_is_not_named_for_a_bag_without_a_readable_message(messages, tmp_path, capsys):
+@pytest.mark.parametrize(
+    "make", [lambda m, at: only(rosbag(m, at / "ride", SQL)), lambda m, at: mcap(m, at / "a.mcap")], ids=["db3", "mcap"]
+)
+def test_recover_is_not_named_for_a_bag_without_a_readable_message(make, messages, tmp_path, capsys):
     """Breaks if a user is sent to a command that saves nothing."""
-    bag = cut(only(rosbag(messages[:20], tmp_path / "ride", SQL)), 0.3)
+    bag = cut(make(messages[:20], tmp_path), 0.3)
     assert main(["info", str(bag)]) == 2
     assert capsys.readouterr().err.endswith("; no message in it is readable\n")
     assert main(["recover", str(bag)]) == 2

@@ -197,7 +197,7 @@ def test_a_killed_run_names_the_remedy(tmp_path):
         train_ato.load(tmp_path / "elsewhere")
     for name, content in (("cut", whole[: len(whole) // 2]), ("text", b"time_s,speed\n" * 99)):
         (tmp_path / name).write_bytes(content)
-        says = "no log: a text; name the log" if name == "text" else "damaged or no log: .*recover"
+        says = "no log: a text; name the log" if name == "text" else "damaged or no log: .*no message in it is readable"
         with pytest.raises(ValueError, match=f"{name}: {says}") as refusal:
             train_ato.load(tmp_path / name)
         assert "\n" not in str(refusal.value)

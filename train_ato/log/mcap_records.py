@@ -5,6 +5,7 @@ read gigabytes or lose a chunk without an error.  Here every inconsistency is a 
 """
 
 import mmap
+import re
 import struct
 import zlib
 from collections.abc import Callable, Iterator
@@ -354,6 +355,8 @@ def _unpacked(packed: bytes, head: ChunkHead) -> bytes:
     raise Damage(f"a chunk is packed with '{head.compression[:16]}'")
 
 
+CHUNK = re.compile(rb"\x06.{8}.{24}.{4}(?:\x04\x00\x00\x00zstd|\x03\x00\x00\x00lz4|\x00\x00\x00\x00)", re.DOTALL)
+"""Begin of a chunk: code, length, three numbers, checksum, name of the compression."""
 Progress = Callable[[float], None]
 """Receiver of the completed fraction of a task, 0 to 1."""
 
@@ -380,10 +383,20 @@ def readable(path: Path, *, broken: bool = False) -> Iterator[None]:
         if not broken and _is_text(path):
             raise ValueError(f"{path}: no log: a text; name the log or the folder of a run") from None
         if not broken:
-            remedy = f"`train-ato recover {path}` saves what is undamaged, if anything is"
-            raise ValueError(f"{path}: damaged or no log: {damage}; {remedy}") from None
+            raise ValueError(f"{path}: damaged or no log: {damage}; {_remedy(path)}") from None
     except OSError as error:
         raise ValueError(f"{path}: cannot be read ({error.strerror or error})") from None
+
+
+def _remedy(path: Path) -> str:
+    """Return the remedy for a damaged file: ``recover``, unless it has neither a whole chunk nor a readable message."""
+    some = any(True for _ in stream(path, broken=True))
+    if not some and path.stat().st_size:
+        with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+            heads = [found.start() for found in CHUNK.finditer(data)]
+            some = any(HEAD.unpack_from(data, at)[1] <= len(data) - at - HEAD.size for at in heads)
+    saved = f"`train-ato recover {path}` saves what is undamaged, if anything is"
+    return saved if some else "no message in it is readable"
 
 
 def blocks(path: Path, progress: Progress | None = None) -> Iterator[bytes]:

@@ -10,7 +10,6 @@ beside an undamaged log it is checked and repaired.
 """
 
 import mmap
-import re
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -26,6 +25,7 @@ from plant_sim.data_text import parse_yaml
 from train_ato.log.bag_layout import LOG, METADATA, NEVER, PARTIAL, ChannelCount, bag_information, metadata_yaml
 from train_ato.log.foreign_bag import PACKED, ROS_1, SQLITE, bag_files, head_of, of_damaged_sqlite, unpack
 from train_ato.log.mcap_records import (
+    CHUNK,
     HEAD,
     Damage,
     Definitions,
@@ -114,9 +114,6 @@ def _counts(information: dict[str, Any]) -> dict[str, int]:
     topics = information["topics_with_message_count"]
     return {entry["topic_metadata"]["name"]: entry["message_count"] for entry in topics}
 
-
-_CHUNK = re.compile(rb"\x06.{8}.{24}.{4}(?:\x04\x00\x00\x00zstd|\x03\x00\x00\x00lz4|\x00\x00\x00\x00)", re.DOTALL)
-"""Begin of a chunk: code, length, three numbers, checksum, name of the compression."""
 
 RECORDS = frozenset(map(int, Opcode)) | frozenset(range(0x80, 0x100))
 """Codes of records, the last ones of other programs."""
@@ -344,7 +341,7 @@ class DamagedLog:
     def _chunks(self) -> Iterator[tuple[int, int]]:
         """Yield place and checksum of every candidate for a chunk."""
         place = 0
-        while (found := _CHUNK.search(self._data, place)) is not None:
+        while (found := CHUNK.search(self._data, place)) is not None:
             begin = found.start()
             place = begin + 1
             content = self._content(begin)
