@@ -2,6 +2,7 @@
 
 import os
 import pickle
+import shutil
 from dataclasses import fields
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from train_ato.judge.metrics import summarise
 from train_ato.judge.recording import COMMAND, FIELDS, TRUTH, Recording
 from train_ato.judge.repeated_reports import KeptReports, RepeatedReport
 from train_ato.log.recorded import open_recording, read_recording
-from train_ato.log.run_folder import RunFolder
+from train_ato.log.run_folder import RunFolder, read_run_folder
 from train_ato.loop.engine import run_engine
 from train_ato.messages.types import Diagnostic, Trajectory
 from train_ato.scenario.scenario import load_scenario
@@ -66,9 +67,20 @@ def test_samples_of_a_long_run_are_in_a_file(run, monkeypatch):
             assert_same(samples.time, found.topics[topic].time, topic)
             for name, values in samples.values.items():
                 assert_same(values, found.topics[topic][name], f"{topic}: {name}")
+                for row in (0, values.shape[0] // 2, values.shape[0] - 1):
+                    assert_same(values[row], found.topics[topic].row(name, row), f"{topic}: {name}, row {row}")
         assert found.reports == kept.reports
     assert not isinstance(again.topics[TRUTH].values, dict)
     assert [*folder.glob(".*"), *folder.glob("tmp*")] == []
+
+
+def test_a_folder_with_its_log_only_has_the_scenario_of_the_log(run, tmp_path, monkeypatch):
+    """Breaks if what `recover` leaves of a killed recorder has no train, or a long one ends in a traceback."""
+    monkeypatch.setattr(kept_samples, "IN_MEMORY", 20_000)
+    shutil.copyfile(run[0] / "run.mcap", tmp_path / "run.mcap")
+    assert open_recording(tmp_path).summary == {"status": "killed"}
+    assert read_run_folder(tmp_path)[0].fingerprint() == run[1].fingerprint()
+    assert read_recording(tmp_path).topics[TRUTH]["unit_position"].shape[1] == 0
 
 
 def test_memory_and_log_hold_the_same_bits(run: tuple[Path, RunSetup, Recording]) -> None:

@@ -138,7 +138,7 @@ class SampleFile:
         OSError
             If there is no room.
         """
-        data: Any = np.ascontiguousarray(part, dtype=np.float64).data.cast("B")
+        data: Any = np.ascontiguousarray(part, dtype=np.float64).ravel().view(np.uint8).data  # also without a column
         place = _Stored(self._end, part.shape)
         while data:
             data = data[os.pwrite(self._file.fileno(), data, self._end) :]
@@ -155,6 +155,14 @@ class SampleFile:
             else:
                 rows[:] = part
             row += part.shape[0]
+
+    def row(self, part: Part, number: int) -> Array:
+        """Read one row of a part."""
+        if not isinstance(part, _Stored):
+            return np.asarray(part[number])
+        row = np.empty(part.shape[1])
+        os.preadv(self._file.fileno(), [row.data], part.offset + number * row.nbytes)
+        return row
 
     def cached(self, key: tuple[str, str], made: Callable[[], Array]) -> Array:
         """Return an array by its key; ``made`` makes it if it was not used lately."""
@@ -193,6 +201,17 @@ class _Columns(Mapping[str, Array]):
         if self._file is None:
             return self._joined(name)
         return self._file.cached((self._topic, name), lambda: self._joined(name))
+
+    def row(self, name: str, number: int) -> Array:
+        """Return one row of the samples of a name; only this row is read from the file."""
+        if self._file is None:
+            return np.asarray(self[name][number])
+        number = number if self._order is None else int(self._order[number])
+        for part in self._parts:
+            if number < part[name].shape[0]:
+                return self._file.row(part[name], number)
+            number -= part[name].shape[0]
+        raise IndexError(f"{self._topic} {name}: no row {number}")
 
     def _joined(self, name: str) -> Array:
         parts: Any = [part[name] for part in self._parts]

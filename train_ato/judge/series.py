@@ -1,6 +1,6 @@
 """Series of a recording: samples of a topic, and the diagnostics of a node."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from typing import Any
@@ -33,6 +33,11 @@ class TopicSamples:
 
     def __contains__(self, name: str) -> bool:
         return name in self.values
+
+    def row(self, name: str, number: int) -> Array:
+        """Return the values of one sample, shape (n,); of a long run the others are not read."""
+        read: Callable[[str, int], Array] | None = getattr(self.values, "row", None)
+        return self.values[name][number] if read is None else read(name, number)
 
 
 @dataclass(frozen=True)

@@ -187,14 +187,15 @@ def read_run_folder(path: Path) -> tuple[RunSetup, dict[str, Any]]:
     Parameters
     ----------
     path
-        Run folder, or its log with the attached scenario; only the log of a measured run has an attached summary.
+        Run folder, or its log with the attached scenario; only the log of a measured run has an attached summary.  A
+        folder without ``scenario.yaml`` is that of a recorder that was killed, or found no room at the end.
 
     Raises
     ------
     ValueError
         If it is not a run.
     """
-    if path.is_dir():
+    if path.is_dir() and ((path / SCENARIO).is_file() or not (path / LOG).is_file()):
         summary = read_summary(path)
         file = path / SCENARIO
         return prepare(*load_scenario(str(file))), summary
@@ -206,7 +207,8 @@ def read_run_folder(path: Path) -> tuple[RunSetup, dict[str, Any]]:
         data = parse_yaml(text)
     except ValueError as error:
         raise ValueError(f"{path}: the attached {SCENARIO} is not YAML ({error}); name another log") from None
-    return prepare(check_scenario(data, path), path), _attached_summary(path, attached)
+    unknown = {"status": "killed"} if path.is_dir() else {}
+    return prepare(check_scenario(data, path), path), _attached_summary(path, attached) or unknown
 
 
 def read_summary(path: Path) -> dict[str, Any]:

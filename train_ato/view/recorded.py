@@ -76,7 +76,6 @@ class RecordedFeed(Feed):
         if REFERENCE not in recording.topics:
             raise ValueError(f"{run}: no ato/reference in the log; use `train-ato report` for the recorded topics")
         super().__init__(_facts(recording, cars))
-        self._reference = TopicSamples(recording.topics[REFERENCE].time, dict(recording.topics[REFERENCE].values))
         self.folder = run if run.is_dir() else None
         self.ending = Ending("", verdict_line(completed_summary(recording)), REPORT_PAGE if self.folder else "")
         self.span = (float(self._cars.time[0]), float(self._cars.time[-1]))
@@ -164,9 +163,10 @@ class RecordedFeed(Feed):
     def _moment(self, row: int) -> Snapshot:
         cars, at = self._cars, float(self._cars.time[row])
         nothing = np.full(self.facts.layout.n_units, np.nan)
-        where = _before(self._reference.time, at)
+        reference = self.recording.topics[REFERENCE]
+        where = _before(reference.time, at)
         position, speed, acceleration = (
-            float(self._reference[name][where, 0]) for name in ("position", "velocity", "acceleration")
+            float(reference.row(name, where)[0]) for name in ("position", "velocity", "acceleration")
         )
         shoe, pipe = self._at(BRAKE_SHOES, "shoe_force", at), self._at(BRAKE_PIPE, "pressure", at)
         wanted, speeds = self._at(BRAKE_PIPE_COMMAND, "pressure", at), self._at(SUPERVISED_SPEEDS, "speed", at)
@@ -176,9 +176,9 @@ class RecordedFeed(Feed):
         )
         return Snapshot(
             time=at,
-            position=cars["position"][row],
-            velocity=cars["velocity"][row],
-            coupler=cars["coupler_force"][row],
+            position=cars.row("position", row),
+            velocity=cars.row("velocity", row),
+            coupler=cars.row("coupler_force", row),
             shoe=shoe,
             applied=nothing if applied is None else applied,
             command=nothing if command is None else command,
@@ -205,8 +205,8 @@ class RecordedFeed(Feed):
         return self._plan[1]
 
     def _at(self, topic: str, name: str, at: float) -> Array | None:
-        found = self.recording.of(topic, name)
-        return None if found is None else found[1][_before(found[0], at)]
+        found = self.recording.topics.get(topic)
+        return None if found is None or name not in found else found.row(name, _before(found.time, at))
 
     def _reported(self, node: str, at: float, key: str | None = None) -> str:
         series = self.recording.diagnostics.get(node)
@@ -249,7 +249,7 @@ def _cars(recording: Recording) -> TopicSamples:
         recording.setup,
     )
     if cars is not None:
-        return TopicSamples(cars.time, dict(cars.values))  # a long run reads its samples from a file at every use
+        return cars
     if setup is None or measured is None or not {"position", "velocity"} <= measured.values.keys():
         raise ValueError(
             f"{recording.path}: no train/vehicles in the log; use `train-ato report` for the recorded topics"
@@ -264,11 +264,11 @@ def _facts(recording: Recording, cars: TopicSamples) -> Facts:
     if recording.setup is not None:
         facts = facts_of(recording.setup)
         layout = replace(facts.layout, supervised=supervised)
-        known = cars["velocity"].shape[1]
+        known = cars.row("velocity", 0).size
         return replace(facts, layout=replace(layout, n_vehicles=known) if recording.measured_only else layout)
     measured = recording.topics.get(MEASUREMENT)
     units = measured["applied"].shape[1] if measured is not None and "applied" in measured else 0
-    layout = TrainLayout(cars["velocity"].shape[1], units, (), BRAKE_PIPE in recording.topics, False, supervised)
+    layout = TrainLayout(cars.row("velocity", 0).size, units, (), BRAKE_PIPE in recording.topics, False, supervised)
     limits = recording.limits
     places, speeds = (limits.position, limits.velocity) if limits is not None else (np.zeros(0), np.zeros(0))
     span = recording.span
@@ -279,8 +279,8 @@ def _table(recording: Recording, cars: TopicSamples, facts: Facts) -> dict[str, 
     """Return the columns :data:`train_ato.view.snapshot.STRIP` of the whole run."""
     reference = recording.topics[REFERENCE]
     at = cars.time
-    front = cars["position"][:, 0] + facts.nose
-    speed = KMH * cars["velocity"][:, 0]
+    front = _front(cars, "position") + facts.nose
+    speed = KMH * _front(cars, "velocity")
     profile = KMH * np.interp(at, reference.time, reference["velocity"][:, 0])
 
     def units(topic: str, name: str) -> Array:
@@ -297,13 +297,23 @@ def _table(recording: Recording, cars: TopicSamples, facts: Facts) -> dict[str, 
         "demand": units(COMMAND, "force"),
         "most": _envelope(facts, speed, facts.most),
         "least": _envelope(facts, speed, facts.least),
-        "draft": np.maximum(cars["coupler_force"].max(axis=1), 0.0) / 1e3,
-        "buff": np.minimum(cars["coupler_force"].min(axis=1), 0.0) / 1e3,
+        "draft": np.maximum(_extreme(cars, "coupler_draft_max"), 0.0) / 1e3,
+        "buff": np.minimum(_extreme(cars, "coupler_buff_max"), 0.0) / 1e3,
         "place": front / 1e3,
         "permitted": _limit_speed(recording, at, 1),
         "emergency": _limit_speed(recording, at, -1),
     }
     return {name: columns[name] for name in STRIP}
+
+
+def _front(cars: TopicSamples, name: str) -> Array:
+    """Return a value of the first vehicle; the values of all vehicles of a long run do not fit into the memory."""
+    return cars[f"front_{name}" if f"front_{name}" in cars else name][:, 0]
+
+
+def _extreme(cars: TopicSamples, name: str) -> Array:
+    """Return an extreme of the coupler forces; 0 for a single vehicle."""
+    return cars[name][:, 0] if name in cars else np.zeros(cars.time.size)
 
 
 def _limit_speed(recording: Recording, at: Array, column: int) -> Array:
