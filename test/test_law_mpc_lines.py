@@ -263,6 +263,17 @@ def test_range_of_the_force():
     assert high == math.inf
 
 
+def test_a_train_at_rest_beyond_its_place_waits_without_a_force():
+    """Breaks if the brake is applied in the samples whose noise is no standstill: 600 kN in every third tick."""
+    force, count = _force("xuzhou_metro_3")
+    beyond = np.array([3.0, 0.0, 0.0, -0.3])
+    for reference in (REST, (0.01, 0.1, 0.1)):
+        assert force.limited([-1e4] * count, beyond, reference, 1e5, 0.0, at_rest=True) == [0.0] * count
+        assert force.limited([-1e4] * count, beyond, reference, 1e5, 0.0, at_rest=False) == [-1e4] * count
+    reverses, _ = _force("xuzhou_metro_3", reversing=True)
+    assert reverses.limited([-1e4] * count, beyond, REST, 1e5, 0.0, at_rest=True) == [-1e4] * count
+
+
 def test_hauled_vehicles_and_reversing_drives():
     """Hauled vehicles stop one by one, without traction; a reversing drive would move back with a negative force."""
     hauls, _ = _force("hxd1_c80_105")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from plant_sim.elementary import plain_sum
 from train_ato.control.algorithms.train_constants import train_class
 from train_ato.control.train_model import STANDSTILL_SPEED
 
@@ -53,7 +54,12 @@ class StandstillForce:
         self, wanted: list[float], motion: Array, reference: tuple[float, float, float], inertia: float,
         force: float, *, at_rest: bool,
     ) -> list[float]:  # fmt: skip
-        """Return the force of every unit in the range of the total force [N]; arguments as in :meth:`range`."""
+        """Return the force of every unit in the range of the total force [N]; arguments as in :meth:`range`.
+
+        The holding brake keeps a train at rest that need not be pulled.
+        """
+        if at_rest and not self._hauls and not self._reversing and plain_sum(wanted) <= 0.0:
+            return [0.0] * len(wanted)
         low, high = self.range(motion, reference, inertia, force, at_rest=at_rest)
         return [min(max(each, low * share), high * share) for each, share in zip(wanted, self._share, strict=True)]
 
