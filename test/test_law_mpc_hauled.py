@@ -133,6 +133,19 @@ def test_observer_separates_a_wave_from_the_speed_of_the_train():
     assert len(observer._mean) == MOTION + 2 * modes.omega.size
 
 
+def test_noise_of_the_speed_is_no_wave_of_a_short_train():
+    """A train of three vehicles has small waves: with those of a long one the estimate follows the noise."""
+    model = _model([("wagon", 1), ("engine", 1), ("wagon", 1)], SPRING)
+    observer = ModalObserver(
+        0.1, 0.5, wave_time(model), speed_noise=0.025, modes=CouplerModes.of(model), dead_time=dead_time(model)
+    )  # fmt: skip
+    seen = []
+    for noise in np.random.default_rng(1).normal(0.0, 0.025, 1000):
+        observer.step(0.0, noise, 0.0)
+        seen.append(observer.speed_error)
+    assert np.abs(np.diff(seen[300:])).mean() < 0.003  # 0.0055 with the waves of a long train
+
+
 def test_waves_that_outlast_the_feedback_are_not_fed_back():
     """A mode at 1.1 rad/s, undamped for .8 s of delay, was fed back: lost at 1.2 s, couplers over 4 000 kN."""
     # For two bodies b² M = n/m: the feedback changes the damping rate by at most g n/(2 m A), A² = 1 + omega² Ta².

@@ -43,6 +43,8 @@ LIGHT_WAVES = 0.003
 """The same where the waves outlast the feedback [m/s]: e does not follow a wave of another frequency."""
 LOOSE_WAVES = 1.0
 """The same of a mode that is not fed back where waves outlast the feedback: it takes waves near its frequency, too."""
+SHORT = 1.0
+"""Time of a wave below which ``OTHER_WAVES`` are smaller in proportion [s]; noise of the speed would count as waves."""
 STEADY_PERIODS = 2.0
 """Time of a lag of the steady force over 1/omega of the slowest mode."""
 MOTION = 3
@@ -168,7 +170,7 @@ class ModalObserver(MotionObserver):
         dead_time: float, outlast: bool = False,
     ) -> None:  # fmt: skip
         self._modes = modes
-        self._other_waves = LIGHT_WAVES if outlast else OTHER_WAVES
+        self._other_waves = min(1.0, wave_time / SHORT) * (LIGHT_WAVES if outlast else OTHER_WAVES)
         damped = modes.damped_by_loop(dead_time, outlast=outlast)
         self._not_fed_back = [MOTION + 2 * number for number, kept in enumerate(damped) if not kept]
         self._wave_speeds = np.array([LOOSE_WAVES if outlast and not kept else WAVE_SPEED for kept in damped])
