@@ -115,7 +115,7 @@ def test_gains_of_ones_own_have_a_line_if_they_are_unstable(own: str) -> None:
     preview = "compensation=preview"
     assert prepared(own, "laws.pid.kp=2.8", "laws.pid.ki=0.45", preview).advice() == ""
     assert prepared(own, "laws.pid.kp=4", preview).advice() == (
-        "pid: kp given, unstable with delay, lag and couplers of this train; try --set laws.pid.kp=0.667"
+        "pid: kp given, unstable or close to it with delay, lag and couplers of this train; try --set laws.pid.kp=0.667"
     )
     assert prepared(own, "laws.pid.kp=4", "compensation=predictor").advice() == ""
     assert "kp given, unstable" in prepared(own, "laws.pid.kp=60", "compensation=predictor").advice(), "period"
@@ -128,7 +128,7 @@ def test_gains_of_ones_own_have_a_line_if_they_are_unstable(own: str) -> None:
 )  # fmt: skip
 @pytest.mark.parametrize("gains", ["model", "fitted"])
 def test_the_remedy_for_unstable_gains_works(law: str, gain: str, gains: str) -> None:
-    """Breaks if a law has no limit, the limit of the waves (0.11/s) is not met, or a line remains after the remedy."""
+    """Breaks if a law has no limit, the limit of the waves (0.084/s) is not met, or a line remains after the remedy."""
     given = [f"law={law}", f"laws.{law}.gains={gains}", "compensation=preview"]
     found = prepared("demo", *given, f"laws.{law}.{gain}={ {'n': 5, 'c1': 0.9}.get(gain, 0.2) }").advice()
     assert found.startswith(f"{law}: {gain} given, unstable")
@@ -154,14 +154,14 @@ def test_stability_of_one_mass_and_of_two() -> None:
 
 @pytest.mark.parametrize(
     ("changes", "stable", "unstable"),
-    [(("law=pid", "laws.pid.gains=model"), "laws.pid.kp=0.085", "laws.pid.kp=0.124"),
-     (("law=pid", "compensation=predictor"), "laws.pid.kp=0.085", "laws.pid.kp=0.14"),
-     (("law=lag_smc",), "laws.lag_smc.c1=0.5", "laws.lag_smc.c1=0.9"),
+    [(("law=pid", "laws.pid.gains=model"), "laws.pid.kp=0.084", "laws.pid.kp=0.0993"),
+     (("law=pid", "compensation=predictor"), "laws.pid.kp=0.084", "laws.pid.kp=0.106"),
+     (("law=lag_smc",), "laws.lag_smc.c1=0.5", "laws.lag_smc.c1=0.6"),
      (("law=lag_smc",), "laws.lag_smc.k_i=0.5", "laws.lag_smc.k_i=0.8"),
-     (("law=gpc",), "laws.gpc.n=8", "laws.gpc.n=6")],
+     (("law=gpc",), "laws.gpc.n=12", "laws.gpc.n=7")],
 )  # fmt: skip
 def test_the_line_is_between_measured_runs(changes: tuple[str, ...], stable: str, unstable: str) -> None:
-    """Runs of `demo`: the gains of the first kind were tracked, those of the second had limit cycles above 300 kN."""
+    """Runs of `demo`: the gains of the first kind were tracked, those of the second had limit cycles from 85 kN on."""
     assert prepared("demo", *changes, stable).advice() == ""
     assert "unstable" in prepared("demo", *changes, unstable).advice()
 

@@ -156,7 +156,8 @@ def advice(
             f"--set laws.{name}.gains={MODEL}" if hasattr(law, "model_gains") else f"train-ato tune --law {name}"
         )
     elif unstable:
-        found.append(f"{', '.join(gains.own)} given, unstable with delay, lag and couplers of this train")
+        names = ", ".join(gains.own)
+        found.append(f"{names} given, unstable or close to it with delay, lag and couplers of this train")
         rule = law.model_gains(model, period)
         values = {key: rule[key] for key in gains.own if key in rule} or {"gains": MODEL}
         if gains.source == FITTED or not rule:
