@@ -241,7 +241,7 @@ class PlantSetup(SiModel):
     ideal_actuator: bool = Field(False, description="actuator of the papers without envelope and limit")
     reversing: bool = Field(False, description="backwards motion by a negative force, as in paper 002")
     adhesion: Adhesion | None = Field(None, description="adhesion between wheel and rail; default: no limit")
-    holding_speed: Speed = Field(
+    holding_speed: Annotated[Speed, Usual(1e-3, 1)] = Field(
         0.05, ge=0, description="mean speed of the train below which, with no demand, the holding brake acts"
     )
     holding_brake_ratio: Ratio = Field(

@@ -253,6 +253,13 @@ def test_json_has_the_promised_figures(capsys: pytest.CaptureFixture[str]) -> No
     assert result["speed_max_kmh"] == pytest.approx(80, abs=0.1)
 
 
+def test_a_limit_in_another_unit_is_noted(capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if 100 for 100 cm/s² is taken without a word, or a usual limit has a note."""
+    assert execute(options(*METRO, "--to-km", "1", "--acceleration", "100", "--deceleration", "0.9", "--json")) == 0
+    told = capsys.readouterr().err
+    assert "note: acceleration = 100: usual are 0.001 to 10 m/s²; check its unit" in told and "deceler" not in told
+
+
 def test_the_table_names_them_too(capsys: pytest.CaptureFixture[str]) -> None:
     assert execute(options(*METRO, "--to-km", "1")) == 0
     assert "running_time_s" in capsys.readouterr().out

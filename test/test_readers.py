@@ -304,9 +304,12 @@ def test_values_of_a_scenario_in_another_unit_are_noted(capsys: pytest.CaptureFi
     assert "note: demo: criteria.coupler_draft = 400: usual are 2000 to 20000000 N; check its unit" in told
     assert "plant.sensors.position_noise = 50000: usual are 1e-05 to 20 m" in told
     assert "plant.lag = 300: usual are 0.001 to 60 s" in told
-    load_scenario("demo", ("brake={policy: planned, events: [{time: 9, reduction: 0.5}]}", "criteria.jerk=750"))
+    load_scenario(
+        "demo", ("brake={policy: planned, events: [{time: 9, reduction: 0.5}]}", "criteria.jerk=750", "hold_limit=500")
+    )
     told = capsys.readouterr().err
     assert "brake.events[0].reduction = 0.5: usual are 10000 to 1000000 Pa" in told and "criteria.jerk = 750" in told
+    assert "hold_limit = 500: usual are 0.01 to 120 s" in told
 
 
 def test_keys_of_sections_that_a_line_does_not_carry_are_named(tmp_path: Path) -> None:

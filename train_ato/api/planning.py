@@ -6,8 +6,10 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from plant_sim.formats.fields import print_assumption
 from plant_sim.input_error import explain
 from plant_sim.line import line_for
+from plant_sim.si_model import unusual_values
 from train_ato.profile.file import write_profile
 from train_ato.profile.planner.planner import Plan, plan_profile
 from train_ato.profile.planner.settings import PlanSettings, find_line, find_train
@@ -85,6 +87,9 @@ def plan(
         chosen = PlanSettings.model_validate({**data, **settings})
     except ValidationError as error:
         raise explain(error, OPTIONS_OF_PLAN, PlanSettings, settings) from None
+    for text in unusual_values(chosen):
+        if text.split(" = ")[0] in named:  # those of the train have their note
+            print_assumption(f"{text}; check its unit")
     if journey is not None:
         chosen = chosen.model_copy(update={"points": read_journey(str(journey), on).points})
     result = plan_profile(on, consist, chosen, period)

@@ -17,6 +17,7 @@ import math
 from array import array
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -25,7 +26,7 @@ from plant_sim.consist import Consist
 from plant_sim.elementary import plain_sum
 from plant_sim.si_model import SiModel
 from plant_sim.traction import Envelope
-from plant_sim.units import Acceleration, Jerk, Number, Place, Speed, Time
+from plant_sim.units import Acceleration, Jerk, Number, Place, Speed, Time, Usual
 from train_ato.messages.types import Array
 from train_ato.profile.profile import Profile, knot_count
 
@@ -178,10 +179,12 @@ class SpeedPoint(SiModel):
 class MotionLimits(SiModel):
     """Limits of a profile from phases or points."""
 
-    jerk: Jerk | None = Field(0.5, gt=0, description="largest jerk; null: no limit")
+    jerk: Annotated[Jerk | None, Usual(2e-4, 100)] = Field(0.5, gt=0, description="largest jerk; null: no limit")
     jerk_braking: Jerk | None = Field(None, gt=0, description="largest jerk in braking; default: jerk", examples=[0.3])
-    acceleration: Acceleration = Field(0.8, gt=0, description="largest acceleration")
-    deceleration: Acceleration = Field(0.8, gt=0, description="largest deceleration, a positive value")
+    acceleration: Annotated[Acceleration, Usual(1e-3, 10)] = Field(0.8, gt=0, description="largest acceleration")
+    deceleration: Annotated[Acceleration, Usual(1e-3, 10)] = Field(
+        0.8, gt=0, description="largest deceleration, a positive value"
+    )
     acceleration_over_speed: tuple[SpeedPoint, ...] = Field(
         (), description="further limit of the acceleration, linear between its points"
     )
@@ -237,7 +240,7 @@ class Phase(SiModel):
         description="largest acceleration and deceleration of this phase; default: that of limits",
         examples=[0.5],
     )
-    jerk: Jerk | None = Field(
+    jerk: Annotated[Jerk | None, Usual(2e-4, 100)] = Field(
         None, gt=0, description="largest jerk of this phase; default: that of limits", examples=[0.3]
     )
 

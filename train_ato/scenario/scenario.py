@@ -192,7 +192,7 @@ class Scenario(SiModel):
         description="parameters of compensations, by compensation and parameter",
         examples=[{"preview": {"lag": True}}],
     )
-    hold_limit: Time = Field(
+    hold_limit: Annotated[Time, Usual(0.01, 120)] = Field(
         1.0, gt=0, le=3600, description="longest time for which the last command is repeated without a valid new one"
     )
     brake: BrakeSpec = Field(BrakeSpec(), description="air brake in service", examples=[{"policy": "trigger"}])

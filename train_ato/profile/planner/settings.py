@@ -53,13 +53,13 @@ class PlanSettings(SiModel):
         description="timing points of a journey, in place of begin, end, calling and time",
         examples=[[{"at": 0.0, "stop": True}, {"at": 12e3, "stop": True}]],
     )
-    acceleration: Acceleration | None = Field(
+    acceleration: Annotated[Acceleration | None, Usual(1e-3, 10)] = Field(
         1.0, gt=0, description="largest acceleration in service; null: limited by the train only"
     )
-    deceleration: Acceleration | None = Field(
+    deceleration: Annotated[Acceleration | None, Usual(1e-3, 10)] = Field(
         0.8, gt=0, description="largest deceleration in service; null: limited by the train only"
     )
-    jerk: Jerk | None = Field(0.5, gt=0, description="largest jerk; null: no limit")
+    jerk: Annotated[Jerk | None, Usual(2e-4, 100)] = Field(0.5, gt=0, description="largest jerk; null: no limit")
     force_margin: Number = Field(
         0.1, ge=0, lt=1, description="part of the traction and brake envelopes that is reserved for the controller"
     )
@@ -122,7 +122,9 @@ class PlanSettings(SiModel):
 class ReplanSpec(SiModel):
     """Re-planning during the run after a lack of force; ``replan: {}`` uses the defaults."""
 
-    speed_error: Speed = Field(0.2, gt=0, description="mean speed error over the window that starts the detection")
+    speed_error: Annotated[Speed, Usual(0.005, 15)] = Field(
+        0.2, gt=0, description="mean speed error over the window that starts the detection"
+    )
     position_error: Length = Field(1.0, gt=0, description="growing position error that starts the detection")
     confirmation_time: Time = Field(
         1.0, gt=0, le=60, description="duration of constant force with a growing error; at least delay + 3 lag"
