@@ -336,7 +336,7 @@ class PlanLimits(SiModel):
     deceleration: Annotated[Acceleration | None, Usual(0.01, 5)] = Field(
         None, gt=0, description="service deceleration", examples=[0.7]
     )
-    traction_efficiency: Ratio | None = Field(
+    traction_efficiency: Annotated[Ratio | None, Usual(0.2, 1)] = Field(
         None, gt=0, le=1, description="wheel energy over line energy in traction", examples=[0.85]
     )
     recovery_efficiency: Ratio | None = Field(

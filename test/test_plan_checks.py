@@ -255,9 +255,11 @@ def test_json_has_the_promised_figures(capsys: pytest.CaptureFixture[str]) -> No
 
 def test_a_limit_in_another_unit_is_noted(capsys: pytest.CaptureFixture[str]) -> None:
     """Breaks if 100 for 100 cm/s² is taken without a word, or a usual limit has a note."""
-    assert execute(options(*METRO, "--to-km", "1", "--acceleration", "100", "--deceleration", "0.9", "--json")) == 0
+    limits = ("--acceleration", "100", "--deceleration", "0.9", "--efficiency", "0.0085")
+    assert execute(options(*METRO, "--to-km", "1", *limits, "--json")) == 0
     told = capsys.readouterr().err
     assert "note: acceleration = 100: usual are 0.001 to 10 m/s²; check its unit" in told and "deceler" not in told
+    assert "note: efficiency = 0.0085: usual are 0.2 to 1" in told
 
 
 def test_the_table_names_them_too(capsys: pytest.CaptureFixture[str]) -> None:

@@ -69,7 +69,7 @@ class PlanSettings(SiModel):
         description="largest speed; default: end of the traction envelope, at most 98 % of that of the brakes",
         examples=[20.0],
     )
-    efficiency: Number = Field(
+    efficiency: Annotated[Number, Usual(0.2, 1)] = Field(
         1.0, gt=0, le=1, description="traction work over the energy taken from the line", examples=[0.85]
     )
     recovered: Number = Field(
