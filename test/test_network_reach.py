@@ -14,16 +14,14 @@ import pytest
 pytest.importorskip("rclpy")
 
 from foreign_node import ForeignNode
-from test_run_ends import begun
-from waiting import LIMIT_S, pause, reserved_domain, wait_for
+from two_hosts import HOSTS, two_hosts  # noqa: F401
+from waiting import LIMIT_S, reserved_domain, wait_for
 
-import train_ato as ta
 from train_ato.log.mcap_records import stream
 from train_ato.ros.graph.environment import middleware, opened_by
 
 ROOT = Path(__file__).resolve().parents[1]
 VARIABLES = ("ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_STATIC_PEERS", "FASTRTPS_DEFAULT_PROFILES_FILE")
-HOSTS = ("10.77.0.1", "10.77.0.2")
 BRAKE = """
 import sys
 from foreign_node import ForeignNode
@@ -121,53 +119,13 @@ def test_sockets_of_a_run(options, variables, loopback, drive):
     assert reach == (None if loopback else "network")
 
 
-PRIVATE = ("unshare", "--mount", "sh", "-c", "mount -t tmpfs none /dev/shm && echo made && exec sleep infinity")
-"""Program with a shared memory of its own: nodes of one host use it, nodes of two hosts must not."""
-
-
-@pytest.fixture
-def two_hosts() -> Iterator[tuple[tuple[str, ...], tuple[str, ...]]]:
-    """Return the command prefixes of two hosts: network and shared memory of their own, joined by link ``cable``."""
-    if os.geteuid() != 0:
-        pytest.skip("network namespaces need root")
-    names = [f"ato{os.getpid()}{side}" for side in "ab"]
-    steps = [["netns", "add", name] for name in names]
-    ends = [["name", "cable", "netns", name] for name in names]
-    steps.append(["link", "add", *ends[0], "type", "veth", "peer", *ends[1]])
-    for name, address in zip(names, HOSTS, strict=True):
-        steps += [
-            ["-n", name, "address", "add", f"{address}/24", "dev", "cable"],
-            ["-n", name, "link", "set", "cable", "up"],
-            ["-n", name, "link", "set", "lo", "up"],
-        ]
-    hosts: list[subprocess.Popen[str]] = []
-    try:
-        for step in steps:
-            done = subprocess.run(["ip", *step], capture_output=True, text=True)
-            if done.returncode:
-                pytest.skip(f"no network namespaces here: ip {' '.join(step)}: {done.stderr.strip()}")
-        for name in names:
-            host = ["ip", "netns", "exec", name, *PRIVATE]
-            hosts.append(subprocess.Popen(host, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True))
-            said = hosts[-1].stdout.readline().strip()
-            if said != "made":
-                pytest.skip(f"no mount namespaces here: {said}")
-        yield tuple(("nsenter", f"--target={host.pid}", "--net", "--mount") for host in hosts)
-    finally:
-        for host in hosts:
-            host.kill()
-            host.communicate()
-        for name in names:
-            subprocess.run(["ip", "netns", "delete", name], capture_output=True)
-
-
 @pytest.mark.graph
 @pytest.mark.parametrize(
     ("variables", "answer"),
     [({}, "not found ['intruder']"), ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}, "answered True")],
     ids=["default", "subnet"],
 )
-def test_another_host_joins_only_where_it_is_asked_for(variables, answer, two_hosts, drive):
+def test_another_host_joins_only_where_it_is_asked_for(variables, answer, two_hosts, drive):  # noqa: F811
     """Breaks if another host finds the nodes of a default run, or a permitted second machine does not work."""
     here, there = two_hosts
     run = drive(host=here, **variables)
@@ -176,71 +134,6 @@ def test_another_host_joins_only_where_it_is_asked_for(variables, answer, two_ho
     words = [*there, sys.executable, "-c", BRAKE, str(run.domain), limit]
     found = subprocess.run(words, env=foreign, capture_output=True, text=True, timeout=90)
     assert found.stdout.strip() == answer, found.stderr
-
-
-def cut_link(options, hosts, out, *, again_s=None):
-    """Run the nodes on two hosts, cut the link, and join it again after ``again_s`` [s]; return processes and texts."""
-    here, there = hosts
-    processes = {}
-    peers = {"ROS_STATIC_PEERS": ";".join(HOSTS), "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}
-    variables = environment(ROS_DOMAIN_ID=str(reserved_domain()), **peers)
-    more = {"plant": ["--recorded", *options], "recorder": ["--out", str(out)]}
-    try:
-        for role in ("recorder", "supervisor", "profile", "observer", "controller", "plant"):
-            words = [sys.executable, "-m", "train_ato.cli.nodes", role, "--scenario=demo", "--set=duration=60"]
-            processes[role] = subprocess.Popen(
-                [*(here if role in more else there), *words, *more.get(role, [])],
-                env=variables,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.STDOUT,
-                text=True,
-            )
-        wait_for(lambda: begun(out), "commands in the log")
-        subprocess.run([*there, "ip", "link", "set", "cable", "down"], check=True)
-        if again_s is not None:
-            pause(again_s)
-            subprocess.run([*there, "ip", "link", "set", "cable", "up"], check=True)
-        said = {role: process.communicate(timeout=LIMIT_S)[0] for role, process in processes.items()}
-    finally:
-        for process in processes.values():
-            process.kill()
-            process.communicate(timeout=LIMIT_S)
-    return processes, said
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("free", [False, True], ids=["lockstep", "free"])
-def test_a_run_goes_on_after_a_link_that_was_cut_for_a_second(free, two_hosts, tmp_path):
-    """Breaks if a short fault of a network ends a run, costs a message in lockstep, or is not counted without it."""
-    options = ("--rate=2", *["--no-lockstep", "--timeout=60"] * free)
-    processes, said = cut_link(options, two_hosts, tmp_path / "run", again_s=1.0)
-    assert {process.returncode for process in processes.values()} == {0}, said
-    summary = json.loads((tmp_path / "run" / "summary.json").read_text())
-    assert (summary["status"], summary["ticks"]) == ("done", 600)
-    assert (summary["commands_missed"] > 0) == free
-    assert free or ta.verify(tmp_path / "run").equal
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("options", "again_s"),
-    [(("--rate=2",), None), (("--no-lockstep", "--rate=2", "--timeout=60"), None), (("--rate=2",), 15.0)],
-    ids=["lockstep", "free", "15 s"],
-)
-def test_the_nodes_of_two_hosts_end_when_their_link_is_cut(options, again_s, two_hosts, tmp_path):
-    """Fails if a run whose link is cut is interrupted like one with Ctrl-C, is tracked, or ends without a reason."""
-    out = tmp_path / "run"
-    processes, said = cut_link(options, two_hosts, out, again_s=again_s)
-    summary = json.loads((out / "summary.json").read_text())
-    assert (processes["plant"].returncode, summary["status"]) == (1, "failed"), said
-    assert re.match("node [a-z]+ failed: ", summary["failure"]), said
-    assert summary["failure"] in said["plant"]
-    assert summary["tracking"] != "tracked"
-    assert (summary["controller"], "external" in summary) == ("pid", False)
-    for role, process in processes.items():
-        assert "Traceback" not in said[role]
-        assert role in ("plant", "recorder") or process.returncode == 1, said
-    assert summary["reach"] == "network"
 
 
 @pytest.mark.graph

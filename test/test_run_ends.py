@@ -1,25 +1,33 @@
 """End of a run in every way: status, reason, exit status, outcome of tracking and log."""
 
-import json
 import os
+import resource
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pytest
+from two_hosts import HOSTS, two_hosts  # noqa: F401
+from waiting import LIMIT_S, pause, wait_for
 
+import train_ato as ta
 from train_ato.judge.recording import COMMAND, MEASUREMENT, REFERENCE, TRUTH
-from train_ato.judge.result import RunResult
+from train_ato.judge.result import RunResult, completed_summary
 from train_ato.judge.run_end import RunEnd
 from train_ato.judge.series import TopicSamples
 from train_ato.judge.tracking import tracking_summary
 from train_ato.judge.verdict import tracking_text, verdict_line
+from train_ato.log.bag_layout import PARTIAL
+from train_ato.log.mcap_records import stream
 from train_ato.log.overview import log_overview
-from train_ato.log.run_folder import RunFolder
+from train_ato.log.recorded import open_recording
+from train_ato.log.recover import recover
+from train_ato.log.run_folder import RunFolder, read_summary
 from train_ato.loop.engine import run_engine
 from train_ato.scenario.scenario import load_scenario
 from train_ato.scenario.setup import prepare
@@ -163,14 +171,15 @@ class Case(NamedTuple):
     Attributes
     ----------
     way
-        ``hand``: a process for every node, without a runner; ``processes``, ``composed``, ``engine``: modes of
-        ``train-ato run``; ``python``: :func:`train_ato.run` in a script.
+        ``hand``: a process for every node, without a runner; ``hosts``: the same, the recorder and the plant on one
+        host, the others on another; ``processes``, ``composed``, ``engine``: modes of ``train-ato run``; ``python``:
+        :func:`train_ato.run` in a script.
     options
         Of the plant by hand, or of the command.
     victim
-        Node, or ``run``, that gets the signal, after the first commands.
-    number
-        Signal.
+        Node, ``run`` or ``link`` that is struck, after the first commands.
+    strike
+        Signal, or an action for the process of the victim and the folder.
     status, reason, code
         Expected status; begin of the expected reason; exit status of the plant by hand, or of the command.
     """
@@ -178,17 +187,56 @@ class Case(NamedTuple):
     way: str
     options: tuple[str, ...]
     victim: str
-    number: signal.Signals
+    strike: signal.Signals | Callable[[int, Path], None]
     status: str
     reason: str
     code: int
 
     def __str__(self) -> str:
-        return f"{self.way} {' '.join(self.options[:1])} {self.victim} {self.number.name}"
+        name = self.strike.name if isinstance(self.strike, signal.Signals) else self.strike.__name__
+        return f"{self.way} {' '.join(self.options[:1])} {self.victim} {name}"
+
+    @property
+    def by_hand(self) -> bool:
+        return self.way in ("hand", "hosts")
 
 
 def left(role):
     return f"node {role} failed: it left the run at "
+
+
+def full_disk(process: int, out: Path) -> None:
+    """Leave no room in any file of a process beyond the present size of the log."""
+    size = (out / PARTIAL).stat().st_size
+    resource.prlimit(process, resource.RLIMIT_FSIZE, (size, size))
+
+
+def late(process: int, out: Path) -> None:
+    """Suspend a process for 1 s."""
+    os.kill(process, signal.SIGSTOP)
+    pause(1.0)
+    os.kill(process, signal.SIGCONT)
+
+
+def wrong_stamps(process: int, out: Path) -> None:
+    """Do nothing: the controller of this case, :data:`UNSTAMPED`, sends wrong stamps from 2 s on."""
+
+
+def cut_link(process: int, out: Path, again_s: float | None = None) -> None:
+    """Cut the link of a host for some time, or for good."""
+    link = ("nsenter", f"--target={process}", "--net", "--mount", "ip", "link", "set", "cable")
+    subprocess.run([*link, "down"], check=True)
+    if again_s is not None:
+        pause(again_s)
+        subprocess.run([*link, "up"], check=True)
+
+
+def cut_1_s(process: int, out: Path) -> None:
+    cut_link(process, out, 1.0)
+
+
+def cut_15_s(process: int, out: Path) -> None:
+    cut_link(process, out, 15.0)
 
 
 TERM, INT, KILL, STOP = signal.SIGTERM, signal.SIGINT, signal.SIGKILL, signal.SIGSTOP
@@ -219,8 +267,22 @@ CASES = [
     Case("processes", PACED, "recorder", KILL, "failed", BY_SIGNAL.format("recorder", "SIGKILL"), 1),
     Case("python", PACED, "run", INT, "interrupted", BY_RUN.format("SIGINT"), 1),
     Case("python", FREE[:2], "run", TERM, "interrupted", BY_RUN.format("SIGTERM"), 1),
+    Case("hand", PACED, "recorder", full_disk, "killed", "", 1),
+    Case("processes", PACED, "recorder", full_disk, "failed", "node recorder failed: ", 1),
+    *(Case(way, PACED, "run", full_disk, "failed", "node recorder failed: ", 1) for way in ("composed", "python")),
+    Case("engine", PACED, "run", full_disk, "failed", "", 1),
+    *(Case(way, PACED, "plant", late, "done", "", 0) for way in ("hand", "processes")),
+    *(Case(way, PACED, "run", late, "done", "", 0) for way in ("composed", "python")),
+    Case("hand", (*PACED, "--timeout=10"), "controller", wrong_stamps, "failed", "node controller failed: ", 1),
+    *(Case("hosts", options, "link", cut_link, "failed", "node ", 1) for options in (PACED, FREE)),
+    Case("hosts", PACED, "link", cut_15_s, "failed", "node ", 1),
+    *(Case("hosts", options, "link", cut_1_s, "done", "", 0) for options in (PACED, FREE)),
 ]  # fmt: skip
-
+OUTCOMES = {
+    "done": {"tracked", "disengaged", "no command"}, "failed": {"failed", "no command"},
+    "interrupted": {"interrupted", "disengaged", "no command"},
+}  # fmt: skip
+"""Outcomes of tracking by the status; otherwise it is the status."""
 
 SCRIPT = """
 import sys
@@ -228,93 +290,141 @@ import train_ato as ta
 out, duration, free = sys.argv[1], float(sys.argv[2]), "--no-lockstep" in sys.argv
 try:
     ta.run("demo", set={"duration": duration}, mode="composed", out=out, rate=2, lockstep=not free)
-except ta.RunInterrupted as error:
+except ta.RunFailed as error:
     sys.exit(f"{error}")
 """
 """A script that runs a scenario."""
+UNSTAMPED = """
+import sys
+from dataclasses import replace
+from train_ato.cli.nodes import controller
+from train_ato.messages.topics import EPOCH_NS
+from train_ato.ros.nodes.endpoints import NodeEndpoints
+publish = NodeEndpoints.publish
+def unstamped(self, topic, message):
+    late = topic == "ato/command" and message.stamp >= 2e9
+    publish(self, topic, replace(message, stamp=-EPOCH_NS) if late else message)
+NodeEndpoints.publish = unstamped
+sys.exit(controller())
+"""
+"""A controller that forgets the stamps of its commands."""
 
 
 def begun(folder: Path) -> bool:
     """Return True if the log of a run has commands."""
-    from train_ato.log.mcap_records import stream
-
-    partial = folder / "run.mcap.partial"
-    return partial.exists() and any(m.channel.topic == "/ato/command" for m in stream(partial, broken=True))
+    log = folder / PARTIAL
+    return log.exists() and any(m.channel.topic == "/ato/command" for m in stream(log, broken=True))
 
 
-def node_of(run: subprocess.Popen[str], role: str, folder: Path) -> int:
+def commands(case: Case, out: Path, hosts: dict[str, tuple[str, ...]]) -> dict[str, list[str]]:
+    """Return the command of every process of a case."""
+    python, length = (sys.executable, "-m"), f"--set=duration={DURATION}"
+    if case.way == "python":
+        return {"run": [sys.executable, "-c", SCRIPT, str(out), str(DURATION), *case.options]}
+    if not case.by_hand:
+        mode = [] if case.way == "composed" else [f"--{case.way}"]
+        return {"run": [*python, "train_ato", "run", "demo", *mode, "--json", f"--out={out}", length, *case.options]}
+    more = {"recorder": [f"--out={out}"], "plant": ["--recorded", *case.options]}
+    found = {}
+    for role in ROLES:
+        forgets = (role, case.strike) == ("controller", wrong_stamps)
+        program = (sys.executable, "-c", UNSTAMPED) if forgets else (*python, "train_ato.cli.nodes", role)
+        found[role] = [*hosts.get(role, ()), *program, "--scenario=demo", length, *more.get(role, [])]
+    return found
+
+
+def ended(case: Case, out: Path, hosts: dict[str, tuple[str, ...]], environment: dict[str, str]) -> tuple[int, str]:
+    """Run the processes of a case and strike the victim; return exit status and text of the plant, or the command."""
     from remains import processes_of
 
-    return run.pid if role == "run" else processes_of(folder.resolve())[role]
+    processes = {}
+    try:
+        for role, words in commands(case, out, hosts).items():
+            processes[role] = subprocess.Popen(
+                words, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+            )
+        wait_for(lambda: begun(out), "commands in the log")
+        if case.victim == "link":
+            hit = int(hosts["controller"][1].partition("=")[2])
+        else:
+            hit = processes[case.victim].pid if case.victim in processes else processes_of(out.resolve())[case.victim]
+        if isinstance(case.strike, signal.Signals):
+            os.kill(hit, case.strike)
+        else:
+            case.strike(hit, out)
+        main = processes["plant" if case.by_hand else "run"]
+        said, _ = main.communicate(timeout=LIMIT_S)
+        if case.by_hand:
+            if case.strike is STOP:
+                processes["recorder"].send_signal(signal.SIGCONT)
+            processes["recorder"].communicate(timeout=LIMIT_S)
+        for role in ROLES[1:5] if case.way == "hosts" else ():
+            assert processes[role].wait(timeout=LIMIT_S) == case.code
+        return main.returncode, said
+    finally:
+        for process in processes.values():
+            process.kill()
+            process.communicate(timeout=LIMIT_S)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", CASES, ids=str)
-def test_the_end_of_a_run_has_its_status_and_reason(case: Case, tmp_path: Path) -> None:
-    """Breaks if a run has the status of another end, its log is not closed, or it is tracked without commands."""
+def test_the_end_of_a_run_has_its_status_and_reason(case: Case, tmp_path: Path, request: pytest.FixtureRequest) -> None:
+    """Breaks if a run has the status of another end, its log is not whole, or it is tracked without commands."""
     pytest.importorskip("rclpy")
-    from waiting import LIMIT_S, wait_for
-
     from train_ato.ros.graph import shared_memory
     from train_ato.ros.graph.environment import claim_domain
 
-    out, processes = tmp_path / "out", {}
-    scenario, duration = "demo", f"duration={DURATION}"
-    with claim_domain() as domain:
-        environment = {**os.environ, "ROS_DOMAIN_ID": str(domain), "ROS_LOG_DIR": str(tmp_path / "log")}
-        command = [sys.executable, "-m"]
-        if case.way == "hand":
-            more = {"recorder": ["--out", str(out)], "plant": ["--recorded", *case.options]}
-            started = {
-                role: ["train_ato.cli.nodes", role, "--scenario", scenario, *more.get(role, [])] for role in ROLES
-            }
-        elif case.way == "python":
-            environment.pop("ROS_DOMAIN_ID")
-            command[1:], started = ["-c", SCRIPT], {"run": [str(out), str(DURATION), *case.options]}
-        else:
-            environment.pop("ROS_DOMAIN_ID")
-            mode = [] if case.way == "composed" else [f"--{case.way}"]
-            started = {"run": ["train_ato", "run", scenario, *mode, "--json", "--out", str(out), *case.options]}
-        try:
-            for role, words in started.items():
-                processes[role] = subprocess.Popen(
-                    [*command, *words, *([] if case.way == "python" else ["--set", duration])],
-                    env=environment,
-                    stdout=subprocess.PIPE,
-                    stderr=subprocess.STDOUT,
-                    text=True,
-                )
-            wait_for(lambda: begun(out), "commands in the log")
-            hit = processes.get(case.victim)
-            os.kill(hit.pid if hit is not None else node_of(processes["run"], case.victim, out), case.number)
-            main = processes["plant" if case.way == "hand" else "run"]
-            said, _ = main.communicate(timeout=LIMIT_S)
-            if case.way == "hand":
-                processes["recorder"].send_signal(signal.SIGCONT)
-                processes["recorder"].communicate(timeout=LIMIT_S)
-        finally:
-            for process in processes.values():
-                process.kill()
-                process.communicate(timeout=LIMIT_S)
-            shared_memory.clean()
-    if case.status == "killed":
-        assert main.returncode == case.code, said
-        assert {path.name for path in out.iterdir()} == {"run.mcap.partial"}, "readable by recover"
-        assert "node recorder failed: it left the run at " in said
-        return
-    summary = json.loads((out / "summary.json").read_text())
+    out, hosts, peers = tmp_path / "out", {}, {}
+    if case.way == "hosts":
+        here, there = request.getfixturevalue("two_hosts")
+        hosts = {role: here if role in ("recorder", "plant") else there for role in ROLES}
+        peers = {"ROS_STATIC_PEERS": ";".join(HOSTS), "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}
+    environment = {**os.environ, "ROS_LOG_DIR": str(tmp_path / "log"), **peers}
+    environment.pop("ROS_DOMAIN_ID", None)
+    try:
+        with claim_domain() as domain:
+            code, said = ended(
+                case, out, hosts, {**environment, "ROS_DOMAIN_ID": str(domain)} if case.by_hand else environment
+            )
+    finally:
+        shared_memory.clean()
+    check_end(case, out, code, said)
+
+
+def check_end(case: Case, out: Path, code: int, said: str) -> None:
+    """Check status, reason, exit status, outcome of tracking and log."""
+    broken = case.strike is full_disk or (case.victim, case.strike) == ("recorder", KILL)
+    assert (out / PARTIAL).exists() == broken, said
+    if broken:
+        recover(out)
+    recording = open_recording(out)
+    summary = completed_summary(recording) if broken else read_summary(out)
     reason = summary.get("failure") or summary.get("interruption") or ""
-    assert (main.returncode, summary["status"]) == (case.code, case.status), said
+    assert (code, summary["status"]) == (case.code, case.status), said
     assert reason.startswith(case.reason), reason
+    assert reason in said or case.way == "hand"  # the node that has ended says it, not the plant
     assert "Traceback" not in said
-    assert (case.status == "done") == (summary["ticks"] == 10 * DURATION)
-    if case.victim == "recorder":  # the log ends before the run
+    assert summary["tracking"] in OUTCOMES.get(case.status, {case.status}), summary["tracking_findings"]
+    if broken:
+        assert ("node recorder failed: " if case.strike is KILL or case.way == "hand" else "writing failed") in said
+    if case.strike is wrong_stamps:
+        assert "a command stamped 0 came; echo the stamp of train/measurement" in reason
+    if case.strike is late:
+        assert summary["ticks_late"] > 0 and summary["lateness_max_s"] >= 0.9
+    if case.way == "hosts":
+        assert summary["reach"] == "network"
+    if case.status == "done" and "--restart" not in case.options:
+        lockstep = "--no-lockstep" not in case.options  # else lost commands disengage the ATO
+        assert (summary["tracking"] == "tracked", summary["commands_missed"] == 0) == (lockstep, lockstep)
+        assert not lockstep or ta.verify(out).equal
+    if broken or case.victim == "recorder":  # the log ends before the run
+        assert recording.time.size > 0
         return
+    assert (case.status == "done") == (summary["ticks"] == 10 * DURATION)
     topics = {topic.name: topic for topic in log_overview(out / "run.mcap").topics}
-    vehicles = topics["/train/vehicles"]
-    killed = (case.victim, case.number) == ("plant", KILL)  # it has sent some topics of its last tick, in any order
-    assert vehicles.messages - 1 - summary["ticks"] in ((-1, 0, 1) if killed else (-1, 0))
-    assert case.status == "done" or summary["tracking"] != "tracked"
+    killed = (case.victim, case.strike) == ("plant", KILL)  # it has sent some topics of its last tick, in any order
+    assert topics["/train/vehicles"].messages - 1 - summary["ticks"] in ((-1, 0, 1) if killed else (-1, 0))
 
 
 def test_the_lateness_of_ticks_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
