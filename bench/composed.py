@@ -37,9 +37,9 @@ from train_ato.ros.graph.environment import applied, claim_domain, variables
 from train_ato.scenario.scenario import load_scenario
 from train_ato.scenario.setup import RunSetup, prepare
 
-MOST_RATIO = 1.5
-LEAST_FACTOR = 150.0
-MOST_SUPERVISED = 1.08
+MAX_RATIO = 1.5
+MIN_FACTOR = 150.0
+MAX_SUPERVISED = 1.08
 TICKED: dict[Role, tuple[str, ...]] = {
     Role.PLANT: (
         "/clock", "train/vehicles", "train/brake_pipe", "train/brake_pipe_tail", "train/brake_shoes",
@@ -292,11 +292,11 @@ def main() -> int:
         *(Figure(f"tick of the graph, {part}", seconds * 1e6, "us") for part, seconds in shares.items()),
     )
     goals = [
-        Goal("graph without the plant over the bare ring", (ours - shares["plant"]) / bare, MOST_RATIO),
-        Goal("simulated over wall time", setup.tick / ours, LEAST_FACTOR, at_least=True),
+        Goal("graph without the plant over the bare ring", (ours - shares["plant"]) / bare, MAX_RATIO),
+        Goal("simulated over wall time", setup.tick / ours, MIN_FACTOR, at_least=True),
     ]
     if setup.layout.supervised:
-        goals.append(Goal("graph with supervision over the graph without", ours / unsupervised, MOST_SUPERVISED))
+        goals.append(Goal("graph with supervision over the graph without", ours / unsupervised, MAX_SUPERVISED))
     return judge(goals)
 
 

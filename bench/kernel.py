@@ -76,10 +76,10 @@ LOOPS = {
 
 
 STEP_NS, TICK_NS = 5_000_000, 100_000_000
-LEAST_RATIO = 5.0
-MOST_NS, MOST_FULL_NS = 4.0, 15.0
-MOST_GROWTH = 1.1
-LEAST_SPEED_UP = 1.8
+MIN_RATIO = 5.0
+MAX_NS, MAX_FULL_NS = 4.0, 15.0
+MAX_GROWTH = 1.1
+MIN_SPEED_UP = 1.8
 SPEED = 70 / 3.6
 UNIT = "ns per vehicle-step"
 RELEASED, APPLIED, FULL = (False, False), (True, False), (True, True)
@@ -184,15 +184,15 @@ def main() -> int:
     publish(Figure("batch of 16 trains, two threads", two, UNIT, "one thread", one))
     growth = costs[1000, RELEASED][1] / costs[106, RELEASED][1]
     goals = [
-        Goal("106 vehicles, released, in a batch", costs[106, RELEASED][1], MOST_NS, UNIT),
-        Goal("106 vehicles, all effects, in a batch", costs[106, FULL][1], MOST_FULL_NS, UNIT),
-        Goal("106 vehicles, released, tick by tick", costs[106, RELEASED][0], MOST_NS, UNIT),
-        Goal("106 vehicles, all effects, tick by tick", costs[106, FULL][0], MOST_FULL_NS, UNIT),
-        Goal("times as fast as plain numpy", worst, LEAST_RATIO, at_least=True),
-        Goal("cost of a vehicle, 1000 over 106", growth, MOST_GROWTH),
+        Goal("106 vehicles, released, in a batch", costs[106, RELEASED][1], MAX_NS, UNIT),
+        Goal("106 vehicles, all effects, in a batch", costs[106, FULL][1], MAX_FULL_NS, UNIT),
+        Goal("106 vehicles, released, tick by tick", costs[106, RELEASED][0], MAX_NS, UNIT),
+        Goal("106 vehicles, all effects, tick by tick", costs[106, FULL][0], MAX_FULL_NS, UNIT),
+        Goal("times as fast as plain numpy", worst, MIN_RATIO, at_least=True),
+        Goal("cost of a vehicle, 1000 over 106", growth, MAX_GROWTH),
     ]
     if (os.cpu_count() or 1) > 1:
-        goals.append(Goal("batch, two threads over one", one / two, LEAST_SPEED_UP, at_least=True))
+        goals.append(Goal("batch, two threads over one", one / two, MIN_SPEED_UP, at_least=True))
     return judge(goals)
 
 

@@ -15,7 +15,7 @@ import tempfile
 from figures import Goal, judge
 from startup import python_command
 
-MOST_MB = 400.0
+MAX_MB = 400.0
 SCENARIO = "daqin_heavy_haul"
 SHORT_S = 10.0
 
@@ -34,7 +34,7 @@ def main() -> int:
     hours = parser.parse_args().hours
     floor, peak = peak_mb(SHORT_S), peak_mb(3600.0 * hours)
     name = f"largest memory of {hours:g} simulated hour"
-    return judge((Goal(name, peak, MOST_MB, "MB", beside="run of 10 s", beside_value=floor),))
+    return judge((Goal(name, peak, MAX_MB, "MB", beside="run of 10 s", beside_value=floor),))
 
 
 if __name__ == "__main__":

@@ -31,7 +31,7 @@ from train_ato.scenario.setup import prepare
 SCENARIOS = ("daqin_heavy_haul", "daqin_heavy_haul:twin", "xuzhou_metro", "crh380a_funnel:short", "crh380a_gpc:short")
 SIMULATED_S = 60
 IN_PYTHON = "law=my_law:MyLaw"
-LEAST_IN_PYTHON = 1500.0
+MIN_IN_PYTHON = 1500.0
 """Least times of real time with a law in Python, unrecorded."""
 COMPILED = (
     ("daqin_heavy_haul", ()),
@@ -132,7 +132,7 @@ def main() -> int:
         python, compiled, factor = run_times(name, assignments)
         whole = ", ".join((name, *assignments)) if IN_PYTHON in assignments else name
         publish(Figure(f"compiled tick, {whole}", compiled, "us", "the same in Python", python))
-        bound = LEAST_IN_PYTHON if IN_PYTHON in assignments else None
+        bound = MIN_IN_PYTHON if IN_PYTHON in assignments else None
         goals.append(Figure(f"times real time, {whole}", factor, bound=bound, at_least=True))
     frozen, plain = construction_us(FrozenMeasurement), construction_us(Measurement)
     publish(Figure("construction of a measurement", plain, "us", "frozen", frozen))

@@ -16,9 +16,9 @@ from plant_sim.track import Track
 
 EARTH_RADIUS = 6_371_008.8
 """Mean radius of the earth [m] (IUGG)."""
-LONGEST_STEP = 500.0
+MAX_STEP = 500.0
 """Largest distance between two points of a drawn track [m]."""
-LARGEST_TURN = np.radians(2.0)
+MAX_TURN = np.radians(2.0)
 """Largest change of the heading between two points of a drawn track [rad]."""
 
 
@@ -74,7 +74,7 @@ class Alignment:
         edges = np.unique(np.concatenate((self._grade.breaks, self._plan.breaks, [self._begin, self._end])))
         edges = edges[(edges >= self._begin) & (edges <= self._end)]
         turns = np.abs(self._plan.curvature_at((edges[:-1] + edges[1:]) / 2)) * np.diff(edges)
-        counts = 1 + np.ceil(np.maximum(turns / LARGEST_TURN, np.diff(edges) / LONGEST_STEP)).astype(int)
+        counts = 1 + np.ceil(np.maximum(turns / MAX_TURN, np.diff(edges) / MAX_STEP)).astype(int)
         pieces = [np.linspace(a, b, count) for a, b, count in zip(edges, edges[1:], counts, strict=False)]
         return np.unique(np.concatenate(pieces))
 

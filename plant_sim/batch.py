@@ -13,7 +13,7 @@ import numpy as np
 from plant_sim.states import Array
 from plant_sim.train import Train
 
-MOST_TICKS = 64
+MAX_TICKS = 64
 """Ticks of one compiled call; disturbances end it after their block."""
 
 
@@ -76,7 +76,7 @@ def _advance_train(train: Train, demand: Array) -> None:
     done = 0
     while done < len(demand):
         if train.is_quiet:
-            done += train.advance_quiet(demand[done : done + MOST_TICKS])
+            done += train.advance_quiet(demand[done : done + MAX_TICKS])
         else:
             train.advance(demand[done])
             done += 1

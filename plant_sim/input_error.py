@@ -32,7 +32,7 @@ _PLAIN = {
     "invalid_key": "a key is no text; write it in quotes",
 }
 """Errors of pydantic that name classes or patterns, in plain words."""
-MOST_FAULTS = 20
+MAX_FAULTS = 20
 """Largest number of faults of one input in a message."""
 _SHORT = reprlib.Repr()
 _SHORT.maxother = _SHORT.maxstring = 60
@@ -58,10 +58,10 @@ class InputFaults(ValueError):
 
     @classmethod
     def of(cls, faults: Sequence[str], source: str | Path = "") -> InputFaults:
-        """Return the faults of one source, at most ``MOST_FAULTS`` of them and the number of the others."""
-        lines = [" ".join(line.split("\n")) for line in faults[:MOST_FAULTS]]
-        if len(faults) > MOST_FAULTS:
-            lines.append(f"{source}: {len(faults) - MOST_FAULTS} more faults; correct these first")
+        """Return the faults of one source, at most ``MAX_FAULTS`` of them and the number of the others."""
+        lines = [" ".join(line.split("\n")) for line in faults[:MAX_FAULTS]]
+        if len(faults) > MAX_FAULTS:
+            lines.append(f"{source}: {len(faults) - MAX_FAULTS} more faults; correct these first")
         return cls("\n".join(lines))
 
 

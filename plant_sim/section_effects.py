@@ -22,9 +22,9 @@ from plant_sim.states import Array
 
 Row = tuple[float, float, float, float]
 """Segment of an envelope: end [m/s], constant force [N], slope [N s/m], power [W]."""
-LARGEST_ACCELERATION, MARGIN = 5.0, 1.0
+MAX_ACCELERATION, MARGIN = 5.0, 1.0
 """Bound of the acceleration of a vehicle [m/s²], and of its additional way in a shock of its couplers [m]."""
-MOST_SKIPPED = 1000
+MAX_SKIPPED = 1000
 """Largest number of ticks until the places are compared again."""
 MANY_TICKS = 2**31
 """Number of ticks without a limit of a section."""
@@ -129,7 +129,7 @@ class SectionEffects:
         if stamp < self._next:
             return
         self._update()
-        self._next = stamp + tick_ns * min(self.ticks_before_next(tick_ns * 1e-9), MOST_SKIPPED)
+        self._next = stamp + tick_ns * min(self.ticks_before_next(tick_ns * 1e-9), MAX_SKIPPED)
 
     def _update(self) -> None:
         zone = self._zones.at(self._arrays.state[k.X, : self._vehicles])
@@ -144,7 +144,7 @@ class SectionEffects:
         behind, ahead = around[self._zone], around[self._zone + 1]
         distance = np.maximum(np.minimum(position - behind, ahead - position) - MARGIN, 0.0)
         speed = np.abs(speed)
-        time = (np.sqrt(speed**2 + 2.0 * LARGEST_ACCELERATION * distance) - speed) / LARGEST_ACCELERATION
+        time = (np.sqrt(speed**2 + 2.0 * MAX_ACCELERATION * distance) - speed) / MAX_ACCELERATION
         shortest = float(time.min()) / tick
         return int(shortest) if shortest < MANY_TICKS else MANY_TICKS
 

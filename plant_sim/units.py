@@ -87,7 +87,7 @@ def unit_symbol(suffix: str) -> str:
     return f"{above}/{below}" if below else above
 
 
-LARGEST_WRITTEN_OUT = 1e15
+MAX_WRITTEN_OUT = 1e15
 """Magnitude from which a number keeps its exponent: more digits than a float has."""
 
 
@@ -107,4 +107,4 @@ def number_text(value: float, digits: int = 6) -> str:
     ('1000000', '0.25', '1000', '1234')
     """
     text = f"{value:.{digits}g}"
-    return f"{value:.0f}" if "e+" in text and abs(value) < LARGEST_WRITTEN_OUT else text
+    return f"{value:.0f}" if "e+" in text and abs(value) < MAX_WRITTEN_OUT else text

@@ -35,7 +35,7 @@ from train_ato.scenario.setup import RunSetup, prepare
 COMPONENTS = {component.key: component for component in components()}
 CASES = {command(case): case for entry in COMPONENTS.values() for case in demo_of(entry.kind, entry.name).runs.values()}
 MEASURED = read_rows(command_line.MEASURED)
-LARGEST_PNG = 60_000
+MAX_PNG = 60_000
 
 
 SHIPPED = {
@@ -107,7 +107,7 @@ def test_every_component_says_what_it_does_and_needs(key: str) -> None:
 def test_figure_is_there_and_small(key: str) -> None:
     """Breaks if a page has no figure, or one that swells the repository."""
     path = FOLDER / f"{COMPONENTS[key].page}.png"
-    assert path.stat().st_size < LARGEST_PNG
+    assert path.stat().st_size < MAX_PNG
     assert min(image.imread(path).shape[:2]) > 300
 
 
@@ -169,7 +169,7 @@ def test_measuring_drives_and_draws(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert shares == [0.5, 1.0]
     assert [row["run"] for row in found[component.key]] == ["a", "b"]
     assert 0.0 < found[component.key][0]["speed_rmse_kmh"] < 1.0
-    assert (tmp_path / "pid.png").stat().st_size < LARGEST_PNG
+    assert (tmp_path / "pid.png").stat().st_size < MAX_PNG
 
 
 def test_a_run_that_fails_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,7 +13,7 @@ from span_runs import Both, setup_of
 
 import train_ato as ta
 from plant_sim import kernel as k
-from plant_sim.alignment import EARTH_RADIUS, LARGEST_TURN, Alignment
+from plant_sim.alignment import EARTH_RADIUS, MAX_TURN, Alignment
 from plant_sim.batch import advance_trains
 from plant_sim.consist import Consist
 from plant_sim.data_text import parse_yaml
@@ -454,7 +454,7 @@ def test_a_drawn_track_follows_every_shipped_line(name: str) -> None:
     places = alignment.drawn_places()
     assert (places[0], places[-1]) == (found.begin, found.end)
     heading = alignment.at(places).heading
-    assert np.abs(np.diff(heading)).max(initial=0.0) <= LARGEST_TURN + 1e-9
+    assert np.abs(np.diff(heading)).max(initial=0.0) <= MAX_TURN + 1e-9
     assert len(places) < 3000
 
 

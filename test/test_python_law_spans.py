@@ -270,7 +270,7 @@ def test_an_error_of_a_compensation_or_a_law_names_it(changes: dict[str, Any], r
 
 def test_a_slow_law_ends_the_span(monkeypatch: pytest.MonkeyPatch) -> None:
     """Breaks if Ctrl-C and the progress wait for all ticks of a span."""
-    monkeypatch.setattr(python_law, "LONGEST_CALLS_NS", 0)
+    monkeypatch.setattr(python_law, "MAX_CALLS_NS", 0)
     loop = TickLoop(setup_of("demo", {**DEMO, "law": f"{HERE}:Observed"}), None, compiled=True)
     loop.start()
     loop.advance()

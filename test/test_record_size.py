@@ -117,9 +117,9 @@ MEGABYTES_AN_HOUR = {"none": 340 + 3 * 424 * 36_000 / 1e6, "fast": 110, "small":
 """Largest sizes without the topics of the supervision and the pressure at the tail."""
 SUPERVISION = {f"/{topic.name}" for topic in TOPICS if topic.condition is SUPERVISED}
 TAIL = "/train/brake_pipe_tail"
-LARGEST_PRESSURE = 100
+MAX_PRESSURE = 100
 """Largest message of the pressure at the tail with its record [bytes]: stamp, frame, two numbers."""
-LARGEST_MESSAGE = 400
+MAX_MESSAGE = 400
 """Largest message of the supervision with its record [bytes]: at most 10 names of 25 characters and 15 numbers."""
 
 
@@ -139,7 +139,7 @@ def test_the_supervision_has_five_small_messages_a_period(messages) -> None:
     found = [m for m in messages if m.channel.topic in SUPERVISION]
     assert {m.channel.topic for m in found} == SUPERVISION
     assert len(found) == pytest.approx(len(SUPERVISION) * (END_S - BEGIN_S) / 0.4, abs=len(SUPERVISION))
-    assert max(len(m.data) + 31 for m in found) < LARGEST_MESSAGE
+    assert max(len(m.data) + 31 for m in found) < MAX_MESSAGE
 
 
 @pytest.mark.campaign
@@ -147,7 +147,7 @@ def test_the_pressure_at_the_tail_is_one_small_message_a_tick(messages) -> None:
     """Breaks if the message grows, or is recorded more often."""
     found = [m for m in messages if m.channel.topic == TAIL]
     assert len(found) == pytest.approx(10 * (END_S - BEGIN_S), abs=1)
-    assert max(len(m.data) + 31 for m in found) < LARGEST_PRESSURE
+    assert max(len(m.data) + 31 for m in found) < MAX_PRESSURE
 
 
 @pytest.mark.campaign

@@ -16,7 +16,7 @@ from train_ato.scenario.criteria import Criteria
 from train_ato.scenario.scenario import load_scenario
 from train_ato.studies.tune.gain_space import SEARCHED, GainRunner, gain_space, gain_tasks, read_tune_spec
 from train_ato.studies.tune.objective import (
-    LARGEST_FEASIBLE,
+    MAX_FEASIBLE,
     NOT_TRACKED,
     TERMS,
     CmaOptimizer,
@@ -71,7 +71,7 @@ def test_runs_that_are_not_tracked_rank_below_every_tracked_run() -> None:
         scores += [score_of_run(not_tracked(outcome, value, 2.0), ONES, ONES) for value in (2.1, -40.0)]
     scores += [score_of_run({"status": status}, ONES, ONES) for status in ("failed", "refused")]
     assert scores == sorted(scores) and len(set(scores)) == len(scores)
-    assert scores[0] == LARGEST_FEASIBLE < NOT_TRACKED < scores[1]
+    assert scores[0] == MAX_FEASIBLE < NOT_TRACKED < scores[1]
 
 
 def test_objective_counts_the_worst_run() -> None:

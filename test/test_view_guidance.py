@@ -14,7 +14,7 @@ from train_ato.supervision.step_function import ceiling_speeds
 from train_ato.supervision.supervisor import SupervisionState
 from train_ato.view.facts import Facts, ProfileCurve
 from train_ato.view.feed import Feed, Mark, ProtectionTracker
-from train_ato.view.page import MOST_MESSAGES, message_rows, track_ahead
+from train_ato.view.page import MAX_MESSAGES, message_rows, track_ahead
 from train_ato.view.recorded import RecordedFeed
 from train_ato.view.snapshot import delay_at, guidance, targets
 
@@ -109,11 +109,11 @@ def test_messages_wait_for_the_driver_until_they_are_acknowledged() -> None:
     marks = [Mark(1.0, "", "service brake: 90 km/h", acknowledge=True)]
     marks += [Mark(2.0 + i, "", f"event {i}") for i in range(8)]
     rows = message_rows(marks, 100.0, frozenset(), live=True)
-    assert (rows["text"][0], rows["waiting"][0], len(rows["text"])) == ("service brake: 90 km/h", 1, MOST_MESSAGES)
+    assert (rows["text"][0], rows["waiting"][0], len(rows["text"])) == ("service brake: 90 km/h", 1, MAX_MESSAGES)
     assert rows["text"][1] == "event 7"
     feed = Feed(LINE)
     feed.acknowledge(0)
-    assert message_rows(marks, 100.0, feed.acknowledged, live=True)["waiting"] == [0] * MOST_MESSAGES
+    assert message_rows(marks, 100.0, feed.acknowledged, live=True)["waiting"] == [0] * MAX_MESSAGES
     assert message_rows(marks, 100.0, frozenset(), live=False)["text"][0] == "event 7"
     assert message_rows(marks, 2.0, frozenset(), live=True)["text"] == ["service brake: 90 km/h", "event 0"]
 

@@ -25,9 +25,9 @@ from train_ato.view.controls import Tunable, coerced, slider_scale
 from train_ato.view.facts import Facts, ProfileCurve, facts_of
 from train_ato.view.feed import KEPT_S, Ending, Feed, Mark, Strip, ending_of
 from train_ato.view.live import WAITING_RATE
-from train_ato.view.overview import MOST_POINTS as POINTS_OF_OVERVIEW
+from train_ato.view.overview import MAX_POINTS as POINTS_OF_OVERVIEW
 from train_ato.view.overview import WholeRun
-from train_ato.view.recorded import MOST_POINTS, RecordedFeed
+from train_ato.view.recorded import MAX_POINTS, RecordedFeed
 from train_ato.view.server import PageServer
 from train_ato.view.snapshot import (
     DIAL_BEGIN,
@@ -341,7 +341,7 @@ def test_the_strip_of_a_recorded_run_is_that_of_the_log(run):
     live = dict(zip(STRIP, strip_row(feed.frame.moment, feed.facts), strict=True))
     for name in STRIP:
         assert part[name][row] == pytest.approx(live[name], rel=1e-3, abs=1e-3), name
-    assert feed.part(-1e9, 1e9)["time"].size <= MOST_POINTS
+    assert feed.part(-1e9, 1e9)["time"].size <= MAX_POINTS
 
 
 def test_a_run_that_starts_slowly_is_waited_for_until_it_ends(tmp_path, monkeypatch, capfd):

@@ -52,7 +52,7 @@ STANDINGS = {
 """Keys of a row of the leaderboard with their headings."""
 FREIGHT = "freight_consensus:realistic"
 """Scenario of the freight train of paper 002, which has no nominal one."""
-LARGEST_NOISE = 0.01
+MAX_NOISE = 0.01
 """Largest noise of the speed measurement of a nominal scenario [m/s]."""
 DELAY_TOLERANCE = 0.01
 """Largest relative difference of the delay of the model from the mean delay of the commands."""
@@ -111,7 +111,7 @@ def is_nominal(name: str) -> bool:
     plant = scenario.plant
     undisturbed = not (plant.disturbances or plant.jumps or scenario.faults or scenario.interventions)
     usual = plant.force_limit is None and plant.adhesion is None and plant.mismatch == Mismatch()
-    quiet = max(plant.sensors.velocity_noise, plant.sensors.position_noise) <= LARGEST_NOISE
+    quiet = max(plant.sensors.velocity_noise, plant.sensors.position_noise) <= MAX_NOISE
     known = (setup.consist, setup.line, np.max(plant.lag)) == (model.consist, model.line, model.lag)
     return undisturbed and usual and quiet and known and _delay_is_known(setup) and _force_suffices(setup)
 

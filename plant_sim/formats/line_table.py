@@ -31,7 +31,7 @@ QUANTITIES: dict[str, dict[str, float]] = {
     "longitude": {"deg": 1.0},
 }
 """SI value of one unit of every quantity."""
-LARGEST = {
+MAX_VALUES = {
     "position": 1e8, "grade": MAX_GRADE, "elevation": 1e4, "speed_limit": 300.0, "radius": 1e12, "latitude": 90.0,
     "longitude": 180.0,
 }  # fmt: skip
@@ -208,7 +208,7 @@ def _value(column: _Column, text: str, place: str, mark: str) -> Any:
         return 1e3 * float(parts[1]) + (-metres if text.startswith("-") else metres)
     if "," in text and mark == ",":
         raise ValueError(f"{where} = '{text[:30]}': separate the columns by semicolons, or write a decimal point")
-    most = LARGEST[column.quantity] / column.factor
+    most = MAX_VALUES[column.quantity] / column.factor
     number = number_in(text.replace(",", "."), where, -most, most)
     value = number * column.factor
     if column.quantity == "speed_limit" and value <= 0:

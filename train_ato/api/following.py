@@ -28,7 +28,7 @@ from train_ato.scenario.setup import RunSetup
 from train_ato.supervision.train_report import TrainReport, reports_text
 
 SUMMARY = "summary.json"
-LEAST_DEVIATION = 1e-9
+MIN_DEVIATION = 1e-9
 """Smallest deviation of a speed that another one is divided by [m/s]."""
 
 
@@ -190,7 +190,7 @@ def follower_figures(ahead: Recording, own: Recording, setup: RunSetup) -> dict[
         "gap_min_m": float(gap.min()),
         "gap_min_s": float(time[gap.argmin()]),
         "contacts": int(touching[0]) + int((touching[1:] & ~touching[:-1]).sum()),
-        "speed_amplification": _speed_deviation(own, setup) / max(_speed_deviation(ahead, leader), LEAST_DEVIATION),
+        "speed_amplification": _speed_deviation(own, setup) / max(_speed_deviation(ahead, leader), MIN_DEVIATION),
     }
     spec = setup.scenario.leader
     if spec is None or spec.headway is None:

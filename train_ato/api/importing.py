@@ -10,7 +10,7 @@ import numpy as np
 
 from plant_sim.library import load_consist, load_line
 from plant_sim.line import ENDING, Line
-from train_ato.api.import_csv.columns import LARGEST_GAP
+from train_ato.api.import_csv.columns import MAX_GAP
 from train_ato.api.import_csv.layout import RecorderLayout, add_notch_force, load_layout
 from train_ato.api.import_csv.recording import Measured, measured, place_notes
 from train_ato.api.import_csv.run import measured_result, measured_setup, write_messages
@@ -84,7 +84,7 @@ def import_run(
     ignore: Sequence[str] = (),
     from_km: float | str | None = None,
     tick: float = 0.1,
-    largest_gap: float = LARGEST_GAP,
+    largest_gap: float = MAX_GAP,
     smooth: float | None = None,
     sort: bool = False,
     name: str | None = None,
@@ -139,7 +139,7 @@ def read_recorder(
     ignore: Sequence[str] = (),
     from_km: float | str | None = None,
     tick: float = 0.1,
-    largest_gap: float = LARGEST_GAP,
+    largest_gap: float = MAX_GAP,
     smooth: float | None = None,
     sort: bool = False,
     name: str | None = None,

@@ -5,7 +5,7 @@ import numpy as np
 from train_ato.api.scenario_choice import Changes, GivenScenario, choose_scenario
 from train_ato.control.algorithms.linear_train import LinearTrain
 
-FASTEST_KMH = 1000.0
+MAX_SPEED_KMH = 1000.0
 """Largest speed [km/h]."""
 
 
@@ -44,6 +44,6 @@ def linearise(scenario: GivenScenario, *, speed_kmh: float, set: Changes | None 
     >>> print(f"{1.0 / abs(speed[crossing]):.2e}")
     7.07e+05
     """
-    if not isinstance(speed_kmh, (int, float, np.number)) or not 0.0 < speed_kmh <= FASTEST_KMH:
-        raise ValueError(f"speed_kmh {speed_kmh!r}: give a speed above 0, at most {FASTEST_KMH:g} km/h")
+    if not isinstance(speed_kmh, (int, float, np.number)) or not 0.0 < speed_kmh <= MAX_SPEED_KMH:
+        raise ValueError(f"speed_kmh {speed_kmh!r}: give a speed above 0, at most {MAX_SPEED_KMH:g} km/h")
     return LinearTrain.of(choose_scenario(scenario).changed(set, None).prepare().model, speed_kmh / 3.6)

@@ -57,7 +57,7 @@ def _columns_text() -> str:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``import``."""
-    from train_ato.api.import_csv.columns import LARGEST_GAP, layout_names
+    from train_ato.api.import_csv.columns import MAX_GAP, layout_names
 
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = _columns_text()
@@ -88,9 +88,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--largest-gap",
         type=float,
-        default=LARGEST_GAP,
+        default=MAX_GAP,
         metavar="S",
-        help=f"longest gap to bridge (default: {LARGEST_GAP:g} s)",
+        help=f"longest gap to bridge (default: {MAX_GAP:g} s)",
     )
     parser.add_argument(
         "--smooth",

@@ -124,14 +124,14 @@ def _names(text: str | None, option: str) -> list[str]:
     return names
 
 
-LONGEST_SEED = 18
+MAX_SEED = 18
 """Largest number of digits of a seed."""
 
 
 def _seeds(text: str | None, option: str) -> list[int]:
     found = []
     for name in _names(text, option):
-        if not name.isdigit() or len(name) > LONGEST_SEED:
+        if not name.isdigit() or len(name) > MAX_SEED:
             raise ValueError(f"{option} {text}: '{name}' is not a seed; give integers from 0 on, for example 1,2,3")
         found.append(int(name))
     if len({*found}) < len(found):

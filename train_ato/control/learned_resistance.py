@@ -26,7 +26,7 @@ from plant_sim.units import Acceleration, Place
 from train_ato.messages.types import Array
 
 SCHEMA = "train_ato/learned/1"
-LARGEST = 0.5
+MAX_RESISTANCE = 0.5
 """Largest learned resistance per inertial mass [m/s²]: a grade of 50 per mille."""
 DIGITS = 6
 """Decimals of a value in m/s²: 1e-6 m/s² changes the speed by less than 1 mm/s in 10 minutes."""
@@ -52,9 +52,11 @@ class LearnedResistance(SiModel):
 
     @model_validator(mode="after")
     def _bounded(self) -> "LearnedResistance":
-        wrong = [value for value in self.resistance if not abs(value) <= LARGEST]
+        wrong = [value for value in self.resistance if not abs(value) <= MAX_RESISTANCE]
         if wrong:
-            raise ValueError(f"resistance: {wrong[0]:g} m/s² is beyond +-{LARGEST:g}; learn again, or correct it")
+            raise ValueError(
+                f"resistance: {wrong[0]:g} m/s² is beyond +-{MAX_RESISTANCE:g}; learn again, or correct it"
+            )
         return self
 
     @property

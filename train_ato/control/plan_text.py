@@ -18,7 +18,7 @@ ARRAYS = {
     "plan.slack": "slack",
 }  # fmt: skip
 """Arrays of a plan by their keys; the times are simulation times."""
-MOST_POINTS = 200
+MAX_POINTS = 200
 """Largest number of points in a text; a longer plan has the first ones."""
 HELD = "held"
 """Status of a plan while the last command is repeated."""
@@ -43,7 +43,7 @@ def plan_to_text(timed: TimedPlan, *, held: bool = False) -> dict[str, str]:
     """
     found = {STATUS: HELD if held else " ".join(str(timed.plan.status).split())}
     for key, name in ARRAYS.items():
-        values = np.asarray(getattr(timed.plan, name), dtype=np.float64).ravel()[:MOST_POINTS]
+        values = np.asarray(getattr(timed.plan, name), dtype=np.float64).ravel()[:MAX_POINTS]
         shifted = values + timed.t if name == "times" else values
         found[key] = " ".join(f"{value:.9g}" for value in shifted.tolist())
     return found

@@ -31,11 +31,11 @@ GENTLE_SPEED = 0.025
 
 With it a law with the error e alone has at most e + 0.025 m/s, which is below the larger one of 2 e and 0.05 m/s.
 """
-LONGEST_JOINING = JOINING_SPEED * JOINING_TIME / GENTLE_SPEED
+MAX_JOINING = JOINING_SPEED * JOINING_TIME / GENTLE_SPEED
 """Longest time of it [s]: that of the largest position error, ``JOINING_SPEED`` x ``JOINING_TIME`` / 1.5."""
-LEAST_COMMANDS = 4
+MIN_COMMANDS = 4
 """Least number of commands with a mean that lasts."""
-LEAST_LOAD = 1e-6
+MIN_LOAD = 1e-6
 """Part of the force of a train from which on a coupler is loaded, but for rounding."""
 HALVINGS = 10
 """Halvings of the interval of the part of the largest change with which a demand changes early."""
@@ -256,9 +256,9 @@ class JoinedReference:
 
     def __init__(self, inputs: LawInput, share: Array, profile: ProfileLike, lasting: Array) -> None:
         self._force = lasting
-        _, speeds, _ = profile.at_times(inputs.t + np.arange(LONGEST_JOINING / 0.8 + 1.0))
+        _, speeds, _ = profile.at_times(inputs.t + np.arange(MAX_JOINING / 0.8 + 1.0))
         rests = np.flatnonzero(speeds == 0.0)
-        left = 0.8 * float(rests[0]) if rests.size else LONGEST_JOINING
+        left = 0.8 * float(rests[0]) if rests.size else MAX_JOINING
         self._begin, self._lasting, self._share = inputs.t, min(left, JOINING_TIME), share
         largest = JOINING_SPEED * self._lasting / 1.5
         self._place = np.clip(inputs.position - inputs.reference_position, -largest, largest)
@@ -312,7 +312,7 @@ def lasting_force(commands: Array, nominal: Array) -> Array:
         Last commands, and force of the nominal train at their effects [N].
     """
     beyond = commands - nominal
-    if len(beyond) < LEAST_COMMANDS:
+    if len(beyond) < MIN_COMMANDS:
         return np.zeros(commands.shape[1])
     mean, spread = beyond.mean(axis=0), beyond.var(axis=0)
     return np.asarray(mean * np.clip(1.0 - spread / np.maximum(mean * mean, 1e-9), 0.0, 1.0))
@@ -325,7 +325,7 @@ def stretches(model: TrainModel, profile: ProfileLike, t: float) -> bool:
     force of the profile on the vehicles behind it, less that of the units there. Meanwhile the force of the units is
     that of the vehicles in motion.
     """
-    places, speeds, accelerations = profile.at_times(t - np.arange(LONGEST_JOINING))
+    places, speeds, accelerations = profile.at_times(t - np.arange(MAX_JOINING))
     rests = np.flatnonzero(speeds == 0.0)
     if not rests.size or not rests[0]:
         return False
@@ -337,6 +337,6 @@ def stretches(model: TrainModel, profile: ProfileLike, t: float) -> bool:
     ways = [
         gear.slack + load / mean_stiffness(gear)
         for load, gear in loaded
-        if not isinstance(gear, RigidGear) and load > LEAST_LOAD * force
+        if not isinstance(gear, RigidGear) and load > MIN_LOAD * force
     ]
     return bool(places[0] - places[rests[0]] < plain_sum(ways))

@@ -294,7 +294,7 @@ INCOMPLETE = "log incomplete"
 """Outcome of a run whose recorder lost messages."""
 DEFAULT_STOP_WINDOW = 12.0
 """Stop window of a scenario without one [m]: default accuracy of a location, Q_NVLOCACC of SUBSET-026, A.3.2."""
-LONGEST_PERIOD = 20.0
+MAX_PERIOD = 20.0
 """Longest period of a limit cycle over the dead time of the loop.  A relay with an integrator and dead time oscillates
 with 4 dead times, a slow controller at its stability limit with more; hills of the line are slower."""
 
@@ -302,7 +302,7 @@ FORCED_SHARE = 0.5
 """Part of the variance of a disturbance near the period of an oscillation above which the disturbance is its cause."""
 LINE_SHARE = 0.1
 """Least part of all its variance: each of ten equal sines has it, and turbulence less."""
-SMALLEST_DRIFT = 0.01
+MIN_DRIFT = 0.01
 """Smallest standard deviation of a drift speed [m/s]; an integration of the plant over a tick has less."""
 
 
@@ -463,7 +463,7 @@ def _limit_cycle(run: EngagedRun) -> Iterator[TrackingFinding]:
             run.recording.time,
             share,
             amplitude=run.limits.oscillation,
-            max_period=LONGEST_PERIOD * _dead_time(run.setup, unit),
+            max_period=MAX_PERIOD * _dead_time(run.setup, unit),
             min_duration=run.limits.oscillation_time,
         )
         if oscillation is not None:
@@ -491,7 +491,7 @@ def _is_forced(run: EngagedRun, oscillation: Oscillation) -> bool:
     rows = slice(first, int(np.searchsorted(recording.time, oscillation.begin + oscillation.duration)))
     position, speed = recording.position[rows], recording.velocity[rows]
     drift = np.diff(position, axis=0) / tick - (speed[1:] + speed[:-1]) / 2
-    drift = drift[:, drift.std(axis=0) > SMALLEST_DRIFT]
+    drift = drift[:, drift.std(axis=0) > MIN_DRIFT]
     forces = [] if recording.of(DISTURBANCE, "unit_force") is None else [*recording.disturbance[rows].T]
     period = oscillation.period / tick
     return any(has_period(values, period) for values in (*forces, *drift.T))

@@ -136,7 +136,7 @@ def _key(part: pd.DataFrame, row: int) -> tuple[float, str]:
     return float(part.index[row]), str(part["node"].iloc[row]) if _is_diagnostic(part) else ""
 
 
-LONGEST_NAME = 200
+MAX_NAME = 200
 """Maximum length of the name of a topic in a file name [bytes]; file systems permit 255 with number and ending."""
 ROWS = 32_768
 """Maximum number of rows of a group of a Parquet file."""
@@ -225,7 +225,7 @@ def file_names(topics: Iterable[str]) -> dict[str, str]:
     names: dict[str, str] = {}
     for topic in topics:
         whole = topic.strip("/").replace("/", "_").replace("\0", "_") or "topic"
-        stem = name = whole.encode(errors="replace")[:LONGEST_NAME].decode(errors="ignore")
+        stem = name = whole.encode(errors="replace")[:MAX_NAME].decode(errors="ignore")
         number = 2
         while name in names.values():
             name, number = f"{stem}_{number}", number + 1

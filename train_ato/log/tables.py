@@ -31,7 +31,7 @@ PORTION = 2**20
 """Size of a portion [bytes]: large enough for a low cost per message, small enough for a cache."""
 MAX_KEPT = 2**30
 """Maximum size of the messages of variable length of one log [bytes]."""
-MOST_LAYOUTS = 64
+MAX_LAYOUTS = 64
 """Maximum number of layouts of messages with one length; further messages, for example with texts, are read singly."""
 
 
@@ -251,7 +251,7 @@ class TopicMessages:
             self._check(layout)
             group, fits = LayoutRecords(layout), np.arange(numbers.size) == 0
             self.groups.append(group)
-            if len(known) < MOST_LAYOUTS:
+            if len(known) < MAX_LAYOUTS:
                 known.append(group)
                 fits = layout.fits(rows)
             numbers, rows = _rest(group, numbers, rows, fits)
@@ -271,7 +271,7 @@ def _rest(
 
 STAMPS = ("header.stamp", "clock")
 """Paths of the stamp in messages of the topic table."""
-LONGEST_ARRAY = 1000
+MAX_ARRAY = 1000
 """Maximum length of an array in columns; longer ones, for example images, are refused."""
 
 
@@ -302,11 +302,11 @@ def check_foreign(layout: Layout) -> None:
     Raises
     ------
     ValueError
-        For arrays longer than :data:`LONGEST_ARRAY`.
+        For arrays longer than :data:`MAX_ARRAY`.
     """
     for leaf in layout.leaves:
-        if leaf.count is not None and leaf.count > LONGEST_ARRAY:
-            raise ValueError(f"{leaf.path} is an array of {leaf.count} numbers, at most {LONGEST_ARRAY} make columns")
+        if leaf.count is not None and leaf.count > MAX_ARRAY:
+            raise ValueError(f"{leaf.path} is an array of {leaf.count} numbers, at most {MAX_ARRAY} make columns")
 
 
 def known_table(topic: str, messages: TopicMessages) -> pd.DataFrame:

@@ -25,7 +25,7 @@ from train_ato.scenario.setup import RunSetup
 
 KEPT_TIME = 60.0
 """Time before the present for which a new profile has knots [s]."""
-LARGEST_LEAD = 20.0
+MAX_LEAD = 20.0
 """Largest distance before the own profile [m]: it brakes for the own stop, also behind a train that runs on."""
 REST_SPEED = 1e-6
 """Speed up to which a knot is at rest [m/s]."""
@@ -123,7 +123,7 @@ class HeadwayProfile:
         """Keep the deviation of a report from the own profile one headway later."""
         at = time + self._headway
         self._times.append(at)
-        self._deviations.append(min(front - self._half - self._own.at(at)[0], LARGEST_LEAD))
+        self._deviations.append(min(front - self._half - self._own.at(at)[0], MAX_LEAD))
 
     def step(self, stamp: int, ahead: TrainAhead | None = None) -> Profile | None:
         """Return a new profile at a stamp [ns] if the reports, also a live one, give enough more of it, else None."""

@@ -31,7 +31,7 @@ REJOINED = "node profile restarted"
 """Reason of a profile that is sent again."""
 BEHIND = "following a train"
 """State of a profile one headway behind the train ahead."""
-SMALLEST_ACCELERATION = 0.05
+MIN_ACCELERATION = 0.05
 """Smallest service limit of a plan [m/s²]."""
 FORCE_MARGIN = 0.2
 """Part of the force envelopes that a plan from standstill leaves to the law."""
@@ -197,7 +197,7 @@ class ProfileStage:
 def _service_limits(profile: Profile) -> PlanSettings:
     """Return the settings of a plan with the largest accelerations of a profile from another source."""
     return PlanSettings(
-        acceleration=max(float(profile.acceleration.max()), SMALLEST_ACCELERATION),
-        deceleration=max(float(-profile.acceleration.min()), SMALLEST_ACCELERATION),
+        acceleration=max(float(profile.acceleration.max()), MIN_ACCELERATION),
+        deceleration=max(float(-profile.acceleration.min()), MIN_ACCELERATION),
         force_margin=FORCE_MARGIN,
     )

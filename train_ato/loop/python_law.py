@@ -20,7 +20,7 @@ from train_ato.loop.stage_messages import diagnostics_due
 from train_ato.loop.stages import Stages
 from train_ato.messages.types import Diagnostic, DisturbanceEstimate, Measurement, Reference
 
-LONGEST_CALLS_NS = 200_000_000
+MAX_CALLS_NS = 200_000_000
 """Wall time after which a span ends, for Ctrl-C and the progress [ns]."""
 
 
@@ -78,7 +78,7 @@ class PythonCall(ABC):
         """Run the step of a tick; return 0, or ``LEFT`` for a tick that is left to Python."""
         begin = time.perf_counter_ns()
         self._begin = self._begin or begin
-        if begin - self._begin > LONGEST_CALLS_NS:
+        if begin - self._begin > MAX_CALLS_NS:
             return LEFT
         try:
             usable = self._step(tick)

@@ -45,7 +45,7 @@ from train_ato.messages.types import Array, AtoReport
 from train_ato.scenario.changes import requested_stamp
 from train_ato.scenario.setup import RunSetup
 
-LONGEST, BRAKED = 256, 128
+MAX_SPAN, BRAKED = 256, 128
 """Longest span, and longest one with forecasts of shoe forces, which cost more [ticks]."""
 OF_CALLS = 32
 """Longest span in a state of the control stack that is called as a whole until the state ends [ticks]."""
@@ -92,7 +92,7 @@ def ticks_to_event(
     if stamp == 0 or not setup.model.n_units:
         return 0
     shoes = getattr(stack.compensation, "shoes", None)
-    longest = LONGEST if shoes is None or shoes.idle else BRAKED
+    longest = MAX_SPAN if shoes is None or shoes.idle else BRAKED
     if not (logged or plant.train.outside.acts):
         longest *= BRIEF if brief else UNRECORDED
     longest = min(longest, plant.train.ticks_before_section, OF_CALLS if is_in_state(stages, stack) else longest)
@@ -234,7 +234,7 @@ def envelope_arrays(model: TrainModel) -> tuple[Array, Any]:
 
 LawStep = RecordStep | CallerStep | PythonCall
 """Step of a law in the compiled ticks."""
-SHORTEST = 4
+MIN_SPAN = 4
 """Shortest span that is worth its preparation [ticks]."""
 MAX_PAUSE = 16
 """Largest number of ticks in Python between two spans without a tick."""
@@ -329,7 +329,7 @@ class CompiledSpans:
         if plant.stamp < self._retry:
             return None
         count = ticks_to_event(self.stages, self.supervised, stack, logged=self.logged, brief=self.brief)
-        if count < SHORTEST or not is_regular(self.stages, self.supervised, stack):
+        if count < MIN_SPAN or not is_regular(self.stages, self.supervised, stack):
             return None
         law = self._step_of(stack)
         if without_python and isinstance(law, PythonCall):

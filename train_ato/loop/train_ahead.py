@@ -25,9 +25,9 @@ from train_ato.supervision.limits import BrakingTarget
 from train_ato.supervision.track_supervision import LineLimits, TrackSupervision
 from train_ato.supervision.train_report import TrainReport, TrainReporter
 
-LARGEST_SPEED = 200.0
+MAX_SPEED = 200.0
 """Speed above that of every train [m/s]."""
-LARGEST_CORRECTION = 50.0
+MAX_CORRECTION = 50.0
 """Largest change of a reported place at a balise, beside the motion [m]."""
 
 
@@ -187,7 +187,7 @@ class ReportReceiver:
             return report.problem
         if report.number <= last.number or report.time <= last.time:
             return f"report {report.number} is not newer than report {last.number}"
-        if abs(report.front - last.front) > LARGEST_SPEED * (report.time - last.time) + LARGEST_CORRECTION:
+        if abs(report.front - last.front) > MAX_SPEED * (report.time - last.time) + MAX_CORRECTION:
             return f"report {report.number} is {abs(report.front - last.front):.0f} m from report {last.number}"
         return problem
 

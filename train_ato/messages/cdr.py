@@ -125,7 +125,7 @@ Typestore = Any
 HEAD = 4
 """Length of the encapsulation [bytes]; alignment is relative to its end."""
 TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
-MOST_LEAVES = 20_000
+MAX_LEAVES = 20_000
 """Maximum number of parts of a message; a table with more columns has no use."""
 _DTYPES = {
     "bool": "?", "byte": "u1", "char": "u1", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2",
@@ -287,8 +287,8 @@ class _Walk:
                 dtype = np.dtype(self._order + _DTYPES[element[1][0]])
                 self._number(dtype, dtype.itemsize, path, count)
                 return
-            if count > MOST_LEAVES:
-                raise ValueError(f"{path} has {count} entries, more than the maximum of {MOST_LEAVES}")
+            if count > MAX_LEAVES:
+                raise ValueError(f"{path} has {count} entries, more than the maximum of {MAX_LEAVES}")
             for index in range(count):
                 self._field(element, f"{path}[{index}]")
 
@@ -313,8 +313,8 @@ class _Walk:
         begin, self.place = self.place, self.place + dtype.itemsize * (1 if count is None else count)
         self._check()
         self.numbers[begin : self.place] = True
-        if len(self.leaves) > MOST_LEAVES:
-            raise ValueError(f"more than {MOST_LEAVES} parts in one message")
+        if len(self.leaves) > MAX_LEAVES:
+            raise ValueError(f"more than {MAX_LEAVES} parts in one message")
 
     def _count(self) -> int:
         """Read a length, a part of the layout."""

@@ -15,7 +15,7 @@ MAX_FORCE = 1e10
 """Largest valid force [N]."""
 MAX_PRESSURE = 1e7
 """Largest valid pressure [Pa]."""
-LARGEST = {"m": MAX_POSITION, "m/s": MAX_SPEED, "m/s²": MAX_SPEED, "N": MAX_FORCE, "Pa": MAX_PRESSURE}
+MAX_MAGNITUDES = {"m": MAX_POSITION, "m/s": MAX_SPEED, "m/s²": MAX_SPEED, "N": MAX_FORCE, "Pa": MAX_PRESSURE}
 """Largest valid magnitude by unit."""
 
 
@@ -41,15 +41,15 @@ class AliveCheck:
 def validity_check(topic: Topic) -> Callable[[Any], str]:
     """Return a function that returns the problem of a message of a topic as text, "" for a valid message.
 
-    A value is valid if it is one of the permitted values of its field, or within :data:`LARGEST` of its unit.  In a
-    topic with ``finite=False`` a value without permitted ones may be NaN.  All readers of a topic have one function;
-    it checks a message once for consecutive readers, which do not change it.
+    A value is valid if it is one of the permitted values of its field, or within :data:`MAX_MAGNITUDES` of its unit.
+    In a topic with ``finite=False`` a value without permitted ones may be NaN.  All readers of a topic have one
+    function; it checks a message once for consecutive readers, which do not change it.
     """
     fields = []
     for place in topic.places:
         description = topic.description(place)
-        if description.permitted or description.unit in LARGEST:
-            fields.append((place.field, description.permitted, LARGEST.get(description.unit, 0.0)))
+        if description.permitted or description.unit in MAX_MAGNITUDES:
+            fields.append((place.field, description.permitted, MAX_MAGNITUDES.get(description.unit, 0.0)))
     finite = topic.finite
     last: tuple[Any, str] = None, ""
 

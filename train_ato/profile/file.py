@@ -17,7 +17,7 @@ from train_ato.messages.types import Array
 from train_ato.profile.profile import Profile, hermite, knot_count
 
 SCHEMA = "train_ato/profile/1"
-LARGEST_FILE = 256 * 2**20
+MAX_FILE = 256 * 2**20
 """Maximum size of a profile file [bytes]."""
 UNITS: dict[str, dict[str, float]] = {
     "time": {"": 1.0, "_s": 1.0, "_ms": 1e-3, "_min": 60.0},
@@ -42,8 +42,8 @@ def read_profile(path: Path, period: float | None = None) -> Profile:
         Time between the knots [s]; None keeps the knots of the file.
     """
     try:
-        if path.stat().st_size > LARGEST_FILE:
-            raise ValueError(f"{path}: larger than {LARGEST_FILE} bytes; name a profile file")
+        if path.stat().st_size > MAX_FILE:
+            raise ValueError(f"{path}: larger than {MAX_FILE} bytes; name a profile file")
         text = path.read_text(encoding="utf-8")
     except OSError as error:
         raise ValueError(f"{path}: cannot be read ({error.strerror}); name a readable profile file") from None

@@ -194,7 +194,7 @@ def is_protection_report(report: Diagnostic) -> bool:
 
 SAME_PIPE_S = 5.0
 """Maximum time between changes of the brake-pipe demand in one direction that form one event [s]."""
-SMALLEST_PIPE = 1000.0
+MIN_PIPE = 1000.0
 """Smallest change of the brake-pipe demand that is an event [Pa]."""
 NOTHING = np.empty(0), np.empty(0)
 MAX_EVENTS = 200
@@ -289,7 +289,7 @@ def _air_brake(recording: Recording) -> Iterator[Event]:
     if found is None:
         return
     time, pressure = found[0], found[1][:, 0]
-    steps = np.flatnonzero(np.abs(np.diff(pressure)) >= SMALLEST_PIPE)
+    steps = np.flatnonzero(np.abs(np.diff(pressure)) >= MIN_PIPE)
     row = 0
     while row < steps.size:
         last, sign = row, np.sign(pressure[steps[row] + 1] - pressure[steps[row]])

@@ -22,11 +22,11 @@ from train_ato.report.events import Event, detect_events
 from train_ato.report.quantities import NO_LINES, RUN_COLOURS
 from train_ato.report.words import MODES, driven_laws, evaluation_note
 
-LARGEST_CODE = 127
+MAX_CODE = 127
 """Largest magnitude of the codes of a heat map."""
 NO_CODE = -128
 """Code of a cell without a value."""
-LARGEST_STEP = 5.0
+MAX_STEP = 5.0
 """Largest difference of a step of a profile from that of its speed that is no jump [m]."""
 GAP = 3.0
 """Number of steps for which a value is held; a longer pause is a gap."""
@@ -43,7 +43,7 @@ def after_jump(time: Array, position: Array, velocity: Array) -> int:
         Knots [s, m, m/s].
     """
     steps = np.diff(position) - np.diff(time) * (velocity[1:] + velocity[:-1]) / 2.0
-    jumps = np.flatnonzero(np.abs(steps) > LARGEST_STEP)
+    jumps = np.flatnonzero(np.abs(steps) > MAX_STEP)
     return int(jumps[-1]) + 1 if jumps.size else 0
 
 
@@ -114,12 +114,12 @@ class HeatMap:
     @property
     def largest(self) -> float:
         """Value of the largest code."""
-        return LARGEST_CODE * self.unit
+        return MAX_CODE * self.unit
 
     def scaled(self, largest: float) -> "HeatMap":
         """Return the same values on a scale with another value of the largest code."""
-        unit = largest / LARGEST_CODE
-        codes = np.rint(np.clip(self.codes * (self.unit / unit), -LARGEST_CODE, LARGEST_CODE)).astype(np.int8)
+        unit = largest / MAX_CODE
+        codes = np.rint(np.clip(self.codes * (self.unit / unit), -MAX_CODE, MAX_CODE)).astype(np.int8)
         return HeatMap(np.where(self.codes == NO_CODE, np.int8(NO_CODE), codes), unit, self.begin, self.end)
 
 
@@ -146,8 +146,8 @@ def heat_map(time: Array, values: NDArray[np.floating], columns: int) -> HeatMap
     high, low = np.maximum.reduceat(finite, starts, axis=0), np.minimum.reduceat(finite, starts, axis=0)
     extreme = np.where(high >= -low, high, low)
     top = float(np.abs(extreme).max())
-    unit = top / LARGEST_CODE if top > 0 else 1.0
-    codes = np.rint(np.clip(extreme.T / unit, -LARGEST_CODE, LARGEST_CODE)).astype(np.int8)
+    unit = top / MAX_CODE if top > 0 else 1.0
+    codes = np.rint(np.clip(extreme.T / unit, -MAX_CODE, MAX_CODE)).astype(np.int8)
     held = np.searchsorted(column[starts], np.arange(count), side="right") - 1
     picture = codes[:, held]
     middles: Array = np.asarray(begin + width * (np.arange(count) + 0.5), dtype=np.float64)
@@ -217,9 +217,9 @@ CELLS = 40_000
 """Numbers in one figure of one run, with the times."""
 MAP_CELLS = 260_000
 """Cells of one heat map."""
-LEAST_COLUMNS, MOST_COLUMNS = 400, 6000
+MIN_COLUMNS, MAX_COLUMNS = 400, 6000
 """Limits of the columns of a heat map."""
-LEAST_ROWS, PROFILE_ROWS = 600, 3000
+MIN_ROWS, PROFILE_ROWS = 600, 3000
 MEASURED = ("measured_file", "measured_columns", "measured_resampled", "measured_profile", "measured_command",
             "measured_reference", "measured_notes")  # fmt: skip
 """Keys of the summary of a measured run with its origin."""
@@ -333,7 +333,7 @@ def share_of(runs: int) -> float:
 
 def columns_for(places: int, share: float) -> int:
     """Return the maximum number of columns of a heat map."""
-    return round(float(np.clip(share * MAP_CELLS / max(1, places), LEAST_COLUMNS, MOST_COLUMNS)))
+    return round(float(np.clip(share * MAP_CELLS / max(1, places), MIN_COLUMNS, MAX_COLUMNS)))
 
 
 def remarks_of(recording: Recording) -> list[str]:
@@ -348,7 +348,7 @@ def remarks_of(recording: Recording) -> list[str]:
 
 def downsampled(lines: Curves, cells: int) -> Curves:
     """Return curves reduced to about ``cells`` numbers; peaks are kept."""
-    rows = max(LEAST_ROWS, cells // (1 + len(lines.columns)))
+    rows = max(MIN_ROWS, cells // (1 + len(lines.columns)))
     chosen = kept([values for name, values in lines.columns.items() if name not in NO_LINES], rows)
     return Curves(lines.time[chosen], {name: values[chosen] for name, values in lines.columns.items()})
 

@@ -24,7 +24,7 @@ from bokeh.models import (
 from train_ato.messages.types import Array
 from train_ato.report.events import Event
 from train_ato.report.page import HEIGHT, Figure, Linked, add_page_legend, style_axis
-from train_ato.report.page_data import LARGEST_CODE, HeatMap, TrackShape
+from train_ato.report.page_data import MAX_CODE, HeatMap, TrackShape
 from train_ato.report.quantities import (
     FILLED,
     FONT,
@@ -215,14 +215,14 @@ def heat_figure(linked: Linked, picture: HeatMap, heat: Heat, largest: float | N
         heat.rows, height, tinted=False, y_range=Range1d(count - 0.5, -0.5, bounds=(-0.5, count - 0.5))
     )
     colours = buff_to_draft() if heat.signed else none_to_full()
-    low = -LARGEST_CODE if heat.signed else 0
+    low = -MAX_CODE if heat.signed else 0
     image = plot.image(
         image=[picture.codes],
         x=picture.begin,
         y=-0.5,
         dw=picture.end - picture.begin,
         dh=count,
-        color_mapper=LinearColorMapper(palette=colours, low=low, high=LARGEST_CODE, low_color=NOTHING),
+        color_mapper=LinearColorMapper(palette=colours, low=low, high=MAX_CODE, low_color=NOTHING),
         level="image",
     )
     scale = LinearColorMapper(palette=colours, low=-picture.largest if heat.signed else 0.0, high=picture.largest)

@@ -42,7 +42,7 @@ FOLLOWING = "train_ato/following/"
 """Begin of the schema of a file of trains behind each other."""
 OF_FILES = ("summary", "expect")
 """Keys of a variant that describe it and are no change of the run."""
-LARGEST_FILE = 64 * 2**20
+MAX_FILE = 64 * 2**20
 """Maximum size of a scenario file [bytes]."""
 
 MAX_TICKS = 10_000_000
@@ -264,8 +264,8 @@ def shipped_following() -> dict[str, Path]:
 
 
 def _read(path: Path) -> dict[str, Any]:
-    if path.is_file() and path.stat().st_size > LARGEST_FILE:
-        raise ValueError(f"{path}: larger than {LARGEST_FILE} bytes; name a scenario file")
+    if path.is_file() and path.stat().st_size > MAX_FILE:
+        raise ValueError(f"{path}: larger than {MAX_FILE} bytes; name a scenario file")
     data = read_yaml(path)
     if not isinstance(data, dict):
         raise ValueError(f"{path}: a scenario is a mapping of keys, not {kind_of(data)}; correct the file")

@@ -26,7 +26,7 @@ FINAL_GAINS = 250.0
 """Time before the planned stop from which the gains are those of :func:`final_gains` [s]."""
 WAVE_IMPEDANCE = 0.85e6
 """Largest gain of a power unit on its speed error [N s/m]: wave impedance of the couplers of wagons, with a reserve."""
-LARGEST_KP = 0.08
+MAX_KP = 0.08
 """Largest gain on the speed error per mass [1/s]."""
 
 
@@ -53,7 +53,7 @@ def final_gains(inertia: float, units: int) -> dict[str, float]:
     units
         Number of power units.
     """
-    kp = round(min(LARGEST_KP, WAVE_IMPEDANCE * units / inertia), 4)
+    kp = round(min(MAX_KP, WAVE_IMPEDANCE * units / inertia), 4)
     return {"kp": kp, "ki": round(kp**2, 6)}
 
 

@@ -28,7 +28,14 @@ from train_ato.api.scenario_choice import Changes, GivenScenario, choose_scenari
 from train_ato.api.series_folder import KeptRuns
 from train_ato.control.air_brake.shoes import ShoeForecast
 from train_ato.control.algorithms.train_constants import wave_time as waves_through
-from train_ato.control.learned_resistance import DIGITS, LARGEST, SCHEMA, LearnedResistance, learned_text, model_hash
+from train_ato.control.learned_resistance import (
+    DIGITS,
+    MAX_RESISTANCE,
+    SCHEMA,
+    LearnedResistance,
+    learned_text,
+    model_hash,
+)
 from train_ato.control.mpc.motion_observer import WAVE_SPEED
 from train_ato.control.observers.force_balance import lag_weight
 from train_ato.control.train_model import TrainModel
@@ -50,9 +57,9 @@ MOVING = 0.5
 """Speed above which a sample counts [m/s]: the holding brake and the fade of the electric brake are below."""
 GRADE_CHANGE = 0.05
 """Standard deviation of the change of r in a second [m/s²]."""
-SMALLEST_NOISE = 1e-4
+MIN_NOISE = 1e-4
 """Smallest standard deviation of the measured speed [m/s]."""
-SHORTEST = 20
+MIN_STRETCH = 20
 """Number of samples of the shortest stretch of motion that counts."""
 
 
@@ -112,14 +119,14 @@ def residual_of(recording: Recording, model: TrainModel) -> Residual:
         places.append(0.5 * (place[begin : end - 1] + place[begin + 1 : end]))
     if not places:
         raise ValueError(f"{recording.name}: the train does not move above {MOVING:g} m/s; give a run with motion")
-    return Residual(np.concatenate(places), np.clip(np.concatenate(values), -LARGEST, LARGEST))
+    return Residual(np.concatenate(places), np.clip(np.concatenate(values), -MAX_RESISTANCE, MAX_RESISTANCE))
 
 
 def _stretches(speed: Array) -> list[tuple[int, int]]:
     """Return begin and end of every stretch of motion, in samples."""
     moving = np.concatenate(([0], (np.abs(speed) > MOVING).astype(np.int8), [0]))
     edges = np.flatnonzero(np.diff(moving)).reshape(-1, 2)
-    return [(int(begin), int(end)) for begin, end in edges if end - begin >= SHORTEST]
+    return [(int(begin), int(end)) for begin, end in edges if end - begin >= MIN_STRETCH]
 
 
 def _shoe_forces(recording: Recording, model: TrainModel, speed: Array) -> Array:
@@ -138,7 +145,7 @@ def _shoe_forces(recording: Recording, model: TrainModel, speed: Array) -> Array
 def speed_noise(speed: Array) -> float:
     """Return the standard deviation of the noise of a measured speed [m/s], from its second differences."""
     bends = np.abs(speed[2:] - 2.0 * speed[1:-1] + speed[:-2])
-    return max(SMALLEST_NOISE, float(np.median(bends)) / (0.6745 * math.sqrt(6.0)))
+    return max(MIN_NOISE, float(np.median(bends)) / (0.6745 * math.sqrt(6.0)))
 
 
 def smoothed_resistance(speed: Array, pull: Array, steps: Array, waves: float = 0.0) -> Array:
@@ -159,7 +166,7 @@ def smoothed_resistance(speed: Array, pull: Array, steps: Array, waves: float = 
     count = steps.size
     states, covariances = np.empty((count + 1, 2)), np.empty((count + 1, 3))
     before, predicted = np.empty((count, 2)), np.empty((count, 3))
-    v, r, vv, vr, rr = float(speed[0]), 0.0, noise, 0.0, LARGEST**2
+    v, r, vv, vr, rr = float(speed[0]), 0.0, noise, 0.0, MAX_RESISTANCE**2
     states[0], covariances[0] = (v, r), (vv, vr, rr)
     for k, (h, a, seen) in enumerate(zip(steps.tolist(), pull.tolist(), speed[1:].tolist(), strict=True)):
         v, vv, vr = v + h * (a - r), vv - 2.0 * h * vr + h * h * rr, vr - h * rr
@@ -271,7 +278,7 @@ class RunAverage:
         known = np.flatnonzero(number)
         total = np.where(kept, rising, 0.0).sum(axis=0)[known]
         mean = total / (number - 2 * left_out)[known]
-        values = np.clip(np.interp(np.arange(known[0], known[-1] + 1), known, mean), -LARGEST, LARGEST)
+        values = np.clip(np.interp(np.arange(known[0], known[-1] + 1), known, mean), -MAX_RESISTANCE, MAX_RESISTANCE)
         begin = self.begin + self._spacing * float(known[0])
         return begin, tuple(round(value, DIGITS) + 0.0 for value in values.tolist())
 

@@ -82,7 +82,7 @@ def motion_estimate(speed: float, acceleration: float, distance: float, balise_a
 
 ACCELERATION_TIME = 1.2
 """Time over which an acceleration is averaged [s]; vibrations of a long train are shorter."""
-LONGEST = 1204
+MAX_SPEEDS = 1204
 """Number of kept speeds, more than there are steps of 1 ms in the time of the average."""
 
 
@@ -96,7 +96,7 @@ class PastSpeed:
 
 def past_speeds() -> Any:
     """Return the records of the speeds of an average, used in turn."""
-    return zeros(PastSpeed, LONGEST)
+    return zeros(PastSpeed, MAX_SPEEDS)
 
 
 class Averaged(Protocol):

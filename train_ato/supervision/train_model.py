@@ -34,21 +34,21 @@ POLYNOMIALS: tuple[tuple[float, tuple[float, float, float, float]], ...] = (
 """Upper bound [km/h] and coefficients of lambda³ ... lambda⁰ of the further steps: A.3.7.5, A.3.7.6."""
 LONG_TRAIN = 900.0
 """Length above which freight trains have other build-up coefficients [m]: A.3.8, A.3.9."""
-SHORTEST = 400.0
+MIN_LENGTH = 400.0
 """Shortest length in the build-up times with a lower bound of the length [m]: A.3.8, A.3.9."""
 TARGET_SPEED_SHARE: dict[str, float] = {"PassengerTrainInP": 0.20, "FreightTrainInP": 0.20, "FreightTrainInG": 0.16}
 """C_t of the correction 1 + C_t of build-up times for target speeds above 0: A.3.8.5."""
 _LONG_EMERGENCY, _LONG_SERVICE = (-0.40, 1.60, 0.03), (10.50, 0.32, 0.18)
 EMERGENCY_TIMES: dict[str, tuple[tuple[float, float, float], tuple[float, float, float], float]] = {
-    "PassengerTrainInP": ((2.30, 0.00, 0.17), (2.30, 0.00, 0.17), SHORTEST),
-    "FreightTrainInP": ((2.30, 0.00, 0.17), _LONG_EMERGENCY, SHORTEST),
+    "PassengerTrainInP": ((2.30, 0.00, 0.17), (2.30, 0.00, 0.17), MIN_LENGTH),
+    "FreightTrainInP": ((2.30, 0.00, 0.17), _LONG_EMERGENCY, MIN_LENGTH),
     "FreightTrainInG": ((12.00, 0.00, 0.05), _LONG_EMERGENCY, 0.0),
 }
 """Coefficients up to 900 m and beyond, and shortest length [m], of the emergency brake: A.3.8.1-A.3.8.3."""
 SERVICE_TIMES: dict[str, tuple[tuple[float, float, float], tuple[float, float, float], float]] = {
     "PassengerTrainInP": ((3.00, 1.50, 0.10), (3.00, 1.50, 0.10), 0.0),
     "FreightTrainInP": ((3.00, 2.77, 0.00), _LONG_SERVICE, 0.0),
-    "FreightTrainInG": ((3.00, 2.77, 0.00), _LONG_SERVICE, SHORTEST),
+    "FreightTrainInG": ((3.00, 2.77, 0.00), _LONG_SERVICE, MIN_LENGTH),
 }
 """As above for the full service brake: A.3.9.1-A.3.9.3."""
 

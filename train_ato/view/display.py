@@ -73,7 +73,7 @@ def add_hover(plot: Any, renderer: Any, rows: list[tuple[str, str]], *, across: 
     plot.add_tools(tool)
 
 
-MOST_KNOTS = 4000
+MAX_KNOTS = 4000
 FAR = 1e4
 """Place to which the last step of limit and grade is drawn [km]."""
 
@@ -133,7 +133,7 @@ class Ahead:
     def show_profile(self, profile: ProfileCurve, facts: Facts, scale: float) -> None:
         """Draw a profile over the place of the front of the train, downsampled; the last knot is kept."""
         begin, last = after_jump(profile.time, profile.position, profile.velocity), profile.time.size - 1
-        chosen = np.unique(np.linspace(begin, last, min(last - begin + 1, MOST_KNOTS)).astype(int))
+        chosen = np.unique(np.linspace(begin, last, min(last - begin + 1, MAX_KNOTS)).astype(int))
         self._profile.data = {
             "place": (profile.position[chosen] + facts.nose) / 1e3,
             "speed": KMH * profile.velocity[chosen],

@@ -19,7 +19,7 @@ SCALES = (40, 60, 80, 100, 120, 160, 200, 250, 300, 350, 400, 500)
 """Ends of the speed dial [km/h]."""
 BRAKING = 0.02
 """Deceleration of the plan from which it brakes [m/s²]."""
-SHORTEST_BRAKING_S = 3.0
+MIN_BRAKING_S = 3.0
 """Duration below which a deceleration of the plan is no brake application [s]."""
 REST = 1e-3
 """Speed below which the plan is at rest [m/s]."""
@@ -71,7 +71,7 @@ class ProfileCurve:
         """Positions of vehicle 0's centre at begin and end of the planned decelerations [m], shape (n, 2)."""
         braking = np.concatenate(([False], self.acceleration < -BRAKING, [False]))
         begins, ends = (np.flatnonzero(braking[1:] & ~braking[:-1]), np.flatnonzero(~braking[1:] & braking[:-1]))
-        long = self.time[ends] - self.time[begins] > SHORTEST_BRAKING_S
+        long = self.time[ends] - self.time[begins] > MIN_BRAKING_S
         return np.column_stack((self.position[begins[long]], self.position[ends[long]]))
 
 
@@ -188,7 +188,7 @@ def facts_of(setup: RunSetup) -> Facts:
 
 PLAN_LASTS = 2.0
 """Time from the first point of a plan on after which it is not drawn [s]: twice the time between two plans."""
-LEAST_SLACK = 0.05
+MIN_SLACK = 0.05
 """Smallest excess of the permitted speed that is shown [km/h]: half of the last digit."""
 
 
@@ -222,4 +222,4 @@ def plan_words(plan: LawPlan | None, time: float) -> str:
     if plan is None or not is_current(plan, time):
         return ""
     excess = KMH * float(plan.slack.max())
-    return f"plan {plan.status}" + (f", {excess:.1f} km/h above the limit" if excess > LEAST_SLACK else "")
+    return f"plan {plan.status}" + (f", {excess:.1f} km/h above the limit" if excess > MIN_SLACK else "")

@@ -63,7 +63,7 @@ def _read_summary(folder: Path | None) -> dict[str, Any]:
         return {}
 
 
-MOST_ROWS = 6000
+MAX_ROWS = 6000
 """Number of kept rows: five minutes of wall time at 20 frames a second."""
 GROW = 2
 
@@ -77,7 +77,7 @@ class Strip:
         Number of rows added so far.
     """
 
-    def __init__(self, rows: int = MOST_ROWS) -> None:
+    def __init__(self, rows: int = MAX_ROWS) -> None:
         self.rows = rows
         self._table: Array = np.zeros((GROW * rows, len(STRIP)))
         self._used = 0
@@ -100,7 +100,7 @@ class Strip:
 
 
 FRAMES_PER_SECOND = 20
-LEAST_REACH, LEAST_SHOE = 100.0, 10.0
+MIN_REACH, MIN_SHOE = 100.0, 10.0
 """Least ends of the force axes along the train [kN]: couplers, shoes."""
 ROOM = 1.25
 KEPT_S = 60.0
@@ -222,7 +222,7 @@ class Feed:
         self.timetable: ProfileCurve | None = None
         self.acknowledged: frozenset[int] = frozenset()
         self.repeatable = self.again = False
-        self._axes = {"coupler": ForceAxis(LEAST_REACH), "shoe": ForceAxis(LEAST_SHOE)}
+        self._axes = {"coupler": ForceAxis(MIN_REACH), "shoe": ForceAxis(MIN_SHOE)}
 
     def take_profile(self, profile: ProfileCurve) -> None:
         """Replace the profile in force."""

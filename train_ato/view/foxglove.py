@@ -26,7 +26,7 @@ from train_ato.view.reader import Copied
 from train_ato.view.recorded import RecordedFeed
 from train_ato.view.train_scene import VEHICLES, SceneSampler
 
-MOST_AT_ONCE = 20_000
+MAX_AT_ONCE = 20_000
 """Messages of a recorded run sent in one period; the rest of a longer interval is skipped."""
 
 
@@ -231,7 +231,7 @@ class _Played:
         if self._time < 0 or step < 0 or step > 2_000_000_000 * max(1.0, self._feed.speed / FRAMES_PER_SECOND):
             self._enter(now, send)
         self._time = now
-        for _ in range(MOST_AT_ONCE):
+        for _ in range(MAX_AT_ONCE):
             message = self._ahead or next(self._messages, None)
             self._ahead = message
             if message is None or message.publish_ns > now:

@@ -161,7 +161,7 @@ BLUE, ORANGE, GREEN, PURPLE, SKY, RED, BLACK, GREY = (
 )  # fmt: skip
 CYCLE = (BLUE, ORANGE, GREEN, PURPLE, SKY, RED, BLACK, GREY)
 """Colours of several parts of a train, distinct for colour-blind readers (Okabe and Ito)."""
-MOST_CURVES = 5
+MAX_CURVES = 5
 """Vehicles, and power units, in one panel."""
 KILO = 1e-3
 
@@ -230,7 +230,7 @@ def _curves(wanted: Wanted) -> tuple[LayoutCurve, ...]:
     return tuple(LayoutCurve(signal, label, color) for signal, label, color in wanted if signal is not None)
 
 
-def spread(count: int, most: int = MOST_CURVES) -> list[int]:
+def spread(count: int, most: int = MAX_CURVES) -> list[int]:
     """Return at most ``most`` numbers below ``count``, from the first to the last one in equal distances."""
     if count <= most:
         return list(range(count))

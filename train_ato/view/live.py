@@ -43,7 +43,7 @@ from train_ato.view.snapshot import Snapshot
 
 LATEST_START_S = 1.0
 """Largest simulated time of the first snapshot: a page that joins later has no samples of the start."""
-EVERY_S, LARGEST_LOAD = 1.0, 0.05
+EVERY_S, MAX_LOAD = 1.0, 0.05
 """Shortest wall time between two evaluations [s], and their largest part of the wall time."""
 COLOURS = {True: "#4caf7d", False: "#ff6b5e", None: "inherit"}
 
@@ -83,7 +83,7 @@ class LiveRequirements:
             return
         self.markup = "<br>".join(_line(name, found) for name, found in self.evaluate().items())
         end = time.monotonic()
-        self._due = end + max(EVERY_S, (end - begin) / LARGEST_LOAD)
+        self._due = end + max(EVERY_S, (end - begin) / MAX_LOAD)
 
     def evaluate(self) -> dict[str, Robustness]:
         """Return the bounds of every requirement; {} without snapshots from the start."""
@@ -150,7 +150,7 @@ LEARN_AGAIN_S, LEARN_SLOWEST_S = 0.5, 16.0
 FACTOR_SPAN_S = 1.0
 BRAKE_APPLIED = "emergency brake applied"
 LABELS = {BRAKE_APPLIED: "emergency", "emergency brake released": "released"}
-MOST_COPIED = 20_000
+MAX_COPIED = 20_000
 """Largest number of messages in a tap; the oldest are dropped."""
 ENDING_S = 30.0
 """Maximum wall time for the thread of the feed to end [s]."""
@@ -298,7 +298,7 @@ class LiveFeed(Feed):
 
     def subscribe(self) -> deque[Copied]:
         """Return a queue of the serialized messages from now on; without a queue they are not read."""
-        queue: deque[Copied] = deque(maxlen=MOST_COPIED)
+        queue: deque[Copied] = deque(maxlen=MAX_COPIED)
         self.controls.submit(lambda: self._taps.append(queue))
         return queue
 

@@ -48,7 +48,7 @@ def may_read_topics(host: str, origins: list[str]) -> bool:
     return scheme in ("http", "https") and bool(separator) and host_of(rest) in LOCAL_NAMES
 
 
-LARGEST_HEAD = 1 << 14
+MAX_HEAD = 1 << 14
 """Maximum size of the head of a request [bytes]."""
 HEAD_S = 10.0
 """Maximum wall time for the head of a request [s]."""
@@ -89,7 +89,7 @@ class OriginGate:
         self._loop = asyncio.new_event_loop()
         try:
             self._server = self._loop.run_until_complete(
-                asyncio.start_server(self._accept, LOOPBACK, port, limit=LARGEST_HEAD)
+                asyncio.start_server(self._accept, LOOPBACK, port, limit=MAX_HEAD)
             )
         except OSError:
             self._loop.close()

@@ -2,12 +2,12 @@
 
 from typing import Any
 
-MOST_POINTS = 800
+MAX_POINTS = 800
 """Largest number of points of the speed; a page is rarely wider in pixels."""
 
 
 class WholeRun:
-    """Speed, limit, law and state of the ATO from the start of a run; at most :data:`MOST_POINTS` times.
+    """Speed, limit, law and state of the ATO from the start of a run; at most :data:`MAX_POINTS` times.
 
     Parameters
     ----------
@@ -22,7 +22,7 @@ class WholeRun:
 
     def __init__(self, span: tuple[float, float]) -> None:
         self._span = span
-        self._step = max(span[1] - span[0], 0.0) / MOST_POINTS
+        self._step = max(span[1] - span[0], 0.0) / MAX_POINTS
         self._points: list[tuple[float, float, float]] = []
         self._bands: dict[str, list[tuple[float, str]]] = {"law": [], "ato": []}
         self.number = 0
@@ -38,7 +38,7 @@ class WholeRun:
             return
         self._points.append((time, speed, limit))
         self.number += 1
-        if len(self._points) > MOST_POINTS:  # a run of unknown duration
+        if len(self._points) > MAX_POINTS:  # a run of unknown duration
             del self._points[1::2]
             self._step = (self._points[-1][0] - self._points[0][0]) / (len(self._points) - 1)
 

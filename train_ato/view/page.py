@@ -39,7 +39,7 @@ from train_ato.report.summary_rows import SUPERVISION, run_groups
 from train_ato.report.writing import short_clock
 from train_ato.view.display import Ahead, Strips, add_hover, dial, force_bar, tick_columns
 from train_ato.view.facts import Facts, ProfileCurve
-from train_ato.view.feed import FRAMES_PER_SECOND, LEAST_REACH, LEAST_SHOE, Ending, Feed, Mark
+from train_ato.view.feed import FRAMES_PER_SECOND, MIN_REACH, MIN_SHOE, Ending, Feed, Mark
 from train_ato.view.recorded import RecordedFeed
 from train_ato.view.snapshot import LIMIT_NAMES, full_clock
 from train_ato.view.style import BUFF, DRAFT, SHOE, SOFT, THEME, WIDGETS
@@ -136,7 +136,7 @@ def _summary(feed: RecordedFeed) -> str:
     return f"<table style='width:100%;font-size:12px;line-height:1.6;white-space:nowrap'>{rows}</table>"
 
 
-MOST_BRAKINGS = 400
+MAX_BRAKINGS = 400
 """Largest number of planned brake applications that are sent."""
 
 
@@ -157,7 +157,7 @@ def track_ahead(facts: Facts, profile: ProfileCurve | None) -> dict[str, list[An
         "grades": np.column_stack((facts.grade_places, facts.grades, elevations)).round(3).tolist(),
         "limits": np.column_stack((facts.limit_places, KMH * facts.limit_speeds)).round(3).tolist(),
         "stops": (stops + facts.nose).round(3).tolist(),
-        "brakings": (brakings[:MOST_BRAKINGS] + facts.nose).round(1).tolist(),
+        "brakings": (brakings[:MAX_BRAKINGS] + facts.nose).round(1).tolist(),
         "rear": rear.round(2).tolist(),
         "length": [facts.length],
         "window": [facts.stop_window],
@@ -171,7 +171,7 @@ def _elevations(places: Array, grades: Array) -> Array:
     return np.concatenate(([0.0], np.cumsum(np.diff(places) * grades[:-1] / 1e3)))
 
 
-MOST_MESSAGES = 5
+MAX_MESSAGES = 5
 """Largest number of messages on the page: lines of the message area of ERA_ERTMS_015560, 8.2.3.4."""
 
 
@@ -193,7 +193,7 @@ def message_rows(
     """
     past = [(number, mark) for number, mark in enumerate(marks) if mark.text and mark.time <= time + 1e-9]
     waiting = {number for number, mark in past if live and mark.acknowledge and number not in acknowledged}
-    newest = sorted(past, key=lambda entry: (entry[0] in waiting, entry[0]), reverse=True)[:MOST_MESSAGES]
+    newest = sorted(past, key=lambda entry: (entry[0] in waiting, entry[0]), reverse=True)[:MAX_MESSAGES]
     return {
         "number": [number for number, _ in newest],
         "clock": [short_clock(mark.time) for _, mark in newest],
@@ -221,8 +221,8 @@ class Along:
         self.source = ColumnDataSource({"vehicle": np.arange(n), "coupler": zeros, "shoe": zeros})
         self._count = n
         span = Range1d(n - 0.4, -0.6)
-        self.reach = Range1d(-LEAST_REACH, LEAST_REACH)
-        self.shoe_reach = Range1d(0.0, LEAST_SHOE)
+        self.reach = Range1d(-MIN_REACH, MIN_REACH)
+        self.shoe_reach = Range1d(0.0, MIN_SHOE)
         coupler = figure(x_range=span, y_range=self.reach, y_axis_label="coupler kN", name="along", **tools)
         sign = LinearColorMapper(palette=[BUFF, DRAFT], low=-1e-6, high=1e-6)
         bars = coupler.vbar(

@@ -24,7 +24,7 @@ TOTALS = (
 )
 """Panels with totals in the diagnostics of the plant."""
 LOADER = "DataLoad MCAP"
-LEAST_ARRAY = 500
+MIN_ARRAY = 500
 """Smallest limit of the loader for the length of an array, its default."""
 
 
@@ -133,7 +133,7 @@ def _data_file(root: ET.Element, log: LogSignals, target: Path) -> None:
         use_timestamp="1",
         use_mcap_log_time="0",
         clamp_large_arrays="0",
-        max_array_size=str(max(LEAST_ARRAY, longest)),
+        max_array_size=str(max(MIN_ARRAY, longest)),
         selected_topics=topics,
     )
 

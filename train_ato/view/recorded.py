@@ -32,11 +32,11 @@ from train_ato.messages.types import Array
 from train_ato.report.events import Event, detect_events
 from train_ato.view.facts import Facts, ProfileCurve, facts_of, plan_of_row
 from train_ato.view.feed import FRAMES_PER_SECOND, REPORT_PAGE, Ending, Feed, Mark, protection_history
-from train_ato.view.overview import MOST_POINTS as POINTS_OF_OVERVIEW
+from train_ato.view.overview import MAX_POINTS as POINTS_OF_OVERVIEW
 from train_ato.view.overview import WholeRun
 from train_ato.view.snapshot import STRIP, Snapshot
 
-MOST_POINTS = 1500
+MAX_POINTS = 1500
 """Largest number of points of a strip chart in one message."""
 LABELS = {"limit": "force limit", "air_brake": "air brake"}
 """Labels of kinds of event that differ from the name of the kind."""
@@ -219,7 +219,7 @@ class RecordedFeed(Feed):
         """Return the columns of the strip charts between two times [s], downsampled by a constant stride."""
         times = self._table["time"]
         first, last = np.searchsorted(times, (begin, end))
-        stride = max(1, math.ceil((last - first) / MOST_POINTS))
+        stride = max(1, math.ceil((last - first) / MAX_POINTS))
         return {name: column[first:last:stride] for name, column in self._table.items()}
 
 

@@ -25,7 +25,7 @@ from train_ato.view.train_scene import (
     DEFAULT_RATE,
     GAP,
     HEIGHT,
-    LEAST_SCALE,
+    MIN_SCALE,
     VEHICLES,
     WIDTH,
     SceneSampler,
@@ -84,7 +84,7 @@ def write_scene_log(
     """
     path = log_file(run)
     force, worst = largest_force(run, setup)
-    force = max(force, LEAST_SCALE)
+    force = max(force, MIN_SCALE)
     sampler = SceneSampler(setup, rate, force)
     wall_time = read_wall_time(path)
     log = LogFile(folder, attachments(path), wall_time=wall_time)
@@ -135,7 +135,7 @@ def largest_force(run: Path, setup: RunSetup) -> tuple[float, float]:
 
 
 TIMELINE = "simulated_time"
-MOST_COLUMNS = 40
+MAX_COLUMNS = 40
 """Largest number of columns of a table that is drawn as curves; the vehicles of a longer train are in the scene."""
 MISSING = "the package rerun-sdk is not installed; install it with `pip install rerun-sdk` (Python 3.11 or later)"
 
@@ -176,7 +176,7 @@ def write_rerun(
     curves = [
         (f"{topic}/{name}", times, column)
         for topic, frame in frames.items()
-        if 0 < frame.shape[1] <= MOST_COLUMNS
+        if 0 < frame.shape[1] <= MAX_COLUMNS
         for times in [_seconds(frame)]
         for name, column in _numbers(frame)
     ]
@@ -198,7 +198,7 @@ def _send_scene(
     rerun: Any, recording: Any, run: Path, setup: RunSetup, *, rate: float, progress: Callable[[float], None]
 ) -> None:
     """Send the track once, and the vehicles as boxes in the colour of their larger coupler force."""
-    full = max(largest_force(run, setup)[0], LEAST_SCALE)
+    full = max(largest_force(run, setup)[0], MIN_SCALE)
     alignment, wire = Alignment(setup.line), Wire(setup.layout)
     drawn = alignment.at(alignment.drawn_places())
     recording.log("scene", rerun.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)

@@ -21,7 +21,7 @@ AROUND = 0.15
 """Margin around the train, as a part of its length."""
 FORMAT = 3.2
 """Width over height of the enlarged plan."""
-LEAST_SHOWN = 100.0
+MIN_SHOWN = 100.0
 """Smallest width of the enlarged plan [m]."""
 
 
@@ -119,7 +119,7 @@ def _around(axes: Any, centres: Array) -> None:
     """Show the train with a margin, in the format of the figure."""
     low, high = centres[:, :2].min(axis=0), centres[:, :2].max(axis=0)
     wide, tall = (high - low) * (1 + 2 * AROUND)
-    half = max(wide, FORMAT * tall, LEAST_SHOWN) / 2
+    half = max(wide, FORMAT * tall, MIN_SHOWN) / 2
     middle = (low + high) / 2
     axes.set_xlim(middle[0] - half, middle[0] + half)
     axes.set_ylim(middle[1] - half / FORMAT, middle[1] + half / FORMAT)

@@ -31,7 +31,7 @@ from train_ato.view.page import MARK_PATH, ViewPage
 ANYWHERE = ("0.0.0.0", "::", "")
 UNUSED_MS = 5_000
 """Time after which the state of a closed browser window is dropped."""
-LARGEST_MESSAGE = 1 << 20
+MAX_MESSAGE = 1 << 20
 
 
 class PageServer:
@@ -80,7 +80,7 @@ class PageServer:
             extra_patterns=[(REPORT_PAGE, ReportHandler, {"feed": feed}), (MARK_PATH, _Mark, {"feed": feed})],
             extra_websocket_origins=[f"{name}:{self.port}" for name in _names(address)],
             absolute_url=self.url,
-            websocket_max_message_size_bytes=LARGEST_MESSAGE,
+            websocket_max_message_size_bytes=MAX_MESSAGE,
             unused_session_lifetime_milliseconds=UNUSED_MS,
             check_unused_sessions_milliseconds=UNUSED_MS,
         )

@@ -127,7 +127,7 @@ def _row(reached: Array, position: float) -> int:
     return min(int(np.searchsorted(reached, position, side="left")), reached.size - 1)
 
 
-LEAST_ARC = 1e-3
+MIN_ARC = 1e-3
 """Smallest angle between two limits on the dial [rad]: Bokeh draws a ring between equal angles as a full ring."""
 DIAL_BEGIN, DIAL_SWEEP = math.radians(225.0), math.radians(270.0)
 """Angle of 0 km/h on the speed dial and its clockwise range [rad]."""
@@ -297,7 +297,7 @@ def _supervised(moment: Snapshot, scale: float) -> dict[str, Any]:
     angles: list[float] = []
     for speed in speeds:
         at = angle(speed if math.isfinite(speed) else scale, scale)
-        angles.append(min(at, angles[-1] - LEAST_ARC) if angles else at)
+        angles.append(min(at, angles[-1] - MIN_ARC) if angles else at)
     return {
         **{f"{name}_angle": at for name, at in zip(LIMIT_NAMES, angles, strict=True)},
         **{
@@ -332,9 +332,9 @@ def _guided(moment: Snapshot, facts: Facts, profile: ProfileCurve | None, scale:
         "gauge_colour": gauge if limited else "#22384c",
         "above_colour": above,
         "above_alpha": 0.3 if found.state <= SupervisionState.INDICATION else 1.0,
-        "gauge_angle": permitted if limited else DIAL_BEGIN - LEAST_ARC,
-        "target_angle": max(angle(target, scale), permitted + LEAST_ARC) if limited else DIAL_BEGIN - LEAST_ARC / 2,
-        "above_angle": min(angle(KMH * found.intervention, scale), permitted - LEAST_ARC),
+        "gauge_angle": permitted if limited else DIAL_BEGIN - MIN_ARC,
+        "target_angle": max(angle(target, scale), permitted + MIN_ARC) if limited else DIAL_BEGIN - MIN_ARC / 2,
+        "above_angle": min(angle(KMH * found.intervention, scale), permitted - MIN_ARC),
         "hooked": float(limited),
         "guidance": found.state.text,
         "target_m": found.target_distance,

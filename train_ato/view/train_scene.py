@@ -23,7 +23,7 @@ DEFAULT_RATE = 5.0
 MAP, BASE = "map", "base_link"
 WIDTH, HEIGHT, GAP = 2.9, 3.4, 0.7
 """Size of the drawn vehicles and the gap between them [m]."""
-LEAST_SCALE = 50e3
+MIN_SCALE = 50e3
 """Smallest coupler force with the full colour [N]."""
 DRAFT, BUFF, NEUTRAL = (0.70, 0.09, 0.17), (0.13, 0.40, 0.67), (0.85, 0.85, 0.85)
 """Colours of draft, buff and no force (red, green, blue), distinct for colour-blind readers."""
@@ -62,7 +62,7 @@ class TrainScene:
     def __init__(self, setup: RunSetup, full_force: float | None = None) -> None:
         self._line, self._lengths = setup.line, [vehicle.length for vehicle in setup.consist.vehicles]
         self._alignment = Alignment(setup.line)
-        self._full, self._fixed = max(full_force or 0.0, LEAST_SCALE), full_force is not None
+        self._full, self._fixed = max(full_force or 0.0, MIN_SCALE), full_force is not None
         names = [f"vehicle_{number}" for number in range(len(self._lengths))]
         self._transforms = _transforms([(MAP, name) for name in names])
         self._poses = _poses(len(names))

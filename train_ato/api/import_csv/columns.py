@@ -8,7 +8,7 @@ from typing import Any, get_args
 from plant_sim.input_error import close_match
 from plant_sim.units import Force, Length, Pressure, Speed, Time, Unit, unit_suffix
 
-LARGEST_GAP = 5.0
+MAX_GAP = 5.0
 """Default of the maximum time between rows [s]."""
 TIMESTAMP = "timestamp"
 """Column of date and time of day instead of seconds."""

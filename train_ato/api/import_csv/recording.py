@@ -7,7 +7,7 @@ import numpy as np
 from plant_sim.chainage import places_along
 from plant_sim.line import Line
 from plant_sim.units import number_text
-from train_ato.api.import_csv.columns import LARGEST_GAP, Column
+from train_ato.api.import_csv.columns import MAX_GAP, Column
 from train_ato.api.import_csv.faults import FileFaults
 from train_ato.api.import_csv.samples import ColumnSamples, Rows
 from train_ato.api.import_csv.table import CsvTable
@@ -75,7 +75,7 @@ def measured(
     half: float,
     offsets: Array,
     *,
-    largest_gap: float = LARGEST_GAP,
+    largest_gap: float = MAX_GAP,
     line: Line,
     against: bool = False,
 ) -> Measured:

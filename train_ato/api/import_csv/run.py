@@ -24,7 +24,7 @@ from train_ato.program.version import VERSION
 from train_ato.scenario.scenario import SCHEMA, check_scenario
 from train_ato.scenario.setup import RunSetup, prepare
 
-LARGEST_STEP = 0.005
+MAX_STEP = 0.005
 """Maximum plant step of the scenario [s]."""
 REDUCTION_STEP = 10e3
 """Resolution of the brake events from a recorded brake-pipe reduction [Pa]."""
@@ -59,7 +59,7 @@ def measured_setup(found: Measured, profile: Profile, consist: str, line: str, n
         "source": f"Imported from {path.name}; the profile is the measured speed.",
         "duration": tick * (len(profile) - 1),
         "tick": tick,
-        "step": min(tick, LARGEST_STEP),
+        "step": min(tick, MAX_STEP),
         "plant": {"consist": _absolute(consist), "line": _absolute(line)},
         "profile": {"knots": csv_text(profile, f"measured: {path.name}"), **rolling},
     }

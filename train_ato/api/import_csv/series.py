@@ -18,13 +18,13 @@ MAX_FORCE_RATIO = 3.0
 WORK_NOTE, WORK_BRAKED, WORK_REFUSED = (0.63, 1.45), (0.4, 2.5), (0.1, 10.0)
 """Work of the force over the energy that the train needs, outside of which there is a note (also where the train brakes
 in between), and an error of the unit. A speed in mph that is read as km/h has 1.6."""
-LEAST_FORCE, REFERENCE = 0.01, (0.4, 2.5)
+MIN_FORCE, REFERENCE = 0.01, (0.4, 2.5)
 """Force over the brake envelope, and reference over measured speed, of a probably wrong unit."""
 BRAKING, BRAKED_SHARE = 0.3, 0.2
 """Deceleration [m/s²], and share of the work of the traction during it, that a note names."""
 CHARGED = (0.7, 1.5)
 """Largest brake-pipe pressure over that of the charged pipe, outside of which a note names the unit."""
-LEAST_WORK = 1e5
+MIN_WORK = 1e5
 """Energy below which the work is not checked [J]."""
 KWH = 3.6e6
 ATMOSPHERE = 101.325e3
@@ -194,7 +194,7 @@ def _check_work(found: Measured, setup: RunSetup) -> None:
     )
     ratio = work(np.maximum(force, 0.0)) / needed
     usual = WORK_BRAKED if (np.diff(v) < -BRAKING * steps).any() else WORK_NOTE
-    if needed < LEAST_WORK or usual[0] <= ratio <= usual[1]:
+    if needed < MIN_WORK or usual[0] <= ratio <= usual[1]:
         return
     samples = next(iter(found.force.values()))
     title, against = samples.column.title, work(np.maximum(-force, 0.0))
@@ -231,7 +231,7 @@ def _note_units(found: Measured, setup: RunSetup) -> None:
     ):
         first = next(iter(group.values()), None)
         most = sum(float((sign * samples.values).max()) for samples in group.values())
-        if first is not None and 0.0 < most < LEAST_FORCE * brake:
+        if first is not None and 0.0 < most < MIN_FORCE * brake:
             column = (sign < 0 and group is found.force and found.table.find("brake_force")) or first.column
             found.notes.append(
                 f"{column.title}: {what} of at most {number_text(most / 1e3)} kN, a hundredth of the train's "

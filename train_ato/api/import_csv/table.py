@@ -170,7 +170,7 @@ def _microseconds(text: str, first: str) -> int | None:
     return ((moment if moment.tzinfo is not None else moment.replace(tzinfo=timezone.utc)) - _ZERO) // _UNIT
 
 
-LARGEST_FILE = 512 * 2**20
+MAX_FILE = 512 * 2**20
 """Maximum size of a file [bytes]."""
 SEPARATORS = (";", "\t", ",")
 _NUMBER = re.compile(r"^[-+]?(\d+[.,]?\d*|[.,]\d+)([eE][-+]?\d+)?$")
@@ -358,8 +358,8 @@ def _with_times(titles: list[str], names: list[str], cells: list[str], given: se
 def _lines(path: Path) -> Iterator[tuple[int, str]]:
     """Yield the lines with content and their numbers."""
     try:
-        if path.stat().st_size > LARGEST_FILE:
-            raise ValueError(f"{path}: larger than {LARGEST_FILE // 2**20} MB; split it into single runs")
+        if path.stat().st_size > MAX_FILE:
+            raise ValueError(f"{path}: larger than {MAX_FILE // 2**20} MB; split it into single runs")
         raw = path.read_bytes()
     except OSError as error:
         raise ValueError(f"{path}: cannot be read ({error.strerror}); give the CSV file of a recorder") from None

@@ -29,11 +29,11 @@ from train_ato.messages.types import Array
 if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel
 
-MOST_MODES = 4
+MAX_MODES = 4
 """Largest number of modes."""
-LEAST_SHARE = 0.05
+MIN_SHARE = 0.05
 """Smallest Hankel singular value of a mode over the largest one."""
-LEAST_MOBILITY = 1e-9
+MIN_MOBILITY = 1e-9
 """Mobility over that of the whole train below which a mode has a node at the units, but for rounding."""
 DAMPING = (0.02, 0.5)
 """Smallest and largest damping ratio."""
@@ -125,9 +125,9 @@ class CouplerModes:
         damping = np.clip(modes.viscous + modes.friction, *DAMPING)
         compliance = float(_ordered_product(np.ones(omega.size), (mobility / omega**2)[:, np.newaxis])[0])
         size = mobility / (4.0 * damping * omega)
-        size[mobility < LEAST_MOBILITY / model.inertia] = 0.0
-        chosen = np.argsort(-size, kind="stable")[:MOST_MODES]
-        least = LEAST_SHARE * size.max(initial=0.0)
+        size[mobility < MIN_MOBILITY / model.inertia] = 0.0
+        chosen = np.argsort(-size, kind="stable")[:MAX_MODES]
+        least = MIN_SHARE * size.max(initial=0.0)
         chosen = np.sort(chosen[(size[chosen] > 0.0) & (size[chosen] >= least)])
         return cls(omega[chosen], damping[chosen], mobility[chosen], compliance)
 

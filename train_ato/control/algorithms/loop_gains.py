@@ -9,7 +9,7 @@ ki = kp/(8 theta). Elastic couplers lower kp:
   and the gain A(w). It adds the damping rate kp p A cos(phi)/2, with the part p = M sum s_i phi_r(i)² of the units of
   shares s_i in the mode. Beyond a quarter of a turn it excites the mode; kp is at most half of the limit
   2 zeta w/(p A |cos phi|), with a phase a fifth larger. A third of the damping by friction counts: a cycle from draft
-  to buff through the slack has half of it. zeta is at least ``LEAST_DAMPING``: every gain excites a mode of springs
+  to buff through the slack has half of it. zeta is at least ``MIN_DAMPING``: every gain excites a mode of springs
   without dampers, and the gain 0 loses the train.
   Half is a compromise, measured on random trains of `check-law`: with a quarter a train of 12 vehicles, whose couplers
   swing after two accelerations, exceeds its speed by 1.16 in place of 1.25 km/h under `pid`, and one of 89 vehicles
@@ -60,13 +60,13 @@ from train_ato.messages.types import Array
 if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel
 
-LARGEST_GAIN = 1.0
+MAX_GAIN = 1.0
 """Largest gain on the speed error [1/s], for trains without dead time: above it the noise of the speed is the force."""
 MODE_SHARE = 0.5
 """Gain over the one at which a mode is undamped."""
 FRICTION_SHARE = 1.0 / 3.0
 """Part of the damping by friction that counts."""
-LEAST_DAMPING = 0.001
+MIN_DAMPING = 0.001
 """Least damping ratio of a mode: half of it lets an undamped mode of 1 rad/s double in 23 min."""
 WAVE_SHARE = 0.547
 """Force that drives a wave over the wave impedance, above which the units can swing in the slack."""
@@ -100,7 +100,7 @@ class LoopGains:
         """Return the gains for a train and a control period [s]."""
         theta = dead_time(model) + period
         kp = min(
-            LARGEST_GAIN, 1.0 / (2.0 * theta), wave_gain(model, MATCHED_SHARE),
+            MAX_GAIN, 1.0 / (2.0 * theta), wave_gain(model, MATCHED_SHARE),
             MODE_SHARE * _gain_of_modes(model, TrainModes.of(model), 0.5 * period, PHASE_MARGIN),
         )  # fmt: skip
         return cls(kp, min(kp / (8.0 * theta), 0.25 * kp * kp), theta)
@@ -170,7 +170,7 @@ def _holds_mass(response: Response, s: Complex, delay: float) -> bool:
 
 def _decay(modes: TrainModes) -> Array:
     """Return the rate at which every mode decays [1/s]."""
-    return modes.omega * np.maximum(modes.viscous + FRICTION_SHARE * modes.friction, LEAST_DAMPING)
+    return modes.omega * np.maximum(modes.viscous + FRICTION_SHARE * modes.friction, MIN_DAMPING)
 
 
 def _gain_of_modes(model: TrainModel, modes: TrainModes, sampling: float, margin: float = 1.0) -> float:

@@ -43,7 +43,7 @@ SHOCK_TIME = 1.0
 """Standard deviation of the time at which the slack of a coupler runs out, train against copy [s]."""
 WEAR = 3
 """Place of the wear of the draft gears among the errors."""
-LEAST_NOISE, FIRST_NOISE, MEAN_TIME = 0.002, 0.05, 20.0
+MIN_NOISE, FIRST_NOISE, MEAN_TIME = 0.002, 0.05, 20.0
 """Smallest and first standard deviation of the measured speed [m/s], and time over which it is averaged [s]."""
 SLOWEST = 0.3
 """Speed of the reference from which on the errors are estimated [m/s]: before it the slack of the couplers runs out."""
@@ -107,7 +107,7 @@ def identification_step(state, covariance, noise, drifts, decay, period, pull, k
             covariance[i, j] -= shared[i] * shared[j] / spread
     change = miss - noise[1]
     noise[0] += period / MEAN_TIME * (0.5 * change * change - noise[0])
-    noise[0] = max(noise[0], LEAST_NOISE * LEAST_NOISE)
+    noise[0] = max(noise[0], MIN_NOISE * MIN_NOISE)
     noise[1] = miss
 
 

@@ -71,7 +71,7 @@ MIN_LEARNING_SPEED = 0.1
 """Speed up to which nothing is learnt, because friction holds the train [m/s]."""
 SAMPLED_SHARE = 2.0 / 3.0
 """Gain of the sampled loop over that of a loop in every control period."""
-LONGEST_HORIZON = 40
+MAX_HORIZON = 40
 """Largest N of the gains of the model."""
 
 
@@ -133,7 +133,7 @@ class Gpc(GuardedLaw):
         """
         loop = LoopGains.of(model, period)
         kp = SAMPLED_SHARE * loop.speed
-        longest = max(loop.dead_time, 3.0 / ((2.0 * LONGEST_HORIZON + 1.0) * kp))
+        longest = max(loop.dead_time, 3.0 / ((2.0 * MAX_HORIZON + 1.0) * kp))
         sampling = min(math.ceil(longest / period - 1e-9) * period, 10.0)
         n = max(3, math.ceil(0.5 * (3.0 / (kp * sampling) - 1.0) - 1e-9))
         return {

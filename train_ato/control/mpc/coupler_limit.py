@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel
     from train_ato.messages.types import Array
 
-SMALLEST_PART = 1e-3
+MIN_PART = 1e-3
 """Smallest |s_j - mu_j| for which the total force changes the force of a coupler."""
 
 
@@ -66,7 +66,7 @@ def force_range(positions, speeds, vehicles, specific, begin, limit, found):
             inertia += vehicles[1, j]
             share += vehicles[3, j]
             part, rest = share - inertia, before[j] - inertia * total
-            if abs(part) > SMALLEST_PART:
+            if abs(part) > MIN_PART:
                 ends = (rest - limit) / part, (rest + limit) / part
                 low, high = max(low, min(ends)), min(high, max(ends))
         if low > high:

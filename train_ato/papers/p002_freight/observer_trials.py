@@ -37,7 +37,7 @@ JUMPS = (10.0, 20.0)
 """Times of the jumps of d21 and d12 [s]."""
 STEPS = ((0.0, 12.0), (JUMPS[0], 0.0), (JUMPS[1], -12.0))
 """Steps of the reference speed [s, m/s]."""
-MOST = 3000
+MAX_SAMPLES = 3000
 """Number of samples for the figures."""
 
 
@@ -151,7 +151,7 @@ def observer_accuracy(tick: float, duration: float, settle: float) -> tuple[dict
     whole = np.stack(truth(np.linspace(0.0, JUMPS[0], 2001, endpoint=False)))
     size, rms = np.abs(whole).max(axis=1), np.sqrt((whole**2).mean(axis=1))
     scored = (recording.time >= settle - 1e-12) & (recording.time < JUMPS[0])
-    stride = max(1, recording.time.size // MOST)
+    stride = max(1, recording.time.size // MAX_SAMPLES)
     series: dict[str, Any] = {"time": recording.time[::stride], "truth": true[:, ::stride]}
     figures: dict[str, float] = {}
     for name in FORMS:
@@ -181,7 +181,7 @@ FRACTION = 0.01
 """Integration step as a fraction of the fastest time constant."""
 REST = 1e-9
 """A surface below this is 0 [m/s]."""
-LONGEST = 60.0
+MAX_TIME = 60.0
 """End of the integration [s]."""
 
 
@@ -221,7 +221,7 @@ def nominal_settling(
     surface = rate + alternating(error, gain)[0]
     t, settled, largest = 0.0, 0.0, 0.0
     rows = []
-    while t < LONGEST and (abs(error) > 1e-6 or abs(surface) > REST):
+    while t < MAX_TIME and (abs(error) > 1e-6 or abs(surface) > REST):
         auxiliary, slope = alternating(error, gain)
         pull = _reaching(surface, gain)
         acceleration = pull - slope * (surface - auxiliary)

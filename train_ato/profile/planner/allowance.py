@@ -16,7 +16,7 @@ from plant_sim.units import Place, Ratio, Time
 
 PER_DISTANCE = 100e3
 """Distance to which ``per_100km`` refers [m]."""
-SHORTEST = 1.0
+MIN_DISTANCE = 1.0
 """Least distance of the end of a supplement from a stop; a nearer one is taken as the stop [m]."""
 
 
@@ -67,7 +67,7 @@ class Allowance(SiModel):
     def covers(self, first: float, last: float) -> bool:
         """Return True for a part of the line between two places [m] on which the supplement holds."""
         begin, end = self.extent(first, last)
-        return begin <= first + SHORTEST and end >= last - SHORTEST
+        return begin <= first + MIN_DISTANCE and end >= last - MIN_DISTANCE
 
     def extent(self, first: float, last: float) -> tuple[float, float]:
         """Return its begin and end [m]; those of the plan where it has none."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from plant_sim.elementary import plain_sum
 from train_ato.messages.types import Array
-from train_ato.profile.planner.allowance import SHORTEST, Allowance
+from train_ato.profile.planner.allowance import MIN_DISTANCE, Allowance
 from train_ato.profile.planner.assembly import Plan
 from train_ato.profile.planner.driving_strategy import DrivingStrategy
 from train_ato.profile.planner.section import PlanSection
@@ -43,7 +43,7 @@ def supplements(rules: tuple[Allowance, ...], fastest: Plan) -> list[float]:
             )
     found = []
     for (begin, _, departure), (end, arrival, _) in pairwise(fastest.arrivals):
-        inner = [place for place in sorted(borders) if begin + SHORTEST < place < end - SHORTEST]
+        inner = [place for place in sorted(borders) if begin + MIN_DISTANCE < place < end - MIN_DISTANCE]
         times = [departure, *np.interp(inner, fastest.front, fastest.profile.time).tolist(), arrival]
         parts = zip(pairwise([begin, *inner, end]), pairwise(times), strict=True)
         found.append(

@@ -51,7 +51,7 @@ MAX_PROGRAMS = 5
 """Largest number of linear programs."""
 GAP = 2e-3
 """Distance of the bound from the value of the program that ends the search, relative to the bound."""
-LARGEST_MULTIPLIER, LARGEST_PRICE = 20.0, 1e3
+MAX_MULTIPLIER, MAX_PRICE = 20.0, 1e3
 """Range of m, and of the price of time [W/kg]."""
 
 
@@ -198,13 +198,13 @@ class _Program:
         self._bounded, self._sizes = bounded, sizes
         self._cost = np.zeros(self._first[-1])
         self._cost[0] = time
-        self._limits: list[tuple[float | None, float | None]] = [(0.0, LARGEST_PRICE)]
+        self._limits: list[tuple[float | None, float | None]] = [(0.0, MAX_PRICE)]
         self._rows: list[tuple[NDArray[np.int64], Array, Array]] = []
         for number, (section, n) in enumerate(zip(bounded, sizes, strict=True)):
             m, w, z, y = self._columns(number)
             self._cost[m : m + n + 1] = -section.line_work
             self._cost[y : y + n] = -section.steps
-            self._limits += [(0.0, LARGEST_MULTIPLIER)] * (n + 1) + [(0.0, None)] * (2 * n + 2) + [(None, None)] * n
+            self._limits += [(0.0, MAX_MULTIPLIER)] * (n + 1) + [(0.0, None)] * (2 * n + 2) + [(None, None)] * n
             node = np.arange(n + 1)
             self._rows.append(
                 (

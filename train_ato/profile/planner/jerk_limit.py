@@ -20,7 +20,7 @@ HOLDING_BRAKE_SPEED = 0.05
 """Speed below which the holding brake acts and the brake envelope is not checked [m/s]."""
 LOWER_RATES = (0.85, 0.95)
 """Factors between two service accelerations that are tried, far and near."""
-LEAST_GAIN = 0.1
+MIN_GAIN = 0.1
 """Square of the acceleration over the jerk limit times the top speed from which on a lower one is tried."""
 TOLERANCE = 1e-6
 """Relative excess of a force or limit that counts as rounding."""
@@ -115,7 +115,7 @@ def _slow_window(section: PlanSection, jerk: float) -> bool:
     """Return True if a lower acceleration a can be faster: a / jerk plus v / a has its minimum at a² = v jerk."""
     assert section.fastest_speed is not None
     top = float(section.fastest_speed[1].max())
-    return (section.window * jerk) ** 2 > LEAST_GAIN * top * jerk
+    return (section.window * jerk) ** 2 > MIN_GAIN * top * jerk
 
 
 def _fit(section: PlanSection, jerk: float, start: float, period: float, strategy: DrivingStrategy) -> None:

@@ -28,9 +28,9 @@ MIN_CELL, MAX_CELL, CELLS = 0.05, 5.0, 8000
 """Bounds of the cell length in the middle of a section [m], and the number of cells between these bounds."""
 END_CELL, CELL_GROWTH = 0.002, 1.15
 """Cell length at both ends of a section, where speeds are low [m], and growth factor from cell to cell."""
-LEAST_STEP = 5e-3
+MIN_STEP = 5e-3
 """Change of the line force over the inertia from which a cell ends there in a plan with a timetable [m/s²]."""
-LEAST_CELL = 1e-3
+MIN_STEP_CELL = 1e-3
 """Least length of a cell beside such a step [m]."""
 
 
@@ -65,8 +65,10 @@ class PlaceGrid:
         self.places[-1] = end
         if borders is not None:
             inside = borders[(borders > self.places[1]) & (borders < self.places[-2])]
-            near = np.searchsorted(inside, self.places - LEAST_CELL) < np.searchsorted(inside, self.places + LEAST_CELL)
-            self.places = np.union1d(self.places[~near], inside[np.diff(inside, prepend=begin) > LEAST_CELL])
+            near = np.searchsorted(inside, self.places - MIN_STEP_CELL) < np.searchsorted(
+                inside, self.places + MIN_STEP_CELL
+            )
+            self.places = np.union1d(self.places[~near], inside[np.diff(inside, prepend=begin) > MIN_STEP_CELL])
         self.steps: Array = np.diff(self.places)
         self.cells = self.steps.size
 
@@ -114,7 +116,7 @@ class LineForce:
             first, end, grade, slope, curve = self._pieces[kind][:5]
             before = grade + slope * (end - first) + curve
             change = np.abs(grade[1:] + slope[1:] * (end[:-1] - first[1:]) + curve[1:] - before[:-1])
-            far = mass * self._train.gravity * change > LEAST_STEP * self._train.inertia
+            far = mass * self._train.gravity * change > MIN_STEP * self._train.inertia
             found.append(end[:-1][far] + behind + 5e-10)  # half of the distance of the places before and beyond it
         return np.unique(np.concatenate(found))
 

@@ -17,11 +17,11 @@ from train_ato.profile.planner.section import PlanSection
 
 STEPS = (32.0, 16.0, 8.0, 4.0, 2.0, 1.0)
 """Distances by which a switch is moved, one after the other [m]."""
-LEAST_COASTING = 30.0
+MIN_COASTING = 30.0
 """Least length of coasting behind a switch [m]."""
 COASTING_FORCE = 1e-3
 """Largest traction of a coasting train, over its inertia [m/s²]."""
-LARGEST_PART = 0.4
+MAX_PART = 0.4
 """Largest change of the distance of two switches, relative to it."""
 
 
@@ -37,7 +37,7 @@ def moved(strategy: DrivingStrategy, switches: Array, distances: Array) -> Drivi
     places, energies = strategy.curve
     at = np.concatenate((places[:1], switches, places[-1:]))
     by = np.concatenate(([0.0], distances, [0.0]))
-    room = LARGEST_PART * np.diff(at)
+    room = MAX_PART * np.diff(at)
     for k in range(1, by.size - 1):
         by[k] = min(max(by[k], by[k - 1] - room[k - 1], -room[k]), room[k])
     return replace(strategy, curve=(places + np.interp(places, at, by), energies))
@@ -50,7 +50,7 @@ def switches_to_coasting(section: PlanSection, strategy: DrivingStrategy) -> Arr
     change = np.flatnonzero(np.diff(driven.astype(np.int8)))
     places = grid.places[change + 1]
     ends = np.append(places[1:], grid.end)
-    return np.asarray(places[driven[change] & (ends - places > LEAST_COASTING)])
+    return np.asarray(places[driven[change] & (ends - places > MIN_COASTING)])
 
 
 def best_distances(section: PlanSection, strategy: DrivingStrategy, switches: Array, price: float) -> Array:

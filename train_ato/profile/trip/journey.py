@@ -114,7 +114,7 @@ class JourneySearch:
         constant[s.RELEASE_SPEED] = settings.air_brake.min_release_speed
         constant[s.COUPLER_LIMIT] = self._coupler_limit
         if self._supplies.size > 1:
-            constant[[s.LEAST_SUPPLY, s.SUPPLY_GRID]] = self._supplies[0], self._supplies[1] - self._supplies[0]
+            constant[[s.MIN_SUPPLY, s.SUPPLY_GRID]] = self._supplies[0], self._supplies[1] - self._supplies[0]
             constant[[s.RECHARGE, s.WAVE_LOSS]] = train.reservoirs.recharge, train.reservoirs.wave_loss
         return constant
 

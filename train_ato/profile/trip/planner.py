@@ -37,7 +37,7 @@ from train_ato.profile.trip.reduced_train import nominal_train_model, reduced_tr
 from train_ato.profile.trip.run_profile import RunProfile
 from train_ato.profile.trip.settings import TripSettings
 
-TIME_TOLERANCE, LARGEST_DEVIATION = 1e-3, 0.01
+TIME_TOLERANCE, MAX_DEVIATION = 1e-3, 0.01
 """Relative deviation from the running time that ends the search, and that of a plan of the last round.
 
 The running time is not continuous in the price: an application moves by whole cells."""
@@ -80,7 +80,7 @@ def plan_at_time(
         if not PRICE_RANGE[0] <= price <= PRICE_RANGE[1]:
             break
     best = min((plan for _, plan in found), key=lambda plan: abs(plan.running_time - time))
-    if abs(best.running_time / time - 1.0) <= LARGEST_DEVIATION:
+    if abs(best.running_time / time - 1.0) <= MAX_DEVIATION:
         return best
     raise ValueError(
         f"time: {time:g} s: not possible with these limits, the nearest is {best.running_time:.0f} s; give a time "

@@ -101,7 +101,7 @@ LAST_PART = 1.15
 """Reserve of the length of the last part of the braking: the run is a little faster than the journey."""
 FINAL_SHARE, ALMOST_AT_REST = 1.1, 0.5
 """Deceleration of the last part over that of the running resistance at a speed [m/s]; the electric brake fades."""
-MOST_OF_FINAL = 2.0
+MAX_OF_FINAL = 2.0
 """Largest deceleration of the last part over the planned one; the electric brake is not able to keep a larger one."""
 
 
@@ -178,7 +178,7 @@ class RunProfile:
                 needed = final_deceleration(*state, self._stop - float(position[kept - 1]))
             except ValueError:
                 continue
-            if needed <= MOST_OF_FINAL * self._final:
+            if needed <= MAX_OF_FINAL * self._final:
                 found.append((abs(needed - self._final), kept))
         if not found:
             raise ValueError(

@@ -37,7 +37,7 @@ POWER_BRAKING = 0.3
 # missing filling, because the wave of a release is slower than that of an application.
 (
     INERTIA, CELL_LENGTH, SPEED_GRID, AGE_GRID, PRICE, RECOVERED, ROLLING, END_ENERGY, APPLICATION, OLDEST,
-    RELEASE_SPEED, COUPLER_LIMIT, LEAST_SUPPLY, SUPPLY_GRID, RECHARGE, WAVE_LOSS,
+    RELEASE_SPEED, COUPLER_LIMIT, MIN_SUPPLY, SUPPLY_GRID, RECHARGE, WAVE_LOSS,
 ) = range(16)  # fmt: skip
 CONSTANTS = 16
 # Rows of `cells`, one column per cell (LIMIT: at its end, DRIVES: row of its traction in `drives`, before that of its
@@ -103,7 +103,7 @@ def _value(value, state, supply, speed, ranges, constant):
     grid = constant[SPEED_GRID]
     if len(value) == 1:
         return _value_of(value[0], state, speed, ranges, grid)
-    place = min(max((supply - constant[LEAST_SUPPLY]) / constant[SUPPLY_GRID], 0.0), len(value) - 1.001)
+    place = min(max((supply - constant[MIN_SUPPLY]) / constant[SUPPLY_GRID], 0.0), len(value) - 1.001)
     low = int(place)
     found = _value_of(value[low], state, speed, ranges, grid)
     return found + (place - low) * (_value_of(value[low + 1], state, speed, ranges, grid) - found)

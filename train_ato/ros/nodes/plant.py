@@ -25,7 +25,7 @@ from train_ato.ros.nodes.tick_answers import OUTAGE_RATE, Outage, TickAnswers
 
 LEAD = 400
 """Maximum lead of the plant over the recorder [ticks]: less than half of the recorder's queues."""
-SHORTEST_WAIT_S = 0.0005
+MIN_WAIT_S = 0.0005
 """Minimum wait before a tick [s]; shorter waits are omitted."""
 STOPPING_RATE = 10.0
 """Simulated seconds per wall second after the loss of a node in lockstep, until standstill."""
@@ -334,7 +334,7 @@ class PlantNode:
             self.blocked = True
         elif self._period is None and self.ahead is not None and self.ahead.is_due(self.stamp, self.timeout):
             self._wake_every(LOOK_S * 1e9)
-        elif self._rate.factor and not self._single and (wait := self._rate.wait(self.stage.tick)) > SHORTEST_WAIT_S:
+        elif self._rate.factor and not self._single and (wait := self._rate.wait(self.stage.tick)) > MIN_WAIT_S:
             self._wake_every(wait * 1e9)
         else:
             self._single = False

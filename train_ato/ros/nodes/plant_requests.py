@@ -50,10 +50,10 @@ TRAIN_JUMPS = (
 )
 PLANT_TOPICS: tuple[str, ...] = get_args(PlantTopic)
 FROZEN_TOPICS = (*PLANT_TOPICS, "train/measurement")
-FASTEST = 1e6
+MAX_RATE = 1e6
 TIMEOUT = Parameter("timeout", 10.0, "s", 0.001, 86_400.0, "wall time after which a missing answer ends the run")
 LOCKSTEP = Parameter("lockstep", True, "", 0.0, 1.0, "true: every tick waits for its command")
-RATE = Parameter("rate", 0.0, "", 0.0, FASTEST, "maximum simulated seconds per wall second; 0: unlimited")
+RATE = Parameter("rate", 0.0, "", 0.0, MAX_RATE, "maximum simulated seconds per wall second; 0: unlimited")
 NO_RATE = "rate 0: a run without lockstep needs a rate; give a number above 0"
 PAUSED = Parameter("paused", False, "", 0.0, 1.0, "paused: only single steps")
 SCENARIO = Parameter("scenario", "", "", 0.0, 0.0, "file of the resolved scenario of this run")

@@ -42,7 +42,7 @@ BRAKING = BrakeSpec(
 """Air brake of the tests: one application."""
 STATE_TOLERANCE = 1e-6
 """Largest difference of state and reference without delay [m, m/s, m/s²]."""
-LARGEST = {
+MAX_MAGNITUDES = {
     "measurement.position": MAX_POSITION, "measurement.velocity": MAX_SPEED, "measurement.applied": MAX_FORCE,
     "disturbance": MAX_FORCE, "commands_in_flight": MAX_FORCE,
 }  # fmt: skip
@@ -139,7 +139,7 @@ class CompensationRig:
         """Return the largest values of the inputs that the loop checks, and invalid values of the others."""
         if path in COMPUTED:
             return ()
-        largest = LARGEST.get(path)
+        largest = MAX_MAGNITUDES.get(path)
         return HOSTILE if largest is None else (largest, -largest)
 
     def _policy(self) -> Any:

@@ -244,7 +244,7 @@ NEAR = 0.1
 """Standard deviation of the candidates around the best point, in unit coordinates."""
 SAME = 1e-6
 """Largest difference of the coordinates of equal points."""
-LARGEST_SET = 150
+MAX_SET = 150
 """Largest number of runs in the Gaussian process: the lowest and the latest ones."""
 
 
@@ -314,10 +314,10 @@ def _finite(values: Sequence[float]) -> Array:
 
 
 def _informative(points: Array, values: Array) -> tuple[Array, Array]:
-    """Return at most :data:`LARGEST_SET` runs."""
-    if len(points) <= LARGEST_SET:
+    """Return at most :data:`MAX_SET` runs."""
+    if len(points) <= MAX_SET:
         return points, values
-    half = LARGEST_SET // 2
+    half = MAX_SET // 2
     kept = np.union1d(np.argsort(values)[:half], np.arange(len(points) - half, len(points)))
     return points[kept], values[kept]
 

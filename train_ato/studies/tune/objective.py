@@ -29,11 +29,11 @@ if TYPE_CHECKING:
     from train_ato.scenario.criteria import Criteria
 
 
-LARGEST_FEASIBLE = 99.0
+MAX_FEASIBLE = 99.0
 """Largest score of a tracked run."""
 NOT_TRACKED, FAILED_RUN, REFUSED_GAINS = 100.0, 200.0, 210.0
 """Smallest score of a run that is not tracked; score of a failed run, and of gains that the law refuses."""
-LARGEST_EXCESS = 9.0
+MAX_EXCESS = 9.0
 """Largest relative excess of a criterion that counts."""
 
 
@@ -153,7 +153,7 @@ def score_of_run(metrics: Mapping[str, Any], scales: Mapping[str, float], weight
     total = sum(weights[term.key] for term, _ in used)
     score = sum(weights[term.key] * value / scales[term.key] for term, value in used) / total if total else 0.0
     score += sum(_criterion_penalty(row) for row in metrics.get("criteria") or () if row["passed"] is False)
-    return min(score, LARGEST_FEASIBLE) if math.isfinite(score) else FAILED_RUN
+    return min(score, MAX_FEASIBLE) if math.isfinite(score) else FAILED_RUN
 
 
 def _score_not_tracked(metrics: Mapping[str, Any]) -> float:
@@ -168,8 +168,8 @@ def _score_not_tracked(metrics: Mapping[str, Any]) -> float:
 def _criterion_penalty(row: Mapping[str, Any]) -> float:
     """Return 1 and the relative excess of a failed criterion; the largest excess without a value."""
     if row["value"] is None or not row["limit"]:
-        return 1.0 + LARGEST_EXCESS
-    return 1.0 + min(abs(float(row["value"])) / float(row["limit"]) - 1.0, LARGEST_EXCESS)
+        return 1.0 + MAX_EXCESS
+    return 1.0 + min(abs(float(row["value"])) / float(row["limit"]) - 1.0, MAX_EXCESS)
 
 
 @dataclass(frozen=True)

@@ -141,7 +141,7 @@ def _key(gains: Mapping[str, Any]) -> tuple[tuple[str, Any], ...]:
 
 POPULATION = 6
 """Candidates of a generation."""
-MOST_JOBS = 64
+MAX_JOBS = 64
 """Largest number of worker processes."""
 
 
@@ -218,8 +218,8 @@ class TunePlan:
     @staticmethod
     def check_jobs(jobs: int) -> None:
         """Refuse a number of processes out of range."""
-        if not 1 <= jobs <= MOST_JOBS:
-            raise ValueError(f"jobs {jobs}: out of range; give 1 to {MOST_JOBS}")
+        if not 1 <= jobs <= MAX_JOBS:
+            raise ValueError(f"jobs {jobs}: out of range; give 1 to {MAX_JOBS}")
 
     def numbers(self, part: str) -> list[int]:
         """Return the numbers of the tasks of a part."""
