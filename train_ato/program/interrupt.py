@@ -7,6 +7,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from multiprocessing import resource_tracker
 from threading import get_ident
 from time import monotonic
@@ -67,29 +68,33 @@ class ComponentCall:
 
 
 class ProcessExit(SystemExit):
-    """``os._exit()`` of a component, which would end the run without a word and its log without an end."""
+    """``os._exit()`` or ``os.exec...()`` of a component: the run would end without a word, its log without an end."""
 
 
 def text_of_exit(error: SystemExit) -> str:
     """Return the call that ends a process, as text."""
-    return f"called {'os._exit' if isinstance(error, ProcessExit) else 'sys.exit'}({error.code!r})"
+    call, argument = error.args if isinstance(error, ProcessExit) else ("sys.exit", error.code)
+    return f"called {call}({argument!r})"
 
 
 @contextmanager
 def no_silent_exit() -> Iterator[None]:
-    """Let ``os._exit()`` in the block raise :class:`ProcessExit`; processes that are forked in it still end."""
-    process, end = os.getpid(), os._exit
+    """Let a call that ends the process in the block raise :class:`ProcessExit`; processes that are forked in it end."""
+    process = os.getpid()
+    ends = {name: getattr(os, name) for name in ("_exit", "execv", "execve")}  # every os.exec...() calls one of them
 
-    def refuse(status: int) -> NoReturn:
+    def refused(name: str, argument: object, *others: object) -> NoReturn:
         if os.getpid() != process:
-            end(status)
-        raise ProcessExit(status)
+            ends[name](argument, *others)
+        raise ProcessExit(f"os.{name}", argument)
 
-    os._exit = refuse
+    for name in ends:
+        setattr(os, name, partial(refused, name))
     try:
         yield
     finally:
-        os._exit = end
+        for name, end in ends.items():
+            setattr(os, name, end)
 
 
 class TimedOut(BaseException):
