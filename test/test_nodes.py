@@ -294,6 +294,7 @@ def test_a_stamp_that_echoes_no_measurement_is_named_once(stamp, shown):
     assert found.startswith(f"node controller: a command stamped {shown} came; echo the stamp of train/measurement")
     assert found.endswith("the tick of the scenario is 0.1 s") == (stamp > 0)
     assert answers.wrong_stamp(Command(stamp, np.zeros(1)), 4 * TICK) == ""
+    assert answers.stamps_wrongly(Role.CONTROLLER) and not answers.stamps_wrongly(Role.SUPERVISOR)
     assert TickAnswers(_unsupervised(2)).wrong_stamp(Command(2 * TICK, np.zeros(1)), 4 * TICK) == ""
 
 

@@ -273,7 +273,10 @@ CASES = [
     Case("engine", PACED, "run", full_disk, "failed", "", 1),
     *(Case(way, PACED, "plant", late, "done", "", 0) for way in ("hand", "processes")),
     *(Case(way, PACED, "run", late, "done", "", 0) for way in ("composed", "python")),
-    Case("hand", (*PACED, "--timeout=10"), "controller", wrong_stamps, "failed", "node controller failed: ", 1),
+    *(
+        Case("hand", (*options, "--timeout=10"), "controller", wrong_stamps, "failed", "node controller failed: ", 1)
+        for options in (PACED, FREE)
+    ),
     *(Case("hosts", options, "link", cut_link, "failed", "node ", 1) for options in (PACED, FREE)),
     Case("hosts", PACED, "link", cut_15_s, "failed", "node ", 1),
     *(Case("hosts", options, "link", cut_1_s, "done", "", 0) for options in (PACED, FREE)),

@@ -223,7 +223,7 @@ class PlantNode:
             role, chain, stamp = Role.SUPERVISOR, "", self.supervised_stamp
         else:
             role = silent_node(last, stamp, blocked=self.blocked, supervised=-1 if released else self.supervised_stamp)
-            role, chain = awaited_node(role, awaited)
+            role, chain = (role, "") if answers.stamps_wrongly(role) else awaited_node(role, awaited)
         reason = f"no answer to stamp {stamp * 1e-9:.3f} s within {self.timeout:g} s"
         self.lose(role, f"{reason}{chain}{answers.unused_of(role)}")
 

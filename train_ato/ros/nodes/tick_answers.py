@@ -72,6 +72,10 @@ class TickAnswers:
         """Use no answers of a lost node any more."""
         self._lost = BY_ROLE.get(role, ())
 
+    def stamps_wrongly(self, role: Role) -> bool:
+        """Return True if a node has sent an answer that echoes no measurement: it does not lack a message."""
+        return any(kind in self._named for kind in BY_ROLE.get(role, ()))
+
     def unused_of(self, role: Role) -> str:
         """Return the newest answer of a node with a stamp that was not due, and the remedy, as text; "" without one."""
         found = [(kind, self._unused[kind]) for kind in BY_ROLE.get(role, ()) if kind in self._unused]
