@@ -1,6 +1,7 @@
 """Workers of a sweep: a local Dask cluster that only this sweep can use, or a Dask scheduler."""
 
 import fcntl
+import gc
 import logging
 import os
 import shutil
@@ -73,6 +74,7 @@ def sweep_client(scheduler: str | None, jobs: int | None, *, dashboard: bool = F
             import cryptography  # noqa: F401
     except ImportError as error:
         raise ValueError(f"sweep: {MISSING.format(error.name)}") from None
+    gc.collect()  # Dask hangs if a client that found no scheduler is collected while the next one starts
     quiet = {"logging": dict.fromkeys(LOGGERS, "critical")}
     before = {name: logging.getLogger(name).level for name in LOGGERS}
     for name in LOGGERS:
