@@ -17,7 +17,7 @@ FAST = 1
 """Level of zstd, the default of the C++ writer of MCAP. LZ4 gives a log that is 13 % larger."""
 SMALL = zstandard.ZstdCompressionParameters(
     window_log=17,
-    chain_log=12,
+    chain_log=14,
     hash_log=15,
     search_log=2,
     min_match=3,
