@@ -2,6 +2,7 @@
 
 import importlib.util
 import json
+import subprocess
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -62,6 +63,18 @@ def test_every_benchmark_is_a_script_that_publishes(name: str) -> None:
     if name == "composed":
         pytest.importorskip("rclpy")
     loaded(path, f"bench_{name}")
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("name", command.BENCHMARKS)
+def test_every_benchmark_runs(name: str) -> None:
+    """Breaks if a benchmark ends early, or has no figure; the figures themselves are those of a loaded machine."""
+    if name == "composed":
+        pytest.importorskip("rclpy")
+    words = [sys.executable, "-m", "bench", "--only", name, "--quick", "--json"]
+    ended = subprocess.run(words, cwd=BENCH.parent, capture_output=True, text=True, check=False)
+    assert ended.returncode == 0, ended.stderr
+    assert {figure["benchmark"] for figure in json.loads(ended.stdout)["figures"]} == {name}
 
 
 def test_a_missed_goal_has_exit_status_0_and_a_failed_script_1(tmp_path, monkeypatch, capfd):
