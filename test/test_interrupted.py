@@ -5,6 +5,7 @@ import gc
 import itertools
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -217,7 +218,7 @@ class Ends(Pid):
     ("mode", "end"),
     [
         *itertools.product(("--engine", "--composed", "--processes"), ("sys.exit(0)", "os._exit(0)")),
-        ("--engine", "os.execv('/bin/true', ['true'])"),
+        ("--engine", "os.execl('/bin/true', 'true')"),
         ("--processes", "os.execv('/bin/true', ['true'])"),
     ],
 )
@@ -230,7 +231,9 @@ def test_a_law_that_exits_fails_the_run(mode: str, end: str, tmp_path: Path) -> 
     with started(tmp_path, "run", "demo", *options, "--law", "own_laws:Ends", "--out", "out") as process:
         _, err = process.communicate(timeout=LIMIT_S)
     assert process.returncode == 1
-    assert f"node controller failed: law Ends: called {end.partition(',')[0].rstrip(')')}), " in err
+    call = end.partition(",")[0].rstrip(")").replace("execl", "execv")
+    line = 1 + LAWS[: LAWS.index("{then}")].count("\n")
+    assert re.search(rf"node controller failed: law Ends: called {re.escape(call)}\), \S*own_laws\.py:{line}\b", err)
     assert "Traceback" not in err
     assert (tmp_path / "out" / "summary.json").is_file()
 

@@ -93,7 +93,8 @@ def place_of(error: BaseException) -> str:
         for frame, line in traceback.walk_tb(error.__traceback__)
         if frame.f_globals.get("__name__", "").partition(".")[0] not in _OF_PROJECT
     ]
-    own = [frame for frame in frames if "site-packages" not in frame[0] and "/lib/python" not in frame[0]]
+    libraries = ("site-packages", "/lib/python", "<frozen ")
+    own = [frame for frame in frames if not any(each in frame[0] for each in libraries)]
     if not own:
         last = list(traceback.walk_tb(error.__traceback__))[-1:]
         own = [(frame.f_code.co_filename, line) for frame, line in last]
