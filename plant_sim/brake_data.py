@@ -36,10 +36,10 @@ class AirBrake(SiModel):
     charged: Annotated[Pressure, Usual(100e3, 2e6)] = Field(
         600e3, gt=0, description="absolute pressure of the charged brake pipe"
     )
-    apply_wave: Annotated[Speed, Usual(20, 500)] = Field(
+    apply_wave: Annotated[Speed, Usual(60, 350)] = Field(
         200.0, gt=0, description="speed of the application wave along the train"
     )
-    release_wave: Annotated[Speed, Usual(5, 500)] = Field(
+    release_wave: Annotated[Speed, Usual(12, 120)] = Field(
         36.0, gt=0, description="speed of the release wave along the train"
     )
     apply_time: Filling = Field(4.0, gt=0, description="time constant of the cylinders filling")

@@ -298,6 +298,7 @@ def test_the_profile_alone_needs_no_force(tmp_path, capsys):
     profile = read_profile(out)
     assert profile.position[0] == pytest.approx(12_500 - 59)
     assert told["distance_m"] == pytest.approx(metro(120.0)[1] - 500, rel=1e-3)
+    assert "the unit of 'speed_kmh' (1.2 km at up to 54 km/h): no places, no force" in told["measured_notes"][0]
     assert main(["import", str(tmp_path / "gps.csv"), *TRAIN, *options]) == 2
     assert "exists already" in capsys.readouterr().err
 

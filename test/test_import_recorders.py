@@ -304,10 +304,12 @@ def test_what_speed_and_traction_do_not_show_is_noted(
     ("columns", "parts"),
     [
         (SPEED, []),
-        (PLACE | SPEED, []),
+        (SPEED | {"position_m": lambda t, v, x, f: f"{x - 29:.3f}"}, []),
         ({"speed_kmh": lambda t, v, x, f: f"{v / 0.44704:.3f}"}, ["455 m beside the nearest stop", "the force does"]),
         ({"speed_mph": SPEED["speed_kmh"]}, ["86.9 km/h at km 0.762, where", "732 m beside the nearest stop"]),
         (SPEED | {"position_m": lambda t, v, x, f: f"{x + 400:.3f}"}, ["at km 2.160, 429 m beside the nearest stop"]),
+        (SPEED | {"position_m": lambda t, v, x, f: f"{x + 120:.3f}"}, ["149 m beyond the stop of line 'l' at all 2"]),
+        (SPEED | PLACE, ["stands 29 m beyond the stop of line 'l' at all 2 halts"]),
     ],
 )  # fmt: skip
 def test_a_speed_in_another_unit_and_other_places_are_noted(columns, parts, tmp_path: Path) -> None:

@@ -277,6 +277,19 @@ def test_traction_above_its_envelope_on_a_descent_before_a_climb() -> None:
     assert result.running_time <= 1.03 * fastest
 
 
+@pytest.mark.parametrize(
+    ("kmh", "told"), [(288, "train 'car' permits at most"), (180, "line 'slow' permits at most 40")]
+)
+def test_a_largest_speed_of_another_unit_is_noted(kmh: float, told: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if ``speed_max: 80`` m/s of a metro, which has no effect, is taken without a word."""
+    limits = [{"at": 0, "speed_kmh": 40}]
+    line = Line.model_validate({"schema": "train_ato/line/1", "name": "slow", "end": 900, "speed_limits": limits})
+    plan_profile(line, car(150), PlanSettings(speed_max=30))
+    assert capsys.readouterr().err == ""
+    plan_profile(line, car(150), PlanSettings(speed_max=kmh / 3.6))
+    assert f"speed_max = {kmh / 3.6:g}: {kmh} km/h, {told}" in capsys.readouterr().err
+
+
 def times_over_jerk(line: Line, consist: Consist, settings: PlanSettings) -> list[float]:
     """Return the running times of increasing jerk limits, the last without a limit [s]."""
     limits = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, None)

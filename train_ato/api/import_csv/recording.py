@@ -30,6 +30,8 @@ STEP, STEP_SHARE, RUN_SHARE = 5.0, 0.25, 0.03
 """Difference between them that is noted: from row to row [m] and as a fraction, and as a fraction of the run."""
 NEAR, STANDSTILL, OVERSPEED = 200.0, 10.0, 1.25
 """Tolerance of a place [m], shortest halt [s], and speed over the limit of the line that is noted."""
+BESIDE, ALIKE = 15.0, 5.0
+"""Distance from its stop that every halt has, and difference between these distances, that are noted [m]."""
 
 
 @dataclass
@@ -133,13 +135,25 @@ def place_notes(found: Measured, places: Array, line: Line, length: float) -> li
     begins, ends = (np.flatnonzero(edge) for edge in (standing[1:] & ~standing[:-1], standing[:-1] & ~standing[1:]))
     lasting = (found.speed.time[ends - 1] - found.speed.time[begins] >= STANDSTILL) | (begins == 0)
     stands = places[begins[lasting]]
+    if found.position is None and not (found.force or line.speed_limits or (line.stops and stands.size > 1)):
+        notes.append(
+            f"nothing confirms the unit of '{found.speed.column.title}' ({number_text(np.ptp(places) / 1e3, 3)} km at "
+            f"up to {number_text(3.6 * speed.max(), 3)} km/h): no places, no force, and no limits or stops of the line"
+        )
     if line.stops and stands.size > 1:
-        beside = np.abs(stands[:, None] - [entry.at for entry in line.stops]).min(axis=1)
+        ahead = stands[:, None] - [entry.at for entry in line.stops]
+        offsets = ahead[np.arange(stands.size), np.abs(ahead).argmin(axis=1)]
+        beside = np.abs(offsets)
         if np.count_nonzero(beside > max(NEAR, length)) >= stands.size / 2:
             worst = int(np.argmax(beside))
             notes.append(
                 f"the train stands at km {line.post_at(stands[worst])}, {beside[worst]:.0f} m beside the "
                 f"nearest stop of line '{line.name}'; {remedy}"
+            )
+        elif beside.min() > BESIDE and np.ptp(offsets) <= ALIKE:
+            notes.append(
+                f"the train stands {beside[0]:.0f} m {'beyond' if offsets[0] > 0 else 'before'} the stop of line "
+                f"'{line.name}' at all {stands.size} halts; check the zero of the places, and front or centre"
             )
     return notes
 

@@ -7,7 +7,9 @@ from collections.abc import Callable
 
 from plant_sim.consist import Consist
 from plant_sim.elementary import plain_sum
+from plant_sim.formats.fields import print_assumption
 from plant_sim.line import Line
+from plant_sim.units import number_text
 from train_ato.messages.types import Array
 from train_ato.profile.planner.allowance_plan import plan_with_allowances
 from train_ato.profile.planner.assembly import Plan, assemble_plan
@@ -25,6 +27,8 @@ MAX_TIMETABLE_ROUNDS = 5
 """Searches for the strategies of a timetable, each with the windows and reserves of the previous plan."""
 UNUSED_TIME = 0.1
 """Part of a timetable that may remain unused without another search [s]."""
+MAX_OF_TRAIN, MAX_OF_LINE = 1.5, 3.0
+"""Ratio of speed_max to the speeds of train and line above which it is noted."""
 
 
 def plan_profile(
@@ -68,6 +72,7 @@ def plan_profile(
         available=available,
         reduction=reduction,
     )
+    _note_speed_max(settings.speed_max, line, train)
     inputs = SectionInputs.of_line(line, consist, train, settings, ceiling)
     if settings.points is not None:
         return plan_journey(inputs, line, settings.points, period)
@@ -89,6 +94,22 @@ def plan_profile(
     if settings.allowance:
         return plan_with_allowances(sections, fastest, tuple(rule.on(line) for rule in settings.allowance), assemble)
     return fastest if settings.time is None else _plan_to_timetable(sections, fastest, settings.time, assemble)
+
+
+def _note_speed_max(speed: float | None, line: Line, train: TrainTables) -> None:
+    """Note a speed_max [m/s] far above what the train or the line permits: it has no effect there."""
+    own = train.highest_speed
+    most = max((limit.speed for limit in line.restricted_limits), default=own)
+    for what, known, ratio in (
+        (f"train '{train.name}'", own, MAX_OF_TRAIN),
+        (f"line '{line.name}'", most, MAX_OF_LINE),
+    ):
+        if speed is not None and speed > ratio * known:
+            print_assumption(
+                f"speed_max = {number_text(speed)}: {number_text(3.6 * speed)} km/h, {what} permits at most "
+                f"{number_text(3.6 * known)} km/h; check its unit"
+            )
+            break
 
 
 def net_energy_bound(result: Plan) -> float:

@@ -63,7 +63,7 @@ class PlanSettings(SiModel):
     force_margin: Number = Field(
         0.1, ge=0, lt=1, description="part of the traction and brake envelopes that is reserved for the controller"
     )
-    speed_max: Speed | None = Field(
+    speed_max: Annotated[Speed | None, Usual(0.5, 200)] = Field(
         None,
         gt=0,
         description="largest speed; default: end of the traction envelope, at most 98 % of that of the brakes",

@@ -120,7 +120,8 @@ class TrainTables:
         polynomials = np.array([vehicle.resistance.polynomial(vehicle.mass, consist.gravity) for vehicle in vehicles])
         self._polynomial: Array = polynomials.sum(axis=0)
         self._check_brakes()
-        self.speed_max = min(self._default_speed_max() if speed_max is None else speed_max, MAX_TABLE_SPEED)
+        self.highest_speed = self._default_speed_max()
+        self.speed_max = min(self.highest_speed if speed_max is None else speed_max, MAX_TABLE_SPEED)
         self.speed: Array = SPEED_STEP * np.arange(int(np.ceil(self.speed_max / SPEED_STEP)) + 3, dtype=np.float64)
         self.traction, self.electric, air = self._forces_on_grid()
         self.brake = self.electric + air
