@@ -14,7 +14,7 @@ import yaml
 
 from plant_sim.formats import osrd
 from plant_sim.library import load_consist, load_line, named_line
-from plant_sim.line import line_for, reversed_line
+from plant_sim.line import Rating, line_for, reversed_line
 from train_ato.api.planning import plan
 from train_ato.cli.main import main
 from train_ato.scenario.scenario import load_scenario
@@ -279,6 +279,35 @@ def test_railml_limits_of_speed_profiles_are_those_of_categories(tmp_path, capsy
     file.write_text(text.replace('ref="s1"', 'ref="s2"'))
     with pytest.raises(ValueError, match="validForSpeedProfile: ref = 's2': not in the file"):
         load_line(f"{file}:Alder..Birch")
+
+
+@pytest.mark.parametrize(
+    ("values", "profile", "kmh", "of", "told"),
+    [
+        ("", '<load axleLoad="16"/>', 100, {"light": 100, "heavy": 80, "x": 100}, ""),
+        ("", '<load axleLoad="16"/><braking minimumBrakePercentage="130"/>', 100, {"light": 80, "x": 80}, ""),
+        ("", '<load axleLoad="16"/><tilting/>', 100, {"light": 80, "x": 100}, ""),
+        ('influence="decreasing"', '<load axleLoad="22.5"/>', 50, {"light": 50, "heavy": 50, "x": 50},
+         "speedProfile s1: its lower limits hold for trains of no category too"),
+    ],
+)  # fmt: skip
+def test_figures_of_a_speed_profile_are_those_that_a_train_needs(values, profile, kmh, of, told, tmp_path, capsys):
+    """Breaks if a train without the axle load or the brakes of a profile has its speed, or a lower one spares it."""
+    common = f'<speedProfiles><speedProfile id="s1" {values}><name name="x"/>{profile}</speedProfile></speedProfiles>'
+    whole = located("speedSection", 'vMax="80"', 'netElementRef="n4">')
+    section = located("speedSection", f'maxSpeed="{kmh}"', 'netElementRef="n4">')
+    section = section.replace("<linear", '<validForSpeedProfile ref="s1"/><linear', 1)
+    geometry(tmp_path / "a.railml", "")
+    text = (tmp_path / "a.railml").read_text().replace("<infra", f"<common>{common}</common><infra").replace(
+        "</infra", f"<functionalInfrastructure><speeds>{whole}{section}</speeds></functionalInfrastructure></infra"
+    ).replace('"n4"', '"e"')  # fmt: skip
+    (tmp_path / "a.railml").write_text(text)
+    line = load_line(str(tmp_path / "a.railml"))
+    trains = {"light": Rating(axle_load=16e3), "heavy": Rating(axle_load=20e3), "x": Rating(axle_load=9e3)}
+    for name, speed in of.items():
+        found = line_for(line, [name], trains[name]).speed_limits
+        assert [round(3.6 * entry.speed) for entry in found] == [speed], name
+    assert told in capsys.readouterr().err
 
 
 def test_a_railml_path_by_hand(railml: Path) -> None:

@@ -252,6 +252,7 @@ def line_data(
     speeds: Sequence[Range],
     sections: dict[str, list[dict[str, Any]]],
     by_category: Mapping[str, Sequence[Range]] = MappingProxyType({}),
+    needs: Mapping[str, Mapping[str, float]] = MappingProxyType({}),
 ) -> dict[str, Any]:
     """Return the data of an own line.
 
@@ -261,8 +262,8 @@ def line_data(
         Grades in running direction, curve radii [m] (> 0 to the right), permanent speed limits [m/s].
     sections
         Other sections by the key of the line.
-    by_category
-        Speed limits by train category [m/s].
+    by_category, needs
+        Speed limits by train category [m/s], and the figures that a train of it needs, by the key of the line.
     """
     _refuse_overlaps(grades, "grades")
     bends = [row if 0 < abs(row.value) < STRAIGHT else row._replace(value=0.0) for row in radii]
@@ -285,6 +286,7 @@ def line_data(
         "category_limits": [
             {
                 "category": category,
+                "needs": dict(needs[category]) if category in needs else None,
                 "speed_limits": [
                     {"at": at, "speed": speed} for at, speed in _without_gaps(own, path, f" of '{category}'")
                 ],

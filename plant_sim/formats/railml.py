@@ -17,10 +17,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from plant_sim.formats.fields import keys_not_carried, print_assumption
-from plant_sim.formats.network_path import BEGIN, END, Network, Range, TrackPath, line_data
+from plant_sim.formats.network_path import BEGIN, END, Network, Range, TrackPath, line_data, steps
 from plant_sim.formats.railml_collection import (
     NetElement,
     elements_below,
@@ -35,12 +35,6 @@ from plant_sim.formats.railml_collection import (
 from plant_sim.formats.railml_location import Location, grades, radii
 from plant_sim.input_error import build_model
 from plant_sim.line import ENDING, Line
-
-if TYPE_CHECKING:
-    from xml.etree.ElementTree import Element
-from typing import TYPE_CHECKING
-
-from plant_sim.formats.network_path import steps
 from plant_sim.units import number_text
 
 if TYPE_CHECKING:
@@ -150,6 +144,8 @@ UNITS = {
     "yards": 0.9144, "ft": 0.3048, "foot": 0.3048, "feet": 0.3048, "chain": 20.1168, "chains": 20.1168,
 }  # fmt: skip
 """Length of one unit of a linear positioning system [m]."""
+NEEDS = (("load", "axleLoad", "axle_load_t"), ("braking", "minimumBrakePercentage", "brake_percentage"))
+"""Element and attribute of a speed profile, and the figure of a train."""
 NAVIGABILITY = ("None", "Both", "AB", "BA")
 
 
@@ -195,7 +191,8 @@ def railml_line(path: Path, selection: str = "", *, against: bool = False) -> tu
         else:
             print_assumption(f"{entry_of(point, place)}: it has no spotLocation on a netElement and is left out")
     way = network.path(selection, against=against)
-    speeds, by_category, restrictions = _speeds(infrastructure, location, way, _profiles(root))
+    profiles = _profiles(root, place)
+    speeds, by_category, restrictions = _speeds(infrastructure, location, way, profiles)
     name = f"{path.stem}{f' {selection}' if selection else ''}{ENDING if against else ''}"
     sections = {
         "temporary_restrictions": restrictions,
@@ -211,20 +208,42 @@ def railml_line(path: Path, selection: str = "", *, against: bool = False) -> tu
         speeds=speeds,
         sections=sections,
         by_category=by_category,
+        needs={profile.category: profile.needs for profile in profiles.values() if profile.needs},
     )
     return build_model(Line, data, place), "railML 3", _not_read(root)
 
 
-def _profiles(root: Element) -> dict[str, str]:
-    """Return the category of every speed profile by its identifier; "" for a basic one, which holds for all trains."""
-    return {
-        entry.get("id", ""): "" if entry.get("isBasicSpeedProfile") in ("true", "1") else _name_of(entry)
-        for entry in elements_below(root, "speedProfile")
-    }
+class _Profile(NamedTuple):
+    """Speed profile: its category, "" for all trains; the figures that a train needs; True if it lowers the limits."""
+
+    category: str
+    needs: dict[str, float]
+    lowers: bool
+
+
+def _profiles(root: Element, place: str) -> dict[str, _Profile]:
+    """Return the speed profiles by their identifier; a basic one holds for all trains."""
+    found: dict[str, _Profile] = {}
+    for entry in elements_below(root, "speedProfile"):
+        basic = flag_of(entry, "isBasicSpeedProfile", place)
+        needs = {
+            name: number_of(part, key, place, 0.1, 500)
+            for tag, key, name in NEEDS
+            for part in elements_below(entry, tag)
+            if part.get(key) is not None
+        }
+        lowers = entry.get("influence") == "decreasing" and not basic
+        tilts = any(True for _ in elements_below(entry, "tilting"))
+        if lowers or tilts or basic:  # neither is known of a train by its figures
+            if lowers:
+                print_assumption(f"{entry_of(entry, place)}: its lower limits hold for trains of no category too")
+            needs = {}
+        found[entry.get("id", "")] = _Profile("" if basic else _name_of(entry), needs, lowers)
+    return found
 
 
 def _speeds(
-    infrastructure: Element, location: Location, path: TrackPath, profiles: Mapping[str, str]
+    infrastructure: Element, location: Location, path: TrackPath, profiles: Mapping[str, _Profile]
 ) -> tuple[list[Range], dict[str, list[Range]], list[dict[str, Any]]]:
     """Return the permanent speed limits [m/s] of all trains and by category, and the restrictions on a path.
 
@@ -233,6 +252,7 @@ def _speeds(
     """
     place = path.network.place
     by_category: dict[str, list[Range]] = {}
+    lowered: list[Range] = []
     restrictions: list[dict[str, Any]] = []
     for section in elements_below(infrastructure, "speedSection"):
         key = "maxSpeed" if section.get("maxSpeed") is not None else "vMax"
@@ -253,7 +273,10 @@ def _speeds(
             if flag_of(section, "isTemporary", place):
                 restrictions.append({"begin": begin, "end": end, "speed": speed})
                 continue
-            for category in dict.fromkeys(profiles[ref] for ref in refs) or ("",):
+            categories = {profiles[ref].category: True for ref in refs} or {"": True}
+            if any(profiles[ref].lowers for ref in refs):
+                lowered.append(Range(begin, end, speed, entry))
+            for category in categories:
                 by_category.setdefault(category, []).append(Range(begin, end, speed, entry))
     general = by_category.pop("", [])
     lowest = _laid([row for rows in by_category.values() for row in rows], general, path)
@@ -261,6 +284,8 @@ def _speeds(
         print_assumption(
             f"{place}: speedSection: some only for speed profiles; other trains have the lowest of them there"
         )
+    if lowered:
+        lowest = _laid((), [*lowest, *lowered], path)
     found = {category: _laid(lowest, rows, path) for category, rows in by_category.items()}
     return lowest, found, sorted(restrictions, key=lambda entry: (entry["begin"], entry["end"]))
 
@@ -389,7 +414,8 @@ def _not_read(root: Element) -> tuple[str, ...]:
     carried = ["@version", "common.positioning.linearPositioningSystems.linearPositioningSystem.@id",
                "common.positioning.linearPositioningSystems.linearPositioningSystem.@units",
                "common.speedProfiles.speedProfile.@id", "common.speedProfiles.speedProfile.name.@name",
-               "common.speedProfiles.speedProfile.@isBasicSpeedProfile"]  # fmt: skip
+               "common.speedProfiles.speedProfile.@isBasicSpeedProfile", "common.speedProfiles.speedProfile.@influence",
+               *(f"common.speedProfiles.speedProfile.{tag}.@{key}" for tag, key, _ in NEEDS)]  # fmt: skip
     for owner, names in READ.items():
         located = spot if owner.endswith(STATION) else () if owner.startswith("topology") else stretch
         carried += [f"infrastructure.{owner}.{name}" for name in (*names, *located)]
