@@ -441,6 +441,9 @@ def test_a_track_that_the_path_passes_twice_is_whole_at_both_passages() -> None:
     assert [(e.at, e.speed) for e in line.speed_limits] == limits, "5 m/s: the lowest one, where B has none"
     assert [(e.begin, e.end) for e in line.neutral_sections] == [(1700, 1750), (5050, 5100)]
     assert [(e.at, e.name) for e in line.stops] == [(500, "West"), (1400, "Mid"), (5400, "Mid")]
+    lead["track_sections"][1] = track("C", 2000, [(10, 0, 1500)] * 2, [(400, 500, 560), (400, 550, 600)])
+    again = osrd.osrd_line(lead, "loop.json", "A..B")
+    assert (again.curves, again.grades) == (line.curves, line.grades), "a curve given twice has its resistance once"
 
 
 RAIL_LOOP = f"""<railML version="3.2"><infrastructure id="is"><topology><netElements>
@@ -557,7 +560,10 @@ def test_a_curve_without_a_radius_and_a_length_beside_its_measures_are_told(rail
     """Breaks if a curve becomes straight, or the places of a net element are scaled, without a word."""
     railml.write_text(RAILML.replace('radius="-400"', "").replace('length="3600.0"', 'length="3500.0"'))
     load_line(f"{railml}:Alder..Birch")
+    railml.write_text(RAILML.replace('posBegin="300" posEnd="900"', 'posBegin="0.3" posEnd="0.9"'))
+    load_line(f"{railml}:Alder..Birch")
     told = capsys.readouterr().err
+    assert "gradientCurve: it is 0.6 m long; positions on a track are in m" in told
     assert "horizontalCurve: no radius, and no neighbour with one; straight there" in told
     assert "netElement n4: length 3500 m, its measures have 3600 m; places on it are scaled" in told
 

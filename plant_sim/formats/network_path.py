@@ -22,6 +22,8 @@ TrackEnd = tuple[str, str]
 """Track, and its begin or end."""
 ROUNDING = 1.0
 """Length up to which an overlap, or a place beyond a track, counts as rounding of the file [m]."""
+SHORT = 2.0
+"""Length of a range below which its positions are probably in another unit [m]."""
 SAME_STATION = 2000.0
 """Largest distance between two tracks of one station that a train passes one after the other [m]."""
 STRAIGHT = 1e5
@@ -214,6 +216,8 @@ class TrackPath:
         if high <= low:
             print_assumption(f"{entry}: it has no length and no effect")
             return []
+        if high - low < SHORT < length:
+            print_assumption(f"{entry}: it is {number_text(high - low)} m long; positions on a track are in m")
         return [
             Passage(at + low, at + high, True) if forward else Passage(at + length - high, at + length - low, False)
             for at, forward in self._passages[track]
@@ -268,7 +272,7 @@ def line_data(
     _refuse_overlaps(grades, "grades")
     bends = [row if 0 < abs(row.value) < STRAIGHT else row._replace(value=0.0) for row in radii]
     _refuse_overlaps(bends, "radii")
-    curves = [row for row in bends if row.value]
+    curves = steps(path.length, bends, lambda values: values[-1], 0.0)
     limits = steps(path.length, speeds, min, None)
     data: dict[str, Any] = {
         "schema": "train_ato/line/1",
@@ -280,7 +284,8 @@ def line_data(
         ],
         "curves": [
             {"begin": begin, "end": end, "radius": abs(radius), "side": "right" if radius > 0 else "left"}
-            for begin, end, radius, _ in sorted(curves)
+            for (begin, radius), (end, _) in pairwise([*curves, (path.length, 0.0)])
+            if radius
         ],
         "speed_limits": [{"at": at, "speed": speed} for at, speed in _without_gaps(limits, path, "")],
         "category_limits": [
