@@ -58,8 +58,15 @@ def rosbag(
     return folder
 
 
-def mcap(messages: list[RawMessage], path: Path, idl: bool = False, publish: bool = True, **options: object) -> Path:
-    """Write a file with the package ``mcap``."""
+def mcap(
+    messages: list[RawMessage],
+    path: Path,
+    idl: bool = False,
+    publish: bool = True,
+    part: str = "/msg/",
+    **options: object,
+) -> Path:
+    """Write a file with the package ``mcap``; ``part`` is that between package and type in the names of types."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("wb") as file:
         writer = McapWriter(file, **options)  # type: ignore[arg-type]
@@ -69,7 +76,8 @@ def mcap(messages: list[RawMessage], path: Path, idl: bool = False, publish: boo
             name, kind = message.channel.topic, message.schema
             if name not in known:
                 text = TYPES.generate_msgdef(kind.name)[0].encode() if not idl else idl_text(kind.name)
-                schema = writer.register_schema(kind.name, "ros2idl" if idl else "ros2msg", text)
+                kind_name = kind.name.replace("/msg/", part)
+                schema = writer.register_schema(kind_name, "ros2idl" if idl else "ros2msg", text)
                 known[name] = writer.register_channel(name, "cdr", schema, dict(message.channel.metadata))
             writer.add_message(known[name], message.log_ns, message.data, message.publish_ns if publish else 0)
         writer.finish()
@@ -98,10 +106,12 @@ def split(messages: list[RawMessage], folder: Path, *, metadata: bool) -> Path:
     return folder
 
 
-def packed(file: Path) -> Path:
-    """Compress a file as `ros2 bag record --compression-mode file`."""
-    out = file.with_name(f"{file.name}.zstd")
-    out.write_bytes(zstandard.ZstdCompressor().compress(file.read_bytes()))
+def packed(file: Path, frames: int = 1) -> Path:
+    """Compress a file as `ros2 bag record --compression-mode file`, in several frames as `pzstd`."""
+    out, data = file.with_name(f"{file.name}.zstd"), file.read_bytes()
+    size = -(-len(data) // frames)
+    pieces = (data[begin : begin + size] for begin in range(0, len(data), size))
+    out.write_bytes(b"".join(map(zstandard.ZstdCompressor().compress, pieces)))
     file.unlink()
     return out
 
@@ -158,6 +168,8 @@ READ: dict[str, Make] = {
     "SQLite compressed by file": lambda m, at: rosbag(m, at / "ride", SQL, BY_FILE),
     "SQLite compressed by message": lambda m, at: rosbag(m, at / "ride", SQL, BY_MESSAGE),
     "file compressed as a whole": lambda m, at: packed(mcap(m, at / "ride_0.mcap")),
+    "file compressed in frames": lambda m, at: packed(mcap(m, at / "ride_0.mcap"), 3),
+    "types without msg": lambda m, at: mcap(m, at / "a.mcap", part="/"),
     "no summary": lambda m, at: mcap(m, at / "a.mcap", **NO_SUMMARY),
     "unchunked": lambda m, at: mcap(m, at / "a.mcap", use_chunking=False),
     "lz4": lambda m, at: mcap(m, at / "a.mcap", compression=CompressionType.LZ4),
@@ -299,6 +311,42 @@ def test_recover_is_not_named_for_a_bag_without_a_readable_message(make, message
     assert capsys.readouterr().err.endswith("; no message in it is readable\n")
     assert main(["recover", str(bag)]) == 2
     assert "nothing can be recovered" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("checked", [True, False])
+def test_a_bag_cut_after_its_messages_is_recovered_whole(checked, messages, tmp_path, capsys):
+    """Breaks if the messages of an unchunked bag without the end of its summary are lost, or a wrong one is saved."""
+    bag = mcap(messages, tmp_path / "a.mcap", use_chunking=False, enable_data_crcs=checked)
+    cut(bag, 0.999)
+    wrong = bytearray(bag.read_bytes())
+    wrong[wrong.index(messages[-1].data) + 8] ^= 1
+    (tmp_path / "b.mcap").write_bytes(wrong)
+    assert main(["recover", str(bag)]) == 0
+    assert [m.data for m in stream(bag)] == [m.data for m in messages]
+    assert main(["recover", str(tmp_path / "b.mcap")]) == (2 if checked else 0)
+
+
+def test_times_of_a_bag_with_wall_times_begin_at_its_first_message(run, messages, tmp_path, capsys):
+    """Breaks if the times of a bag of `ros2 bag record` are seconds since the start of the simulation, years ago."""
+    by = 400 * 86_400 * 10**9
+    late = [m._replace(publish_ns=m.publish_ns + by, log_ns=m.log_ns + by) for m in messages]
+    assert info(mcap(late, tmp_path / "a.mcap"), capsys)["topics"] == info(run, capsys)["topics"]
+
+
+def test_an_error_names_the_bag_and_not_its_copy(messages, tmp_path, capsys):
+    """Breaks if a user reads the name of a temporary file."""
+    bag = rosbag(messages[:20], tmp_path / "ride", SQL)
+    for command, change in (
+        ("export", ""),
+        ("info", "UPDATE messages SET data = x'00'"),
+        ("replay", "DELETE FROM messages"),
+    ):
+        with closing(sqlite3.connect(next(bag.glob("*.db3")))) as database:
+            database.execute(change)
+            database.commit()
+        options = ["--topics", "no/such", f"--out={tmp_path / 'tables'}"] if command == "export" else []
+        assert main([command, str(bag), *options]) == 2
+        assert capsys.readouterr().err.startswith(f"train-ato: {bag}: ")
 
 
 def test_a_bag_of_ros_1_names_its_converter(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -107,8 +107,11 @@ def test_parameters_of_all_laws_have_ranges_and_meanings(make):
     [
         ("lawe:=smc", "did you mean 'law'"),
         ("pid.kpp:=1.0", "did you mean 'pid.kp'"),
-        ("pid.kp:=-1.0e30", "pid.kp"),
+        ("pid.kp:=-1.0e30", "parameter pid.kp: -1e+30 is refused; give 0 ... 1000000000 1/s or N/(m/s)"),
         ("pid.kp:=.nan", "pid.kp"),
+        ("pid.kp:=high", "parameter pid.kp: 'high' is refused; give 0 ... 1000000000 1/s or N/(m/s)"),
+        ("pid.per_mass:=1", "parameter pid.per_mass: 1 is refused; give true or false"),
+        ("pid.integral:=[speed]", "parameter pid.integral: ['speed'] is refused; give position or speed"),
         ("law:=nosuch", "nosuch"),
     ],
 )
@@ -131,6 +134,7 @@ MALFORMED = [
     ["--params-file", "/nonexistent.yaml"], ["--params-file", "flat.yaml"], ["--params-file", "broken.yaml"],
     ["--params-file", "indent.yaml"], ["-p", "law"], ["-r", "bad"], ["-r", "__ns:=not/abs"], ["-r", "__node:=1x"],
     ["--log-level", "nonsense"], ["--enclave", "x"], ["--remap"],
+    ["--no-such-option"], ["-r", "__node:=my_controller"],
 ]  # fmt: skip
 
 
@@ -142,9 +146,9 @@ def test_malformed_ros_arguments_are_one_line(given, tmp_path, monkeypatch, capf
     (tmp_path / "broken.yaml").write_text("a: [\n")
     (tmp_path / "indent.yaml").write_text("controller:\n ros__parameters:\n    law: smc\n   x: 1\n")
     with pytest.raises(ValueError, match="--ros-args") as caught:
-        check_arguments(["--ros-args", *given])
+        check_arguments(["--ros-args", *given], Role.CONTROLLER)
     assert given[-1] in str(caught.value)
-    assert "\n" not in str(caught.value)
+    assert "\n" not in str(caught.value) and "[" not in str(caught.value)
     assert capfd.readouterr().err == ""
 
 

@@ -40,6 +40,7 @@ _SQLITE_HEAD = struct.Struct(">16xH10xI")
 _FROM = "SELECT rowid, topic_id, timestamp, data FROM messages WHERE rowid >= ? ORDER BY rowid"
 """Rows from a number on, without the index, which may be damaged."""
 _copies: dict[tuple[Any, ...], Path] = {}
+_bags: dict[Path, Path] = {}
 _scratch = ExitStack()
 """Folder of the copies; it is removed at the end of the process."""
 
@@ -116,7 +117,13 @@ def as_mcap(path: Path) -> Path:
         folder = tempfile.TemporaryDirectory(prefix="train_ato_bag_", ignore_cleanup_errors=True)
         _scratch.enter_context(folder)
         _copies[key] = _copied(files, path.name.partition(".")[0], Path(folder.name))
+        _bags[_copies[key]] = path
     return _copies[key]
+
+
+def original(log: Path) -> Path:
+    """Return the bag of a copy for the user, any other log as it is."""
+    return _bags.get(log, log)
 
 
 def head_of(file: Path) -> bytes:
@@ -172,10 +179,10 @@ def _messages(file: Path, part: Path) -> Iterator[RawMessage]:
 
 def unpack(file: Path, target: Path) -> None:
     """Decompress a file as far as it is readable."""
-    frame = zstandard.ZstdDecompressor().decompressobj()
     with file.open("rb") as source, target.open("wb") as out, suppress(zstandard.ZstdError):
-        while data := source.read(1 << 16):
-            out.write(frame.decompress(data))
+        frames = zstandard.ZstdDecompressor().stream_reader(source, read_across_frames=True)
+        while data := frames.read(1 << 16):
+            out.write(data)
 
 
 def of_sqlite(file: Path) -> Iterator[RawMessage]:
@@ -191,7 +198,8 @@ def of_sqlite(file: Path) -> Iterator[RawMessage]:
         with tempfile.TemporaryDirectory(prefix="train_ato_bag_") as folder:
             some = any(True for _ in of_damaged_sqlite(file, Path(folder)))
         saved = f"`train-ato recover {file}` saves the readable part" if some else "no message in it is readable"
-        raise ValueError(f"{file}: damaged or no bag ({error}); {saved}") from None
+        what = f"the table topics has no topic {error}" if isinstance(error, KeyError) else error
+        raise ValueError(f"{file}: damaged or no bag ({what}); {saved}") from None
 
 
 def of_damaged_sqlite(file: Path, folder: Path) -> Iterator[RawMessage]:

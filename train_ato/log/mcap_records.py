@@ -166,6 +166,8 @@ class Definitions:
         """Add a record if it is a schema or a channel."""
         if code == Opcode.SCHEMA:
             schema: Schema = _parsed(Schema, content, "a schema")
+            if schema.encoding.startswith("ros2") and schema.name.count("/") == 1:  # as some writers call it
+                schema.name = schema.name.replace("/", "/msg/")
             self.schemas[schema.id] = schema
         elif code == Opcode.CHANNEL:
             channel: Channel = _parsed(Channel, content, "a channel")

@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from train_ato.log.bag_layout import table_name
+from train_ato.log.foreign_bag import original
 from train_ato.log.mcap_records import MAX_TIME_NS, Definitions, Progress, blocks, readable
-from train_ato.log.reading import WallTime, attachments, read_wall_time
+from train_ato.log.reading import WallTime, attachments, read_wall_time, time_zero
 from train_ato.log.versions import VERSIONS, read_versions
-from train_ato.messages.topics import BY_NAME, EPOCH_NS, Rate
+from train_ato.messages.topics import BY_NAME, Rate
 from train_ato.messages.variable_codec import decode_diagnostic
 from train_ato.scenario.changes import RunChanges
 
@@ -136,10 +137,12 @@ def log_overview(path: Path, *, broken: bool = False, progress: Progress | None 
                         reports.add(number)
                 topics_of_channels[number].add(publish_ns)
                 if number in reports:
-                    changes.take(decode_diagnostic(block[place:stop]))
-    begin = min((found.first for found in stamps.values()), default=0)
-    if begin >= EPOCH_NS and any(table_name(name) is not None for name in stamps):
-        begin = EPOCH_NS
+                    try:
+                        changes.take(decode_diagnostic(block[place:stop]))
+                    except ValueError as error:
+                        raise ValueError(f"{original(path)}: {known.kind(number)[0].topic}: {error}") from None
+    ours = any(table_name(name) is not None for name in stamps)
+    begin = time_zero(min((found.first for found in stamps.values()), default=0), ours=ours)
     end = max((found.last for name, found in stamps.items() if table_name(name) is not None), default=begin)
     topics = tuple(_topic(name, types[name], found.sorted(), begin, end) for name, found in stamps.items())
     attached = attachments(path, broken=broken)

@@ -17,6 +17,22 @@ from train_ato.log.foreign_bag import as_mcap
 from train_ato.log.mcap_records import Progress, attachment_of, metadata_of, readable, records, stream
 from train_ato.messages.topics import EPOCH_NS
 
+MAX_RUN_NS = 86_400 * 10**9
+"""Maximum duration of a run [ns]."""
+
+
+def time_zero(first_ns: int, *, ours: bool) -> int:
+    """Return time 0 of a log [ns since 1970]: the start of the simulation, of other or wall times the first message.
+
+    Parameters
+    ----------
+    first_ns
+        Publish time of the first message [ns since 1970].
+    ours
+        True for a log with topics of the topic table.
+    """
+    return EPOCH_NS if ours and 0 <= first_ns - EPOCH_NS <= MAX_RUN_NS else first_ns
+
 
 def log_file(run: Path) -> Path:
     """Return the log of a run: the file itself, ``run.mcap`` in its folder, or a bag of another recorder.

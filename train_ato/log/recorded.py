@@ -18,6 +18,7 @@ from train_ato.judge.recording_builder import reduced
 from train_ato.judge.repeated_reports import KeptReports, changed_reports
 from train_ato.judge.series import TopicSamples, seconds
 from train_ato.log.bag_layout import LOG, table_name
+from train_ato.log.foreign_bag import original
 from train_ato.log.reading import log_file
 from train_ato.log.run_folder import parse_summary, read_run_folder
 from train_ato.log.tables import KeptMessages, LayoutRecords, Reader, TopicMessages, check_known
@@ -111,7 +112,7 @@ def _groups(
                 found[topic] = TopicMessages(typestore(), portion.schema.name, partial(check_known, topic))
             found[topic].add(portion)
         except ValueError as error:
-            raise ValueError(f"{path}: {portion.channel.topic}: {error}") from None
+            raise ValueError(f"{original(path)}: {portion.channel.topic}: {error}") from None
         if sum(group.size for group in found[topic].groups) >= BATCH:
             for group in found.pop(topic).groups:
                 yield topic, group

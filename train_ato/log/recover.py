@@ -11,7 +11,9 @@ beside an undamaged log it is checked and repaired.
 
 import mmap
 import shutil
+import struct
 import tempfile
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -310,13 +312,19 @@ class DamagedLog:
 
     def _outside(self, known: Definitions) -> Iterator[RawMessage]:
         """Yield the messages of a file without chunks that breaks off, up to the first record that is not whole."""
-        codes = [code for code, _, _ in self._records()]
-        if Opcode.DATA_END in codes:
+        end = next((place for code, place, _ in self._records() if code == Opcode.DATA_END), None)
+        if end is not None and (self._data[-len(MAGIC) :] == MAGIC or not self._is_checked(end)):
             return  # the file does not break off: a bit is wrong somewhere
         with suppress(Damage):
             for code, begin, end in self._records():
                 if code in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE):
                     yield from known.messages(self._data[begin:end])
+
+    def _is_checked(self, end: int) -> bool:
+        """Return True if the data before the record of their end agree with its checksum; without one they do."""
+        (crc,) = struct.unpack_from("<I", self._data, end + HEAD.size)
+        with memoryview(self._data) as data:
+            return crc in (0, zlib.crc32(data[:end]))
 
     def _records(self) -> Iterator[tuple[int, int, int]]:
         """Yield code, begin and end of the records up to the first one that is not whole."""

@@ -14,7 +14,8 @@ from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_
 from plant_sim.input_error import close_match
 from train_ato.judge.series import seconds
 from train_ato.log.bag_layout import table_name
-from train_ato.log.reading import log_file
+from train_ato.log.foreign_bag import original
+from train_ato.log.reading import log_file, time_zero
 from train_ato.log.table_columns import TIME, diagnostic_table, diagnostic_texts, trajectory_table
 from train_ato.log.tables import (
     KeptMessages,
@@ -27,7 +28,7 @@ from train_ato.log.tables import (
     known_table,
 )
 from train_ato.messages.cdr import typestore
-from train_ato.messages.topics import BY_NAME, EPOCH_NS
+from train_ato.messages.topics import BY_NAME
 from train_ato.messages.types import Diagnostic
 from train_ato.messages.variable_codec import decode_diagnostic
 
@@ -191,7 +192,7 @@ class TableReader:
             yield
         except ValueError as error:
             if self._known_name(name) is not None or self._topics is not None:
-                raise ValueError(f"{self._path}: {name}: {error}") from None
+                raise ValueError(f"{original(self._path)}: {name}: {error}") from None
             self.left_out[name] = str(error)
 
     def since_begin(self, table: pd.DataFrame) -> pd.DataFrame:
@@ -249,10 +250,9 @@ class TableReader:
         return known if known is not None and len(same) == 1 else name
 
     def _begin(self) -> int:
-        """Return time 0 [ns since 1970]: the start of the simulation, or the first message of a foreign log."""
+        """Return time 0 [ns since 1970]."""
         ours = any(_known(channel.topic, schema) for channel, schema in self._reader.channels)
-        first = self._reader.first_ns or 0
-        return EPOCH_NS if ours and first >= EPOCH_NS else first
+        return time_zero(self._reader.first_ns or 0, ours=ours)
 
     def _check_topics(self) -> None:
         """Refuse names that are not in the log."""
@@ -260,9 +260,10 @@ class TableReader:
         for wanted in self._topics or ():
             if not any(_named(name, wanted) for name in names):
                 match = close_match(wanted if wanted.startswith("/") else f"/{wanted}", names)
-                raise ValueError(f"{self._path}: holds no topic '{wanted}'{match} (it has: {', '.join(names)})")
+                has = f" (it has: {', '.join(names)})" if names else "; it has no message"
+                raise ValueError(f"{original(self._path)}: holds no topic '{wanted}'{match}{has}")
             if (reason := self.left_out.get(wanted)) is not None:
-                raise ValueError(f"{self._path}: {wanted}: {reason}")
+                raise ValueError(f"{original(self._path)}: {wanted}: {reason}")
 
 
 def _named(name: str, wanted: str) -> bool:

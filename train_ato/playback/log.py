@@ -19,6 +19,7 @@ from mcap.records import Channel
 
 from plant_sim.input_error import close_match
 from train_ato.log.bag_layout import offered_qos
+from train_ato.log.foreign_bag import original
 from train_ato.log.mcap_records import (
     HEAD,
     Damage,
@@ -103,7 +104,7 @@ class ReplayLog:
         self._spans: dict[int, tuple[int, int]] = {}
         self.begin_ns, self.end_ns = self._span_of_all()
         if not self.topics:
-            raise ValueError(f"{self.path}: contains no message; nothing to replay")
+            raise ValueError(f"{original(self.path)}: contains no message; nothing to replay")
 
     def close(self) -> None:
         """Close the file."""

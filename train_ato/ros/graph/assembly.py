@@ -67,13 +67,13 @@ class _Executor(rclpy_implementation.EventsExecutor):  # type: ignore[misc]
                 raise
 
 
-def check_arguments(arguments: Sequence[str]) -> None:
-    """Check ``--ros-args`` with a context and a node of their own.
+def check_arguments(arguments: Sequence[str], role: Role) -> None:
+    """Check the ``--ros-args`` of a node with a context and a node of their own.
 
     Raises
     ------
     ValueError
-        For malformed arguments, a missing or malformed parameter file, or an impossible name.
+        For malformed arguments, a missing or malformed parameter file, or another name of the node.
     """
     if not arguments:
         return
@@ -82,16 +82,23 @@ def check_arguments(arguments: Sequence[str]) -> None:
     os.dup2(nothing, 2)  # rcl prints lines of its own
     try:
         rclpy.init(context=context, args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
-        Node("check", context=context, enable_rosout=False, start_parameter_services=False).destroy_node()
+        node = Node(role.value, context=context, enable_rosout=False, start_parameter_services=False)
+        name = node.get_name()
+        node.destroy_node()
     except Exception as error:  # RCLError and many others, after the fault
         kept = [line.strip() for line in str(error).splitlines() if line.strip()]
         reason = (kept or [type(error).__name__])[0].partition(", at ")[0].rstrip(".,: ")
+        if isinstance(error, rclpy_implementation.UnknownROSArgsError):
+            reason = f"unknown: {reason.strip('[]')}"
         raise ValueError(f"{' '.join(arguments)}: {reason}; see `ros2 run --help` for the form") from None
     finally:
         context.try_shutdown()
         os.dup2(shown, 2)
         os.close(shown)
         os.close(nothing)
+    if name != role.value:
+        text = f"the other nodes find node {role.value} by this name, not {name}; leave __node out, or give a namespace"
+        raise ValueError(f"{' '.join(arguments)}: {text}")
 
 
 @contextmanager

@@ -52,10 +52,10 @@ def declare(node: Node, parameters: list[Declared]) -> dict[str, Any]:
             values[parameter.name] = node.declare_parameter(
                 parameter.name, parameter.value, descriptor(parameter)
             ).value
-        except (InvalidParameterValueException, InvalidParameterTypeException) as error:
+        except (InvalidParameterValueException, InvalidParameterTypeException):
             given = node._parameter_overrides.get(parameter.name)
             text = parameter.value if given is None else given.value
-            raise ValueError(f"parameter {parameter.name}: {text!r} is refused: {_reason(error)}") from None
+            raise ValueError(f"parameter {parameter.name}: {text!r} is refused; {_wanted(parameter)}") from None
         value = values[parameter.name]
         if isinstance(value, float) and not math.isfinite(value):
             raise ValueError(f"parameter {parameter.name}: {value} is not finite; {_range(parameter.entry)}")
@@ -89,8 +89,13 @@ def _refuse_unknown(node: Node, names: list[str]) -> None:
             raise ValueError(unknown_parameter(node.get_name(), given, names))
 
 
-def _reason(error: Exception) -> str:
-    return " ".join(str(error).split())
+def _wanted(parameter: Declared) -> str:
+    """Return the values of a parameter, as the remedy for a wrong one."""
+    if isinstance(parameter.value, bool):
+        return "give true or false"
+    if isinstance(parameter.value, str):
+        return f"give {' or '.join(parameter.entry.choices) or 'a text'}"
+    return _range(parameter.entry)
 
 
 def _range(entry: Parameter) -> str:

@@ -68,11 +68,11 @@ def _arguments(role: Role, words: Sequence[str]) -> argparse.Namespace:
     if role is Role.RECORDER:
         parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the log")
         add_compression(parser)
-    own, ros = list(words), []
-    if "--ros-args" in own:
+    own, ros = list(words), list[str]()
+    while "--ros-args" in own:
         at = own.index("--ros-args")
         end = own.index("--", at) if "--" in own[at:] else len(own)
-        own, ros = own[:at] + own[end + 1 :], own[at:end]
+        own, ros = own[:at] + own[end + 1 :], ros + own[at:end]
     options = parser.parse_args(own)
     options.ros = ros
     return options
@@ -172,7 +172,7 @@ def _run(
         setup = setup.reporting()
     log_folder = Path(os.environ["ROS_LOG_DIR"]) if "ROS_LOG_DIR" in os.environ else None
     watch = FirstFailure(log_folder)
-    check_arguments(options.ros)
+    check_arguments(options.ros, role)
     with executor_of(None, options.ros or None, watch) as (context, executor):
         external = None if options.external is None else Role(options.external)
         endpoints = NodeEndpoints(role, Wire(setup.layout), context, watch, ROLES[:-1], options.ros or None, external)
