@@ -235,7 +235,7 @@ def parts(setup: RunSetup, domain: int) -> dict[str, float]:
     from train_ato.loop.observer import ObserverStage
     from train_ato.loop.plant import PlantStage
     from train_ato.loop.profile import ProfileStage
-    from train_ato.messages.codec import Wire
+    from train_ato.messages.codec import TopicRecord
     from train_ato.ros.nodes.endpoints import NodeEndpoints
     from train_ato.ros.nodes.recorder import RecorderNode
 
@@ -246,7 +246,7 @@ def parts(setup: RunSetup, domain: int) -> dict[str, float]:
     clocks.on(ControllerStage, "command", "law")
     clocks.on(ObserverStage, "on_measurement", "observer")
     clocks.on(ProfileStage, "on_measurement", "profile")
-    clocks.on(Wire, "encode", "messages: encode")
+    clocks.on(TopicRecord, "encode", "messages: encode")
     clocks.on(NodeEndpoints, "publish", "messages: publish")
     clocks.on(RecorderNode, "poll", "recorder")
     try:

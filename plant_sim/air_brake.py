@@ -247,10 +247,6 @@ class _Place:
         """True at the final pressure."""
         return self.pressure == self._final
 
-    def follow(self, time: float) -> None:
-        """Approach the final pressure until a time [s]."""
-        self.follow_each((time,))
-
     def follow_each(self, times: Sequence[float]) -> list[float]:
         """Approach the final pressure until rising times [s]; return the pressure at each [Pa]."""
         pressure, final, before, found = self.pressure, self._final, self._time, []
@@ -307,9 +303,7 @@ class PipePressure:
         """Return the pressure at every place [Pa] at a time [s]; times must not decrease."""
         if self._changes:
             self._take_arrived(time)
-        for place in self._places:
-            place.follow(time)
-        return tuple([place.pressure for place in self._places])
+        return tuple([place.follow_each((time,))[0] for place in self._places])
 
     def at_each(self, times: Sequence[float]) -> Iterator[tuple[float, ...]]:
         """Return the pressures of :meth:`at` at rising times [s]."""
@@ -326,7 +320,7 @@ class PipePressure:
         for place in self._places:
             for arrival, number, change in sorted(self._arrived(place, time)):
                 if number > place.newest:
-                    place.follow(arrival)
+                    place.follow_each((arrival,))
                     place.take(number, change, self._brake)
         oldest = min(place.newest for place in self._places)
         self._changes = {number: change for number, change in self._changes.items() if number > oldest}

@@ -8,6 +8,7 @@ of the first power unit act on the wheel odometer too.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import floor
+from operator import methodcaller
 from struct import Struct
 from typing import Any
 
@@ -154,4 +155,4 @@ class Odometers:
     def observe(self, stamp: int, speed: float) -> Odometry:
         """Return the odometry at the present front position for a true speed [m/s] at a time [ns]."""
         _read(self.state, self.slips, stamp, speed, self._reading)
-        return Odometry(stamp, *[values.copy() for values in self._values])
+        return Odometry(stamp, *map(methodcaller("copy"), self._values))

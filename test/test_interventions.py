@@ -399,7 +399,7 @@ def ticked(plant, count):
     """Run the plant for some ticks without commands."""
     for _ in range(count):
         plant.observe()
-        plant.hold()
+        plant.act()
 
 
 def test_requested_gusts_are_limited_in_number():

@@ -124,7 +124,7 @@ class LateQueues:
         """Have no program in place of a node."""
         return False
 
-    def publish(self, topic: str, message: Any) -> None:
+    def publish(self, *messages: tuple[str, Any]) -> None:
         """Accept the progress of the recorder."""
 
 

@@ -149,16 +149,6 @@ class ControllerStage:
         """
         self.outage = reason
 
-    def _end_outage(self, stamp: int) -> bool:
-        """Apply an outage at the first step after it; return True at this step."""
-        if not self.outage:
-            return False
-        self.ato.stop(stamp, self.outage)
-        self.outage = ""
-        assert self.profile is not None
-        self.takeover = TakeoverRamp(self.setup.model, transition_jerk(self.profile, self._jerk_limit))
-        return True
-
     def fail(self, failure: ComponentFailed) -> None:
         """Brake to standstill from the next step on, because a component of the loop has failed; then raise it."""
         self.failed = failure
@@ -300,7 +290,12 @@ class ControllerStage:
         answer = self.answer
         received = self._passed_on(stamp, seen, expected, disturbance) if answer is None else answer.received
         self.ato.begin_step()
-        resumed = self._end_outage(stamp)
+        resumed = self.outage != ""
+        if resumed:
+            assert self.profile is not None
+            self.ato.stop(stamp, self.outage)
+            self.takeover = TakeoverRamp(self.setup.model, transition_jerk(self.profile, self._jerk_limit))
+            self.outage = ""
         if protection is not None and speeds is not None:
             state, limits = receive("train/protection", stamp, protection), receive("atp/speeds", stamp, speeds)
             report = self.ato.update(received.measurement, state, limits)

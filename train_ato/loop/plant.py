@@ -29,7 +29,6 @@ from train_ato.messages.types import (
     Command,
     Diagnostic,
     Disturbance,
-    Odometry,
     Pipe,
     Protection,
     ProtectionState,
@@ -68,6 +67,11 @@ class TrainInterventions:
         Prepared run with the planned interventions.
     train, link, protection, inputs
         Train, delay line of the commands, fail-safe reactions and receiving ends of the plant.
+
+    Attributes
+    ----------
+    due : list of (int, Intervention)
+        Interventions that wait for their tick, with its stamp [ns].
     """
 
     def __init__(
@@ -75,18 +79,8 @@ class TrainInterventions:
     ) -> None:
         self._setup = setup
         self._train, self._link, self._protection, self._inputs = train, link, protection, inputs
-        self._due = [(due_stamp(planned, setup.tick_ns), planned) for planned in setup.scenario.interventions]
+        self.due = [(due_stamp(planned, setup.tick_ns), planned) for planned in setup.scenario.interventions]
         self._in_force: dict[str, list[int]] = {}
-
-    @property
-    def waiting(self) -> bool:
-        """True if an intervention waits for its tick."""
-        return bool(self._due)
-
-    @property
-    def due_stamps(self) -> list[int]:
-        """Stamps of the waiting interventions [ns]."""
-        return [at for at, _ in self._due]
 
     def request(self, stamp: int, intervention: Intervention, *, speed: float, standstill: bool) -> None:
         """Add an intervention that acts from a stamp [ns] on.
@@ -102,7 +96,7 @@ class TrainInterventions:
             raise ValueError(f"the emergency brake is released at standstill only; the train runs {text}")
         self._setup.check_intervention(intervention)
         self._take_place(stamp, intervention)
-        self._due.append((stamp, intervention))
+        self.due.append((stamp, intervention))
 
     def _take_place(self, stamp: int, intervention: Intervention) -> None:
         """Count a request in force: to its end, a lasting one to the end of the run, others for one tick."""
@@ -117,12 +111,12 @@ class TrainInterventions:
     def take(self, stamp: int, *, standstill: bool) -> list[Intervention]:
         """Apply and return the interventions due at a stamp [ns]; a planned release waits for standstill."""
         taken, left = [], []
-        for at, intervention in self._due:
+        for at, intervention in self.due:
             if at > stamp or (_releases(intervention) and not standstill):
                 left.append((at, intervention))
             else:
                 taken.append(intervention)
-        self._due = left
+        self.due = left
         for intervention in taken:
             self._apply(stamp / 1e9, intervention)
         return taken
@@ -197,6 +191,8 @@ class PlantStage:
         Reports to the train behind; None for a train alone in its domain.
     radio : ReportRadio or None
         Live reports of the train ahead; None without any.
+    tick, stamp : int
+        Number of complete ticks, and simulation time of the next observation [ns].
     """
 
     role = Role.PLANT
@@ -231,12 +227,7 @@ class PlantStage:
             self.odometers = Odometers(setup.plant.odometry, slips, front, setup.seed)
         self.reports = ReportSender(setup) if setup.layout.reports else None
         self.radio = ReportRadio(setup) if setup.layout.behind else None
-        self.tick = 0
-
-    @property
-    def stamp(self) -> int:
-        """Simulation time of the next observation [ns]."""
-        return self.tick * self._tick_ns
+        self.tick = self.stamp = 0
 
     @property
     def finished(self) -> bool:
@@ -246,9 +237,13 @@ class PlantStage:
     def observe(self) -> PlantMessages:
         """Return truth and measurement at t_k."""
         stamp = self.stamp
-        taken = self.interventions.take(stamp, standstill=self.standstill) if self.interventions.waiting else []
-        seen = self.train.observe()
-        odometry, protection = self._for_supervisor(stamp, seen)
+        taken = self.interventions.take(stamp, standstill=self.standstill) if self.interventions.due else []
+        seen, odometry, protection = self.train.observe(), None, None
+        if self.odometers is not None:
+            self.odometers.move(stamp, seen.vehicles.position.item(0) + self.half)
+            if self.setup.supervised_at(stamp):
+                odometry = self.odometers.observe(stamp, seen.vehicles.velocity.item(0))
+                protection = ProtectionState(stamp, ACTIVE[self.protection.level].copy())
         changed = self.protection.level is not self.reported
         self.reported = self.protection.level
         changed |= self.outage_changed
@@ -258,16 +253,6 @@ class PlantStage:
         report = None if self.reports is None or odometry is None else self.reports.message(odometry)
         ahead = None if self.radio is None or odometry is None else self.radio.newest(stamp)
         return PlantMessages(*truth, seen.measurement, odometry, protection, report, ahead)
-
-    def _for_supervisor(self, stamp: int, seen: Observation) -> tuple[Odometry | None, ProtectionState | None]:
-        """Return odometry and fail-safe state at a step of the supervisor, otherwise None."""
-        if self.odometers is None:
-            return None, None
-        self.odometers.move(stamp, seen.vehicles.position.item(0) + self.half)
-        if not self.setup.supervised_at(stamp):
-            return None, None
-        odometry = self.odometers.observe(stamp, seen.vehicles.velocity.item(0))
-        return odometry, ProtectionState(stamp, ACTIVE[self.protection.level].copy())
 
     def request(self, intervention: Intervention) -> None:
         """Add an intervention; it acts from the next observation on, which reports it.
@@ -310,14 +295,6 @@ class PlantStage:
             diagnostics,
         )
 
-    def act(self, command: Command, pipe: Pipe | None, release: BrakeRelease | None = None) -> None:
-        """Integrate to t_k+1 with the command stamped t_k, and the brake release at a step of the supervisor."""
-        self._advance(self._receive(command, pipe, release))
-
-    def hold(self, release: BrakeRelease | None = None) -> None:
-        """Integrate one tick without a new command (without lockstep only)."""
-        self._advance(self._receive(None, None, release))
-
     def _receive(self, command: Command | None, pipe: Pipe | None, release: BrakeRelease | None) -> float | None:
         """Take the messages of this tick; return the pressure demanded at the head [Pa], None for the present one."""
         stamp, inputs = self.stamp, self.inputs
@@ -337,11 +314,16 @@ class PlantStage:
         self.pipe_link.push(stamp, (pressure.pressure,))
         return float(self.pipe_link.pop(stamp)[0])
 
-    def _advance(self, pressure: float | None) -> None:
-        """Integrate one tick with the arrived commands, or with the fail-safe reaction in their place.
+    def act(
+        self, command: Command | None = None, pipe: Pipe | None = None, release: BrakeRelease | None = None
+    ) -> None:
+        """Integrate to t_k+1 with the arrived commands, or with the fail-safe reaction in their place.
 
-        The emergency brake has a path of its own; the electric brake of locomotives acts beside it and counts nowhere.
+        The command has the stamp t_k, None without a new one (without lockstep only); the brake release comes at a step
+        of the supervisor.  The emergency brake has a path of its own; the electric brake of locomotives acts beside it
+        and counts nowhere.
         """
+        pressure = self._receive(command, pipe, release)
         stamp, protection = self.stamp, self.protection
         demand: Array = self.link.window(stamp, self._substeps)
         before = protection.level
@@ -358,7 +340,7 @@ class PlantStage:
             elif before is Protection.EMERGENCY_BRAKE:
                 self.train.release_emergency_brake()
         self.train.advance(demand, pressure)
-        self.tick += 1
+        self.tick, self.stamp = self.tick + 1, stamp + self._tick_ns
 
     def _brake(self, level: Protection, demand: Array, pressure: float | None) -> float | None:
         """Put a reaction in place of the demand; return the pressure demanded at the head [Pa], None for no change."""

@@ -80,11 +80,6 @@ class ProfileStage:
         """Return the profile and the speed limits for latched topics."""
         return ProfileStart(trajectory_of(self.profile), limits_of(self.setup))
 
-    def step(self, stamp: int) -> Reference:
-        """Return the reference at ``stamp`` [ns]."""
-        position, velocity, acceleration, _ = self.profile.at(stamp * 1e-9)
-        return Reference(stamp, position, velocity, acceleration, self.planned)
-
     def on_measurement(
         self, measurement: Measurement, ato: AtoReport | None = None, ahead: TrainAhead | None = None
     ) -> ProfileMessages:
@@ -102,21 +97,19 @@ class ProfileStage:
         stamp = measurement.stamp
         arrived = self.inputs.measurement(measurement)
         report = None if ato is None else self.inputs.receive("ato/state", stamp, ato)
-        decided = self._joined(stamp) or self._begun_again(stamp, arrived, report)
-        decided = decided or self._followed(stamp, ahead) or self._replanned(stamp, arrived)
+        decided, self.joins = self.joins, False
+        if decided:  # the profile of the scenario is sent again, as that of the first reference
+            self.planned, self._sent_again = stamp, True
+        decided = decided or self._begun_again(stamp, arrived, report)
+        if not decided and self.headway is not None and (behind := self.headway.step(stamp, ahead)) is not None:
+            self.profile, self.planned, decided = behind, stamp, True
+        decided = decided or self._replanned(stamp, arrived)
         reported = self.inputs.take_changed() or decided or diagnostics_due(stamp, self.setup.tick_ns)
         return ProfileMessages(
-            self.step(stamp),
+            Reference(stamp, *self.profile.at(stamp * 1e-9)[:3], self.planned),
             trajectory_of(self.profile, stamp) if decided and self.planned == stamp else None,
             self.diagnostic(stamp) if reported else None,
         )
-
-    def _joined(self, stamp: int) -> bool:
-        """Send the profile of the scenario as that of the first reference; return True at this reference."""
-        joins, self.joins = self.joins, False
-        if joins:
-            self.planned, self._sent_again = stamp, True
-        return joins
 
     def _begun_again(self, stamp: int, measurement: Measurement, ato: AtoReport | None) -> bool:
         """Plan from standstill after the ATO was engaged again; return True after this decision."""
@@ -136,14 +129,6 @@ class ProfileStage:
             self._replanner = setup.replanner(self.profile)
         except ValueError as error:
             self._refusal = str(error)
-        return True
-
-    def _followed(self, stamp: int, ahead: TrainAhead | None) -> bool:
-        """Follow the train ahead; return True with a new profile behind it."""
-        found = None if self.headway is None else self.headway.step(stamp, ahead)
-        if found is None:
-            return False
-        self.profile, self.planned = found, stamp
         return True
 
     def _replanned(self, stamp: int, measurement: Measurement) -> bool:

@@ -98,7 +98,7 @@ def ticks_to_event(
     longest = min(longest, plant.train.ticks_before_section, OF_CALLS if is_in_state(stages, stack) else longest)
     ends = [stamp + longest * tick, setup.ticks * tick, plant.link.next_jump(stamp)]
     ends += [requested_stamp(change) for change in controller.planned]
-    ends += plant.interventions.due_stamps
+    ends += [at for at, _ in plant.interventions.due]
     ends += [inputs.next_fault(stamp) for inputs in _inputs(stages)]
     ends += supervised.next_request(stamp)
     if stages.profile.headway is not None:
@@ -566,4 +566,4 @@ class Span:
         self._plant.link.skip_draws(done)
         train.sensor_set.skip_noise(done)
         train.stamp += done * train.tick_ns
-        self._plant.tick += done
+        self._plant.tick, self._plant.stamp = self._first + done, self.stamp + done * train.tick_ns

@@ -292,22 +292,22 @@ class Wire:
 
     Attributes
     ----------
-    records : dict
-        Records of the topics with messages of fixed length.
+    records, encoders : dict
+        Records of the topics with messages of fixed length, and function behind :meth:`encode`, by topic.
     """
 
     def __init__(self, layout: TrainLayout) -> None:
         self.layout = layout
-        self._encoders: dict[str, Callable[[Any], bytes]] = {}
+        self.encoders: dict[str, Callable[[Any], bytes]] = {}
         self._decoders: dict[str, Callable[[bytes], Any]] = {}
         self.records: dict[str, TopicRecord] = {}
         self._decoded: dict[str, tuple[bytes, Any]] = {}
         for topic in topics_of(layout):
             if topic.of_variable_length:
-                self._encoders[topic.name], self._decoders[topic.name] = VARIABLE[topic.message]
+                self.encoders[topic.name], self._decoders[topic.name] = VARIABLE[topic.message]
             else:
                 record = self.records[topic.name] = TopicRecord(topic, layout)
-                self._encoders[topic.name], self._decoders[topic.name] = record.encode, record.decode
+                self.encoders[topic.name], self._decoders[topic.name] = record.encode, record.decode
 
     def longest(self, topic: str) -> int:
         """Return the maximum length of a valid message [bytes]: twice the present one, for former names."""
@@ -323,7 +323,7 @@ class Wire:
         KeyError
             If a run of this train has no such topic.
         """
-        return self._encoders[topic](message)
+        return self.encoders[topic](message)
 
     def decode(self, topic: str, data: bytes) -> Any:
         """Return the message of the bytes; arrays are copies.

@@ -110,7 +110,8 @@ class Receiver:
             for arrival in self._arrived(now, message):
                 self._take(now, arrival)
         elif message is not None:
-            if self.check is None and self._last < message.stamp <= now and not self._problem(message):
+            check = self.check
+            if self._last < message.stamp <= now and not (self._problem(message) or (check and check(message))):
                 self._before, self._newest, self._last, self.fresh = self._newest, message, message.stamp, True
             else:
                 self._take(now, message)

@@ -56,19 +56,18 @@ def validity_check(topic: Topic) -> Callable[[Any], str]:
     def problem(message: Any) -> str:
         nonlocal last
         known, text = last  # one read: runs in other threads use the same function
-        if message is not known:
-            text = found(message)
-            last = message, text
-        return text
-
-    def found(message: Any) -> str:
+        if message is known:
+            return text
         for name, permitted, bound in fields:
             value = getattr(message, name)
             for entry in (value,) if type(value) is float else value.tolist():
                 if entry in permitted if permitted else -bound <= entry <= bound:
                     continue
                 if permitted or finite or entry == entry:
-                    return f"{name} {entry:g}"
+                    text = f"{name} {entry:g}"
+                    last = message, text
+                    return text
+        last = message, ""
         return ""
 
     return problem

@@ -25,7 +25,13 @@ class ShoeForces(NamedTuple):
 
 
 class ShoeForecast:
-    """Forecast of the shoe forces from the pressures demanded so far; 0 for a train without an air brake."""
+    """Forecast of the shoe forces from the pressures demanded so far; 0 for a train without an air brake.
+
+    Attributes
+    ----------
+    idle : bool
+        True if all forces are 0: no air brake, or no event that acts or propagates.
+    """
 
     def __init__(self, model: TrainModel) -> None:
         self._consist = model.consist
@@ -39,7 +45,7 @@ class ShoeForecast:
         self._forecast = BrakeForecast(self._consist) if self.fitted else None
         self._calls = 0
         self.pressure: float | None = None
-        self._idle = True
+        self.idle = True
 
     def demand(self, t: float, pressure: float | None) -> None:
         """Add the pressure demanded from a time on [s, Pa]; None without an air brake."""
@@ -47,11 +53,11 @@ class ShoeForecast:
             return
         if pressure != self.pressure:
             self._forecast.demand(t, pressure)
-            self.pressure, self._idle = pressure, self._forecast.idle
+            self.pressure, self.idle = pressure, self._forecast.idle
         self._calls += 1
-        if self._calls % COMMIT_EVERY == 0 and not self._idle:
+        if self._calls % COMMIT_EVERY == 0 and not self.idle:
             self._forecast.commit(t)
-            self._idle = self._forecast.idle
+            self.idle = self._forecast.idle
 
     def skip(self, calls: int) -> None:
         """Count calls of :meth:`demand` with the present pressure that do not reach the next restart."""
@@ -64,7 +70,7 @@ class ShoeForecast:
     def at_each(self, times: Array, velocity: Array) -> Array:
         """Return :meth:`at` for many times [s] and speeds [m/s]: totals, then units, shape (times, 1 + units)."""
         found = np.zeros((len(times), 1 + len(self.units)))
-        if self._forecast is not None and not self._idle:
+        if self._forecast is not None and not self.idle:
             forces = self._forecast.forces_at(times, velocity[:, None])
             found[:, 0], found[:, 1:] = forces.sum(axis=1), forces[:, self.units]
         return found
@@ -80,14 +86,9 @@ class ShoeForecast:
         other._forecast = copy.copy(self._forecast)  # its steps replace arrays and lists, they do not change them
         return other
 
-    @property
-    def idle(self) -> bool:
-        """True if all forces are 0: no air brake, or no event that acts or propagates."""
-        return self._idle
-
     def at(self, t: float, velocity: float) -> ShoeForces:
         """Return the forces at a time [s], not before the last demand, and a speed of the train [m/s]."""
-        if self._forecast is None or self._idle:
+        if self._forecast is None or self.idle:
             return self._none
         forces = self._forecast.forces(t, velocity)
         return ShoeForces(float(forces.sum()), forces[self.units])

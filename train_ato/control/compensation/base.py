@@ -104,19 +104,13 @@ class CompensationBase:
         self.period = period
         self._along, self.actuators = zeros(AlongProfile, 1), zeros(Actuator, model.n_units)
         self.actuators["share"] = model.share
-        self._rigid: RigidForce | None = None
+        self.rigid: RigidForce
         self._limits: LimitsAhead | None = None
         self.shoes = ShoeForecast(model)
 
-    @property
-    def rigid(self) -> RigidForce:
-        """Forces along the profile."""
-        assert self._rigid is not None, "set_profile comes before the first step"
-        return self._rigid
-
     def set_profile(self, rigid: RigidForce) -> None:
-        """Set the profile."""
-        self._rigid = rigid
+        """Set the profile with the forces along it."""
+        self.rigid = rigid
         self._along["begin"], self._along["spacing"] = rigid.begin, rigid.spacing
 
     def reset(self) -> None:

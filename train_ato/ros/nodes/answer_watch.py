@@ -40,13 +40,12 @@ class AnswerWatch:
         """Count from the present time: before it no answer was due."""
         self._heard = self._heard_release = time.monotonic()
 
-    def hear(self) -> None:
-        """Note a command, or a message of the recorder."""
-        self._heard = time.monotonic()
-
-    def hear_release(self) -> None:
-        """Note a brake release."""
-        self._heard_release = time.monotonic()
+    def hear(self, *, released: bool = False) -> None:
+        """Note a command, or a message of the recorder; with ``released`` a brake release."""
+        if released:
+            self._heard_release = time.monotonic()
+        else:
+            self._heard = time.monotonic()
 
     def check(self) -> None:
         """Count a suspension since the last check as one period: answers sent meanwhile can still be read."""

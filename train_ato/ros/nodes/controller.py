@@ -117,7 +117,7 @@ class ControllerNode:
             messages = self.stage.command()
             if self.stage.changed:
                 self._sync_parameters(self.stage.changed)
-            self.endpoints.publish_all(messages.published())
+            self.endpoints.publish(*messages.published())
             self._publish_parts(messages.command)
 
     def _publish_parts(self, command: Command) -> None:
@@ -125,7 +125,7 @@ class ControllerNode:
         if diagnostics_due(command.stamp, self.stage.setup.tick_ns):
             self._heard = self.endpoints.readers(FORCE_PARTS) > 0
         if self._heard and (parts := self.stage.force_parts(command)) is not None:
-            self.endpoints.publish(FORCE_PARTS, parts)
+            self.endpoints.publish((FORCE_PARTS, parts))
 
     def _request(self, request: Request, _: Any, response: Any) -> Any:
         """Answer a service request to the ATO; a refusal has its reason."""

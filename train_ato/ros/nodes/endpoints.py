@@ -214,25 +214,27 @@ class NodeEndpoints:
         """Send a signal to this process in place of the first message from a stamp [ns] on: a fault of the node."""
         self._planned_end = stamp, signal_number
 
-    def publish(self, topic: str, message: Any) -> None:
-        """Encode a message and send it.
+    def publish(self, *messages: tuple[str, Any]) -> None:
+        """Encode messages with their topics and send them in their order.
 
         Raises
         ------
         ValueError
             For a value that is not finite or a wrong number of values.
         """
-        if self._planned_end is not None and message.stamp >= self._planned_end[0]:
-            os.kill(os.getpid(), self._planned_end[1])
-        if self.joining:
-            return
-        data = self.wire.encode(topic, message)
-        if self.external is not None and topic in self._ticking and message.stamp == 0:
-            self._first_sent[topic] = data, self.readers(topic)
-        self._senders[topic](data)
-        self.published[topic] += 1
-        if topic in self._ticking:
-            self.last_stamp = message.stamp
+        encoders, senders, ticking = self.wire.encoders, self._senders, self._ticking
+        for topic, message in messages:
+            if self._planned_end is not None and message.stamp >= self._planned_end[0]:
+                os.kill(os.getpid(), self._planned_end[1])
+            if self.joining:
+                return
+            data = encoders[topic](message)
+            if self.external is not None and topic in ticking and message.stamp == 0:
+                self._first_sent[topic] = data, self.readers(topic)
+            senders[topic](data)
+            self.published[topic] += 1
+            if topic in ticking:
+                self.last_stamp = message.stamp
 
     def repeat(self, topic: str, message: Any) -> None:
         """Send a message again, which the recorder does not record."""
@@ -258,43 +260,29 @@ class NodeEndpoints:
             self._repeatable.discard(name)  # it is sent again before the second message only
         return first is not data and first == data
 
-    def publish_all(self, messages: list[tuple[str, Any]]) -> None:
-        """Send messages in their order."""
-        for topic, message in messages:
-            self.publish(topic, message)
-
     def subscribe(self, handlers: Mapping[str, Callable[[Any], None]], tick_ns: int = 0, at: str | None = None) -> None:
         """Subscribe to topics with a handler for decoded messages each.
 
         ``tick_ns`` is the tick of a measurement, ``at`` the name of the topic of another train.
         """
-        decode = self.wire.decode_shared
         for name, handler in handlers.items():
-            topic = BY_NAME[name]
-            if topic.exists(self.wire.layout):
-                sender = "/".join(role.value for role in topic.publishers)
-                if tick_ns and name == "train/measurement":
-                    handler = _of_ticks(handler, tick_ns)
+            if BY_NAME[name].exists(self.wire.layout):
+                ticked = tick_ns and name == "train/measurement"
+                handler = _of_ticks(handler, tick_ns) if ticked else handler
+                self.subscribe_raw(name, handler, at, self.wire.decode_shared)
 
-                def receive(
-                    data: bytes, name: str = name, handler: Callable[[Any], None] = handler, sender: str = sender
-                ) -> None:
-                    try:
-                        message = decode(name, data)
-                    except ValueError as error:
-                        self._sources[name].check()
-                        raise ValueError(f"{error}; sent by {sender}") from error
-                    handler(message)
-
-                self.subscribe_raw(name, receive, at)
-
-    def subscribe_raw(self, name: str, receive: Callable[[bytes], None], at: str | None = None) -> None:
-        """Subscribe to the bytes of a topic with one publisher; ``at`` as in :meth:`subscribe`.
+    def subscribe_raw(
+        self,
+        name: str,
+        handler: Callable[[Any], None],
+        at: str | None = None,
+        decode: Callable[[str, bytes], Any] = lambda name, data: data,
+    ) -> None:
+        """Subscribe to a topic with one publisher, without ``decode`` to its bytes; ``at`` as in :meth:`subscribe`.
 
         An exception in the callback and a second publisher fail the run with the name of the node.
         """
-        watch, node = self.watch, self.name
-        topic = BY_NAME[name]
+        watch, node, topic = self.watch, self.name, BY_NAME[name]
         source = self._sources[name] = OnePublisher(self.node, topic)
 
         def guarded(data: bytes) -> None:
@@ -303,8 +291,15 @@ class NodeEndpoints:
                 try:
                     if not source.begun:
                         source.begin()
-                    if not self.is_repeated(name, data):
-                        receive(data)
+                    if name in self._repeatable and self.is_repeated(name, data):
+                        return
+                    try:
+                        message = decode(name, data)
+                    except ValueError as error:
+                        source.check()
+                        sender = "/".join(role.value for role in topic.publishers)
+                        raise ValueError(f"{error}; sent by {sender}") from error
+                    handler(message)
                 except (Exception, SystemExit) as error:
                     watch.fail(node, error)
 

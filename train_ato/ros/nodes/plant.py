@@ -121,9 +121,7 @@ class PlantNode:
         endpoints.on_second_publisher = self._on_second_publisher
         endpoints.subscribe(
             {
-                "ato/command": self._on_command,
-                "ato/brake_pipe_command": self._on_brake_pipe_command,
-                "atp/brake_release": self._on_brake_release,
+                **dict.fromkeys(("ato/command", "ato/brake_pipe_command", "atp/brake_release"), self._on_answer),
                 "recorder/progress": self._on_recorder_progress,
             }
         )
@@ -288,38 +286,23 @@ class PlantNode:
         self.lose(BY_NAME[topic].publishers[0], reason)
         return True
 
-    def _on_command(self, command: Command) -> None:
-        if self.answers.commanded < 0:
+    def _on_answer(self, answer: Command | Pipe | BrakeRelease) -> None:
+        """Take an answer to the current tick, without lockstep also to an earlier one; the last one runs the tick."""
+        commands = isinstance(answer, Command)
+        if commands and self.answers.commanded < 0:
             self.answers.piped = self.answers.piped and not self.endpoints.left_out("ato/brake_pipe_command")
-        if self._take(command):
-            self.answer_watch.hear()
-            self._act_if_complete()
-
-    def _on_brake_pipe_command(self, pipe: Pipe) -> None:
-        if self._take(pipe):
-            self._act_if_complete()
-
-    def _on_brake_release(self, release: BrakeRelease) -> None:
-        if self._take(release):
-            self.answer_watch.hear_release()
-            self._act_if_complete()
-
-    def _take(self, answer: Command | Pipe | BrakeRelease) -> bool:
-        """Take an answer to the current tick, without lockstep also to an earlier one; return True if it is new."""
-        due = answer.stamp <= self.sent_stamp
-        if self._period is None:
-            due = self._waiting and answer.stamp == self.stage.stamp
-        unstamped = self._period is not None and answer.stamp == -EPOCH_NS and self.endpoints.external is not None
+        lockstep, stamp = self._period is None, self.stage.stamp
+        due = (self._waiting and answer.stamp == stamp) if lockstep else answer.stamp <= self.sent_stamp
+        unstamped = not lockstep and answer.stamp == -EPOCH_NS and self.endpoints.external is not None
         if unstamped and self.sent_stamp >= 0:  # a command of the present tick, and of several the newest
             answer, due = replace(answer, stamp=self.sent_stamp), True
-        taken = self.answers.take(answer, expected=due, again=unstamped)
-        if not taken and (text := self.answers.wrong_stamp(answer, self.sent_stamp)):
-            self.endpoints.note(text)
-        return taken
-
-    def _act_if_complete(self) -> None:
-        """Run the tick with its last answer in lockstep."""
-        if self._period is None and (answers := self.answers.use(self.stage.stamp)) is not None:
+        if not self.answers.take(answer, expected=due, again=unstamped):
+            if text := self.answers.wrong_stamp(answer, self.sent_stamp):
+                self.endpoints.note(text)
+            return
+        if commands or isinstance(answer, BrakeRelease):
+            self.answer_watch.hear(released=not commands)
+        if lockstep and (answers := self.answers.use(stamp)) is not None:
             self._waiting = False
             self.stage.act(*answers)
             self._next()
@@ -330,7 +313,7 @@ class PlantNode:
             self._conclude()
         elif self.paused and not self._single:
             pass
-        elif self._recorded and self._lead > LEAD:
+        elif self._recorded and self.stage.tick - self._acknowledged > LEAD and not self.outage.away:
             self.blocked = True
         elif self._period is None and self.ahead is not None and self.ahead.is_due(self.stamp, self.timeout):
             self._wake_every(LOOK_S * 1e9)
@@ -344,11 +327,6 @@ class PlantNode:
             self._send(self.stage.observe().published())
 
     @property
-    def _lead(self) -> int:
-        """Lead over the recorder [ticks], 0 in an outage."""
-        return 0 if self.outage.away else self.stage.tick - self._acknowledged
-
-    @property
     def _tick_period(self) -> float:
         """Wall time of a tick at the present rate [s], 0 without a rate."""
         if self._period is not None:
@@ -360,7 +338,7 @@ class PlantNode:
             self.finished = True
             self._send(self.stage.conclude().published())
             if self.stage.reports is not None:
-                self.endpoints.publish(REPORT, self.stage.reports.last(self.stamp))
+                self.endpoints.publish((REPORT, self.stage.reports.last(self.stamp)))
 
     @property
     def end(self) -> RunEnd:
@@ -370,14 +348,15 @@ class PlantNode:
 
     def announce_end(self) -> None:
         """Send the end notice, after the last message and the last failure; without it this node has failed."""
-        self.endpoints.publish(END_TOPIC, self.end.notice(self.stamp))
+        self.endpoints.publish((END_TOPIC, self.end.notice(self.stamp)))
 
     def _send(self, messages: Published) -> None:
         """Send messages of the stage; counts from the wall clock and other programs are added to its diagnostics."""
-        paced, notes = self._tick_period > 0, self.ignored or self.held or self.outside
-        if (paced or notes) and any(isinstance(message, Diagnostic) for _, message in messages):
+        noted = self._period is not None or self.answers.ignored or self.held
+        counted = noted or self._rate.factor or self.outside
+        if counted and any(isinstance(message, Diagnostic) for _, message in messages):
             counts = self._lateness.report() | ({OUTSIDE_KEY: self.outside} if self.outside else {})
-            if self._period is not None or self.ignored or self.held:
+            if noted:
                 wall = {"wall_late": self.late, "wall_held": self.held, "wall_ignored": self.ignored}
                 counts |= {name: str(count) for name, count in wall.items()}
             messages = [
@@ -386,7 +365,7 @@ class PlantNode:
                 else (topic, message)
                 for topic, message in messages
             ]
-        self.endpoints.publish_all(messages)
+        self.endpoints.publish(*messages)
 
     def _repeat_clock(self) -> None:
         """Send the time of a paused run again: a node that joins in a pause then has it."""
@@ -411,7 +390,7 @@ class PlantNode:
         self._waiting = False
         if command is None:
             self.held += 1
-            self.stage.hold(release)
+            self.stage.act(release=release)
         else:
             self.late += command.stamp != stamp
             pipe = None if last_pipe is None else Pipe(stamp, last_pipe.pressure)

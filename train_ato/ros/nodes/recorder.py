@@ -210,7 +210,7 @@ class RecorderNode:
         complete = min(counts[name] for name in of_plant)
         if complete >= self._next:
             self._next = complete + ACKNOWLEDGE_EVERY
-            self.endpoints.publish("recorder/progress", Tick(min(self._last[name] for name in of_plant)))
+            self.endpoints.publish(("recorder/progress", Tick(min(self._last[name] for name in of_plant))))
 
     def complete(self, published: Mapping[str, int]) -> bool:
         """Return True if the numbers of recorded and published messages are equal."""

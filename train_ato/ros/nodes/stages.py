@@ -4,7 +4,10 @@ The profile sends its latched speed profile at the start and after re-planning, 
 releases traction and brakes as long as the train keeps its limits. The observer sends the disturbance estimate.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
+from typing import Any
 
 from train_ato.control.contract import Parameter
 from train_ato.control.registry import OBSERVERS
@@ -32,9 +35,9 @@ class ProfileNode:
         endpoints.awaited = lambda: "ato/state" if self._inputs.waits else ""
         endpoints.subscribe(
             {
-                "train/measurement": lambda message: self._answer(self._inputs.put(message)),
-                "ato/state": lambda message: self._answer(self._inputs.report(message)),
-                AHEAD: lambda message: self._answer(self._inputs.ahead(message)),
+                "train/measurement": partial(self._answer, self._inputs.put),
+                "ato/state": partial(self._answer, self._inputs.report),
+                AHEAD: partial(self._answer, self._inputs.ahead),
             },
             stage.setup.tick_ns,
         )
@@ -52,11 +55,11 @@ class ProfileNode:
     def begin(self) -> None:
         """Send the profile and the limits, latched for nodes that start later."""
         start = self.stage.start()
-        self.endpoints.publish_all([("ato/limits", start.limits)] if self._joins else start.published())
+        self.endpoints.publish(*[("ato/limits", start.limits)] if self._joins else start.published())
 
-    def _answer(self, ready: list[ProfileInputs]) -> None:
-        for inputs in ready:
-            self.endpoints.publish_all(self.stage.on_measurement(*inputs).published())
+    def _answer(self, add: Callable[[Any], list[ProfileInputs]], message: Any) -> None:
+        for inputs in add(message):
+            self.endpoints.publish(*self.stage.on_measurement(*inputs).published())
 
 
 class SupervisorNode:
@@ -78,24 +81,21 @@ class SupervisorNode:
         if odometry.stamp <= self.endpoints.last_stamp:
             self.ignored += 1
             return
-        self._step()  # without lockstep, the report of the step before may not have come
+        if self._odometry is not None:
+            self._step(waits=False)  # without lockstep, the report of the step before may not have come
         self._odometry = odometry
-        self._step_if_complete()
+        self._step()
 
     def _on_ahead(self, ahead: TrainAhead) -> None:
         self._ahead = ahead
-        self._step_if_complete()
+        self._step()
 
-    def _step_if_complete(self) -> None:
-        """Take the step of an odometry with the report of the train ahead of this step, in a run with reports."""
-        odometry, ahead = self._odometry, self._ahead
-        if odometry is not None and not is_early(self.stage.setup, odometry.stamp, ahead):
-            self._step()
-
-    def _step(self) -> None:
-        odometry, self._odometry = self._odometry, None
-        if odometry is not None:
-            self.endpoints.publish_all(self.stage.step(odometry, self._ahead).published())
+    def _step(self, *, waits: bool = True) -> None:
+        """Take the step of an odometry; it waits for the report of the train ahead of this step, in a run with any."""
+        odometry = self._odometry
+        if odometry is not None and not (waits and is_early(self.stage.setup, odometry.stamp, self._ahead)):
+            self._odometry = None
+            self.endpoints.publish(*self.stage.step(odometry, self._ahead).published())
 
 
 class ObserverNode:
@@ -133,4 +133,4 @@ class ObserverNode:
         if measurement.stamp <= self.endpoints.last_stamp:
             self.ignored += 1
             return
-        self.endpoints.publish_all(self.stage.on_measurement(measurement).published())
+        self.endpoints.publish(*self.stage.on_measurement(measurement).published())

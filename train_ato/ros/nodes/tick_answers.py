@@ -127,7 +127,7 @@ class TickAnswers:
         if release is None and self._setup.supervised_at(stamp):
             return None
         self.command = self.pipe = self.release = None
-        return command, self._charged(stamp) or pipe, release
+        return command, pipe if self.piped else self._charged(stamp) or pipe, release
 
     def use_newest(self) -> tuple[Command | None, Pipe | None, BrakeRelease | None]:
         """Return the answers without a wait for missing ones, and forget them except the pressure."""
