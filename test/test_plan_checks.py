@@ -262,6 +262,23 @@ def test_a_limit_in_another_unit_is_noted(capsys: pytest.CaptureFixture[str]) ->
     assert "note: efficiency = 0.0085: usual are 0.2 to 1" in told
 
 
+def test_times_and_places_of_a_plan_in_another_unit_are_noted(capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if 5 per cent as a share of 5, minutes per 100 km, or an end in kilometres is taken without a word."""
+    asked = {"allowance": [{"share": 5, "per_100km": 1.5, "per_stop": 0.2}], "dwell": 0.5}
+    with pytest.raises(ValueError, match="lies beyond line"):
+        ta.plan("xuzhou_metro_test", "xuzhou_metro_3", end=2e5, **asked)
+    told = capsys.readouterr().err
+    for text in (
+        "share = 5: usual are 0.001 to 1",
+        "per_100km = 1.5: ",
+        "per_stop = 0.2: ",
+        "dwell = 0.5: usual are 2",
+    ):
+        assert text in told
+    ta.plan("xuzhou_metro_test", "xuzhou_metro_3", end=2)
+    assert "begin and end of the plan are 2 m apart; check their unit" in capsys.readouterr().err
+
+
 def test_the_table_names_them_too(capsys: pytest.CaptureFixture[str]) -> None:
     assert execute(options(*METRO, "--to-km", "1")) == 0
     assert "running_time_s" in capsys.readouterr().out

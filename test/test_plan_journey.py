@@ -288,6 +288,11 @@ def test_a_largest_speed_of_another_unit_is_noted(kmh: float, told: str, capsys:
     assert capsys.readouterr().err == ""
     plan_profile(line, car(150), PlanSettings(speed_max=kmh / 3.6))
     assert f"speed_max = {kmh / 3.6:g}: {kmh} km/h, {told}" in capsys.readouterr().err
+    fast = Line.model_validate({**line.model_dump(by_alias=True), "speed_limits": [{"at": 0, "speed": kmh}]})
+    plan_profile(fast, car(150), PlanSettings())
+    assert (
+        f"lowest speed limit of line 'slow' = {kmh}: {3.6 * kmh:g} km/h, train 'car' permits" in capsys.readouterr().err
+    )
 
 
 def times_over_jerk(line: Line, consist: Consist, settings: PlanSettings) -> list[float]:

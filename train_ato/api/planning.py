@@ -1,5 +1,6 @@
 """Speed profile of a train on a line, planned from names or files."""
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -88,7 +89,7 @@ def plan(
     except ValidationError as error:
         raise explain(error, OPTIONS_OF_PLAN, PlanSettings, settings) from None
     for text in unusual_values(chosen):
-        if text.split(" = ")[0] in named:  # those of the train have their note
+        if re.split(r"[ .\[]", text)[0] in named:  # those of the train have their note
             print_assumption(f"{text}; check its unit")
     if journey is not None:
         chosen = chosen.model_copy(update={"points": read_journey(str(journey), on).points})

@@ -5,6 +5,7 @@ The forms are those of UIC leaflet 451-1 (per cent, minutes per 100 km) and of t
 """
 
 import re
+from typing import Annotated
 
 from pydantic import Field, model_validator
 
@@ -12,7 +13,7 @@ from plant_sim.chainage import parse_post
 from plant_sim.input_error import build_model
 from plant_sim.line import Line
 from plant_sim.si_model import SiModel
-from plant_sim.units import Place, Ratio, Time
+from plant_sim.units import Place, Ratio, Time, Usual
 
 PER_DISTANCE = 100e3
 """Distance to which ``per_100km`` refers [m]."""
@@ -23,9 +24,13 @@ MIN_DISTANCE = 1.0
 class Allowance(SiModel):
     """Supplement on the least running time, on the whole plan or between two places; several of them add up."""
 
-    share: Ratio | None = Field(None, ge=0, le=10, description="part of the least running time", examples=[0.05])
-    per_100km: Time | None = Field(None, ge=0, le=36_000, description="time per 100 km", examples=[90.0])
-    per_stop: Time | None = Field(
+    share: Annotated[Ratio | None, Usual(1e-3, 1)] = Field(
+        None, ge=0, le=10, description="part of the least running time", examples=[0.05]
+    )
+    per_100km: Annotated[Time | None, Usual(6, 7200)] = Field(
+        None, ge=0, le=36_000, description="time per 100 km", examples=[90.0]
+    )
+    per_stop: Annotated[Time | None, Usual(1, 1200)] = Field(
         None, ge=0, le=36_000, description="time for every stop after the first, the last one included", examples=[10.0]
     )
     begin: Place | str | None = Field(

@@ -5,6 +5,8 @@ Places in settings and lines refer to the front of the train; the profile refers
 
 from collections.abc import Callable
 
+import numpy as np
+
 from plant_sim.consist import Consist
 from plant_sim.elementary import plain_sum
 from plant_sim.formats.fields import print_assumption
@@ -27,8 +29,10 @@ MAX_TIMETABLE_ROUNDS = 5
 """Searches for the strategies of a timetable, each with the windows and reserves of the previous plan."""
 UNUSED_TIME = 0.1
 """Part of a timetable that may remain unused without another search [s]."""
-MAX_OF_TRAIN, MAX_OF_LINE = 1.5, 3.0
-"""Ratio of speed_max to the speeds of train and line above which it is noted."""
+MAX_OF_TRAIN, MAX_OF_LINE, MAX_OF_LIMITS = 1.5, 3.0, 2.2
+"""Ratios of speed_max to the speeds of train and line, and of the limits to that of the train, that are noted."""
+SHORT_PLAN = 20.0
+"""Distance of a plan with a begin or an end below which their unit is probably another one [m]."""
 
 
 def plan_profile(
@@ -72,11 +76,13 @@ def plan_profile(
         available=available,
         reduction=reduction,
     )
-    _note_speed_max(settings.speed_max, line, train)
+    _note_speeds(settings.speed_max, line, train)
     inputs = SectionInputs.of_line(line, consist, train, settings, ceiling)
     if settings.points is not None:
         return plan_journey(inputs, line, settings.points, period)
     stops = stops_of(line, settings)
+    if (settings.begin, settings.end) != (None, None) and (way := stops.places[-1] - stops.places[0]) < SHORT_PLAN:
+        print_assumption(f"begin and end of the plan are {number_text(way)} m apart; check their unit")
     sections = [
         PlanSection(inputs, begin, end, begin_speed=v0, end_speed=v1) for begin, end, v0, v1 in stops.sections(settings)
     ]
@@ -96,17 +102,18 @@ def plan_profile(
     return fastest if settings.time is None else _plan_to_timetable(sections, fastest, settings.time, assemble)
 
 
-def _note_speed_max(speed: float | None, line: Line, train: TrainTables) -> None:
-    """Note a speed_max [m/s] far above what the train or the line permits: it has no effect there."""
-    own = train.highest_speed
-    most = max((limit.speed for limit in line.restricted_limits), default=own)
-    for what, known, ratio in (
-        (f"train '{train.name}'", own, MAX_OF_TRAIN),
-        (f"line '{line.name}'", most, MAX_OF_LINE),
+def _note_speeds(speed: float | None, line: Line, train: TrainTables) -> None:
+    """Note speeds [m/s] that have no effect: speed_max far above train and line, limits far above the train."""
+    own, limits = train.highest_speed, [limit.speed for limit in line.restricted_limits]
+    name, on, speed_max = f"train '{train.name}'", f"line '{line.name}'", "speed_max" if speed else ""
+    for what, high, other, known, ratio in (
+        (speed_max, speed or 0.0, name, own, MAX_OF_TRAIN),
+        (speed_max, speed or 0.0, on, max(limits, default=np.inf), MAX_OF_LINE),
+        (f"the lowest speed limit of {on}", min(limits, default=0.0), name, own, MAX_OF_LIMITS),
     ):
-        if speed is not None and speed > ratio * known:
+        if high > ratio * known:
             print_assumption(
-                f"speed_max = {number_text(speed)}: {number_text(3.6 * speed)} km/h, {what} permits at most "
+                f"{what} = {number_text(high)}: {number_text(3.6 * high)} km/h, {other} permits at most "
                 f"{number_text(3.6 * known)} km/h; check its unit"
             )
             break

@@ -34,7 +34,7 @@ class PlanSettings(SiModel):
         description="time of the first movement; default: 0, in a scenario from rest the delay and lag of the command",
         examples=[10.0],
     )
-    dwell: Time | None = Field(
+    dwell: Annotated[Time | None, Usual(2, 14400)] = Field(
         None, ge=0, description="time at rest at every intermediate stop; default: that of the stop", examples=[30.0]
     )
     time: Time | None = Field(
