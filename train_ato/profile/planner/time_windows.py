@@ -22,6 +22,7 @@ with phi = v r(v), psi = v² r'(v), r the running resistance (Howlett and Pudney
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
@@ -92,9 +93,10 @@ def _by_price_of_time(sections: list[PlanSection], time: float) -> Strategies:
     def strategies(grids: list[CoarseGrid], price: float) -> Strategies:
         return [curve_strategy(grid, price, weights) for grid in grids]
 
+    curves = cache(lambda price: strategies(fine, price))  # the pair is among the prices of its search
     price = _price_of_time(sections, time, lambda price: strategies(coarse, price))
-    pair = near_prices(lambda price: predicted_time(sections, strategies(fine, price)), time, price)
-    fast, slow = (strategies(fine, price) for price in pair)
+    pair = near_prices(lambda price: predicted_time(sections, curves(price)), time, price)
+    fast, slow = (curves(price) for price in pair)
 
     def mixed(share: float) -> Strategies:
         return [mean_curves(one, other, share) for one, other in zip(fast, slow, strict=True)]
