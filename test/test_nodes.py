@@ -182,6 +182,21 @@ def test_the_plant_waits_for_the_command_of_its_stamp(plant):
     assert bench.watch.failure is None
 
 
+@pytest.mark.parametrize("wrong", [False, True])
+def test_a_program_without_a_first_answer_is_told_what_to_wait_for(wrong, plant):
+    """Breaks if a program whose first answer is lost ends by the time-out alone, or a wrong stamp is not named."""
+    bench, command = plant
+    bench.endpoints.external = Role.CONTROLLER
+    bench.node.begin()
+    if wrong:
+        _answer(bench, command, TICK)
+        bench.until(lambda: bench.node.ignored == 2)
+    bench.node.lose_silent({Role.SUPERVISOR: 0, Role.PROFILE: 0, Role.OBSERVER: 0}, {})
+    said = bench.watch.failure
+    assert said.startswith("node controller failed: no answer to stamp 0.000 s")
+    assert ("get_subscription_count()" in said, "stamped 0.100 s came" in said) == (not wrong, wrong)
+
+
 @pytest.mark.parametrize("rate", [None, 0.001], ids=["lockstep", "without lockstep"])
 def test_only_an_answer_that_is_due_feeds_the_watchdog(rate, make):
     """Fails if an unexpected command hides the missing valid one."""

@@ -31,6 +31,11 @@ STOPPING_RATE = 10.0
 """Simulated seconds per wall second after the loss of a node in lockstep, until standstill."""
 CLOCK_S = 0.5
 """Wall time between two messages on ``/clock`` in a pause [s], for nodes that join in it."""
+FIRST_LOST = "; an answer before its publisher has a reader is lost: wait for get_subscription_count()"
+"""Remedy for a program without an answer to the first measurement.
+
+The measurement is not sent again: a program with a state that is only slow would take two steps for one tick.
+"""
 STANDING_S = 2.0
 """Simulated time at standstill after which a run with a lost node ends [s]."""
 
@@ -223,7 +228,8 @@ class PlantNode:
             role = silent_node(last, stamp, blocked=self.blocked, supervised=-1 if released else self.supervised_stamp)
             role, chain = (role, "") if answers.stamps_wrongly(role) else awaited_node(role, awaited)
         reason = f"no answer to stamp {stamp * 1e-9:.3f} s within {self.timeout:g} s"
-        self.lose(role, f"{reason}{chain}{answers.unused_of(role)}")
+        first = FIRST_LOST if stamp == 0 and role is self.endpoints.external else ""
+        self.lose(role, f"{reason}{chain}{answers.unused_of(role) or first}")
 
     def lose_departed(self, gone: Sequence[Role]) -> None:
         """Lose the nodes that have left, by the name of the first one."""
