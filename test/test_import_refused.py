@@ -109,7 +109,10 @@ OPTIONS = [
     (["--rename", "v:=speed_kmh"], r"--rename v: no such column; the file has time_s"),
     (["--rename", "v"], r"--rename v: not a renaming; write from:=to"),
     (["--ignore", "door"], r"--ignore door: no such column"),
-    (["--from-km", "299.9"], r"moves the front to km 300\.\d+ .* beyond the end of line"),
+    (
+        ["--from-km", "299.9"],
+        r"front to km 300\.\d+ .* the end of line .* check the unit of 'speed_kmh', --from-km and",
+    ),
     (["--from-km", "nan"], r"--from-km: 'nan' is out of range; give a finite number"),
     (["--from-km", "84+500"], r"'84\+500': line 'level' has no chainage; write the distance in kilometres"),
     (["--tick", "0.033"], r"--tick 0\.033: out of range; give a multiple of 0\.005 s"),

@@ -25,6 +25,7 @@ from train_ato.log.run_folder import RunFolder, summary_text
 from train_ato.log.versions import SUMMARY
 from train_ato.profile.file import write_profile
 from train_ato.program.arguments import option_name
+from train_ato.scenario.profile_spec import check_on_line
 from train_ato.scenario.setup import RunSetup
 
 PROFILE = "profile.csv"
@@ -167,6 +168,11 @@ def read_recorder(
     profile = measured_profile(found, tick, _start(from_km, found, half, on, dash), window)
     front = np.interp(found.speed.time, profile.time, profile.position) + half
     found.notes += place_notes(found, front, on, consist.length)
+    title = (found.position or found.speed).column.title
+    try:
+        check_on_line(profile, consist, on, f"check the unit of '{title}', {option_name('from_km', dash)} and the line")
+    except ValueError as error:
+        raise ValueError(f"{csv}: {error}") from None
     setup = measured_setup(found, profile, str(train), str(line), name or run_name(Path(csv)))
     return MeasuredRun(setup, found, window)
 

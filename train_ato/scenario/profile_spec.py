@@ -205,8 +205,8 @@ def _append(
     return profile.followed_by(motion.sampled(period))
 
 
-def check_on_line(profile: Profile, consist: Consist, line: Line) -> None:
-    """Check that the front of the train stays on the line.
+def check_on_line(profile: Profile, consist: Consist, line: Line, remedy: str = "") -> None:
+    """Check that the front of the train stays on the line; ``remedy`` is that of a profile from elsewhere.
 
     Raises
     ------
@@ -218,10 +218,12 @@ def check_on_line(profile: Profile, consist: Consist, line: Line) -> None:
     if front[far] > line.end + 1e-3:
         raise ValueError(
             f"the profile moves the front to km {front[far] / 1000:.3f} after {profile.time[far]:.1f} s, beyond the "
-            f"end of line '{line.name}' at km {line.end / 1000:.3f}; shorten the profile or lengthen the line"
+            f"end of line '{line.name}' at km {line.end / 1000:.3f}; "
+            f"{remedy or 'shorten the profile or lengthen the line'}"
         )
     if front[near] < line.begin - 1e-3:
         raise ValueError(
             f"the profile moves the front to km {front[near] / 1000:.3f} after {profile.time[near]:.1f} s, before the "
-            f"begin of line '{line.name}' at km {line.begin / 1000:.3f}; start further on or lengthen the line"
+            f"begin of line '{line.name}' at km {line.begin / 1000:.3f}; "
+            f"{remedy or 'start further on or lengthen the line'}"
         )
