@@ -135,6 +135,17 @@ def test_a_plan_and_a_run_have_the_limits_of_the_category(tmp_path: Path) -> Non
     assert times["any"] < times["light"] < 160 and times["freight"] > 2000 / 5
 
 
+def test_tracks_without_electrification_have_no_traction_power(infra: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if a train draws power where the file has no overhead line, or its voltage is lost without a word."""
+    power = {"id": "e", "voltage": "25000V", "track_ranges": [part("TA", 0, 2000), part("TD0", 0, 24000)]}
+    infra.write_text(json.dumps(INFRA | {"electrifications": [power]}))
+    for selection, sections in (("TA..East", [(26000, 28500), (28350, 28400)]), ("TE..TA", [(0, 2500)])):
+        read = named_line(f"{infra}:{selection}")
+        assert [(e.begin, e.end) for e in read.line.neutral_sections] == sections
+        assert "electrifications[].voltage" in read.left_out
+    assert "no electrification from 26000 to 28500 m of the path; assumed to have no" in capsys.readouterr().err
+
+
 def test_the_path_back_is_the_reversed_line_of_what_holds_in_both_directions(infra: Path) -> None:
     """Breaks if the direction of the path changes more than the directed entries."""
     there, back = load_line(f"{infra}:East..TA"), reversed_line(load_line(f"{infra}:TA..East"))

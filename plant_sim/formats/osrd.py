@@ -5,11 +5,12 @@ routes; a limit by tag is one of the trains of that category, in place of the ot
 """
 
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 from plant_sim.formats.fields import Fields, print_assumption
-from plant_sim.formats.network_path import BEGIN, END, ROUNDING, Network, Passage, Range, TrackPath, line_data
+from plant_sim.formats.network_path import BEGIN, END, ROUNDING, Network, Passage, Range, TrackPath, line_data, steps
 from plant_sim.input_error import build_model
 from plant_sim.line import ENDING, Line
 from plant_sim.units import number_text
@@ -21,6 +22,7 @@ CARRIED_INFRA = (
     "switches[].switch_type", "switches[].ports", "track_nodes[].track_node_type", "track_nodes[].ports",
     "speed_sections[].speed_limit", "speed_sections[].speed_limit_by_tag",
     *(f"speed_sections[].track_ranges[].{key}" for key in ("track", "begin", "end", "start", "applicable_directions")),
+    *(f"electrifications[].track_ranges[].{key}" for key in ("track", "begin", "end", "applicable_directions")),
     *(f"neutral_sections[].track_ranges[].{key}" for key in ("track", "begin", "end", "start", "direction")),
     "operational_points[].parts[].track", "operational_points[].parts[].position",
     "operational_points[].extensions.identifier.name",
@@ -71,7 +73,7 @@ def osrd_line(data: dict[str, Any], place: str, selection: str = "", *, against:
         {"begin": passage.begin, "end": passage.end}
         for fields in _each(top, "neutral_sections")
         for passage in _ranges(path, fields, "direction")
-    ]
+    ] + _without_power(path, top)
     name = f"{Path(place).stem}{f' {selection}' if selection else ''}{ENDING if against else ''}"
     source = f"OSRD infrastructure {Path(place).name}"
     sections = {"neutral_sections": sorted(neutral, key=lambda entry: entry["begin"])}
@@ -156,6 +158,24 @@ def _speeds(path: TrackPath, fields: Fields, tag: str | None = None) -> list[Ran
         return []
     speed = fields.number("speed_limit", None, 0.1, 300.0)
     return [Range(begin, end, speed, fields.place) for begin, end, _ in passages]
+
+
+def _without_power(path: TrackPath, top: Fields) -> list[dict[str, float]]:
+    """Return the sections of a path beside its electrifications; none for a path without any."""
+    sections = _each(top, "electrifications")
+    live = [
+        Range(*passage[:2], 1.0) for fields in sections for passage in _ranges(path, fields, "applicable_directions")
+    ]
+    pieces = steps(path.length, live, max, 0.0)
+    found = []
+    for (begin, power), (end, _) in pairwise([*pieces, (path.length, 1.0)]):
+        if not power and end - begin > ROUNDING:
+            print_assumption(
+                f"{top.place}: no electrification from {number_text(begin)} to {number_text(end)} m of the path; "
+                "assumed to have no traction power"
+            )
+            found.append({"begin": begin, "end": end})
+    return found
 
 
 def _signed(passages: list[Passage], value: float, entry: str) -> list[Range]:
