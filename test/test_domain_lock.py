@@ -138,11 +138,18 @@ def test_a_wrong_domain_of_the_environment_is_refused(text, monkeypatch, capsys)
     ("name", "value", "says"),
     [
         ("FASTRTPS_DEFAULT_PROFILES_FILE", "/nonexistent.xml", "no such file"),
+        ("FASTRTPS_DEFAULT_PROFILES_FILE", "cut.xml", "no XML"),
+        ("FASTRTPS_DEFAULT_PROFILES_FILE", "empty.xml", "no XML"),
+        ("FASTRTPS_DEFAULT_PROFILES_FILE", "other.xml", "<package> in place of <dds> or <profiles>"),
         ("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNETT", "unknown"),
     ],
 )
-def test_a_variable_without_effect_is_refused(name, value, says, monkeypatch):
-    """Breaks if a missing profile opens the run to the network, or a misspelt range is taken as not set."""
+def test_a_variable_without_effect_is_refused(name, value, says, monkeypatch, tmp_path):
+    """Breaks if a profile without effect opens the run to the network, or a misspelt range is taken as not set."""
+    monkeypatch.chdir(tmp_path)
+    Path("cut.xml").write_text("<profiles")
+    Path("empty.xml").touch()
+    Path("other.xml").write_text("<package/>")
     monkeypatch.setenv(name, value)
     with pytest.raises(ValueError, match=f"{name}={value}: {says}"):
         opened_by()

@@ -147,6 +147,16 @@ def test_a_message_lost_at_the_end_fails_the_run(recorded, failure):
     assert (end.failure, end.published, end.ticks) == (failure, {"ato/command": 12}, 12)
 
 
+def test_a_run_that_was_stopped_before_its_first_tick_blames_no_recorder():
+    """Breaks if a stop while the processes load fails the run by the profile, which was sent before the recorder."""
+    nodes = {role: SimpleNamespace(counts={"ignored": [0]}, tick=0) for role in ROLES}
+    nodes[Role.PROFILE].counts["published ato/profile"] = [1]
+    nodes[Role.PLANT].counts["published train/measurement"] = [0]
+    nodes[Role.RECORDER].counts["recorded ato/profile"] = [0]
+    processes._collect(nodes, end := GraphResult(), None)
+    assert end.failure is None
+
+
 @pytest.mark.graph
 def test_a_killed_recorder_leaves_a_log_that_can_be_recovered(setup, tmp_path):
     """All messages of the chunks closed before the kill are recovered, without a gap."""

@@ -3,6 +3,7 @@
 import os
 import random
 import sys
+import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.resources import files
@@ -33,11 +34,13 @@ def opened_by() -> str | None:
     Raises
     ------
     ValueError
-        If a profile file does not exist, or a discovery range is unknown.
+        If a profile file does not exist or is none, or a discovery range is unknown.
     """
     own_profile = os.environ.get(_PROFILE)
     if own_profile and not Path(own_profile).is_file():
         raise ValueError(f"{_PROFILE}={own_profile}: no such file; name a profile, or unset {_PROFILE}")
+    if own_profile:
+        _check_profile(own_profile)
     if (reach := os.environ.get(_RANGE)) and reach not in _RANGES:
         raise ValueError(f"{_RANGE}={reach}: unknown; choose from {', '.join(_RANGES)}, or unset it")
     if own_profile and Path(own_profile).parent != discovery_profile().parent:
@@ -45,6 +48,16 @@ def opened_by() -> str | None:
     if os.environ.get(_RANGE) == "SUBNET":
         return f"{_RANGE}=SUBNET"
     return f"{_PEERS}={os.environ[_PEERS]}" if os.environ.get(_PEERS) else None
+
+
+def _check_profile(file: str) -> None:
+    """Refuse a file without profiles: Fast DDS takes its own defaults then, which open the run to the network."""
+    try:
+        found = ET.parse(file).getroot().tag.rpartition("}")[2]
+    except (ET.ParseError, OSError) as error:
+        raise ValueError(f"{_PROFILE}={file}: no XML ({error}); mend it, or unset {_PROFILE}") from None
+    if found not in ("dds", "profiles"):
+        raise ValueError(f"{_PROFILE}={file}: <{found}> in place of <dds> or <profiles>; mend it, or unset {_PROFILE}")
 
 
 def middleware(profile: str = "fastdds.xml") -> dict[str, str]:

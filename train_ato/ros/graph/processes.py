@@ -270,7 +270,7 @@ def _end_all(nodes: dict[Role, NodeProcess], *, failed: bool) -> None:
 
 
 def _collect(nodes: dict[Role, NodeProcess], end: GraphResult, external: Role | None) -> None:
-    """Read the reports of the nodes; fewer messages recorded than published are a failure."""
+    """Read the reports of the nodes; fewer messages recorded than published are a failure of a run that has begun."""
     for role, node in nodes.items():
         for name, values in node.counts.items():
             kind, _, topic = name.partition(" ")
@@ -287,7 +287,8 @@ def _collect(nodes: dict[Role, NodeProcess], end: GraphResult, external: Role | 
         end.outside = {external.value: nodes[Role.RECORDER].outside or external.value}
     if Role.CONTROLLER in nodes:
         end.step_ns = nodes[Role.CONTROLLER].counts.get("step_ns", [])
-    for topic, count in end.published.items():
+    begun = end.ticks or end.published.get("train/measurement")  # before it nothing waits for the recorder
+    for topic, count in end.published.items() if begun else ():
         found = recorded.get(f"recorded {topic}", [count])[0]
         if end.failure is None and found < count:
             end.failure = f"node recorder failed: {topic}: {found} of {count} messages are recorded"
