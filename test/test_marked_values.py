@@ -16,7 +16,7 @@ import pytest
 from import_files import metro, text_of
 from test_brought_lines import ORE, RAIL_STOCK, geojson, gpx, limited, link, track
 from test_foreign_files import STOCK, TUNNELS, UNIT_TRAIN, quantity
-from test_networks import LOOP, RAIL_LOOP, part
+from test_networks import LOOP, RAIL_LOOP, located, part
 from test_readers import BENCH, NAMED, PATH, TRAIN
 
 from plant_sim.formats.reading import ReadConsist, ReadLine, read_line, read_train
@@ -39,6 +39,7 @@ INFRA = LOOP | {
         {"id": "out", "speed_limit": 5, "track_ranges": [part("C", 1000, 1100, "START_TO_STOP")]},
     ],
     "signals": [{"id": "s", "position": 4}], "extended_switch_types": [],
+    "electrifications": [{"id": "e", "voltage": "25000V", "track_ranges": [part("A", 100, 900), part("C", 100, 600)]}],
 }  # fmt: skip
 CURVES = {"curvatures": BENCH["curvatures"] | {"values": [[300.0, 800.0, -500.0], [600.0, 700, 700]]}}
 TUNNEL = {"tunnels": TUNNELS | {"values": [[1.0, 500, 32]]}}
@@ -142,6 +143,16 @@ def test_every_attribute_of_a_railml_file_is_used_or_named(tmp_path: Path) -> No
     arc += 'netElementRef="c" posBegin="1500" posEnd="1540"/></linearLocation><valid from="x"/></gradientCurve>'
     text = RAIL_LOOP.replace("</gradientCurves>", f"{arc}</gradientCurves>").replace(
         "</functionalInfrastructure>", '<signals><signal id="s" x="1"/></signals></functionalInfrastructure>'
+    )
+    profile = '<speedProfile id="p" influence="increasing"><name name="x" language="en"/><load axleLoad="16"/>'
+    profile += '<braking minimumBrakePercentage="90" position="P"/></speedProfile>'
+    text = text.replace("<infra", f"<common><speedProfiles>{profile}</speedProfiles></common><infra")
+    text = text.replace(
+        "</speeds>",
+        located("speedSection", 'maxSpeed="80"', 'netElementRef="c">').replace(
+            "<lin", '<validForSpeedProfile ref="p"/><lin'
+        )
+        + "</speeds>",
     )
     root = ElementTree.fromstring(text)
     file.write_text(text)

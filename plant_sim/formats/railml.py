@@ -232,7 +232,10 @@ def _profiles(root: Element, place: str) -> dict[str, _Profile]:
             for part in elements_below(entry, tag)
             if part.get(key) is not None
         }
-        lowers = entry.get("influence") == "decreasing" and not basic
+        if (influence := entry.get("influence", "increasing")) not in ("increasing", "decreasing"):
+            where = f"{entry_of(entry, place)}: influence = '{influence[:30]}'"
+            raise ValueError(f"{where}: must be increasing or decreasing; correct it")
+        lowers = influence == "decreasing" and not basic
         tilts = any(True for _ in elements_below(entry, "tilting"))
         if lowers or tilts or basic:  # neither is known of a train by its figures
             if lowers:
