@@ -15,7 +15,7 @@ from std_srvs.srv import Trigger
 from waiting import LOOK_S, wait_for
 
 from train_ato.messages.topics import Role
-from train_ato.ros.graph.assembly import check_arguments, executor_of
+from train_ato.ros.graph.assembly import check_arguments, executor_of, make_node
 from train_ato.ros.nodes.endpoints import FirstFailure, NodeEndpoints
 from train_ato.scenario.scenario import load_scenario
 from train_ato.scenario.setup import prepare
@@ -163,6 +163,16 @@ def test_the_recorder_answers_requests_although_it_is_in_no_executor(make):
     assert not answer.done()
     bench.until(lambda: recorder.answer_requests() or answer.done())
     assert "use_sim_time" in answer.result().result.names
+
+
+def test_the_recorder_says_a_topic_whose_name_in_the_log_is_another_one(make, setup, tmp_path):
+    """Breaks if a remapped topic has the name of the table in the log without a word."""
+    bench, said = make(Role.CONTROLLER), []
+    arguments = ["--ros-args", "-r", "ato/command:=mine", "-r", "ato/state:=/a/ato/state"]
+    recorder = NodeEndpoints(Role.RECORDER, bench.wire, bench.context, FirstFailure(), arguments=arguments)
+    recorder.on_note = said.append
+    make_node(Role.RECORDER, setup, recorder, tmp_path, lockstep=True, timeout=10.0).log.close()
+    assert said == ["ato/command is /mine in this graph; the log has it as /ato/command"]
 
 
 def test_a_node_refused_at_its_start_leaves_the_domain(setup, domain):

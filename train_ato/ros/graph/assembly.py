@@ -14,6 +14,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from plant_sim.train import compile_kernel
+from train_ato.log.bag_layout import log_name, table_name
 from train_ato.log.compression import DEFAULT
 from train_ato.log.run_log import RunLog
 from train_ato.log.versions import attachments_for
@@ -144,7 +145,7 @@ def make_node(
     serve_lifecycle(endpoints)
     if role is Role.PLANT:
         compile_kernel()
-        resolved = (folder or setup.folder) / "scenario.yaml"
+        scenario = (folder or setup.folder) / "scenario.yaml"
         return PlantNode(
             PlantStage(setup),
             endpoints,
@@ -152,7 +153,7 @@ def make_node(
             timeout=timeout,
             recorded=recorded,
             rate=rate,
-            scenario=str(resolved.resolve()) if resolved.is_file() else "",
+            scenario=str(scenario.resolve()) if scenario.is_file() else "",
             followed=followed,
         )
     if role is Role.SUPERVISOR:
@@ -166,10 +167,17 @@ def make_node(
     if folder is None:
         raise ValueError("the recorder needs a folder; give --out DIR")
     attached = attachments_for(setup.resolved_yaml())
+
+    def resolved(name: str) -> str:
+        return str(endpoints.node.resolve_topic_name(endpoints.placed(name)))
+
+    for topic in topics_of(setup.layout):
+        if topic.recorded and table_name(found := resolved(topic.name)) != topic.name:
+            endpoints.note(f"{topic.name} is {found} in this graph; the log has it as {log_name(topic)}")
     log = RunLog(
         folder,
         topics_of(setup.layout),
-        lambda name: endpoints.node.resolve_topic_name(endpoints.placed(name)),
+        resolved,
         attachments=attached,
         compression=compression,
     )
