@@ -12,7 +12,7 @@ import train_ato
 from train_ato.cli import main
 from train_ato.ros.graph import environment
 from train_ato.ros.graph.domain_lock import DomainLock
-from train_ato.ros.graph.environment import check_domain, claim_domain, domain_of_environment, held_domains, opened_by
+from train_ato.ros.graph.environment import check_domain, claim_domain, domain_of_environment, held_domains, middleware
 from train_ato.ros.graph.remote import resolve_domain
 
 CLAIM = """
@@ -142,6 +142,7 @@ def test_a_wrong_domain_of_the_environment_is_refused(text, monkeypatch, capsys)
         ("FASTRTPS_DEFAULT_PROFILES_FILE", "empty.xml", "no XML"),
         ("FASTRTPS_DEFAULT_PROFILES_FILE", "other.xml", "<package> in place of <dds> or <profiles>"),
         ("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNETT", "unknown"),
+        ("ROS_STATIC_PEERS", "127.0.0.1;a host;", "host 'a host' is not found"),
     ],
 )
 def test_a_variable_without_effect_is_refused(name, value, says, monkeypatch, tmp_path):
@@ -152,4 +153,4 @@ def test_a_variable_without_effect_is_refused(name, value, says, monkeypatch, tm
     Path("other.xml").write_text("<package/>")
     monkeypatch.setenv(name, value)
     with pytest.raises(ValueError, match=f"{name}={value}: {says}"):
-        opened_by()
+        middleware()

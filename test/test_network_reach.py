@@ -155,7 +155,7 @@ def test_a_default_program_of_this_machine_meets_a_default_run(drive, monkeypatc
         ({}, "SYSTEM_DEFAULT", "fastdds.xml", None),
         ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"}, "SYSTEM_DEFAULT", "fastdds.xml", None),
         ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}, "SUBNET", "fastdds_network.xml", "_RANGE=SUBNET"),
-        ({"ROS_STATIC_PEERS": "a;b"}, "LOCALHOST", "fastdds_network.xml", "ROS_STATIC_PEERS=a;b"),
+        ({"ROS_STATIC_PEERS": "127.0.0.1;::1"}, "LOCALHOST", "fastdds_network.xml", "ROS_STATIC_PEERS=127.0.0.1;::1"),
         ({"FASTRTPS_DEFAULT_PROFILES_FILE": "own.xml"}, "LOCALHOST", "own.xml", "_FILE=own.xml"),
     ],
 )

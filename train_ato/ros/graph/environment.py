@@ -2,6 +2,7 @@
 
 import os
 import random
+import socket
 import sys
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
@@ -70,8 +71,19 @@ def middleware(profile: str = "fastdds.xml") -> dict[str, str]:
     ----------
     profile
         Name of the shipped profile for this machine only.
+
+    Raises
+    ------
+    ValueError
+        As :func:`opened_by`, or if a host of ``ROS_STATIC_PEERS`` is not found.
     """
     opened = opened_by()
+    peers = os.environ.get(_PEERS, "")
+    for host in filter(None, peers.split(";")):
+        try:
+            socket.getaddrinfo(host, None)
+        except (OSError, UnicodeError):
+            raise ValueError(f"{_PEERS}={peers}: host '{host}' is not found; mend it, or unset {_PEERS}") from None
     if opened is None:
         return {_RANGE: "SYSTEM_DEFAULT", _PROFILE: str(discovery_profile(profile))}
     file = os.environ[_PROFILE] if opened.startswith(_PROFILE) else str(discovery_profile("fastdds_network.xml"))
