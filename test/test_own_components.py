@@ -12,12 +12,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from law_trains import FIVE, inputs, model
 
 import train_ato as ta
 from train_ato.cli.main import main
 from train_ato.control.compensation.base import CompensationBase
 from train_ato.control.component_fault import output_fault
 from train_ato.control.contract import LawOutput
+from train_ato.control.guard import GuardedLaw
 from train_ato.control.keyword_form import in_contract_form
 from train_ato.control.registry import COMPENSATIONS, OBSERVERS
 from train_ato.program import interrupt
@@ -308,6 +310,35 @@ def test_an_output_that_is_nonsense_names_the_step_that_returned_it() -> None:
     for law, method in ((Demands("nan"), Demands.demand), (Steps("nan"), Steps.step)):
         found = output_fault("own", law, None, 1)
         assert found.endswith(f", {__file__}:{inspect.getsourcelines(method)[1]}")
+
+
+class Demands(GuardedLaw):
+    """Law with any result of its demand."""
+
+    def __init__(self, wanted: Any = None) -> None:
+        self.wanted = wanted
+
+    def demand(self, inputs: Any) -> Any:
+        return self.wanted
+
+
+@pytest.mark.parametrize("wanted", [None, 1000.0, "pull", [1e3], [1e3, 1e3, 1e3, 1e3, "1 kN"]])
+def test_a_demand_that_is_no_list_of_all_units_is_refused(wanted: Any) -> None:
+    """Breaks if one number counts for all five units, or if the line names the guard in place of the own law."""
+    law = Demands(wanted)
+    law.bind(model(FIVE), 0.1)
+    found = output_fault("own:Demands", law, law.step(inputs(law.model)), 5)
+    assert found.startswith("law Demands: demand() returned ")
+    assert "; return a list of 5 forces, " in found
+    assert found.endswith(f", {__file__}:{inspect.getsourcelines(Demands.demand)[1]}")
+    law.wanted = np.full(5, 1e3)
+    assert output_fault("own:Demands", law, law.step(inputs(law.model)), 5) == ""
+
+
+def test_a_bind_without_its_base_is_named() -> None:
+    """Breaks if the line speaks of an attribute of the base class."""
+    with pytest.raises(TypeError, match=r"its bind\(\) does not call super\(\)\.bind\(model, period\)"):
+        Demands().reset()
 
 
 def brakes_after(observer: Any, said: str, mode: Any = "engine") -> None:

@@ -282,6 +282,8 @@ def _setups(
         else:
             setups[law.label] = setup
     if not setups:
+        if len(refused) > 1 and len(set(refused.values())) == 1:
+            raise ValueError(f"{choice.name}: {refused[laws[0].label]}")
         reasons = "; ".join(f"{label}: {reason}" for label, reason in refused.items())
         raise ValueError(f"{choice.name}: no law fits this train: {reasons}")
     return setups, refused

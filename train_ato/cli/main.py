@@ -139,8 +139,11 @@ def _with_known_command(arguments: list[str]) -> list[str]:
     ValueError
         For an unknown command, with the nearest known one.
     """
-    if arguments[0].startswith("-") or arguments[0] in dict(COMMANDS):
+    if arguments[0] in ("-h", "--help", "--version") or arguments[0] in dict(COMMANDS):
         return arguments
+    if arguments[0].startswith("-"):
+        option = arguments[0].partition("=")[0]
+        raise ValueError(f"{option}: an option comes after the command; write train-ato COMMAND ... {option}")
     from plant_sim.input_error import close_match
 
     near = close_match(arguments[0], dict(COMMANDS))

@@ -31,9 +31,8 @@ def execute(options: argparse.Namespace) -> int:
     from train_ato.program.arguments import check_new_file
 
     if not re.fullmatch(r"[a-z][a-z0-9_]*", options.name):
-        raise ValueError(
-            f"NAME {options.name}: begin with a lower-case letter, then letters, digits and _, for example my_metro"
-        )
+        form = "begin with a lower-case letter, then letters, digits and _"
+        raise ValueError(f"NAME {options.name}: {form}, for example my_{options.kind}")
     texts, following = (_code if options.kind in CODE_KINDS else _data)(options.kind, options.name, options.like)
     for path in texts:
         check_new_file(path, (path.suffix,), "NAME")

@@ -116,7 +116,9 @@ def output_fault(name: str, law: Any, output: Any, units: int) -> str:
     found = _wrong_part(output, units)
     if not found:
         return ""
-    return f"law {short_name(name)}: step() returned {found}; return LawOutput(force=array of {units}){_step_of(law)}"
+    place, method = _step_of(law)
+    asked = f"a list of {units} forces" if method == "demand" else f"LawOutput(force=array of {units})"
+    return f"law {short_name(name)}: {method}() returned {found}; return {asked}{place}"
 
 
 def estimate_fault(name: str, observer: Any, estimate: Any, units: int) -> str:
@@ -127,7 +129,7 @@ def estimate_fault(name: str, observer: Any, estimate: Any, units: int) -> str:
             return ""
         found = f"{str(estimate.tolist())[:60]} N"
     text = f"observer {short_name(name)}: step() returned {found}; return an array of {units}"
-    return f"{text}{_step_of(observer)}"
+    return f"{text}{_step_of(observer)[0]}"
 
 
 def _wrong_part(output: Any, units: int) -> str:
@@ -154,15 +156,14 @@ def _wrong_part(output: Any, units: int) -> str:
     return ""
 
 
-def _step_of(law: Any) -> str:
-    """Return file and line of the step of a law outside of this project, that of its last class, after a comma."""
-    if not is_own(law):
-        return ""
-    methods = (vars(each).get(name) for each in type(law).__mro__ for name in ("step", "demand"))
-    for code in (getattr(method, "__code__", None) for method in methods):
-        if code is not None and not code.co_filename.startswith(_project_folder()):
-            return f", {code.co_filename}:{code.co_firstlineno}"
-    return ""
+def _step_of(law: Any) -> tuple[str, str]:
+    """Return file and line of the step of a law outside of this project after a comma, and the name of its method."""
+    if is_own(law):
+        for name, method in ((name, vars(each).get(name)) for each in type(law).__mro__ for name in ("step", "demand")):
+            code = getattr(method, "__code__", None)
+            if code is not None and not code.co_filename.startswith(_project_folder()):
+                return f", {code.co_filename}:{code.co_firstlineno}", name
+    return "", "step"
 
 
 def _project_folder() -> str:

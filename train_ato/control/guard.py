@@ -285,6 +285,8 @@ class GuardedLaw:
 
     def reset(self) -> None:
         """Clear all state, including the last demand."""
+        if "_records" not in vars(self):
+            raise TypeError("its bind() does not call super().bind(model, period)")
         self.clear_state()
         self.saturated = [False] * self.n
         self._last_force = [0.0] * self.n
@@ -300,7 +302,12 @@ class GuardedLaw:
             self.on_missed_sample()
             return self._hold(inputs, f"invalid inputs: {', '.join(invalid_inputs(inputs))}")
         wanted = self.demand(inputs)
-        units["wanted"] = [*wanted]
+        try:
+            if len(wanted) != self.n:  # one number would count for every unit
+                return LawOutput(np.array(wanted))
+            units["wanted"] = [*wanted]
+        except (TypeError, ValueError):  # no numbers: the loop refuses them with the place of demand()
+            return LawOutput(np.array(wanted, dtype=object))
         if not limit_demands(units):
             self.clear_state()
             return self._hold(inputs, f"computed {str(wanted)[:60]} N")

@@ -119,7 +119,8 @@ class Registry:
         if target is None and name not in external:
             names = self.names()
             hint = close_match(str(name), names)
-            raise ValueError(f"unknown {self.kind} '{name}'{hint}; known: {', '.join(names)}")
+            own = "" if hint else f"; one of your own is MODULE:CLASS, for example my_{self.kind}:My{self.kind.title()}"
+            raise ValueError(f"unknown {self.kind} '{name}'{hint}; known: {', '.join(names)}{own}")
         try:
             loaded = self._in_form(load_class(target) if target is not None else external[name].load())
         except ValueError as error:
@@ -228,6 +229,8 @@ def load_class(target: str) -> type:
         If the module or the class does not exist.
     """
     module_name, _, attribute = target.partition(":") if ":" in target else target.rpartition(".")
+    if target.endswith(".py"):
+        module_name, attribute = target, "CLASS"
     if not module_name or not attribute:
         raise ValueError(f"'{target}' does not name a class; write package.module:Class")
     if "/" in module_name or module_name.endswith(".py"):

@@ -74,9 +74,9 @@ INTRODUCTION = """\
 Written by `train-ato reproduce{options}`. Every number is from a run of that command on the shipped scenarios.
 "Reproduced": the claim holds as stated in the paper; "only in another setting": it holds after the change in the
 reason; otherwise it is not reproduced, also if a part of it holds. "Goal" marks goals of this project. "Independent"
-marks reference values of a second implementation of the same corrected equations that is not part of this project, on
-another driver's run or reference if the paper gives none; where its law differs, the table names the difference.
-"Useless": an error of ten times the quantity or more.
+marks values of a second implementation of the same corrected equations, which is not part of this project. Where the
+paper gives no reference, it follows another one. Where its law differs, the table names the difference. "Useless" is an
+error of ten times the quantity or more.
 
 Every bound is fixed before the run and has its source in brackets: a figure of the paper, a closed form, a goal, or the
 words of the paper. Words have the same meaning in all papers: "better" is at most {better:.0%} of the other error,

@@ -59,6 +59,8 @@ class OneLineParser(argparse.ArgumentParser):
         first = arguments[0].partition("=")[0]
         options = [name[2:] for action in self._actions for name in action.option_strings if name.startswith("--")]
         hint = close_match(first.lstrip("-"), options) if first.startswith("-") else ""  # dashes are alike in all
+        if not arguments[0].startswith("-"):
+            first, hint = arguments[0], "; remove it, or write lists and KEY=VALUE without spaces"
         self.error(f"unknown argument '{first}'" + hint.replace(" '", " '--"))
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:

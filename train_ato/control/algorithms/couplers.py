@@ -14,7 +14,7 @@ NONE, SENSOR, SPRING = range(3)
 
 
 class UnitForces(Protocol):
-    """Part of the inputs of a law or of an observer for one unit, in which its forces are written."""
+    """Inputs of a law or of an observer for one unit; its forces are written there too."""
 
     position: float
     velocity: float
