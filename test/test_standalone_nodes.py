@@ -53,6 +53,7 @@ class Terminals:
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
+            preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_DFL),  # ignored if the tests run under nohup
         )
         self.processes[role if role not in self.processes else f"second {role}"] = process
         return process
@@ -171,12 +172,13 @@ def test_a_plant_that_is_killed_fails_all_nodes(terminals: Terminals, tmp_path: 
     assert summary["failure"].startswith(said)
 
 
-def test_a_plant_that_waits_says_for_whom(terminals: Terminals, tmp_path: Path) -> None:
-    """Breaks if a missing node is not reported, or Ctrl-C in the wait gives a traceback."""
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP], ids=["Ctrl-C", "closed terminal"])
+def test_a_plant_that_waits_says_for_whom(number: signal.Signals, terminals: Terminals, tmp_path: Path) -> None:
+    """Breaks if a missing node is not reported, or a signal in the wait gives a traceback, or kills the node."""
     plant = terminals.start("plant", "--scenario=demo")
     assert plant.stdout is not None
     assert "not begun: supervisor is not there" in plant.stdout.readline()
-    plant.send_signal(signal.SIGINT)
+    plant.send_signal(number)
     status, rest = terminals.ends()["plant"]
     assert status == 0
     assert "Traceback" not in rest

@@ -79,7 +79,7 @@ def _arguments(role: Role, words: Sequence[str]) -> argparse.Namespace:
 
 
 def run_role(role: Role, words: Sequence[str], completed: Completed | None = None) -> int:
-    """Run a node until the end of its run, SIGTERM or Ctrl-C.
+    """Run a node until the end of its run, SIGTERM, Ctrl-C or the end of its terminal.
 
     Parameters
     ----------
@@ -115,8 +115,9 @@ def run_role(role: Role, words: Sequence[str], completed: Completed | None = Non
         stopped.set()
         interrupt.ask(number, frame)
 
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, stop)
+    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+        if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:  # ignored under ``nohup``
+            signal.signal(number, stop)
     notices = Notices()
     if options.attached:
         threading.Thread(target=read_notices, args=(stopped, notices), daemon=True).start()
