@@ -12,9 +12,12 @@ that its last bits are different.  These functions add in order, without compens
 those of ``sum`` in Python 3.11.  ``math.fsum`` and ``numpy.sum`` have other bits.
 
 ``test/test_summation.py`` refuses the built-in ``sum`` of floats in the layers of a run.
+
+Random numbers have one seeded stream per named source, so that a new source does not change the others.
 """
 
 import math
+import zlib
 from collections.abc import Iterable, Sequence
 from operator import mul
 from typing import Any
@@ -152,3 +155,18 @@ def numpy_total(values: NDArray[np.float64]) -> float:
     for i in range(whole, n):
         total += values[i]
     return float(total)
+
+
+def random_stream(seed: int, name: str) -> np.random.Generator:
+    """Return the Philox generator of a named source, with the key (seed, crc32(name)).
+
+    A source must draw the same count in every tick, whether the numbers are used or not, so that one noise does not
+    change another.
+
+    Examples
+    --------
+    >>> float(random_stream(1, "a").standard_normal()) == float(random_stream(1, "b").standard_normal())
+    False
+    """
+    key = np.array([seed & 0xFFFFFFFFFFFFFFFF, zlib.crc32(name.encode())], dtype=np.uint64)
+    return np.random.Generator(np.random.Philox(key=key))

@@ -13,10 +13,10 @@ from struct import Struct
 from typing import Any
 
 from plant_sim.compiled import compiled
+from plant_sim.elementary import random_stream
 from plant_sim.plant_setup import OdometrySpec, WheelSlip
 from plant_sim.record import Records, quantity, records_of, zeros
 from plant_sim.states import Array, Odometry
-from plant_sim.streams import random_stream
 
 
 @dataclass

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant_sim.compiled import compiled
+from plant_sim.elementary import random_stream
 from plant_sim.input_error import one_of
 from plant_sim.odometry import SlipRecord
 from plant_sim.plant_setup import Freeze, Sensors
 from plant_sim.record import Records, quantity, records_of, zeros
 from plant_sim.states import Array, Measurement, VehicleStates
-from plant_sim.streams import random_stream
 
 NOISE_TICKS = 256
 """Number of ticks for which noise is drawn at once."""

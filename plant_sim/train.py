@@ -9,6 +9,7 @@ from plant_sim.air_brake import PipePressure
 from plant_sim.brake_events import PipeEvents, friction_brake_events
 from plant_sim.consist import Consist
 from plant_sim.disturbances import Gust, OutsideForces
+from plant_sim.elementary import random_stream
 from plant_sim.jumps import Jumps, PartedCouplers
 from plant_sim.kernel_cache import kernels_are_kept
 from plant_sim.line import Line
@@ -17,7 +18,6 @@ from plant_sim.plant_setup import Jump, PlantSetup
 from plant_sim.section_effects import MANY_TICKS, SectionEffects, with_adhesion_of
 from plant_sim.sensors import SensorSet
 from plant_sim.states import Array, BrakeShoes, Observation, Pipe, VehicleStates
-from plant_sim.streams import random_stream
 from plant_sim.totals import Totals, kinetic_energy, kinetic_energy_of_each, total_numbers, totals_of
 
 

@@ -18,7 +18,7 @@ LAYERS = (
 """Layers from lowest to highest; CONTRIBUTING.md describes them."""
 CONTROL_LAYERS = (
     ("contract", "command_history", "component_fault", "parameters", "learned_resistance", "train_model", "gains",
-     "keyword_form", "plan_text", "rows_by_place"),
+     "plan_text", "rows_by_place"),
     ("guard",),
     ("algorithms",),
     ("mpc",),

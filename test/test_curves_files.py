@@ -13,7 +13,7 @@ import pytest
 
 from train_ato.cli.main import main
 from train_ato.studies.curves.case_file import CurveCase, CurveInputs, read_cases
-from train_ato.studies.curves.table import case_table
+from train_ato.studies.curves.curves import case_table
 from train_ato.supervision.step_function import gradient_acceleration
 
 FILE = Path(__file__).parent / "data" / "etcs_braking_cases.json"

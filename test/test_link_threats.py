@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from plant_sim.streams import random_stream
+from plant_sim.elementary import random_stream
 from train_ato.loop.engine import run_engine
 from train_ato.messages.links import NEVER, DelayJump, Link, LinkSpec, MessageLink, VaryingDelay
 from train_ato.scenario.scenario import load_scenario

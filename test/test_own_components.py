@@ -20,8 +20,7 @@ from train_ato.control.compensation.base import CompensationBase
 from train_ato.control.component_fault import output_fault
 from train_ato.control.contract import LawOutput
 from train_ato.control.guard import GuardedLaw
-from train_ato.control.keyword_form import in_contract_form
-from train_ato.control.registry import COMPENSATIONS, OBSERVERS
+from train_ato.control.registry import COMPENSATIONS, OBSERVERS, in_contract_form
 from train_ato.program import interrupt
 from train_ato.program.errors import RunFailed
 

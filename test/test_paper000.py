@@ -5,7 +5,7 @@ import pytest
 from law_trains import SINGLE, inputs, model, printed_law
 from reproduce_results import series
 
-from plant_sim.streams import random_stream
+from plant_sim.elementary import random_stream
 from train_ato.control.laws.rbf_smc import RbfSmcParameters
 from train_ato.papers.p000_heavy_haul.cases import CASES, DURATION
 from train_ato.papers.p000_heavy_haul.checks import LOCOMOTIVE, disturbance_40, network_estimate, unexplained

@@ -25,9 +25,8 @@ from plant_sim.line import Line
 from train_ato.cli.plan import add_arguments, execute, plan_from_options
 from train_ato.profile.file import read_profile, write_profile
 from train_ato.profile.planner.allowance import parse_allowance
-from train_ato.profile.planner.allowance_plan import supplements
 from train_ato.profile.planner.plan_from_state import scheduled_points
-from train_ato.profile.planner.planner import Plan, plan_profile
+from train_ato.profile.planner.planner import Plan, plan_profile, supplements
 from train_ato.profile.planner.settings import PlanSettings, find_line, find_train
 from train_ato.profile.planner.train_tables import balancing_speed, holding_force, steepest_start
 from train_ato.scenario.profile_spec import ProfileSpec

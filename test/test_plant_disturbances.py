@@ -15,10 +15,10 @@ from pydantic import TypeAdapter, ValidationError
 from plant_sim import kernel as k
 from plant_sim.brake_events import ATMOSPHERE
 from plant_sim.disturbances import DisturbanceSource
+from plant_sim.elementary import random_stream
 from plant_sim.library import consist_names, load_consist
 from plant_sim.plant_setup import PlantSetup
 from plant_sim.states import Array
-from plant_sim.streams import random_stream
 from plant_sim.train import Train
 from train_ato.cli.main import main
 

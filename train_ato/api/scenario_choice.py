@@ -14,8 +14,15 @@ import yaml
 
 from plant_sim.data_text import TextDumper
 from plant_sim.library import split_name
-from train_ato.control.keyword_form import GivenComponent, keyword_values
-from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS, Registry, load_class
+from train_ato.control.registry import (
+    COMPENSATIONS,
+    LAWS,
+    OBSERVERS,
+    GivenComponent,
+    Registry,
+    keyword_values,
+    load_class,
+)
 from train_ato.judge.summary_table import verdict_html
 from train_ato.program.errors import InputError
 from train_ato.scenario.overlays import RefusedScenario, assign, caused_by, overlay, put, with_absolute_files

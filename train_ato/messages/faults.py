@@ -13,9 +13,9 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
+from plant_sim.elementary import random_stream
 from plant_sim.input_error import close_match
 from plant_sim.si_model import SiModel
-from plant_sim.streams import random_stream
 from plant_sim.units import Ratio, Time
 from train_ato.messages.topic import Rate, Role
 from train_ato.messages.topics import TOPICS, published_by

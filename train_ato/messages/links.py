@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from plant_sim.compiled import compiled
-from plant_sim.elementary import libm_sin
+from plant_sim.elementary import libm_sin, random_stream
 from plant_sim.record import Records, fill, quantity, zeros
 from plant_sim.si_model import SiModel
-from plant_sim.streams import random_stream
 from plant_sim.units import Number, Ratio, Time, Unit, Usual
 from train_ato.messages.types import Array
 

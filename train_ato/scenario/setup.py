@@ -24,9 +24,8 @@ from train_ato.control.component_fault import refused_at_start
 from train_ato.control.contract import Law
 from train_ato.control.force_distribution import ForceDistribution, PlannedDisplacement
 from train_ato.control.gains import Gains, advice
-from train_ato.control.keyword_form import GivenComponent, started
 from train_ato.control.open_loop import late_action
-from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS, Registry
+from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS, GivenComponent, Registry, started
 from train_ato.control.train_model import TrainModel
 from train_ato.messages.topic import TrainLayout
 from train_ato.messages.topics import BY_NAME

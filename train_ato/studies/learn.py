@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from plant_sim.disturbances import shifted
-from plant_sim.streams import random_stream
+from plant_sim.elementary import random_stream
 from train_ato.api.drive import RunMode, drive
 from train_ato.api.progress import share_bar
 from train_ato.api.run import Run

@@ -25,7 +25,7 @@ from train_ato.api.env.stepped_loop import History, Past, SharedParts, SteppedLo
 from train_ato.api.run import Run, RunRecord
 from train_ato.api.scenario_choice import Changes, GivenScenario, ScenarioChoice, choose_scenario
 from train_ato.control.caller import NAME, Caller, forces_text
-from train_ato.control.keyword_form import GivenComponent
+from train_ato.control.registry import GivenComponent
 from train_ato.judge.recording_builder import RecordingBuilder
 from train_ato.judge.result import RunResult
 from train_ato.judge.summary_table import html_table

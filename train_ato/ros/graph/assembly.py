@@ -1,13 +1,21 @@
-"""Creation of the nodes of a run, for both runners and the entry points."""
+"""Creation of the nodes of a run, for both runners and the entry points.
+
+The services of a managed node give the state of a node. A run begins with the first measurement of its plant and ends
+with the end notice: no transition is made from outside.
+"""
+
+from __future__ import annotations
 
 import os
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import rclpy
+from lifecycle_msgs.msg import State
+from lifecycle_msgs.srv import ChangeState, GetAvailableTransitions, GetState
 from rclpy.context import Context
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
@@ -26,11 +34,14 @@ from train_ato.messages.topics import Role, topics_of
 from train_ato.program.errors import FirstFailure, of_own_code
 from train_ato.ros.nodes.controller import ControllerNode
 from train_ato.ros.nodes.endpoints import NodeEndpoints
-from train_ato.ros.nodes.lifecycle import serve_lifecycle
 from train_ato.ros.nodes.plant import PlantNode
 from train_ato.ros.nodes.recorder import RecorderNode
 from train_ato.ros.nodes.stages import ObserverNode, ProfileNode, SupervisorNode
 from train_ato.scenario.setup import RunSetup
+
+if TYPE_CHECKING:
+    from train_ato.ros.nodes.endpoints import NodeEndpoints
+
 
 TURN_S = 0.1
 """Maximum wait of the executor for an event [s]; an unlimited wait would block Ctrl-C."""
@@ -188,3 +199,43 @@ def make_node(
             for topic in topics_of(setup.layout)
         }
     return RecorderNode(log, endpoints, last_due)
+
+
+LABELS = {
+    State.PRIMARY_STATE_UNCONFIGURED: "unconfigured",
+    State.PRIMARY_STATE_INACTIVE: "inactive",
+    State.PRIMARY_STATE_ACTIVE: "active",
+    State.PRIMARY_STATE_FINALIZED: "finalized",
+}
+REFUSED = "~/change_state: refused, the plant begins and ends the run; see its services ~/pause, ~/start, ~/stop"
+
+
+def serve_lifecycle(endpoints: NodeEndpoints) -> None:
+    """Offer ``~/get_state``, no transitions, and ``~/change_state``, which refuses every transition in one line.
+
+    ``ros2 lifecycle set`` and ``list`` wait for ever for a node without the services that list its transitions.
+    """
+
+    def answer(_: Any, response: Any) -> Any:
+        number = _state(endpoints)
+        response.current_state = State(id=number, label=LABELS[number])
+        return response
+
+    def refuse(_: Any, response: Any) -> Any:
+        endpoints.note(f"node {endpoints.name}: {REFUSED}")
+        response.success = False
+        return response
+
+    endpoints.serve(GetState, "~/get_state", answer)
+    endpoints.serve(ChangeState, "~/change_state", refuse)
+    for name in ("~/get_available_transitions", "~/get_transition_graph"):
+        endpoints.serve(GetAvailableTransitions, name, lambda _, response: response)
+
+
+def _state(endpoints: NodeEndpoints) -> int:
+    """Return unconfigured before all connections, inactive before the first tick, then active, finalized at the end."""
+    if endpoints.ended:
+        return int(State.PRIMARY_STATE_FINALIZED)
+    if endpoints.begun:
+        return int(State.PRIMARY_STATE_ACTIVE)
+    return int(State.PRIMARY_STATE_UNCONFIGURED if endpoints.missing() else State.PRIMARY_STATE_INACTIVE)
