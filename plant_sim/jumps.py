@@ -158,11 +158,6 @@ class Jumps:
         if jump.what == "adhesion" and not self._adhesive:
             raise ValueError("a jump of adhesion multiplies the adhesion, which is missing; give an adhesion")
 
-    @property
-    def waiting(self) -> bool:
-        """True if a jump waits for its time or place."""
-        return bool(self.planned)
-
     def steps(self, stamp: int) -> list[int]:
         """Return the plant steps of the tick from ``stamp`` [ns] on before which jumps are due."""
         steps = set()

@@ -215,7 +215,7 @@ class Train(KernelState):
             self._sections.apply(self.stamp, self.tick_ns)
         outside = self.outside.tick(self.stamp, self.arrays.state[k.V, : self.n])
         begin = 0
-        if self.jumps.waiting:
+        if self.jumps.planned:
             for step in self.jumps.steps(self.stamp):
                 self._integrate(demand, outside, begin, step)
                 begin = step
@@ -228,7 +228,7 @@ class Train(KernelState):
     @property
     def is_quiet(self) -> bool:
         """True if ticks need no Python: no brake wave, jump, added gust, parted coupler or force by the cubed speed."""
-        changes = self.jumps.waiting or self.has_added_gusts or self.parted.parted or self.brake.propagating()
+        changes = self.jumps.planned or self.has_added_gusts or self.parted.parted or self.brake.propagating()
         return not (changes or self.outside.has_cubes or self.ticks_before_section == 0)
 
     @property

@@ -152,7 +152,7 @@ def test_names_in_the_log(resolved, name, expected):
 def test_a_killed_run_is_recovered(tmp_path, cut):
     """Every closed chunk of a log cut at any place is recovered; readers of the index would reject it."""
     log, sent = write(tmp_path, 700, close=False)
-    log._file.flush()
+    log.flush()
     whole = (tmp_path / "run.mcap.partial").read_bytes()
     tmp_path = tmp_path / "killed"
     tmp_path.mkdir()
@@ -211,8 +211,8 @@ class FullDisk:
 def test_after_a_failed_write_nothing_more_is_written(tmp_path):
     """Breaks if a second attempt on a full disk leaves an incomplete file that looks complete."""
     log = RunLog(tmp_path, topics_of(LONG))
-    disk = FullDisk(log._file._raw, 40_000)
-    log._file._writer._stream = disk
+    disk = FullDisk(log._raw, 40_000)
+    log._writer._stream = disk
     data = WIRE.encode("train/vehicles", message("train/vehicles", LONG, 0))
     with pytest.raises(OSError, match=r"writing failed .No space left"):
         for tick in range(5000):
@@ -279,7 +279,7 @@ def test_slow_messages_are_never_older_than_a_second(tmp_path):
 def test_a_full_disk_is_told_even_if_no_message_comes_any_more(tmp_path):
     """Breaks if the failure of a write in the background is lost, and the run counts as recorded."""
     log, _ = write(tmp_path, 3, close=False)
-    log._file._writer._stream = FullDisk(log._file._raw, 0)
+    log._writer._stream = FullDisk(log._raw, 0)
     wait_for(lambda: log.failure is not None)
     with pytest.raises(OSError, match="writing failed"):
         log.close()

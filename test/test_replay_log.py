@@ -37,7 +37,7 @@ def write(folder: Path, ticks: int = TICKS, *, tiny: bool = False, only: str | N
                     data = wire.encode(topic.name, message(topic.name, LONG, late * TICK, seed=tick))
                     log.add(topic.name, EPOCH_NS + late * TICK, received, data)
                     if tiny:
-                        log._file.flush()
+                        log.flush()
     return folder
 
 

@@ -168,7 +168,7 @@ from pathlib import Path
 from train_ato.log.run_log import RunLog
 log = RunLog(Path(sys.argv[1]))
 log.add("/clock", 1, 1, bytes(12))
-log._file.flush()
+log.flush()
 import os
 os._exit(9)
 """

@@ -46,10 +46,6 @@ class CommandHold:
         self.in_a_row += 1
         self._reason, self._by_component = reason, by_component
 
-    def resume(self) -> None:
-        """End the gap after a valid command."""
-        self.in_a_row = 0
-
     def check_limit(self) -> None:
         """Fail the run at the limit.
 

@@ -355,7 +355,7 @@ class ControlStack:
             reason = f"law '{self._name}' repeated its last force ({output.held})"
             self._hold.hold(reason, by_component=is_valid(inputs))
         else:
-            self._hold.resume()
+            self._hold.in_a_row = 0
         if self._air_brake and output.brake_pipe is not None:
             self.pressure = min(max(output.brake_pipe, 0.0), self.model.consist.air_brake.charged)  # type: ignore[union-attr]
             self.law_brakes = True

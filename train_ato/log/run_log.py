@@ -102,12 +102,6 @@ class LogFile:
         """Reason of a failed write, or None; nothing is written after it."""
         return self._chunks.failure
 
-    @property
-    def counts(self) -> list[int]:
-        """Number of messages per channel, in the order of the channels."""
-        with self._chunks.lock:
-            return self._writer.counts
-
     def _begin(self, attachments: Mapping[str, bytes]) -> None:
         self._writer.metadata("rosbag2", metadata_record(bag_information(self.path.name, [], NEVER, NEVER)))
         self._write_wall_time()
@@ -156,10 +150,6 @@ class LogFile:
         """Add messages as :meth:`write`."""
         self._chunks.extend(entries)
 
-    def extend_ticks(self, records: TickRecords) -> None:
-        """Add the messages of a block of ticks."""
-        self._chunks.extend_ticks(records)
-
     def flush(self) -> None:
         """Write the open chunk to the file."""
         self._chunks.flush()
@@ -192,7 +182,7 @@ class LogFile:
         self._stream.close()
 
 
-class RunLog:
+class RunLog(LogFile):
     """Log of one run: the recorded topics of the table.
 
     Parameters
@@ -222,12 +212,12 @@ class RunLog:
         timed: bool = True,
     ) -> None:
         wall_time = WallTime.now() if timed else None
-        self._file = LogFile(folder, attachments, compression=compression, wall_time=wall_time)
+        super().__init__(folder, attachments, compression=compression, wall_time=wall_time)
         self.numbers: dict[str, int] = {}
         for topic in topics:
             if topic.recorded:
                 known = definition(topic.type)
-                self.numbers[topic.name] = self._file.channel(
+                self.numbers[topic.name] = self.channel(
                     log_name(topic, resolved(topic.name)),
                     topic.type,
                     known.text,
@@ -238,17 +228,8 @@ class RunLog:
     @property
     def counts(self) -> dict[str, int]:
         """Number of messages per topic."""
-        return dict(zip(self.numbers, self._file.counts, strict=True))
-
-    @property
-    def path(self) -> Path:
-        """Path of the closed log."""
-        return self._file.path
-
-    @property
-    def failure(self) -> str | None:
-        """Reason of a failed write, or None; nothing is written after it."""
-        return self._file.failure
+        with self._chunks.lock:
+            return dict(zip(self.numbers, self._writer.counts, strict=True))
 
     def add(self, topic: str, publish_ns: int, log_ns: int, data: bytes) -> None:
         """Record a message of a topic of the table with publish and log time [ns since 1970].
@@ -258,21 +239,17 @@ class RunLog:
         OSError
             If the disk is full or gone.
         """
-        self._file.write(self.numbers[topic], publish_ns, log_ns, data)
-
-    def extend(self, entries: Iterable[Entry]) -> None:
-        """Record messages by the numbers of their topics."""
-        self._file.extend(entries)
+        self.write(self.numbers[topic], publish_ns, log_ns, data)
 
     def extend_ticks(self, block: TickBlock, wire: Wire) -> None:
         """Record the messages of a block of ticks, with publish time = log time = stamp."""
-        self._file.extend_ticks(TickRecords(block, wire, self.numbers))
+        self._chunks.extend_ticks(TickRecords(block, wire, self.numbers))
 
     def close(self) -> None:
         """Finish the log and rename it to ``run.mcap``."""
-        if self._file.wall_time is not None and not self._file.closed:
-            self._file.wall_time = self._file.wall_time.ended()
-        self._file.close()
+        if self.wall_time is not None and not self.closed:
+            self.wall_time = self.wall_time.ended()
+        super().close()
 
     def __enter__(self) -> "RunLog":
         return self

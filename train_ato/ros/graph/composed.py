@@ -227,7 +227,7 @@ class _Composed:
         """Lose the external node if it has left, a node whose process has failed, or whose answer is overdue."""
         self._check_apart()
         external, recorder = self._options.external, self._all_endpoints[Role.RECORDER]
-        left, self._left = self._left, recorder.external_left
+        left, self._left = self._left, external is not None and recorder.external_left
         if external is not None and left and self._left and not self._plant.finished:  # its last messages are read
             self._plant.lose_departed([external])
         elif self._plant.check_overdue():

@@ -196,7 +196,7 @@ class PlantNode:
     @property
     def answered(self) -> bool:
         """True if the command for the last measurement has arrived; a run without lockstep ends before it."""
-        return self.answers.commanded >= self.sent_stamp
+        return self.answers.stamps[Command] >= self.sent_stamp
 
     @property
     def ignored(self) -> int:
@@ -270,9 +270,10 @@ class PlantNode:
             Node that does not react at all, or None.
         """
         answers, setup, watch = self.answers, self.stage.setup, self.answer_watch
-        stamp = 0 if answers.commanded < 0 else min(answers.commanded + setup.tick_ns, self.sent_stamp)
+        sent, release = answers.stamps[Command], answers.stamps[BrakeRelease]
+        stamp = 0 if sent < 0 else min(sent + setup.tick_ns, self.sent_stamp)
         if self._period is None:
-            commanded, released = answers.all_commanded(self.sent_stamp), answers.released >= self.supervised_stamp
+            commanded, released = answers.all_commanded(self.sent_stamp), release >= self.supervised_stamp
         else:
             commanded = watch.silent_for(released=False) <= self.timeout
             released = not setup.layout.supervised or watch.release_silent_for() <= self.timeout
@@ -351,7 +352,7 @@ class PlantNode:
     def _on_answer(self, answer: Command | Pipe | BrakeRelease) -> None:
         """Take an answer to the current tick, without lockstep also to an earlier one; the last one runs the tick."""
         commands = isinstance(answer, Command)
-        if commands and self.answers.commanded < 0:
+        if commands and self.answers.stamps[Command] < 0:
             self.answers.piped = self.answers.piped and not self.endpoints.left_out("ato/brake_pipe_command")
         lockstep, stamp = self._period is None, self.stage.stamp
         due = (self._waiting and answer.stamp == stamp) if lockstep else answer.stamp <= self.sent_stamp

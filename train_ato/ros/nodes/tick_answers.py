@@ -40,6 +40,8 @@ class TickAnswers:
         pipe of a train with an air brake stays charged.
     ignored : int
         Number of duplicate or unexpected answers.
+    stamps : dict
+        Stamp of the newest answer of every type [ns]; -1 before the first.
     """
 
     def __init__(self, setup: RunSetup) -> None:
@@ -49,24 +51,14 @@ class TickAnswers:
         self.release: BrakeRelease | None = None
         self.ignored = 0
         self.piped = setup.layout.air_brake
-        self._stamps: dict[type, int] = {Command: -1, Pipe: -1, BrakeRelease: -1}
+        self.stamps: dict[type, int] = {Command: -1, Pipe: -1, BrakeRelease: -1}
         self._unused: dict[type, int] = {}
         self._named: set[type] = set()
         self._lost: tuple[type, ...] = ()
 
-    @property
-    def commanded(self) -> int:
-        """Stamp of the newest command [ns]; -1 before the first."""
-        return self._stamps[Command]
-
-    @property
-    def released(self) -> int:
-        """Stamp of the newest brake release [ns]; -1 before the first."""
-        return self._stamps[BrakeRelease]
-
     def all_commanded(self, stamp: int) -> bool:
         """Return True if command and pressure for a stamp [ns] have arrived."""
-        return all(self._stamps[kind] >= stamp for kind in [Command] + [Pipe] * self.piped)
+        return all(self.stamps[kind] >= stamp for kind in [Command] + [Pipe] * self.piped)
 
     def lose(self, role: Role) -> None:
         """Use no answers of a lost node any more."""
@@ -100,12 +92,12 @@ class TickAnswers:
         ``again`` takes one of the same stamp too.
         """
         kind = type(answer)
-        newer = answer.stamp > self._stamps[kind] or (again and answer.stamp == self._stamps[kind])
+        newer = answer.stamp > self.stamps[kind] or (again and answer.stamp == self.stamps[kind])
         if kind in self._lost or not expected or not newer:
             self.ignored += 1
             self._unused[kind] = answer.stamp
             return False
-        self._stamps[kind] = answer.stamp
+        self.stamps[kind] = answer.stamp
         if isinstance(answer, Command):
             self.command = answer
         elif isinstance(answer, Pipe):
@@ -117,7 +109,7 @@ class TickAnswers:
     def all_arrived(self, stamp: int) -> bool:
         """Return True if every answer to a stamp [ns] has arrived."""
         due = [Command] + [Pipe] * self.piped + [BrakeRelease] * self._setup.supervised_at(stamp)
-        return all(self._stamps[kind] == stamp for kind in due)
+        return all(self.stamps[kind] == stamp for kind in due)
 
     def use(self, stamp: int) -> tuple[Command, Pipe | None, BrakeRelease | None] | None:
         """Return the answers to a stamp [ns] and forget them; None if one is missing."""
