@@ -60,10 +60,9 @@ def _path(kind: str, what: str, name: str) -> Path:
     if own.is_file():
         return own
     shipped = _names(kind)
-    raise ValueError(
-        f"{what} '{name}' is neither shipped nor a file; give a path or one of {', '.join(shipped)}"
-        f"{close_match(name, shipped)}"
-    )
+    near = [file for file in map(own.with_suffix, (".yaml", ".yml")) if file.is_file()] if own.name else []
+    hint = f"; did you mean the file '{near[0]}'?" if near else close_match(name, shipped)
+    raise ValueError(f"{what} '{name}' is neither shipped nor a file; give a path or one of {', '.join(shipped)}{hint}")
 
 
 def read_yaml(path: Path) -> Any:

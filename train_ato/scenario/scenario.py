@@ -285,7 +285,9 @@ def find(name: str) -> tuple[Path, str | None]:
     if not (path.suffix in (".yaml", ".yml") or path.is_file()):
         shipped = shipped_scenarios() | shipped_following()
         if stem not in shipped:
-            raise ValueError(f"unknown scenario '{stem}'{close_match(stem, shipped)}; see `train-ato list`")
+            own = [file for file in (path / "scenario.yaml", Path(f"{stem}.yaml")) if file.is_file()]
+            near = f"; did you mean the file '{own[0]}'?" if own else close_match(stem, shipped)
+            raise ValueError(f"unknown scenario '{stem}'{near}; see `train-ato list`")
         path = shipped[stem]
     elif not path.is_file():
         near = close_match(path.stem, shipped_scenarios() | shipped_following())
