@@ -108,14 +108,11 @@ class CouplerModes:
         Damping ratios.
     mobility : Array, shape (modes,)
         b², acceleration of the units in the mode by a force [1/kg].
-    compliance : float
-        Displacement of the units against the centre of mass by a steady force, with all modes [m/N].
     """
 
     omega: Array
     damping: Array
     mobility: Array
-    compliance: float
 
     @classmethod
     def of(cls, model: TrainModel) -> CouplerModes:
@@ -123,13 +120,12 @@ class CouplerModes:
         modes = TrainModes.of(model)
         omega, mobility = modes.omega, modes.mobility
         damping = np.clip(modes.viscous + modes.friction, *DAMPING)
-        compliance = float(_ordered_product(np.ones(omega.size), (mobility / omega**2)[:, np.newaxis])[0])
         size = mobility / (4.0 * damping * omega)
         size[mobility < MIN_MOBILITY / model.inertia] = 0.0
         chosen = np.argsort(-size, kind="stable")[:MAX_MODES]
         least = MIN_SHARE * size.max(initial=0.0)
         chosen = np.sort(chosen[(size[chosen] > 0.0) & (size[chosen] >= least)])
-        return cls(omega[chosen], damping[chosen], mobility[chosen], compliance)
+        return cls(omega[chosen], damping[chosen], mobility[chosen])
 
     def outlast(self, gain: float, inertia: float, lag: float) -> bool:
         """Return True if a feedback of the waves can excite a mode at some phase, so at some delay.

@@ -32,7 +32,7 @@ over the delay and has its own feed-forward: use compensation `none` or `preview
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -58,25 +58,6 @@ from train_ato.messages.types import Array
 
 if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel
-
-
-def feedforward(force_at: Callable[[float], float], actuators: Array) -> list[float]:
-    """Return the required force of every unit at the time of its effect [N].
-
-    Parameters
-    ----------
-    force_at
-        Required total force [N] after a delay [s].
-    actuators : Array, shape (3, units)
-        Delay in traction and braking [s], share of the force.
-    """
-    found = []
-    for forward, backward, share in zip(*actuators.tolist(), strict=True):
-        force = force_at(forward)
-        if force < 0.0 and backward != forward:
-            force = min(0.0, force_at(backward))
-        found.append(force * share)
-    return found
 
 
 def _through_lag(table: list[float], place: float, lag: float) -> float:
@@ -311,12 +292,22 @@ class Mpc(GuardedLaw):
         every wagon at a change of the grade, and F' of a step is an impulse. With hauled vehicles the command is
         therefore F at the time Ta later, equal to F + Ta F' for a steady slope.
         """
-        model, half = self.model, 0.5 * self.period
+        tick, half, lag = self.model.tick, 0.5 * self.period, self.model.lag
         if self._class.hauls:
             times, forces = self.lookahead_times[self._rising], required[self._rising]
-            later = half + model.lag
-            return feedforward(lambda delay: float(np.interp(delay + later, times, forces)), self._actuators)
-        table, tick = required[: self._entries].tolist(), model.tick
-        return feedforward(
-            lambda delay: _through_lag(table, (delay + half) / tick, model.lag / tick), self._actuators
-        )  # fmt: skip
+
+            def force_at(delay: float) -> float:
+                return float(np.interp(delay + (half + lag), times, forces))
+        else:
+            table = required[: self._entries].tolist()
+
+            def force_at(delay: float) -> float:
+                return _through_lag(table, (delay + half) / tick, lag / tick)
+
+        found = []
+        for forward, backward, share in zip(*self._actuators.tolist(), strict=True):
+            force = force_at(forward)
+            if force < 0.0 and backward != forward:
+                force = min(0.0, force_at(backward))
+            found.append(force * share)
+        return found

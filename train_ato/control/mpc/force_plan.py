@@ -12,7 +12,7 @@ from plant_sim.compiled import compiled
 from plant_sim.elementary import exp_each, libm_exp, matrix_product, plain_sum
 from train_ato.control.algorithms.limits_ahead import limits_at_nodes, limits_force
 from train_ato.control.algorithms.quadratic_program import inverse
-from train_ato.control.algorithms.train_constants import drag_slope, force_tables
+from train_ato.control.algorithms.train_constants import MATCHED_SHARE, drag_slope, force_tables, wave_gain
 from train_ato.control.contract import LawPlan
 from train_ato.control.mpc.coupler_limit import CouplerLimit
 from train_ato.control.mpc.predictive_plan import FAR, bounds, decide, node_values, planned_motion
@@ -23,7 +23,6 @@ from train_ato.messages.validity import MAX_FORCE, MAX_POSITION
 if TYPE_CHECKING:
     from train_ato.control.contract import Lookahead
     from train_ato.control.train_model import TrainModel
-    from train_ato.messages.types import Array
 
 
 SOFT_FORCE = 1e-6
@@ -66,7 +65,7 @@ def trapezoid_weights(times: Array) -> Array:
 
 @compiled
 def ramp_response(t, lag):
-    """Return force, speed and position after a unit ramp through a lag, and the force after a unit step.
+    """Return force, speed and position after a unit ramp through a lag.
 
     Parameters
     ----------
@@ -76,13 +75,12 @@ def ramp_response(t, lag):
         Time constant [s].
     """
     if t <= 0.0:
-        return 0.0, 0.0, 0.0, 0.0
+        return 0.0, 0.0, 0.0
     if lag <= 0.0:
-        return t, 0.5 * t * t, t * t * t / 6.0, 1.0
-    left = 1.0 - libm_exp(-t / lag)
-    force = t - lag * left
+        return t, 0.5 * t * t, t * t * t / 6.0
+    force = t - lag * (1.0 - libm_exp(-t / lag))
     speed = 0.5 * t * t - lag * force
-    return force, speed, t * t * t / 6.0 - lag * speed, left
+    return force, speed, t * t * t / 6.0 - lag * speed
 
 
 @dataclass(frozen=True)
@@ -163,13 +161,13 @@ def responses(nodes, delays, share, lag, longest):
     for i in range(delays.size):
         for k in range(count):
             since = nodes[k] + longest - delays[i]
-            force, speed, _, _ = ramp_response(since, lag)
+            force, speed, _ = ramp_response(since, lag)
             velocity[k, 0] += share[i] * force
             position[k, 0] += share[i] * speed
             for j in range(count - 1):
                 slope = share[i] / (nodes[j + 1] - nodes[j])
-                _, speed, place, _ = ramp_response(since - nodes[j], lag)
-                _, later_speed, later_place, _ = ramp_response(since - nodes[j + 1], lag)
+                _, speed, place = ramp_response(since - nodes[j], lag)
+                _, later_speed, later_place = ramp_response(since - nodes[j + 1], lag)
                 velocity[k, j] -= slope * (speed - later_speed)
                 velocity[k, j + 1] += slope * (speed - later_speed)
                 position[k, j] -= slope * (place - later_place)
@@ -206,6 +204,8 @@ POSITION_BAND = 2.0
 """Position error up to which the largest one has no cost of its own [m]."""
 STOP_ROOM = 0.3
 """Planned position error where the reference is at rest from which on the train brakes earlier [m]."""
+STOP_GAIN = 3.0
+"""Gain on the speed of a constraint of a stop, times the time left: it is below that of the waves of the couplers."""
 APPROACH = 2.0
 """Double pole with which a speed limit is approached, over the pole of the loop: its gain on the speed error."""
 PASSING_TIME = 5.0
@@ -315,6 +315,7 @@ class ForcePlan:
         self._ends = np.array([half, half - model.consist.length, overspeed, POSITION_BAND])
         self._band = POSITION_BAND if model.air_brake is None else MAX_POSITION
         self._stops = model.air_brake is None and not model.reversing
+        self._stop_time = STOP_GAIN / wave_gain(model, MATCHED_SHARE)
         self._passed = 1.0 - exp_each(-self.nodes / PASSING_TIME)
         self.reset()
 
@@ -411,7 +412,7 @@ class ForcePlan:
             allowed[2 * self.nodes.size] = max(float(allowed[2 * self.nodes.size]), 0.0)
         allowed[7 * self.nodes.size :] = FAR
         if self._stops and 0.0 in reference[1].tolist():
-            rests = reference[1] == 0.0
+            rests = (reference[1] == 0.0) & (self.nodes >= self._stop_time)
             allowed[7 * self.nodes.size :][rests] = np.minimum(STOP_ROOM - start.errors[0], FAR)[rests]
         self._approach(start, ahead, reference[1], side, allowed)
         return allowed
@@ -459,21 +460,13 @@ class ForcePlan:
 
     def _force_range(self, motion: Array, ahead: Lookahead) -> Array:
         """Return the range of the total force at the nodes for couplers and sections of the line [N]."""
-        within = self._within_couplers(motion)
+        within = self._unbounded
+        if self._couplers is not None:
+            within = self._couplers.force_range(motion[0], motion[1])
+            if self._model.air_brake is not None:
+                within[0, 1:] = -np.inf  # as the envelopes, the couplers do not limit its later brake forces
         if not self._sections or not ahead.force_max.size:
             return within
         return limits_at_nodes(
             ahead.force_min, ahead.force_max, self.nodes, parts=PARTS, effect=self._ticks, limits=within
         )
-
-    def _within_couplers(self, motion: Array) -> Array:
-        """Return the smallest and largest total force at the nodes for the coupler forces [N], shape (2, nodes).
-
-        The couplers do not limit later brake forces of a train with an air brake, as the envelopes do not.
-        """
-        if self._couplers is None:
-            return self._unbounded
-        found = self._couplers.force_range(motion[0], motion[1])
-        if self._model.air_brake is not None:
-            found[0, 1:] = -np.inf
-        return found

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from plant_sim.compiled import compiled
-from plant_sim.elementary import mean_over_units
+from plant_sim.elementary import matrix_product, mean_over_units
 from train_ato.control.algorithms.coupler_modes import CouplerModes
 from train_ato.control.algorithms.train_constants import (
     dead_time,
@@ -45,8 +45,6 @@ LOOSE_WAVES = 1.0
 """The same of a mode that is not fed back where waves outlast the feedback: it takes waves near its frequency, too."""
 SHORT = 1.0
 """Time of a wave below which ``OTHER_WAVES`` are smaller in proportion [s]; noise of the speed would count as waves."""
-STEADY_PERIODS = 2.0
-"""Time of a lag of the steady force over 1/omega of the slowest mode."""
 MOTION = 3
 """States y_p, y_v and d, before those of the modes."""
 
@@ -110,40 +108,6 @@ def modal_step(
     match(noise, before, weight, mean_position, mean_speed, floor_ratio)
 
 
-class SteadyForce:
-    """Force through two lags of the same time [N].
-
-    Parameters
-    ----------
-    time
-        Time of each lag [s].
-    period
-        Control period [s].
-    """
-
-    def __init__(self, time: float, period: float) -> None:
-        self._period = period
-        self._gained = 1.0 - math.exp(-period / time)
-        self.reset()
-
-    def reset(self) -> None:
-        """Begin at the next force."""
-        self.force = self._first = self._rate = 0.0
-        self._begins = True
-
-    def step(self, force: float) -> float:
-        """Take the mean force of a period [N]; return the change of its rate F_s' in it [N/s]."""
-        if self._begins:
-            self.force = self._first = force
-            self._begins = False
-        before = self._rate
-        self._first += self._gained * (force - self._first)
-        risen = self._gained * (self._first - self.force)
-        self.force += risen
-        self._rate = risen / self._period
-        return self._rate - before
-
-
 class ModalObserver(MotionObserver):
     """Position error [m], speed error [m/s] and disturbance [m/s²] of a train with hauled vehicles.
 
@@ -175,7 +139,6 @@ class ModalObserver(MotionObserver):
         self._not_fed_back = [MOTION + 2 * number for number, kept in enumerate(damped) if not kept]
         self._wave_speeds = np.array([LOOSE_WAVES if outlast and not kept else WAVE_SPEED for kept in damped])
         self._transition, self._gains = _motion(modes, period)
-        self._steady = SteadyForce(STEADY_PERIODS / float(modes.omega[0]), period)
         super().__init__(period, bandwidth, wave_time, speed_noise=speed_noise)
 
     def reset(self) -> None:
@@ -184,26 +147,27 @@ class ModalObserver(MotionObserver):
         count, size = self._filters.walks.size, MOTION + 2 * self._modes.omega.size
         self._waves = 2.0 * self._other_waves**2 / self._wave_time * self._period
         wave = _waves(self._modes, self._wave_speeds)
-        self._random = wave - _sandwich(self._transition, wave)
+        moved = matrix_product(self._transition, wave)
+        self._random = wave - matrix_product(moved, np.ascontiguousarray(self._transition.T))
         prior = np.zeros((size, size))
         prior[:MOTION, :MOTION] = np.diag([self._filters.position_prior**2, SPEED_PRIOR**2, DISTURBANCE_PRIOR**2])
         self._states, self._mean = np.zeros((count, size)), np.zeros(size)
         self._covariances = np.array([prior + wave] * count)
-        self._steady.reset()
 
-    def restart(self, position: float, speed: float) -> None:
-        """Take a sample as position and speed error [m, m/s] without waves; the disturbance is held."""
-        self._states[:, MOTION:] = 0.0
-        self._steady.reset()
+    def restart(self, position: float, speed: float, force: float = 0.0) -> None:
+        """Take a sample as position and speed error [m, m/s] with the stretch by a steady force [N] and no waves."""
         super().restart(position, speed)
+        self._states[:, MOTION:] = 0.0
+        self._states[:, MOTION::2] = force * self._modes.mobility / self._modes.omega**2
+        for place in self._not_fed_back:
+            self._state[0] -= float(self._states[0, place])
 
     def _filter(
         self, position: float, speed: float, pull: float, regressor: float, force: float, jolt: float, walks: Array,
         variance: float,
     ) -> None:  # fmt: skip
         """Advance and correct the filters; arguments as in the base class."""
-        bent = self._modes.compliance * self._steady.step(force) / self._period
-        driven = self._gains[0] * (pull + bent) + self._gains[1] * (force - self._steady.force)
+        driven = self._gains[0] * pull + self._gains[1] * force
         drift = self._random.copy()
         drift[1, 1] += jolt
         modal_step(
@@ -258,17 +222,6 @@ def _waves(modes: CouplerModes, speeds: Array) -> Array:
             covariance[offset, offset] += variance
             covariance[offset, place + offset] = covariance[place + offset, offset] = variance
     return covariance
-
-
-def _sandwich(transition: Array, covariance: Array) -> Array:
-    """Return the covariance after a period without noise, added in order."""
-    size = covariance.shape[0]
-    half, after = np.zeros((size, size)), np.zeros((size, size))
-    for k in range(size):
-        half = half + np.outer(transition[:, k], covariance[k])
-    for k in range(size):
-        after = after + np.outer(half[:, k], transition[:, k])
-    return after
 
 
 SIMULATED_SHARE = 2.0
@@ -422,7 +375,8 @@ class MeasuredMotion:
         by_line = model.line_force(model.front(inputs.position)) / model.inertia
         stands = not simulated.size and self._at_rest(speed, reference) and not self._departs(inputs, force)
         if self._before is None or stands:
-            observer.stand(position_error, speed, place, reference, moving=not (stands or simulated.size))
+            moving = not (stands or simulated.size)
+            observer.stand(position_error, speed, place, reference, moving=moving, force=moving * force)
             regressor = by_line
         else:
             force_before, resisting_before, reference_before = self._before

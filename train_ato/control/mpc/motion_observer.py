@@ -119,15 +119,20 @@ class MotionObserver:
         """Estimate of the standard deviation of the measured speed [m/s]."""
         return math.sqrt(self._noise[1])
 
-    def restart(self, position: float, speed: float) -> None:
-        """Take a sample as position and speed error [m, m/s]; disturbance and error of the mass are held."""
+    def restart(self, position: float, speed: float, force: float = 0.0) -> None:
+        """Take a sample as position and speed error [m, m/s]; disturbance and error of the mass are held.
+
+        The force [N] stretches a train with modes of the couplers.
+        """
         self._states[:, 4] = self._state[4] = 0.0
         self._states[:, 0], self._states[:, 1] = position, speed
         self._state[:2] = [position, speed]
         self._before[:] = 0.0
         self._runs, self.stands = True, False
 
-    def stand(self, position: float, speed: float, place: float, reference: float, *, moving: bool = False) -> None:
+    def stand(
+        self, position: float, speed: float, place: float, reference: float, *, moving: bool = False, force: float = 0.0
+    ) -> None:
         """Take a sample at standstill; a speed inside the noise is 0, and changes of the measurements are noise.
 
         The speed is then exact, and the position has the noise of its sample: a motion begins with these variances.
@@ -142,12 +147,14 @@ class MotionObserver:
             Speed of the reference [m/s].
         moving
             The sample is the first one of a train in motion: no speed is inside the noise.
+        force
+            Total force that stretches the train [N].
         """
         self._count = min(self._count + 1.0, max(self._samples, 1.0))
         if self.stands:
             match(self._noise, self._before, 1.0 / self._count, place, speed, self._filters.position_floor)
         still = not moving and abs(speed) <= 3.0 * self.speed_noise
-        self.restart(position, (0.0 if still else speed) - reference)
+        self.restart(position, (0.0 if still else speed) - reference, force)
         if not self._waves:  # hauled vehicles do not depart with the unit
             self._covariances[:, :2] = self._covariances[:, :, :2] = 0.0
             self._covariances[:, 0, 0] = self._noise[0]
@@ -193,16 +200,10 @@ class MotionObserver:
         self, position: float, speed: float, pull: float, regressor: float, force: float, jolt: float, walks: Array,
         variance: float,
     ) -> None:  # fmt: skip
-        """Advance and correct the filters; the first arguments as in :meth:`step`.
+        """Advance and correct the filters; the first arguments as in :meth:`step`, the others are variances.
 
-        Parameters
-        ----------
-        jolt
-            Variance of the change of the speed in a period [m²/s²].
-        walks : Array, shape (filters,)
-            Variance of the change of the disturbance in a period [m²/s⁴].
-        variance
-            Variance of the measured speed, up to that of ``SPEED_FLOOR``, times the square of the period [m²].
+        They are those of the changes in a period of speed [m²/s²] and disturbance [m²/s⁴], shape (filters,), and of the
+        measured speed, up to ``SPEED_FLOOR``, over a period [m²].
         """
         self._drifts[:, 0] = jolt
         self._drifts[1:, 1] = walks

@@ -20,7 +20,6 @@ from train_ato.messages.types import Array
 if TYPE_CHECKING:
     from train_ato.control.contract import LawInput
     from train_ato.control.train_model import TrainModel
-    from train_ato.messages.types import Array
 
 
 MAX_STEPS = 50000
