@@ -603,6 +603,8 @@ def sections(*rows: tuple[float, Any]) -> dict[str, Any]:
          r"curves\[1\]: two radii from 50 to 100 m of the path, 300 and -400"),
         ({"track_sections": [track("A", 1000, (), [(300, 0, 900), (0, 50, 100)]), *LOOP["track_sections"][1:]]},
          r"curves\[1\]: two radii from 50 to 100 m of the path, 300 and 0"),
+        ({"track_sections": [track("A", 1000, (), [(-0.4, 0, 900)]), *LOOP["track_sections"][1:]]},
+         r"track_sections\[0\]: curves\[0\]: radius = -0.4: below 5 m; correct its unit"),
         ({"speed_sections": [{"speed_limit": 8}]}, r"speed_sections\[0\]: track_ranges: none, so its place is not"),
         ({"speed_sections": [{"speed_limit": 8, "track_ranges": []}]}, "track_ranges: none"),
         ({"neutral_sections": [{"track_ranges": None}]}, r"neutral_sections\[0\]: track_ranges: none"),

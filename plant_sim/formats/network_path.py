@@ -26,8 +26,8 @@ SHORT = 2.0
 """Length of a range below which its positions are probably in another unit [m]."""
 SAME_STATION = 2000.0
 """Largest distance between two tracks of one station that a train passes one after the other [m]."""
-STRAIGHT = 1e5
-"""Radius beyond which a curve counts as straight [m]."""
+SHARPEST, STRAIGHT = 5.0, 1e5
+"""Least radius of a curve, and that beyond which it counts as straight [m]."""
 BETWEEN = ".."
 """Mark between the two names of a selection ``FROM..TO``."""
 
@@ -272,6 +272,9 @@ def line_data(
     _refuse_overlaps(grades, "grades")
     bends = [row if 0 < abs(row.value) < STRAIGHT else row._replace(value=0.0) for row in radii]
     _refuse_overlaps(bends, "radii")
+    for row in bends:
+        if 0 < abs(row.value) < SHARPEST:
+            raise ValueError(f"{row.entry}: radius = {number_text(row.value)}: below {SHARPEST:g} m; correct its unit")
     curves = steps(path.length, bends, lambda values: values[-1], 0.0)
     limits = steps(path.length, speeds, min, None)
     data: dict[str, Any] = {
