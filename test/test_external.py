@@ -64,8 +64,10 @@ class Proportional(GuardedLaw):
         return [max(-200e3, min(200e3, force))] * len(inputs.velocity)
 
 
-def test_a_controller_of_ones_own_drives_as_the_same_law_inside(free_domain: int, tmp_path: Path) -> None:
-    """Breaks if a program must send more than commands, or if its commands act at another tick than those inside."""
+def test_a_controller_of_ones_own_drives_as_the_same_law_inside(
+    free_domain: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Breaks if a program must send more than commands, its commands act at another tick, or its domain is not said."""
     # in motion from the begin: at standstill the controller of the project uses no law
     changes = {
         "duration": 15, "supervision.enabled": False, "plant.start": {"speed_kmh": 50}, "profile.phases": None,
@@ -78,6 +80,7 @@ def test_a_controller_of_ones_own_drives_as_the_same_law_inside(free_domain: int
         outside = ta.run("demo", mode="composed", external="controller", domain=free_domain, **given)
     assert outside.metrics["controller"] == "external: my_controller"
     assert outside.metrics["external"] == {"controller": "my_controller"}
+    assert f"start the program in place of controller with ROS_DOMAIN_ID={free_domain}\n" in capsys.readouterr().err
     for topic in ("ato/command", "train/vehicles"):
         assert np.array_equal(outside[topic].to_numpy(), inside[topic].to_numpy()), topic
     with pytest.raises(ta.InputError, match="cannot be driven again"):

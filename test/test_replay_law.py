@@ -14,6 +14,7 @@ from report_runs import without
 from train_ato.cli import main
 from train_ato.playback.open_loop import replay_open_loop
 from train_ato.playback.playback import ReplayClock
+from train_ato.playback.replaying import output_names
 from train_ato.scenario.scenario import load_scenario
 from train_ato.scenario.setup import prepare
 
@@ -78,6 +79,9 @@ def test_the_command_shows_both_outputs_and_draws_them(run, capsys):
     summary = json.loads(capsys.readouterr().out)
     assert (summary["difference_max_kn"], summary["equal_ticks"]) == (0, SECONDS * 10)
     assert summary["figure"] == str(run / "replay-pid.png")
+    setup = prepare(*load_scenario("demo", (f"duration={SECONDS}",)))
+    swap = {"controller": "pid", "changes": [{"at_s": 614.0, "name": "controller", "value": "smc"}]}
+    assert output_names(setup, swap, "mpc") == ("pid → smc at 614 s, recorded", "mpc, replayed")
     figures = [imread(run / f"replay-{name}.png") for name in ("smc", "pid")]
     assert all(figure.shape[0] > 500 and figure.std() > 0.05 for figure in figures)
     assert not np.array_equal(*figures)

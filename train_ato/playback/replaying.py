@@ -136,11 +136,12 @@ def evaluated(
 
 
 def output_names(recorded: RunSetup, summary: dict[str, Any], law: str) -> tuple[str, str]:
-    """Return the labels of the recorded output (its law, or the measured quantity) and of the replayed one."""
+    """Return the labels of the recorded output (its laws, or the measured quantity) and of the replayed one."""
     from train_ato.api.import_csv.run import MEASURED, NOT_RECORDED
+    from train_ato.report.words import driven_laws
 
     if summary.get("controller") != MEASURED:
-        name = f"{summary.get('controller', recorded.controller)}, recorded"
+        name = f"{driven_laws({'controller': recorded.controller, **summary})}, recorded"
     else:
         at_wheel = summary.get("measured_command") == NOT_RECORDED
         name = "force at the wheel, measured" if at_wheel else "demand, measured"

@@ -58,7 +58,7 @@ def run_graph(
     try:
         name = "--domain" if domain is not None else "ROS_DOMAIN_ID"
         with claim_domain(domain if domain is not None else domain_of_environment(), name, chosen.namespace) as held:
-            print_domain(held)
+            print_domain(held, external)
             end = _run(mode, setup, folder, held, chosen, report)
     except (ValueError, ImportError) as error:
         with suppress(OSError):
