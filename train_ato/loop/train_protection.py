@@ -9,6 +9,7 @@ The highest demand of these sources is in effect:
 """
 
 from dataclasses import dataclass
+from operator import itemgetter
 
 import numpy as np
 
@@ -136,22 +137,16 @@ class TrainProtection:
         separated
             True if the head of the train has the emergency brake because of a train separation.
         """
-        self.level, self.reason = Protection.NONE, ""
-        if self.requested:
-            self._demand(Protection.EMERGENCY_BRAKE, REQUESTED)
+        demands = [(Protection.EMERGENCY_BRAKE, REQUESTED) if self.requested else (Protection.NONE, "")]
         if self._supervised:
             if separated:
-                self._demand(Protection.EMERGENCY_BRAKE, "train separation")
+                demands.append((Protection.EMERGENCY_BRAKE, "train separation"))
             if self._lost:
-                self._demand(Protection.SERVICE_BRAKE, self._lost)
-            self._demand(*self._of_release(stamp, standstill=standstill))
-            self._demand(*self._of_command(stamp, standstill=standstill))
+                demands.append((Protection.SERVICE_BRAKE, self._lost))
+            demands.append(self._of_release(stamp, standstill=standstill))
+            demands.append(self._of_command(stamp, standstill=standstill))
+        self.level, self.reason = max(demands, key=itemgetter(0))  # of equal ones the first
         return self.level
-
-    def _demand(self, level: Protection, reason: str) -> None:
-        """Raise the reaction; one that is not above the present reaction has no effect."""
-        if level > self.level:
-            self.level, self.reason = level, reason
 
     def _of_release(self, stamp: int, *, standstill: bool) -> tuple[Protection, str]:
         """Return the reaction to the brake release of the supervisor or to its age.

@@ -386,15 +386,10 @@ class PlantNode:
             self._single = False
             self._waiting = True
             self.sent_stamp = self.stage.stamp
-            self._lateness.begin(self._tick_period)
+            factor = self._rate.factor
+            paced = self._period * 1e-9 if self._period is not None else self.stage.setup.tick / factor if factor else 0
+            self._lateness.begin(paced)
             self._send(self.stage.observe().published())
-
-    @property
-    def _tick_period(self) -> float:
-        """Wall time of a tick at the present rate [s], 0 without a rate."""
-        if self._period is not None:
-            return float(self._period) * 1e-9
-        return float(self.stage.setup.tick) / self._rate.factor if self._rate.factor else 0.0
 
     def _conclude(self) -> None:
         if not self.finished:
