@@ -318,8 +318,7 @@ def test_the_integral_of_a_law_does_not_come_back_after_a_swap_to_and_fro(monkey
 
 def test_the_reference_of_a_new_law_begins_in_the_state_of_the_train_and_joins_the_profile() -> None:
     """Breaks if the law sees an error at its begin, the profile is not joined before a stop, or a large error hides."""
-    # By hand: a cubic that removes 1.1 m in 66 s has at most 1.5 x 1.1/66 = 0.025 m/s; one of 0.1 m lasts the least 20
-    # s.
+    # By hand: a cubic that removes 1.1 m in 112 s has at most 1.5 x 1.1/112 = 0.0147 m/s. The profile rests at 220 s.
     of, along = model(FIVE), profile()
     share = np.asarray(of.share)
     rest = float(along.time[np.flatnonzero(along.velocity > 0.0)[-1] + 1])
@@ -331,18 +330,25 @@ def test_the_reference_of_a_new_law_begins_in_the_state_of_the_train_and_joins_t
     first = joined.of(seen, 0.1, None)
     assert first.reference_position == pytest.approx(seen.position)
     assert first.reference_velocity == pytest.approx(seen.velocity)
-    near = JoinedReference(replace(seen, position=place + errors / 11), share, along, NONE)
-    assert [near.has_joined(t) for t in (79.9, 80.0)] == [False, True]
     still = JoinedReference(replace(seen, velocity=seen.reference_velocity), share, along, NONE)
-    assert [still.has_joined(t) for t in (60.0 + 65.9, 60.0 + 66.1)] == [False, True]
-    times = np.arange(60.0, 126.0, 0.1)
+    assert [still.has_joined(60.0 + t) for t in (111.9, 112.1)] == [False, True]
+    times = np.arange(60.0, 172.0, 0.1)
     speeds = np.array([still.of(replace(seen, t=t), 0.1, None).reference_velocity for t in times])
-    assert np.abs(speeds - seen.reference_velocity).max() == pytest.approx(0.025, rel=1e-3)
+    assert np.abs(speeds - seen.reference_velocity).max() == pytest.approx(1.65 / 112.0, rel=1e-3)
     late = JoinedReference(replace(seen, t=rest - 10.0), share, along, NONE)
     assert late.has_joined(rest - 1.9)
     assert JoinedReference(replace(seen, t=rest + 10.0), share, along, NONE).has_joined(rest + 10.0)
     far = JoinedReference(replace(seen, position=place + 44.0), share, along, NONE)
     assert far.of(seen, 0.1, None).reference_position == pytest.approx(np.full(5, place + 28.0 / 15.0))
+
+
+def test_a_small_position_error_is_removed_below_the_errors_of_the_laws() -> None:
+    """Breaks if 29 mm are removed in 20 s, at .0028 m/s; the worse law alone has .0010 m/s."""
+    laws = ("rbf_switching_smc", "fixed_time_smc")
+    alone = [errors_alone("crh380a_gpc:short", "acceleration", law)[0] for law in laws]
+    swap = "law_changes=[{at: 60, law: fixed_time_smc}]"
+    setup, recording = driven("crh380a_gpc:short", "law=rbf_switching_smc", swap, "duration=80")
+    assert errors(setup, recording, 60.0)[0] <= 2.0 * max(alone)
 
 
 def test_the_force_that_the_old_law_had_found_is_handed_over_and_fades() -> None:
@@ -357,7 +363,7 @@ def test_the_force_that_the_old_law_had_found_is_handed_over_and_fades() -> None
     of, along = model(FIVE), profile()
     seen = inputs(of, t=60.0, disturbance=np.full(5, 1e3))
     joined = JoinedReference(seen, np.asarray(of.share), along, np.full(5, 4e3))
-    left = [joined.of(replace(seen, t=t), 0.1, None).disturbance[0] for t in (60.0, 70.0, 80.0)]
+    left = [joined.of(replace(seen, t=t), 0.1, None).disturbance[0] for t in (60.0, 116.0, 172.0)]
     assert left == pytest.approx([-3e3, -1e3, 1e3])
 
 

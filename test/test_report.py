@@ -51,7 +51,7 @@ def test_events_of_a_run_are_found_at_their_times(eventful: Path) -> None:
     assert found == {
         ("disturbance", 12.0, 18.0), ("law", 30.0, None), ("fault", 35.0, None), ("law", 40.5, None),
         ("air_brake", 45.0, None), ("fault", 52.0, 53.0), ("air_brake", 60.0, None), ("outside", 48.0, 51.0),
-        ("outside", 66.2, None), ("protection", 66.3, 70.0), ("ato", 66.4, None), ("ato", 69.2, None),
+        ("outside", 66.2, None), ("protection", 66.3, 70.0), ("ato", 66.4, None), ("ato", 69.6, None),
     }  # fmt: skip
     texts = " | ".join(event.text for event in detect_events(open_recording(eventful)))
     for words in (

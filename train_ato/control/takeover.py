@@ -23,16 +23,15 @@ TRANSITION_TIME = 3.0
 DOUBLING_TIME = 1.0
 """Time in which the largest change doubles after ``TRANSITION_TIME``, if the law is still not reached [s]."""
 JOINING_TIME = 20.0
-"""Least time in which the errors at a change of the law are removed [s]."""
+"""Time in which the speed error at a change of the law is removed, if there is time for it [s]."""
 JOINING_SPEED = 0.14
 """Largest speed error of this motion [m/s]: 0.5 km/h, the excess speed that the shipped scenarios permit."""
-GENTLE_SPEED = 0.025
-"""Speed error by the removal of a position error [m/s], if there is time for it: half of the noise of a speed sensor.
+MAX_JOINING = 112.0
+"""Longest time in which the position error is removed [s].
 
-With it a law with the error e alone has at most e + 0.025 m/s, which is below the larger one of 2 e and 0.05 m/s.
+The largest one, ``JOINING_SPEED`` x ``JOINING_TIME`` / 1.5, then causes a speed error of 0.025 m/s, half of the noise
+of a speed sensor. That of a small one stays below the errors of precise laws, which a fixed speed would not.
 """
-MAX_JOINING = JOINING_SPEED * JOINING_TIME / GENTLE_SPEED
-"""Longest time of it [s]: that of the largest position error, ``JOINING_SPEED`` x ``JOINING_TIME`` / 1.5."""
 MIN_COMMANDS = 4
 """Least number of commands with a mean that lasts."""
 MIN_LOAD = 1e-6
@@ -237,7 +236,7 @@ class JoinedReference:
     alone. The difference from the profile is the sum of two cubics of the time, one with the error of the position at
     its begin, one with that of the speed, up to the size that keeps ``JOINING_SPEED`` over ``JOINING_TIME``. Both are 0
     with slope 0 at their ends, that of the speed after ``JOINING_TIME``. The speed of the other one is largest in its
-    middle, 1.5 times position over time, so that 0.8 m last 50 s at ``GENTLE_SPEED``.
+    middle, 1.5 times position over time, so it lasts as long as there is time, at most ``MAX_JOINING``.
 
     With its errors the new law would lose the force that the old law had found in them, for example against a wind. It
     is in the disturbance of the inputs, and fades as the errors come back.
@@ -258,13 +257,11 @@ class JoinedReference:
         self._force = lasting
         _, speeds, _ = profile.at_times(inputs.t + np.arange(MAX_JOINING / 0.8 + 1.0))
         rests = np.flatnonzero(speeds == 0.0)
-        left = 0.8 * float(rests[0]) if rests.size else MAX_JOINING
-        self._begin, self._lasting, self._share = inputs.t, min(left, JOINING_TIME), share
+        self._until_place = 0.8 * float(rests[0]) if rests.size else MAX_JOINING
+        self._begin, self._lasting, self._share = inputs.t, min(self._until_place, JOINING_TIME), share
         largest = JOINING_SPEED * self._lasting / 1.5
         self._place = np.clip(inputs.position - inputs.reference_position, -largest, largest)
         self._speed = np.clip(inputs.velocity - inputs.reference_velocity, -JOINING_SPEED, JOINING_SPEED)
-        gentle = 1.5 * float(np.abs(self._place).max()) / GENTLE_SPEED
-        self._until_place = min(left, max(gentle, JOINING_TIME))
 
     def has_joined(self, t: float) -> bool:
         """Return True if the difference has ended at a time [s]."""
