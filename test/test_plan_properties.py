@@ -83,6 +83,20 @@ def test_a_step_of_the_traction_envelope_makes_no_train_slower(jerk: float) -> N
     assert late.max() < 0.03
 
 
+@pytest.mark.parametrize("kind", ["adhesion", "power_limits"])
+def test_a_step_of_the_envelope_takes_no_force_from_a_section_with_little(kind: str) -> None:
+    """Breaks if a section takes the part of the upper side of a step from the lower side too: 135 s for 119 s."""
+    sections = {
+        "adhesion": [{"begin": 100, "end": 700, "factor": 0.5}],
+        "power_limits": [{"begin": 250, "end": 1500, "power_kw": 1500}],
+    }
+    line = line_of(stops=[{"at": 200}, {"at": 2200}], **{kind: sections[kind]})
+    trains = [metro(660e3 * factor) for factor in (0.8, 1, 1.5, 3, 10)]
+    times = never_slower(line, trains, PlanSettings(jerk=0.8))
+    free = never_slower(line, trains, PlanSettings(jerk=None))
+    assert (np.array(times) / np.array(free) - 1.0).max() < 0.03
+
+
 def test_a_segment_of_one_kmh_with_twice_the_force_is_no_obstacle() -> None:
     """Breaks if a narrow step takes away the force around it."""
     narrow = metro(660e3, {"to_kmh": 41, "force_kn": 120})

@@ -22,7 +22,7 @@ from plant_sim.track import Track
 from plant_sim.traction import Envelope
 from train_ato.messages.types import Array
 from train_ato.profile.planner.passes import sliding_extreme
-from train_ato.profile.planner.train_tables import TrainTables
+from train_ato.profile.planner.train_tables import TrainTables, envelope_table
 
 MIN_CELL, MAX_CELL, CELLS = 0.05, 5.0, 8000
 """Bounds of the cell length in the middle of a section [m], and the number of cells between these bounds."""
@@ -223,6 +223,8 @@ class SpeedLimits:
 
 Zones = tuple[int, ...]
 """Zone of every vehicle."""
+STEP_RESERVE = 0.01
+"""Difference of the reserves by part and by force from which an envelope has a step there."""
 
 
 class PlaceLimits:
@@ -234,7 +236,8 @@ class PlaceLimits:
         self._vehicles = consist.vehicles
         self._has_adhesion = bool(line.adhesion)
         self._reserves: dict[Zones, Array] = {}
-        self._powers = [float((_forces(vehicle, train.speed)[0] * train.speed).max()) for vehicle in self._vehicles]
+        pulls = [Envelope(vehicle.traction).forces(train.speed) for vehicle in self._vehicles]
+        self._powers = [float((pull * train.speed).max()) for pull in pulls]
 
     @property
     def breaks(self) -> Array:
@@ -264,8 +267,12 @@ class PlaceLimits:
         """Return the zone of vehicles with their centres at places [m]."""
         return self._zones.at(places)
 
-    def over_cells(self, grid: PlaceGrid, width: Array, range_: Array) -> tuple[Array, Integers]:
+    def over_cells(self, grid: PlaceGrid, width: Array, range_: Array, forces: Array) -> tuple[Array, Integers]:
         """Return reserves of traction and brakes over the speed, and the row of every cell: (rows, 2, n) and (cells,).
+
+        The mean over a range of speeds keeps a limit if each of its forces has the largest reserve of the range, or if
+        none is above the least force left in the range.  The second leaves more where an envelope rises in a step: a
+        reserve of the upper side would take the force of the lower one.
 
         Parameters
         ----------
@@ -273,6 +280,8 @@ class PlaceLimits:
             Distance before and after a cell over which its forces are averaged [m].
         range_ : Array, shape (2, n)
             Half of the range of speeds over which traction and brakes are averaged, at every speed [m/s].
+        forces : Array, shape (2, n)
+            Traction and brake force that the reserves reduce [N].
         """
         places = grid.places
         ends = np.stack((places[:-1], np.nextafter(places[1:], -np.inf)), axis=1).ravel()
@@ -289,9 +298,17 @@ class PlaceLimits:
         rows = {mixed: row for row, mixed in enumerate(dict.fromkeys(inside))}
         found = np.stack([np.max([kinds[k] for k in mixed], axis=0) for mixed in rows])
         if range_.any():
-            edges = self._train.speed[1] * np.arange(found.shape[2] + 1)
-            found = np.stack([[sliding_extreme(row[k], range_[k], edges, True) for k in (0, 1)] for row in found])
+            found = np.stack([[self._averaged(row, k, range_[k], forces[k]) for k in (0, 1)] for row in found])
         return found, np.array([rows[mixed] for mixed in inside])[pair.ravel()]
+
+    def _averaged(self, reserves: Array, side: int, range_: Array, force: Array) -> Array:
+        """Return the reserve of traction or brakes that also holds for a mean over a range of speeds, shape (n,)."""
+        edges = self._train.speed[1] * np.arange(force.size + 1)
+        by_part = sliding_extreme(reserves[side], range_, edges, True)
+        left = (self._train.traction, self._train.brake)[side] * (1.0 - reserves[side])
+        least = sliding_extreme(left, range_, edges, False)
+        by_force = 1.0 - np.minimum(least / np.maximum(force, 1e-9), 1.0)
+        return np.asarray(np.where(by_force < by_part - STEP_RESERVE, by_force, by_part))
 
     def largest_air(self, grid: PlaceGrid) -> Array:
         """Return the largest tunnel air over v² and inertia in every cell [1/m], shape (cells,)."""
@@ -338,7 +355,7 @@ class PlaceLimits:
         grip = np.zeros(speed.size)
         for vehicle, zone, own in zip(self._vehicles, zones, self._powers, strict=True):
             if vehicle.traction or vehicle.brake:
-                both = np.stack(_forces(vehicle, speed))
+                both = np.stack(_forces(vehicle, self._train))
                 adhesion = self._adhesion(zone, vehicle.adhesive_mass or vehicle.mass, speed)
                 most, least = adhesion, adhesion
                 if not vehicle.independent_power:
@@ -363,9 +380,13 @@ class PlaceLimits:
         return np.asarray(self._zones.adhesion[zone] * adhesion_by_speed(speed) * mass * self._consist.gravity)
 
 
-def _forces(vehicle: VehicleType, speed: Array) -> tuple[Array, Array]:
-    """Return traction and electric brake of a vehicle over the speed [N]."""
-    return Envelope(vehicle.traction).forces(speed), Envelope(vehicle.electric_brake or vehicle.brake).forces(speed)
+def _forces(vehicle: VehicleType, train: TrainTables) -> list[Array]:
+    """Return traction and electric brake of a vehicle over the speed [N], with the steps of the table of the train."""
+    envelopes = [Envelope(vehicle.traction), Envelope(vehicle.electric_brake or vehicle.brake)]
+    return [
+        envelope_table(e, train.speed, train.speed_max) if e.rows.size else np.zeros(train.speed.size)
+        for e in envelopes
+    ]
 
 
 def place_limits(line: Line, consist: Consist, train: TrainTables) -> PlaceLimits | None:

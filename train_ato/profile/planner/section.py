@@ -26,7 +26,16 @@ from train_ato.profile.planner.accelerations import (
 from train_ato.profile.planner.driving_strategy import MINIMUM_TIME, DrivingStrategy, SectionInputs, SectionKnots
 from train_ato.profile.planner.dynamic_programming import CoarseGrid, Resolution
 from train_ato.profile.planner.line_tables import PlaceGrid
-from train_ato.profile.planner.passes import backward, durations, flatten_peaks, forward, sliding_extreme
+from train_ato.profile.planner.passes import (
+    BRAKE,
+    COAST,
+    TRACTION,
+    backward,
+    durations,
+    flatten_peaks,
+    forward,
+    sliding_extreme,
+)
 from train_ato.profile.planner.train_tables import SPEED_STEP
 
 
@@ -396,7 +405,10 @@ class PlanSection:
         rates = acceleration_table(train, self.inputs.settings, self.window, extend_steps=self.extend_steps)
         placed, which = np.zeros((0, 2, train.speed.size)), np.zeros(grid.cells, dtype=np.int64)
         if places is not None:
-            placed, which = places.over_cells(grid, width, averaging_range(train, self.inputs.settings, self.window))
+            forces = np.stack((rates[TRACTION] + rates[COAST], rates[BRAKE] - rates[COAST]))
+            forces *= train.inertia / (1.0 - self.inputs.settings.force_margin)
+            ranges = averaging_range(train, self.inputs.settings, self.window)
+            placed, which = places.over_cells(grid, width, ranges, forces)
         reserves = np.stack(self.reserve.over(grid)), placed, which
         self._tables_key = key
         self._tables = SectionTables(limit, low, mean, high, air, rates, reserves, width)

@@ -168,7 +168,7 @@ class TrainTables:
         return traction, electric, np.minimum(air, left.brake_max - electric)
 
     def _tabulated(self, envelopes: list[Envelope]) -> list[Array]:
-        return [_tabulate(envelope, self.speed, self.speed_max) for envelope in envelopes]
+        return [envelope_table(envelope, self.speed, self.speed_max) for envelope in envelopes]
 
     def _forces_on_grid(self) -> tuple[Array, Array, Array]:
         traction = np.zeros(self.speed.size) + sum(self._tabulated(self._traction))
@@ -184,7 +184,7 @@ class TrainTables:
         return self._with_available_force(traction, electric, self._air_brake_force(speed) + friction)
 
 
-def _tabulate(envelope: Envelope, speed: Array, speed_max: float) -> Array:
+def envelope_table(envelope: Envelope, speed: Array, speed_max: float) -> Array:
     """Return the table of an envelope [N]; linear interpolation never exceeds the envelope at a jump.
 
     An envelope that ends at the top speed of the train [m/s] continues beyond it; else the table would have no force
