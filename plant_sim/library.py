@@ -7,9 +7,15 @@ from typing import Any
 
 from plant_sim.consist import Consist
 from plant_sim.data_text import parse_yaml
+from plant_sim.formats.fields import print_assumption
 from plant_sim.formats.reading import ReadConsist, ReadLine, read_line, read_train
 from plant_sim.input_error import build_model, close_match
 from plant_sim.line import AGAINST, Line
+
+NAMED = 6
+"""Number of the lost keys of a foreign file that a note names."""
+IDENTIFIERS = ("id", "ref", "version", "schema", "@language")
+"""Ends of the keys without a datum of the line or the train."""
 
 
 def _folder(kind: str) -> Path:
@@ -85,8 +91,21 @@ def read_yaml(path: Path) -> Any:
         raise ValueError(f"{path}: {error}; correct the YAML there") from None
 
 
-def load_consist(name: str) -> Consist:
-    """Return a train by name or path, from a file of any supported format.
+def _note_loss(name: str, found: ReadConsist | ReadLine) -> None:
+    """Name the keys of a foreign file that have no effect, identifiers last; ``convert`` names all."""
+    lost = sorted(found.left_out, key=lambda key: key.lower().endswith(IDENTIFIERS))
+    if lost:
+        more = f" and {len(lost) - NAMED} more, see `train-ato convert`" if len(lost) > NAMED else ""
+        print_assumption(f"{name}: read as {found.format}; without effect: {', '.join(lost[:NAMED])}{more}")
+
+
+def load_consist(name: str, *, point_mass: bool = False) -> Consist:
+    """Return a train by name or path, from a file of any supported format; lost keys are noted on stderr.
+
+    Parameters
+    ----------
+    name, point_mass
+        See :func:`named_train`.
 
     Raises
     ------
@@ -96,7 +115,9 @@ def load_consist(name: str) -> Consist:
     if name in consist_names():
         path = consist_path(name)
         return build_model(Consist, read_yaml(path), str(path))
-    return named_train(name).consist
+    found = named_train(name, point_mass=point_mass)
+    _note_loss(name, found)
+    return found.consist
 
 
 def split_name(name: str) -> tuple[str, str]:
@@ -154,7 +175,7 @@ def named_line(name: str) -> ReadLine:
 
 
 def load_line(name: str) -> Line:
-    """Return a line by name or path, see :func:`named_line`.
+    """Return a line by name or path, see :func:`named_line`; lost keys are noted on stderr.
 
     Raises
     ------
@@ -164,4 +185,6 @@ def load_line(name: str) -> Line:
     if name in line_names():
         path = line_path(name)
         return build_model(Line, read_yaml(path), str(path))
-    return named_line(name).line
+    found = named_line(name)
+    _note_loss(name, found)
+    return found.line

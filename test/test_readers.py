@@ -2,6 +2,7 @@
 
 import copy
 import json
+import re
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -15,10 +16,11 @@ from hypothesis import strategies as st
 from plant_sim.data_text import TextDumper, parse_yaml
 from plant_sim.formats import railtoolkit, ttobench
 from plant_sim.input_error import build_model
-from plant_sim.library import load_consist, load_line, named_line
+from plant_sim.library import load_consist, load_line, named_line, named_train
 from plant_sim.line import Line
 from train_ato.profile.planner.settings import find_line, find_train
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.scenario_data import scenario_line
 
 TRAIN: dict[str, Any] = {
     "schema": "https://railtoolkit.org/schema/rolling-stock.json",
@@ -322,6 +324,21 @@ def test_keys_of_sections_that_a_line_does_not_carry_are_named(tmp_path: Path) -
     bench = tmp_path / "bench.json"
     bench.write_text(json.dumps(BENCH | {"stops": BENCH["stops"] | {"names": ["a"]}}))
     assert "stops.names" in named_line(str(bench)).left_out
+
+
+def test_the_lost_keys_of_a_line_and_a_train_are_noted_where_they_are_used(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Breaks if a plan or a scenario uses a foreign file without a word about its keys without effect."""
+    line, train = tmp_path / "path.yaml", tmp_path / "train.yaml"
+    line.write_text(yaml.safe_dump(PATH | {"tunnels": [[1, 2]], "schema_version": 3}))
+    train.write_text(yaml.safe_dump(TRAIN | {f"extra_{number}": number for number in range(9)}))
+    find_train(str(train))
+    scenario_line(line.name, tmp_path)
+    noted = capsys.readouterr().err
+    assert f"note: {line}: read as railtoolkit; without effect: tunnels, paths[].id, schema_version\n" in noted
+    told = re.search(rf"note: {train}: read as railtoolkit; without effect: (.*) and (\d+) more, see", noted)
+    assert told and told[1].count(", ") + 1 + int(told[2]) == len(named_train(str(train)).left_out) > 9
 
 
 @pytest.mark.parametrize(

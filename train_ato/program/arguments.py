@@ -43,11 +43,15 @@ class OneLineParser(argparse.ArgumentParser):
 
     def __init__(self, **options: Any) -> None:
         super().__init__(allow_abbrev=False, **options)
+        # a value as -5%, -1e3, -.5 or the post -1+200, as in Python 3.14; earlier versions take -5 and -0.5 only
+        self._negative_number_matcher = re.compile(r"-(\.?\d|inf$|nan$)")
 
     def error(self, message: str) -> NoReturn:
         """Print the error in one line and exit with status 2."""
         for kind, plain in (("int", "a whole number"), ("float", "a number"), ("Path", "a path")):
             message = re.sub(rf"invalid {kind} value: ('.*')", rf"\1 is not {plain}", message, flags=re.DOTALL)
+        fault = r"argument (?:.*/)?(-\S+): expected (?:one|at least one) argument"
+        message = re.sub(fault, r"\1: it has no value; give one, as \1=VALUE if it begins with -", message)
         self.exit(BAD_INPUT, f"{self.prog}: {shortened(message)}; see `{self.prog} --help`\n")
 
     def refuse_unknown(self, arguments: Sequence[str]) -> None:

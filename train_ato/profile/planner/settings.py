@@ -6,7 +6,7 @@ from typing import Annotated
 from pydantic import Field, model_validator
 
 from plant_sim.consist import Consist
-from plant_sim.library import consist_names, load_consist, load_line, named_train
+from plant_sim.library import load_consist, load_line
 from plant_sim.line import Line
 from plant_sim.si_model import SiModel
 from plant_sim.units import Acceleration, Jerk, Length, Number, Place, Power, Speed, Time, Usual
@@ -187,7 +187,7 @@ def find_train(name: str, *, point_mass: bool = False) -> tuple[Consist, PlanSet
     ValueError
         One line that names the file, the key, the value and the remedy.
     """
-    consist = load_consist(name) if name in consist_names() else named_train(name, point_mass=point_mass).consist
+    consist = load_consist(name, point_mass=point_mass)
     limits = consist.plan_limits
     if limits is None:
         return consist, PlanSettings()
