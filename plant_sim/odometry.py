@@ -8,7 +8,6 @@ of the first power unit act on the wheel odometer too.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import floor
-from operator import methodcaller
 from struct import Struct
 from typing import Any
 
@@ -146,7 +145,6 @@ class Odometers:
         self.state["front"] = self.state["origin"] = front
         self.slips = records_of(SlipRecord, slips)
         self._reading = zeros(OdometryReading, 1)
-        self._values = [self._reading[name][0] for name in ("position", "speed", "since_balise")]
 
     def move(self, stamp: int, front: float) -> None:
         """Count the distance to a true front position [m] with the slips at a time [ns]."""
@@ -155,4 +153,4 @@ class Odometers:
     def observe(self, stamp: int, speed: float) -> Odometry:
         """Return the odometry at the present front position for a true speed [m/s] at a time [ns]."""
         _read(self.state, self.slips, stamp, speed, self._reading)
-        return Odometry(stamp, *map(methodcaller("copy"), self._values))
+        return odometry_of(self._reading[0])

@@ -152,23 +152,28 @@ def is_valid_preview(preview: Preview) -> bool:
     )
 
 
-def _is_possible(values: Array, bound: float) -> bool:
-    """Return True if values are finite and their root mean square is at most a bound (a sum takes twice as long)."""
-    return bool(np.vdot(values, values) <= bound * bound * values.size)
+@compiled
+def _are_within(positions: Any, motions: Any, forces: Any) -> bool:
+    """Return True if all values are finite and physically possible; three tuples of arrays."""
+    found = True
+    for values in positions:
+        found &= (np.abs(values) <= MAX_POSITION).all()
+    for values in motions:
+        found &= (np.abs(values) <= MAX_SPEED).all()
+    for values in forces:
+        found &= (np.abs(values) <= MAX_FORCE).all()
+    return found
 
 
 def is_valid_lookahead(lookahead: Lookahead) -> bool:
     """Return True if a lookahead is finite and physically possible; an empty one is valid."""
-    return not lookahead.velocity.size or (
-        _is_possible(lookahead.position, MAX_POSITION)
-        and _is_possible(lookahead.velocity, MAX_SPEED)
-        and _is_possible(lookahead.acceleration, MAX_SPEED)
-        and _is_possible(lookahead.resistance, MAX_FORCE)
-        and _is_possible(lookahead.speed_limit, MAX_SPEED)
-        and _is_possible(lookahead.force_min, MAX_FORCE)
-        and _is_possible(lookahead.force_max, MAX_FORCE)
-        and _is_possible(lookahead.simulated_force, MAX_FORCE)
-    )
+    a = lookahead
+    return not a.velocity.size or bool(
+        _are_within(
+            (a.position,), (a.velocity, a.acceleration, a.speed_limit),
+            (a.resistance, a.force_min.ravel(), a.force_max.ravel(), a.simulated_force),
+        )
+    )  # fmt: skip
 
 
 def write_inputs(i: LawInput, now: Any, units: Any, line_force: float = 0.0) -> bool:

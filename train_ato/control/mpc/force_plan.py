@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from plant_sim.compiled import compiled
-from plant_sim.elementary import exp_each, libm_exp, matrix_product, plain_sum
+from plant_sim.elementary import exp_each, libm_exp, matrix_product
 from train_ato.control.algorithms.limits_ahead import limits_at_nodes, limits_force
 from train_ato.control.algorithms.quadratic_program import inverse
 from train_ato.control.algorithms.train_constants import MATCHED_SHARE, drag_slope, force_tables, wave_gain
 from train_ato.control.contract import LawPlan
 from train_ato.control.mpc.coupler_limit import CouplerLimit
-from train_ato.control.mpc.predictive_plan import FAR, bounds, decide, node_values, planned_motion
+from train_ato.control.mpc.predictive_plan import FAR, approach, bounds, decide, node_values, planned_motion
 from train_ato.control.plan_text import PASSES
 from train_ato.messages.types import Array
 from train_ato.messages.validity import MAX_FORCE, MAX_POSITION
@@ -85,7 +85,7 @@ def ramp_response(t, lag):
 
 @dataclass(frozen=True)
 class HorizonModel:
-    """Matrices of the quadratic programme for one set of delays.
+    """Matrices of the quadratic programme for one set of delays, all but ``dual`` stored by columns.
 
     Attributes
     ----------
@@ -147,10 +147,8 @@ def horizon_model(
     dual[np.arange(diagonal.size), np.arange(diagonal.size)] += softness * diagonal + 1e-12
     peak = slice(5 * nodes.size, 7 * nodes.size)
     dual[peak, peak] += 1.0 / (PEAK_WEIGHT * (position_share * omega**2) ** 2 * nodes[-1])
-    return HorizonModel(
-        np.ascontiguousarray(weighted_position.T), np.ascontiguousarray(weighted_velocity.T), position, velocity,
-        inverted, constraints, limited, dual,
-    )  # fmt: skip
+    by_columns = (weighted_position.T, weighted_velocity.T, position, velocity, inverted, constraints, limited)
+    return HorizonModel(*map(np.asfortranarray, by_columns), dual)
 
 
 @compiled
@@ -426,19 +424,13 @@ class ForcePlan:
         permitted, below the limit.
         """
         n, near = self.nodes.size, self._near
-        limits, errors = allowed[4 * n : 5 * n], start.errors[1]
-        speed = float(ahead.velocity[self._ticks] + errors[0])
+        speed = float(ahead.velocity[self._ticks] + start.errors[1, 0])
         change = float(ahead.acceleration[self._ticks]) + start.gained
-        now, then = float(limits[0] + speeds[0] + errors[0]), float(limits[near] + speeds[near] + errors[near])
-        margin = max(min(now, then) - speed, min(now - speed, 0.0))
-        time, follow = float(self.nodes[near]), float(errors[0])
-        left = libm_exp(-self._pole * time)
-        lags = float(self._model.lag > 0.0)
-        rest = margin + lags * (self._pole * margin - change) * time
-        kept = follow + lags * (self._pole * follow + start.gained) * time
-        top = then - float(speeds[near])
-        permitted = max(top - rest * left, min(top, kept * left)) - float(errors[near])
-        held = permitted / plain_sum(side.response_velocity[near].tolist())
+        limits, response = allowed[4 * n : 5 * n], side.response_velocity[near]
+        held = approach(
+            limits, start.errors[1], speeds, (speed, change, start.gained), near, float(self.nodes[near]), self._pole,
+            self._model.lag > 0.0, response,
+        )  # fmt: skip
         limits[:near] = 1e3
         allowed[0] = min(float(allowed[0]), max(held, -float(allowed[n]), -float(allowed[3 * n])))
 

@@ -342,7 +342,7 @@ class MeasuredMotion:
         """Return the measured speed below which the train can be at standstill [m/s]."""
         return smallest + 3.0 * self.observer.speed_noise
 
-    def _departs(self, inputs: LawInput, force: float) -> bool:
+    def _departs(self, inputs: LawInput, force: float, line_force: float) -> bool:
         """Return True if the traction [N] accelerates the train at a departure, whatever the noise of the speed.
 
         A falling grade does not count: the holding brake can hold the train there without traction. Nor does an
@@ -350,8 +350,7 @@ class MeasuredMotion:
         """
         if float(inputs.lookahead.acceleration[0]) <= 0.0:
             return False
-        grade = max(self._model.line_force(self._model.front(inputs.position)), 0.0)
-        return force > self._starting + grade + inputs.train_shoe_force
+        return force > self._starting + max(line_force, 0.0) + inputs.train_shoe_force
 
     def _at_rest(self, speed: float, reference: float) -> bool:
         """Return True at standstill by measured and estimated speed [m/s]."""
@@ -364,7 +363,8 @@ class MeasuredMotion:
         """Take the measurements of a control period."""
         model, ahead, observer = self._model, inputs.lookahead, self.observer
         speed, reference = mean_over_units(self._share, inputs.velocity.tolist()), float(ahead.velocity[0])
-        resisting = model.resisting_force(model.front(inputs.position), speed, inputs.train_shoe_force)
+        line_force = model.line_force(model.front(inputs.position))
+        resisting = model.running_resistance(speed) + line_force + inputs.train_shoe_force
         simulated = ahead.simulated_force
         if simulated.size:
             slope = self.drag_slope[0] + self.drag_slope[1] * abs(reference)
@@ -372,8 +372,8 @@ class MeasuredMotion:
         place = mean_over_units(self._share, (inputs.position + model.offsets).tolist())
         position_error, speed_error = place - float(ahead.position[0]), speed - reference
         force = mean_over_units([1.0] * model.n_units, inputs.applied.tolist())
-        by_line = model.line_force(model.front(inputs.position)) / model.inertia
-        stands = not simulated.size and self._at_rest(speed, reference) and not self._departs(inputs, force)
+        by_line = line_force / model.inertia
+        stands = not simulated.size and self._at_rest(speed, reference) and not self._departs(inputs, force, line_force)
         if self._before is None or stands:
             moving = not (stands or simulated.size)
             observer.stand(position_error, speed, place, reference, moving=moving, force=moving * force)

@@ -133,6 +133,14 @@ def node_values(fine, nodes, parts):
 
 
 @compiled
+def add_product(total, matrix, vector):
+    """Add a product of matrix and vector, column by column: fast for a matrix that is stored by its columns."""
+    for k in range(vector.size):
+        for j in range(total.size):
+            total[j] += matrix[j, k] * vector[k]
+
+
+@compiled
 def bounds(
     required, reference, limits, ends, now, errors, plan, drag, tables, couplers, mass, jerk, steps, disturbance, rise,
     effect, allowed,
@@ -177,17 +185,16 @@ def bounds(
         Result b.
     """
     n = required.size
+    planned = errors[1].copy()
+    add_product(planned, plan[0], plan[1])
     for j in range(n):
         speed = reference[1, j] + errors[1, j]
-        planned = errors[1, j]
-        for k in range(n):
-            planned += plan[0][j, k] * plan[1][k]
         if j == 0:
             low, high = now[0], now[1]
         else:
-            beyond = reference[1, j] + planned
+            beyond = reference[1, j] + planned[j]
             low, high = -table_value(tables[0], beyond), table_value(tables[1], beyond)
-            required[j] += (drag[1] + drag[2] * abs(reference[1, j])) * planned - drag[0]
+            required[j] += (drag[1] + drag[2] * abs(reference[1, j])) * planned[j] - drag[0]
         low, high = max(low, couplers[0, j]), min(high, couplers[1, j])
         allowed[j] = (high - required[j]) / mass + disturbance[j]
         allowed[n + j] = (required[j] - low) / mass - disturbance[j]
@@ -199,6 +206,39 @@ def bounds(
         allowed[4 * n + j] = min(limit - speed, 1e3)
         allowed[5 * n + j] = min(ends[3] - errors[0, j], FAR)
         allowed[6 * n + j] = min(ends[3] + errors[0, j], FAR)
+
+
+@compiled
+def approach(limits, errors, speeds, motion, near, time, pole, lags, response):
+    """Return the decision that approaches a speed limit up to a node; see ``ForcePlan._approach``.
+
+    Parameters
+    ----------
+    limits, errors, speeds : Array, shape (nodes,)
+        Room up to the limit beside the free motion, errors of the free motion, and the reference [m/s].
+    motion : tuple of float
+        Speed [m/s], acceleration, and error of the acceleration at the time of effect [m/s²].
+    near, time
+        The node, and its time [s].
+    pole
+        Pole of the approach [rad/s], double if the force has a lag (``lags``).
+    response : Array, shape (nodes,)
+        Speed at the node for unit decisions.
+    """
+    speed, change, gained = motion
+    now, then = limits[0] + speeds[0] + errors[0], limits[near] + speeds[near] + errors[near]
+    margin = max(min(now, then) - speed, min(now - speed, 0.0))
+    left = libm_exp(-pole * time)
+    rest, kept = margin, errors[0]
+    if lags:
+        rest += (pole * margin - change) * time
+        kept += (pole * errors[0] + gained) * time
+    top = then - speeds[near]
+    permitted = max(top - rest * left, min(top, kept * left)) - errors[near]
+    moved = 0.0
+    for speed in response:
+        moved += speed
+    return permitted / moved
 
 
 @compiled
@@ -226,32 +266,25 @@ def decide(gradients, inverted, limited, dual, rows, errors, allowed, active, z)
         Number of exchanges, -1 without a solution: ``z`` is then not changed.
     """
     n, m = z.size, allowed.size
-    force = np.zeros(n)
-    for j in range(n):
-        for k in range(n):
-            force[j] -= gradients[0][j, k] * errors[0, k] + gradients[1][j, k] * errors[1, k]
-    free = np.zeros(n)
-    for j in range(n):
-        for k in range(n):
-            free[j] += inverted[j, k] * force[k]
-    slack = allowed.copy()
-    violated = False
-    for i in range(m):
+    force, free = np.zeros(n), np.zeros(n)
+    for k in range(n):
         for j in range(n):
-            slack[i] -= rows[i, j] * free[j]
-        violated = violated or slack[i] < 0.0
+            force[j] -= gradients[0][j, k] * errors[0, k] + gradients[1][j, k] * errors[1, k]
+    add_product(free, inverted, force)
+    slack = allowed.copy()
+    add_product(slack, rows, -free)
     found = np.zeros(m)
     exchanges = 0
-    if violated:
+    if slack.min() < 0.0:
         exchanges = multipliers(dual, slack, active, found)
         if exchanges < 0:
             return exchanges
     else:
         active[:] = False
-    for j in range(n):
-        z[j] = free[j]
-        for i in range(m):
-            if found[i] != 0.0:
+    z[:] = free
+    for i in range(m):
+        if found[i] != 0.0:
+            for j in range(n):
                 z[j] -= limited[j, i] * found[i]
     return exchanges
 
@@ -260,13 +293,11 @@ def decide(gradients, inverted, limited, dual, rows, errors, allowed, active, z)
 def planned_motion(reference, errors, by_position, by_velocity, decision, room):
     """Return planned position [m], speed [m/s] and excess over the permitted speed [m/s], shape (3, nodes)."""
     n = decision.size
-    found = np.empty((3, n))
+    found, moved = np.empty((3, n)), np.zeros((2, n))
+    add_product(moved[0], by_position, decision)
+    add_product(moved[1], by_velocity, decision)
     for j in range(n):
-        place, speed = 0.0, 0.0
-        for k in range(n):
-            place += by_position[j, k] * decision[k]
-            speed += by_velocity[j, k] * decision[k]
-        found[0, j] = reference[0, j] + errors[0, j] + place
-        found[1, j] = reference[1, j] + errors[1, j] + speed
-        found[2, j] = max(speed - room[j], 0.0)
+        found[0, j] = reference[0, j] + errors[0, j] + moved[0, j]
+        found[1, j] = reference[1, j] + errors[1, j] + moved[1, j]
+        found[2, j] = max(moved[1, j] - room[j], 0.0)
     return found
