@@ -49,9 +49,10 @@ def envelope_force(rows, first, end, speed):
 
     A row is v_end, f0, f1, p with F = f0 + f1 v + p / v in SI.
     """
-    for row in rows[first:end]:
-        if speed <= row[0]:
-            force = row[1] + row[2] * speed + row[3] / (speed if speed > MIN_POWER_SPEED else MIN_POWER_SPEED)
+    for i in range(first, end):
+        if speed <= rows[i][0]:
+            row, divisor = rows[i], speed if speed > MIN_POWER_SPEED else MIN_POWER_SPEED
+            force = row[1] + row[2] * speed + row[3] / divisor
             return force if force > 0.0 else 0.0
     return 0.0
 

@@ -66,7 +66,6 @@ BY_PROCESSOR = re.compile(r"np\.(dot|vdot|inner|convolve|correlate|poly|exp|sin|
 """Functions of numpy with other last bits on other processors."""
 ELSEWHERE = {
     "plant_sim/alignment.py": {"np.cos(heading + turn / 2)", "np.cos(latitude[0])", "np.sin(heading + turn / 2)"},
-    "train_ato/control/guard.py": {"np.vdot(values, values)"},
     "train_ato/control/algorithms/linear_train.py": {
         "self.C @ np.linalg.solve(1j * w * unit - self.A, self.B)", "np.linalg.solve(1j * w * unit - self.A, self.B)",
         "np.exp(-1j * w * late)", "np.linalg.eigvals(self.A)",

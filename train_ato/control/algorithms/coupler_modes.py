@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -85,7 +86,7 @@ class TrainModes:
         """Return the modes of a train; none if all couplers are rigid."""
         mass, stiffness, viscous, friction, share = _bodies(model)
         root = 1.0 / np.sqrt(mass)
-        squared, vectors = eigenvalues(chain(stiffness) * np.outer(root, root))
+        squared, vectors = _eigenvalues(mass.size, (chain(stiffness) * np.outer(root, root)).tobytes())
         order = np.argsort(squared, kind="stable")[1:]
         omega, shapes = np.sqrt(squared[order]), vectors[:, order] * root[:, np.newaxis]
         stretch = np.diff(shapes, axis=0) ** 2
@@ -196,6 +197,13 @@ def _ordered_product(row: Array, matrix: Array) -> Array:
     for factor, each in zip(row.tolist(), matrix, strict=True):
         total = total + factor * each
     return total
+
+
+@lru_cache(maxsize=4)
+def _eigenvalues(size: int, symmetric: bytes) -> tuple[Array, Array]:
+    """Return :func:`eigenvalues` of the bytes of a matrix; a run takes those of its train ten times."""
+    found: tuple[Array, Array] = eigenvalues(np.frombuffer(symmetric).reshape(size, size).copy())
+    return found
 
 
 @compiled

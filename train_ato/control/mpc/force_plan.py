@@ -85,7 +85,7 @@ def ramp_response(t, lag):
 
 @dataclass(frozen=True)
 class HorizonModel:
-    """Matrices of the quadratic programme for one set of delays, all but ``dual`` stored by columns.
+    """Matrices of the quadratic programme for one set of delays, stored by columns.
 
     Attributes
     ----------
@@ -147,8 +147,8 @@ def horizon_model(
     dual[np.arange(diagonal.size), np.arange(diagonal.size)] += softness * diagonal + 1e-12
     peak = slice(5 * nodes.size, 7 * nodes.size)
     dual[peak, peak] += 1.0 / (PEAK_WEIGHT * (position_share * omega**2) ** 2 * nodes[-1])
-    by_columns = (weighted_position.T, weighted_velocity.T, position, velocity, inverted, constraints, limited)
-    return HorizonModel(*map(np.asfortranarray, by_columns), dual)
+    matrices = (weighted_position.T, weighted_velocity.T, position, velocity, inverted, constraints, limited, dual)
+    return HorizonModel(*map(np.asfortranarray, matrices))
 
 
 @compiled
