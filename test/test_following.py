@@ -17,7 +17,14 @@ from plant_sim.line import Line
 from plant_sim.states import Odometry
 from plant_sim.traction import Envelope
 from train_ato.api.drive import RunMode
-from train_ato.api.following import FollowingResult, first_report, follower_figures, run_following, train_reports
+from train_ato.api.following import (
+    FollowingResult,
+    first_report,
+    follower_figures,
+    result_of,
+    run_following,
+    train_reports,
+)
 from train_ato.api.run import Run
 from train_ato.cli.main import main
 from train_ato.loop.headway import HeadwayProfile
@@ -313,8 +320,13 @@ def test_a_disturbance_of_the_first_train_does_not_grow(tmp_path: Path) -> None:
         for number in (1, 2, 3)
     ]  # fmt: skip
     file = load_following(following_file(tmp_path, trains=trains))
-    behind = run_following(file, RunMode("engine"), shown=False).summary["trains"][1:]
-    assert all(0.1 < row["speed_amplification"] <= 1.0 for row in behind), behind
+    result = run_following(file, RunMode("engine"), shown=False)
+    behind = [row["speed_amplification"] for row in result.summary["trains"][1:]]
+    assert all(0.1 < found <= 1.0 for found in behind), behind
+    for limit, due in ((1.0, 0), (0.9 * max(behind), 1)):
+        criteria = file.spec.criteria.model_copy(update={"speed_amplification": limit})
+        judged = result_of(file.spec.model_copy(update={"criteria": criteria}), result.runs, None).summary
+        assert sum("amplification of the speed" in text for text in judged["broken"]) == due, judged["broken"]
 
 
 def columns(run: Run) -> tuple[list[float], list[float], list[float]]:

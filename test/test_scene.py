@@ -16,7 +16,7 @@ from train_ato.log.reading import iter_raw
 from train_ato.log.run_folder import read_run_folder
 from train_ato.messages.cdr import typestore
 from train_ato.messages.codec import Wire
-from train_ato.messages.topics import EPOCH_NS
+from train_ato.messages.topics import BY_NAME, EPOCH_NS
 from train_ato.messages.types import VehicleStates
 from train_ato.scenario.scenario import load_scenario
 from train_ato.scenario.setup import RunSetup, prepare
@@ -77,7 +77,7 @@ def test_every_vehicle_is_on_the_track_and_looks_along_it(setup: RunSetup) -> No
     found = decoded(TrainScene(setup).at(states(setup, head)))
     ahead = Alignment(setup.line).at(states(setup, head + 1.0).position)
     here = Alignment(setup.line).at(states(setup, head).position)
-    for number, transform in enumerate(found["/tf"].transforms):
+    for number, transform in enumerate(found["/tf"].transforms[:-1]):
         assert (transform.header.frame_id, transform.child_frame_id) == ("map", f"vehicle_{number}")
         assert transform.header.stamp.sec * 10**9 + transform.header.stamp.nanosec == EPOCH_NS + 3_200_000_000
         place = transform.transform.translation
@@ -94,6 +94,20 @@ def test_every_vehicle_is_on_the_track_and_looks_along_it(setup: RunSetup) -> No
     assert {box.header.frame_id for box in boxes} == {"map"}
     assert boxes[3].scale.x == pytest.approx(setup.consist.vehicles[3].length - 0.7)
     assert np.ptp(here.heading) > 0.01, "the train is on a straight: the test finds nothing"
+
+
+def test_a_place_of_the_profile_is_on_the_track_by_the_frame_of_its_message(setup: RunSetup) -> None:
+    """Fails if `line` has no transform, or a place of `ato/reference` is drawn away from the train."""
+    head = setup.line.curves[3].end - 100.0
+    first, *_, line = decoded(TrainScene(setup).at(states(setup, head)))["/tf"].transforms
+    frame = BY_NAME["ato/reference"].frame_id(setup.layout)
+    assert (line.header.frame_id, line.child_frame_id) == (first.child_frame_id, frame)
+    for place in (head, head + 20.0):
+        offset = np.array([place, 0, 0]) + [getattr(line.transform.translation, axis) for axis in "xyz"]
+        drawn = rotated(first.transform.rotation, rotated(line.transform.rotation, offset))
+        drawn += [getattr(first.transform.translation, axis) for axis in "xyz"]
+        track = Alignment(setup.line).at(np.array([place]))
+        np.testing.assert_allclose(drawn, [track.x[0], track.y[0], track.z[0]], atol=1e-9 if place == head else 0.5)
 
 
 def test_markers_have_the_colour_of_the_coupler_force(setup: RunSetup) -> None:
@@ -194,7 +208,7 @@ def test_foxglove_receives_the_scene_of_a_recorded_run(run: Path) -> None:
     with serve_foxglove(feed, 0) as server:
         client = asyncio.run(look(server))
     _, data = client.messages["/tf"][0]
-    assert len(typestore().deserialize_cdr(data, TRANSFORMS.type).transforms) == 106
+    assert len(typestore().deserialize_cdr(data, TRANSFORMS.type).transforms) == 106 + 1  # the vehicles and `line`
 
 
 def test_a_live_graph_publishes_the_scene(run: Path, setup: RunSetup) -> None:

@@ -229,6 +229,7 @@ def _judged(spec: FollowingSpec, rows: list[dict[str, Any]]) -> dict[str, Any]:
             "headway speed error",
             "km/h",
         ),
+        ("speed_amplification", criteria.speed_amplification, "amplification of the speed", ""),
         ("brake_interventions", criteria.brake_interventions, "brake interventions", ""),
     )
     for row in rows:

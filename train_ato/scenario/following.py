@@ -55,6 +55,13 @@ class FollowingCriteria(SiModel):
         description="largest difference from the speed of the train ahead one headway before",
         examples=[0.2],
     )
+    speed_amplification: float | None = Field(
+        None,
+        ge=0,
+        description="largest deviation of the speed from the own profile, by that of the train ahead: with 1 no "
+        "disturbance grows from train to train",
+        examples=[1.0],
+    )
     gap: Annotated[Place | None, Usual(0.5, 20e3)] = Field(
         None, ge=0, description="smallest distance to the train ahead", examples=[50.0]
     )

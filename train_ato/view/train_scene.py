@@ -2,6 +2,8 @@
 
 Frames after REP 103 and REP 105: ``map`` is fixed at the begin of the line, x east, y north, z up; ``vehicle_I`` is at
 the rail below the centre of a vehicle, x in the direction of rising distance, and ``base_link`` is that of vehicle 0.
+``line``, the frame of profile and limits, is the tangent at vehicle 0 with distances along the line as x: a frame of
+straight axes cannot have a curved line, and the places near the train are the ones that tools draw.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ import numpy as np
 from plant_sim.alignment import Alignment, TrackPose
 from train_ato.messages.cdr import SECOND, blank, layout_of, packed_stamp, stamp_of, typestore
 from train_ato.messages.codec import Wire
+from train_ato.messages.topics import LINE_FRAME
 from train_ato.messages.types import Array, VehicleStates
 from train_ato.scenario.setup import RunSetup
 
@@ -64,7 +67,7 @@ class TrainScene:
         self._alignment = Alignment(setup.line)
         self._full, self._fixed = max(full_force or 0.0, MIN_SCALE), full_force is not None
         names = [f"vehicle_{number}" for number in range(len(self._lengths))]
-        self._transforms = _transforms([(MAP, name) for name in names])
+        self._transforms = _transforms([*((MAP, name) for name in names), (names[0], LINE_FRAME)])
         self._poses = _poses(len(names))
         self._markers = _markers(self._lengths)
         self._fix = _fix() if setup.line.coordinates else None
@@ -92,7 +95,9 @@ class TrainScene:
     def at(self, states: VehicleStates) -> SceneMessages:
         """Return the messages of the vehicles at one stamp."""
         pose, stamp = self._alignment.at(states.position), states.stamp
-        transforms = _pose_columns(pose, "transforms[].transform.translation", "transforms[].transform.rotation")
+        axes, line = (pose.x, pose.y, pose.z, pose.heading, pose.slope), (-states.position[0], 0.0, 0.0, 0.0, 0.0)
+        frames = TrackPose(*(np.append(column, value) for column, value in zip(axes, line, strict=True)))
+        transforms = _pose_columns(frames, "transforms[].transform.translation", "transforms[].transform.rotation")
         found = [
             (TRANSFORMS, self._transforms.encode(stamp, transforms)),
             (POSES, self._poses.encode(stamp, _pose_columns(pose, "poses[].position", "poses[].orientation"))),
