@@ -1,5 +1,6 @@
 """Many environments in one call: the bits of single ones, their domains and seeds, the next run after an end."""
 
+import threading
 from typing import Any
 
 import numpy as np
@@ -79,6 +80,19 @@ def test_the_step_after_an_end_begins_the_next_run():
         assert envs.reset()[0].shape == first.shape and envs.seeds == following
         low, high = MASS["plant.mismatch.mass_scale"].values()
         assert all(low <= value <= high for domain in (*domains, *envs.domains) for value in domain.values())
+
+
+def test_the_threads_of_a_vector_end_with_it():
+    """Breaks if a thread keeps the environments in use, or waits for a call after their end."""
+    others, envs = set(threading.enumerate()), ta.vector_env("xuzhou_metro", 3, set={"duration": 1}, threads=3)
+    envs.reset()
+    for _ in range(4):
+        envs.step(np.zeros((3, 1)))
+    own = set(threading.enumerate()) - others
+    del envs
+    for thread in own:
+        thread.join(60)
+    assert len(own) == 2 and not any(thread.is_alive() for thread in own)
 
 
 def test_wrong_uses_of_a_vector_are_refused_in_one_line():

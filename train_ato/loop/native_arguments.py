@@ -131,21 +131,35 @@ def arguments_of(kind: Any, row: Any) -> Any:
 overload(arguments_of, inline="always")(lambda kind, row: lambda kind, row: _arguments_of(kind, row))
 
 
-@intrinsic  # type: ignore[untyped-decorator]
-def _taken(typing_context: Any, counter: Any) -> Any:
-    """Raise a counter by one in one operation of the processor, so that two threads never read the same value."""
-
+def _atomic(operation: str) -> Any:
     def build(context: Any, builder: Any, signature: Any, given: Any) -> Any:
-        data = context.make_array(signature.args[0])(context, builder, given[0]).data
-        return builder.atomic_rmw("add", data, ir.Constant(ir.IntType(64), 1), "monotonic")
+        numbers = context.make_array(signature.args[0])(context, builder, given[0]).data
+        return builder.atomic_rmw(operation, cgutils.gep_inbounds(builder, numbers, given[1]), given[2], "seq_cst")
 
-    return types.int64(counter), build
+    def typed(typing_context: Any, numbers: Any, place: Any, value: Any) -> Any:
+        return types.int64(numbers, types.int64, types.int64), build
 
-
-def taken(counter: Any) -> Any:
-    """Return the value of a counter, an array with one number, and raise it by one; for several threads."""
-    counter[0] += 1
-    return counter[0] - 1
+    return intrinsic(typed)
 
 
-overload(taken, inline="always")(lambda counter: lambda counter: _taken(counter))
+_add, _exchange = _atomic("add"), _atomic("xchg")
+
+
+def added(numbers: Any, place: int, value: int) -> Any:
+    """Add to one of the numbers that threads share and return it, in one operation of the processor."""
+    numbers[place] += value
+    return numbers[place]
+
+
+def exchanged(numbers: Any, place: int, value: int) -> Any:
+    """Set one of the numbers that threads share and return its last value, as :func:`added`."""
+    last, numbers[place] = numbers[place], value
+    return last
+
+
+overload(added, inline="always")(
+    lambda numbers, place, value: lambda numbers, place, value: _add(numbers, place, value) + value
+)
+overload(exchanged, inline="always")(
+    lambda numbers, place, value: lambda numbers, place, value: _exchange(numbers, place, value)
+)

@@ -9,11 +9,15 @@ import numpy as np
 from plant_sim import kernel as k
 from plant_sim.compiled import compiled
 from train_ato.api.env.observation import DIRECTION, ENGAGED, SUPERVISED, add_costs, write_values
-from train_ato.loop.native_arguments import arguments_of, taken
+from train_ato.loop.native_arguments import added, arguments_of, exchanged
 from train_ato.loop.span_kernel import span_ticks
 
 TICKS, ROWS, GOES_ON = range(3)
 """Results of a train: ticks of this call, rows of its span that have been run, and 1 if its next tick was observed."""
+LEFT, UNDONE, GOING_ON = range(3)
+"""Numbers of the threads of a call: trains without a thread, without a result, and with a compiled next tick."""
+PATIENCE = 10_000
+"""Looks of a thread for the next train, about 0.1 ms: to wake a thread that sleeps costs as much as 10 trains."""
 
 
 @compiled(allocates=False)
@@ -41,11 +45,12 @@ def set_forces(given, low, high, normalised, forces):
 
 
 @compiled(allocates=False)
-def step_trains(kind, rows, who, next_of, most, stamp_unit, weights, results, costs, memories, states, found, rewards,
-                places):  # fmt: skip
-    """Run some ticks of trains; return the number of those whose next tick is compiled, too.
+def step_trains(kind, rows, begun, who, shared, most, stamp_unit, weights, results, costs, memories, states, found,
+                rewards, places):  # fmt: skip
+    """Run some ticks of trains, together with the other threads that have the same arguments.
 
-    A train whose next tick is left to Python ends earlier.
+    A train whose next tick is left to Python ends earlier. A thread that finds no train looks for one some time longer,
+    so that it begins the next call at once; that which has begun the call returns after the last train.
 
     Parameters
     ----------
@@ -54,10 +59,12 @@ def step_trains(kind, rows, who, next_of, most, stamp_unit, weights, results, co
     rows : Array of int, shape (trains, numbers)
         Arguments of :func:`train_ato.loop.span_kernel.run_span` of every train, and the arrays of its
         :class:`train_ato.api.env.observation.Sight`.
+    begun
+        Number of trains of a call that this thread begins; 0: it takes part in calls.
     who : Array of int
-        Numbers of the trains.
-    next_of : Array of int, shape (1,)
-        Place in ``who`` of the next train; all threads with these trains share it.
+        Numbers of the trains, first those of this call.
+    shared : Array of int, shape (3,)
+        :data:`LEFT` and those after it.
     most
         Number of ticks; 0: only observe.
     stamp_unit
@@ -73,11 +80,16 @@ def step_trains(kind, rows, who, next_of, most, stamp_unit, weights, results, co
     places : Array, shape (trains, 3 + units)
         Room for the reference and for speed errors.
     """
-    compiled_next = 0
-    while True:
-        index = taken(next_of)
-        if index >= who.size:
-            return compiled_next
+    if begun:
+        exchanged(shared, UNDONE, begun)
+        exchanged(shared, GOING_ON, 0)
+        exchanged(shared, LEFT, begun)
+    looks = 0
+    while looks < PATIENCE and not (begun and added(shared, UNDONE, 0) == 0):
+        looks += 1
+        index = added(shared, LEFT, -1)
+        if index < 0:
+            continue
         m = who[index]
         args, sight = arguments_of(kind, rows[m])
         (
@@ -114,9 +126,11 @@ def step_trains(kind, rows, who, next_of, most, stamp_unit, weights, results, co
             )  # fmt: skip
             if ticks >= most:
                 break
-        compiled_next += count.seen
         results[m, TICKS], results[m, ROWS], results[m, GOES_ON] = ticks, at, count.seen
         total = 0.0
         for cost in range(weights.size):
             total += weights[cost] * costs[m, cost]
         rewards[m] = -total
+        added(shared, GOING_ON, count.seen)
+        added(shared, UNDONE, -1)
+        looks = 0

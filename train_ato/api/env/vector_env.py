@@ -3,15 +3,14 @@
 import os
 import time
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
-from queue import Empty, SimpleQueue
-from threading import Thread
+from functools import partial
+from threading import Event, Lock, Thread
 from typing import Any
 from weakref import finalize
 
 import numpy as np
 
-from train_ato.api.env.compiled_steps import GOES_ON, ROWS, TICKS, set_forces, step_trains
+from train_ato.api.env.compiled_steps import GOES_ON, GOING_ON, ROWS, TICKS, UNDONE, set_forces, step_trains
 from train_ato.api.env.env import MAX_SEED, caller_setup, checked_seed
 from train_ato.api.env.observation import (
     DIRECTION,
@@ -96,46 +95,26 @@ class _Train:
         return {**outcome.summary, "mode": "engine"}
 
 
-class _Threads:
-    """Threads beside that of the caller which work on a call together with it; they end with their owner."""
-
-    def __init__(self, count: int) -> None:
-        self._count, self._asked = count, SimpleQueue[Any]()
-        for _ in range(count):
-            Thread(target=_work, args=(self._asked,), daemon=True).start()
-        self.stop = finalize(self, _end, self._asked, count)
-
-    def call(self, part: Callable[[], int], most: int) -> int:
-        """Call a part in this thread and in at most so many others; return the sum of the results."""
-        others, answers = min(self._count, most) if self.stop.alive else 0, SimpleQueue[Any]()
-        for _ in range(others):
-            self._asked.put((part, answers))
-        found, waiting = part(), others
-        with suppress(Empty):
-            while waiting:
-                self._asked.get_nowait()  # a thread that has not begun has nothing left to do
-                waiting -= 1
-        for _ in range(waiting):
-            answer = answers.get()
-            if isinstance(answer, BaseException):
-                raise answer
-            found += answer
-        return found
+def _work(take_part: Callable[[], Any], asleep: list[Lock], ended: Event) -> None:
+    """Take part in the calls of the owner; sleep when there is none for some time."""
+    turn = Lock()
+    turn.acquire()
+    while True:
+        asleep.append(turn)
+        if ended.is_set():
+            return
+        turn.acquire()
+        take_part()
 
 
-def _work(asked: SimpleQueue[Any]) -> None:
-    while (job := asked.get()) is not None:
-        part, answers = job
-        try:
-            answers.put(part())
-        except BaseException as error:  # raised again in the thread of the caller
-            answers.put(error)
-        del job, part, answers  # they keep the environments
+def _wake(asleep: list[Lock]) -> None:
+    while asleep:
+        asleep.pop().release()
 
 
-def _end(asked: SimpleQueue[Any], count: int) -> None:
-    for _ in range(count):
-        asked.put(None)
+def _end(asleep: list[Lock], ended: Event) -> None:
+    ended.set()
+    _wake(asleep)
 
 
 class VectorEnv:
@@ -213,7 +192,9 @@ class VectorEnv:
         self._dimensions = read_dimensions(over, "over") if over else ()
         self.num_envs, self.normalised = int(num_envs), normalised
         self._parts, self._weights = PartCache(), weights_of(reward)
-        self._threads = _Threads(min(threads or os.cpu_count() or 1, self.num_envs) - 1)
+        self._others = min(threads or os.cpu_count() or 1, self.num_envs) - 1
+        self._threads = list[Lock](), Event()
+        self._stop = finalize(self, _end, *self._threads)
         self._bounds(observe)
         sight = Sight(self.setup)
         n, units = self.num_envs, self.n_units
@@ -224,7 +205,8 @@ class VectorEnv:
         self._costs, self._memories = np.zeros((n, len(PER_TICK))), np.zeros((n, 4))
         self._states, self._found = np.zeros((n, DIRECTION + 1)), np.zeros((n, sight.size))
         self._limits = [self._found[:, part] for part in self._parts_of(("force_min", "force_max"))]
-        self._rewards, self._taken = np.zeros(n), np.zeros(1, dtype=np.int64)
+        self._rewards, self._who = np.zeros(n), np.zeros(n, dtype=np.int64)
+        self._shared, self._alone = np.zeros((2, 3), dtype=np.int64)
         self._outputs = (
             np.array([self._weights.get(cost, 0.0) for cost in PER_TICK]), self._results, self._costs, self._memories,
             self._states, self._found, self._rewards, np.zeros((n, 3 + units)),
@@ -232,7 +214,7 @@ class VectorEnv:
         self._trains: list[_Train] = []
         self._kept: list[Sight] = [sight] * n
         self._seeds: list[np.random.Generator] = []
-        self._ended, self._compiled = np.zeros(n, dtype=bool), np.zeros(0, dtype=np.int64)
+        self._ended, self._compiled = np.zeros(n, dtype=bool), 0
 
     def _bounds(self, observe: Sequence[str] | None) -> None:
         """Set the observed quantities with bounds for all domains, from the corners of the ranges."""
@@ -325,7 +307,7 @@ class VectorEnv:
         self._trains = []
         for number, each in enumerate(own):
             self._trains.append(self._begun(number, each))
-        self._ended[:], self._compiled = False, np.zeros(0, dtype=np.int64)
+        self._ended[:], self._compiled = False, 0
         return self._observation(), {"engaged": self._states[:, 0] > 0.0}
 
     def _begun(self, number: int, seed: int) -> _Train:
@@ -379,7 +361,7 @@ class VectorEnv:
             raise ValueError("the environments have no run; call reset() first")
         self._set_forces(forces)
         self._costs.fill(0.0)
-        quick = self._run_compiled(self._compiled, self._ticks) == self.num_envs
+        quick = self._run_compiled() == self.num_envs
         if not quick:
             self._run_others(self._ticks)
         found = self._costs.T.copy()
@@ -412,7 +394,8 @@ class VectorEnv:
                 self._advance(number, train, left)
         self._ended[:] = [train.ended for train in self._trains]
         compiled = [number for number, train in enumerate(self._trains) if train.span is not None]
-        self._compiled = np.array(compiled, dtype=np.int64)
+        self._compiled = len(compiled)
+        self._who[: len(compiled)] = compiled
 
     def _set_forces(self, given: Any) -> None:
         """Set the force of every unit [N] from those of a step."""
@@ -427,13 +410,20 @@ class VectorEnv:
         if not set_forces(self._given, *self._limits, self.normalised, self._forces):
             raise ValueError("step: a force is not finite; give numbers")
 
-    def _run_compiled(self, who: Any, ticks: int) -> int:
-        """Run ticks of the compiled spans of some trains in the threads; return how many have a compiled next tick."""
-        if not who.size:
+    def _run_compiled(self) -> int:
+        """Run the compiled ticks of a step in the threads; return the number of trains with a compiled next tick."""
+        if not self._compiled:
             return 0
-        self._taken[0] = 0
-        step, arguments = self._step, (self._rows, who, self._taken, ticks, NS, *self._outputs)
-        return self._threads.call(lambda: step(*arguments), who.size - 1)
+        if self._compiled > 1:
+            _wake(self._threads[0])
+        self._step(self._rows, self._compiled, *self._common)
+        while self._shared[UNDONE]:
+            time.sleep(1e-4)  # another thread with a train waits for a processor
+        return int(self._shared[GOING_ON])
+
+    def _run_alone(self, number: int, ticks: int) -> None:
+        """Run compiled ticks of one train."""
+        self._step(self._rows, 1, np.array([number]), self._alone, ticks, NS, *self._outputs)
 
     def _advance(self, number: int, train: _Train, ticks: int) -> None:
         """Run ticks of a train outside of the common call: in Python up to its next span."""
@@ -442,7 +432,7 @@ class VectorEnv:
                 self._tick(number, train)
                 ticks -= 1
                 continue
-            self._run_compiled(np.array([number]), ticks)
+            self._run_alone(number, ticks)
             ticks -= int(self._results[number, TICKS])
             if not self._results[number, GOES_ON]:
                 self._leave_span(number, train)
@@ -482,7 +472,7 @@ class VectorEnv:
         train.span = train.new_span()
         if train.span is not None:
             self._set_row(number, train.span)
-            self._run_compiled(np.array([number]), 0)
+            self._run_alone(number, 0)
             if self._results[number, GOES_ON]:
                 return
             train.end_span(0)
@@ -494,8 +484,13 @@ class VectorEnv:
         arguments = span.arguments, self._kept[number].arrays
         row = row_numbers(arguments)
         if self._rows is None:
-            self._rows = [row] * self.num_envs if isinstance(row, tuple) else np.zeros((self.num_envs, len(row)), int)
-            self._step = reader_of(step_trains, arguments, self._rows, self._taken, self._taken, 1, NS, *self._outputs)
+            plain = isinstance(row, tuple)  # without the compiler
+            self._rows = [row] * self.num_envs if plain else np.zeros((self.num_envs, len(row)), int)
+            self._common = self._who, self._shared, self._ticks, NS, *self._outputs
+            self._step = reader_of(step_trains, arguments, self._rows, 0, *self._common)
+            take_part = partial(self._step, self._rows, 0, *self._common)
+            for _ in range(0 if plain else self._others):
+                Thread(target=_work, args=(take_part, *self._threads), daemon=True).start()
         self._rows[number] = row
 
     def _ends(self, costs: dict[str, Array]) -> dict[str, Any]:
@@ -517,7 +512,7 @@ class VectorEnv:
     def close(self) -> None:
         """End all runs and threads."""
         self._trains = []
-        self._threads.stop()
+        self._stop()
 
     def __enter__(self) -> "VectorEnv":
         """Return the environments, which are closed at the end of the block."""
