@@ -39,17 +39,21 @@ class Usual:
     high: float
 
 
-Mass = Annotated[float, Unit("kg", (("t", 1e-3),))]
-Length = Annotated[float, Unit("m", (("km", 1e-3), ("mm", 1e3)))]
-Place = Annotated[float, Unit("m", (("km", 1e-3),))]
-Speed = Annotated[float, Unit("m/s", (("kmh", KMH),))]
+_FOOT, _MILE = ("ft", 1 / 0.3048), ("mi", 1 / 1609.344)
+Mass = Annotated[float, Unit("kg", (("t", 1e-3), ("ton", 1 / 907.18474), ("lb", 1 / 0.45359237)))]
+Length = Annotated[float, Unit("m", (("km", 1e-3), ("mm", 1e3), _MILE, _FOOT))]
+Place = Annotated[float, Unit("m", (("km", 1e-3), _MILE, _FOOT))]
+Speed = Annotated[float, Unit("m/s", (("kmh", KMH), ("mph", 1 / 0.44704)))]
 Acceleration = Annotated[float, Unit("m/s²")]
 Jerk = Annotated[float, Unit("m/s³")]
-Time = Annotated[float, Unit("s", (("ms", 1e3), ("min", 1 / 60)))]
-Force = Annotated[float, Unit("N", (("kn", 1e-3), ("mn", 1e-6)))]
+Time = Annotated[float, Unit("s", (("ms", 1e3), ("min", 1 / 60), ("h", 1 / 3600)))]
+_POUND_FORCE = 4.4482216152605
+Force = Annotated[
+    float, Unit("N", (("kn", 1e-3), ("mn", 1e-6), ("lbf", 1 / _POUND_FORCE), ("klbf", 1e-3 / _POUND_FORCE)))
+]
 ForceRate = Annotated[float, Unit("N/s", (("kn_per_s", 1e-3),))]
 Power = Annotated[float, Unit("W", (("kw", 1e-3), ("mw", 1e-6)))]
-Pressure = Annotated[float, Unit("Pa", (("kpa", 1e-3),))]
+Pressure = Annotated[float, Unit("Pa", (("kpa", 1e-3), ("bar", 1e-5), ("psi", 1 / 6894.757293168)))]
 Reduction = Annotated[Pressure, Usual(10e3, 1e6)]
 Slope = Annotated[float, Unit("1", (("permille", 1e3),))]
 Stiffness = Annotated[float, Unit("N/m", (("kn_per_m", 1e-3), ("mn_per_m", 1e-6)))]

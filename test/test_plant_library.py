@@ -7,6 +7,8 @@ import pytest
 from plant_trains import train
 
 from plant_sim.library import consist_names, line_names, load_consist, load_line
+from plant_sim.si_model import SiModel
+from plant_sim.units import Force, Length, Mass, Place, Pressure, Speed, Time
 
 
 @pytest.mark.parametrize(
@@ -33,6 +35,31 @@ def test_trains(name: str, vehicles: int, mass_t: float, length: float, units: i
 def test_a_vehicle_is_half_of_both_lengths_behind_the_one_before_it() -> None:
     """Breaks if the distance of two centres is the length of one: locomotive 35.222 m, wagons 12 m."""
     assert load_consist("hxd1_c80_105").offsets[:3] == pytest.approx((0.0, 23.611, 35.611))
+
+
+class Given(SiModel):
+    mass: Mass = 0.0
+    length: Length = 0.0
+    place: Place = 0.0
+    speed: Speed = 0.0
+    time: Time = 0.0
+    force: Force = 0.0
+    pressure: Pressure = 0.0
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "si"),
+    [
+        ("mass_ton", 1, 2000 * 0.45359237), ("mass_lb", 1, 0.45359237), ("length_mi", 1, 1609.344),
+        ("length_ft", 5280, 1609.344), ("place_mi", 1, 1609.344), ("place_ft", 1, 0.3048),
+        ("speed_mph", 1, 1609.344 / 3600), ("time_h", 1, 3600), ("force_lbf", 1, 0.45359237 * 9.80665),
+        ("force_klbf", 1, 1000 * 0.45359237 * 9.80665), ("pressure_psi", 1, 0.45359237 * 9.80665 / 0.0254**2),
+        ("pressure_bar", 1, 1e5),
+    ],
+)  # fmt: skip
+def test_suffixes_of_the_united_states_have_their_defined_values(key: str, value: float, si: float) -> None:
+    """Breaks if a ton is a long one, a mile is nautical, or a factor is used the wrong way round."""
+    assert getattr(Given.model_validate({key: value}), key.partition("_")[0]) == pytest.approx(si, rel=1e-12)
 
 
 def test_every_shipped_file_is_tested() -> None:

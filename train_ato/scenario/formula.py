@@ -48,7 +48,6 @@ def dimension_of(si: str) -> Exponents:
 def _accepted_units() -> dict[str, tuple[Exponents, float]]:
     """Return dimension and divisor of the units that a number can have, with ``m/s2`` and ``m/s^2`` for ``m/s²``."""
     found = {symbol: (dimension_of(si), divisor) for symbol, (si, divisor) in unit_symbols().items() if symbol != "1"}
-    found["h"] = (_BASE["s"], 1 / 3600)
     for sign, power in _POWERS.items():
         for symbol in [symbol for symbol in found if sign in symbol]:
             found[symbol.replace(sign, str(power))] = found[symbol.replace(sign, f"^{power}")] = found[symbol]

@@ -14,14 +14,6 @@ TIMESTAMP = "timestamp"
 """Column of date and time of day instead of seconds."""
 NOTCH = "notch"
 """Column of the notches of a layout, as shares of the largest force."""
-_MORE: dict[str, tuple[tuple[str, float], ...]] = {
-    "s": (("h", 1 / 3600),),
-    "m": (("mi", 1 / 1609.344), ("ft", 1 / 0.3048)),
-    "m/s": (("mph", 1 / 0.44704),),
-    "N": (("lbf", 1 / 4.4482216152605), ("klbf", 1 / 4448.2216152605)),
-    "Pa": (("bar", 1e-5), ("psi", 1 / 6894.757293168)),
-}
-"""Units of recorders in addition to those of the data files of train_ato."""
 
 
 @dataclass(frozen=True)
@@ -49,8 +41,7 @@ class MeasuredQuantity:
 
 def _units(kind: Any) -> dict[str, float]:
     unit = next(entry for entry in get_args(kind)[1:] if isinstance(entry, Unit))
-    pairs = (*unit.suffixes, *_MORE.get(unit.si, ()))
-    return {unit_suffix(unit.si)[1:]: 1.0, **{name: 1 / divisor for name, divisor in pairs}}
+    return {unit_suffix(unit.si)[1:]: 1.0, **{name: 1 / divisor for name, divisor in unit.suffixes}}
 
 
 QUANTITIES: tuple[MeasuredQuantity, ...] = (
