@@ -84,7 +84,7 @@ ROWS = [
     (every(lambda t: f"{t},{t * 25},50"), r"line \d+, speed_kmh: .* faster than any train; check the unit"),
     (but(20, "18,100,50"), r"line 20, speed_kmh: 100 is an impossible jump"),
     (under("time_s,speed_kmh,brake_force_kn").replace("20,40,50", "20,40,-3"),
-     r"line 22, brake_force_kn: -3 is negative"),
+     r"line 22, brake_force_kn: -3 is negative; .*'brake_force_kn:=force_kn'"),
     (every(lambda t: f"{t},{t},50000"), r"line 2, force_kn: 50000 kN is .* times the maximum of train"),
     (beside("position_m", lambda t: 900 - t), r"position_m: positions fall, from 0\.9 to 0\.86 km: .*LINE:reverse, or"),
     (beside("position_m", lambda t: 900 + 10 * t - (9 if 5 < t < 7 else 0) * 10),

@@ -7,7 +7,7 @@ import numpy as np
 from plant_sim.chainage import places_along
 from plant_sim.line import Line
 from plant_sim.units import number_text
-from train_ato.api.import_csv.columns import MAX_GAP, Column
+from train_ato.api.import_csv.columns import MAX_GAP, QUANTITIES, Column
 from train_ato.api.import_csv.faults import FileFaults
 from train_ato.api.import_csv.samples import ColumnSamples, Rows
 from train_ato.api.import_csv.table import CsvTable
@@ -296,13 +296,12 @@ class _Check:
             raise ValueError(
                 f"{self._table.path}: '{one}' and '{parts[0].column.title}' are both the force; --ignore one"
             )
+        forces = next(quantity.units for quantity in QUANTITIES if quantity.name == "force")
         for samples in parts:
             title = samples.column.title.replace("{", "{{").replace("}", "}}")
-            self._rows.refuse(
-                samples,
-                samples.values < 0,
-                f"{{}} is negative; read a signed force with --rename '{title}:=force_kn', or in its own unit",
-            )
+            signed = next(name for name, value in forces.items() if value == samples.column.factor)
+            remedy = f"read a signed force with --rename '{title}:=force_{signed}'"
+            self._rows.refuse(samples, samples.values < 0, f"{{}} is negative; {remedy}")
         if not parts:
             return whole
         first = parts[0]
