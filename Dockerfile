@@ -1,6 +1,7 @@
 # A sourced Jazzy with this package: docker build -t train_ato . && docker run --rm train_ato train-ato run demo
 FROM ros:jazzy
-RUN apt-get update && apt-get install -y --no-install-recommends python3-venv && rm -rf /var/lib/apt/lists/*
+RUN apt-get update && apt-get install -y --no-install-recommends python3-venv ros-jazzy-simulation-interfaces \
+    && rm -rf /var/lib/apt/lists/*
 WORKDIR /work
 COPY . /src
 # The distribution's packages are older than setup.py asks for: pip brings them into a virtual environment that sees the

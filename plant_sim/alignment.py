@@ -42,6 +42,21 @@ class TrackPose:
     heading: Array
     slope: Array
 
+    @property
+    def quaternion(self) -> tuple[Array, Array, Array, Array]:
+        """x, y, z and w of the rotation by the heading about z, then by the slope about y (nose up)."""
+        yaw, pitch = self.heading / 2, -self.slope / 2
+        return (
+            -np.sin(yaw) * np.sin(pitch), np.cos(yaw) * np.sin(pitch), np.sin(yaw) * np.cos(pitch),
+            np.cos(yaw) * np.cos(pitch),
+        )  # fmt: skip
+
+    @property
+    def forward(self) -> tuple[Array, Array, Array]:
+        """x, y and z of the direction of rising distance, of length 1."""
+        level = np.cos(self.slope)
+        return np.cos(self.heading) * level, np.sin(self.heading) * level, np.sin(self.slope)
+
 
 class Alignment:
     """Plan and profile of a line over the distance; straight and level outside it."""

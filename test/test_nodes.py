@@ -2,7 +2,9 @@
 
 import dataclasses
 import time
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, suppress
+from importlib.util import find_spec
 
 import numpy as np
 import pytest
@@ -12,12 +14,14 @@ pytest.importorskip("rclpy")
 from foreign_node import ForeignNode
 from lifecycle_msgs.srv import ChangeState, GetAvailableTransitions, GetState
 from node_bench import Bench, set_parameter
+from rcl_interfaces.msg import Log
 from rclpy.duration import Duration
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 from waiting import LIMIT_S, wait_for
 
+from plant_sim.alignment import Alignment
 from train_ato.log.run_log import RunLog
 from train_ato.loop.plant import PlantStage
 from train_ato.loop.profile import ProfileStage
@@ -27,10 +31,12 @@ from train_ato.messages.topics import BY_NAME, EPOCH_NS, TOPICS, Role, read_by, 
 from train_ato.messages.types import Command, Diagnostic, DisturbanceEstimate, Reference, Tick, Trajectory
 from train_ato.program.errors import FirstFailure, NodeFault
 from train_ato.ros.graph.assembly import executor_of
+from train_ato.ros.graph.remote import graph_client
 from train_ato.ros.nodes.answer_watch import CHECK_S, SUSPENDED_S, silent_node
-from train_ato.ros.nodes.endpoints import NodeEndpoints
+from train_ato.ros.nodes.endpoints import ROSOUT, NodeEndpoints
 from train_ato.ros.nodes.plant import LEAD, PlantNode
 from train_ato.ros.nodes.recorder import RecorderNode
+from train_ato.ros.nodes.simulation_services import ABSENT
 from train_ato.ros.nodes.tick_answers import TickAnswers
 from train_ato.scenario.scenario import load_scenario
 from train_ato.scenario.setup import prepare
@@ -138,6 +144,27 @@ def test_trains_of_two_namespaces_have_no_topic_in_common(make):
     ]
     assert not trains[0] & trains[1]
     assert {"/a/clock", "/a/diagnostics", "/a/train/vehicles"} <= trains[0]
+
+
+def test_a_request_reaches_the_train_of_its_namespace(make, domain):
+    """Fails if a train in a namespace has no requests, or the refusal does not say where it is."""
+    bench = make(Role.PLANT, arguments=["--ros-args", "-r", "__ns:=/a"])
+
+    def gust(namespace):
+        with graph_client(domain, namespace) as remote:
+            assert remote.set_parameter("plant", "gust.duration", 5.0) is None
+            return remote.call("plant/gust")
+
+    def asked(namespace):
+        with ThreadPoolExecutor(1) as other:
+            future = other.submit(gust, namespace)
+            bench.until(future.done)
+            return future.result()
+
+    assert asked("/a") == (True, "gust: acceleration -0.02, duration 5, ramp 2; from the tick after 0.000 s")
+    there = f"node 'plant' is in /a of domain {domain}, not in /; give --namespace /a"
+    with pytest.raises(ValueError, match=there):
+        asked("")
 
 
 def _answer(bench, publisher, stamp, force=0.0):
@@ -349,6 +376,61 @@ def test_the_state_of_a_node_is_that_of_a_managed_node(make, capsys):
     assert bench.call(GetState, "observer/get_state").current_state.label == "active"
     bench.watch.fail("observer", "by this test")
     assert bench.call(GetState, "observer/get_state").current_state.label == "finalized"
+
+
+@pytest.mark.skipif(find_spec("simulation_interfaces") is not None, reason="simulation_interfaces is installed")
+def test_without_simulation_interfaces_a_line_says_what_is_offered(make):
+    """Fails if a tool that looks for the services finds neither them nor a word, or the node does not start."""
+    bench, lines = make(Role.PLANT), []
+    bench.other.create_subscription(Log, "/rosout", lines.append, ROSOUT)
+    bench.until(lambda: lines)
+    assert [line.msg for line in lines] == [ABSENT]
+
+
+def test_simulation_interfaces_pause_step_and_show_the_train(plant):
+    """Fails if a client of the standard cannot steer the run, or is answered before the last of its steps."""
+    msg, srv = (pytest.importorskip(f"simulation_interfaces.{kind}") for kind in ("msg", "srv"))
+    bench, command = plant
+    stage, state = bench.node.stage, msg.SimulationState
+
+    def call(kind, name, **request):
+        return bench.call(getattr(srv, kind), f"plant/{name}", **request)
+
+    def enter(number):
+        return call("SetSimulationState", "set_simulation_state", state=state(state=number)).result.result
+
+    features = call("GetSimulatorFeatures", "get_simulator_features").features.features
+    assert msg.SimulatorFeatures.STEP_SIMULATION_MULTIPLE in features
+    assert msg.SimulatorFeatures.SIMULATION_RESET not in features
+    assert call("GetSimulationState", "get_simulation_state").state.state == state.STATE_STOPPED
+    assert call("StepSimulation", "step_simulation", steps=1).result.result == msg.Result.RESULT_OPERATION_FAILED
+    assert enter(state.STATE_PLAYING) == srv.SetSimulationState.Response.STATE_TRANSITION_ERROR
+    assert enter(state.STATE_PAUSED) == msg.Result.RESULT_OK
+    bench.node.begin()
+    step = bench.other.create_client(srv.StepSimulation, "plant/step_simulation")
+    future = step.call_async(srv.StepSimulation.Request(steps=2))
+    for tick in range(2):
+        bench.until(lambda tick=tick: len(bench.heard["train/measurement"]) == tick + 1)
+        assert not future.done()
+        _answer(bench, command, tick * TICK, 1e5)
+    bench.until(future.done)
+    assert (future.result().result.result, stage.tick) == (msg.Result.RESULT_OK, 2)
+    filters = msg.EntityFilters(filter="^vehicle_0$")
+    answer = call("GetEntitiesStates", "get_entities_states", filters=filters)
+    assert answer.entities == ["vehicle_0"]
+    found = call("GetEntityState", "get_entity_state", entity="vehicle_0").state
+    assert (found.pose, found.twist.linear) == (answer.states[0].pose, answer.states[0].twist.linear)
+    assert np.isnan(found.acceleration.linear.x)
+    track = Alignment(stage.setup.line).at(stage.train.position[:1])
+    assert (found.pose.position.x, found.header.frame_id) == (track.x[0], "map")
+    speed = np.linalg.norm([getattr(found.twist.linear, axis) for axis in "xyz"])
+    assert speed == pytest.approx(stage.train.velocity[0])
+    assert found.header.stamp.nanosec == 2 * TICK
+    wrong = call("GetEntityState", "get_entity_state", entity="train").result
+    assert wrong.result == msg.Result.RESULT_NOT_FOUND
+    assert call("GetEntities", "get_entities", filters=msg.EntityFilters(filter="(")).result.error_message
+    assert enter(state.STATE_QUITTING) == msg.Result.RESULT_OK
+    assert call("GetSimulationState", "get_simulation_state").state.state == state.STATE_QUITTING
 
 
 def test_a_node_that_joins_in_a_pause_knows_the_time(plant):

@@ -115,8 +115,9 @@ def _section(role: Role, node: Any) -> list[str]:
 
 
 def _own(node: Any, service: Any) -> bool:
-    """Return true for a service that is not common to all rclpy nodes."""
-    return "parameter" not in service.srv_name and not service.srv_name.endswith("get_type_description")
+    """Return true for a service that is not common to all rclpy nodes, nor of a package that may be absent."""
+    common = "parameter" in service.srv_name or service.srv_name.endswith("get_type_description")
+    return not common and not service.srv_type.__module__.startswith("simulation_interfaces")
 
 
 def _type_name(kind: Any) -> str:

@@ -8,7 +8,7 @@ import sys
 from typing import NamedTuple
 
 from train_ato.cli.screen import print_json
-from train_ato.program.arguments import parse_yaml_value
+from train_ato.program.arguments import add_train, parse_yaml_value
 
 
 class Action(NamedTuple):
@@ -56,9 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME=VALUE",
         help="parameter of a gust, a delay jump or a fault; kept for the next call",
     )
-    parser.add_argument(
-        "--domain", type=int, metavar="N", help="ROS domain of the run (default: ROS_DOMAIN_ID, or the only run)"
-    )
+    add_train(parser)
 
 
 def execute(options: argparse.Namespace) -> int:
@@ -68,7 +66,7 @@ def execute(options: argparse.Namespace) -> int:
     node, service, data, _ = ACTIONS[options.action]
     parameters = dict(_parameter(options.action, service, text) for text in options.parameters)
     domain = resolve_domain(options.domain)
-    with graph_client(domain) as remote:
+    with graph_client(domain, options.namespace) as remote:
         for name, value in parameters.items():
             reason = remote.set_parameter(node, f"{service}.{name}", value)
             if reason is not None:

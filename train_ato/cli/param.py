@@ -4,7 +4,7 @@ import argparse
 import sys
 
 from train_ato.cli.screen import print_json
-from train_ato.program.arguments import parse_yaml_value
+from train_ato.program.arguments import add_train, parse_yaml_value
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -15,9 +15,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--node", default="controller", metavar="NAME", help="node of the parameter (default: controller)"
     )
-    parser.add_argument(
-        "--domain", type=int, metavar="N", help="ROS domain of the run (default: ROS_DOMAIN_ID, or the only run)"
-    )
+    add_train(parser)
 
 
 def execute(options: argparse.Namespace) -> int:
@@ -31,7 +29,7 @@ def execute(options: argparse.Namespace) -> int:
     if not isinstance(value, (bool, int, float, str)):
         raise ValueError(f"{options.assignment}: not a parameter value; give a number, a word, true or false")
     domain = resolve_domain(options.domain)
-    with graph_client(domain) as remote:
+    with graph_client(domain, options.namespace) as remote:
         done, text = remote.change_parameter(options.node, name, value)
     if not done:
         raise ValueError(f"{options.node} refused {name} = {value!r}: {text}")

@@ -136,6 +136,16 @@ def add_no_lockstep(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_train(parser: argparse.ArgumentParser) -> None:
+    """Declare domain and namespace of a running train."""
+    parser.add_argument(
+        "--domain", type=int, metavar="N", help="ROS domain of the run (default: ROS_DOMAIN_ID, or the only run)"
+    )
+    parser.add_argument(
+        "--namespace", metavar="/NAME", default="", help="namespace of the train, one of several in the domain"
+    )
+
+
 def add_followed(parser: argparse.ArgumentParser) -> None:
     """Declare ``--followed``."""
     parser.add_argument(

@@ -134,17 +134,9 @@ def force_color(force: Array, full: float) -> Array:
 
 
 def _pose_columns(pose: TrackPose, position: str, orientation: str) -> dict[str, Array]:
-    """Return the columns of poses: rotation by the heading about z, then by the slope about y (nose up)."""
-    yaw, pitch = pose.heading / 2, -pose.slope / 2
-    return {
-        f"{position}.x": pose.x,
-        f"{position}.y": pose.y,
-        f"{position}.z": pose.z,
-        f"{orientation}.x": -np.sin(yaw) * np.sin(pitch),
-        f"{orientation}.y": np.cos(yaw) * np.sin(pitch),
-        f"{orientation}.z": np.sin(yaw) * np.cos(pitch),
-        f"{orientation}.w": np.cos(yaw) * np.cos(pitch),
-    }
+    """Return the columns of poses."""
+    places = {f"{position}.{axis}": column for axis, column in zip("xyz", (pose.x, pose.y, pose.z), strict=True)}
+    return places | {f"{orientation}.{axis}": part for axis, part in zip("xyzw", pose.quaternion, strict=True)}
 
 
 def _transforms(frames: Sequence[tuple[str, str]]) -> MessageTemplate:

@@ -1,7 +1,7 @@
 """Access to a running graph from another process: set a parameter, call a service."""
 
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -9,9 +9,12 @@ from typing import Any
 from plant_sim.input_error import close_match
 from train_ato.ros import require_ros
 from train_ato.ros.graph.environment import applied, domain_of_environment, held_domains, variables
+from train_ato.scenario.leader import check_namespace
 
 WAIT_S = 30.0
 """Maximum wall time to find a node, and to receive its answer [s]."""
+ELSEWHERE_S = 5.0
+"""Wall time after which a node of the same name in another namespace is named [s]."""
 
 
 def resolve_domain(wanted: int | None) -> int:
@@ -79,8 +82,7 @@ class GraphClient:
         from rclpy.parameter_client import AsyncParameterClient
 
         client = AsyncParameterClient(self._node, node)
-        if not client.wait_for_services(WAIT_S):
-            raise ValueError(f"node '{node}' is not on domain {self._domain}; is the run still going on?")
+        self._find(client.wait_for_services, f"node '{node}'", node)
         types = self._answer(client.get_parameter_types([name]), node).types
         if list(types) in ([], [ParameterType.PARAMETER_NOT_SET]):
             known = self._answer(client.list_parameters(), node).result.names
@@ -103,8 +105,7 @@ class GraphClient:
         from rclpy.parameter_client import AsyncParameterClient
 
         client = AsyncParameterClient(self._node, node)
-        if not client.wait_for_services(WAIT_S):
-            raise ValueError(f"node '{node}' is not on domain {self._domain}; is the run still going on?")
+        self._find(client.wait_for_services, f"node '{node}'", node)
         (value,) = self._answer(client.get_parameters([name]), node).values
         return parameter_value_to_python(value)
 
@@ -119,11 +120,23 @@ class GraphClient:
         from std_srvs.srv import SetBool, Trigger
 
         client = self._node.create_client(Trigger if data is None else SetBool, service)
-        if not client.wait_for_service(WAIT_S):
-            raise ValueError(f"service '{service}' is not on domain {self._domain}; is the run still going on?")
+        self._find(client.wait_for_service, f"service '{service}'", service.partition("/")[0])
         request = Trigger.Request() if data is None else SetBool.Request(data=data)
         response = self._answer(client.call_async(request), service)
         return bool(response.success), str(response.message)
+
+    def _find(self, ready: Callable[[float], bool], what: str, node: str) -> None:
+        """Wait for a service of a node; raise :class:`ValueError` without one, with the namespaces of such nodes."""
+        own = self._node.get_namespace()
+        for limit in (ELSEWHERE_S, WAIT_S - ELSEWHERE_S):
+            if ready(limit):
+                return
+            others = {space for name, space in self._node.get_node_names_and_namespaces() if name == node} - {own}
+            if others:
+                remedy = "leave --namespace out" if others == {"/"} else f"give --namespace {max(others)}"
+                there = f"{what} is in {', '.join(sorted(others))} of domain {self._domain}, not in {own}"
+                raise ValueError(f"{there}; {remedy}")
+        raise ValueError(f"{what} is not on domain {self._domain}; is the run still going on?")
 
     def _answer(self, future: Any, who: str) -> Any:
         self._executor.spin_until_future_complete(future, WAIT_S)
@@ -133,8 +146,18 @@ class GraphClient:
 
 
 @contextmanager
-def graph_client(domain: int) -> Iterator[GraphClient]:
-    """Yield a client on the domain of a run; destroy it on exit."""
+def graph_client(domain: int, namespace: str = "") -> Iterator[GraphClient]:
+    """Yield a client on the domain of a run, in the namespace of its train; destroy it on exit.
+
+    Raises
+    ------
+    ValueError
+        For a namespace that ROS 2 does not have.
+    """
+    try:
+        space = check_namespace(namespace) if namespace else None
+    except ValueError as error:
+        raise ValueError(f"--namespace {error}") from None
     # the middleware may still write its log into the folder
     folder = tempfile.TemporaryDirectory(prefix="train_ato_set_", ignore_cleanup_errors=True)
     with folder as scratch, applied(variables(domain, Path(scratch))):
@@ -143,7 +166,7 @@ def graph_client(domain: int) -> Iterator[GraphClient]:
         context = rclpy.Context()
         rclpy.init(context=context, domain_id=domain)
         try:
-            node = rclpy.create_node("train_ato_set", context=context, enable_rosout=False)
+            node = rclpy.create_node("train_ato_set", context=context, namespace=space, enable_rosout=False)
             executor = rclpy.executors.SingleThreadedExecutor(context=context)
             executor.add_node(node)
             yield GraphClient(node, executor, domain)

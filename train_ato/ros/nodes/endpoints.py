@@ -321,8 +321,8 @@ class NodeEndpoints:
         )
         source.attach(self._subscriptions[name])
 
-    def serve(self, kind: Any, name: str, answer: Callable[[Any, Any], Any]) -> None:
-        """Offer a service; an exception in ``answer`` fails the run with the name of the node."""
+    def serve(self, kind: Any, name: str, answer: Callable[[Any, Any], Any]) -> Any:
+        """Offer a service and return it; an exception in ``answer`` fails the run with the name of the node."""
 
         def guarded(request: Any, response: Any) -> Any:
             try:
@@ -331,7 +331,7 @@ class NodeEndpoints:
                 self.watch.fail(self.name, error)
                 return response
 
-        self.node.create_service(kind, name, guarded)
+        return self.node.create_service(kind, name, guarded)
 
     def taker(self, name: str) -> tuple[Callable[[], Any], OnePublisher]:
         """Subscribe to the bytes of a topic with one publisher for polling, without callbacks.

@@ -124,6 +124,8 @@ class PlantNode:
         True after the message of a recorder that receives every publisher.
     paused : bool
         True while only single steps begin a tick.
+    on_stepped : callable
+        Called when no further step begins a tick: in a pause, after it, and at the end.
     sent_stamp : int
         Stamp of the last measurement sent [ns], -1 before the first.
     answer_watch : AnswerWatch
@@ -159,8 +161,10 @@ class PlantNode:
         self.sent_stamp = -1
         self.blocked = self.recorder_connected = False
         self.paused = False
+        self.on_stepped: Callable[[], None] = lambda: None
         self._recorded = recorded
-        self._begun = self._waiting = self._stopping = self._single = False
+        self._begun = self._waiting = self._stopping = False
+        self._steps = 0
         self._acknowledged = 0
         self.answer_watch = AnswerWatch()
         self._lost: tuple[str, str] | None = None
@@ -374,16 +378,16 @@ class PlantNode:
         """Begin the next tick, unless the run is finished, paused or too early, or the recorder is behind."""
         if self.stage.finished or self._stopping:
             self._conclude()
-        elif self.paused and not self._single:
-            pass
+        elif self.paused and not self._steps:
+            self.on_stepped()
         elif self._recorded and self.stage.tick - self._acknowledged > LEAD and not self.outage.away:
             self.blocked = True
         elif self._period is None and self.ahead is not None and self.ahead.is_due(self.stamp, self.timeout):
             self._wake_every(LOOK_S * 1e9)
-        elif self._rate.factor and not self._single and (wait := self._rate.wait(self.stage.tick)) > MIN_WAIT_S:
+        elif self._rate.factor and not self._steps and (wait := self._rate.wait(self.stage.tick)) > MIN_WAIT_S:
             self._wake_every(wait * 1e9)
         else:
-            self._single = False
+            self._steps = max(0, self._steps - 1)
             self._waiting = True
             self.sent_stamp = self.stage.stamp
             factor = self._rate.factor
@@ -395,6 +399,7 @@ class PlantNode:
         if not self.finished:
             self.finished = True
             self._send(self.stage.conclude().published())
+            self.on_stepped()
             if self.stage.reports is not None:
                 self.endpoints.publish((REPORT, self.stage.reports.last(self.stamp)))
 
@@ -481,6 +486,8 @@ class PlantNode:
         """Pause after the current tick, or resume."""
         was, self.paused = self.paused, paused
         if was and not paused:
+            self._steps = 0
+            self.on_stepped()
             self._rate.restart()
             self._lateness.restart()
             self._resume_loop()
@@ -516,8 +523,14 @@ class PlantNode:
         """
         if not self.paused or self._waiting or self.finished:
             raise ValueError("not paused between two ticks; pause first")
-        self._single = True
+        self.run_steps(1)
+
+    def run_steps(self, count: int) -> int:
+        """Run ticks of a paused run, after the present one; return the number of complete ticks after them."""
+        self._steps += count
+        goal = self.stage.tick + self._waiting + self._steps
         self._resume_loop()
+        return goal
 
     def _resume_loop(self) -> None:
         """Begin a tick unless one is running or the run is blocked, finished or failed."""

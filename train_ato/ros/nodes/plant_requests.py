@@ -19,6 +19,7 @@ from train_ato.messages.faults import MAX_FAULT_TIME
 from train_ato.messages.links import MAX_DELAY
 from train_ato.ros.nodes.endpoints import NodeEndpoints
 from train_ato.ros.nodes.parameters import OF_NODES, Declared, declare
+from train_ato.ros.nodes.simulation_services import serve_simulation
 from train_ato.scenario.interventions import (
     MAX_GUST,
     MAX_GUST_DURATION,
@@ -161,6 +162,7 @@ class PlantRequests:
         )
         for name, kind, action in services:
             self._endpoints.serve(kind, f"~/{name}", _answering(action))
+        serve_simulation(self._plant, self._endpoints, self._pause)
 
     def _check(self, parameters: list[Any]) -> Any:
         """Return acceptance of a change, or refusal with the reason; no side effects."""
