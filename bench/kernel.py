@@ -1,4 +1,4 @@
-"""Time of the plant per vehicle and step: whole trains, loops of the kernel beside bare loops, batch over threads.
+"""Time of the plant per vehicle and step: trains, loops beside bare loops, batch and environments over threads.
 
     python bench/kernel.py
 
@@ -17,6 +17,7 @@ import numpy as np
 from figures import Figure, Goal, judge, publish
 from plain_numpy_train import PlainTrain
 
+import train_ato as ta
 from plant_sim import kernel as k
 from plant_sim.batch import advance_trains
 from plant_sim.compiled import compiled
@@ -80,6 +81,9 @@ MIN_RATIO = 5.0
 MAX_NS, MAX_FULL_NS = 4.0, 15.0
 MAX_GROWTH = 1.1
 MIN_SPEED_UP = 1.8
+ENVIRONMENTS = (("xuzhou_metro", 64, 150_000.0), ("daqin_heavy_haul", 1, 40_000.0))
+"""Scenario, number of trains in one vector of environments, and least ticks of a train per second on one core."""
+MIN_ENV_SPEED_UP = 1.7
 SPEED = 70 / 3.6
 UNIT = "ns per vehicle-step"
 RELEASED, APPLIED, FULL = (False, False), (True, False), (True, True)
@@ -169,6 +173,31 @@ def train_costs() -> dict[tuple[int, tuple[bool, bool]], tuple[float, float]]:
     return costs
 
 
+def environment_rates(name: str, trains: int, threads: int) -> tuple[float, float]:
+    """Return the rates of the trains of a vector of environments and of their plants alone [ticks per second]."""
+    with ta.vector_env(name, trains, threads=threads) as envs:
+        envs.reset()
+        forces = np.full((trains, envs.n_units), 5e4)
+        whole = nanoseconds(lambda: envs.step(forces), trains * envs._ticks, 40)
+    batch = [ta.scenario(name).prepare().train() for _ in range(min(trains, 16))]
+    demands = [np.full((100, train.substeps, len(train.units)), 5e4) for train in batch]
+    alone = nanoseconds(lambda: advance_trains(batch, demands, threads), len(batch) * 100, 1)
+    return 1e9 / whole, 1e9 / alone
+
+
+def environment_goals() -> list[Figure]:
+    """Return the rates of environments beside those of their plants, and two threads over one."""
+    goals, unit, plants = [], "ticks of a train per second", "plants alone"
+    for name, trains, least in ENVIRONMENTS:
+        what, (rate, alone) = f"environment, {trains} of {name}", environment_rates(name, trains, 1)
+        goals.append(Figure(what, rate, unit, plants, alone, least, at_least=True))
+        if trains > 1 < (os.cpu_count() or 1):
+            double, alone = environment_rates(name, trains, 2)
+            publish(Figure(f"{what}, two threads", double, unit, plants, alone))
+            goals.append(Goal(f"{what}, two threads over one", double / rate, MIN_ENV_SPEED_UP, at_least=True))
+    return goals
+
+
 def main() -> int:
     """Publish the figures; return the exit status."""
     compile_kernel()
@@ -190,6 +219,7 @@ def main() -> int:
         Goal("106 vehicles, all effects, tick by tick", costs[106, FULL][0], MAX_FULL_NS, UNIT),
         Goal("times as fast as plain numpy", worst, MIN_RATIO, at_least=True),
         Goal("cost of a vehicle, 1000 over 106", growth, MAX_GROWTH),
+        *environment_goals(),
     ]
     if (os.cpu_count() or 1) > 1:
         goals.append(Goal("batch, two threads over one", one / two, MIN_SPEED_UP, at_least=True))
