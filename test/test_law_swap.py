@@ -15,6 +15,10 @@ from scipy.linalg import toeplitz
 from scipy.optimize import linprog
 
 import plant_sim
+from msgs_docs.generate.rows import read_rows
+from msgs_docs.generate.swap_cells import AFTER_S, HELD_S, JERK, MEASURED, PLACES, REASONS, change
+from msgs_docs.generate.swap_cells import swap_bound as bound
+from msgs_docs.generate.swap_cells import swap_errors as errors
 from train_ato.control.compensation.rigid import RigidForce
 from train_ato.control.laws.pid import Pid
 from train_ato.control.registry import LAWS
@@ -24,23 +28,6 @@ from train_ato.loop.engine import run_engine
 from train_ato.scenario.scenario import load_scenario
 from train_ato.scenario.setup import RunSetup, prepare
 
-HELD_S, AFTER_S = 3.0, 20.0
-PLACES = {
-    "xuzhou_metro": {"standstill": 1, "acceleration": 19, "cruising": 224, "braking": 405, "last 200 m": 416},
-    "demo": {"standstill": 20, "acceleration": 133, "cruising": 350, "braking": 534, "last 200 m": 603},
-    "daqin_heavy_haul": {
-        "standstill": 20, "acceleration": 250, "cruising": 800, "braking": 1400, "last 200 m": 3046
-    },
-    "crh380a_gpc:short": {"standstill": 2, "acceleration": 60, "cruising": 320, "braking": 500, "last 200 m": 611},
-    "crh380a_funnel:short": {"standstill": 6, "acceleration": 60, "cruising": 320, "braking": 500, "last 200 m": 609},
-}  # fmt: skip
-"""Places of a change of the law by scenario: its time [s]; on daqin_heavy_haul the air brake acts in braking. The
-commands of the departure begin at 1.7 s on xuzhou_metro, and at 3.8 s on crh380a_gpc:short."""
-JERK = {
-    "xuzhou_metro": 0.6, "demo": 0.002, "daqin_heavy_haul": 0.002, "crh380a_gpc": 0.25, "crh380a_funnel": 0.25,
-    "freight_consensus": 0.1,
-}  # fmt: skip
-"""Jerk of the profile [m/s³]; that of the recorded one of daqin_heavy_haul jumps, its limit is in the scenario."""
 SPEED_FLOOR, STOP_FLOOR = 0.05, 0.05
 """Errors of speed [m/s] and place of the stop [m] that count as none: the largest noise of a speed sensor in a shipped
 scenario, and a sixth of the smallest stop window."""
@@ -76,26 +63,6 @@ def errors_alone(scenario: str, place: str, law: str) -> tuple[float, float]:
     return errors(*driven(scenario, f"law={law}", *to_its_end(place, begin)), begin)
 
 
-def errors(setup: RunSetup, recording: Recording, begin: float) -> tuple[float, float]:
-    """Return the largest speed error from a time on [m/s], and the position error at the end of the run [m]."""
-    share = setup.model.share
-    speeds = recording.velocity @ share - recording.reference_velocity
-    end = (recording.position[-1] + setup.model.offsets) @ share - recording.reference_position[-1]
-    return float(np.abs(speeds[recording.time >= begin]).max()), abs(float(end))
-
-
-def bound(setup: RunSetup) -> np.ndarray:
-    """Return jerk x inertia x share x tick of every unit [N]."""
-    jerk = JERK[setup.scenario.name.partition(":")[0]]
-    return np.asarray(jerk * setup.model.inertia * setup.model.share * setup.tick * (1 + 1e-6))
-
-
-def change(recording: Recording, begin: float, tick: float, lasting: float = HELD_S) -> np.ndarray:
-    """Return the largest change of the command of every unit in one tick from a time on [N]."""
-    held = (recording.time >= begin - 1.5 * tick) & (recording.time < begin + lasting - 0.5 * tick)
-    return np.asarray(np.abs(np.diff(recording.command[held], axis=0)).max(axis=0))
-
-
 def check(scenario: str, place: str, old: str, new: str) -> None:
     begin = PLACES[scenario][place]
     swap = f"law_changes=[{{at: {begin}, law: {new}}}]"
@@ -112,6 +79,16 @@ def check(scenario: str, place: str, old: str, new: str) -> None:
 def test_a_swap_keeps_the_jerk_of_the_profile_and_the_error(scenario: str, place: str, old: str, new: str) -> None:
     """Breaks if a tick of the first 3 s exceeds the bound, or an error is above twice that of the worse law alone."""
     check(scenario, place, old, new)
+
+
+def test_the_page_has_every_change_and_a_reason_for_every_large_error() -> None:
+    """Breaks if a cell is left out or exceeds the bound, a large error has no reason, or a reason has no error."""
+    rows = read_rows(Path(__file__).parents[1] / MEASURED)
+    cells = len(list(permutations(LAWS.names(), 2)))
+    assert [(row["scenario"], row["place"], row["cells"], row["kept"]) for row in rows] == [
+        (name, place, cells, cells) for name, places in PLACES.items() for place in places
+    ]
+    assert {(row["scenario"], row["place"]) for row in rows if row["beyond"]} == set(REASONS)
 
 
 @pytest.mark.campaign

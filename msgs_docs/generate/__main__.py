@@ -7,7 +7,7 @@
     python -m msgs_docs.generate --measure [NAME]   first make the runs of law pages or tables; default: all
 
 Start it in the top folder of the repository.  Tables: `faults`, `hazards`, `random_runs`, `left_out`,
-`any_law`, `leaderboard`, `gallery`; `any_law:SCENARIO` runs one scenario and keeps the other rows.
+`any_law`, `swaps`, `leaderboard`, `gallery`; `any_law:SCENARIO` runs one scenario and keeps the other rows.
 ``--measure`` of all pages takes an hour on two cores.
 """
 
@@ -28,6 +28,7 @@ from msgs_docs.generate import (
     random_runs,
     schemas,
     site,
+    swap_cells,
     topic_page,
 )
 from msgs_docs.generate.equation_page import EQUATION_TABLES, problems
@@ -50,6 +51,7 @@ TABLES = {
     random_runs.NAME: random_runs.measure_random_runs,
     left_out_page.NAME: left_out_page.measure_choices,
     any_law_page.NAME: any_law_page.measure_any_law,
+    swap_cells.NAME: swap_cells.measure_swaps,
     any_law_page.LEADERBOARD_NAME: any_law_page.measure_leaderboard,
     gallery_page.NAME: gallery_page.measure_gallery,
 }

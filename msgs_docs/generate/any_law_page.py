@@ -14,6 +14,7 @@ import numpy as np
 import yaml
 
 from msgs_docs.generate.rows import page_text, read_rows, write_rows
+from msgs_docs.generate.swap_cells import table as swap_table
 from msgs_docs.generate.tutorials import page_blocks, run_block
 from plant_sim.plant_setup import Mismatch
 from plant_sim.units import number_text
@@ -233,7 +234,7 @@ def page(root: Path) -> str:
         lines += ["", f"## `{name}`", "", *_table([found for found in rows if found["scenario"] == name])]
     found = read_rows(root / LEADERBOARD_ROWS)
     ranks = {"scenarios": len(DISTURBED), "seeds": SEEDS, "command": found["command"], "standings": _leaderboard(found)}
-    return page_text(NAME, counts=counts, not_met=missed, tables=lines, **ranks)
+    return page_text(NAME, counts=counts, not_met=missed, swaps=swap_table(root), tables=lines, **ranks)
 
 
 def measure_leaderboard(root: Path) -> None:
