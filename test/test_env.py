@@ -325,7 +325,10 @@ def test_wrong_uses_are_refused_in_one_line():
         (lambda: ta.Env("xuzhou_metro", observe=(), flat=True), r"observe \(\): give names"),
         (lambda: ta.Env("xuzhou_metro", reward=["energy"]), "give weights by name"),
         (lambda: ta.Env("xuzhou_metro", reward={"energy": "1"}), "weight '1' is not finite"),
+        (lambda: ta.Env("xuzhou_metro", observe={"speed"}), "give names in a list"),
         (lambda: ta.linearise("xuzhou_metro", speed_kmh="60"), "speed_kmh '60'"),
+        (lambda: ta.linearise("xuzhou_metro", speed_kmh=True), "speed_kmh True"),
+        (lambda: env.reset(options={"duration": 5}, seed=-1), "seed -1"),
         (lambda: ta.Env("xuzhou_metro", reward={"enrgy": 1.0}), "did you mean 'energy'"),
         (lambda: ta.Env("xuzhou_metro", reward={"energy": np.nan}), "not finite"),
         (lambda: env.restore(3), "not a state"),
@@ -333,8 +336,12 @@ def test_wrong_uses_are_refused_in_one_line():
         with pytest.raises(ValueError, match=text) as refused:
             wrong()
         assert "\n" not in str(refused.value)
+    assert env.setup.ticks == 20
     env.reset()
     other.reset()
+    for name in ("costs", "verdict", 1, ""):
+        with pytest.raises(ValueError, match=f"{name!r} is (a name of info|no text)"):
+            env.step(0.0, signals={name: 1.0})
     with pytest.raises(ValueError, match=r"another scenario.*duration"):
         other.restore(env.save())
     for _ in range(20):

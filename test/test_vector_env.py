@@ -106,6 +106,11 @@ def test_wrong_uses_of_a_vector_are_refused_in_one_line():
         (lambda: ta.vector_env("xuzhou_metro", 2, observe=("sped",)), "did you mean 'speed'"),
         (lambda: ta.vector_env("xuzhou_metro", 2, over={"plant.mass": [1]}), "plant.mass"),
         (lambda: ta.vector_env("xuzhou_metro", 2, over={"model.delay": [0.1, 1.0]}), "commands_in_flight"),
+        (
+            lambda: ta.vector_env("xuzhou_metro", 2, over={"control_period": [0.05, 0.1]}),
+            "same tick and control_period",
+        ),
+        (lambda: envs.reset(options={"control_period": 0.2}), "same tick and control_period"),
         (lambda: envs.reset(seed=[1]), "1 seeds for 2 trains"),
         (lambda: envs.reset(seed=-1), "seed -1"),
     ):

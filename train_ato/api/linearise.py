@@ -44,6 +44,10 @@ def linearise(scenario: GivenScenario, *, speed_kmh: float, set: Changes | None 
     >>> print(f"{1.0 / abs(speed[crossing]):.2e}")
     7.07e+05
     """
-    if not isinstance(speed_kmh, (int, float, np.number)) or not 0.0 < speed_kmh <= MAX_SPEED_KMH:
+    if (
+        isinstance(speed_kmh, bool)
+        or not isinstance(speed_kmh, (int, float, np.number))
+        or not 0.0 < speed_kmh <= MAX_SPEED_KMH
+    ):
         raise ValueError(f"speed_kmh {speed_kmh!r}: give a speed above 0, at most {MAX_SPEED_KMH:g} km/h")
     return LinearTrain.of(choose_scenario(scenario).changed(set, None).prepare().model, speed_kmh / 3.6)

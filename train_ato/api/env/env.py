@@ -169,9 +169,9 @@ class Env:
 
     def _prepared(self, choice: ScenarioChoice) -> None:
         """Prepare the run of a scenario with the caller as the law."""
-        self.setup = caller_setup(choice, self._caller, self._parts)
-        self.quantities: dict[str, Quantity] = observed(self.setup, self._names)
-        self._sight = Sight(self.setup)
+        setup = caller_setup(choice, self._caller, self._parts)
+        self.quantities: dict[str, Quantity] = observed(setup, self._names)
+        self.setup, self._sight = setup, Sight(setup)
         self._current, self._hashes = choice, dict[str, str]()
 
     @property
@@ -212,12 +212,13 @@ class Env:
             One line: bad seed or option.
         """
         choice = self._choice.with_(options) if options else self._choice
+        given = None if seed is None else checked_seed(seed)
         if repr(choice) != repr(self._current):
             self._prepared(choice)
-        if seed is None and self._seeds is not None:
+        if given is None and self._seeds is not None:
             own = int(self._seeds.integers(MAX_SEED))
         else:
-            own = choice.checked.seed if seed is None else checked_seed(seed)
+            own = choice.checked.seed if given is None else given
             self._seeds = np.random.default_rng(own)
         self._begin(own)
         self._observe()
@@ -279,7 +280,10 @@ class Env:
             raise ValueError("step: the run has ended; call reset()")
         self._caller.force = self._force(force)
         if signals:
-            loop.note(signal_texts(signals, "step"))
+            texts = signal_texts(signals, "step")
+            if known := sorted(texts.keys() & {*self._info({}), "metrics", "verdict", "failure"}):
+                raise ValueError(f"step: signal {known[0]!r} is a name of info; choose another one")
+            loop.note(texts)
         loop.note_force(self._caller.force)
         tick_costs = np.zeros(len(PER_TICK))
         for _ in range(round(self.period / self.setup.tick)):

@@ -248,7 +248,7 @@ def observed(setup: RunSetup, names: Sequence[str] | None = None) -> dict[str, Q
         if entry.low.size and _exists(entry.name, setup):
             known[entry.name] = replace(entry, begin=begin)
         begin += entry.low.size
-    if names is not None and (isinstance(names, str) or not names):
+    if names is not None and (not isinstance(names, (list, tuple)) or not names):
         raise ValueError(f"observe {names!r}: give names in a list, for example ('speed', 'speed_error')")
     for name in names or ():
         if name not in known:
@@ -387,7 +387,9 @@ def signal_texts(signals: Any, source: str) -> dict[str, str]:
         If they are not numbers by name.
     """
     try:
-        return {str(name): repr(float(value)) for name, value in signals.items()}
+        if wrong := [name for name in signals if not isinstance(name, str) or not name]:
+            raise ValueError(f"the name {wrong[0]!r} is no text")
+        return {name: repr(float(value)) for name, value in signals.items()}
     except (AttributeError, TypeError, ValueError) as error:
         raise ValueError(f"{source}: signals {str(signals)[:60]} are not numbers by name ({error})") from None
 

@@ -221,6 +221,8 @@ class VectorEnv:
         corners = [{}, *({d.key: value} for d in self._dimensions for value in (d.at(0.0), d.at(1.0)))]
         setups = [caller_setup(self._choice.with_(corner), Caller(), self._parts) for corner in corners]
         self.setup = setups[0]
+        for setup in setups:
+            self._check_step(setup)
         found = [observed(setup, observe) for setup in setups]
         common = {}
         for name, first in found[0].items():
@@ -238,6 +240,10 @@ class VectorEnv:
         self.quantities: dict[str, Quantity] = common
         self._columns = np.concatenate([np.arange(q.begin, q.begin + q.low.size) for q in common.values()])
         self._all = np.array_equal(self._columns, np.arange(Sight(self.setup).size))
+
+    def _check_step(self, setup: RunSetup) -> None:
+        if (setup.tick, setup.control_period) != (self.setup.tick, self.period):
+            raise ValueError("all trains have the same tick and control_period; give them by 'set'")
 
     def _parts_of(self, names: Sequence[str]) -> list[slice]:
         known = observed(self.setup)
@@ -291,11 +297,11 @@ class VectorEnv:
         ValueError
             One line: bad seed or option.
         """
-        self._changed = self._choice.with_(options) if options else self._choice
+        changed = self._choice.with_(options) if options else self._choice
         if seed is None and self._seeds:
             own = [int(random.integers(MAX_SEED)) for random in self._seeds]
         else:
-            first = self._changed.checked.seed if seed is None else seed
+            first = changed.checked.seed if seed is None else seed
             own = [checked_seed(each) for each in first] if isinstance(first, (Sequence, np.ndarray)) else [
                 checked_seed(first) + number for number in range(self.num_envs)
             ]  # fmt: skip
@@ -304,7 +310,7 @@ class VectorEnv:
                     f"reset: {len(own)} seeds for {self.num_envs} trains; give one for each, or one number"
                 )
             self._seeds = [np.random.default_rng(each) for each in own]
-        self._trains = []
+        self._changed, self._trains = changed, []
         for number, each in enumerate(own):
             self._trains.append(self._begun(number, each))
         self._ended[:], self._compiled = False, 0
@@ -318,7 +324,9 @@ class VectorEnv:
         }
         caller = Caller()
         choice: ScenarioChoice = self._changed.with_(domain) if domain else self._changed
-        train = _Train(caller_setup(choice, caller, self._parts, seed), caller, self._forces[number], domain)
+        setup = caller_setup(choice, caller, self._parts, seed)
+        self._check_step(setup)
+        train = _Train(setup, caller, self._forces[number], domain)
         sight = self._kept[number] = Sight(train.setup)
         if sight.size != self._found.shape[1]:
             raise ValueError(
