@@ -15,6 +15,8 @@ from typing import Any
 
 import yaml
 
+from plant_sim.units import without_comma
+
 MAX_NESTING = 100
 """Largest depth of nested values."""
 _TOO_DEEP = f"nested deeper than {MAX_NESTING} levels"
@@ -86,7 +88,7 @@ class _UniqueKeys(yaml.constructor.SafeConstructor):
         for key, value in node.value:
             text = str(key.value)
             if node.flow_style and value.value == "" and before and text.isdigit():
-                problem = f"'{before},{text}' has a decimal comma; write {before}.{text}"
+                problem = f"'{before},{text}' has a comma; write {without_comma(before, text)}"
                 raise yaml.constructor.ConstructorError(None, None, problem, key.start_mark)
             before = value.value if isinstance(value, yaml.ScalarNode) and _INTEGER.match(value.value) else ""
             if text in seen and text != "<<":

@@ -12,7 +12,7 @@ from pydantic.fields import FieldInfo
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, ErrorDetails, InitErrorDetails, PydanticCustomError
 
-from plant_sim.units import Unit, Usual, number_text, unit_symbol
+from plant_sim.units import Unit, Usual, number_text, unit_symbol, without_comma
 
 Summary = Annotated[str, Field(description="one line for lists", examples=["Metro, six cars, third rail"])]
 Source = Annotated[str, Field(description="origin of the data", examples=["data sheet of the operator, 2024"])]
@@ -60,7 +60,7 @@ def _decimal_comma(scalars: list[Any]) -> str:
     """Return the remedy for a number with a decimal comma; empty for other texts."""
     whole, comma, part = next((scalar for scalar in scalars if isinstance(scalar, str)), "").partition(",")
     number = comma and whole.lstrip("+-").isdigit() and part.isdigit()
-    return f"; write {whole}.{part} with a decimal point" if number else ""
+    return f"; write {without_comma(whole, part)} with a decimal point" if number else ""
 
 
 def _divide(value: Any, divisor: float) -> Any:

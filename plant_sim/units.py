@@ -95,6 +95,18 @@ MAX_WRITTEN_OUT = 1e15
 """Magnitude from which a number keeps its exponent: more digits than a float has."""
 
 
+def without_comma(whole: str, part: str) -> str:
+    """Return how a number with a comma is written: a decimal one, or with three digits perhaps one of thousands.
+
+    Examples
+    --------
+    >>> without_comma("60", "5"), without_comma("12", "000")
+    ('60.5', '12000, or 12.000')
+    """
+    thousands = len(part) == 3 and whole.lstrip("+-")[:1] != "0"
+    return f"{whole}{part}, or {whole}.{part}" if thousands else f"{whole}.{part}"
+
+
 def number_text(value: float, digits: int = 6) -> str:
     """Return a number with its significant digits; all digits before the point are written.
 

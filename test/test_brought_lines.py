@@ -236,7 +236,7 @@ def test_a_faulty_track_is_refused(tmp_path: Path) -> None:
         ("a.gpx", doctype, "DOCTYPE: document types and entities are refused"),
         ("a.gpx", two, r"2 tracks \(it has 1 'Ours', 2 'B'\); select one as FILE:NAME or FILE:NUMBER"),
         ("a.gpx", gpx(points, {}).replace("gpx ", "kml ", 1).replace("/gpx", "/kml"), "<kml> is no GPX"),
-        ("a.gpx", one.replace('lat="48.0"', "", 1), "point 1: lat = '': is not a number"),
+        ("a.gpx", one.replace('lat="48.0"', "", 1), "point 1: lat: is missing; add it"),
         ("a.json", json.dumps(good | {"features": None}), "features: this key is missing"),
         ("a.json", json.dumps(parts), "coordinates: 1 = 5: must be a list"),
         ("a.json", json.dumps({"type": "LineString", "coordinates": points[:1] * 9}), "track '' is 0 m long"),
@@ -616,7 +616,7 @@ def test_a_railml_train_from_file_to_plan_and_back(tmp_path: Path, capsys: pytes
     [
         ('vehicleRef="loco"', 'vehicleRef="locos"', "formation push: vehicleRef = 'locos': no vehicle; it has loco"),
         ('bruttoWeight="120"', 'bruttoWeight="12o"', "vehicle loco: bruttoWeight = '12o': is not a number"),
-        ('length="25"', "", "vehicle coach: length = '': is not a number"),
+        ('length="25"', "", "vehicle coach: length: is missing; add it"),
         ('yValueUnit="kN"', 'yValueUnit="lbf"', "vehicle loco: yValueUnit = 'lbf': must be N or kN"),
         ('massDependent="false"', 'massDependent="true"', "massDependent = true: is not read"),
         ('isPrimaryMode="true"', 'isPrimaryMode="false"', "powerMode: 0 primary modes"),

@@ -284,6 +284,9 @@ NOTED: list[tuple[dict[str, Any], str]] = [
      "reference_speed_m_s: at most 194.39 km/h, the train runs 53.9971 km/h"),
     (SPEED | PLACE | {"force_kn": lambda t, v, x, f: f"{abs(f) / 1e3:.3f}"},
      "line 87, force_kn: 47 % of the work of the traction is done while the train brakes"),
+    (SPEED | PLACE | {"force_kn": lambda t, v, x, f: f"{metro(t - 10)[2] / 1e3:.3f}"},
+     "force_kn: fits to the speed 10 s earlier (mean mismatch "),
+    (SPEED | PLACE | {"force_kn": lambda t, v, x, f: f"{metro(t - 2)[2] / 1e3:.3f}"}, ""),
     (SPEED | PLACE | FORCE, ""),
     (SPEED | PLACE | TRACTION | brake_as(1e3, "brake_force_kn"), ""),
     (SPEED | {"position_km": lambda t, v, x, f: f"{x / 1e3:.1f}"} | FORCE, ""),
@@ -323,6 +326,26 @@ def test_a_speed_in_another_unit_and_other_places_are_noted(columns, parts, tmp_
     series_of(read.found, read.setup)
     notes = " ".join(read.found.notes)
     assert bool(parts) == bool(notes) and all(part in notes for part in parts), notes
+
+
+@pytest.mark.parametrize(("stop", "note"), [(1731, ""), (1740, ""), (1790, "59 m before its stop at km 1.790, unlike")])
+def test_one_halt_beside_its_stop_is_noted(stop: int, note: str, tmp_path: Path) -> None:
+    """Breaks if one wrong place among right ones is imported without a word."""
+    stops = [530, stop, 2932, 4133]
+    (tmp_path / "line.yaml").write_text(
+        f"schema: train_ato/line/1\nname: l\nend: 5e3\nstops: {[{'at': at} for at in stops]}"
+    )
+    time = np.arange(0.0, 120.0)
+    speed, place, force = metro(time)
+    length = place[-1] - place[0]
+    whole = {
+        "time_s": np.arange(360.0), "speed_kmh": 3.6 * np.tile(speed, 3), "force_kn": np.tile(force, 3) / 1e3,
+        "position_m": np.concatenate([place - 29 + k * length for k in range(3)]),
+    }  # fmt: skip
+    (tmp_path / "a.csv").write_text(text_of(whole))
+    read = read_recorder(tmp_path / "a.csv", train="xuzhou_metro_3", line=tmp_path / "line.yaml")
+    notes = " ".join(read.found.notes)
+    assert note in notes and bool(note) == bool(notes), notes
 
 
 @pytest.mark.parametrize(

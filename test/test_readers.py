@@ -360,7 +360,9 @@ def test_scalars_are_those_of_yaml_1_2(text: str, value: Any) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("speed_limits: [{at: 0, speed_kmh: 60,5}]", "'60,5' has a decimal comma; write 60.5"),
+        ("speed_limits: [{at: 0, speed_kmh: 60,5}]", "'60,5' has a comma; write 60.5;"),
+        ("stops: [{at: 1,000}]", "'1,000' has a comma; write 1000, or 1.000;"),
+        ("end: 12,000", "not text; write 12000, or 12.000 with a decimal point"),
         ("end_km: 12,5", r"input should be a number, not text; write 12.5 with a decimal point"),
         ("stops: [{at: 8:15}]", "input should be a number, not text"),
         ("stops: [{at: 9, name: 12}]", "input should be text; write it in quotes"),

@@ -224,6 +224,8 @@ _DIGITS = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?", re.ASCII | re.IGNORE
 
 def number_in(text: str, place: str, low: float = -math.inf, high: float = math.inf) -> float:
     """Return the number of a text within its range."""
+    if not text.strip():
+        raise ValueError(f"{place}: is missing; add it")
     if not _DIGITS.fullmatch(text.strip()):
         raise ValueError(f"{place} = '{text[:30]}': is not a number; correct it")
     return finite_number(float(text), place, low, high)

@@ -142,8 +142,11 @@ def place_notes(found: Measured, places: Array, line: Line, length: float) -> li
         )
     if line.stops and stands.size > 1:
         ahead = stands[:, None] - [entry.at for entry in line.stops]
-        offsets = ahead[np.arange(stands.size), np.abs(ahead).argmin(axis=1)]
+        nearest = np.abs(ahead).argmin(axis=1)
+        offsets = ahead[np.arange(stands.size), nearest]
         beside = np.abs(offsets)
+        regular = beside <= BESIDE
+        odd = ~regular & ~np.isin(nearest, nearest[regular]) & (np.count_nonzero(regular) > stands.size / 2)
         if np.count_nonzero(beside > max(NEAR, length)) >= stands.size / 2:
             worst = int(np.argmax(beside))
             notes.append(
@@ -154,6 +157,13 @@ def place_notes(found: Measured, places: Array, line: Line, length: float) -> li
             notes.append(
                 f"the train stands {beside[0]:.0f} m {'beyond' if offsets[0] > 0 else 'before'} the stop of line "
                 f"'{line.name}' at all {stands.size} halts; check the zero of the places, and front or centre"
+            )
+        elif odd.any():
+            worst = int(np.argmax(np.where(odd, beside, 0.0)))
+            notes.append(
+                f"the train stands at km {line.post_at(stands[worst])}, {beside[worst]:.0f} m "
+                f"{'beyond' if offsets[worst] > 0 else 'before'} its stop at km "
+                f"{line.post_at(line.stops[nearest[worst]].at)}, unlike at the other halts; check the places there"
             )
     return notes
 

@@ -22,6 +22,9 @@ MIN_FORCE, REFERENCE = 0.01, (0.4, 2.5)
 """Force over the brake envelope, and reference over measured speed, of a probably wrong unit."""
 BRAKING, BRAKED_SHARE = 0.3, 0.2
 """Deceleration [m/s²], and share of the work of the traction during it, that a note names."""
+LATE, LATEST, FITS = 4, 30, 0.5
+"""Shift of the force against the speed that is noted and the largest one tried [s], and the part of the mismatch that
+it may leave."""
 CHARGED = (0.7, 1.5)
 """Largest brake-pipe pressure over that of the charged pipe, outside of which a note names the unit."""
 MIN_WORK = 1e5
@@ -89,6 +92,7 @@ def series_of(found: Measured, setup: RunSetup) -> MeasuredSeries:
     _check_forces(found, setup)
     _check_work(found, setup)
     _note_units(found, setup)
+    _note_shift(found, setup)
     units = setup.layout.n_units
     time: Array = np.asarray(setup.tick * np.arange(setup.ticks + 1), dtype=np.float64)
     front = setup.profile.position[: time.size]
@@ -256,6 +260,30 @@ def _note_units(found: Measured, setup: RunSetup) -> None:
                 "the train brakes; a brake force is < 0, or in a column brake_force_kn",
             )
         )  # fmt: skip
+
+
+def _note_shift(found: Measured, setup: RunSetup) -> None:
+    """Note a traction that fits to speed and line at another time only: two recorders, or two clocks."""
+    time = np.arange(0.0, float(found.speed.time[-1]) + 1.0)
+    if time.size <= LATEST:
+        return
+    speed, front = found.speed.at(time), np.interp(time, setup.profile.time, setup.profile.position)
+    resisting = np.where(speed > STANDSTILL_NOISE, setup.model.resisting_forces(front, speed), 0.0)
+    force = np.sum([samples.at(time) for samples in found.force.values()], axis=0)
+    needed, given = (
+        np.convolve(np.maximum(entry, 0.0), np.full(LATE + 1, 1.0 / (LATE + 1)), "same")  # coarse speeds have no rate
+        for entry in (setup.model.inertia * np.gradient(speed) + resisting, force)
+    )
+    padded = np.pad(given, LATEST)
+    errors = [float(np.square(padded[k : k + time.size] - needed).mean()) for k in range(2 * LATEST + 1)]
+    late = int(np.argmin(errors)) - LATEST
+    if abs(late) >= LATE and min(errors) < FITS**2 * errors[LATEST]:
+        title = next(iter(found.force.values())).column.title
+        found.notes.append(
+            f"{title}: fits to the speed {abs(late)} s {'later' if late < 0 else 'earlier'} (mean mismatch "
+            f"{number_text(min(errors) ** 0.5 / 1e3, 3)} kN, as recorded {number_text(errors[LATEST] ** 0.5 / 1e3, 3)}"
+            " kN); check the clocks of the columns"
+        )
 
 
 def _height(line: Line, begin: float, end: float) -> float:

@@ -188,6 +188,9 @@ def _work_between(profile: Profile, force: Array, inputs: SectionInputs) -> Arra
     traction = np.where(turned, np.maximum(np.maximum(own, least), 0.0), np.maximum(own, 0.0))
     brake = traction - own
     _, electric, _ = train.forces_at(speed)
+    braked = np.flatnonzero(force < 0.0)
+    if inputs.places is not None and braked.size:
+        electric[braked] *= inputs.places.electric_share(front[braked], speed[braked])
     return np.stack((traction, brake, np.minimum(brake, _means(electric) * np.maximum(way, 0.0))))
 
 

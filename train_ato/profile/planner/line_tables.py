@@ -332,6 +332,16 @@ class PlaceLimits:
                 total += np.array(by_zone)[self._zones.at(front - behind)]
         return total
 
+    def electric_share(self, front: Array, speed: Array) -> Array:
+        """Return the share of the electric brake that acts at places of the front [m] and speeds [m/s]."""
+        zones, which = np.unique(self.zones_at(front[:, None] - self._train.behind), axis=0, return_inverse=True)
+        whole = np.maximum(self._train.electric, 1e-9)
+        shares = np.stack([self.available(tuple(zone))[1] / whole for zone in zones.tolist()])
+        column = np.minimum(speed / self._train.speed[1], whole.size - 1)
+        low = np.minimum(column.astype(int), whole.size - 2)
+        first, last = (shares[which.ravel(), low + k] for k in (0, 1))
+        return np.asarray(np.minimum(first + (column - low) * (last - first), 1.0))
+
     def _reserve(self, zones: Zones) -> Array:
         """Return the reserves of traction and brakes over the speed, shape (2, n)."""
         if zones not in self._reserves:
