@@ -328,6 +328,9 @@ def test_wrong_uses_are_refused_in_one_line():
         (lambda: ta.Env("xuzhou_metro", observe={"speed"}), "give names in a list"),
         (lambda: ta.linearise("xuzhou_metro", speed_kmh="60"), "speed_kmh '60'"),
         (lambda: ta.linearise("xuzhou_metro", speed_kmh=True), "speed_kmh True"),
+        (lambda: ta.linearise("xuzhou_metro", speed_kmh=60).response([0.0, 1.0]), "frequencies"),
+        (lambda: ta.linearise("xuzhou_metro", speed_kmh=60).response("a"), "frequencies"),
+        (lambda: ta.run("xuzhou_metro", on_tick=3), "on_tick 3: give a function"),
         (lambda: env.reset(options={"duration": 5}, seed=-1), "seed -1"),
         (lambda: ta.Env("xuzhou_metro", reward={"enrgy": 1.0}), "did you mean 'energy'"),
         (lambda: ta.Env("xuzhou_metro", reward={"energy": np.nan}), "not finite"),
@@ -396,7 +399,8 @@ def test_a_run_ends_when_its_caller_says_so():
 @pytest.mark.parametrize(
     ("on_tick", "text"),
     [(lambda obs: 1 / 0, r"ZeroDivisionError: division by zero, .*test_env.py:\d+"),
-     (lambda obs: [1.0], "not numbers by name"), (lambda obs: {"x": "y"}, "not numbers by name")],
+     (lambda obs: [1.0], "not numbers by name"), (lambda obs: {"x": "y"}, "not numbers by name"),
+     (lambda obs: {"x": np.zeros(2)}, "not numbers by name")],
 )  # fmt: skip
 def test_a_failure_of_on_tick_is_named(on_tick, text):
     """Breaks if the failure names a law, or the record up to it is lost."""

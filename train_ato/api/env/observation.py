@@ -353,6 +353,9 @@ class TickCalls:
     """
 
     def __init__(self, setup: RunSetup, on_tick: OnTick | None, stop_when: StopWhen | None) -> None:
+        for name, function in (("on_tick", on_tick), ("stop_when", stop_when)):
+            if not (function is None or callable(function)):
+                raise ValueError(f"{name} {function!r}: give a function of the observation")
         self._quantities, self._sight = observed(setup), Sight(setup)
         self._on_tick, self._stop_when = on_tick, stop_when
         self._known: Known | None = None
@@ -366,14 +369,15 @@ class TickCalls:
         values = {name: seen[quantity.part] for name, quantity in self._quantities.items()}
         if self._on_tick is not None and (signals := _answer("on_tick", self._on_tick, values)):
             loop.note(signal_texts(signals, "on_tick"))
-        self.stopped = self._stop_when is not None and bool(_answer("stop_when", self._stop_when, values))
+        self.stopped = self._stop_when is not None and _answer("stop_when", self._stop_when, values)
         return self.stopped
 
 
 def _answer(name: str, function: Callable[[dict[str, Array]], Any], values: dict[str, Array]) -> Any:
     """Call a function of the user; its error becomes a ValueError with file and line."""
     try:
-        return function(values)
+        answer = function(values)
+        return bool(answer) if name == "stop_when" else answer
     except Exception as error:
         raise ValueError(f"{name}: {type(error).__name__}: {error}{place_of(error)}") from error
 
@@ -389,7 +393,7 @@ def signal_texts(signals: Any, source: str) -> dict[str, str]:
     try:
         if wrong := [name for name in signals if not isinstance(name, str) or not name]:
             raise ValueError(f"the name {wrong[0]!r} is no text")
-        return {name: repr(float(value)) for name, value in signals.items()}
+        return {name: repr(float(np.asarray(value).item())) for name, value in signals.items()}
     except (AttributeError, TypeError, ValueError) as error:
         raise ValueError(f"{source}: signals {str(signals)[:60]} are not numbers by name ({error})") from None
 

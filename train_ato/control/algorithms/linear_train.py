@@ -87,15 +87,26 @@ class LinearTrain:
         Parameters
         ----------
         omega : Array, shape (frequencies,)
-            Frequencies [rad/s].
+            Frequencies [rad/s], not 0: a constant force moves the train without an end.
         braking
             True: with the delays in braking.
+
+        Raises
+        ------
+        ValueError
+            For a frequency that is 0 or no finite number.
         """
+        try:
+            frequencies = np.atleast_1d(np.asarray(omega, dtype=np.float64))
+        except (TypeError, ValueError):
+            frequencies = np.zeros(1)
+        if not (np.isfinite(frequencies).all() and frequencies.all()):
+            raise ValueError(f"response: omega {str(omega)[:60]}: give finite frequencies [rad/s] other than 0")
         late = self.delay_brake if braking else self.delay
         unit = np.eye(len(self.A))
         found = [
             (self.C @ np.linalg.solve(1j * w * unit - self.A, self.B) + self.D) * np.exp(-1j * w * late)
-            for w in np.atleast_1d(np.asarray(omega, dtype=np.float64))
+            for w in frequencies.ravel()
         ]
         return np.array(found)
 
