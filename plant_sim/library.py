@@ -7,15 +7,13 @@ from typing import Any
 
 from plant_sim.consist import Consist
 from plant_sim.data_text import parse_yaml
-from plant_sim.formats.fields import print_assumption
+from plant_sim.formats.fields import note_lost_keys
 from plant_sim.formats.reading import ReadConsist, ReadLine, read_line, read_train
 from plant_sim.input_error import build_model, close_match
 from plant_sim.line import AGAINST, Line
 
-NAMED = 6
-"""Number of the lost keys of a foreign file that a note names."""
-IDENTIFIERS = ("id", "ref", "version", "schema", "@language")
-"""Ends of the keys without a datum of the line or the train."""
+EVERY = ", see `train-ato convert`"
+"""Remedy of a note with a part of the lost keys."""
 
 
 def _folder(kind: str) -> Path:
@@ -91,14 +89,6 @@ def read_yaml(path: Path) -> Any:
         raise ValueError(f"{path}: {error}; correct the YAML there") from None
 
 
-def _note_loss(name: str, found: ReadConsist | ReadLine) -> None:
-    """Name the keys of a foreign file that have no effect, identifiers last; ``convert`` names all."""
-    lost = sorted(found.left_out, key=lambda key: key.lower().endswith(IDENTIFIERS))
-    if lost:
-        more = f" and {len(lost) - NAMED} more, see `train-ato convert`" if len(lost) > NAMED else ""
-        print_assumption(f"{name}: read as {found.format}; without effect: {', '.join(lost[:NAMED])}{more}")
-
-
 def load_consist(name: str, *, point_mass: bool = False) -> Consist:
     """Return a train by name or path, from a file of any supported format; lost keys are noted on stderr.
 
@@ -116,7 +106,7 @@ def load_consist(name: str, *, point_mass: bool = False) -> Consist:
         path = consist_path(name)
         return build_model(Consist, read_yaml(path), str(path))
     found = named_train(name, point_mass=point_mass)
-    _note_loss(name, found)
+    note_lost_keys(name, found.format, found.left_out, EVERY)
     return found.consist
 
 
@@ -186,5 +176,5 @@ def load_line(name: str) -> Line:
         path = line_path(name)
         return build_model(Line, read_yaml(path), str(path))
     found = named_line(name)
-    _note_loss(name, found)
+    note_lost_keys(name, found.format, found.left_out, EVERY)
     return found.line

@@ -132,9 +132,10 @@ def ttobench(folder: Path, rows: list[list[float | None]], **changes: Any) -> Pa
 ROWS: list[list[float | None]] = [[0, 0, 0, 0, 0], [3, 150, 170, 10, None], [5, None, None, 0, 0], [8, 500, 520, 0, 0]]
 
 
-def test_ttobench_journeys_are_read(tmp_path: Path) -> None:
-    """Breaks if units, null or a stop within the journey are read in another way."""
-    points = read_journey(str(ttobench(tmp_path, ROWS)), hills()).points
+def test_ttobench_journeys_are_read(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if units, null or a stop within the journey are read in another way, or a lost key is not noted."""
+    points = read_journey(str(ttobench(tmp_path, ROWS, length="m")), hills()).points
+    assert "without effect: timing points.units.length, metadata.library version\n" in capsys.readouterr().err
     assert [point.at for point in points] == [0, 3000, 5000, 8000]
     assert [point.stops for point in points] == [True, False, True, True]
     assert points[1].passing == TimeWindow(earliest=150, latest=170)

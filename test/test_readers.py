@@ -144,6 +144,9 @@ def test_one_of_several_paths_and_trains_is_chosen_by_name(tmp_path: Path) -> No
     for name, message in (("", r"holds 2 \(has p, b\)"), (":c", r"holds none with 'c' \(has p, b\)")):
         with pytest.raises(ValueError, match=rf"paths: {message}; name one as FILE:NAME, for example '.*:p'$"):
             load_line(f"{file}{name}")
+    file.write_text(yaml.safe_dump({"paths": [branch, branch | {"name": "b"}]}))
+    with pytest.raises(ValueError, match=r"holds 2 with 'b' \(has b, b\); give each an id of its own$"):
+        load_line(f"{file}:b")
     file.write_text(yaml.safe_dump(TRAIN | {"trains": [*TRAIN["trains"], {"name": "B", "formation": ["loco"]}]}))
     assert (len(find_train(f"{file}:B")[0].vehicles), len(load_consist(f"{file}:t").vehicles)) == (1, 3)
     with pytest.raises(ValueError, match=r"trains: holds 2 \(has t, B\); name one as FILE:NAME"):

@@ -236,6 +236,10 @@ def _shown(value: Any) -> str:
     return text if len(text) <= 60 else text[:60] + "..."
 
 
+NAMED = 6
+"""Number of the lost keys of a foreign file that a note names."""
+IDENTIFIERS = ("id", "ref", "version", "schema", "@language")
+"""Ends of the keys without a datum of the line or the train."""
 _printed: set[str] = set()
 
 
@@ -245,6 +249,14 @@ def print_assumption(text: str) -> None:
     if line not in _printed:
         _printed.add(line)
         sys.stderr.write(line + "\n")
+
+
+def note_lost_keys(place: str, form: str, lost: Iterable[str], remedy: str = "") -> None:
+    """Name the keys of a foreign file that have no effect, identifiers last; identifiers alone are no loss."""
+    keys = sorted(lost, key=lambda key: key.lower().endswith(IDENTIFIERS))
+    if keys and not keys[0].lower().endswith(IDENTIFIERS):
+        more = f" and {len(keys) - NAMED} more{remedy}" if len(keys) > NAMED else ""
+        print_assumption(f"{place}: read as {form}; without effect: {', '.join(keys[:NAMED])}{more}")
 
 
 def keys_not_carried(data: Any, carried: Iterable[str]) -> tuple[str, ...]:

@@ -240,11 +240,12 @@ def _selected(top: Fields, key: str, selection: str) -> Fields:
     found = [entry for entry in entries if selection in (entry.text("id", ""), entry.text("name", "")) or not selection]
     if len(found) == 1:
         return found[0]
-    names = [entry.text("id", entry.text("name", f"number {k + 1}")) for k, entry in enumerate(entries)]
+    names = [entry.text("id", entry.text("name", "")) for entry in entries]
     chosen = f" with '{selection[:60]}'" if selection else ""
+    apart = all(names) and len({*names}) == len(names)
+    remedy = f"name one as FILE:NAME, for example '{top.place}:{names[0]}'" if apart else "give each an id of its own"
     raise ValueError(
-        f"{top.place}: {key}: holds {len(found) or 'none'}{chosen} (has {', '.join(names)[:200]}); name one as "
-        f"FILE:NAME, for example '{top.place}:{names[0]}'"
+        f"{top.place}: {key}: holds {len(found) or 'none'}{chosen} (has {', '.join(names)[:200]}); {remedy}"
     )
 
 

@@ -17,7 +17,7 @@ from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
-from plant_sim.formats.fields import Fields, finite_number, read_data
+from plant_sim.formats.fields import Fields, finite_number, keys_not_carried, note_lost_keys, read_data
 from plant_sim.input_error import build_model
 from plant_sim.line import Line
 from plant_sim.si_model import SiModel, Source
@@ -130,6 +130,11 @@ COLUMNS = (
     ("upper speed constraint", SPEEDS),
 )
 
+CARRIED = ("metadata.id", "metadata.associated track", "timing points.values", *(
+    f"timing points.units.{column}" for column, _ in COLUMNS
+))  # fmt: skip
+"""Keys of a journey of TTOBench that are used."""
+
 
 def read_journey(name: str, line: Line) -> JourneyFile:
     """Return the journey in a file; every place must be on the line.
@@ -162,6 +167,7 @@ def read_journey(name: str, line: Line) -> JourneyFile:
 
 def _ttobench_journey(data: dict[str, Any], name: str, line: Line) -> JourneyFile:
     top = Fields(data, name)
+    note_lost_keys(name, "TTOBench", keys_not_carried(data, CARRIED))
     metadata = top.below("metadata") if "metadata" in top else Fields({}, f"{name}: metadata")
     track = metadata.text("associated track", line.name)
     if line.source.startswith("TTOBench") and track != line.name:
