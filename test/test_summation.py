@@ -65,7 +65,11 @@ BOUNDS = {
 BY_PROCESSOR = re.compile(r"np\.(dot|vdot|inner|convolve|correlate|poly|exp|sin|cos|tanh|linalg\.\w+)$").match
 """Functions of numpy with other last bits on other processors."""
 ELSEWHERE = {
-    "plant_sim/alignment.py": {"np.cos(heading + turn / 2)", "np.cos(latitude[0])", "np.sin(heading + turn / 2)"},
+    "plant_sim/alignment.py": {
+        "np.cos(heading + turn / 2)", "np.cos(latitude[0])", "np.sin(heading + turn / 2)", "np.sin(yaw)", "np.cos(yaw)",
+        "np.sin(pitch)", "np.cos(pitch)", "np.cos(self.heading)", "np.sin(self.heading)", "np.cos(self.slope)",
+        "np.sin(self.slope)",
+    },
     "train_ato/control/algorithms/linear_train.py": {
         "self.C @ np.linalg.solve(1j * w * unit - self.A, self.B)", "np.linalg.solve(1j * w * unit - self.A, self.B)",
         "np.exp(-1j * w * late)", "np.linalg.eigvals(self.A)",
