@@ -183,7 +183,7 @@ def test_hiding_a_kind_of_event_hides_its_marks_everywhere(page: Page) -> None:
 
 
 def test_runs_side_by_side_open_too(run: Path, tmp_path: Path) -> None:
-    """Breaks if the page of several runs causes an error in the browser."""
+    """Breaks if the page of several runs causes an error in the browser, or is wider than a phone."""
     other = drive(tmp_path, "other", "demo", *EVENTFUL, "--law=smc", "--set=duration=40")
     file = tmp_path / "both.html"
     assert main(["report", str(run), str(other), f"--out={file}"]) == 0
@@ -197,3 +197,5 @@ def test_runs_side_by_side_open_too(run: Path, tmp_path: Path) -> None:
         )
         assert {"eventful", "other"} <= set(legends)
         assert page.evaluate(AXES).count("coupler behind vehicle") == 2
+        page.open(file.as_uri(), width=390)
+        assert page.evaluate("document.documentElement.scrollWidth") == 390

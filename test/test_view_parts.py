@@ -27,6 +27,7 @@ from train_ato.view.feed import KEPT_S, Ending, Feed, Mark, Strip, ending_of
 from train_ato.view.live import WAITING_RATE
 from train_ato.view.overview import MAX_POINTS as POINTS_OF_OVERVIEW
 from train_ato.view.overview import WholeRun
+from train_ato.view.page import Along
 from train_ato.view.recorded import MAX_POINTS, RecordedFeed
 from train_ato.view.server import PageServer
 from train_ato.view.snapshot import (
@@ -179,6 +180,13 @@ def test_axes_of_the_forces_shrink_after_a_peak_and_never_clip():
     feed.show(moment(301.0, time=1.0, coupler=np.full(3, 500e3)))
     assert feed.frame.now["coupler_reach"][0] > 500.0
     assert feed.frame.number == 4
+
+
+def test_the_page_opens_with_the_forces_of_the_first_frame():
+    """Breaks if the columns of couplers and shoes share one array: the page of a log opened without coupler forces."""
+    forces = Along(LINE, {})
+    forces.show({"coupler": np.array([12.0, -340.0, 0.0]), "shoe": np.array([0.0, 1.0, 2.0])})
+    assert [forces.source.data[name].tolist() for name in ("coupler", "shoe")] == [[12.0, -340.0, 0.0], [0.0, 1.0, 2.0]]
 
 
 def test_the_page_closes_slow_connections_at_the_end():

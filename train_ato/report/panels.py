@@ -263,7 +263,7 @@ def _colour_bar(mapper: LinearColorMapper, title: str) -> ColorBar:
         major_label_text_font=FONT,
         major_label_text_font_size="11px",
         height=10,
-        width=420,
+        width=250,  # fits a phone
         location="top_left",
         padding=4,
         background_fill_color=None,

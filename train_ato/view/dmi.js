@@ -124,7 +124,7 @@ window.dmi = {
       pen.fillStyle = strong ? colour.soft : colour.grid;
       pen.fillRect(left, level(metres), width - left, 1);
       pen.fillStyle = colour.soft;
-      if (strong) pen.fillText(metres, left - 6, level(metres));
+      if (strong) pen.fillText(share ? metres : "0 m", left - 6, level(metres));
     }
     this.drawPoints(pen, left, pasp, width, front, range, level);
   },

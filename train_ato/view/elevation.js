@@ -97,9 +97,11 @@ window.elevation = {
   },
   drawAxis(pen, dmi, across, begin, end, height) {
     const step = [100, 200, 500, 1000, 2000, 5000].find(size => (end - begin) / size <= 7) || 10000;
-    pen.textAlign = "center";
     pen.fillStyle = dmi.colour.soft;
+    pen.textAlign = "right";
+    pen.fillText("km", across(begin) - 6, height - 7);
+    pen.textAlign = "center";
     for (let place = Math.ceil(begin / step) * step; place <= end; place += step)
-      pen.fillText(`${place / 1000}${step >= 1000 ? " km" : ""}`, across(place), height - 7);
+      pen.fillText(place / 1000, across(place), height - 7);
   },
 };

@@ -217,8 +217,8 @@ class Along:
 
     def __init__(self, facts: Facts, tools: dict[str, Any]) -> None:
         n = facts.layout.n_vehicles
-        zeros = np.zeros(n, dtype=np.float32)
-        self.source = ColumnDataSource({"vehicle": np.arange(n), "coupler": zeros, "shoe": zeros})
+        zeros = np.zeros((2, n), dtype=np.float32)  # an array for each column, because `patch` writes into it
+        self.source = ColumnDataSource({"vehicle": np.arange(n), "coupler": zeros[0], "shoe": zeros[1]})
         self._count = n
         span = Range1d(n - 0.4, -0.6)
         self.reach = Range1d(-MIN_REACH, MIN_REACH)

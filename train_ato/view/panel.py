@@ -95,7 +95,7 @@ class Panel:
         gust.on_click(lambda: self._feed.controls.call("gust", self._say))
         jump = Button(label="delay jump", width=92, name="delay_jump", stylesheets=[WIDGETS])
         jump.on_click(lambda: self._feed.controls.call("delay_jump", self._say))
-        force = self._spinner("gust.acceleration", "acceleration [m/s²]", -1.0, 1.0, 0.005)
+        force = self._spinner("gust.acceleration", "size [m/s²]", -1.0, 1.0, 0.005)
         duration = self._spinner("gust.duration", "duration [s]", 0.5, 3600.0, 1.0)
         add = self._spinner("delay_jump.add", "added delay [s]", -60.0, 60.0, 0.1)
         factor = self._spinner("delay_jump.factor", "delay factor", 0.0, 1000.0, 0.1)
