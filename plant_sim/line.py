@@ -227,7 +227,7 @@ class CategoryLimits(SiModel):
         None, description="figures that a train needs; a train of no category of the line takes the first that it meets"
     )
     speed_limits: tuple[SpeedLimit, ...] = Field(
-        min_length=1, description="speed limits by rising place", examples=[[{"at": 0.0, "speed": 22.0}]]
+        min_length=1, description="speed limits in the order of their places", examples=[[{"at": 0.0, "speed": 22.0}]]
     )
 
     @model_validator(mode="after")
@@ -272,9 +272,10 @@ class Line(SiModel):
         "places may then be written as 12+345, and are shown so",
         examples=[[{"begin": 84500.0, "end": 80200.0}, {"begin": 80250.0, "end": 77000.0}]],
     )
-    grades: tuple[Grade, ...] = Field((), description="grades by rising place; level before the first")
+    grades: tuple[Grade, ...] = Field((), description="grades in the order of their places; level before the first")
     vertical_curves: tuple[VerticalCurve, ...] = Field(
-        (), description="roundings of changes of grade by rising place; default: a change is at once"
+        (),
+        description="rounded changes of grade in the order of their places; default: every grade changes at one place",
     )
     curves: tuple[Curve, ...] = ()
     tunnels: tuple[Tunnel, ...] = Field(
@@ -282,7 +283,7 @@ class Line(SiModel):
         description="tunnels in any order",
         examples=[[{"begin": 1200.0, "end": 1500.0, "resistance_n_per_kn": 1.5}]],
     )
-    speed_limits: tuple[SpeedLimit, ...] = Field((), description="speed limits by rising place")
+    speed_limits: tuple[SpeedLimit, ...] = Field((), description="speed limits in the order of their places")
     category_limits: tuple[CategoryLimits, ...] = Field(
         (),
         description="speed limits by category or figures of a train; the first of its categories decides",
@@ -293,10 +294,10 @@ class Line(SiModel):
         (), description="limits of the traction power", examples=[[{"begin": 1200.0, "end": 1500.0, "power": 3e6}]]
     )
     adhesion: tuple[AdhesionSection, ...] = ()
-    stops: tuple[Stop, ...] = Field((), description="stopping points by rising place")
+    stops: tuple[Stop, ...] = Field((), description="stopping points in the order of their places")
     coordinates: tuple[Coordinate, ...] = Field(
         (),
-        description="coordinates by rising place, at least two, for displays",
+        description="coordinates in the order of their places, at least two, for displays",
         examples=[
             [{"at": 0.0, "latitude": 48.14, "longitude": 11.56}, {"at": 12e3, "latitude": 48.22, "longitude": 11.63}]
         ],

@@ -36,7 +36,9 @@ class Start(SiModel):
     speeds: tuple[Speed, ...] | None = Field(
         None, description="speed of every vehicle, front first, in place of speed", examples=[(20.0, 20.0)]
     )
-    any_order: bool = Field(False, description="accept any order of the vehicles, as points without length")
+    any_order: bool = Field(
+        False, description="vehicles are points without length, and a train may begin in any order of them"
+    )
 
     @model_validator(mode="after")
     def _front_first(self) -> Start:

@@ -244,7 +244,7 @@ class RunMode:
             raise ValueError(f"{wrong}: the external plant is the source of time; remove it")
 
     def check_setup(self, setup: RunSetup, dash: str = "") -> None:
-        """Refuse restarts without supervision, as nothing stops the train meanwhile, and an absent external node."""
+        """Refuse an absent external node, and restarts without supervision: nothing would stop the train meanwhile."""
         if self.mode == "engine" and setup.layout.behind and not setup.ahead:
             leader = setup.scenario.leader
             assert leader is not None

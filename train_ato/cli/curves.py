@@ -17,7 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--at-km", type=float, metavar="KM",
-        help="end of authority on the line of a scenario [km] (default: last stop of the line, or its end)",
+        help="end of authority of a scenario [km] (default: last stop of the line, or its end)",
     )  # fmt: skip
     parser.add_argument(
         "--max-speed-kmh", type=float, metavar="V",

@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--out",
         type=Path,
         metavar="DIR",
-        help="folder; one of the same search is continued (default: runs/falsify-NAME-N)",
+        help="folder; a search that is already there is continued (default: runs/falsify-NAME-N)",
     )
     parser.add_argument("--strict", action="store_true", help="exit status 1 if the requirement was broken")
 

@@ -29,7 +29,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="YAML file with scenario, design, over and set; or the folder of a sweep, to continue it",
     )
     parser.add_argument(
-        "--out", type=Path, metavar="DIR", help="folder; one of the same sweep is continued (default: runs/sweep-N)"
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="folder; a sweep that is already there is continued (default: runs/sweep-N)",
     )
     parser.add_argument("--jobs", type=int, metavar="N", help="local worker processes (default: one for each core)")
     parser.add_argument(

@@ -66,7 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--out",
         type=Path,
         metavar="DIR",
-        help="folder; one of the same search is continued (default: runs/tune-NAME-N)",
+        help="folder; a search that is already there is continued (default: runs/tune-NAME-N)",
     )
 
 

@@ -53,10 +53,10 @@ def reduced(topic: str, values: dict[str, Array], units: list[int], *, vehicles:
     Returns
     -------
     dict of Array
-        Truth: position and velocity of the first (``front_``) and the last vehicle (``rear_``) and of the power units
-        (``unit_``), and the coupler forces of :class:`Recording`: extremes for several vehicles, samples for more than
-        three.  Disturbance: ``unit_force``, and ``total`` if not every vehicle is a power unit.  Shoe force:
-        ``total``.  Other topics: unchanged.
+        The true states have position and velocity of the first vehicle (``front_``), the last one (``rear_``) and the
+        power units (``unit_``).  They have the extremes of the coupler forces for several vehicles, and also samples
+        for more than three.  The disturbance has ``unit_force``, and ``total`` if not every vehicle is a power unit.
+        The shoe force has ``total``.  Other topics are unchanged.
     """
     kept: dict[str, Array] = {}
     if topic not in (TRUTH, DISTURBANCE, BRAKE_SHOES):

@@ -219,9 +219,9 @@ class ObserverShoes:
 
 
 def envelope_arrays(model: TrainModel) -> tuple[Array, Any]:
-    """Return the segments of all envelopes, shape (segments, 4), and those of every unit, shape (units, 4).
+    """Return the segments of all envelopes, shape (segments, 4), and their ranges in it, shape (units, 4).
 
-    The latter are first segment and end of brake and of traction.
+    The row of a unit has the first segment and the end of its brake, then those of its traction.
     """
     segments, bounds, end = [np.zeros((0, 4))], [], 0
     for brake, traction in zip(model.brake, model.traction, strict=True):

@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 from plant_sim.input_error import build_model
 from plant_sim.library import read_yaml, split_name
 from plant_sim.si_model import SiModel, Source, Summary
-from plant_sim.units import Length, Place, Speed, Usual
+from plant_sim.units import Length, Number, Place, Speed, Usual
 from train_ato.scenario.overlays import RefusedScenario, assign, caused_by, overlay
 from train_ato.scenario.scenario import FOLLOWING, raw_scenario, shipped_following
 
@@ -44,18 +44,21 @@ class FollowingCriteria(SiModel):
     """Requirements on every train behind another one; contacts are never permitted."""
 
     headway_error: Annotated[Length | None, Usual(0.05, 5e3)] = Field(
-        None, ge=0, description="largest distance from the place of the train ahead one headway before", examples=[2.0]
+        None,
+        ge=0,
+        description="largest position error; a train should be where the train ahead was one headway earlier",
+        examples=[2.0],
     )
     headway_error_rms: Annotated[Length | None, Usual(0.005, 5e3)] = Field(
-        None, ge=0, description="root mean square of the same distance", examples=[0.7]
+        None, ge=0, description="root mean square of the position error", examples=[0.7]
     )
     headway_speed_error: Speed | None = Field(
         None,
         ge=0,
-        description="largest difference from the speed of the train ahead one headway before",
+        description="largest speed error; a train should be as fast as the train ahead was one headway earlier",
         examples=[0.2],
     )
-    speed_amplification: float | None = Field(
+    speed_amplification: Number | None = Field(
         None,
         ge=0,
         description="largest deviation of the speed from the own profile, by that of the train ahead: with 1 no "

@@ -61,7 +61,9 @@ class LeaderSpec(SiModel):
         "absolute",
         description="moving end of authority: safe rear of the train ahead, or this plus its shortest stop; null: none",
     )
-    timeout: Time = Field(5.0, gt=0, description="age of the newest report from which its shortest stop does not count")
+    timeout: Time = Field(
+        5.0, gt=0, description="largest age of the newest report; with an older one the shortest stop does not count"
+    )
     rear_margin: Place = Field(10.0, ge=0, description="distance from the safe rear to the end of authority")
 
     @field_validator("train")

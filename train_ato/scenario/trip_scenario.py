@@ -97,7 +97,7 @@ def trip_scenario(plan: TripPlan, name: str, profile: str, base: str | None, pla
 
 
 def _other_plant(base: str, plant: dict[str, Any]) -> dict[str, Any]:
-    """Return the plant of a plan for another train or line than those of its base; empty for the same ones."""
+    """Return the keys of the plant in which a plan differs from its base; empty if train and line are equal."""
     former = raw_scenario(base)[1].get("plant", {})
     different = {key: value for key, value in plant.items() if former.get(key) != value}
     return {"plant": different} if different else {}

@@ -32,7 +32,7 @@ class GymnasiumEnv(gymnasium.Env):  # type: ignore[misc]  # without types where 
     """The environment of a scenario with the spaces and the seeds of Gymnasium.
 
     The force of a step is relative to the envelope, from -1 to 1 for every power unit. The observation has the bounds
-    of train and line. ``reset(seed=7)`` drives the run with the seed 7; without a seed the next one of ``np_random``.
+    of train and line. ``reset(seed=7)`` drives the run with the seed 7. Without a seed it takes one from ``np_random``.
 
     Parameters
     ----------

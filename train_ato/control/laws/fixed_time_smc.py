@@ -24,7 +24,8 @@ also in the forces of the couplers, and d_hat is not used. Default: measured x a
 The graph of the paper is the chain of the train; the law takes the states of the neighbours from the message of the
 plant, there are no links between the cars.
 
-The gain 50 of the paper settles 108 m in 0.06 s at 1.6e10 m/s²; gains of 1.7-2 give its 1.7 s and still need 2e6 m/s².
+The gain 50 of the paper settles 108 m in 0.06 s and needs 1.6e10 m/s². The paper states 1.7 s: gains from 1.7 to 2 give
+this time and still need 2e6 m/s².
 A real train (0.5 m/s², lag, delay) needs 0.3 with `eso`, and is unstable from 0.6 s of delay on: see `lag_smc`.
 ``equivalent: feedforward`` is for such trains: the feed-forward replaces x_r'' and -known, and the inertia of the train
 that of the vehicle.

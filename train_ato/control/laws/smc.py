@@ -29,8 +29,8 @@ Corrections and additions:
 
 Gains of the model: with ``equivalent: feedforward`` (22) is near S = 0 the loop kp = l1 + ks, ki = l2 + ks l1 with an
 integral of ks l2. From the kp of `pid` on the same train, ks = kp/4, l1 = 3 kp/4 and l2 = l1²/16 give ki = .22 kp²
-(`pid`: .25 kp²) and an integral six times slower than the loop. The switching terms have kappa = .1 kp and phi = 1 m/s,
-a tenth of kp at the most, and xi = .01 kp, a twentieth at S = 1 m/s: nothing chatters.
+(`pid`: .25 kp²) and an integral six times slower than the loop. The switching terms have kappa = .1 kp, phi = 1 m/s and
+xi = .01 kp. kappa adds at most a tenth of kp, and xi a twentieth at S = 1 m/s. So the command does not chatter.
 
 Needs: with ``equivalent: measured`` the force of every coupler beside a power unit, from a sensor or from a linear
 spring without slack between two units; the error message names the missing couplers, and compensations that give only a

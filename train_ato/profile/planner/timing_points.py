@@ -111,7 +111,7 @@ class JourneyFile(SiModel):
     name: str = Field(max_length=100, description="name in lists and reports", examples=["metro_morning"])
     source: Source = ""
     points: tuple[TimingPoint, ...] = Field(
-        description="timing points by rising place",
+        description="timing points in the order of their places",
         examples=[[{"at": 0.0, "stop": True}, {"at": 12e3, "arrival": {"latest": 900.0}}]],
     )
 
