@@ -16,7 +16,7 @@ from two_hosts import HOSTS, two_hosts  # noqa: F401
 from waiting import LIMIT_S, pause, wait_for
 
 import train_ato as ta
-from train_ato.judge.recording import COMMAND, MEASUREMENT, REFERENCE, TRUTH
+from train_ato.judge.recording import COMMAND, LOST_KEY, MEASUREMENT, REFERENCE, TRUTH
 from train_ato.judge.result import RunResult, completed_summary
 from train_ato.judge.run_end import RunEnd
 from train_ato.judge.series import TopicSamples
@@ -29,6 +29,7 @@ from train_ato.log.recorded import open_recording
 from train_ato.log.recover import recover
 from train_ato.log.run_folder import RunFolder, read_summary
 from train_ato.loop.engine import run_engine
+from train_ato.messages.types import Diagnostic
 from train_ato.scenario.scenario import load_scenario
 from train_ato.scenario.setup import prepare
 
@@ -80,6 +81,17 @@ def test_a_command_missing_at_the_end_is_no_tracked_run(whole):
     assert found["tracking"] == "no command"
     assert found["tracking_findings"][0]["value"] == pytest.approx(15.0)
     assert found["tracking_findings"][0]["text"] == "none in the last 15 s; 50 of 200 ticks had one"
+
+
+def test_commands_that_a_train_without_its_controller_does_not_take_do_not_count(whole):
+    """Breaks if the commands of a second publisher count as commands: the train has braked without them."""
+    setup, recording = whole
+    reports = [
+        Diagnostic(round(time * 1e9), "plant", 0, "", {LOST_KEY: text} if text else {})
+        for time, text in ((0.0, ""), (2.0, "node controller: killed"), (3.0, ""), (5.0, "node controller: a second"))
+    ]
+    found = tracking_summary(setup, replace(recording, kept_reports=tuple(reports)))["tracking_findings"]
+    assert found[0]["text"] == "none in the last 15 s; 50 of 200 ticks had one"
 
 
 def test_a_pause_of_the_commands_is_no_tracked_run(whole):

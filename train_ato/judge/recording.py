@@ -27,6 +27,8 @@ BRAKE_PIPE_TAIL = "train/brake_pipe_tail"
 REFERENCE, ESTIMATE, COMMAND = "ato/reference", "ato/estimate", "ato/command"
 SUPERVISED_SPEEDS, ATO_STATE = "atp/speeds", "ato/state"
 PROFILE, LIMITS, DIAGNOSTICS = "ato/profile", "ato/limits", "/diagnostics"
+LOST_KEY = "lost"
+"""Key in the diagnostics of the plant: nodes without an answer, whose messages it does not take, and the reason."""
 
 FIELDS: dict[str, dict[str, str]] = {
     topic.name: fields
@@ -173,9 +175,15 @@ class Recording:
 
     @cached_property
     def commanded(self) -> NDArray[np.bool_]:
-        """True for the ticks with a command of their own, shape (k,)."""
+        """True for the ticks with a command of their own that the train has taken, shape (k,)."""
         found = self.of(COMMAND, "force")
-        return np.isin(self.time, () if found is None else found[0])
+        sent = np.isin(self.time, () if found is None else found[0])
+        since = math.inf  # of the loss of the controller that ended the run
+        for report in self.changed_reports:
+            if report.node == "plant":
+                lost = "controller" in report.values.get(LOST_KEY, "").partition(":")[0]
+                since = min(since, report.stamp * 1e-9) if lost else math.inf
+        return sent & (self.time < since)
 
     def _reference(self, place: int) -> Array:
         """Return position, speed or acceleration of the reference at every tick, shape (k,)."""

@@ -15,6 +15,7 @@ from plant_sim.plant_setup import Jump
 from plant_sim.states import Observation
 from plant_sim.traction import FullServiceBrake
 from plant_sim.train import Train
+from train_ato.judge.recording import LOST_KEY
 from train_ato.loop.inputs import StageInputs
 from train_ato.loop.stage_messages import PlantMessages, PlantTruth, diagnostics_due
 from train_ato.loop.train_ahead import ReportRadio, ReportSender
@@ -153,8 +154,8 @@ TOTALS: tuple[tuple[str, str], ...] = (
     ("energy_outside", "outside"), ("energy_kinetic", "kinetic"), ("saturated", "saturated_any"),
 )  # fmt: skip
 """Key in the diagnostics of the plant, and attribute of the totals of the train [SI]."""
-LOST_KEY, RESTARTS_KEY = "lost", "restarts"
-"""Keys in the diagnostics of the plant: nodes without an answer; numbers of restarts by node, as a JSON object."""
+RESTARTS_KEY = "restarts"
+"""Key in the diagnostics of the plant: numbers of restarts by node, as a JSON object."""
 STANDSTILL = 0.05
 """Maximum speed of every vehicle for a release of the emergency brake [m/s]."""
 

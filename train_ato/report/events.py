@@ -12,9 +12,9 @@ from plant_sim.disturbances import Gust, Paper001, TravellingLoad, UnmodelledGra
 from plant_sim.plant_setup import TrainSeparation
 from train_ato.control.assurance import BRAKING_LAW
 from train_ato.judge.protection_record import REACTIONS, StateSpan, state_spans
-from train_ato.judge.recording import BRAKE_PIPE_COMMAND, REFERENCE, Recording
+from train_ato.judge.recording import BRAKE_PIPE_COMMAND, LOST_KEY, REFERENCE, Recording
 from train_ato.judge.tracking import time_at_force_limit
-from train_ato.loop.plant import LOST_KEY, RESTARTS_KEY
+from train_ato.loop.plant import RESTARTS_KEY
 from train_ato.loop.profile import REJOINED
 from train_ato.messages.faults import SlowFault, message_faults, node_faults
 from train_ato.messages.types import Array, AtoState, Diagnostic, Protection
