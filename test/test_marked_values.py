@@ -279,3 +279,11 @@ def test_every_column_of_a_recorder_is_used_or_refused(tmp_path: Path, columns: 
     assert used >= len(values) - 1
     with pytest.raises(ValueError, match="unknown column 'door'"):
         read(values | {"door": time})
+
+
+@pytest.mark.parametrize("key", sorted(UNIT_TRAIN.keys() - {"metadata", "num seats", "tunnel resistance"}))
+def test_a_key_beside_unit_and_value_is_named(tmp_path: Path, key: str) -> None:
+    """Breaks if a train of TTOBench carries all that is below a quantity, such as its range."""
+    data = UNIT_TRAIN | {key: UNIT_TRAIN[key] | {"range": 3}}
+    (tmp_path / "train.json").write_text(json.dumps(data))
+    assert f"{key}.range" in read_train(tmp_path / "train.json").left_out

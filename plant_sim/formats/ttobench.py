@@ -204,10 +204,16 @@ BRAKED_GRADE = 0.05
 OVERSPEED = 1.05
 """End of the brake envelope over the largest speed."""
 CARRIED_TRAIN = (
-    "metadata.id", "length", "mass", "rho", "max traction power", "max reg braking power", "max traction force",
-    "max reg braking force", "max pn braking force", "max speed", "rolling resistance r0", "rolling resistance r1",
-    "rolling resistance r2", "tunnel resistance", "ETCS braking data.A_brake_emergency", "ETCS braking data.T_be",
-    "max acceleration", "max deceleration", "efficiency traction", "efficiency reg brake",
+    "metadata.id",
+    *(f"{key}.{part}" for part in ("unit", "value") for key in (
+        "length", "mass", "rho", "max traction power", "max reg braking power", "max traction force",
+        "max reg braking force", "max pn braking force", "max speed", "rolling resistance r0", "rolling resistance r1",
+        "rolling resistance r2", "ETCS braking data.T_be", "max acceleration", "max deceleration",
+        "efficiency traction", "efficiency reg brake",
+    )),
+    *(f"{key}.{part}" for part in ("units", "values") for key in (
+        "tunnel resistance", "ETCS braking data.A_brake_emergency",
+    )),
 )  # fmt: skip
 """Keys of a train that the consist carries."""
 
