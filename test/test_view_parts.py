@@ -27,7 +27,7 @@ from train_ato.view.feed import KEPT_S, Ending, Feed, Mark, Strip, ending_of
 from train_ato.view.live import WAITING_RATE
 from train_ato.view.overview import MAX_POINTS as POINTS_OF_OVERVIEW
 from train_ato.view.overview import WholeRun
-from train_ato.view.page import Along
+from train_ato.view.page import Along, _summary
 from train_ato.view.recorded import MAX_POINTS, RecordedFeed
 from train_ato.view.server import PageServer
 from train_ato.view.snapshot import (
@@ -187,6 +187,13 @@ def test_the_page_opens_with_the_forces_of_the_first_frame():
     forces = Along(LINE, {})
     forces.show({"coupler": np.array([12.0, -340.0, 0.0]), "shoe": np.array([0.0, 1.0, 2.0])})
     assert [forces.source.data[name].tolist() for name in ("coupler", "shoe")] == [[12.0, -340.0, 0.0], [0.0, 1.0, 2.0]]
+
+
+def test_the_page_of_a_log_names_every_law(tmp_path):
+    """Breaks if the table beside the display has only the first law of a run."""
+    changes = ("duration=5", "law_changes=[{at: 2, law: smc}]")
+    run = record_run(prepare(*load_scenario("demo", changes)), tmp_path / "run")
+    assert "pid → smc at 2 s" in _summary(RecordedFeed(run))
 
 
 def test_the_page_closes_slow_connections_at_the_end():

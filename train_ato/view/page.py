@@ -36,6 +36,7 @@ from plant_sim.units import KMH
 from train_ato.judge.result import completed_summary
 from train_ato.messages.types import Array
 from train_ato.report.summary_rows import SUPERVISION, run_groups
+from train_ato.report.words import driven_laws
 from train_ato.report.writing import short_clock
 from train_ato.view.display import Ahead, Strips, add_hover, dial, force_bar, tick_columns
 from train_ato.view.facts import Facts, ProfileCurve
@@ -128,11 +129,14 @@ class PlaybackControls:
 def _summary(feed: RecordedFeed) -> str:
     """Return the figures of the run as a table."""
     summary = completed_summary(feed.recording)
-    entries = [(words, str(summary[key])) for key, words in NAMES.items() if summary.get(key) is not None]
+    told = summary | ({"controller": driven_laws(summary)} if summary.get("controller") else {})
+    entries = [(words, str(told[key])) for key, words in NAMES.items() if told.get(key) is not None]
     for title, figures in run_groups(summary):
         if title in FIGURES:
             entries += [(row.words, f"{texts[0]} {row.unit}") for row, texts in figures if texts[0] != "–"]
-    rows = "".join(f"<tr><td>{words}</td><td>{html.escape(text)}</td></tr>" for words, text in entries)
+    rows = "".join(
+        f"<tr><td>{words}</td><td style='white-space:normal'>{html.escape(text)}</td></tr>" for words, text in entries
+    )
     return f"<table style='width:100%;font-size:12px;line-height:1.6;white-space:nowrap'>{rows}</table>"
 
 
