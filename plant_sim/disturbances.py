@@ -75,7 +75,7 @@ class _TimeFunction(_Source):
     """Base of the kinds that are functions of time."""
 
     shift: Time | None = Field(
-        None, description="time by which the disturbance acts later, < 0 earlier; default: 0", examples=[30.0]
+        None, description="delay of the whole disturbance; < 0: it acts earlier; default: 0", examples=[30.0]
     )
 
     def local(self, t: Array) -> Array:

@@ -147,23 +147,25 @@ class OdometrySpec(SiModel):
 class Mismatch(SiModel):
     """Difference between the plant and the data of the train."""
 
-    mass_scale: Number = Field(1.0, gt=0, description="mass of the plant over that of the data", examples=[1.1])
+    mass_scale: Number = Field(1.0, gt=0, description="factor on the mass in the data of the train", examples=[1.1])
     resistance_scale: Number = Field(
-        1.0, ge=0, description="running resistance of the plant over that of the data", examples=[1.1]
+        1.0, ge=0, description="factor on the running resistance in the data of the train", examples=[1.1]
     )
     traction_scale: Number = Field(
-        1.0, ge=0, description="traction envelope of the plant over that of the data", examples=[1.1]
+        1.0, ge=0, description="factor on the traction envelope in the data of the train", examples=[1.1]
     )
     electric_brake_scale: Number = Field(
-        1.0, ge=0, description="electric brake envelope of the plant over that of the data", examples=[1.1]
+        1.0, ge=0, description="factor on the electric brake envelope in the data of the train", examples=[1.1]
     )
     brake_scale: Number = Field(
         1.0,
         ge=0,
-        description="forces of the shoes or of the friction emergency brake over those of the data",
+        description="factor on the forces of the shoes or of the friction emergency brake in the data of the train",
         examples=[1.1],
     )
-    actuator_gain: Number = Field(1.0, ge=0, description="force over command of every unit", examples=[1.1])
+    actuator_gain: Number = Field(
+        1.0, ge=0, description="factor of every unit from its command to its force", examples=[1.1]
+    )
     gears: dict[str, DraftGear | str] = Field(
         default_factory=dict,
         description="draft gears by name and their replacements: a gear, or the name of one of the consist",

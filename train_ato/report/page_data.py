@@ -117,7 +117,7 @@ class HeatMap:
         return MAX_CODE * self.unit
 
     def scaled(self, largest: float) -> "HeatMap":
-        """Return the same values on a scale with another value of the largest code."""
+        """Return the map with another scale, on which the largest code has the value ``largest``."""
         unit = largest / MAX_CODE
         codes = np.rint(np.clip(self.codes * (self.unit / unit), -MAX_CODE, MAX_CODE)).astype(np.int8)
         return HeatMap(np.where(self.codes == NO_CODE, np.int8(NO_CODE), codes), unit, self.begin, self.end)

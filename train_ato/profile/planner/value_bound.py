@@ -83,7 +83,7 @@ def _at(row: Array, energy: float, width: float, last: int) -> Any:
 
 @compiled
 def _braking_rate(table: Array, energy: float, reach: float, line: float, service: float, width: float) -> Any:
-    """Return an upper bound of the decrease of E over the place within ``reach`` of an E [m/s²]."""
+    """Return an upper bound of the decrease of E per metre [m/s²], for values within ``reach`` of ``energy``."""
     drag = table[RESISTANCE, min(_number(energy + reach, width) + 1, table.shape[1] - 1)] + line
     brake = _largest(table[STOPPING], energy - reach, energy + reach, width)
     return max(min(service, brake + drag), drag, 1e-6)
