@@ -39,6 +39,8 @@ from train_ato.scenario.setup import RunSetup
 DOMAIN_STREAM = 33
 """Second seed of the draw of a domain, beside the seed of the run."""
 NS = 1e-9
+CROWDED = 100
+"""Steps in one thread after another thread with a train has waited for a processor, as long as hundreds of steps."""
 
 
 class _Train:
@@ -206,7 +208,7 @@ class VectorEnv:
         self._states, self._found = np.zeros((n, DIRECTION + 1)), np.zeros((n, sight.size))
         self._limits = [self._found[:, part] for part in self._parts_of(("force_min", "force_max"))]
         self._rewards, self._who = np.zeros(n), np.zeros(n, dtype=np.int64)
-        self._shared, self._alone = np.zeros((2, 3), dtype=np.int64)
+        (self._shared, self._alone), self._crowded = np.zeros((2, 3), dtype=np.int64), 0
         self._outputs = (
             np.array([self._weights.get(cost, 0.0) for cost in PER_TICK]), self._results, self._costs, self._memories,
             self._states, self._found, self._rewards, np.zeros((n, 3 + units)),
@@ -422,12 +424,15 @@ class VectorEnv:
         """Run the compiled ticks of a step in the threads; return the number of trains with a compiled next tick."""
         if not self._compiled:
             return 0
-        if self._compiled > 1:
+        shared = self._alone if self._crowded else self._shared
+        self._crowded = max(self._crowded - 1, 0)
+        if shared is self._shared and self._compiled > 1:
             _wake(self._threads[0])
-        self._step(self._rows, self._compiled, *self._common)
-        while self._shared[UNDONE]:
-            time.sleep(1e-4)  # another thread with a train waits for a processor
-        return int(self._shared[GOING_ON])
+        self._step(self._rows, self._compiled, self._who, shared, self._ticks, NS, *self._outputs)
+        while shared[UNDONE]:
+            time.sleep(1e-4)
+            self._crowded = CROWDED
+        return int(shared[GOING_ON])
 
     def _run_alone(self, number: int, ticks: int) -> None:
         """Run compiled ticks of one train."""
@@ -494,9 +499,9 @@ class VectorEnv:
         if self._rows is None:
             plain = isinstance(row, tuple)  # without the compiler
             self._rows = [row] * self.num_envs if plain else np.zeros((self.num_envs, len(row)), int)
-            self._common = self._who, self._shared, self._ticks, NS, *self._outputs
-            self._step = reader_of(step_trains, arguments, self._rows, 0, *self._common)
-            take_part = partial(self._step, self._rows, 0, *self._common)
+            common = self._rows, 0, self._who, self._shared, self._ticks, NS, *self._outputs
+            self._step = reader_of(step_trains, arguments, *common)
+            take_part = partial(self._step, *common)
             for _ in range(0 if plain else self._others):
                 Thread(target=_work, args=(take_part, *self._threads), daemon=True).start()
         self._rows[number] = row
