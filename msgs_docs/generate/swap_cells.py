@@ -41,16 +41,17 @@ REASONS: dict[tuple[str, str], str] = {
     ("xuzhou_metro", "standstill"): (
         "No command that keeps the bound has less than 0.0142 m/s at this departure, by a linear programme."
     ),
-    ("crh380a_gpc:short", "standstill"): (
-        "The law commands all units for their mean delay, and the early change before the departure takes the delay of "
-        "each one. The train then has 4.2 kN s too little, which is 0.0095 m/s."
+    ("xuzhou_metro", LAST): (
+        "The command of `rbf_smc` swings, and its mean in the last 0.3 s, 1.2 kN beyond the force of the profile, "
+        "counts as a force that lasts. A change 0.2 s later has 0.0327 m."
     ),
     ("crh380a_gpc:short", "acceleration"): (
         "The old law holds 73.4, 45.8 and 64.7 kN in the units, the new one 69, 46 and 69 kN. With delays of 1.0, 1.1 "
         "and 1.2 s the train has 4.4 kN too little for 0.2 s."
     ),
-    **dict.fromkeys(
-        [("xuzhou_metro", LAST), ("daqin_heavy_haul", LAST), ("crh380a_gpc:short", LAST)], "The cause is not known."
+    ("crh380a_gpc:short", LAST): (
+        "The position error is 3 mm at the change and 11 mm after its reference has joined the profile. The standstill "
+        "adds 17 mm, as it does to the new law alone."
     ),
 }
 """Measured reason of the cells beyond twice the error, by scenario and place."""

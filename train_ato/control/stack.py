@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from plant_sim.elementary import total_of_units
+from plant_sim.elementary import dot_of, total_of_units
 from plant_sim.record import zeros
 from train_ato.control.command_history import CommandHistory
 from train_ato.control.command_hold import CommandHold, command_at_standstill, profile_at_standstill, stands
@@ -474,7 +474,9 @@ class ControlStack:
         if not transition.is_bounded or (self._brakes_by_air() and not rests):
             return self._last
         model, ticks, last = self.model, np.arange(transition.lasting)[:, None], np.array(self._before)
-        effects = (t + model.tick * ticks + model.delay).ravel()
+        by_unit = getattr(self.law, "uses_feedforward", True)
+        delays = model.delay if by_unit else np.full(model.n_units, dot_of(model.delay, model.share))
+        effects = (t + 0.5 * self.period + model.tick * ticks + delays).ravel()
         required = self.rigid.aheads(effects, model.lag).reshape(-1, model.n_units) * model.share
         reach, demand = transition.reach(self.every), np.array(self._last)
         least = np.where(demand >= last + AGREED * reach, 0.0, -np.inf)

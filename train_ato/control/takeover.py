@@ -157,7 +157,8 @@ class LawTransition:
         """Return the part of the largest change that a demand takes now, before a corner of the profile, -1 ... 1.
 
         The wanted force changes faster than the largest change at a corner, for example at a departure. The speed that
-        a unit gains before the corner by an early change is that which it lacks afterwards, until it has caught up.
+        a unit gains before the corner by an early change is half of that which it lacks afterwards, until it has caught
+        up: its speed is then as much too high at the corner as too low in the end, which is the least largest error.
 
         Parameters
         ----------
@@ -189,7 +190,9 @@ class LawTransition:
         return np.asarray(np.where(begins, sign * most, 0.0))
 
     def _lacking(self, wanted: Array, moves: Array, part: Array, ticks: int) -> Array:
-        """Return the sum of the forces that a demand lacks which rises from 0 now, less the gained ones [N]; < 0: none.
+        """Return the sum of the forces that a demand lacks which rises from 0 now, less twice the gained ones [N].
+
+        It is negative if the demand lacks none.
 
         The demand takes a part of the largest change for some ticks, and then the whole. The sum is from the next tick
         on until the demand has caught up.
@@ -201,7 +204,7 @@ class LawTransition:
         caught_up = np.logical_or.accumulate(begun & (lack <= 0.0))
         lacking = np.where(behind & ~caught_up, lack, 0.0).sum(axis=0)
         gained = np.where(~caught_up, np.maximum(-lack, 0.0), 0.0).sum(axis=0)
-        return np.asarray(np.where(lacking > 0.0, lacking - gained, -np.inf))
+        return np.asarray(np.where(lacking > 0.0, lacking - 2.0 * gained, -np.inf))
 
     def step(self, aim: list[float] | None, last: list[float], ticks: int) -> list[float]:
         """Return the demand of one tick [N].

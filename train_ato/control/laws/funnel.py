@@ -349,8 +349,13 @@ class Funnel(RecordLaw):
         return (p.k10 + p.k20, p.k10 * p.k20) if p.feedforward and p.variant == "corrected" else None
 
     def take_over(self, inputs: LawInput, force: Array) -> None:
-        """Begin with the nominal resistance in the empty network; the rest of the last command [N] may not last."""
+        """Begin with the nominal resistance in the empty network; the rest of the last command [N] may not last.
+
+        The funnels are narrow, as in a run of this law: those of its begin are for errors that a new law does not have.
+        """
         super().take_over(inputs, force)
+        if not (self.parameters.variant == "printed" or self.parameters.funnel == "fixed"):
+            self.state["phi1"][0], self.state["phi2"][0] = BETA1 / A1, self.parameters.beta2 / A2
         if self.uses_feedforward or self.parameters.resistance != "network" or not is_valid(inputs):
             return
         place, speed = self.model.front(inputs.position), self.mean(inputs.velocity.tolist())
