@@ -39,7 +39,7 @@ from train_ato.scenario.setup import RunSetup
 DOMAIN_STREAM = 33
 """Second seed of the draw of a domain, beside the seed of the run."""
 NS = 1e-9
-CROWDED = 100
+CROWDED = 20
 """Steps in one thread after another thread with a train has waited for a processor, as long as hundreds of steps."""
 
 
