@@ -23,7 +23,7 @@ it here: the observer is a linear filter, and the estimate of the paper is d_hat
 This holds up to rounding. By default `ndo_omega` is 0, and delta_hat stays in d_hat.
 
 Gains of the model: those of `smc`; centres up to .5 m and .5 m/s, so that the network has the same slope for all
-errors of a run. It integrates S with the factor 1.3 gamma, and S decays with the rate ks. gamma = ks²/16 is a tenth of
+errors of a run. It integrates S with the factor 1.3 gamma, and S decays with the rate ks. gamma = ks²/16 is a third of
 the critical value.
 
 Needs: the same as `smc`.
