@@ -535,11 +535,10 @@ def test_diagnostics_under_the_name_of_a_node_are_those_of_one_publisher(recordi
         recorder.poll_until(lambda: recorder.notes or foreign.publish("/diagnostics", _report(wire, "lidar", 3)))
         text = "node intruder publishes /diagnostics too; only messages of the run's nodes are recorded"
         assert (recorder.notes, counts()) == ([text], 3)
-        foreign.publish("/diagnostics", _report(wire, "controller", 3)[:60])
         with pytest.raises(
             NodeFault, match="/diagnostics: it sends under the name of node controller; end it"
         ) as found:
-            recorder.poll_until(lambda: False)
+            recorder.poll_until(lambda: foreign.publish("/diagnostics", _report(wire, "controller", 3)[:60]))
         assert (found.value.node, counts()) == ("intruder", 3)
         own.publish("/diagnostics", _report(wire, "controller", 3))
         with suppress(NodeFault):

@@ -316,9 +316,9 @@ from train_ato.cli.nodes import controller
 from train_ato.messages.topics import EPOCH_NS
 from train_ato.ros.nodes.endpoints import NodeEndpoints
 publish = NodeEndpoints.publish
-def unstamped(self, topic, message):
-    late = topic == "ato/command" and message.stamp >= 2e9
-    publish(self, topic, replace(message, stamp=-EPOCH_NS) if late else message)
+def unstamped(self, *messages):
+    late = [topic == "ato/command" and message.stamp >= 2e9 for topic, message in messages]
+    publish(self, *[(one[0], replace(one[1], stamp=-EPOCH_NS)) if gone else one for gone, one in zip(late, messages)])
 NodeEndpoints.publish = unstamped
 sys.exit(controller())
 """
@@ -358,7 +358,8 @@ def ended(case: Case, out: Path, hosts: dict[str, tuple[str, ...]], environment:
             processes[role] = subprocess.Popen(
                 words, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
             )
-        wait_for(lambda: begun(out), "commands in the log")
+        wait_for(lambda: begun(out) or not all(each.poll() is None for each in processes.values()))
+        assert begun(out), [each.communicate()[0] for each in processes.values() if each.poll() is not None]
         if case.victim == "link":
             hit = int(hosts["controller"][1].partition("=")[2])
         else:
