@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 COLUMNS: tuple[tuple[str, str], ...] = (
     ("controller", "law"), ("speed_rmse_kmh", "rms km/h"), ("speed_error_max_kmh", "max"),
-    ("overspeed_max_kmh", "overspeed"), ("stop_error_m", "stop error m"), ("coupler_draft_max_kn", "draft kN"),
+    ("overspeed_max_kmh", "overspeed"), ("stop_error_m", "last stop m"), ("coupler_draft_max_kn", "draft kN"),
     ("coupler_buff_max_kn", "buff"), ("command_variation_kn_per_s", "kN/s"), ("saturated_s", "limit s"),
     ("tracking", "tracking"), ("verdict", "verdict"), ("gains", "gains"), ("status", "status"),
 )  # fmt: skip
@@ -107,7 +107,7 @@ def execute(options: argparse.Namespace) -> int:
 STANDINGS: tuple[tuple[str, str], ...] = (
     ("law", "law"), ("passed", "passed"), ("tracked", "tracked"), ("runs", "runs"), ("refused", "refused"),
     ("first", "first"), ("rank", "mean rank"), ("speed_rmse_kmh", "median rms km/h"),
-    ("stop_error_m", "largest stop error m"),
+    ("stop_error_m", "last stop m, largest"),
 )  # fmt: skip
 """Keys of :func:`train_ato.judge.ranking.standings` with their headings."""
 

@@ -1,8 +1,8 @@
 """Name and unit of the metrics of a run: every table, page and message has these."""
 
 METRICS: dict[str, tuple[str, str]] = {
-    "stop_error_m": ("stop error", "m"),
-    "stop_error_max_m": ("stop error, largest", "m"),
+    "stop_error_m": ("stop error, last stop", "m"),
+    "stop_error_max_m": ("stop error, largest of all stops", "m"),
     "overspeed_max_kmh": ("overspeed, largest", "km/h"),
     "running_time_s": ("running time", "s"),
     "arrival_delay_max_s": ("delay of arrival, largest", "s"),
@@ -73,7 +73,7 @@ def metric_heading(key: str) -> str:
     Examples
     --------
     >>> metric_heading("stop_error_m"), metric_heading("takeovers")
-    ('stop error in m', 'takeovers of the braking law')
+    ('stop error, last stop in m', 'takeovers of the braking law')
     """
     name, unit = METRICS[key]
     return f"{name} in {unit}" if unit else name

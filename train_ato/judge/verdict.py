@@ -221,7 +221,7 @@ def _stop_text(summary: Metrics) -> str:
     if len(stops) == 1:
         return _stopped(stops[0]["beyond_m"])
     worst = max((row["beyond_m"] for row in stops), key=abs)
-    return f"{len(stops)} stops, the worst {_stopped(worst).removeprefix('stopped ')}"
+    return f"{len(stops)} stops, the largest error {_stopped(worst).removeprefix('stopped ')}"
 
 
 def _stopped(beyond: float) -> str:

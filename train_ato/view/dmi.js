@@ -126,6 +126,8 @@ window.dmi = {
       pen.fillStyle = colour.soft;
       if (strong) pen.fillText(share ? metres : "0 m", left - 6, level(metres));
     }
+    pen.fillText("‰", gradient[0] + gradient[1] - 6, 5);
+    pen.fillText("km/h", width, 5);
     this.drawPoints(pen, left, pasp, width, front, range, level);
   },
   // Most restrictive speeds: a block up to the next lower limit, narrower for lower speeds (8.3.7).
