@@ -68,6 +68,22 @@ def test_of_several_runs_the_one_of_the_environment_is_meant(monkeypatch: pytest
             resolve_domain(None)
 
 
+def test_a_train_of_a_namespace_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Breaks if no command reaches a train in a namespace, or if the refusal does not say how to."""
+    monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
+    first, second, absent = (f"/{name}_{os.getpid()}" for name in ("a", "b", "c"))
+    with claim_domain(namespace=first) as domain, claim_domain(domain, namespace=second):
+        for space in (first, second):
+            assert resolve_domain(None, space) == resolve_domain(domain, space) == domain
+        there = f"running: .*{domain} --namespace {first}, {domain} --namespace {second}"
+        with pytest.raises(ValueError, match=f"--domain {domain}: no run holds it; {there}"):
+            resolve_domain(domain)
+        with pytest.raises(ValueError, match=f"no run of the namespace {absent} is in progress .*{there[8:]}"):
+            resolve_domain(None, absent)
+    with pytest.raises(ValueError, match="--namespace t1: give a name such as /t1"):
+        resolve_domain(None, "t1")
+
+
 def test_a_domain_is_locked_until_the_last_node_of_a_killed_run_has_ended(tmp_path: Path) -> None:
     """Breaks if the next run meets the nodes of a killed one, which end about two seconds after it."""
     domain = reserved_domain()

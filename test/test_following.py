@@ -27,6 +27,9 @@ from train_ato.api.following import (
 )
 from train_ato.api.run import Run
 from train_ato.cli.main import main
+from train_ato.log.mcap_records import stream
+from train_ato.log.recorded import open_recording
+from train_ato.log.run_log import LogFile
 from train_ato.loop.headway import HeadwayProfile
 from train_ato.loop.train_ahead import MovingAuthority, ReportReceiver
 from train_ato.scenario.following import load_following
@@ -39,6 +42,7 @@ from train_ato.supervision.train_report import (
     reports_text,
     stretched_length,
 )
+from train_ato.view.recorded import RecordedFeed
 
 CRUISE = [{"accelerate_to_kmh": 50}, {"cruise_until": 400}, {"brake_to": 0}]
 METRO: dict[str, Any] = {
@@ -307,6 +311,23 @@ def two(tmp_path_factory: pytest.TempPathFactory) -> tuple[FollowingResult, Path
     folder = tmp_path_factory.mktemp("following")
     path = following_file(folder)
     return run_following(load_following(path), RunMode("engine"), folder / "out", shown=False), folder / "out"
+
+
+def test_a_page_shows_the_train_of_a_namespace_in_a_log_of_two(two: Any, tmp_path: Path) -> None:
+    """Breaks if `view LOG --namespace /t2` shows the first train, or if a wrong namespace shows an empty page."""
+    log, known = LogFile(tmp_path), dict[str, int]()
+    for name in ("t1", "t2"):
+        for message in stream(two[1] / name / "run.mcap"):
+            topic = f"/{name}{message.channel.topic}"
+            if topic not in known:
+                known[topic] = log.copy(replace(message.channel, topic=topic), message.schema)
+            log.write(known[topic], message.publish_ns, message.log_ns, message.data)
+    log.close()
+    for space, name in (("/t2", "t2"), ("/t1", "t1"), ("", "t1")):
+        found = RecordedFeed(tmp_path / "run.mcap", space).recording
+        assert np.array_equal(found.front_position, open_recording(two[1] / name).front_position), space
+    with pytest.raises(ValueError, match="--namespace /t3: is not in the log; its namespaces: /t1, /t2"):
+        RecordedFeed(tmp_path / "run.mcap", "/t3")
 
 
 def test_a_disturbance_of_the_first_train_does_not_grow(tmp_path: Path) -> None:

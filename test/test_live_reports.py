@@ -106,6 +106,36 @@ def test_a_train_drives_on_behind_one_that_was_killed(trains: Any, tmp_path: Pat
 
 
 @pytest.mark.graph
+def test_view_and_scene_show_the_train_of_their_namespace(
+    trains: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Breaks if a page of t2 shows t1 or its parameters, and if no scene finds a train in a namespace."""
+    with programs_of(trains[1], tmp_path, "--rate=1") as programs:
+        from train_ato.ros.graph.environment import applied, variables
+        from train_ato.view.live import LiveFeed
+
+        wait_for((tmp_path / "t2" / "run.mcap.partial").exists)
+        given = next(word for word in programs["t2"].args if word.startswith("--domain="))
+        domain = int(given.partition("=")[2])
+        with applied(variables(domain, tmp_path / "ros")):
+            feed = LiveFeed(domain, lambda _: None, None, "/t2")
+            try:
+                wait_for(lambda: feed.frame is not None)
+                for space, law in {"t1": "smc", "t2": "lag_smc"}.items():
+                    assert main(["param", f"law={law}", given, f"--namespace=/{space}"]) == 0
+                wait_for(lambda: feed.law != "pid")
+                assert feed.law == "lag_smc"
+                first = trains[0]["t2"]["train/vehicles"]["vehicle_0_position_m"].iloc[0]
+                assert abs(feed.frame.moment.position[0] - first) < 300.0  # t1 is 500 m before it
+            finally:
+                feed.close()
+        capsys.readouterr()
+        assert main(["scene", given, "--namespace=/t2", "--json"]) == 0
+        assert json.loads(capsys.readouterr().out)["messages"]["/scene/markers"] > 1
+        assert programs["t2"].wait(LIMIT_S) == 0
+
+
+@pytest.mark.graph
 def test_two_programs_drive_as_one_train_after_the_other(trains: Any, tmp_path: Path) -> None:
     """Breaks if a report is lost, waits for the last one after the end, or if the log lacks what `verify` needs."""
     runs, scenarios = trains

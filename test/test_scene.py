@@ -211,8 +211,9 @@ def test_foxglove_receives_the_scene_of_a_recorded_run(run: Path) -> None:
     assert len(typestore().deserialize_cdr(data, TRANSFORMS.type).transforms) == 106 + 1  # the vehicles and `line`
 
 
-def test_a_live_graph_publishes_the_scene(run: Path, setup: RunSetup) -> None:
-    """Breaks if the node publishes nothing, or a missing tf2_msgs ends it."""
+@pytest.mark.parametrize("space", ["", "/t2"])
+def test_a_live_graph_publishes_the_scene(run: Path, setup: RunSetup, space: str) -> None:
+    """Breaks if the node publishes nothing, a missing tf2_msgs ends it, or if two trains have one /scene or /tf."""
     pytest.importorskip("rclpy")
     from rclpy.node import Node
     from sensor_msgs.msg import JointState
@@ -223,8 +224,8 @@ def test_a_live_graph_publishes_the_scene(run: Path, setup: RunSetup) -> None:
     from train_ato.view.scene_node import SceneNode
 
     with claim_domain(None) as domain, executor_of(domain, []) as (context, _):
-        node = Node("scene", context=context, enable_rosout=False)
-        plant = Node("plant", context=context, enable_rosout=False)
+        node = Node("scene", context=context, namespace=space, enable_rosout=False)
+        plant = Node("plant", context=context, namespace=space, enable_rosout=False)
         sent = plant.create_publisher(JointState, "train/vehicles", 10)
         scene = SceneNode(node, SceneSampler(setup))
         data = Wire(setup.layout).encode("train/vehicles", states(setup, 11_000.0))
@@ -238,5 +239,7 @@ def test_a_live_graph_publishes_the_scene(run: Path, setup: RunSetup) -> None:
         wait_for(published)
         assert set(scene.left_out) <= {"/tf", "/tf_static"}
         assert scene.counts["/scene/track"] == 1
+        shown = {place.topic_name for place in node.publishers} - {"/parameter_events"}
+        assert shown == {f"{space}{name}" for name in scene.counts}
         node.destroy_node()
         plant.destroy_node()

@@ -49,10 +49,10 @@ def still(value: Callable[[], Any]) -> Any:
 
 def reserved_domain() -> int:
     """Return a domain for a command with ``--domain``; no run without this option takes it before the command does."""
-    from train_ato.ros.graph.domain_lock import locked_domains
+    from train_ato.ros.graph.domain_lock import locked_runs
     from train_ato.ros.graph.environment import DOMAINS
 
-    free = {*DOMAINS} - locked_domains()
+    free = {*DOMAINS} - {locked for locked, _ in locked_runs()}
     for domain in random.SystemRandom().sample(sorted(free), len(free)):
         lock = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         with suppress(OSError):

@@ -65,7 +65,7 @@ def execute(options: argparse.Namespace) -> int:
 
     node, service, data, _ = ACTIONS[options.action]
     parameters = dict(_parameter(options.action, service, text) for text in options.parameters)
-    domain = resolve_domain(options.domain)
+    domain = resolve_domain(options.domain, options.namespace)
     with graph_client(domain, options.namespace) as remote:
         for name, value in parameters.items():
             reason = remote.set_parameter(node, f"{service}.{name}", value)

@@ -28,7 +28,7 @@ def execute(options: argparse.Namespace) -> int:
     value = parse_yaml_value(text, options.assignment)
     if not isinstance(value, (bool, int, float, str)):
         raise ValueError(f"{options.assignment}: not a parameter value; give a number, a word, true or false")
-    domain = resolve_domain(options.domain)
+    domain = resolve_domain(options.domain, options.namespace)
     with graph_client(domain, options.namespace) as remote:
         done, text = remote.change_parameter(options.node, name, value)
     if not done:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from train_ato.cli.screen import print_json
+from train_ato.program.arguments import add_train
 
 if TYPE_CHECKING:
     from train_ato.scenario.setup import RunSetup
@@ -23,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="RUN",
         help="run or log of a replay (default: the running simulation)",
     )
-    parser.add_argument("--domain", type=int, metavar="N", help="ROS domain (default: ROS_DOMAIN_ID, or the only run)")
+    add_train(parser)
     parser.add_argument(
         "--rate", type=float, default=5.0, metavar="HZ", help="messages per simulated second (default: 5)"
     )
@@ -43,8 +44,8 @@ def execute(options: argparse.Namespace) -> int:
         raise ValueError("--domain: missing; give the ROS domain of the replay")
     setup = read_run_folder(options.run)[0] if options.run is not None else None
     require_ros()
-    domain = options.domain if setup is not None else resolve_domain(options.domain)
-    sampler = SceneSampler(setup or _running(domain), options.rate)
+    domain = options.domain if setup is not None else resolve_domain(options.domain, options.namespace)
+    sampler = SceneSampler(setup or _running(domain, options.namespace), options.rate)
     with (
         tempfile.TemporaryDirectory(prefix="train_ato_scene_", ignore_cleanup_errors=True) as scratch,
         applied(variables(domain, Path(scratch))),
@@ -52,7 +53,7 @@ def execute(options: argparse.Namespace) -> int:
     ):
         from train_ato.view.scene_node import publish_scene
 
-        counts = publish_scene(sampler, domain, lambda: interrupt.asked)
+        counts = publish_scene(sampler, domain, lambda: interrupt.asked, options.namespace)
     if options.json:
         print_json({"domain": domain, "rate": options.rate, "messages": counts})
     else:
@@ -60,7 +61,7 @@ def execute(options: argparse.Namespace) -> int:
     return 0
 
 
-def _running(domain: int) -> RunSetup:
+def _running(domain: int, namespace: str) -> RunSetup:
     """Return the scenario of the run on a domain, from the parameter of its plant.
 
     Raises
@@ -72,7 +73,7 @@ def _running(domain: int) -> RunSetup:
     from train_ato.scenario.scenario import load_scenario
     from train_ato.scenario.setup import prepare
 
-    named = Path(str(read_parameter(domain, "plant", "scenario")))
+    named = Path(str(read_parameter(domain, "plant", "scenario", namespace)))
     if not named.is_file():
         raise ValueError(f"domain {domain}: the plant names no scenario file; give RUN, the folder of the run")
     return prepare(*load_scenario(str(named)))

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from train_ato.cli.screen import print_json
-from train_ato.program.arguments import BAD_INPUT, add_rate
+from train_ato.program.arguments import BAD_INPUT, add_rate, add_train
 from train_ato.program.errors import RunFailed, check_packages
 from train_ato.program.interrupt import Interrupt, interruptible
 from train_ato.ros.graph.wait_note import WaitNote
@@ -36,12 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     what = parser.add_mutually_exclusive_group()
     what.add_argument("run", nargs="?", type=Path, metavar="RUN", help="recorded run: run folder or log")
     what.add_argument("--scenario", metavar="NAME", help="start this scenario and show its run")
-    what.add_argument(
-        "--domain",
-        type=int,
-        metavar="N",
-        help="ROS domain of a running simulation (default: ROS_DOMAIN_ID, or the only run)",
-    )
+    add_train(parser, what)
     add_rate(parser, 1.0)
     parser.add_argument("--processes", action="store_true", help="one process per node for the started run")
     parser.add_argument("--law", metavar="NAME", help="control law of the started run")
@@ -156,6 +151,8 @@ def _check(options: argparse.Namespace) -> None:
 
         changes = {} if options.law is None else {"law": options.law}
         load_scenario(options.scenario, tuple(options.set), changes)
+        if options.namespace:
+            raise ValueError(f"--namespace {options.namespace}: the started run has one train; remove it")
     check_domain(options.domain)
 
 
@@ -191,7 +188,7 @@ def _feed(options: argparse.Namespace, interrupt: Interrupt) -> Iterator[Feed]:
     if options.run is not None:
         from train_ato.view.recorded import RecordedFeed
 
-        yield RecordedFeed(options.run)
+        yield RecordedFeed(options.run, options.namespace)
         return
     with (
         _run(options, interrupt) as (domain, wait),
@@ -201,7 +198,7 @@ def _feed(options: argparse.Namespace, interrupt: Interrupt) -> Iterator[Feed]:
     ):
         from train_ato.view.live import LiveFeed
 
-        feed = LiveFeed(domain, wait, options.rate if _waits(options) else None)
+        feed = LiveFeed(domain, wait, options.rate if _waits(options) else None, options.namespace)
         try:
             yield feed
         finally:
@@ -215,8 +212,8 @@ def _run(options: argparse.Namespace, interrupt: Interrupt) -> Iterator[tuple[in
     from train_ato.ros.graph.remote import resolve_domain
 
     if options.scenario is None:
-        domain = resolve_domain(options.domain)
-        yield domain, _Waiting(lambda: _check_held(domain), interrupt)
+        domain = resolve_domain(options.domain, options.namespace)
+        yield domain, _Waiting(lambda: _check_held(domain, options.namespace), interrupt)
         return
     with claim_domain() as domain:
         pass
@@ -231,11 +228,11 @@ def _run(options: argparse.Namespace, interrupt: Interrupt) -> Iterator[tuple[in
         run.end()
 
 
-def _check_held(domain: int) -> None:
+def _check_held(domain: int, namespace: str) -> None:
     """Check that a run still has the domain."""
     from train_ato.ros.graph.environment import held_domains
 
-    if domain not in held_domains():
+    if domain not in held_domains(namespace):
         raise ValueError(f"--domain {domain}: the run has ended; give the domain of a running simulation")
 
 

@@ -37,7 +37,9 @@ UNIT = "unit_"
 """Prefix of the names of power units; other entries of a measurement are coupler sensors."""
 
 
-def read_recording(run: Path, setup: RunSetup | None = None, *, vehicles: bool = False) -> Recording:
+def read_recording(
+    run: Path, setup: RunSetup | None = None, *, vehicles: bool = False, namespace: str = ""
+) -> Recording:
     """Read a run folder or a log.
 
     Parameters
@@ -48,12 +50,14 @@ def read_recording(run: Path, setup: RunSetup | None = None, *, vehicles: bool =
         Scenario and train; without them the vehicles of the power units are unknown.
     vehicles
         Keep motion, coupler force, shoe force and outside force of every vehicle.
+    namespace
+        Namespace of one of several trains in the log; without it the first one is read.
     """
     units = list(setup.model.units) if setup is not None else []
     vehicles = vehicles or (setup is not None and setup.scenario.evaluation.couplers)
     path = log_file(run)
     samples, reports, payloads = KeptSamples(path.parent), KeptReports(), KeptMessages()
-    for topic, group in _groups(path, (*FIELDS, PROFILE, LIMITS, DIAGNOSTICS), reports, payloads):
+    for topic, group in _groups(path, (*FIELDS, PROFILE, LIMITS, DIAGNOSTICS), reports, payloads, namespace):
         time, values = _values(topic, group)
         samples.add(topic, TopicSamples(time, reduced(topic, values, units, vehicles=vehicles)))
     found = samples.finish()
@@ -79,22 +83,25 @@ def read_reports(run: Path) -> tuple[Diagnostic, ...]:
 
 
 def _groups(
-    path: Path, topics: Collection[str], reports: KeptReports, payloads: KeptMessages
+    path: Path, topics: Collection[str], reports: KeptReports, payloads: KeptMessages, namespace: str = ""
 ) -> Iterator[tuple[str, LayoutRecords]]:
     """Read the messages of some topics of the topic table: thousands of one layout at once.
 
     Diagnostics are added to ``reports``, profiles and limits to ``payloads``.
-    Of several trains in one log the first is read.
+    Of several trains in one log that of the namespace is read, without one the first.
     """
-    spaces: dict[str, str] = {}
+    spaces: dict[str, None] = {}
+    train = f"{namespace}/" if namespace else ""
 
     def wanted(channel: Channel, schema: Schema) -> bool:
         topic = table_name(channel.topic)
         if topic is None or topic not in topics or channel.message_encoding != "cdr":
             return False
         space = channel.topic.removesuffix(topic.lstrip("/"))
-        if channel.topic != topic and space != spaces.setdefault("train", space):
-            return False
+        if channel.topic != topic:
+            spaces[space] = None
+            if space != (train or next(iter(spaces))):
+                return False
         return BY_NAME[topic].type == schema.name
 
     found: dict[str, TopicMessages] = {}
@@ -116,6 +123,9 @@ def _groups(
         if sum(group.size for group in found[topic].groups) >= BATCH:
             for group in found.pop(topic).groups:
                 yield topic, group
+    if train and train not in spaces:
+        there = ", ".join(space.rstrip("/") or "none" for space in spaces) or "none"
+        raise ValueError(f"{original(path)}: --namespace {namespace}: is not in the log; its namespaces: {there}")
     for topic, messages in found.items():
         for group in messages.groups:
             yield topic, group
@@ -135,8 +145,8 @@ def _values(topic: str, group: LayoutRecords) -> tuple[Array, dict[str, Array]]:
     return seconds(nanoseconds(group.values(STAMP)) - EPOCH_NS), values
 
 
-def open_recording(run: Path, *, vehicles: bool = True) -> Recording:
-    """Read a run folder or a log with its scenario and summary.
+def open_recording(run: Path, *, vehicles: bool = True, namespace: str = "") -> Recording:
+    """Read a run folder or a log with its scenario and summary; ``namespace`` is that of one of several trains in it.
 
     Raises
     ------
@@ -144,7 +154,7 @@ def open_recording(run: Path, *, vehicles: bool = True) -> Recording:
         As :func:`read_recording`, or if the log has no topic of the table.
     """
     setup, summary, missing = _surroundings(run)
-    found = read_recording(run, setup, vehicles=vehicles)
+    found = read_recording(run, setup, vehicles=vehicles, namespace=namespace)
     if not (found.topics or found.profiles or found.kept_reports):
         raise ValueError(f"{run}: the log has no message of the topic table; there is nothing to draw")
     return replace(found, setup_missing=missing, summary=summary, name=_name(run), path=run)

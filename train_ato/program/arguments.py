@@ -136,14 +136,12 @@ def add_no_lockstep(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_train(parser: argparse.ArgumentParser) -> None:
-    """Declare domain and namespace of a running train."""
-    parser.add_argument(
+def add_train(parser: argparse.ArgumentParser, what: argparse._ActionsContainer | None = None) -> None:
+    """Declare domain and namespace of a running train; the domain in a group of options that exclude each other."""
+    (what or parser).add_argument(
         "--domain", type=int, metavar="N", help="ROS domain of the run (default: ROS_DOMAIN_ID, or the only run)"
     )
-    parser.add_argument(
-        "--namespace", metavar="/NAME", default="", help="namespace of the train, one of several in the domain"
-    )
+    parser.add_argument("--namespace", metavar="/NAME", default="", help="namespace of the train, one of several")
 
 
 def add_followed(parser: argparse.ArgumentParser) -> None:

@@ -141,7 +141,7 @@ Answer = Callable[[bool, str], None]
 
 
 class Controls:
-    """Parameters and services of ``controller`` and ``plant``.
+    """Parameters and services of ``controller`` and ``plant`` in the namespace of a node.
 
     Attributes
     ----------
@@ -211,10 +211,12 @@ class Controls:
         descriptors.add_done_callback(lambda _: client.get_parameters(names).add_done_callback(valued))
 
     def _changed(self, event: Any) -> None:
-        known = {} if self.over else self.tunables.get(event.node.rpartition("/")[2], {})
+        space, _, name = event.node.rpartition("/")
+        other = self.over or space != self._node.get_namespace().rstrip("/")
+        known = {} if other else self.tunables.get(name, {})
         for parameter in event.changed_parameters:
             if parameter.name in known:
-                self._follow(event.node.rpartition("/")[2], parameter.name, parameter_value_to_python(parameter.value))
+                self._follow(name, parameter.name, parameter_value_to_python(parameter.value))
 
     def _follow(self, node: str, name: str, value: Any) -> None:
         """Take a new value of a parameter."""

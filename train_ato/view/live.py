@@ -177,19 +177,25 @@ class LiveFeed(Feed):
     first_rate
         Rate from the first page on (infinity: no limit), of a run that was started at :data:`WAITING_RATE`; None: the
         run does not wait.
+    namespace
+        Namespace of the train, one of several in the domain; "" for none.
     """
 
     live = True
 
-    def __init__(self, domain: int, wait: Callable[[str], None], first_rate: float | None = None) -> None:
+    def __init__(
+        self, domain: int, wait: Callable[[str], None], first_rate: float | None = None, namespace: str = ""
+    ) -> None:
         from rclpy.node import Node
 
         from train_ato.ros.graph.assembly import executor_of
 
         self._stack = executor_of(domain)
         context, self._executor = self._stack.__enter__()
-        self._asking = Node("view", context=context, enable_rosout=False, start_parameter_services=False)
-        self._listening = Node("view_reader", context=context, enable_rosout=False, start_parameter_services=False)
+        self._asking, self._listening = (
+            Node(name, context=context, namespace=namespace, enable_rosout=False, start_parameter_services=False)
+            for name in ("view", "view_reader")
+        )
         self._executor.add_node(self._asking)
         self.domain = domain
         self.controls = Controls(self._asking, self._executor.wake)
@@ -210,7 +216,7 @@ class LiveFeed(Feed):
         self._summary_due = self._step_due = 0.0
         self._held = self._page_opened = False
         self._reader = GraphReader(self._listening, facts.layout)
-        self._presence = Presence(self._listening, domain)
+        self._presence = Presence(self._listening, domain, namespace)
         self._copier: Copier | None = None
         self._taps: list[deque[Copied]] = []
         self._thread = threading.Thread(target=self._run, name="graph", daemon=True)
@@ -446,6 +452,8 @@ class Presence:
         rclpy node in the graph.
     domain
         ROS domain of the run.
+    namespace
+        Namespace of its nodes; "" for none.
 
     Attributes
     ----------
@@ -455,9 +463,9 @@ class Presence:
         Another publisher exists.
     """
 
-    def __init__(self, node: Any, domain: int) -> None:
+    def __init__(self, node: Any, domain: int, namespace: str = "") -> None:
         self._node = node
-        self._lock = DomainLock(domain)
+        self._lock = DomainLock(domain, namespace)
         self._was_held = False
         self._met: frozenset[bytes] = frozenset()
         self._looked = self._news = float("-inf")

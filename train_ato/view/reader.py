@@ -30,7 +30,7 @@ from train_ato.messages.codec import Wire
 from train_ato.messages.topic import TrainLayout
 from train_ato.messages.topics import BY_NAME, EPOCH_NS, topics_of
 from train_ato.messages.types import Diagnostic, Trajectory
-from train_ato.ros.nodes.endpoints import message_class
+from train_ato.ros.nodes.endpoints import message_class, placed
 from train_ato.view.snapshot import Snapshot
 
 DEPTH = 4
@@ -163,7 +163,7 @@ def taker(node: Any, name: str, depth: int, *, reliable: bool) -> Any:
         reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
         durability=DurabilityPolicy.TRANSIENT_LOCAL if topic.latched else DurabilityPolicy.VOLATILE,
     )
-    subscription = node.create_subscription(kind, name, _never, profile, raw=True)
+    subscription = node.create_subscription(kind, placed(node, name), _never, profile, raw=True)
     return partial(subscription.handle.take_message, kind, True)
 
 

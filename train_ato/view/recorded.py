@@ -51,6 +51,8 @@ class RecordedFeed(Feed):
     ----------
     run
         Run folder or MCAP file.
+    namespace
+        Namespace of one of several trains in the log; without it the first one is shown.
 
     Attributes
     ----------
@@ -70,8 +72,8 @@ class RecordedFeed(Feed):
         One line: no run, an incomplete run, a damaged log, or a log without the motion of the train.
     """
 
-    def __init__(self, run: Path) -> None:
-        self.recording = recording = open_recording(run).within_span()
+    def __init__(self, run: Path, namespace: str = "") -> None:
+        self.recording = recording = open_recording(run, namespace=namespace).within_span()
         self._cars = cars = _cars(recording)
         if REFERENCE not in recording.topics:
             raise ValueError(f"{run}: no ato/reference in the log; use `train-ato report` for the recorded topics")

@@ -1,5 +1,7 @@
 """Node ``scene``: publishes the scene of a running graph or of a replay, outside of the lockstep.
 
+In the namespace of a train all its topics are there, also ``/tf``, so that the frames of two trains do not collide.
+
 It reads the states of the vehicles as best effort from a short queue, so that no publisher waits for it, at most 20
 times a second of wall time.  A topic whose message package is not installed is left out; ``tf2_msgs`` is not among the
 wheels.
@@ -14,7 +16,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from train_ato.ros.graph.assembly import executor_of
-from train_ato.ros.nodes.endpoints import message_class
+from train_ato.ros.nodes.endpoints import message_class, placed
 from train_ato.view.reader import taker
 from train_ato.view.train_scene import VEHICLES, SceneMessages, SceneSampler, SceneTopic
 
@@ -82,13 +84,15 @@ def _publisher(node: Any, topic: SceneTopic) -> Any:
         return None
     latched = DurabilityPolicy.TRANSIENT_LOCAL if topic.latched else DurabilityPolicy.VOLATILE
     profile = QoSProfile(depth=LATCHED_DEPTH, reliability=ReliabilityPolicy.RELIABLE, durability=latched)
-    return node.create_publisher(kind, topic.name, profile)
+    return node.create_publisher(kind, placed(node, topic.name), profile)
 
 
-def publish_scene(sampler: SceneSampler, domain: int, interrupted: Callable[[], bool]) -> dict[str, int]:
-    """Publish the scene until the publisher of the states leaves, or Ctrl-C."""
+def publish_scene(
+    sampler: SceneSampler, domain: int, interrupted: Callable[[], bool], namespace: str = ""
+) -> dict[str, int]:
+    """Publish the scene of the train in a namespace until the publisher of its states leaves, or Ctrl-C."""
     with executor_of(domain, []) as (context, _):
-        node = Node("scene", context=context, enable_rosout=False, start_parameter_services=False)
+        node = Node("scene", context=context, namespace=namespace, enable_rosout=False, start_parameter_services=False)
         try:
             scene = SceneNode(node, sampler)
             if scene.left_out:

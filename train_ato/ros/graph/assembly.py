@@ -33,7 +33,7 @@ from train_ato.loop.supervisor import SupervisorStage
 from train_ato.messages.topics import Role, topics_of
 from train_ato.program.errors import FirstFailure, of_own_code
 from train_ato.ros.nodes.controller import ControllerNode
-from train_ato.ros.nodes.endpoints import NodeEndpoints
+from train_ato.ros.nodes.endpoints import NodeEndpoints, placed
 from train_ato.ros.nodes.plant import PlantNode
 from train_ato.ros.nodes.recorder import RecorderNode
 from train_ato.ros.nodes.stages import ObserverNode, ProfileNode, SupervisorNode
@@ -180,7 +180,7 @@ def make_node(
     attached = attachments_for(setup.resolved_yaml())
 
     def resolved(name: str) -> str:
-        return str(endpoints.node.resolve_topic_name(endpoints.placed(name)))
+        return str(endpoints.node.resolve_topic_name(placed(endpoints.node, name)))
 
     for topic in topics_of(setup.layout):
         if topic.recorded and table_name(found := resolved(topic.name)) != topic.name:

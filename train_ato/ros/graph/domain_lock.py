@@ -22,11 +22,11 @@ def inherited_locks() -> tuple[int, ...]:
     return tuple(_held)
 
 
-def locked_domains() -> set[int]:
-    """Return the domains of this network with a lock, also that of a namespace."""
+def locked_runs() -> set[tuple[int, str]]:
+    """Return the domains of this network with a lock, each with the namespace of the lock, "" for none."""
     with suppress(OSError):
         names = Path("/proc/net/unix").read_text(encoding="utf-8", errors="replace")
-        return {int(found) for found in re.findall(r"@train_ato-domain-(\d+)", names)}
+        return {(int(domain), space) for domain, space in re.findall(r"@train_ato-domain-(\d+)(\S*)", names)}
     return set()
 
 

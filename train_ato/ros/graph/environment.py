@@ -11,7 +11,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from train_ato.ros import DEFAULT_MIDDLEWARE
-from train_ato.ros.graph.domain_lock import DomainLock, locked_domains
+from train_ato.ros.graph.domain_lock import DomainLock, locked_runs
 
 DOMAINS = range(1, 102)
 """Domains with ports below the ephemeral ones, for runs without a wanted one."""
@@ -136,7 +136,7 @@ def claim_domain(wanted: int | None = None, name: str = "--domain", namespace: s
     """
     if wanted is not None:
         check_domain(wanted)
-    free = [wanted] if wanted is not None else sorted({*DOMAINS} - locked_domains())
+    free = [wanted] if wanted is not None else sorted({*DOMAINS} - {locked for locked, _ in locked_runs()})
     order = random.SystemRandom().sample(free, len(free))
     for domain in order:
         lock = DomainLock(domain, namespace)
@@ -159,9 +159,9 @@ def print_domain(domain: int, external: str | None = None) -> None:
     sys.stderr.flush()
 
 
-def held_domains() -> list[int]:
-    """Return the domains that are locked by runs in this network."""
-    return [domain for domain in VALID if DomainLock(domain).held]
+def held_domains(namespace: str = "") -> list[int]:
+    """Return the domains that are locked by runs in this network, by trains of a namespace if there is one."""
+    return [domain for domain in VALID if DomainLock(domain, namespace).held]
 
 
 def variables(domain: int, log_folder: Path) -> dict[str, str]:

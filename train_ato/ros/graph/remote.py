@@ -8,6 +8,7 @@ from typing import Any
 
 from plant_sim.input_error import close_match
 from train_ato.ros import require_ros
+from train_ato.ros.graph.domain_lock import locked_runs
 from train_ato.ros.graph.environment import applied, domain_of_environment, held_domains, variables
 from train_ato.scenario.leader import check_namespace
 
@@ -17,32 +18,43 @@ ELSEWHERE_S = 5.0
 """Wall time after which a node of the same name in another namespace is named [s]."""
 
 
-def resolve_domain(wanted: int | None) -> int:
-    """Return the wanted domain, that of ``ROS_DOMAIN_ID``, or that of the only run on this machine.
+def resolve_domain(wanted: int | None, namespace: str = "") -> int:
+    """Return the wanted domain, that of ``ROS_DOMAIN_ID``, or that of the only run with this namespace.
 
     Raises
     ------
     ValueError
-        If no run holds the domain, or there are several runs and none was named.
+        If no run holds the domain, there are several runs and none was named, or ROS 2 has no such namespace.
     """
     require_ros()
-    held = held_domains()
+    try:
+        held = held_domains(namespace and check_namespace(namespace))
+    except ValueError as error:
+        raise ValueError(f"--namespace {error}") from None
     own = domain_of_environment() if wanted is None else None
     for name, domain in (("--domain", wanted), ("ROS_DOMAIN_ID", own)):
         if domain is not None and domain not in held:
             remedy = "" if own is None else "; give --domain N, or unset it"
-            raise ValueError(f"{name} {domain}: no run holds it; running: {_listed(held)}{remedy}")
+            raise ValueError(f"{name} {domain}: no run{_of(namespace)} holds it; running: {_listed()}{remedy}")
         if domain is not None:
             return domain
     if not held:
-        raise ValueError("no run is in progress on this machine; start one with `train-ato run SCENARIO`")
+        others = _listed()
+        remedy = "start one with `train-ato run SCENARIO`" if others == "none" else f"running: --domain {others}"
+        raise ValueError(f"no run{_of(namespace)} is in progress on this machine; {remedy}")
     if len(held) > 1:
-        raise ValueError(f"several runs are in progress ({_listed(held)}); give --domain N")
+        raise ValueError(f"several runs are in progress ({_listed()}); give --domain N")
     return held[0]
 
 
-def _listed(domains: list[int]) -> str:
-    return ", ".join(map(str, domains)) or "none"
+def _of(namespace: str) -> str:
+    return f" of the namespace {namespace}" if namespace else ""
+
+
+def _listed() -> str:
+    """Return the domains of all runs, each with the option for its namespace."""
+    runs = sorted(locked_runs())
+    return ", ".join(f"{domain} --namespace {space}" if space else str(domain) for domain, space in runs) or "none"
 
 
 class GraphClient:
@@ -147,17 +159,7 @@ class GraphClient:
 
 @contextmanager
 def graph_client(domain: int, namespace: str = "") -> Iterator[GraphClient]:
-    """Yield a client on the domain of a run, in the namespace of its train; destroy it on exit.
-
-    Raises
-    ------
-    ValueError
-        For a namespace that ROS 2 does not have.
-    """
-    try:
-        space = check_namespace(namespace) if namespace else None
-    except ValueError as error:
-        raise ValueError(f"--namespace {error}") from None
+    """Yield a client on the domain of a run, in the namespace of its train; destroy it on exit."""
     # the middleware may still write its log into the folder
     folder = tempfile.TemporaryDirectory(prefix="train_ato_set_", ignore_cleanup_errors=True)
     with folder as scratch, applied(variables(domain, Path(scratch))):
@@ -166,7 +168,7 @@ def graph_client(domain: int, namespace: str = "") -> Iterator[GraphClient]:
         context = rclpy.Context()
         rclpy.init(context=context, domain_id=domain)
         try:
-            node = rclpy.create_node("train_ato_set", context=context, namespace=space, enable_rosout=False)
+            node = rclpy.create_node("train_ato_set", context=context, namespace=namespace, enable_rosout=False)
             executor = rclpy.executors.SingleThreadedExecutor(context=context)
             executor.add_node(node)
             yield GraphClient(node, executor, domain)
@@ -176,9 +178,9 @@ def graph_client(domain: int, namespace: str = "") -> Iterator[GraphClient]:
             context.try_shutdown()
 
 
-def read_parameter(domain: int, node: str, name: str) -> Any:
+def read_parameter(domain: int, node: str, name: str, namespace: str = "") -> Any:
     """Return the value of a parameter of a running node; errors as :meth:`GraphClient.parameter`."""
-    with graph_client(domain) as remote:
+    with graph_client(domain, namespace) as remote:
         return remote.parameter(node, name)
 
 

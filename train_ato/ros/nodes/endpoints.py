@@ -61,6 +61,14 @@ def message_class(type_name: str) -> Any:
     return getattr(importlib.import_module(f"{package}.msg"), name)
 
 
+def placed(node: Any, name: str) -> str:
+    """Return the name of a topic in the namespace of a node, also of an absolute one: each train has its own.
+
+    Without a namespace ``/clock``, ``/diagnostics`` and ``/tf`` have the names that tools expect.
+    """
+    return name if node.get_namespace() == "/" else name.removeprefix("/")
+
+
 def _never(data: bytes) -> None:
     raise AssertionError("a node that polls its messages was added to an executor")
 
@@ -169,7 +177,7 @@ class NodeEndpoints:
         for topic in published_by(role):
             if topic.exists(wire.layout):
                 self._publishers[topic.name] = self.node.create_publisher(
-                    message_class(topic.type), self.placed(topic.name), quality_of_service(topic)
+                    message_class(topic.type), placed(self.node, topic.name), quality_of_service(topic)
                 )
                 self._senders[topic.name] = self._publishers[topic.name].handle.publish_raw
                 self.published[topic.name] = 0
@@ -181,13 +189,6 @@ class NodeEndpoints:
             self._take_end, _ = self.taker(END_TOPIC)
         elif role in BY_NAME[END_TOPIC].readers:
             self.subscribe({END_TOPIC: self._on_end})
-
-    def placed(self, name: str) -> str:
-        """Return the name of a topic in the namespace of the node, also of an absolute one: each train has its own.
-
-        Without a namespace ``/clock`` and ``/diagnostics`` have the names that tools expect.
-        """
-        return name if self.node.get_namespace() == "/" else name.removeprefix("/")
 
     def _on_end(self, notice: Diagnostic) -> None:
         self._end = notice
@@ -313,7 +314,7 @@ class NodeEndpoints:
         depth = COMMAND_DEPTH if name == "ato/command" and self.role is Role.PLANT else None
         self._subscriptions[name] = self.node.create_subscription(
             message_class(topic.type),
-            at or self.placed(name),
+            at or placed(self.node, name),
             guarded,
             quality_of_service(topic, depth),
             event_callbacks=SubscriptionEventCallbacks(matched=matched),
@@ -359,7 +360,7 @@ class NodeEndpoints:
         topic = BY_NAME[name]
         kind = message_class(topic.type)
         subscription = self.node.create_subscription(
-            kind, self.placed(name), _never, quality_of_service(topic), raw=True
+            kind, placed(self.node, name), _never, quality_of_service(topic), raw=True
         )
         self._subscriptions[name] = subscription
         return partial(subscription.handle.take_message, kind, True)
