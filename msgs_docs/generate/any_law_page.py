@@ -67,18 +67,21 @@ KEPT = (
 
 REASONS: dict[tuple[str, str], str] = {
     (FREIGHT, "funnel"): (
-        "The law has one loop for the mean of five vehicles with disturbances of their own, which swing in the "
-        "couplers (132 kN; laws with a loop per vehicle: 74 kN). `model`, `feedforward: true`, no delay state, and "
-        "lower gains: 3.70 to 3.88 km/h."
+        "The law has one loop for the mean of five vehicles. Each vehicle has its own disturbance, and the vehicles "
+        "swing in the couplers with 132 kN (74 kN under laws with a loop per vehicle). Other settings (`model`, "
+        "`feedforward: true`, no delay state, lower gains) have 3.70 to 3.88 km/h."
     ),
     ("daqin_heavy_haul:predictive", "lag_smc"): (
-        "From 2 370 to 2 400 s the electric brake is at its limit of 461 kN, and the train gains 2.3 km/h. The law is "
-        "then nearer to the profile than `smc`, which reaches 1.7 km/h because it was slower before."
+        "From 2 370 to 2 400 s the electric brake is at its limit of 461 kN, and the train becomes 2.3 km/h too fast. "
+        "`smc` was slower before this time and reaches only 1.7 km/h."
     ),
     ("daqin_two_locomotives", "lag_smc"): (
-        "The plan itself has -594 of 600 kN. With `c1: 0.2` the couplers have -628 kN, with `model` -618 kN."
+        "The plan itself already needs -594 kN, and 600 kN are permitted. With `c1: 0.2` the couplers have -628 kN, "
+        "with `model` -618 kN."
     ),
-    ("daqin_two_locomotives", "mpc"): ("The plan itself has -594 of 600 kN, and the law adds 89 kN."),
+    ("daqin_two_locomotives", "mpc"): (
+        "The plan itself already needs -594 kN, and 600 kN are permitted. The law adds 89 kN."
+    ),
 }
 """Measured reason of every cell with default gains that is not met, by scenario and law."""
 

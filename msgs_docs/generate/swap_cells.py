@@ -40,20 +40,20 @@ JERK = {
 REASONS: dict[tuple[str, str, str, str], str] = {
     **dict.fromkeys(
         [("xuzhou_metro", "standstill", old, new) for old, new in permutations(("lag_smc", "mpc"))],
-        "No command that keeps the bound has less than 0.0142 m/s at this departure, by a linear programme.",
+        "A linear programme shows that no command within the bound has less than 0.0142 m/s at this departure.",
     ),
     ("xuzhou_metro", LAST, "rbf_smc", "gpc"): (
-        "The command of `rbf_smc` swings, and its mean in the last 0.3 s, 1.2 kN beyond the force of the profile, "
-        "counts as a force that lasts. A change 0.2 s later has 0.0327 m."
+        "The command of `rbf_smc` swings. In the last 0.3 s its mean is 1.2 kN above the force of the profile. The new "
+        "law takes this mean for a lasting force. A change 0.2 s later has 0.0327 m."
     ),
     **dict.fromkeys(
         [("crh380a_gpc:short", "acceleration", "lag_smc", new) for new in ("funnel", "gpc")],
-        "The old law holds 73.4, 45.8 and 64.7 kN in the units, the new one 69, 46 and 69 kN. With delays of 1.0, 1.1 "
-        "and 1.2 s the train has 4.4 kN too little for 0.2 s.",
+        "Under the old law the units have 73.4, 45.8 and 64.7 kN, under the new law 69, 46 and 69 kN. The units have "
+        "delays of 1.0, 1.1 and 1.2 s, so that for 0.2 s the train has 4.4 kN too little.",
     ),
     ("crh380a_gpc:short", LAST, "mpc", "rbf_smc"): (
-        "The position error is 3 mm at the change and 11 mm after its reference has joined the profile. The standstill "
-        "adds 17 mm, as it does to the new law alone."
+        "The position error is 3 mm at the change. It is 11 mm when the reference has joined the profile. The "
+        "standstill adds 17 mm, as under the new law alone."
     ),
 }
 """Measured reason of the changes beyond twice the error, by scenario, place, old and new law."""
