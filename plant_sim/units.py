@@ -51,7 +51,7 @@ _POUND_FORCE = 4.4482216152605
 Force = Annotated[
     float, Unit("N", (("kn", 1e-3), ("mn", 1e-6), ("lbf", 1 / _POUND_FORCE), ("klbf", 1e-3 / _POUND_FORCE)))
 ]
-ForceRate = Annotated[float, Unit("N/s", (("kn_per_s", 1e-3),))]
+ForceRate = Annotated[float, Unit("N/s", (("kn_per_s", 1e-3), ("lbf_per_s", 1 / _POUND_FORCE)))]
 Power = Annotated[float, Unit("W", (("kw", 1e-3), ("mw", 1e-6)))]
 Pressure = Annotated[float, Unit("Pa", (("kpa", 1e-3), ("bar", 1e-5), ("psi", 1 / 6894.757293168)))]
 Reduction = Annotated[Pressure, Usual(10e3, 1e6)]
@@ -73,6 +73,15 @@ def unit_suffix(unit: str) -> str:
     return "_" + unit.lower().replace("/", "_").replace("²", "2").replace("³", "3") if unit else ""
 
 
+@cache
+def unit_suffixes() -> dict[str, str]:
+    """Return the symbol of every unit by its suffix of a key: _kmh has km/h, _m_s has m/s."""
+    units = [kind.__metadata__[0] for kind in QUANTITY_KINDS]
+    found = {unit_suffix(unit.si): unit.si for unit in units if unit.si != "1"}
+    return found | {f"_{suffix}": unit_symbol(suffix) for unit in units for suffix, _ in unit.suffixes}
+
+
+@cache
 def unit_symbols() -> dict[str, tuple[str, float]]:
     """Return the SI symbol and the divisor of every unit of the quantities, by its symbol: km/h has m/s and 3.6."""
     found: dict[str, tuple[str, float]] = {}

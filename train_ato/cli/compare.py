@@ -142,7 +142,7 @@ def _leaderboard(options: argparse.Namespace, choices: list[ScenarioChoice], law
     if options.json:
         print_json(rows)
     else:
-        print_table(lines[0], lines[2:], title)
+        print_table(lines[0], lines[2:], title, [key for key, _ in STANDINGS])
         sys.stdout.write(f"leaderboard and all metrics in {folder.path}\n")
     ends = ("failed",) if laws is None else ("failed", "refused")
     failures = [row for rows_of in found for row in rows_of if row["status"] in ends]
@@ -213,6 +213,7 @@ def print_comparison(result: Comparison, folder: Path | None, *, as_json: bool) 
         (text for _, text in COLUMNS),
         ([_value(key, row, rows) for key, _ in COLUMNS] for row in rows),
         f"{result.scenario}, observer {first.get('observer')}, compensation {first.get('compensation')}",
+        [key for key, _ in COLUMNS],
     )
     driven = [row for row in rows if row["status"] != "refused"]
     if len(driven) > 1:
@@ -220,6 +221,7 @@ def print_comparison(result: Comparison, folder: Path | None, *, as_json: bool) 
             (text for _, text in COMPARED),
             ([_difference(key, row, driven) for key, _ in COMPARED] for row in driven),
             "difference from the best value (*)",
+            [key for key, _ in COMPARED],
         )
     for law in result.laws:
         if law.reason:

@@ -37,6 +37,8 @@ def execute(options: argparse.Namespace) -> int:
     from train_ato.api.progress import share_bar
     from train_ato.log.reading import log_file
 
+    if options.units and (options.scene or options.rerun):
+        raise ValueError("--units: only for tables; remove it, or --scene and --rerun")
     if options.scene:
         return _write_scene(options)
     if options.rate is not None and not options.rerun:

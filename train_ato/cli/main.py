@@ -10,6 +10,7 @@ from typing import Any
 
 from plant_sim.input_error import InputFaults
 from train_ato.program.arguments import BAD_INPUT, OneLineParser, prepare_streams, shortened
+from train_ato.program.display_units import displayed_in
 from train_ato.program.errors import RunFailed
 from train_ato.program.interrupt import Interrupt, ProcessExit, ending_like_ctrl_c, no_silent_exit, text_of_exit
 from train_ato.program.version import VERSION
@@ -55,6 +56,8 @@ MODULES: dict[str, str] = {
 """Modules with another name than their command: ``import`` is a keyword of Python."""
 WITHOUT_JSON = ("train_ato.cli.completion",)
 """Modules of the commands without data: a shell reads the result."""
+WITH_UNITS = ("run", "compare", "info", "plan", "report", "export", "list", "import", "driver", "replay", "sweep")
+"""Commands with ``--units``."""
 DONE, FAILED = 0, 1
 
 
@@ -70,6 +73,12 @@ class _Command(OneLineParser):
             module.add_arguments(self)
             if self.module not in WITHOUT_JSON:
                 self.add_argument("--json", action="store_true", help="print one JSON value and nothing else")
+            if self.prog.rpartition(" ")[2] in WITH_UNITS:
+                self.add_argument(
+                    "--units", choices=("us", "metric"),
+                    help="show speeds, lengths, masses, forces and pressures in mph, mi, ft, ton, lbf, psi, or in "
+                    "km/h, t, kN, bar; the files of a run stay as they are (default: each as its name says)",
+                )  # fmt: skip
             self.set_defaults(execute=module.execute)
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
@@ -123,7 +132,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _executed(options: argparse.Namespace) -> int:
     """Execute the command; ``sys.exit(0)`` and ``os._exit()`` in the code of a user are failures."""
     try:
-        with no_silent_exit():
+        with no_silent_exit(), displayed_in(getattr(options, "units", None)):
             return int(options.execute(options) or DONE)
     except SystemExit as error:
         if error.code and not isinstance(error, ProcessExit):  # rich, for a closed pipe

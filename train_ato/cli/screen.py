@@ -11,6 +11,8 @@ import sys
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
+from train_ato.program.display_units import shown_data, shown_table
+
 if TYPE_CHECKING:
     from rich.table import Table
 
@@ -31,7 +33,7 @@ def note_compilation() -> None:
 def print_json(value: Any) -> None:
     """Print one JSON value on standard output."""
     unicode = (sys.stdout.encoding or "").lower().startswith("utf")
-    sys.stdout.write(json.dumps(value, indent=2, ensure_ascii=not unicode, allow_nan=False) + "\n")
+    sys.stdout.write(json.dumps(shown_data(value), indent=2, ensure_ascii=not unicode, allow_nan=False) + "\n")
 
 
 def print_names(title: str, entries: Iterable[tuple[str, ...]]) -> None:
@@ -47,13 +49,21 @@ def print_names(title: str, entries: Iterable[tuple[str, ...]]) -> None:
     _print(result, title)
 
 
-def print_table(columns: Iterable[str], rows: Iterable[Iterable[Any]], title: str = "") -> None:
-    """Print a table on standard output; in a narrow terminal long cells are folded."""
+def print_table(
+    columns: Iterable[str], rows: Iterable[Iterable[Any]], title: str = "", keys: Iterable[str] = ()
+) -> None:
+    """Print a table on standard output; in a narrow terminal long cells are folded.
+
+    Parameters
+    ----------
+    keys
+        Keys of the columns with their units, for headings without.
+    """
     from rich.table import Table
 
     from train_ato.judge.summary_table import format_value
 
-    columns = list(columns)
+    columns, rows = shown_table(columns, rows, keys)
     result = Table(header_style="bold underline", box=None, padding=(0, 2, 0, 0))
     for number, column in enumerate(columns):
         result.add_column(column, justify="left" if number == 0 else "right", overflow="fold")

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pyarrow as pa
+import pyarrow.compute
 import pyarrow.csv
 import pyarrow.parquet
 
@@ -24,6 +25,7 @@ from train_ato.log.table_loading import TableReader
 from train_ato.log.whole_file import writing
 from train_ato.messages.topics import BY_NAME
 from train_ato.messages.types import Trajectory
+from train_ato.program.display_units import display_unit, shown_name, symbol_in
 from train_ato.program.version import VERSION
 
 LZ4 = pa.ipc.IpcWriteOptions(compression="lz4")
@@ -211,7 +213,11 @@ def write_tables(
             schema = schema_with_units(topic, table.schema())
             for ending in formats:
                 path = folder / f"{names[topic]}.{ending}"
-                rows = sum(FORMATS[ending](schema, table.parts(schema, reader.since_begin), path))
+                parts = table.parts(schema, reader.since_begin)
+                if topic in BY_NAME:
+                    rows = sum(FORMATS[ending](shown_schema(schema), map(_shown_part, parts), path))
+                else:
+                    rows = sum(FORMATS[ending](schema, parts, path))
                 written.append(Written(path.name, topic, rows, len(schema.names) - 1, path.stat().st_size))
     return written, left_out
 
@@ -242,6 +248,34 @@ def schema_with_units(topic: str, schema: pa.Schema) -> pa.Schema:
     ]
     about = {"topic": topic, "train_ato": VERSION, **({"meaning": BY_NAME[topic].meaning} if ours else {})}
     return pa.schema(fields, metadata={**(schema.metadata or {}), **about})
+
+
+def shown_schema(schema: pa.Schema) -> pa.Schema:
+    """Return a schema with the names and units of display; without ``--units`` the schema itself."""
+    number = [pa.types.is_floating(field.type) or pa.types.is_integer(field.type) for field in schema]
+    names = [shown_name(name) if plain else name for name, plain in zip(schema.names, number, strict=True)]
+    if names == schema.names:
+        return schema
+    units = [display_unit(symbol_in(name))[0] for name in schema.names]
+    fields = [
+        field if name == field.name else field.with_name(name).with_metadata({"unit": unit})
+        for field, name, unit in zip(schema, names, units, strict=True)
+    ]
+    frame = pa.schema(fields).empty_table().to_pandas().set_index(TIME)
+    about = pa.Table.from_pandas(frame, preserve_index=True).schema.metadata
+    return pa.schema(fields, metadata={**schema.metadata, **about})
+
+
+def _shown_part(part: pa.Table) -> pa.Table:
+    """Return a part of a table in the units of display."""
+    schema = shown_schema(part.schema)
+    if schema is part.schema:
+        return part
+    columns = [
+        column if new.name == old.name else pa.compute.multiply(column, display_unit(symbol_in(old.name))[1])
+        for column, old, new in zip(part.columns, part.schema, schema, strict=True)
+    ]
+    return pa.Table.from_arrays(columns, schema=schema)
 
 
 def _parquet(schema: pa.Schema, parts: Iterable[pa.Table], path: Path) -> Iterator[int]:

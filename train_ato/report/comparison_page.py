@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from bokeh.models import ColumnDataSource
 
-from train_ato.report.curves import Curves
+from train_ato.program.display_units import display_unit
+from train_ato.report.curves import Curves, shown_curves
 from train_ato.report.page import Figure, Linked, PageSection, Placed
 from train_ato.report.page_data import (
     CELLS,
@@ -28,7 +29,7 @@ from train_ato.report.panels import (
     source_of,
     track_figure,
 )
-from train_ato.report.quantities import HEAT, PANELS, QUANTITIES, Trace, traces_of
+from train_ato.report.quantities import HEAT, PANELS, Trace, style_of, traces_of
 
 
 @dataclass(frozen=True)
@@ -162,7 +163,7 @@ def _overlaid(linked: Linked, runs: Sequence[tuple[PageData, str]], shared: Shar
         if name == "speed" and not tables and "profile" in lines.columns:
             profile = source_of(lines.time, {"profile": lines.columns["profile"]})
             tables.append((profile, traces_of(["profile"])))
-        look = replace(QUANTITIES[columns[0]], words=data.label, colour=colour, width=1.3, dash=run_dash(index))
+        look = replace(style_of(columns[0]), words=data.label, colour=colour, width=1.3, dash=run_dash(index))
         tables.append((source_of(lines.time, {columns[0]: values}), [Trace(columns[0], look)]))
     return line_figure(linked, PANELS[shared.name][0], tables, shared.height) if tables else None
 
@@ -189,7 +190,7 @@ def _over_distance(linked: Linked, runs: Sequence[tuple[PageData, str]]) -> list
             continue
         place = lines.columns["position_km"]
         ends += [place, *(profile[0] for profile in data.profiles)]
-        look = replace(QUANTITIES["speed"], words=data.label, colour=colour, width=1.3, dash=run_dash(index))
+        look = replace(style_of("speed"), words=data.label, colour=colour, width=1.3, dash=run_dash(index))
         tables.append((source_of(lines.time, {"speed": speed, "position_km": place}), [Trace("speed", look)]))
     if not tables:
         return []
@@ -218,10 +219,11 @@ def _difference_section(linked: Linked, runs: Sequence[tuple[PageData, str]]) ->
     if not found:
         return []
     cells = round(share_of(len(runs)) * CELLS)
+    km = display_unit("km")[1] / 1e3
     reduced = {
         label: {
-            "time": downsampled(Curves(one.time, one.over_time), cells),
-            "place": downsampled(Curves(one.place / 1e3, one.over_place), cells),
+            "time": downsampled(shown_curves(Curves(one.time, one.over_time)), cells),
+            "place": downsampled(shown_curves(Curves(km * one.place, one.over_place)), cells),
         }
         for label, one in found.items()
     }
@@ -232,7 +234,7 @@ def _difference_section(linked: Linked, runs: Sequence[tuple[PageData, str]]) ->
         tables = []
         for label, curves in reduced.items():
             colour, dash = colours[label]
-            look = replace(QUANTITIES[column], words=label, colour=colour, width=1.3, dash=dash)
+            look = replace(style_of(column), words=label, colour=colour, width=1.3, dash=dash)
             lines = curves[over]
             columns = {column: lines.columns[column]} | ({"position_km": lines.time} if over == "place" else {})
             tables.append((source_of(lines.time, columns), [Trace(column, look)]))

@@ -29,8 +29,9 @@ from train_ato.loop.engine import SIGNALS
 from train_ato.messages.links import LinkSpec
 from train_ato.messages.topic import FIXED_NAMES, Owner
 from train_ato.messages.types import Array
+from train_ato.program.display_units import display_unit
 from train_ato.report.events import delay_jumps
-from train_ato.report.quantities import QUANTITIES
+from train_ato.report.quantities import QUANTITIES, unit_in_figures
 
 WINDOWS = 80
 """Approximate number of time windows; each is ``MIN_WINDOW`` to ``MAX_WINDOW`` [s] long."""
@@ -486,6 +487,12 @@ CURVES: dict[str, Callable[[Recording], Curves]] = {
 """Figures of lines over time."""
 
 
+def shown_curves(lines: Curves) -> Curves:
+    """Return curves in the units of display."""
+    units = {name: "km" if name == "position_km" else unit_in_figures(name) for name in lines.columns}
+    return Curves(lines.time, {name: display_unit(units[name])[1] * values for name, values in lines.columns.items()})
+
+
 def curves_of(
     recording: Recording,
     names: Sequence[str] = tuple(CURVES),
@@ -496,7 +503,7 @@ def curves_of(
     missing: dict[str, str] = {}
     for name in names:
         try:
-            found[name] = reduced(CURVES[name](recording))
+            found[name] = shown_curves(reduced(CURVES[name](recording)))
         except NotAvailable as reason:
             missing[name] = str(reason)
     return found, missing

@@ -26,8 +26,9 @@ from bokeh.models import (
 )
 from bokeh.plotting import figure as bokeh_figure
 
+from train_ato.program.display_units import display_unit, shown_name, shown_texts
 from train_ato.report.events import Event
-from train_ato.report.quantities import AXES, FAINT, FONT, INK, KINDS
+from train_ato.report.quantities import FAINT, FONT, INK, KINDS, axis_title
 from train_ato.report.summary_rows import CriterionCells, VerdictText
 
 Figure = Any
@@ -114,7 +115,7 @@ class Linked:
         """Return an empty figure over the position of vehicle 0 [km]."""
         plot = _plain(axis, height, x_range=self.place, **options)
         plot.min_border_right = RIGHT + SECOND_AXIS
-        plot.xaxis.axis_label = AXES["distance"]
+        plot.xaxis.axis_label = axis_title("distance")
         plot.add_tools(CrosshairTool(overlay=self._place_cursor))
         self.figures_over_distance.append(plot)
         return plot
@@ -184,7 +185,7 @@ def _plain(axis: str, height: int, **options: Any) -> Figure:
     plot.toolbar.logo = None
     plot.toolbar.autohide = True
     plot.js_on_event(DoubleTap, CustomJS(args={"plot": plot}, code="plot.reset.emit()"))
-    plot.yaxis.axis_label = AXES.get(axis, axis)
+    plot.yaxis.axis_label = axis_title(axis)
     plot.yaxis.formatter = BasicTickFormatter(use_scientific=False)
     for side in plot.axis:
         style_axis(side)
@@ -375,12 +376,13 @@ def render(page: ReportPage, sections: list[PageSection]) -> str:
         blocks = [(placed.heading, placed.caption, placed.figure.id, Markup(next(rest))) for placed in section.placed]
         divided.append((section.anchor, section.title, blocks))
     files = Environment(loader=FileSystemLoader(HERE), autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    files.filters["name"] = shown_name
     return files.get_template("page.html").render(
-        page=page,
+        page=shown_texts(page),
         marks=MARKS,
         sections=divided,
         script=Markup(script),
         library=Markup(library),
         style=Markup((HERE / "page.css").read_text(encoding="utf-8")),
-        behaviour=Markup((HERE / "page.js").read_text(encoding="utf-8")),
+        behaviour=Markup((HERE / "page.js").read_text(encoding="utf-8").replace('"km"', f'"{display_unit("km")[0]}"')),
     )

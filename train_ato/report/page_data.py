@@ -17,6 +17,7 @@ from train_ato.judge.recording import BRAKE_SHOES, TRUTH, Recording
 from train_ato.judge.result import completed_summary
 from train_ato.judge.series import seconds
 from train_ato.messages.types import Array, Trajectory
+from train_ato.program.display_units import display_unit
 from train_ato.report.curves import KILO, NEVER_APPLIED, NO_COUPLER, Curves, NotAvailable, curves_of
 from train_ato.report.events import Event, detect_events
 from train_ato.report.quantities import NO_LINES, RUN_COLOURS
@@ -186,6 +187,17 @@ class TrackShape:
         """True for a level, straight line without tunnels."""
         return not (np.any(self.grade) or self.curves or self.tunnels)
 
+    def shown(self) -> "TrackShape":
+        """Return the part in the units of display."""
+        km, metre = display_unit("km")[1], display_unit("m")[1]
+        return TrackShape(
+            km * self.place,
+            self.grade,
+            metre * self.height,
+            [(km * begin, km * end, metre * radius) for begin, end, radius in self.curves],
+            [(km * begin, km * end) for begin, end in self.tunnels],
+        )
+
 
 def track_shape(line: Line, begin: float, end: float) -> TrackShape:
     """Return the part of a line between two places [m]."""
@@ -295,23 +307,26 @@ def page_data(recording: Recording, label: str = "", share: float = 1.0) -> Page
             maps[name] = heat_map(time, values, columns_for(values.shape[1], share))
         except NotAvailable as reason:
             left_out[name] = str(reason)
+    per_km, per_speed, per_kn = (display_unit(unit)[1] for unit in ("km", "km/h", "kN"))
+    profiles = [_over_distance(plan) for plan in recording.profiles]
+    limits, shape = _steps(recording), _track(recording)
     return PageData(
         label or recording.name,
         recording.summary,
         fact_texts(recording),
         recording.span,
         curves,
-        maps,
+        {name: replace(picture, unit=per_kn * picture.unit) for name, picture in maps.items()},
         detect_events(recording),
-        [_over_distance(plan) for plan in recording.profiles],
-        _steps(recording),
-        _track(recording),
+        [(per_km * place, per_speed * speed) for place, speed in profiles],
+        None if limits is None else (per_km * limits[0], per_speed * limits[1]),
+        None if shape is None else shape.shown(),
         recording.setup.scenario.summary if recording.setup is not None else "",
         remarks_of(recording),
         left_out,
         evaluation_note(recording.setup.scenario.evaluation) if recording.setup is not None else "",
         DrivenMotion.of(recording, recording.summary),
-        _stations(recording),
+        [(per_km * place, name) for place, name in _stations(recording)],
     )
 
 

@@ -22,6 +22,7 @@ from bokeh.models import (
 )
 
 from train_ato.messages.types import Array
+from train_ato.program.display_units import shown_name
 from train_ato.report.events import Event
 from train_ato.report.page import HEIGHT, Figure, Linked, add_page_legend, style_axis
 from train_ato.report.page_data import MAX_CODE, HeatMap, TrackShape
@@ -37,8 +38,10 @@ from train_ato.report.quantities import (
     Heat,
     Trace,
     axis_range,
+    axis_title,
     buff_to_draft,
     none_to_full,
+    style_of,
 )
 
 
@@ -104,7 +107,7 @@ def _fit_range(plot: Figure, axis: str, lines: Sequence[tuple[str, Array, Any]],
 
 def _line(plot: Figure, source: ColumnDataSource, trace: Trace, over: str) -> Any:
     look = trace.look
-    if trace.column in FILLED and look == QUANTITIES[trace.column]:
+    if trace.column in FILLED and look == style_of(trace.column):
         plot.varea(x=over, y1=0, y2=trace.column, source=source, fill_color=look.colour, fill_alpha=0.22)
     return plot.line(
         x=over, y=trace.column, source=source, line_color=look.colour, line_width=look.width, line_dash=look.dash,
@@ -226,14 +229,16 @@ def heat_figure(linked: Linked, picture: HeatMap, heat: Heat, largest: float | N
         level="image",
     )
     scale = LinearColorMapper(palette=colours, low=-picture.largest if heat.signed else 0.0, high=picture.largest)
-    plot.add_layout(_colour_bar(scale, f"{heat.words} in kN{': buff < 0 < draft' if heat.signed else ''}"), "above")
+    plot.add_layout(
+        _colour_bar(scale, axis_title(f"{heat.words} in kN{': buff < 0 < draft' if heat.signed else ''}")), "above"
+    )
     cell = CustomJSHover(args={"unit": picture.unit}, code="return value < -127 ? '–' : (value * unit).toFixed(1)")
     plot.add_tools(
         HoverTool(
             tooltips=[
                 ("time", "$x{custom}"),
                 (heat.rows, "$y{custom}"),
-                (heat.words, "@image{custom} kN"),
+                (heat.words, shown_name("@image{custom} kN")),
             ],
             formatters={
                 "$x": linked.clock(),
@@ -363,7 +368,7 @@ def track_figure(linked: Linked, shape: TrackShape) -> Figure:
     plot.extra_y_ranges = {
         "height": Range1d(float(shape.height.min()) - 0.1 * span, float(shape.height.max()) + 0.1 * span)
     }
-    side = LinearAxis(y_range_name="height", axis_label="height in m")
+    side = LinearAxis(y_range_name="height", axis_label=axis_title("height in m"))
     style_axis(side)
     plot.add_layout(side, "right")
     look = QUANTITIES["height"]
@@ -377,10 +382,10 @@ def track_figure(linked: Linked, shape: TrackShape) -> Figure:
             renderers=[bars],
             mode="vline",
             tooltips=[
-                ("from", "@left{0.000} km"),
-                ("to", "@right{0.000} km"),
+                ("from", shown_name("@left{0.000} km")),
+                ("to", shown_name("@right{0.000} km")),
                 ("grade", "@grade{0.0} ‰"),
-                ("height at its start", "@height{0.0} m"),
+                ("height at its start", shown_name("@height{0.0} m")),
             ],
             point_policy="follow_mouse",
         )
@@ -404,7 +409,10 @@ def _curves(plot: Figure, shape: TrackShape) -> list[LegendItem]:
         plot.add_tools(
             HoverTool(
                 renderers=[strip],
-                tooltips=[("curve", "@begin{0.000} … @end{0.000} km"), ("radius", "@radius{0} m")],
+                tooltips=[
+                    ("curve", shown_name("@begin{0.000} … @end{0.000} km")),
+                    ("radius", shown_name("@radius{0} m")),
+                ],
             )
         )
         items.append(LegendItem(label="curve", renderers=[strip]))
@@ -414,6 +422,8 @@ def _curves(plot: Figure, shape: TrackShape) -> list[LegendItem]:
         strip = plot.quad(
             left="begin", right="end", bottom=low - 3.4 * band, top=low - 2.4 * band, source=source, color=INK
         )
-        plot.add_tools(HoverTool(renderers=[strip], tooltips=[("tunnel", "@begin{0.000} … @end{0.000} km")]))
+        plot.add_tools(
+            HoverTool(renderers=[strip], tooltips=[("tunnel", shown_name("@begin{0.000} … @end{0.000} km"))])
+        )
         items.append(LegendItem(label="tunnel", renderers=[strip]))
     return items

@@ -25,7 +25,8 @@ from train_ato.judge.result import RunResult
 from train_ato.judge.typed_result import TypedResult
 from train_ato.log.whole_file import writing
 from train_ato.messages.types import Array
-from train_ato.report.curves import Curves, curves_of
+from train_ato.program.display_units import display_unit
+from train_ato.report.curves import Curves, curves_of, shown_curves
 from train_ato.report.events import Event, detect_events
 from train_ato.report.page_data import (
     NO_CODE,
@@ -38,7 +39,6 @@ from train_ato.report.page_data import (
     run_dash,
 )
 from train_ato.report.quantities import (
-    AXES,
     FAINT,
     FILLED,
     GREY,
@@ -51,6 +51,7 @@ from train_ato.report.quantities import (
     VERMILION,
     Heat,
     axis_range,
+    axis_title,
     buff_to_draft,
     none_to_full,
     traces_of,
@@ -267,7 +268,7 @@ def draw_lines(axes: Axes, lines: Curves, axis: str, events: Sequence[Event] = (
             alpha=alpha,
             label=look.words + found.remark(trace.column),
         )
-    axes.set_ylabel(_wrapped(AXES.get(axis, axis)))
+    axes.set_ylabel(_wrapped(axis_title(axis)))
     axes.margins(x=0.01, y=0.08)
     margin = 0.08 * max(found.high - found.low, 1e-3)
     if found.far:
@@ -289,13 +290,15 @@ NEAR_LIMIT = 1.0
 def draw_criterion_limits(axes: Axes, panel: str, summary: Mapping[str, Any]) -> None:
     """Draw the limits of the criteria; a limit far outside of the lines has its value in the legend only."""
     found = {row["criterion"]: row["limit"] for row in summary.get("criteria") or ()}
-    for criterion, signs, unit in CRITERION_LIMITS.get(panel, ()):
+    for criterion, signs, own in CRITERION_LIMITS.get(panel, ()):
         if criterion not in found:
             continue
+        unit, factor = display_unit(own)
+        limit = factor * found[criterion]
         low, high = axes.get_ylim()
-        label = f"criterion: {number_text(found[criterion], 4)} {unit}"
+        label = f"criterion: {number_text(limit, 4)} {unit}"
         known = label in axes.get_legend_handles_labels()[1]
-        for value in (sign * found[criterion] for sign in signs):
+        for value in (sign * limit for sign in signs):
             if low - NEAR_LIMIT * (high - low) <= value <= high + NEAR_LIMIT * (high - low):
                 axes.axhline(value, color=VERMILION, lw=0.9, ls=DASHES["dashed"], label="" if known else label)
                 label = ""
@@ -304,7 +307,7 @@ def draw_criterion_limits(axes: Axes, panel: str, summary: Mapping[str, Any]) ->
         else:
             lines = axes.get_ylim()
             margin = 0.04 * (lines[1] - lines[0])
-            ends = [sign * found[criterion] for sign in signs]
+            ends = [sign * limit for sign in signs]
             axes.set_ylim(min(lines[0], min(ends) - margin), max(lines[1], max(ends) + margin))
 
 
@@ -335,7 +338,7 @@ def draw_map(figure: Figure, axes: Axes, picture: HeatMap, heat: Heat) -> None:
     axes.grid(visible=False)
     axes.set_ylabel(heat.rows)
     bar = figure.colorbar(image, ax=axes, pad=0.01, aspect=22)
-    bar.set_label(f"{heat.words} in kN{' (draft > 0)' if heat.signed else ''}")
+    bar.set_label(axis_title(f"{heat.words} in kN{' (draft > 0)' if heat.signed else ''}"))
     bar.outline.set_linewidth(0.5)
 
 
@@ -348,13 +351,13 @@ def draw_track(axes: Axes, data: PageData) -> None:
     band = 0.07 * max(float(np.ptp(np.append(shape.grade, 0.0))), 1.0)
     for index, (begin, end, _) in enumerate(shape.curves):
         axes.fill_between([begin, end], low - 2 * band, low - band, color=PURPLE, lw=0, label="" if index else "curve")
-    axes.set_ylabel(_wrapped(AXES["grade"]))
-    axes.set_xlabel(AXES["distance"])
+    axes.set_ylabel(_wrapped(axis_title("grade")))
+    axes.set_xlabel(axis_title("distance"))
     side = axes.twinx()
     look = QUANTITIES["height"]
     (line,) = side.plot(shape.place, shape.height, color=look.colour, lw=1.0, label=f"{look.words} (right)")
     side.grid(visible=False)
-    side.set_ylabel("height in m")
+    side.set_ylabel(axis_title("height in m"))
     add_print_legend(axes, [line])
 
 
@@ -418,7 +421,7 @@ def _over_distance(data: PageData) -> Figure | None:
     draw_lines(panel, Curves(lines.time, driven), "speed", over="position_km")
     draw_stations(panel, data.stations)
     add_print_legend(panel)
-    panel.set_xlabel(AXES["distance"])
+    panel.set_xlabel(axis_title("distance"))
     if data.track is not None:
         panel.set_xlabel("")
         draw_track(axes[1], data)
@@ -507,7 +510,7 @@ def comparison_figure(pages: Sequence[PageData], title: str) -> Figure | None:
                 if values is not None:
                     panel.plot(lines.time, values, color=colour, lw=0.8, ls=DASHES[run_dash(index)], label=label)
                     label = None
-        panel.set_ylabel(AXES[PANELS[name][0]])
+        panel.set_ylabel(axis_title(PANELS[name][0]))
         panel.margins(x=0.01, y=0.08)
     add_print_legend(axes[0])
     clock_axis(axes[-1], max(data.span[1] for data, _ in runs))
@@ -522,10 +525,10 @@ def _draw_differences(
     for index, (data, colour) in enumerate(runs):
         if data.label in differences:
             found = differences[data.label]
-            lines = downsampled(Curves(found.time, {"speed": found.over_time["speed_kmh"]}), POINTS)
+            lines = downsampled(shown_curves(Curves(found.time, {"speed": found.over_time["speed_kmh"]})), POINTS)
             panel.plot(lines.time, lines.columns["speed"], color=colour, lw=0.8, ls=DASHES[run_dash(index)])
     panel.axhline(0.0, color=runs[0][1], lw=0.8)
-    panel.set_ylabel(AXES["speed_difference"])
+    panel.set_ylabel(axis_title("speed_difference"))
     panel.margins(x=0.01, y=0.08)
 
 

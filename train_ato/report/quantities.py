@@ -4,12 +4,14 @@ The colours are those of Okabe and Ito, distinguishable with any colour vision. 
 red, zero white and buff blue.
 """
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from train_ato.messages.types import Array
+from train_ato.program.display_units import display_unit
 
 BLUE, ORANGE, GREEN, VERMILION = "#0072b2", "#e69f00", "#009e73", "#d55e00"
 PURPLE, SKY, GREY, BLACK = "#cc79a7", "#56b4e9", "#7f8790", "#222222"
@@ -111,6 +113,18 @@ QUANTITIES: dict[str, CurveStyle] = {
 }
 """Appearance of every quantity."""
 
+
+def style_of(name: str) -> CurveStyle:
+    """Return the appearance of a quantity with its unit of display."""
+    return replace(QUANTITIES[name], unit=display_unit(QUANTITIES[name].unit)[0])
+
+
+def unit_in_figures(column: str) -> str:
+    """Return the unit of a column before that of display, "" for an own signal."""
+    name = column.partition(":")[0]
+    return QUANTITIES[name].unit if name in QUANTITIES else ""
+
+
 AXES: dict[str, str] = {
     "speed": "speed in km/h",
     "speed_error": "speed error in km/h",
@@ -130,6 +144,11 @@ AXES: dict[str, str] = {
     "force_difference": "force difference in kN",
 }
 """Titles of the axes."""
+
+
+def axis_title(axis: str) -> str:
+    """Return the title of an axis, or the title itself, in the units of display."""
+    return re.sub(r"(?<= in )[^ ,:]+", lambda unit: display_unit(unit[0])[0], AXES.get(axis, axis))
 
 
 @dataclass(frozen=True)
@@ -219,7 +238,7 @@ def traces_of(columns: Iterable[str]) -> list[Trace]:
     traces: list[Trace] = []
     for column in sorted(lines, key=lambda column: order[column.partition(":")[0]]):
         name, _, unit = column.partition(":")
-        look = QUANTITIES[name]
+        look = style_of(name)
         if name == "signal":
             look = replace(look, words=unit, colour=RUN_COLOURS[len(traces) % len(RUN_COLOURS)])
         elif unit:

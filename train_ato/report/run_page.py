@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from bokeh.events import MouseLeave, MouseMove
 from bokeh.models import ColumnDataSource, CustomJS, Span
 
+from train_ato.program.display_units import display_unit
 from train_ato.report.page import HEIGHT, Figure, Linked, PageSection, Placed
 from train_ato.report.page_data import PageData
 from train_ato.report.panels import (
@@ -302,9 +303,10 @@ def _over_distance(linked: Linked, data: PageData, sources: dict[str, ColumnData
 
 def _readings(sources: dict[str, ColumnDataSource]) -> list[Reading]:
     return [
-        Reading(sources[table], column, *SHORT[column])
+        Reading(sources[table], column, words, display_unit(unit)[0], digits)
         for table, columns in READINGS
         if table in sources
         for column in columns
         if column in sources[table].data
+        for words, unit, digits in (SHORT[column],)
     ]

@@ -9,6 +9,7 @@ from typing import Any
 from train_ato.judge.metric_names import metric_name, metric_unit
 from train_ato.judge.ranking import rank_of
 from train_ato.judge.verdict import CRITERIA, is_tracked, place_text, three_digits, tracking_text, verdict_line
+from train_ato.program.display_units import display_unit
 from train_ato.report.page_data import PageData
 
 
@@ -28,7 +29,7 @@ class Row:
     @property
     def unit(self) -> str:
         """Unit of the metric."""
-        return metric_unit(self.key)
+        return display_unit(metric_unit(self.key))[0]
 
 
 GROUPS: tuple[tuple[str, tuple[Row, ...]], ...] = (
@@ -116,6 +117,7 @@ def shown(row: Row, summary: dict[str, Any]) -> str:
     if value is None or isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
         return "–"
     digits = row.digits
+    value *= display_unit(metric_unit(row.key))[1]
     if 0 < abs(value) < 10.0**-digits:  # otherwise a small value would be shown as 0
         digits = min(digits + FINER, 1 - math.floor(math.log10(abs(value))))
     text = f"{value:.{digits}f}"

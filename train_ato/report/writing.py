@@ -11,6 +11,7 @@ from train_ato.judge.ranking import difference_from_best
 from train_ato.log.reading import log_file
 from train_ato.log.whole_file import write_whole
 from train_ato.program.arguments import check_new_file
+from train_ato.program.display_units import display_unit
 from train_ato.program.version import VERSION
 from train_ato.report.page_data import PageData, run_colours
 from train_ato.report.quantities import KINDS, PANELS
@@ -119,26 +120,28 @@ def _run_title(data: PageData) -> str:
 def stop_cells(summary: dict[str, Any]) -> list[list[str]]:
     """Return number, place, planned and actual arrival, delay [s] and error [m] of every stop as texts."""
     rows = []
+    per_km, metre = display_unit("km")[1], display_unit("m")[1]
     for number, stop in enumerate(summary.get("stops") or (), start=1):
         arrival = stop["arrival_s"]
         times = [short_clock(stop["planned_s"]), "–" if arrival is None else short_clock(arrival)]
         late = "–" if arrival is None else f"{stop['delay_s']:+.1f}".replace("-", "−")
-        error = "no stop" if stop["beyond_m"] is None else f"{stop['beyond_m']:+.3f}".replace("-", "−")
-        rows.append([str(number), stop.get("post") or f"{stop['km']:.3f}", *times, late, error])
+        error = "no stop" if stop["beyond_m"] is None else f"{metre * stop['beyond_m']:+.3f}".replace("-", "−")
+        rows.append([str(number), stop.get("post") or f"{per_km * stop['km']:.3f}", *times, late, error])
     return rows
 
 
 def difference_cells(found: MotionDifference) -> list[list[str]]:
     """Return place, both arrivals, and the differences of arrival [s] and place [m] of every stop as texts."""
     rows = []
+    per_km, metre = display_unit("km")[1], display_unit("m")[1]
     for stop in found.stops:
         km, *arrivals, late, farther = stop.values()
         rows.append(
             [
-                f"{km:.3f}",
+                f"{per_km * (km or 0.0):.3f}",
                 *("–" if time is None else short_clock(time) for time in arrivals),
                 "–" if late is None else f"{late:+.1f}".replace("-", "−"),
-                "–" if farther is None else f"{farther:+.3f}".replace("-", "−"),
+                "–" if farther is None else f"{metre * farther:+.3f}".replace("-", "−"),
             ]
         )
     return rows
