@@ -81,7 +81,7 @@ def write_table(text: str, runs: int, seeds: int) -> None:
     _, end, after = rest.partition(END)
     if not end:
         raise SystemExit(f"{PAGE}: no lines '{BEGIN.strip()}' and '{END.strip()}'; add them")
-    command = f"`python studies_done/learning.py --runs {runs} --seeds {seeds} --page`, in m/s and m:\n\n"
+    command = f"The table has m/s and m. Its command is `python studies_done/learning.py --runs {runs} --seeds {seeds} --page`:\n\n"
     PAGE.write_text(f"{before}{BEGIN}{command}{text}{END}{after}", encoding="utf-8")
 
 
