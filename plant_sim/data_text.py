@@ -99,11 +99,32 @@ class _UniqueKeys(yaml.constructor.SafeConstructor):
 
     def construct_yaml_int(self, node: Any) -> int:
         """Construct an integer: decimal, ``0o17`` or ``0x1f``."""
-        text = str(self.construct_scalar(node)).replace("_", "")
+        text = self._text(node, "int").replace("_", "")
         if len(text) > MAX_DIGITS:
             problem = f"an integer of {len(text)} digits; give at most {MAX_DIGITS}"
             raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark)
         return int(text, {"0o": 8, "0x": 16}.get(text[:2], 10))
+
+    def construct_yaml_float(self, node: Any) -> float:
+        """Construct a number; also with its tag, 1:30 is none."""
+        self._text(node, "float")
+        return super().construct_yaml_float(node)
+
+    def construct_yaml_bool(self, node: Any) -> bool:
+        """Construct a truth value; also with its tag, yes is none."""
+        return self._text(node, "bool").lower() == "true"
+
+    def construct_yaml_null(self, node: Any) -> None:
+        """Construct an empty value; also with its tag, a text is none."""
+        self._text(node, "null")
+
+    def _text(self, node: Any, kind: str) -> str:
+        """Return the text of a scalar, which must be one of its type without a tag too."""
+        text = str(self.construct_scalar(node))
+        if not next(pattern for name, pattern, _ in _SCALARS if name == kind).match(text):
+            problem = f"'{text[:40]}' is no value of the tag !!{kind}; remove the tag or correct the value"
+            raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark)
+        return text
 
 
 class _Loader(_LimitedComposer, *_PARSERS, _UniqueKeys, yaml.resolver.Resolver):  # type: ignore[misc]
@@ -124,9 +145,10 @@ def _add_scalars(target: Any) -> None:
         target.add_implicit_resolver(f"tag:yaml.org,2002:{tag}", pattern, first)
 
 
-_UniqueKeys.add_constructor(  # type: ignore[type-var]  # a constructor without its loader
-    "tag:yaml.org,2002:int", _UniqueKeys.construct_yaml_int
-)
+_UniqueKeys.yaml_constructors = {
+    f"tag:yaml.org,2002:{kind}": getattr(_UniqueKeys, f"construct_yaml_{kind}")
+    for kind in ("null", "bool", "int", "float", "str", "seq", "map")
+} | {None: _UniqueKeys.construct_undefined}
 _Loader.yaml_implicit_resolvers = {}
 _add_scalars(_Loader)
 

@@ -249,10 +249,11 @@ def test_lines_as_bench_files_are_read_back(tmp_path: Path) -> None:
         assert [e.speed for e in line.speed_limits] == [e.speed for e in again.speed_limits]
 
 
-def test_keys_below_carried_ones_are_carried() -> None:
-    """Breaks if a carried block lists its own keys, or an unknown one in a list is missed or repeated."""
-    data = {"stops": {"unit": "m"}, "altitude": 3, "rows": [{"a": 1, "b": 2}, {"b": 3}]}
-    assert keys_not_carried(data, ("stops", "rows[].a")) == ("altitude", "rows[].b")
+def test_keys_below_carried_ones_need_an_entry_of_their_own() -> None:
+    """Breaks if a carried key carries an unknown one below it, or an unknown one in a list is missed or repeated."""
+    data = {"stops": {"unit": "m"}, "altitude": 3, "rows": [{"a": [[1]], "b": 2}, {"b": 3}], "none": [], "": {"": 1}}
+    assert keys_not_carried(data, ("stops", "rows[].a")) == ("stops.unit", "altitude", "rows[].b", "")
+    assert keys_not_carried({"p": {"x": {"at": 1, "by": 2}, "y": 3}}, ("p.*.at",)) == ("p.x.by", "p.y")
 
 
 def effort(scale: float) -> dict[str, list[float]]:

@@ -39,6 +39,8 @@ INFRA = LOOP | {
         {"id": "out", "speed_limit": 5, "track_ranges": [part("C", 1000, 1100, "START_TO_STOP")]},
     ],
     "signals": [{"id": "s", "position": 4}], "extended_switch_types": [],
+    "neutral_sections": [{"id": "n", "lower_pantograph": True, "track_ranges": [{
+        "track": "C", "begin": 300, "end": 400, "direction": "START_TO_STOP"}]}],
     "electrifications": [{"id": "e", "voltage": "25000V", "track_ranges": [part("A", 100, 900), part("C", 100, 600)]}],
 }  # fmt: skip
 CURVES = {"curvatures": BENCH["curvatures"] | {"values": [[300.0, 800.0, -500.0], [600.0, 700, 700]]}}
@@ -47,12 +49,21 @@ LINES: dict[str, tuple[Any, str]] = {
     "osrd": (INFRA, "A..L"),
     "ttobench": (BENCH | CURVES | TUNNEL | {"altitude": quantity(5, "m")}, ""),
     "railtoolkit": (PATH | {"schema_version": "2022.05", "points_of_interest": [[5, "x"]]}, ""),
+    "geojson feature": (geojson(track(length=300.0), {})["features"][0], ""),
     "geojson": (geojson(track(length=300.0), {"A": [11.001, 48.0]}) | {"crs": "none"}, ""),
     "altrios": ([link(1, 0, 2, 0, speed_sets=limited(20, 15)), link(2, 0, 0, 1, speed_sets=limited(30, 25))], "1..2"),
     "railtoolkit names": (PATH | {"paths": [{"name": "n", "characteristic_sections": NAMED, "UUID": "4"}]}, ""),
 }
 TRAINS: dict[str, dict[str, Any]] = {
     "ttobench": UNIT_TRAIN | {"ETCS braking data": ETCS, "max acceleration": quantity(0.6, "m/s^2")},
+    "ttobench 1.4": UNIT_TRAIN
+    | {
+        "tunnel resistance": {
+            "unit": "kg/m",
+            "cross section unit": "m^2",
+            "values": [{"cross section": 24, "value": 15}],
+        }
+    },
     "railtoolkit": TRAIN,
     "osrd": STOCK,
     "altrios": ORE,
@@ -123,6 +134,82 @@ def test_every_key_of_a_line_is_used_or_named(tmp_path: Path, name: str) -> None
     lowest = (0, "speed_sets", "Freight", "speed_limits", 1, "offset_end_meters")  # a gap has the lowest limit
     places = [place for place in places if place[1:] not in given and place != lowest]
     assert silent(data, places, read) == []
+
+
+def planted(data: Any) -> Iterator[tuple[str, Any]]:
+    """Yield, for every mapping in data, the name of an unknown key in it and the data with this key."""
+    mappings: list[tuple[str, Any]] = [("", data)]
+    for place, entry in mappings:
+        items = entry.items() if isinstance(entry, dict) else enumerate(entry) if isinstance(entry, list) else ()
+        for key, value in items:
+            mappings.append((f"{place}[]" if isinstance(key, int) else f"{place}.{key}".lstrip("."), value))
+        if isinstance(entry, dict):
+            entry["planted"] = 7
+            yield f"{place}.planted".lstrip("."), copy.deepcopy(data)
+            del entry["planted"]
+
+
+def unnamed(data: Any, read: Any) -> list[str]:
+    """Return the planted keys that are neither refused in words nor named as lost."""
+    lost, count, base = [], 0, replace(read(data), left_out=())
+    for name, changed in planted(copy.deepcopy(data)):
+        count += 1
+        try:
+            found = read(changed)
+            told = any(f"{name}.".startswith((f"{entry}.", f"{entry}[")) for entry in found.left_out)
+            if not told and replace(found, left_out=()) == base:  # a category may have any name
+                lost.append(name)
+        except ValueError as error:
+            assert "planted" in str(error) and "\n" not in str(error)
+    assert count > 1
+    return lost
+
+
+@pytest.mark.parametrize("name", LINES)
+def test_an_unknown_key_in_any_mapping_of_a_line_is_named(tmp_path: Path, name: str) -> None:
+    """Breaks if a key carries all keys below it, as ports, geometry, units or the rows of speed limits did."""
+    data, selection = LINES[name]
+
+    def read(changed: Any) -> ReadLine:
+        (tmp_path / "line.json").write_text(json.dumps(changed))
+        return read_line(tmp_path / "line.json", selection)
+
+    assert unnamed(data, read) == []
+
+
+@pytest.mark.parametrize("name", TRAINS)
+def test_an_unknown_key_in_any_mapping_of_a_train_is_named(tmp_path: Path, name: str) -> None:
+    """Breaks if a reader is silent about a key below one that it uses, or that it keeps for the way back."""
+
+    def read(changed: Any) -> ReadConsist:
+        (tmp_path / "train.json").write_text(json.dumps(changed))
+        return read_train(tmp_path / "train.json")
+
+    assert unnamed(TRAINS[name], read) == []
+
+
+@pytest.mark.parametrize("name", ["line.railml", "stock.railml", "way.gpx"])
+def test_an_unknown_attribute_and_element_anywhere_in_xml_is_named(tmp_path: Path, name: str) -> None:
+    """Breaks if a name has to be unknown everywhere to be lost, or an attribute of GPX is silent."""
+    text = {"line.railml": RAIL_LOOP, "stock.railml": RAIL_STOCK, "way.gpx": gpx(track(length=300.0), {"A": [11, 48]})}
+    root, file, silent_in = ElementTree.fromstring(text[name]), tmp_path / name, []
+    for element in list(root.iter()):
+        element.set("planted", "7")
+        added = ElementTree.SubElement(element, "sown")
+        file.write_text(ElementTree.tostring(root, encoding="unicode"))
+        try:
+            left = (
+                read_train(file).left_out
+                if name == "stock.railml"
+                else read_line(file, "a..b"[: 4 * (name[0] == "l")]).left_out
+            )
+            if not all(any(key.endswith(end) for key in left) for end in ("@planted", "sown")):
+                silent_in.append(element.tag)
+        except ValueError as error:
+            assert "\n" not in str(error)
+        element.remove(added)
+        del element.attrib["planted"]
+    assert silent_in == []
 
 
 @pytest.mark.parametrize("name", TRAINS)
@@ -221,7 +308,8 @@ def test_every_element_of_a_gpx_file_is_used_or_named(tmp_path: Path) -> None:
             element.set(key, changed) if key else setattr(element, "text", changed)
             file.write_text(ElementTree.tostring(root, encoding="unicode"))
             found = read_line(file)
-            if found.line == base.line and f"<{tag}>" not in found.left_out and (tag, key) != ("gpx", "version"):
+            told = any(f"{entry}.".endswith((f"{tag}.", f"{tag}.@{key}.")) for entry in found.left_out)
+            if found.line == base.line and not told and (tag, key) != ("gpx", "version"):
                 lost.append((tag, key))
             element.set(key, value) if key else setattr(element, "text", value)
     assert lost == []

@@ -282,7 +282,10 @@ def test_railml_limits_of_speed_profiles_are_those_of_categories(tmp_path, capsy
     limits = [(e.at, round(3.6 * e.speed)) for e in category.speed_limits]
     assert limits == [(0, 80), (1000, 100), (2000, 80)]
     assert {round(3.6 * e.speed) for e in line.speed_limits} == {80}
-    assert "trainRelation: not used; its speed holds for the whole length of the train" in capsys.readouterr().err
+    assert (
+        "trainRelation = 'headOfTrain': the part of the train that the speed holds for; here it holds for its whole"
+        in capsys.readouterr().err
+    )
     file.write_text(text.replace(whole, ""))
     line = load_line(f"{file}:Alder..Birch")
     assert {round(3.6 * e.speed) for e in line.speed_limits} == {100}

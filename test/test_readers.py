@@ -360,6 +360,27 @@ def test_scalars_are_those_of_yaml_1_2(text: str, value: Any) -> None:
     assert parse_yaml(yaml.dump({"name": text}, Dumper=TextDumper)) == {"name": text}
 
 
+@pytest.mark.parametrize("text", [
+    "!!float 190:20:30", "!!int 1:20", "!!int 1.5", "!!float 0x1f", "!!bool yes", "!!bool on", "!!null none",
+])  # fmt: skip
+def test_a_tag_does_not_bring_back_yaml_1_1(text: str) -> None:
+    """Breaks if 190:20:30 with its tag is 685230, base 60, or yes is true."""
+    with pytest.raises(ValueError, match=rf"line 1: '.*' is no value of the tag {text.split()[0]}; remove the tag or"):
+        parse_yaml(f"a: {text}")
+
+
+def test_other_tags_are_unknown_and_those_of_the_core_schema_are_read() -> None:
+    """Breaks if a tag makes bytes, a date or a set, which no key takes, or a merged mapping loses a key."""
+    for text in ("!!binary aGk=", "!!timestamp 2026-11-24", "!!set {a, b}", "!!omap [a: 1]", "!!pairs [a: 1]", "!x 1"):
+        with pytest.raises(ValueError, match="line 1: unknown tag"):
+            parse_yaml(f"a: {text}")
+    found = parse_yaml(
+        "a: [!!str 5, !!float 5, !!int 0500, !!float 1_0.5, !!bool true, !!null ~, !!map {b: !!seq [1]}]"
+    )
+    assert found == {"a": ["5", 5.0, 500, 10.5, True, None, {"b": [1]}]} and isinstance(found["a"][1], float)
+    assert parse_yaml("base: &b {at: 1, to: 2}\nrow: {<<: *b, to: 3}")["row"] == {"at": 1, "to": 3}
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

@@ -33,7 +33,11 @@ CATEGORY = "Freight"
 CARRIED_LINK = (
     "[].idx_curr", "[].idx_flip", "[].idx_next", "[].idx_next_alt", "[].idx_prev", "[].idx_prev_alt",
     "[].length_meters", "[].elevs[].offset_meters", "[].elevs[].elev_meters", "[].headings[].offset_meters",
-    "[].headings[].heading_radians", "[].speed_set", "[].speed_sets",
+    "[].headings[].heading_radians", *(f"[].{limits}.{key}" for limits in ("speed_set", "speed_sets.*") for key in (
+        "is_head_end", *(f"speed_limits[].{part}" for part in (
+            "offset_start_meters", "offset_end_meters", "speed_meters_per_second",
+        )),
+    )),
 )  # fmt: skip
 """Keys of a link that the line carries; ``idx_prev`` follows from the others."""
 
@@ -103,7 +107,7 @@ def altrios_line(
         by_category=by_category,
     )
     used = [known[name].data for name, _ in path.parts]
-    left = [*(key for key in keys_not_carried(used, CARRIED_LINK) if _is_given(used, key)), *sorted(others)]
+    left = [*keys_not_carried(used, CARRIED_LINK), *sorted(others)]
     print_assumption(f"{place}: curve resistance of ALTRIOS with the coefficients {', '.join(map(str, CURVE))}")
     return build_model(Line, data, place), tuple(dict.fromkeys(left))
 
@@ -118,12 +122,6 @@ def _known(links: list[Any], place: str) -> dict[str, Fields]:
         known[number] = link
     known.pop("0", None)
     return known
-
-
-def _is_given(links: list[dict[str, Any]], key: str) -> bool:
-    """Return True if a key is more than an empty list in one of the links."""
-    first = key.removeprefix("[].").partition("[")[0].partition(".")[0]
-    return any(link.get(first) not in ([], None) for link in links)
 
 
 def _changes(link: Fields, what: str) -> list[tuple[float, float, float]]:
@@ -186,8 +184,6 @@ def _limits(link: Fields, at: float, category: str, others: set[str]) -> list[Ra
         chosen_set, chosen_name = link.below("speed_set"), "[].speed_set"
     else:
         return []
-    if chosen_set.data.get("speed_params"):
-        others.add(f"{chosen_name}.speed_params")
     if chosen_set.data.get("is_head_end"):
         others.add(f"{chosen_name}.is_head_end")
     found = []
@@ -208,7 +204,7 @@ def is_altrios_train(data: dict[str, Any]) -> bool:
 
 CARRIED_TRAIN = (
     *(f"{above}{key}" for above in ("", "train_config.") for key in (
-        "n_cars_by_type", "rail_vehicles[].car_type", "rail_vehicles[].length_meters", "rail_vehicles[].axle_count",
+        "n_cars_by_type.*", "rail_vehicles[].car_type", "rail_vehicles[].length_meters", "rail_vehicles[].axle_count",
         "rail_vehicles[].mass_static_base_kilograms", "rail_vehicles[].mass_freight_kilograms",
         "rail_vehicles[].speed_max_meters_per_second", "rail_vehicles[].braking_ratio",
         "rail_vehicles[].mass_rot_per_axle_kilograms", "rail_vehicles[].bearing_res_per_axle_newtons",

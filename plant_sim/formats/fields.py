@@ -238,7 +238,7 @@ def _shown(value: Any) -> str:
 
 NAMED = 6
 """Number of the lost keys of a foreign file that a note names."""
-IDENTIFIERS = ("id", "ref", "version", "schema", "@language")
+IDENTIFIERS = ("id", "ref", "version", "schema", "@language", "@creator", "@schemalocation")
 """Ends of the keys without a datum of the line or the train."""
 _printed: set[str] = set()
 
@@ -267,25 +267,35 @@ def keys_not_carried(data: Any, carried: Iterable[str]) -> tuple[str, ...]:
     data
         Data of the file.
     carried
-        Carried keys, as ``vehicles[].mass``; a key carries all that is below it.
+        Carried keys, as ``vehicles[].mass``. A key carries a value, and a list of values. Of the keys and values
+        below it, it carries only those that have an entry of their own; ``ports.*.track`` is for any key in ``ports``.
 
     Examples
     --------
-    >>> keys_not_carried({"a": 1, "b": [{"c": 2, "d": 3}]}, ["a", "b[].c"])
-    ('b[].d',)
+    >>> keys_not_carried({"a": [1], "b": [{"c": 2, "d": 3}], "p": {"x": {"y": {"z": 4}}}}, ["a", "b[].c", "p.*.y"])
+    ('b[].d', 'p.x.y.z')
     """
-    known = tuple(carried)
-    return tuple(dict.fromkeys(_not_carried(data, "", known)))
+    known: dict[str, Any] = {}
+    for entry in carried:
+        level = known
+        for part in entry.replace("[]", "").strip(".").split("."):
+            level = level.setdefault(part, {})
+        level[""] = {}
+    return tuple(dict.fromkeys(_not_carried(data, "", known, carried=False)))
 
 
-def _not_carried(data: Any, place: str, known: tuple[str, ...]) -> Iterator[str]:
-    if place in known:
-        return
-    if place and not any(entry.startswith((f"{place}.", f"{place}[")) for entry in known):
-        yield place
-    elif isinstance(data, dict):
+def _not_carried(data: Any, place: str, known: dict[str, Any], *, carried: bool) -> Iterator[str]:
+    """Yield the places in data of which a tree of keys has none; ``""`` in a level marks a key that is carried."""
+    if isinstance(data, dict):
         for key, value in data.items():
-            yield from _not_carried(value, f"{place}.{key}" if place else str(key), known)
+            at = f"{place}.{key}" if place else str(key)
+            level = known.get(str(key), known.get("*"))
+            if level is None:
+                yield from () if value is None or value == [] else (at,)
+            else:
+                yield from _not_carried(value, at, level, carried="" in level)
     elif isinstance(data, list):
         for value in data:
-            yield from _not_carried(value, f"{place}[]", known)
+            yield from _not_carried(value, f"{place}[]", known, carried=carried)
+    elif not carried and data is not None:
+        yield place

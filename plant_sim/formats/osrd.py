@@ -19,8 +19,9 @@ CARRIED_INFRA = (
     "track_sections[].id", "track_sections[].length",
     *(f"track_sections[].slopes[].{key}" for key in ("begin", "end", "start", "gradient")),
     *(f"track_sections[].curves[].{key}" for key in ("begin", "end", "start", "radius")),
-    "switches[].switch_type", "switches[].ports", "track_nodes[].track_node_type", "track_nodes[].ports",
-    "speed_sections[].speed_limit", "speed_sections[].speed_limit_by_tag",
+    *(f"{node}[].{key}" for node, kind in (("switches", "switch_type"), ("track_nodes", "track_node_type"))
+      for key in (kind, "ports.*.track", "ports.*.endpoint")),
+    "speed_sections[].speed_limit", "speed_sections[].speed_limit_by_tag.*",
     *(f"speed_sections[].track_ranges[].{key}" for key in ("track", "begin", "end", "start", "applicable_directions")),
     *(f"electrifications[].track_ranges[].{key}" for key in ("track", "begin", "end", "applicable_directions")),
     *(f"neutral_sections[].track_ranges[].{key}" for key in ("track", "begin", "end", "start", "direction")),

@@ -43,6 +43,17 @@ ADDED: dict[str, Any] = {
     "metadata": {},
 }  # fmt: skip
 """Keys of a rolling stock without a figure in the consist."""
+CARRIED = (
+    *(key for key in ADDED if key != "metadata"), "name", "mass", "length", "max_speed", "inertia_coefficient",
+    "comfort_acceleration", *GAMMAS, "gamma.type", "gamma.value", "version", "id",
+    *(f"rolling_resistance.{key}" for key in ("type", *"ABC")), "effort_curves.default_mode",
+    *(f"effort_curves.modes.*.{key}" for key in (
+        "is_electric", *(f"curves[].cond.{condition}" for condition in CONDITIONS),
+        *(f"{curve}.{axis}" for curve in ("curves[].curve", "default_curve") for axis in ("speeds", "max_efforts")),
+    )),
+    *(f"etcs_brake_params.{key}" for key in ("gamma_emergency.boundaries", "gamma_emergency.values", "t_be")),
+)  # fmt: skip
+"""Keys that the consist carries, or that have a note of their own; the others are kept without effect."""
 SAMPLES = 24
 """Points of a hyperbola; linear between them, its error is below 0.1 % for a speed ratio of 3."""
 STEP = 1e-3
@@ -74,7 +85,7 @@ def osrd_train(data: dict[str, Any], place: str, selection: str = "") -> Consist
     force = mass * factor * gamma + (0.0 if largest else mass * BRAKED_GRADE * GRAVITY)
     kept = {key: value for key, value in data.items() if key not in USED}
     if "gamma" in top and isinstance(data["gamma"], dict):
-        kept["gamma"] = {"type": data["gamma"].get("type")}
+        kept["gamma"] = {key: value for key, value in data["gamma"].items() if key != "value"}
     vehicle = {
         "mass": mass,
         "length": top.number("length", None, 1.0, 1e5),

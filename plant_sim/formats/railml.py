@@ -267,7 +267,10 @@ def _speeds(
             continue
         speed = number_of(section, key, place, 0.1, 1000.0) / 3.6
         if passages and section.get("trainRelation", "endOfTrain") != "endOfTrain":
-            print_assumption(f"{entry}: trainRelation: not used; its speed holds for the whole length of the train")
+            print_assumption(
+                f"{entry}: trainRelation = '{section.get('trainRelation', '')[:20]}': the part of the train that the "
+                "speed holds for; here it holds for its whole length, which is the safe side"
+            )
         refs = [part.get("ref", "") for part in elements_below(section, "validForSpeedProfile")]
         for ref in refs:
             if ref not in profiles:

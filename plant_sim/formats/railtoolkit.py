@@ -45,7 +45,7 @@ CARRIED_TRAIN = (
 """Keys of a rolling-stock file that the consist carries."""
 CARRIED_PATH = (
     "schema", *(f"{path}.{key}" for path in ("path", "paths[]") for key in (
-        "name", "characteristic_sections[][]", "characteristic_sections[].position", "characteristic_sections[].speed",
+        "name", "characteristic_sections", "characteristic_sections[].position", "characteristic_sections[].speed",
         "characteristic_sections[].resistance",
     )),
 )  # fmt: skip

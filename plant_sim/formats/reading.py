@@ -141,7 +141,8 @@ def _train_of(path: Path, selection: str, *, point_mass: bool) -> ReadConsist:
         consist = railtoolkit.train_from(data, place, selection)
         return ReadConsist(consist, "railtoolkit", keys_not_carried(data, railtoolkit.CARRIED_TRAIN))
     if osrd_stock.is_osrd_stock(data):
-        return ReadConsist(osrd_stock.osrd_train(data, place, selection), "OSRD")
+        left = keys_not_carried(data, osrd_stock.CARRIED)
+        return ReadConsist(osrd_stock.osrd_train(data, place, selection), "OSRD", left)
     if str(data.get("schema", "")).startswith("train_ato/consist/"):
         consist = build_model(Consist, data, place)
         return ReadConsist(osrd_stock.with_supply(consist, selection, place) if selection else consist, "train_ato")

@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from plant_sim.alignment import Alignment
-from plant_sim.formats.fields import Fields, finite_number, number_in, print_assumption
+from plant_sim.formats.fields import Fields, finite_number, keys_not_carried, number_in, print_assumption
 from plant_sim.formats.line_table import slopes
+from plant_sim.formats.railml_collection import names_below
 from plant_sim.input_error import build_model
 from plant_sim.line import Line
 from plant_sim.units import number_text
@@ -36,8 +37,16 @@ STRAIGHT = 5e-3
 """Difference between the length of a line and the way along its coordinates, over the way, that is named."""
 MAX_COORDINATES = 2000
 """Largest number of coordinates of a line; of a longer track every n-th one."""
-CARRIED = ("type", "features[].type", "features[].geometry", "features[].properties.name", "geometry", "coordinates")
+CARRIED = ("type", "coordinates", *(f"{above}{key}" for above in ("", "features[].") for key in (
+    "type", "geometry.type", "geometry.coordinates", "properties.name",
+)))  # fmt: skip
 """Keys of GeoJSON that the line carries."""
+CARRIED_GPX = (
+    "@version", *(f"{way}.{key}" for way, below in (
+        ("wpt", ()), ("rte", ("rtept.",)), ("trk", ("trkseg.trkpt.",)),
+    ) for key in ("name", *(f"{point}{part}" for point in (below or ("",)) for part in ("@lat", "@lon", "ele")))),
+)  # fmt: skip
+"""Attributes and elements of GPX that the line carries."""
 EQUATOR, ECCENTRICITY = 6_378_137.0, 6.694_379_990_14e-3
 """Radius at the equator [m] and squared eccentricity of WGS 84."""
 Spot = tuple[float, float, float | None]
@@ -103,10 +112,10 @@ def gpx_line(root: Element, place: str, selection: str = "") -> tuple[Line, tupl
             tracks.append((name, [_gpx_spot(point, f"{place}: point {k}") for k, point in enumerate(points, 1)]))
         elif kind == "wpt" and name:
             stations.append((name, _gpx_spot(element, f"{place}: wpt '{name}'")))
-    known = {"gpx", "trk", "rte", "trkseg", "trkpt", "rtept", "wpt", "name", "ele"}
-    left = dict.fromkeys(entry.tag.rpartition("}")[2] for entry in root.iter())
+        elif kind == "wpt":
+            print_assumption(f"{place}: a wpt without a name is no stop; passed over")
     line = _line(tracks, stations, place, selection, "GPX")
-    return line, tuple(f"<{tag}>" for tag in left if tag not in known)
+    return line, keys_not_carried(names_below(root), CARRIED_GPX)
 
 
 def _text(element: Element, tag: str) -> str:

@@ -35,9 +35,11 @@ STRAIGHT = 1e5
 TRANSITION, PIECES = 20.0, 10
 """Length of the parts of a transition curve [m], and their largest number."""
 CARRIED_LINE = (
-    "metadata.id", "stops.unit", "stops.units.position", "stops.values",
-    *(f"{key}.{part}" for key in ("speed limits", "gradients", "curvatures", "tunnels")
-      for part in ("unit", "units", "values")),
+    "metadata.id", *(f"{key}.{part}" for key, columns in (
+        ("stops", ("position",)), ("speed limits", ("position", "velocity")), ("gradients", ("position", "slope")),
+        ("curvatures", ("position", "radius at start", "radius at end")),
+        ("tunnels", ("position", "length", "cross section")),
+    ) for part in ("unit", "values", *(f"units.{column}" for column in columns))),
 )  # fmt: skip
 """Keys of a line that the own file carries."""
 
@@ -211,9 +213,11 @@ CARRIED_TRAIN = (
         "rolling resistance r2", "ETCS braking data.T_be", "max acceleration", "max deceleration",
         "efficiency traction", "efficiency reg brake",
     )),
-    *(f"{key}.{part}" for part in ("units", "values") for key in (
-        "tunnel resistance", "ETCS braking data.A_brake_emergency",
+    *(f"tunnel resistance.{key}" for key in (
+        "units.cross section", "units.coefficient", "cross section unit", "unit", "values", "values[].cross section",
+        "values[].value",
     )),
+    *(f"ETCS braking data.A_brake_emergency.{key}" for key in ("units.velocity", "units.deceleration", "values")),
 )  # fmt: skip
 """Keys of a train that the consist carries."""
 

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from plant_sim.formats.line_table import line_csv
-from plant_sim.formats.osrd_stock import osrd_stock_json
+from plant_sim.formats.osrd_stock import KEPT, osrd_stock_json
 from plant_sim.formats.reading import holds_train, own_yaml, ttobench_json
 from plant_sim.formats.survey import line_geojson, line_gpx
 from plant_sim.library import consist_names, line_names, named_line, named_train, split_name
@@ -49,7 +49,9 @@ def convert(source: str | Path, out: str | Path) -> dict[str, Any]:
         found = named_train(source)
         osrd = target.suffix.lower() == JSON
         text, lost = osrd_stock_json(found.consist) if osrd else (own_yaml(found.consist), ())
-        name, left_out = found.consist.name, (*found.left_out, *lost)
+        kept = found.consist.kept.get(KEPT, {})
+        left = [key for key in found.left_out if key.partition(".")[0].removesuffix("[]") not in kept]
+        name, left_out = found.consist.name, (*left, *lost)
         kind, form = "train", found.format
     else:
         read = named_line(source)
