@@ -9,14 +9,14 @@ from train_ato.api.scenario_choice import choose_scenario
 from train_ato.judge.result import RunResult
 from train_ato.judge.series import DiagnosticSeries
 from train_ato.loop import engine
-from train_ato.loop.engine import TickLoop, run_engine
+from train_ato.loop.engine import Sink, TickLoop, run_engine
 from train_ato.loop.span import CompiledSpans
 from train_ato.messages.codec import Wire
 from train_ato.scenario.setup import RunSetup
 from train_ato.studies.sweep.row import WALL_TIMES
 
 
-class Messages:
+class Messages(Sink):
     """All messages of a run as the bytes of the log."""
 
     def __init__(self, setup: RunSetup) -> None:

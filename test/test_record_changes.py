@@ -15,7 +15,7 @@ from train_ato.cli import main
 from train_ato.log.difference import compare_logs
 from train_ato.log.recorded import OUTSIDE_KEY, OWN_KEYS, late_commands, outside_nodes, read_changes
 from train_ato.log.run_folder import STARTED, RunFolder, read_run_folder
-from train_ato.loop.engine import run_engine
+from train_ato.loop.engine import Sink, run_engine
 from train_ato.messages.codec import Wire
 from train_ato.messages.topics import BY_NAME
 from train_ato.messages.types import Diagnostic
@@ -164,7 +164,7 @@ def record_by_hand(
     """
     driven = prepare(*load_scenario("demo", ("duration=20", *changed)))
 
-    class Nodes:
+    class Nodes(Sink):
         def __init__(self, sink: Any) -> None:
             self.sink = sink
 

@@ -12,7 +12,7 @@ from train_ato.judge.result import RunResult
 from train_ato.judge.trajectories import profile_of
 from train_ato.log.difference import compare_logs
 from train_ato.log.run_folder import read_run_folder
-from train_ato.loop.engine import run_engine
+from train_ato.loop.engine import Sink, run_engine
 from train_ato.loop.profile import ProfileStage
 from train_ato.loop.stamp_synchronizer import StampSynchronizer
 from train_ato.messages.codec import Wire
@@ -42,7 +42,7 @@ KNOWN = (*LAST_57_KM, "replan={speed_error: 0.1, position_error: 0.3, plan: {jer
 """A profile above the envelopes of the model."""
 
 
-class Notes:
+class Notes(Sink):
     """Sink for the profiles and the diagnostics of the profile node."""
 
     def __init__(self) -> None:

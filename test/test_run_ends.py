@@ -28,7 +28,7 @@ from train_ato.log.overview import log_overview
 from train_ato.log.recorded import open_recording
 from train_ato.log.recover import recover
 from train_ato.log.run_folder import RunFolder, read_summary
-from train_ato.loop.engine import run_engine
+from train_ato.loop.engine import Sink, run_engine
 from train_ato.messages.types import Diagnostic
 from train_ato.scenario.scenario import load_scenario
 from train_ato.scenario.setup import prepare
@@ -160,7 +160,7 @@ def test_a_topic_that_ends_before_the_log_has_a_gap(tmp_path):
     setup = prepare(*load_scenario("demo", ("duration=20",)))
     folder = RunFolder.make(tmp_path / "run", "run")
 
-    class Lossy:
+    class Lossy(Sink):
         def __init__(self, sink):
             self.sink = sink
 

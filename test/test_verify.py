@@ -11,7 +11,7 @@ import train_ato as ta
 from train_ato.log import difference
 from train_ato.log.difference import LogComparison, _Scale, _unequal, compare_logs
 from train_ato.log.run_folder import RunFolder
-from train_ato.loop.engine import run_engine
+from train_ato.loop.engine import Sink, run_engine
 from train_ato.messages.codec import Wire
 from train_ato.messages.types import Tick
 from train_ato.scenario.scenario import load_scenario
@@ -62,7 +62,7 @@ def test_late_messages_are_compared_with_those_of_their_stamp(wire, tmp_path, mo
     """Breaks if a message behind the others, or a foreign one far ahead, counts as missing."""
     messages: list[tuple[str, object, int]] = []
 
-    class Kept:
+    class Kept(Sink):
         def add(self, topic: str, message: object, stamp: int) -> None:
             messages.append((topic, message, stamp))
 

@@ -13,7 +13,7 @@ import train_ato as ta
 from plant_sim.states import Odometry
 from plant_sim.units import unit_suffix
 from train_ato.judge.run_end import RunEnd
-from train_ato.loop.engine import TickLoop, run_engine
+from train_ato.loop.engine import Sink, TickLoop, run_engine
 from train_ato.loop.train_ahead import ReportSender
 from train_ato.messages.cdr import typestore
 from train_ato.messages.codec import Wire
@@ -33,7 +33,7 @@ RUN = {
 }
 
 
-class _Last:
+class _Last(Sink):
     """Receiver of the messages of a run that has the last one of each topic."""
 
     loop: TickLoop
@@ -49,10 +49,6 @@ class _Last:
     def add(self, topic: str, message: object, stamp: int) -> None:
         """Take a message of a stamp [ns]."""
         self.messages[topic] = message
-
-    def add_ticks(self, block: Any) -> bool:
-        """Refuse a block of ticks: its messages come one by one."""
-        return False
 
 
 @cache

@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from train_ato.log.table_loading import Frames
 
 
-MESSAGES_IN_MEMORY = 100_000
-"""Maximum number of messages in memory: about 100 MB for a train of 106 vehicles, 18 minutes at 10 Hz."""
+MESSAGES_IN_MEMORY = 300_000
+"""Maximum number of messages in memory: about 100 MB for a train of 106 vehicles, an hour at 10 Hz."""
 
 
 class RunRecord:
@@ -52,7 +52,8 @@ class RunRecord:
         self._setup = setup
         self._folder = folder
         self._scratch = tempfile.TemporaryDirectory(prefix="train_ato_run_") if folder is None else None
-        self._messages: list[tuple[str, object, int]] = []
+        self._messages: list[TickBlock | tuple[str, object, int]] = []
+        self._count = 0
         self._log = ExitStack()
         self._sink: Encoder | None = None
         if folder is not None:
@@ -76,13 +77,21 @@ class RunRecord:
         if self._sink is not None:
             self._sink.add(topic, message, stamp)
             return
-        self._messages.append((topic, message, stamp))
-        if len(self._messages) >= MESSAGES_IN_MEMORY:
-            self.begin_log()
+        self._keep((topic, message, stamp), 1)
 
-    def add_ticks(self, block: TickBlock) -> bool:
-        """Write the messages of a block of ticks to the open log; return False without one, for single messages."""
-        return self._sink is not None and self._sink.add_ticks(block)
+    def add_ticks(self, block: TickBlock) -> None:
+        """Add the messages of a block of ticks."""
+        if self._sink is not None:
+            self._sink.add_ticks(block)
+            return
+        self._keep(block.copy(), len(block.stamps) * len(block.rows) + sum(map(len, block.between.values())))
+
+    def _keep(self, messages: TickBlock | tuple[str, object, int], count: int) -> None:
+        """Keep messages in memory, and all in a log from their maximum number on."""
+        self._messages.append(messages)
+        self._count += count
+        if self._count >= MESSAGES_IN_MEMORY:
+            self.begin_log()
 
     def folder(self) -> RunFolder:
         """Return the run folder; create a temporary one if there is none."""
@@ -97,8 +106,11 @@ class RunRecord:
         """Open the log and write the messages in memory."""
         self._sink = self._log.enter_context(self.folder().sink(self._setup, compression=self._compression))
         messages, self._messages = self._messages, []
-        for message in messages:
-            self._sink.add(*message)
+        for entry in messages:
+            if isinstance(entry, TickBlock):
+                self._sink.add_ticks(entry)
+            else:
+                self._sink.add(*entry)
 
     def close_log(self) -> None:
         """Close the log if it is open."""

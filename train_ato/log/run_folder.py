@@ -251,10 +251,9 @@ class Encoder:
         moment = EPOCH_NS + stamp
         self._log.add(topic, moment, moment, self._wire.encode(topic, message))
 
-    def add_ticks(self, block: TickBlock) -> bool:
-        """Encode and record the messages of a block of ticks; return True."""
+    def add_ticks(self, block: TickBlock) -> None:
+        """Encode and record the messages of a block of ticks."""
         self._log.extend_ticks(block, self._wire)
-        return True
 
 
 def next_free(name: str) -> Path:

@@ -17,6 +17,7 @@ from train_ato.loop.profile import ProfileStage
 from train_ato.loop.rate_limit import RateLimit
 from train_ato.loop.stage_messages import Published
 from train_ato.loop.supervisor import SupervisorStage
+from train_ato.messages.topics import TickBlock
 from train_ato.messages.types import AtoReport, BrakeRelease, Diagnostic
 from train_ato.program.errors import FirstFailure
 from train_ato.program.interrupt import Interrupt, interruptible
@@ -34,14 +35,16 @@ SIGNALS = "signals"
 
 
 class Sink(Protocol):
-    """Receiver of the messages of a run in the order of publication.
-
-    A sink with a method ``add_ticks`` receives those of compiled ticks as a
-    :class:`~train_ato.messages.topics.TickBlock`, unless it returns False.
-    """
+    """Receiver of the messages of a run in the order of publication."""
 
     def add(self, topic: str, message: object, stamp: int) -> None:
         """Add one message."""
+
+    def add_ticks(self, block: TickBlock) -> None:
+        """Add the messages of compiled ticks, by default one by one; the arrays change after the call."""
+        for stamp, messages in block.messages():
+            for topic, message in messages:
+                self.add(topic, message, stamp)
 
 
 def run_engine(
@@ -248,10 +251,8 @@ class TickLoop:
         from train_ato.loop.span import CompiledSpans  # late imports: only long runs need them
         from train_ato.loop.stages import Stages
 
-        setup, sink = self._setup, self._sink
-        stages = Stages(setup, self.plant, self.profile, self.observer, self.controller, self.supervisor)
-        publish = None if sink is None else self._publish
-        return CompiledSpans(stages, self.recording, publish, getattr(sink, "add_ticks", None))
+        stages = Stages(self._setup, self.plant, self.profile, self.observer, self.controller, self.supervisor)
+        return CompiledSpans(stages, self.recording, None if self._sink is None else self._sink.add_ticks)
 
     def conclude(self) -> None:
         """Send the state after the last tick."""

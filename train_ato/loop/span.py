@@ -35,7 +35,7 @@ from train_ato.loop import span_kernel as kernel
 from train_ato.loop.forecast import Forecast
 from train_ato.loop.inputs import StageInputs
 from train_ato.loop.python_law import PythonCall, PythonLaw, PythonStack
-from train_ato.loop.span_messages import Publish, SpanArrays, SpanMessages
+from train_ato.loop.span_messages import SpanArrays, SpanMessages
 from train_ato.loop.stage_messages import SECOND_NS
 from train_ato.loop.stages import Stages
 from train_ato.loop.supervision_kernel import SupervisedTicks
@@ -280,10 +280,9 @@ class CompiledSpans:
         self,
         stages: Stages,
         recording: RecordingBuilder,
-        publish: Publish | None,
-        publish_ticks: Callable[[TickBlock], bool] | None = None,
+        publish: Callable[[TickBlock], None] | None,
     ) -> None:
-        self.stages, self._recording, self._publish, self._publish_ticks = stages, recording, publish, publish_ticks
+        self.stages, self._recording, self._publish = stages, recording, publish
         self._forecast: Forecast | None = None
         self._of: tuple[Any, ...] = ()
         self._step: LawStep | None = None
@@ -353,10 +352,10 @@ class CompiledSpans:
         messages = SpanMessages(self.stages, span.arrays, stamp, done, brief=self.brief)
         if self.brief:
             messages.record_summary(self._recording)
-        elif self._publish is None or (self._publish_ticks is not None and self._publish_ticks(messages.block())):
-            messages.record(self._recording)
         else:
-            messages.publish(self._publish)
+            messages.record(self._recording)
+            if self._publish is not None:
+                self._publish(messages.block())
         self.ato = messages.store(self.ato)
         return done
 

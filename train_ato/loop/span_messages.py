@@ -1,6 +1,6 @@
 """Messages of the ticks of a span and of the steps of the supervisor in it, from its arrays."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import groupby
@@ -30,7 +30,7 @@ from train_ato.judge.recording import (
 from train_ato.judge.recording_builder import RecordingBuilder
 from train_ato.judge.repeated_reports import RepeatedReport
 from train_ato.loop.plant import TOTALS
-from train_ato.loop.stage_messages import SECOND_NS, Published
+from train_ato.loop.stage_messages import SECOND_NS
 from train_ato.loop.stages import Stages
 from train_ato.loop.supervision_kernel import SupervisionArrays
 from train_ato.messages.topics import TickBlock, Values, message_at
@@ -194,7 +194,6 @@ class SupervisionMessages:
         return found
 
 
-Publish = Callable[[int, Published], None]
 SATURATED = "saturated"
 """Key of the time at a force limit, the only number of the summary from all diagnostics of the plant."""
 NODES = ("plant", "supervisor", "profile", "observer", "controller")
@@ -358,11 +357,6 @@ class SpanMessages:
                 ato = [(sent, ATO_STATE, step.ato)]
             between[index] = [*found, *profile, *observer, *ato, *controller]
         return TickBlock(self._stamps, self._rows, between)
-
-    def publish(self, publish: Publish) -> None:
-        """Publish the messages tick by tick, in the order of the loop."""
-        for stamp, messages in self.block().messages():
-            publish(stamp, messages)
 
     def store(self, ato: AtoReport | None) -> AtoReport | None:
         """Set the receiving ends of all stages and the supervisor to their states after the span.

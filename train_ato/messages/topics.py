@@ -5,7 +5,7 @@ it.  A new topic needs a message dataclass and an entry here.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -323,6 +323,11 @@ class TickBlock:
     stamps: NDArray[np.int64]
     rows: list[tuple[str, Values]]
     between: dict[int, list[tuple[int, str, Any]]]
+
+    def copy(self) -> "TickBlock":
+        """Return the block with arrays of its own."""
+        rows = [(topic, {field: part.copy() for field, part in values.items()}) for topic, values in self.rows]
+        return replace(self, rows=rows)
 
     def messages(self) -> Iterator[tuple[int, list[tuple[str, Any]]]]:
         """Yield the stamp [ns] of every tick, and its messages with their topics in the order of publication."""

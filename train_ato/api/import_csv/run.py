@@ -93,7 +93,10 @@ def _absolute(name: str) -> str:
 
 
 def write_messages(
-    setup: RunSetup, series: MeasuredSeries, sink: Sink, progress: Callable[[int], None] | None = None
+    setup: RunSetup,
+    series: MeasuredSeries,
+    sink: RecordingBuilder | Sink,
+    progress: Callable[[int], None] | None = None,
 ) -> None:
     """Write the measured quantities as messages of every tick.
 
