@@ -601,6 +601,35 @@ def test_a_railml_train_by_hand(tmp_path: Path) -> None:
     assert (curve.force(1.0), curve.force(20.0)) == pytest.approx((270e3, 150e3))
 
 
+RAIL_STOCK_2 = f"""<railml xmlns="http://www.railml.org/schemas/2016" version="2.3"><rollingstock><vehicles>
+<vehicle id="loco" speed="120" bruttoWeight="120" length="20" axleLoad="20" resistanceFactor="1.5"><engine>
+<propulsion id="d" powerType="diesel" power="3000000" rotationMassFactor="1.15"><tractiveEffort><valueTable
+xValueUnit="km/h" yValueUnit="kN">{LINES.replace("<value ", "<values ")}</valueTable></tractiveEffort></propulsion>
+</engine></vehicle>
+<vehicle id="coach" speed="160" tareWeight="30" bruttoWeight="40" length="25" resistanceFactor="1.2"/></vehicles>
+<formations><formation id="push" speed="110"><trainOrder><vehicleRef orderNumber="2" vehicleRef="loco"/>
+<vehicleRef orderNumber="1" vehicleRef="coach" vehicleCount="2"/></trainOrder>
+<trainEngine trainMaxAcceleration="0.4"/><trainBrakes meanDeceleration="0.9" regularBrakePercentage="130"/>
+<trainResistance daviesFactorA="4000" daviesFactorB="40" daviesFactorC="2.5" daviesMassDependent="false"/>
+</formation></formations></rollingstock></railml>"""
+"""The same rolling stock in railML 2, both coaches in front; a coach has no factor of rotating masses there."""
+
+
+def test_a_train_of_railml_2_is_that_of_railml_3(tmp_path: Path) -> None:
+    """Breaks if an attribute of railML 2 has another meaning than its counterpart, or a count is not used."""
+    moved = RAIL_STOCK.replace('orderNumber="2" vehicleRef="loco"', 'orderNumber="9" vehicleRef="loco"')
+    moved = moved.replace(' length="25" rotatingMassFactor="1.05"', ' length="25"')
+    third, second = (
+        read_train(Path(written(tmp_path / f"stock{number}.xml", text)))
+        for number, text in ((3, moved), (2, RAIL_STOCK_2))
+    )
+    assert second.format == "railML 2" and second.consist.source == "railML 2 rolling stock stock2.xml"
+    assert second.consist.model_copy(update={"source": third.consist.source}) == third.consist
+    refused = RAIL_STOCK_2.replace('vehicleCount="2"', 'vehicleCount="1.5"')
+    with pytest.raises(ValueError, match=r"vehicleCount = 1\.5: must be a whole number"):
+        read_train(Path(written(tmp_path / "half.xml", refused)))
+
+
 def test_a_railml_train_from_file_to_plan_and_back(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Breaks if a train that convert reads has no plan, or is lost on the way to OSRD."""
     name, line = written(tmp_path / "stock.xml", RAIL_STOCK), written(tmp_path / "line.csv", TABLE)

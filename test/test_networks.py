@@ -480,6 +480,110 @@ RAIL_LOOP = f"""<railML version="3.2"><infrastructure id="is"><topology><netElem
 </electrifications></functionalInfrastructure></infrastructure></railML>"""
 
 
+def located_2(name: str, rows: str, kind: str) -> str:
+    """Return changes of railML 2: ``pos key=value ...`` per row."""
+    entries = [row.split(" ", 1) for row in rows.split("; ")]
+    text = "".join(f'<{kind} id="{name}{at}" pos="{at}" {keys}/>' for at, keys in entries)
+    return f"<{kind}s>{text}</{kind}s>"
+
+
+RAIL_2 = f"""<railml xmlns="https://www.railml.org/schemas/2021" version="2.5"><infrastructure id="is"><tracks>
+<track id="t1" name="main"><trackTopology><trackBegin id="b1" pos="100" absPos="5100"><macroscopicNode ocpRef="w"/>
+</trackBegin><trackEnd id="e1" pos="1100"><connection id="c1" ref="c3"/></trackEnd><connections>
+<switch id="s1" pos="700"><connection id="cs" ref="c2" orientation="outgoing" course="left"/></switch></connections>
+<crossSections><crossSection id="x" pos="300" ocpRef="m"/></crossSections></trackTopology><trackElements>
+{
+    located_2(
+        "v",
+        '100 dir="up" vMax="72"; 400 dir="up" vMax="36"; 500 dir="up" vMax="end"; 1100 dir="down" vMax="54"',
+        "speedChange",
+    )
+}
+{located_2("g", '100 slope="5"; 600 slope="-8"; 900 slope="0"', "gradientChange")}
+{located_2("r", '200 radius="0"; 300 radius="-500"; 500 radius="0"', "radiusChange")}
+{
+    located_2(
+        "e",
+        '100 type="overhead"; 800 type="overhead" isolatedSection="true"; 850 type="overhead"',
+        "electrificationChange",
+    )
+}
+<tunnels><tunnel id="u" pos="950" length="100" crossSection="40"/></tunnels></trackElements></track>
+<track id="t2"><trackTopology><trackBegin id="b2" pos="0"><connection id="c2" ref="cs"/></trackBegin>
+<trackEnd id="e2" pos="400"><bufferStop id="bs"/></trackEnd></trackTopology><trackElements>
+{located_2("w", '0 vMax="40" profileRef="p"', "speedChange")}{located_2("h", '0 slope="2"', "gradientChange")}
+</trackElements></track>
+<track id="t3"><trackTopology><trackBegin id="b3" pos="0"><connection id="c3" ref="c1"/></trackBegin>
+<trackEnd id="e3" pos="500"><macroscopicNode ocpRef="o" flowDirection="both"/></trackEnd></trackTopology></track>
+</tracks><operationControlPoints><ocp id="w" name="West"/><ocp id="m" name="Mid"/><ocp id="o"/>
+</operationControlPoints><speedProfiles><speedProfile id="p" name="heavy" influence="increasing" maxAxleLoad="22.5">
+<braking minimumBrakePercentage="60"/></speedProfile></speedProfiles></infrastructure></railml>"""
+"""Network of railML 2 with made-up data: t1 with a switch to t2, and t3 behind it."""
+
+
+def test_a_network_of_railml_2_by_hand(railml: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if a value of railML 2 has another extent, sign or direction, or a switch leads elsewhere."""
+    railml.write_text(RAIL_2)
+    line = load_line(f"{railml}:West..t3")
+    assert line.end == 1500 and [(e.at, e.name) for e in line.stops] == [(0, "West"), (200, "Mid"), (1500, "o")]
+    assert [(e.at, e.grade) for e in line.grades] == [(0, 0.005), (500, -0.008), (800, 0)]
+    assert [(e.begin, e.end, e.radius, e.side) for e in line.curves] == [(200, 400, 500, "left")]
+    assert [(e.at, round(e.speed, 9)) for e in line.speed_limits][:1] == [(0, 20)]
+    assert [(e.begin, e.end, e.speed) for e in line.temporary_restrictions] == [(300, 400, 10)]
+    assert [(e.begin, e.end, e.cross_section) for e in line.tunnels] == [(850, 950, 40)]
+    assert [(e.begin, e.end) for e in line.neutral_sections] == [(700, 750), (1000, 1500)]
+    back = load_line(f"{railml}:t3..West")
+    assert [round(e.speed, 9) for e in back.speed_limits][:1] == [15] and not back.temporary_restrictions
+    assert [(e.at, e.grade) for e in back.grades] == [(0, 0), (700, 0.008), (1000, -0.005)]
+    branch = load_line(f"{railml}:t1..t2")
+    assert branch.end == 1000 and branch.category_limits[0].category == "heavy"
+    assert branch.category_limits[0].needs is not None and branch.category_limits[0].needs.axle_load == 22.5e3
+    assert main(["convert", f"{railml}:West..t3", str(railml.parent / "own.yaml")]) == 0
+    told = capsys.readouterr()
+    assert "railML 2" in told.out + told.err and "trackBegin.@absPos" in told.out + told.err
+    assert load_line(str(railml.parent / "own.yaml")).grades == line.grades
+    for old, new, words in (
+        ('ref="c2" ori', 'ref="zz" ori', "ref = 'zz': no connection of the file"),
+        ('"outgoing"', '"left"', "orientation = 'left': must be incoming or outgoing"),
+        ('pos="950" length="100"', 'pos="950" length="900"', "tunnel u: it ends beyond the track t1"),
+        ('slope="5"', 'slope="x"', "gradientChange g100: slope = 'x': is not a number"),
+        ("600 slope".replace(" ", '" '), '600" dir="down" slope', "dir = 'down': its sign is not known"),
+        ('pos="400" dir', 'pos="1400" dir', "speedChange v400: pos = 1400: must lie between 100 and 1100"),
+        ('pos="700"', 'pos="100"', "switch s1: pos: outgoing at the begin of its track"),
+    ):
+        assert RAIL_2.count(old) == 1, old
+        railml.write_text(RAIL_2.replace(old, new))
+        with pytest.raises(ValueError, match=words):
+            load_line(f"{railml}:West..t3")
+
+
+def test_crossings_and_macroscopic_nodes_of_railml_2(railml: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if a train turns at a crossing of two tracks, or runs into a node against its flow."""
+    ends = {
+        "a": ('<macroscopicNode ocpRef="n" flowDirection="out"/>', '<connection id="ca" ref="in"/>'),
+        "b": ('<connection id="cb" ref="on"/>', "<openEnd/>"),
+        "m": ('<macroscopicNode ocpRef="n"/>', "<openEnd/>"),
+        "k": ('<macroscopicNode ocpRef="n" flowDirection="in"/>', "<openEnd/>"),
+    }
+    crossing = '<connections><crossing id="x" pos="50"><connection id="in" ref="ca" orientation="incoming"/>'
+    crossing += '<connection id="on" ref="cb" orientation="outgoing"/></crossing></connections>'
+    text = "".join(
+        f'<track id="{name}"><trackTopology><trackBegin pos="0">{first}</trackBegin><trackEnd pos="100">{last}'
+        f"</trackEnd>{crossing if name == 'm' else ''}</trackTopology></track>"
+        for name, (first, last) in ends.items()
+    )
+    head = '<railml version="2.2"><infrastructure><tracks>'
+    railml.write_text(f'{head}{text}</tracks><operationControlPoints><ocp id="n"/></operationControlPoints>'
+                      "</infrastructure></railml>")  # fmt: skip
+    assert [load_line(f"{railml}:{path}").end for path in ("a..b", "m..a", "k..a", "k..m/2")] == [200, 150, 200, 200]
+    assert "every track at this macroscopic node leads to every other" in capsys.readouterr().err
+    for path in ("a..m/2", "a..k", "b..m/1"):
+        with pytest.raises(ValueError, match="no path between these tracks"):
+            load_line(f"{railml}:{path}")
+    railml.write_text(railml.read_text().replace('id="x"', 'id="x" type="simpleSwitchCrossing"'))
+    assert load_line(f"{railml}:a..m/2").end == 150
+
+
 def test_a_net_element_that_the_path_passes_twice_is_whole_at_both_passages(railml: Path) -> None:
     """Breaks if railML keeps one passage only of any located datum, or a limit holds in both directions."""
     railml.write_text(RAIL_LOOP)
@@ -628,7 +732,7 @@ def test_an_entry_that_cannot_be_placed_is_refused(change: dict[str, Any], messa
     [
         ("<railML", '<!DOCTYPE railML [<!ENTITY a "b">]><railML', "document types and entities are refused"),
         ("</railML>", "", "not valid XML"),
-        ('version="3.2"', 'version="2.4"', "version = '2.4': must be 3"),
+        ('version="3.2"', 'version="1.1"', "version = '1.1': must be 2 or 3"),
         ("<railML", "<kml", "not valid XML"),
         ("infrastructure", "interlocking", "infrastructure: this element is missing"),
         ('gradient="12.5"', 'gradient="steep"', "gradient = 'steep': is not a number"),

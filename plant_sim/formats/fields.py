@@ -10,8 +10,10 @@ from typing import Any, NoReturn
 from plant_sim.input_error import close_match, kind_of
 from plant_sim.units import number_text
 
-LINE_FORMATS = "train_ato YAML, CSV, GPX, GeoJSON, railtoolkit YAML, TTOBench JSON, OSRD JSON, ALTRIOS YAML, railML 3"
-TRAIN_FORMATS = "train_ato YAML, railtoolkit YAML, TTOBench JSON, OSRD JSON, ALTRIOS YAML, railML 3"
+LINE_FORMATS = (
+    "train_ato YAML, CSV, GPX, GeoJSON, railtoolkit YAML, TTOBench JSON, OSRD JSON, ALTRIOS YAML, railML 2 and 3"
+)
+TRAIN_FORMATS = "train_ato YAML, railtoolkit YAML, TTOBench JSON, OSRD JSON, ALTRIOS YAML, railML 2 and 3"
 
 _BY_ENDING = {
     ".kml": "KML", ".osm": "OpenStreetMap XML", ".xlsx": "a table (Excel)", ".ods": "a table (OpenDocument)",

@@ -57,6 +57,8 @@ class Network:
     lengths: dict[str, float] = field(default_factory=dict)
     joined: dict[TrackEnd, list[TrackEnd]] = field(default_factory=dict)
     named: dict[str, list[tuple[str, float]]] = field(default_factory=dict)
+    groups: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    """Tracks by the name of the chain that they form; not of a railway place."""
 
     def join(self, one: TrackEnd, other: TrackEnd, *, both: bool = True) -> None:
         """Join two ends; a train runs over the joint in both directions, or only from the first end to the other."""
@@ -93,6 +95,8 @@ class Network:
     def _tracks(self, name: str) -> set[str]:
         if name in self.lengths:
             return {name}
+        if set(self.groups.get(name, ())) & self.lengths.keys():
+            return set(self.groups[name]) & self.lengths.keys()
         if name in self.named:
             return {track for track, _ in self.named[name]}
         known = ", ".join([*self.named, *self.lengths][:12])

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from plant_sim.formats.fields import keys_not_carried, print_assumption
 from plant_sim.formats.network_path import BEGIN, END, Network, Range, TrackPath, line_data, steps
+from plant_sim.formats.railml2 import as_version_3
 from plant_sim.formats.railml_collection import (
     NetElement,
     elements_below,
@@ -31,6 +32,7 @@ from plant_sim.formats.railml_collection import (
     parts_of,
     read_root,
     tag_of,
+    version_of,
 )
 from plant_sim.formats.railml_location import Location, grades, radii
 from plant_sim.input_error import build_model
@@ -172,17 +174,21 @@ def railml_line(path: Path, selection: str = "", *, against: bool = False) -> tu
         True for the line of a train that runs the path from ``TO`` to ``FROM``.
     """
     place, root = str(path), read_root(path)
+    version, lost = version_of(root), None
+    if version == "2":
+        root, lost = as_version_3(root, place)
     found = list(elements_below(root, "infrastructure"))
     if len(found) > 1:
         raise ValueError(f"{place}: infrastructure: {len(found)} elements of this name; keep one")
     if not found:
         if holds_stock(path):
             raise ValueError(f"{place}: holds a train (railML), no line; exchange them")
-        raise ValueError(f"{place}: infrastructure: this element is missing; give a railML 3 infrastructure")
+        raise ValueError(f"{place}: infrastructure: this element is missing; give one with it")
     infrastructure, units = found[0], _units(root, place)
     elements = _net_elements(infrastructure, units, place)
     higher = {entry.get("id", "") for part in elements_below(infrastructure, "topology") for entry in part.iter()}
     network = _network(infrastructure, elements, higher, place)
+    network.groups = {name: element.parts for name, element in elements.items() if element.ordered}
     location = Location(elements, network, higher, units)
     for point in elements_below(infrastructure, STATION):
         spots = location.spots(point)
@@ -202,7 +208,7 @@ def railml_line(path: Path, selection: str = "", *, against: bool = False) -> tu
     data = line_data(
         way,
         name,
-        f"railML 3 infrastructure {path.name}",
+        f"railML {version} infrastructure {path.name}",
         grades=grades(infrastructure, location, way),
         radii=radii(infrastructure, location, way),
         speeds=speeds,
@@ -210,7 +216,7 @@ def railml_line(path: Path, selection: str = "", *, against: bool = False) -> tu
         by_category=by_category,
         needs={profile.category: profile.needs for profile in profiles.values() if profile.needs},
     )
-    return build_model(Line, data, place), "railML 3", _not_read(root)
+    return build_model(Line, data, place), f"railML {version}", _not_read(root) if lost is None else lost
 
 
 class _Profile(NamedTuple):

@@ -50,13 +50,20 @@ def read_xml(path: Path) -> Element:
 def read_root(path: Path) -> Element:
     """Return the root of a railML file."""
     root = read_xml(path)
-    if tag_of(root) != "railML":
-        raise ValueError(f"{path}: root element '{tag_of(root)[:60]}': must be railML of version 3; give such a file")
-    if not root.get("version", "3").startswith("3"):
+    if tag_of(root) not in ("railML", "railml"):
         raise ValueError(
-            f"{path}: railML: version = '{str(root.get('version'))[:20]}': must be 3; export it in railML 3"
+            f"{path}: root element '{tag_of(root)[:60]}': must be railML of version 2 or 3; give such a file"
+        )
+    if version_of(root) not in ("2", "3"):
+        raise ValueError(
+            f"{path}: railML: version = '{str(root.get('version'))[:20]}': must be 2 or 3; export it in railML 3"
         )
     return root
+
+
+def version_of(root: Element) -> str:
+    """Return the first digit of the version of railML; without one, that of its namespace."""
+    return root.get("version", "2" if "/schemas/20" in str(root.tag) else "3")[:1]
 
 
 def tag_of(element: Element) -> str:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from plant_sim.consist import Consist
 from plant_sim.elementary import plain_sum
 from plant_sim.formats.fields import keys_not_carried, print_assumption
+from plant_sim.formats.railml2 import as_version_3
 from plant_sim.formats.railml_collection import (
     elements_below,
     entry_of,
@@ -24,6 +25,7 @@ from plant_sim.formats.railml_collection import (
     number_of,
     read_root,
     tag_of,
+    version_of,
 )
 from plant_sim.formats.railtoolkit import ROTATING
 from plant_sim.formats.ttobench import BRAKED_GRADE, OVERSPEED
@@ -66,8 +68,8 @@ CARRIED = tuple(
 """Names of a file that the train carries."""
 
 
-def railml_train(path: Path, selection: str = "") -> tuple[Consist, tuple[str, ...]]:
-    """Return a formation of a file, and the names that the train does not carry.
+def railml_train(path: Path, selection: str = "") -> tuple[Consist, str, tuple[str, ...]]:
+    """Return a formation of a file, the format, and the names that the train does not carry.
 
     Parameters
     ----------
@@ -75,6 +77,9 @@ def railml_train(path: Path, selection: str = "") -> tuple[Consist, tuple[str, .
         Identifier of the formation; empty for a file with one.
     """
     place, root = str(path), read_root(path)
+    version, lost = version_of(root), None
+    if version == "2":
+        root, lost = as_version_3(root, place)
     if next(elements_below(root, "rollingstock"), None) is None:
         raise ValueError(f"{place}: holds a line (railML), no train; exchange them")
     formations = {_id(entry, place): entry for entry in elements_below(root, "formation")}
@@ -86,8 +91,10 @@ def railml_train(path: Path, selection: str = "") -> tuple[Consist, tuple[str, .
         raise ValueError(f"{place}: selection '{selection[:60]}': the file has {', '.join(formations)}; correct it")
     name = selection or next(iter(formations))
     raw = _consist(formations[name], root, name, place)
-    left = keys_not_carried(names_below(root), CARRIED)
-    return build_model(Consist, raw, place), tuple(key for key in left if key != "@version")
+    form = f"railML {version}"
+    raw["source"] = f"{form} rolling stock {path.name}"
+    left = keys_not_carried(names_below(root), CARRIED) if lost is None else lost
+    return build_model(Consist, raw, place), form, tuple(key for key in left if key != "@version")
 
 
 def _id(element: Element, place: str) -> str:
@@ -153,7 +160,6 @@ def _consist(formation: Element, root: Element, name: str, place: str) -> dict[s
     return {
         "schema": "train_ato/consist/1",
         "name": name,
-        "source": f"railML 3 rolling stock {Path(place).name}",
         "vehicle_types": types,
         "train": [{"type": key} for key in train],
         "draft_gears": {"rigid": {"kind": "rigid"}},

@@ -131,8 +131,7 @@ def _train_of(path: Path, selection: str, *, point_mass: bool) -> ReadConsist:
     """Return the train of a file of any format."""
     place = str(path)
     if is_railml(path):
-        consist, left = railml_train(path, selection)
-        return ReadConsist(consist, "railML 3", left)
+        return ReadConsist(*railml_train(path, selection))
     if survey.is_gpx(path) or line_table.is_line_table(path):
         kind = "GPX" if survey.is_gpx(path) else "table"
         raise ValueError(f"{place}: holds a line ({kind}), no train; exchange them")

@@ -1,0 +1,329 @@
+"""Infrastructure and rolling stock of railML 2 (2.0 to 2.5), written anew as that of railML 3 and read by its readers.
+
+A track of railML 2 has its data at the positions where they change, and its switches between its ends. A value holds
+from its position to the next change of the track or to its end, a speed with ``dir="down"`` in the other direction. A
+speed before ``vMax="end"`` is a temporary restriction. A track with switches becomes a chain of parts ``ID/1``,
+``ID/2``. Tracks at one macroscopic node are all joined there. The element names are those of the schema.
+"""
+
+from __future__ import annotations
+
+from itertools import combinations, product
+from xml.etree.ElementTree import Element, SubElement
+
+from plant_sim.formats.fields import keys_not_carried, print_assumption
+from plant_sim.formats.railml_collection import (
+    ORDERED,
+    elements_below,
+    entry_of,
+    flag_of,
+    names_below,
+    number_of,
+    tag_of,
+)
+
+TOPOLOGY, ELEMENTS = "infrastructure.tracks.track.trackTopology", "infrastructure.tracks.track.trackElements"
+PROPULSION = "rollingstock.vehicles.vehicle.engine.propulsion"
+FORMATION = "rollingstock.formations.formation"
+CARRIED = (
+    "@version", "infrastructure.tracks.track.@id",
+    *(f"{TOPOLOGY}.{end}.{key}" for end in ("trackBegin", "trackEnd") for key in (
+        "@pos", "connection.@id", "connection.@ref", "macroscopicNode.@ocpRef", "macroscopicNode.@flowDirection",
+    )),
+    *(f"{TOPOLOGY}.connections.{kind}.{key}" for kind in ("switch", "crossing") for key in (
+        "@pos", "connection.@id", "connection.@ref", "connection.@orientation", "connection.@passable",
+    )),
+    f"{TOPOLOGY}.connections.crossing.@type", f"{TOPOLOGY}.crossSections.crossSection.@pos",
+    f"{TOPOLOGY}.crossSections.crossSection.@ocpRef",
+    *(f"{ELEMENTS}.{kind}s.{kind}.@{key}" for kind, keys in (
+        ("speedChange", ("pos", "dir", "vMax", "profileRef")), ("gradientChange", ("pos", "slope")),
+        ("radiusChange", ("pos", "radius")), ("tunnel", ("pos", "length", "crossSection")),
+        ("electrificationChange", ("pos", "type", "isolatedSection")),
+    ) for key in keys),
+    "infrastructure.operationControlPoints.ocp.@id", "infrastructure.operationControlPoints.ocp.@name",
+    *(f"infrastructure.speedProfiles.speedProfile.{key}" for key in (
+        "@id", "@name", "@influence", "@maxAxleLoad", "braking.@minimumBrakePercentage",
+    )),
+    *(f"rollingstock.vehicles.vehicle.@{key}" for key in (
+        "id", "length", "speed", "bruttoWeight", "tareWeight", "axleLoad", "resistanceFactor",
+    )),
+    *(f"{PROPULSION}.{key}" for key in (
+        "@powerType", "@power", "@maxTractEffort", "@rotationMassFactor", "tractiveEffort.valueTable.@xValueUnit",
+        "tractiveEffort.valueTable.@yValueUnit", "tractiveEffort.valueTable.valueLine.@xValue",
+        "tractiveEffort.valueTable.valueLine.values.@yValue",
+    )),
+    *(f"{FORMATION}.{key}" for key in (
+        "@id", "@speed", "trainOrder.vehicleRef.@orderNumber", "trainOrder.vehicleRef.@vehicleRef",
+        "trainOrder.vehicleRef.@vehicleCount", "trainEngine.@trainMaxAcceleration", "trainBrakes.@meanDeceleration",
+        "trainBrakes.@regularBrakePercentage", "trainResistance.@daviesMassDependent",
+        "trainResistance.@daviesFactorA", "trainResistance.@daviesFactorB", "trainResistance.@daviesFactorC",
+    )),
+)  # fmt: skip
+"""Names of a file that line or train carry."""
+DAVIS = ("constantFactorA", "speedDependentFactorB", "squareSpeedDependentFactorC")
+"""Factors of the running resistance in railML 3."""
+_End = tuple[str, str]
+"""Part of a track, and its position 0 or 1."""
+CHANGES = {
+    "gradientChange": "gradientCurve",
+    "radiusChange": "horizontalCurve",
+    "electrificationChange": "electrificationSection",
+}
+"""Elements of railML 3 by the changes of their values."""
+WAYS = {"": None, "up": "normal", "down": "reverse"}
+"""Direction of running in railML 3 by that of a speed change."""
+NAVIGABLE = {(True, True): "Both", (True, False): "AB", (False, True): "BA", (False, False): "None"}
+"""Navigability of a relation by the ways from A to B and from B to A."""
+ENDS = ("end", "999.9")
+"""Speed of the end of a temporary restriction, and that before railML 2.3."""
+
+
+def as_version_3(root: Element, place: str) -> tuple[Element, tuple[str, ...]]:
+    """Return the root of the same data in railML 3, and the names that it does not carry."""
+    new = Element("railML", version="3")
+    for infrastructure in elements_below(root, "infrastructure"):
+        _infrastructure(infrastructure, new, place)
+    for stock in elements_below(root, "rollingstock"):
+        _stock(stock, SubElement(new, "rollingstock"), place)
+    lost = keys_not_carried(names_below(root), CARRIED)
+    return new, tuple(name.removeprefix("infrastructure.") for name in lost)
+
+
+def _add(parent: Element, tag: str, **keys: str | None) -> Element:
+    """Return a new element below another one; keys with None are left out."""
+    return SubElement(parent, tag, {key: value for key, value in keys.items() if value is not None})
+
+
+def _children(element: Element, *tags: str) -> list[Element]:
+    return [entry for entry in element if tag_of(entry) in tags]
+
+
+def _first(element: Element, tag: str, place: str) -> Element:
+    """Return the first element of a name below an element."""
+    if (found := next(elements_below(element, tag), None)) is None:
+        raise ValueError(f"{entry_of(element, place)}: {tag}: missing; add it")
+    return found
+
+
+def _infrastructure(old: Element, root: Element, place: str) -> None:
+    """Write tracks, stations and speed profiles of an infrastructure."""
+    common, tracks = SubElement(root, "common"), _Tracks(SubElement(root, "infrastructure"), place)
+    for profile in elements_below(old, "speedProfile"):
+        entry = _add(common, "speedProfile", id=profile.get("id"), influence=profile.get("influence"))
+        _add(entry, "name", name=profile.get("name"))
+        if profile.get("maxAxleLoad"):
+            _add(entry, "load", axleLoad=profile.get("maxAxleLoad"))
+        entry.extend(_children(profile, "tilting", "braking"))
+    for track in elements_below(old, "track"):
+        tracks.add(track)
+    tracks.join({ocp.get("id", ""): ocp.get("name") for ocp in elements_below(old, "ocp")})
+
+
+class _Tracks:
+    """Tracks of railML 2 as net elements, net relations and located data of railML 3."""
+
+    def __init__(self, infrastructure: Element, place: str) -> None:
+        self._new, self._place = infrastructure, place
+        topology = SubElement(infrastructure, "topology")
+        self._elements, self._relations = SubElement(topology, "netElements"), SubElement(topology, "netRelations")
+        self._ends: dict[str, _End | None] = {}
+        self._joints: list[tuple[_End | str, str, str]] = []
+        self._nodes: dict[str, list[tuple[_End, str]]] = {}
+        self._stations: dict[str, list[tuple[str, float]]] = {}
+
+    def add(self, track: Element) -> None:
+        """Write one track with its data."""
+        name, place = track.get("id", ""), self._place
+        if not name:
+            raise ValueError(f"{place}: track: id: missing; add it")
+        first, last = (_first(track, tag, place) for tag in ("trackBegin", "trackEnd"))
+        begin = number_of(first, "pos", place)
+        length = number_of(last, "pos", place, begin + 1e-3) - begin
+        nodes = [(number_of(node, "pos", place, begin, begin + length) - begin, node)
+                 for node in track.iter() if tag_of(node) in ("switch", "crossing")]  # fmt: skip
+        cuts = sorted({0.0, length, *(at for at, node in nodes if _children(node, "connection"))})
+        parts = [name] if len(cuts) == 2 else [f"{name}/{number}" for number in range(1, len(cuts))]
+        if len(parts) > 1:
+            chain = _add(_add(self._elements, "netElement", id=name), ORDERED)
+        for number, part in enumerate(parts):
+            _add(self._elements, "netElement", id=part, length=repr(cuts[number + 1] - cuts[number]))
+            if len(parts) > 1:
+                _add(chain, "elementPart", ref=part)
+            if number:
+                self._relate((parts[number - 1], "1"), (part, "0"))
+        for node, end, position in ((first, (parts[0], "0"), 0.0), (last, (parts[-1], "1"), length)):
+            for connection in elements_below(node, "connection"):
+                self._connect(connection, end)
+            for macro in elements_below(node, "macroscopicNode"):
+                if (flow := macro.get("flowDirection", "both")) not in ("both", "in", "out"):
+                    where = f"{entry_of(macro, place)}: flowDirection = '{flow[:20]}'"
+                    raise ValueError(f"{where}: must be both, in or out; correct it")
+                self._nodes.setdefault(macro.get("ocpRef", ""), []).append((end, flow))
+                self._stations.setdefault(macro.get("ocpRef", ""), []).append((name, position))
+        for at, node in nodes:
+            self._branch(node, at, cuts, parts)
+        for section in elements_below(track, "crossSection"):
+            at = number_of(section, "pos", place, begin, begin + length) - begin
+            self._stations.setdefault(section.get("ocpRef", ""), []).append((name, at))
+        self._locate(track, name, begin, length)
+
+    def _connect(self, connection: Element, end: _End | None) -> None:
+        """Register a connection at an end of a part, None for one without a way from there."""
+        passable = flag_of(connection, "passable", self._place, default=True)
+        self._ends[connection.get("id", "")] = end if passable else None
+        if end is not None and passable:
+            self._joints.append((end, connection.get("ref", ""), entry_of(connection, self._place)))
+
+    def _branch(self, node: Element, at: float, cuts: list[float], parts: list[str]) -> None:
+        """Register the connections of a switch or crossing at a position of a track [m]."""
+        place, number = self._place, cuts.index(at) if at in cuts else 0
+        plain = tag_of(node) == "crossing" and "Switch" not in node.get("type", "")
+        sides: dict[str, list[str]] = {"incoming": [], "outgoing": []}
+        for connection in _children(node, "connection"):
+            way = connection.get("orientation", "")
+            if way not in sides:
+                where = f"{entry_of(connection, place)}: orientation = '{way[:20]}'"
+                raise ValueError(f"{where}: must be incoming or outgoing; correct it")
+            sides[way].append(connection.get("ref", ""))
+            out = way == "outgoing"
+            if not plain and not (number if out else number < len(parts)):
+                where = f"{entry_of(node, place)}: pos: {way} at the {'begin' if out else 'end'} of its track"
+                raise ValueError(f"{where} leads over no part of it; place it on the track beside it")
+            end = None if plain else (parts[number - 1], "1") if out else (parts[number], "0")
+            self._connect(connection, end)
+        if tag_of(node) == "crossing":
+            self._joints += [(one, two, entry_of(node, place)) for one, two in product(*sides.values())]
+
+    def join(self, names: dict[str, str | None]) -> None:
+        """Write the relations of all connections and nodes, and the stations with their names."""
+        for end, ref, entry in self._joints:
+            for key in (end, ref) if isinstance(end, str) else (ref,):
+                if key not in self._ends:
+                    raise ValueError(f"{entry}: ref = '{key[:60]}': no connection of the file; correct it")
+            near = self._ends[end] if isinstance(end, str) else end
+            far = self._ends[ref]
+            if near is not None and far is not None:
+                self._relate(near, far)
+        for ocp, ends in self._nodes.items():
+            if len(ends) > 2:
+                print_assumption(f"{self._place}: ocp {ocp}: every track at this macroscopic node leads to every other")
+            for (one, flow), (other, onward) in combinations(ends, 2):
+                ways = (flow != "out" and onward != "in", onward != "out" and flow != "in")
+                self._relate(one, other, NAVIGABLE[ways])
+        for ocp, name in names.items():
+            station = _add(self._new, "operationalPoint", id=ocp)
+            _add(station, "name", name=name)
+            for track, at in self._stations.get(ocp, ()):
+                _add(station, "spotLocation", netElementRef=track, pos=repr(at))
+
+    def _relate(self, one: _End, other: _End, way: str = "Both") -> None:
+        relation = _add(self._relations, "netRelation", positionOnA=one[1], positionOnB=other[1], navigability=way)
+        _add(relation, "elementA", ref=one[0])
+        _add(relation, "elementB", ref=other[0])
+
+    def _locate(self, track: Element, name: str, begin: float, length: float) -> None:
+        """Write the data along a track: values between their changes, and tunnels."""
+        place, edge = self._place, (begin + length, track)
+
+        def listed(tag: str, way: str | None = None, profile: str | None = None) -> list[tuple[float, Element]]:
+            found = [(number_of(e, "pos", place, begin, begin + length), e) for e in elements_below(track, tag)
+                     if way is None or (e.get("dir", ""), e.get("profileRef", "")) == (way, profile)]  # fmt: skip
+            return sorted(found, key=lambda entry: entry[0], reverse=way == "down")
+
+        def written(old: Element, tag: str, first: float, last: float, way: str | None = None, **keys: str) -> Element:
+            low, high = sorted((first - begin, last - begin))
+            if high > length * (1 + 1e-9):
+                raise ValueError(f"{entry_of(old, place)}: it ends beyond the track {name}; correct it")
+            entry = _add(self._new, tag, id=old.get("id"), **keys)
+            location = _add(entry, "linearLocation", applicationDirection=way)
+            _add(location, "associatedNetElement", netElementRef=name, posBegin=repr(low), posEnd=repr(high))
+            return entry
+
+        for tag, new in CHANGES.items():
+            changes = listed(tag)
+            for (at, change), (end, _) in zip(changes, [*changes[1:], edge], strict=False):
+                if change.get("dir") == "down":
+                    raise ValueError(f"{entry_of(change, place)}: dir = 'down': its sign is not known; write dir up")
+                off = str(flag_of(change, "isolatedSection", place)).lower()
+                keys = {"isInsulatedSection": off, "contactLineType": change.get("type", "")}
+                if tag != "electrificationChange":
+                    old, key = ("slope", "gradient") if tag == "gradientChange" else ("radius", "radius")
+                    keys = {key: repr(number_of(change, old, place))}
+                written(change, new, at, end, **keys)
+        for at, tunnel in listed("tunnel"):
+            end = at + number_of(tunnel, "length", place, 0)
+            entry = written(tunnel, "overCrossing", at, end, constructionType="tunnel")
+            _add(entry, "tunnelResistance", crossSection=tunnel.get("crossSection"))
+        for way, profile in sorted({(e.get("dir", ""), e.get("profileRef", "")) for _, e in listed("speedChange")}):
+            if way not in WAYS:
+                raise ValueError(
+                    f"{place}: track {name}: speedChange: dir = '{way[:20]}': must be up or down; correct it"
+                )
+            last = (begin, track) if way == "down" else edge
+            changes = listed("speedChange", way, profile)
+            followed = [*zip(changes, [*changes[1:], last], strict=False)]
+            brief = [pair for pair in followed if _ends(pair[1]) and not _ends(pair[0])]
+            lasting = [one for one, after in followed if not _ends(one) and not _ends(after)]
+            for (at, change), (end, after) in [*zip(lasting, [*lasting[1:], last], strict=False), *brief]:
+                keys = {
+                    "maxSpeed": repr(number_of(change, "vMax", place)),
+                    "isTemporary": str(_ends((end, after))).lower(),
+                }
+                entry = written(change, "speedSection", at, end, WAYS[way], **keys)
+                if profile:
+                    _add(entry, "validForSpeedProfile", ref=profile)
+
+
+def _ends(entry: tuple[float, Element]) -> bool:
+    """Return True for the change at the end of a temporary restriction."""
+    return entry[1].get("vMax") in ENDS
+
+
+def _stock(old: Element, new: Element, place: str) -> None:
+    """Write vehicles and formations of rolling stock."""
+    for vehicle in elements_below(old, "vehicle"):
+        keys = {key: vehicle.get(key) for key in ("id", "length", "speed", "bruttoWeight", "tareWeight")}
+        entry = _add(new, "vehicle", **keys, maximumAxleLoad=vehicle.get("axleLoad"))
+        if vehicle.get("resistanceFactor"):
+            info = _add(SubElement(entry, "drivingResistance"), "info", airDragCoefficient="0", crossSectionArea="0")
+            info.set("rollingResistance", vehicle.get("resistanceFactor", ""))
+        drives = [*elements_below(vehicle, "propulsion")]
+        for drive in drives[:1]:
+            if drive.get("rotationMassFactor"):
+                entry.set("rotatingMassFactor", drive.get("rotationMassFactor", ""))
+            kind = drive.get("powerType", "").lower()
+            mode = _add(SubElement(entry, "engine"), "powerMode", mode=kind, isPrimaryMode="true")
+            traction = SubElement(mode, "tractionData")
+            _add(traction, "info", maxTractiveEffort=drive.get("maxTractEffort"), tractivePower=drive.get("power"))
+            if (table := next((t for e in _children(drive, "tractiveEffort") for t in e), None)) is not None:
+                print_assumption(f"{entry_of(drive, place)}: power and maxTractEffort: no effect beside its table")
+                effort = SubElement(SubElement(traction, "details"), "tractiveEffort")
+                copy = SubElement(effort, "valueTable", table.attrib)
+                for line in _children(table, "valueLine"):
+                    row = _add(copy, "valueLine", xValue=line.get("xValue"))
+                    for value in _children(line, "values"):
+                        _add(row, "value", yValue=value.get("yValue"))
+        if len(drives) > 1:
+            print_assumption(f"{entry_of(vehicle, place)}: propulsion: {len(drives)}; the first one is read")
+    for formation in elements_below(old, "formation"):
+        entry = _add(new, "formation", id=formation.get("id"), speed=formation.get("speed"))
+        order = list(elements_below(formation, "vehicleRef"))
+        order.sort(key=lambda ref: number_of(ref, "orderNumber", place, 0, 1e5))
+        refs = [ref.get("vehicleRef") for ref in order for _ in range(_count(ref, place))]
+        for number, name in enumerate(refs):
+            _add(entry, "trainOrder", orderNumber=str(number), vehicleRef=name)
+        for engine in _children(formation, "trainEngine"):
+            _add(entry, "trainEngine", maxAcceleration=engine.get("trainMaxAcceleration"))
+        entry.extend(_children(formation, "trainBrakes"))
+        for drag in _children(formation, "trainResistance"):
+            keys = dict(zip(DAVIS, (drag.get(f"daviesFactor{letter}") for letter in "ABC"), strict=True))
+            mass = drag.get("daviesMassDependent")
+            _add(SubElement(entry, "trainResistance"), "daviesFormulaFactors", massDependent=mass, **keys)
+
+
+def _count(ref: Element, place: str) -> int:
+    """Return the number of equal vehicles of a train order."""
+    count = number_of(ref, "vehicleCount", place, 1, 1000) if ref.get("vehicleCount") else 1.0
+    if count != int(count):
+        raise ValueError(f"{entry_of(ref, place)}: vehicleCount = {count:g}: must be a whole number; correct it")
+    return int(count)
