@@ -97,6 +97,16 @@ def test_a_step_of_the_envelope_takes_no_force_from_a_section_with_little(kind: 
     assert (np.array(times) / np.array(free) - 1.0).max() < 0.03
 
 
+@pytest.mark.parametrize(("end", "begin", "to", "largest"), [(2.2, 900, 1000, 1e-4), (2.44, 949, 1186, 1e-3)])
+def test_much_power_after_a_dead_section_makes_no_train_slower(
+    end: float, begin: float, to: float, largest: float
+) -> None:
+    """Breaks if the window of the whole run follows the change of force at one place: .11 and .34 % slower."""
+    line = line_of(end_km=end, stops=[{"at": 200}, {"at": 1e3 * end}], neutral_sections=[{"begin": begin, "end": to}])
+    times = [plan_profile(line, metro(660e3 * factor), PlanSettings()).running_time for factor in (1, 3, 10)]
+    assert times[2] <= times[1] * (1 + largest) < times[0]
+
+
 def test_a_segment_of_one_kmh_with_twice_the_force_is_no_obstacle() -> None:
     """Breaks if a narrow step takes away the force around it."""
     narrow = metro(660e3, {"to_kmh": 41, "force_kn": 120})

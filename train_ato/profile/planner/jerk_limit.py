@@ -12,7 +12,12 @@ import numpy as np
 from train_ato.messages.types import Array
 from train_ato.profile.planner.accelerations import acceleration_table
 from train_ato.profile.planner.driving_strategy import MINIMUM_TIME, DrivingStrategy, SectionKnots
-from train_ato.profile.planner.section import PlanSection, largest_acceleration_change
+from train_ato.profile.planner.section import (
+    STEP_FACTOR,
+    PlanSection,
+    acceleration_excess,
+    largest_acceleration_change,
+)
 
 MAX_ROUNDS = 25
 """Rounds of the search for window and reserves of the moving average."""
@@ -22,6 +27,8 @@ LOWER_RATES = (0.85, 0.95)
 """Factors between two service accelerations that are tried, far and near."""
 MIN_GAIN = 0.1
 """Square of the acceleration over the jerk limit times the top speed from which on a lower one is tried."""
+MIN_GROWTH = 0.01
+"""Relative growth of the window from which on less force at the places of the largest changes is tried."""
 TOLERANCE = 1e-6
 """Relative excess of a force or limit that counts as rounding."""
 
@@ -53,8 +60,9 @@ def fit_jerk_limit(section: PlanSection, start: float, period: float, strategy: 
 def _fit_fastest(section: PlanSection, jerk: float, start: float, period: float) -> None:
     """Fit the fastest of several ways to limit the jerk.
 
-    At a step of an envelope, the lower side is extended or both sides are lowered.  A lower service acceleration has
-    a shorter window: it can be faster between stops that are close together, or with a low jerk limit.
+    At a step of an envelope, the lower side is extended or both sides are lowered.  Where a change of the force at one
+    place, as after a dead section, needs a longer window, less force at this place is tried.  A lower service
+    acceleration has a shorter window: it can be faster between stops that are close together, or with a low jerk limit.
     """
     best, problem = _fitted(_copy(section), jerk, start, period)
     steps = best is None or _has_steps(best)
@@ -63,6 +71,9 @@ def _fit_fastest(section: PlanSection, jerk: float, start: float, period: float)
     if best is None:
         assert problem is not None
         raise problem
+    if best.window > best.first_window * (1 + MIN_GROWTH):
+        kept = _copy(section, extend_steps=best.extend_steps, keep_window=True)
+        best = _faster(best, _fitted(kept, jerk, start, period)[0]) or best
     for factor in LOWER_RATES:
         while section.begin_speed == 0.0 and (steps or _slow_window(best, jerk)):
             lower, _ = _fitted(_slower(best, factor * best.window * jerk), jerk, start, period)
@@ -130,6 +141,8 @@ def _fit(section: PlanSection, jerk: float, start: float, period: float, strateg
             break  # the reserves leave no solution: the place in that message is not the cause
         change = largest_acceleration_change(history, section.window)
         if change > jerk * section.window * (1 + TOLERANCE):
+            if section.keep_window and _lower_changes(section, history, jerk, period):
+                continue
             section.window = max(section.window * 1.01, change / jerk * (1 + TOLERANCE / 2))
             continue
         knots = section.knots(section.times(start, period, history)[0], start, history)
@@ -152,7 +165,28 @@ def _set_first_window(section: PlanSection, jerk: float) -> None:
     energy = section.energy_profile()
     section.fastest_speed = (section.grid.places, np.sqrt(2 * energy))
     history = section.over_time(energy)
-    section.window = max(float(np.abs(history[4]).max()), abs(section.begin_acceleration)) / jerk
+    section.window = section.first_window = max(float(np.abs(history[4]).max()), abs(section.begin_acceleration)) / jerk
+
+
+def _lower_changes(section: PlanSection, history: Array, jerk: float, period: float) -> bool:
+    """Reserve force where the acceleration changes by more than a window permits; return False without such a force."""
+    train, keep = section.inputs.train, 1.0 - section.inputs.settings.force_margin
+    places, speed, rates = history[2, 1:-2], history[3, 1:-2], history[4, 1:-2]
+    over = acceleration_excess(history, section.window, jerk * section.window)[:, 1:-1]
+    resistance = train.resistance_at(speed) + section.inputs.force.at(places)
+    force = train.inertia * rates + resistance
+    traction, electric, air = train.forces_at(speed)
+    cells = np.arange(section.grid.cells)
+    excess = np.zeros((2, rates.size))
+    for side, (sign, most) in enumerate(((1.0, traction), (-1.0, electric + air))):
+        reserved = section.reserve.over(section.grid)[side][cells]
+        wanted = np.maximum(sign * force - train.inertia * over[side], 0.0)
+        needed = 1.0 - wanted / np.maximum(keep * most, 1.0)
+        driven = (over[side] > 0.0) & (sign * force > 1.0)
+        excess[side] = np.where(driven, np.maximum(needed - reserved, 0.0) / STEP_FACTOR, 0.0)
+    if excess.any():
+        section.reserve.raise_at(places, speed * (section.window / 2 + period), excess)
+    return bool(excess.any())
 
 
 def _exceedance(section: PlanSection, knots: SectionKnots) -> tuple[Array, float]:

@@ -131,6 +131,30 @@ def largest_acceleration_change(run: Array, window: float) -> float:
     return largest
 
 
+@compiled
+def acceleration_excess(run: Array, window: float, change: float) -> Array:
+    """Return by how much every piece exceeds, and falls below, those within a window by more than a change [m/s²].
+
+    Returns
+    -------
+    Array, shape (2, n)
+        Excess of the acceleration above the least one of the window plus ``change``, and below the largest one less it.
+    """
+    last = run.shape[1] - 2
+    excess, first = np.zeros((2, last + 1)), 0
+    for early in range(last + 1):
+        while first < last and run[0, first + 1] <= run[0, early] + window:
+            first += 1
+        late = first
+        while late <= last and run[0, late] < run[0, early + 1] + window:
+            rise = run[4, late] - run[4, early]
+            high, low = (late, early) if rise > 0.0 else (early, late)
+            excess[0, high] = max(excess[0, high], abs(rise) - change)
+            excess[1, low] = max(excess[1, low], abs(rise) - change)
+            late += 1
+    return excess
+
+
 MAX_RESERVE = 1.0
 """Largest fraction of a force that is reserved; all of it above the end of an envelope."""
 STEP_FACTOR, MIN_STEP = 1.1, 1e-4
@@ -202,6 +226,10 @@ class PlanSection:
         Factor on the time by which limits start earlier and end later.
     extend_steps : bool
         Extend the lower side of a step of an envelope for the averaging, see :func:`.accelerations.acceleration_table`.
+    keep_window : bool
+        Reserve force at the places of too large changes of acceleration, where it is possible, and keep the window.
+    first_window : float
+        Window of the largest acceleration without a jerk limit [s].
     fastest_speed : pair of arrays, optional
         Places [m] and speeds [m/s] of the fastest run without a jerk limit; None before the window is known.
     """
@@ -217,6 +245,8 @@ class PlanSection:
     window: float = 0.0
     limit_extension: float = 1.0
     extend_steps: bool = False
+    keep_window: bool = False
+    first_window: float = 0.0
     fastest_speed: tuple[Array, Array] | None = None
     _tables: SectionTables | None = None
     _tables_key: tuple[float, ...] = ()
