@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import pairwise
 from types import MappingProxyType
@@ -141,7 +142,24 @@ class Network:
                 return TrackPath(self, way)
             for other, end in self.joined.get((track, END if forward else BEGIN), ()):
                 heapq.heappush(waiting, (length + self.lengths[other], other, end == BEGIN, passed, way))
-        raise ValueError(f"{self.place}: selection '{selection}': no path between these tracks; name others")
+        turn = self._turn(places) if len(places) > 2 else None
+        if turn is None:
+            raise ValueError(f"{self.place}: selection '{selection}': no path between these tracks; name others")
+        names = selection.split(BETWEEN)
+        one, other = BETWEEN.join(names[: turn + 1]), BETWEEN.join(names[turn:])
+        raise ValueError(
+            f"{self.place}: selection '{selection}': a train turns at '{names[turn]}', and a line has one "
+            f"direction; run it as two lines, {one} and {other}"
+        )
+
+    def _turn(self, places: Sequence[Collection[str]]) -> int | None:
+        """Return the number of the first place between two paths that only a turn there joins; None without one."""
+        for number in range(1, len(places) - 1):
+            with suppress(ValueError):
+                self._shortest(places[: number + 1], "")
+                self._shortest(places[number:], "")
+                return number
+        return None
 
 
 class TrackPath:
