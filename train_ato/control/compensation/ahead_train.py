@@ -4,9 +4,9 @@ Its force is the feed-forward of `twin.py`, which has the equations. The twin co
 
 Copy of the simulated train of the twin with worn draft gears, for the effect of wear on the measured speed.
 
-The copy has the force of the twin, the same brake pipe, and draft gears with ``WEAR_STEP`` more wear. Its units then
-move against those of the twin by the waves of its couplers alone, as a real train with these gears does. So that the
-copy does not drift away along the grades, a slow loop holds its units to those of the twin::
+The copy has the force of the twin, the same brake pipe, and draft gears with ``WEAR_STEP`` more wear. The waves of its
+couplers move its units against the units of the twin, as in a real train with these gears. A slow loop ties its units
+to the units of the twin, so that the copy does not drift away along the grades::
 
     dF = -M (SPEED_GAIN dv + POSITION_GAIN dx)
 

@@ -6,17 +6,17 @@ The delay becomes a rational function, as in the papers. Only the feed-forward i
     a = b1 a'' + b2 a' + b3 a_s' + a_s                                                              (5)
     b1 = -tau/lam,  b2 = -(lam tau + 1)/lam,  b3 = -1/lam
 
-Corrections: the paper prints b1 = -2/lam and omits the dot on a_s. Solved for the demand, a_s = a - b1 a'' - b2 a' -
-b3 a_s' has an unstable root at +2/sigma in a_s', and measured derivatives of a make the loop unstable. Therefore a is
-that of the reference and a_s' that of the demand without delay, a' + tau a''::
+Corrections: the paper prints b1 = -2/lam and omits the dot on a_s. Solved for the demand, a_s = a - b1 a'' - b2 a' - b3
+a_s' has an unstable root at +2/sigma in a_s'. Measured derivatives of a also make the loop unstable. Therefore a is
+taken from the reference, and a_s' is a' + tau a'', from the demand without delay::
 
     u_ff = F - b1 F'' - b2 F' - b3 (F' + tau F'') = F + (sigma + tau) F' + sigma tau F''
 
 with F the force of the nominal train along the profile. This is a preview to first order; only the difference
 quotients read the profile ahead, by (sigma + tau)/2.
 
-Needs: a law that uses the feed-forward (`pid`, `rbf_switching_smc`, `smc` with ``equivalent: feedforward``); others are
-rejected, because the compensation has no effect on them. Delay and lag of the model.
+Needs: a law that uses the feed-forward (`pid`, `rbf_switching_smc`, `smc` with ``equivalent: feedforward``). Other laws
+are rejected, because the compensation has no effect on them. Delay and lag of the model.
 """
 
 from __future__ import annotations

@@ -3,16 +3,16 @@
 The feedback acts on the predicted state, so the delay leaves the loop as far as the model is correct. The estimate of
 an observer is part of the prediction.
 
-The commands in flight and the estimated disturbance give the motion of the train over the delay. Over every
-sub-interval h of the delay, with w the total of the commands due then (a newer command that arrives first replaces
-older ones)::
+The commands in flight and the estimated disturbance give the motion of the train over the delay. The delay has
+sub-intervals of the length h, and w is the total of the commands that are due in one of them. A newer command that
+arrives first replaces older commands::
 
     F+ = w + (F - w) exp(-h/Ta),   mean force over h: w + (F - w) (1 - exp(-h/Ta)) Ta/h
     v+ = v + (mean force + d - R)/M h,   R = resistance now + its change along the reference
 
-``train: rigid`` moves all units by the same amounts; ``train: chain`` integrates every unit with the linear springs
-between the units (every vehicle driven, as in paper 002). The delay is that of the model; with ``delay: estimated`` it
-is the number of ticks, up to ``longest``, for which the commands sent explain the measured force best.
+``train: rigid`` moves all units by the same amounts. ``train: chain`` integrates every unit with the linear springs
+between the units (every vehicle driven, as in paper 002). The delay is that of the model. With ``delay: estimated`` it
+is a number of ticks, at most ``longest``: the number for which the commands sent explain the measured force best.
 
 Needs: any law (`gpc` with ``delay: none``); delay and lag of the model. ``train: chain`` needs every vehicle driven and
 linear draft gears without slack; ``delay: estimated`` needs a delay of the model above 0. A rigid prediction does not

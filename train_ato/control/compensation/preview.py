@@ -1,16 +1,16 @@
 """Preview: feed-forward of the time at which the command takes effect; the state stays as measured.
 
 The profile ahead gives the force that the train will need when the command arrives. This costs almost no computation.
-On the metro train it removes most of the speed error; on the heavy-haul train with `pid` it does not reduce the error,
-because F is the force of a rigid train, without the waves in the couplers (`twin` includes them).
+On the metro train it removes most of the speed error. On the heavy-haul train with `pid` it does not reduce the error,
+because F is the force of a rigid train, without the waves in the couplers. `twin` includes them.
 
 Through a delay tau and a first-order lag Ta, exactly::
 
     u_ff(t) = F(t + tau) + Ta F'(t + tau)
 
-with F the force of the nominal train along the profile: the exact form of the inverse that paper 001 approximates by
-Padé (per unit mass a_ff = v_d'(t + sigma) + tau v_d''(t + sigma) + w). If the delay of a unit depends on the sign of
-the command, the delay for the sign of its feed-forward is used.
+F is the force of the nominal train along the profile. This is the exact form of the inverse that paper 001 approximates
+by Padé (per unit mass a_ff = v_d'(t + sigma) + tau v_d''(t + sigma) + w). The delay of a unit can depend on the sign of
+the command. The sign of its feed-forward then selects the delay.
 
 Needs: any law, any train; delay and lag of the model. Laws with an equivalent control of their own (`funnel`, `gpc`)
 use only the reference ahead.

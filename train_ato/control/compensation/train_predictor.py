@@ -8,9 +8,9 @@ T ago::
 
     x_law = x_copy(t + T) + x(t) - x_copy(t)        the same for v;  coupler and shoe forces are those of the copy
 
-The lag counts as additional delay. The mismatch between train and model acts undamped for T: on daqin_heavy_haul `smc`
-has an RMSE of .009 km/h nominally and .15 with moderate mismatch; `twin` with `pid` has .005 and .07. A Smith
-predictor of the rigid train does not improve the control of a long train.
+The lag counts as additional delay. For the time T nothing damps the mismatch between train and model. On
+daqin_heavy_haul `smc` has an RMSE of .009 km/h nominally and .15 with moderate mismatch; `twin` with `pid` has .005 and
+.07. A Smith predictor of the rigid train does not improve the control of a long train.
 
 Needs: consist and line of the model, since all vehicles are simulated; any law (`gpc` with ``delay: none``).
 """

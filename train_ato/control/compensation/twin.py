@@ -8,23 +8,23 @@ actuators and the same brake policy, driven along the profile by inverse dynamic
 
     u_i = .99 FC_i + W_i + Fa_i + m_i [v_d' - l1 (v_i - v_d) - l2 (x_i - x_d)]
 
-with the coupler forces FC, resistance W and shoe forces Fa of the twin itself. With the whole FC a wave in the couplers
-would last for minutes, since a unit with exactly the speed of the profile reflects it like a fixed end; by the rest of
-1 % the unit yields to the wave and damps it. The twin is simulated tau + Ta ahead,
-and its force of that time is the feed-forward::
+Here FC are the coupler forces, W the resistance and Fa the shoe forces of the twin itself. With the whole FC a unit
+would have exactly the speed of the profile. It would reflect a wave in the couplers like a fixed end, and the wave
+would last for minutes. Without 1 % of FC the unit yields to the wave and damps it. The twin is simulated tau + Ta
+ahead, and its force of that time is the feed-forward::
 
     u_ff(t) = u_twin(t + tau + Ta)
 
 The state stays as measured; the law corrects the remaining error. If the delay of a unit depends on the sign of the
 command, the delay for the sign of its force is used.
 
-With ``identify`` the measured force and speed of the train, compared with those of the twin, give the errors of mass,
-running resistance and air brake of the model and the wear of its draft gears (`train_identification.py`), and once a
-second the twin receives them. A twin with the right forces also stretches its couplers like the train, which an
-additional force on a rigid train does not. A second copy with worn gears (`ahead_train.py`) gives the effect of wear.
+``identify`` compares the measured force and speed of the train with those of the twin (`train_identification.py`). The
+result is the errors of mass, running resistance and air brake of the model and the wear of its draft gears. The twin
+receives them once a second. A twin with the right forces also stretches its couplers like the train. An additional
+force on a rigid train cannot do this. A second copy with worn gears (`ahead_train.py`) gives the effect of wear.
 
-Needs: consist and line of the model, since all vehicles are simulated, and a law that uses the feed-forward (`pid`,
-`rbf_switching_smc`, `smc` with ``equivalent: feedforward``); others are rejected, because the compensation has no
+Needs: consist and line of the model, because all vehicles are simulated. A law that uses the feed-forward (`pid`,
+`rbf_switching_smc`, `smc` with ``equivalent: feedforward``). Other laws are rejected, because the compensation has no
 effect on them.
 """
 

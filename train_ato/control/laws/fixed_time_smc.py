@@ -1,7 +1,7 @@
 """Fixed-time sliding mode with an alternating surface per vehicle, paper 002, eqs. (12)-(36).
 
-Every vehicle is driven and keeps its position in the train from its own state, those of its neighbours and a virtual
-leader. The settling time does not depend on the initial error; the force does.
+Every vehicle is driven and keeps its position in the train. It uses its own state, the states of its neighbours and a
+virtual leader. The settling time does not depend on the initial error; the force does.
 
 Per unit i, x*_i = x_r minus its offset, all terms as accelerations::
 
@@ -15,30 +15,29 @@ Per unit i, x*_i = x_r minus its offset, all terms as accelerations::
 sig^p(z) = |z|^p sign z, m2 = p2 = 5/7, m1 = g2 = 5/3, eps = 1 m. The observer's d_hat is m (d2 + d1').
 
 Corrections: x_r'' is missing in the paper. (20) joins the branches smoothly only for eps = 1 and alpha1 = beta1, so
-each pair is one gain. |E| is at least 1e-3 in the derivative of the fractional power. The speed offset d1_hat, which a
-speedometer does not measure, is estimated from position and speed (``unmatched``); x -> x_r and v -> v_r are
+that each pair is one gain. In the derivative of the fractional power |E| is at least 1e-3. A speedometer does not
+measure the speed offset d1_hat. It is estimated from position and speed (``unmatched``). x -> x_r and v -> v_r are
 incompatible while it is not 0.
 
-``states: estimated`` is (36) as printed: x, v, d1, d1' and d2 are the estimates of a cascade (7), (11) inside the law,
-also in the forces of the couplers, and d_hat is not used. Default: measured x and v, d_hat of the observer node.
-The graph of the paper is the chain of the train; the law takes the states of the neighbours from the message of the
-plant, there are no links between the cars.
+``states: estimated`` is (36) as printed. A cascade (7), (11) inside the law estimates x, v, d1, d1' and d2, also for
+the forces of the couplers, and d_hat is not used. The default uses the measured x and v and d_hat of the observer node.
+The graph of the paper is the chain of the train. There are no links between the cars. The message of the plant has the
+states of the neighbours.
 
-The gain 50 of the paper settles 108 m in 0.06 s and needs 1.6e10 m/s². The paper states 1.7 s: gains from 1.7 to 2 give
-this time and still need 2e6 m/s².
-A real train (0.5 m/s², lag, delay) needs 0.3 with `eso`, and is unstable from 0.6 s of delay on: see `lag_smc`.
-``equivalent: feedforward`` is for such trains: the feed-forward replaces x_r'' and -known, and the inertia of the train
-that of the vehicle.
+The gain 50 of the paper settles 108 m in 0.06 s and needs 1.6e10 m/s². The paper states 1.7 s. Gains from 1.7 to 2 give
+this time and still need 2e6 m/s². A real train (0.5 m/s², lag, delay) needs 0.3 with `eso`, and is unstable for delays
+of 0.6 s and more: see `lag_smc`. ``equivalent: feedforward`` is for such trains. The feed-forward then replaces x_r''
+and -known, and the inertia of the train replaces that of the vehicle.
 
 Gains of the model: ``equivalent: feedforward``, and one gain g for surface and reaching law. For errors of the size z
-(in m and m/s) kp = g (1 + 1.43 z^(-2/7) + 1.67 z^(2/3)), which is 4.1 g at 1, 4.1 g at .1 and 6.4 g at .01. With a
-fifth of the kp of `pid` on the same train, g = kp/5, it is below the limit of stability, 3.1 kp, for all errors
+(in m and m/s) kp = g (1 + 1.43 z^(-2/7) + 1.67 z^(2/3)). This is 4.1 g at 1, 4.1 g at .1 and 6.4 g at .01. The rule is
+g = kp/5 with the kp of `pid` on the same train. The law is then below the limit of stability, 3.1 kp, for all errors
 above .3 mm and .3 mm/s.
 
-Needs: with ``equivalent: measured`` the force of every coupler beside a power unit: a train of driven vehicles with
-linear draft gears without slack (one vehicle is sufficient), or sensors; the error message names the missing couplers.
-An observer for d_hat (`cascaded`, `eso`). Compensations that give only a feed-forward are rejected. With
-``equivalent: feedforward`` any train.
+Needs: with ``equivalent: measured`` the force of every coupler beside a power unit. A train of driven vehicles with
+linear draft gears without slack gives it (one vehicle is sufficient), and so do sensors. The error message names the
+missing couplers. An observer for d_hat (`cascaded`, `eso`). Compensations that give only a feed-forward are rejected.
+With ``equivalent: feedforward`` any train.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
 """Dynamic-surface funnel control with input delay and saturation, paper 003, eqs. (6)-(28), for the whole train.
 
-Boundaries (funnels) limit the errors of position and speed; they narrow with time and widen while the force is at its
-limit, and the gain rises towards the boundary. A delay state removes the input delay from the speed error, and a
+Boundaries (funnels) limit the errors of position and speed. They narrow with time, and they widen while the force is at
+its limit. The gain rises towards the boundary. A delay state removes the input delay from the speed error, and a
 network estimates the resistance.
 
-m the inertia of the train, s and v its mean position and speed (weighted by the shares of the units), the force split
-over the units::
+m is the inertia of the train. s and v are its mean position and speed, weighted by the shares of the units. The force
+is split over the units::
 
     e1 = s - s_d,  e2 = v - alpha1 - h,  alpha_bar = -k1 e1 + v_d                                (6), (12), (20)
     k_i = k_i0/(1 - e_i²/phi_i²)                                                                  (12), (23)
@@ -27,21 +27,21 @@ over the units::
 6. h uses sat(u), here the force sent and the force measured. Learning (in m/s², with the minus sign that (27), (28)
    lack) is held while the force is at a limit.
 
-``variant: printed`` keeps (13) with Mh' = gamma_M |z| (19), sigma(t) = .001 exp(-.001 t) + .0001, the leak, k_i0 = 1,
-beta2 = 3e-7, uses the unlimited u for h, now and a delay ago, and learns at a limit; the sign of (27), (28) is
-corrected and e²/phi² clipped as well, unless ``outside_funnel: printed`` allows negative gains. After a saturation its
-dynamic funnel equals fixed gains k1 = k2 = 1 to four digits (phi2 grows like e^t and does not return).
-``funnel: prescribed`` narrows without regard to saturation, the comparison of the paper; ``fixed`` keeps the boundaries
-constant.
+``variant: printed`` has the equations of the paper: (13) with Mh' = gamma_M |z| (19), sigma(t) = .001 exp(-.001 t) +
+.0001, the leak, k_i0 = 1 and beta2 = 3e-7. It uses the unlimited u for h, now and a delay ago, and learns at a limit.
+The sign of (27), (28) is corrected. e²/phi² is clipped as well, unless ``outside_funnel: printed`` allows negative
+gains. After a saturation its dynamic funnel equals fixed gains k1 = k2 = 1 to four digits (phi2 grows like e^t and does
+not return). ``funnel: prescribed`` narrows without regard to saturation; it is the comparison of the paper. ``fixed``
+keeps the boundaries constant.
 
 ``feedforward: true`` takes f and m v_d' from the feed-forward of the compensation, which leads the command by delay and
 lag. The delay state, which compares command and force of one time, is then not used.
 
-Gains of the model: ``feedforward: true`` without delay state is the loop kp = k1 + k2, ki = k1 k2. (With the delay
-state e2 has no delay, but e1 has the loop kp = k1 + lam_h, ki = k1 lam_h behind the delay, and the speed is late after
-every change of the acceleration.) From the kp of `pid` on the same train k10 = k20 = kp/2.2, because with ``clip: 0.1``
-the gains rise by a tenth. The bias is the integral of e2 at bias_rate = kp²/64, a sixteenth of critical; the part of
-the network that depends on the speed has no use on a known train (gamma_w = 0).
+Gains of the model: ``feedforward: true`` without delay state is the loop kp = k1 + k2, ki = k1 k2. With the delay state
+e2 would have no delay, but e1 would have the loop kp = k1 + lam_h, ki = k1 lam_h behind the delay, and the speed would
+be late after every change of the acceleration. The gains are k10 = k20 = kp/2.2 with the kp of `pid` on the same train,
+because with ``clip: 0.1`` the gains rise by a tenth. The bias is the integral of e2 at bias_rate = kp²/64, a sixteenth
+of critical. The part of the network that depends on the speed has no use on a known train (gamma_w = 0).
 
 Needs: any train; several units are controlled as one. Inertia and shares; for ``resistance: model`` also the nominal
 resistance and line. The delay state replaces a predictor (with one, set ``delay_state: false``). Compensations that

@@ -16,12 +16,12 @@ Per loop, v speed, u command acceleration (force over inertia), every ``sampling
 Corrections and properties:
 
 * e = w - v_hat, as printed in (10), diverges.
-* With a short sampling the horizons N = 3, Nu = 2 are shorter than the delay: with 1.2 s of delay a pole is outside the
-  unit circle at 0.4 s and less for any lam, with 1.1 s at 0.3 s; ``sampling`` 1.2 s works. In between the command is
-  held.
+* With a short sampling the horizons N = 3, Nu = 2 are shorter than the delay. A pole is then outside the unit circle
+  for any lam: with 1.2 s of delay at 0.4 s and less, with 1.1 s at 0.3 s. ``sampling`` 1.2 s works. Between two samples
+  the command is constant.
 * Identification on increments of v, A = (1 - z⁻¹) A': the projection on v itself only moves the pole at 1.
-* Lc follows from the cost; (21), Hc(1) = B(1) Lc(1), removes the influence of a constant xi
-  (``residual_gain: stationary``). The identified parameters stay within ``deviation_limit`` of the nominal ones.
+* Lc follows from the cost. (21), Hc(1) = B(1) Lc(1), removes the influence of a constant xi (``residual_gain:
+  stationary``). The identified parameters stay within ``deviation_limit`` of the nominal ones.
 * xi contains resistance, grades and couplers: the network acts as a slow integrator; the raw residual destabilises.
 * ``resistance_feedforward: true`` adds the force for the nominal resistance, grades and air brake; u and xi are then
   without it.
@@ -33,17 +33,17 @@ Corrections and properties:
 * ``feedforward: true`` adds the feed-forward of the compensation, and v, u and w are the deviations from the reference
   and from this force. Otherwise a command that is constant over a long horizon cuts every corner of the reference.
 
-Gains of the model: ``feedforward: true`` and one command over the horizon N T (nu = 1, ``hold``), which is the loop
-kp = 3/((2N + 1) T) for a small command weight. It has two thirds of the kp of `pid` on the same train, because a
-command lasts for T. T is the dead time theta = delay + lag + period, so that B has the delay within its three terms;
-it is longer if N would be above 40. position_gain = kp/4 is ki = kp²/4. The network learns sixteen times slower than
-the loop (learning_rate = kp T/160). Nothing is identified (``identify: none``), because the deviations of a known train
-are noise.
+Gains of the model: ``feedforward: true`` and one command over the horizon N T (nu = 1, ``hold``). For a small command
+weight this is the loop kp = 3/((2N + 1) T). It has two thirds of the kp of `pid` on the same train, because a command
+lasts for T. T is the dead time theta = delay + lag + period, so that B has the delay within its three terms. If N would
+be above 40, T is longer. position_gain = kp/4 is ki = kp²/4. The network learns sixteen times slower than the loop
+(learning_rate = kp T/160). Nothing is identified (``identify: none``), because the deviations of a known train are
+noise.
 
-Needs: any train; delay and lag of the model, and the reference ahead. The law predicts over the delay by itself:
-`predictor` and `train_predictor` are rejected unless ``delay: none``. Compensations that give only a feed-forward are
-rejected unless ``feedforward: true``. It suits trains that move as one mass; a long train needs a horizon of 20 s, one
-command over it, and the known force, as with the gains of the model.
+Needs: any train; delay and lag of the model, and the reference ahead. The law predicts over the delay by itself.
+Therefore `predictor` and `train_predictor` are rejected unless ``delay: none``. Compensations that give only a
+feed-forward are rejected unless ``feedforward: true``. The law suits trains that move as one mass. A long train needs a
+horizon of 20 s, one command over it, and the known force, as with the gains of the model.
 """
 
 from __future__ import annotations

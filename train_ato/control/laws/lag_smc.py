@@ -3,8 +3,8 @@
 The surfaces of the papers ignore lag and delay. This surface contains the acceleration of the actuator, so the command
 changes only as fast as the actuator can follow. The law is not from a paper.
 
-On the state at the time of effect (compensation `predictor`), e = x - x_d, a the acceleration by the actuator and a_net
-that of the train, per unit or for the whole train::
+The law uses the state at the time of effect (compensation `predictor`). e is x - x_d, a is the acceleration by the
+actuator, and a_net is the acceleration of the train. They are per unit or for the whole train::
 
     s3 = (a_net - v_d') + c1 e' + c0 e
     a_s = a + Ta [v_d'' - c1 (a_net - v_d') - c0 e' - k s3/(|s3| + phi) - k_i s3]
@@ -12,20 +12,19 @@ that of the train, per unit or for the whole train::
 
 Ta is the lag of the model, exact for a constant command over the period Tc: Tc/(1 - exp(-Tc/lag)). ``command: common``
 controls the mean of the train and adds a small differential damping between the units. On the freight train of paper
-002 both kinds of loops stay stable with 0.75 to 1.25 of the modelled delay (table of msgs_docs/reproduction.md); with
+002 both kinds of loops stay stable with 0.75 to 1.25 of the modelled delay (table of msgs_docs/reproduction.md). With
 less delay than modelled the separate loops have the larger errors. Coupler forces enter a_net if they are available.
-They are not cancelled through the delay, which would be negative damping, but act through the derivative of the
-surface only.
+The law does not cancel them through the delay, which would be negative damping. They act only through the derivative of
+the surface.
 
-Gains of the model: on s3 = 0 the loop is kp = c1, ki = c0. With the kp of `pid` on the same train c1 = kp and
-c0 = kp²/4, and the acceleration reaches s3 = 0 within half of the dead time theta = delay + lag + period,
-k_i = 2/theta. ``command: common``, because the predicted coupler forces of a long train are late; k = 0, because the
-linear term alone is sufficient without chattering.
+Gains of the model: on s3 = 0 the loop is kp = c1, ki = c0. The rule is c1 = kp and c0 = kp²/4 with the kp of `pid` on
+the same train. The acceleration reaches s3 = 0 within half of the dead time theta = delay + lag + period, with k_i =
+2/theta. ``command: common`` is used, because the predicted coupler forces of a long train are late. k is 0, because the
+linear term alone is sufficient and does not chatter.
 
-Needs: the measured force, the lag of the model, and the state at the time of effect: compensation `predictor`
-(``train: chain`` for units coupled by springs). Without the coupler forces beside the units the law controls the
-mean of the train (``command: common``). It uses no feed-forward: compensations that give only a feed-forward are
-rejected.
+Needs: the measured force, the lag of the model, and the state at the time of effect: compensation `predictor` (``train:
+chain`` for units coupled by springs). Without the coupler forces beside the units the law controls the mean of the
+train (``command: common``). It uses no feed-forward. Compensations that give only a feed-forward are rejected.
 """
 
 from __future__ import annotations

@@ -1,10 +1,11 @@
 """Constrained model predictive control of the train as one mass, with exact delays and a look-ahead of 120 s (ours).
 
-The law predicts the errors of position and speed over the delay from the measured forces and the commands in flight,
-unit by unit, and plans the force over the next two minutes under its limits. A force limit ahead is met early.
+The law predicts the errors of position and speed over the delay, unit by unit. It uses the measured forces and the
+commands in flight. Then it plans the force over the next two minutes under its limits, so that it reacts early to a
+force limit ahead.
 
-With the total force F, the force R that keeps the train on the reference, the disturbance d, the gain g and the factor
-c on the delays::
+F is the total force, R the force that keeps the train on the reference, d the disturbance, g the gain, and c the factor
+on the delays::
 
     e_p' = e_v,   e_v' = (F - R)/M + d,   R = M v_d' + W(x_d, v_d)
     F_i' = (g u_i(t - c tau_i) - F_i)/Ta
@@ -16,8 +17,9 @@ e_p on the state at the time of effect. The limits of force, jerk, speed, couple
 soft. `msgs_docs/mpc_derivation.md` derives all parts: observers, constraints and their solution, standstill, the units
 of a train, and the identification of the actuators.
 
-Safe gains: from a misfit of the actuators of 15 % until one below 5 % the plan has ``safe_share`` of omega, and the
-units have no regulator. With ``identify`` false the model itself is tested in this way.
+Safe gains: a misfit of the actuators of 15 % switches them on, and a misfit below 5 % switches them off. The plan then
+has ``safe_share`` of omega, and the units have no regulator. With ``identify`` false the model itself is tested in this
+way.
 
 Limits: the air brake is only a known force. With hauled vehicles the error of the mass is not estimated. Where other
 laws are better: two locomotives with 210 wagons without `twin` (`pid`). A reference with steps of the speed

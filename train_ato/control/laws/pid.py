@@ -1,8 +1,8 @@
 """PID with feed-forward, the baseline of papers 000 (section 3.1), 001 (eq. 15) and 004.
 
-The feed-forward supplies most of the force, three gains correct the remaining speed error. Every other law is compared
-with this one: in papers 001, 003 and 004 most of the improvement of the law over its PID comes from the preview, which
-that PID does not have.
+The feed-forward supplies most of the force, and three gains correct the remaining speed error. Every other law is
+compared with this one. In papers 001, 003 and 004 most of the improvement of the law over its PID comes from the
+preview, because the PID there has no preview.
 
 Law, per unit, e = v - v_d (with the opposite sign in papers 001 and 004)::
 
@@ -11,26 +11,27 @@ Law, per unit, e = v - v_d (with the opposite sign in papers 001 and 004)::
     de/dt through a first-order filter of time constant derivative_time
 
 ``K`` is the unit's share of the train's inertia (``per_mass: true``; kp in 1/s, ki in 1/s², kd dimensionless) or its
-share of 1 (``per_mass: false``; kp in N/(m/s), ki in N/m, kd in N s²/m).  With ``gains: model`` kp and ki follow from
-the model. The train is an integrator of the force behind the dead time theta = delay + lag + period, and the rule of
+share of 1 (``per_mass: false``; kp in N/(m/s), ki in N/m, kd in N s²/m). With ``gains: model`` kp and ki follow from
+the model. The train is an integrator of the force behind the dead time theta = delay + lag + period. For it the rule of
 Skogestad (SIMC, Journal of Process Control 13, 2003, table 1) gives kp = 1/(2 theta), ki = kp/(8 theta). Two limits
-lower kp on trains with elastic couplers: half of the gain at which a mode of the couplers, a quarter of a turn or more
-behind through delay and lag, loses its damping (of that by friction a third counts); and two thirds of the wave
-impedance of the hauled vehicles. ki is at most kp²/4, and kp at most 1/s. Paper 000 prints the second form with 1e7,
-1, 1; its error is then the force divided by 1e7.
+lower kp on trains with elastic couplers. The first limit follows from the modes of the couplers that delay and lag turn
+by a quarter or more. At a certain gain such a mode loses its damping; kp is at most half of this gain. Damping by
+friction counts only a third. The second limit is two thirds of the wave impedance of the hauled vehicles. ki is at most
+kp²/4, and kp at most 1/s. Paper 000 prints the second form with 1e7, 1, 1. Its error is then the force divided by 1e7.
 
-With ``u_ff`` the nominal train follows the reference at the time at which the command takes effect; the PID of the
+With ``u_ff`` the nominal train follows the reference at the time at which the command takes effect. The PID of the
 papers has no feed-forward (``feedforward: false``).
 
 The defaults suit a long train. Above its first mode the locomotive does not move the mass of the train but a wave in
-the couplers, with a ratio of force to speed (wave impedance) of about 1e6 N s/m; K kp must be below it.
+the couplers. The ratio of force to speed in this wave (wave impedance) is about 1e6 N s/m, and K kp must be below it.
 
 ``filter_time`` smooths e in the first and third term only.
 
 Anti-windup: the integral is held while the unit is at a limit and the error would increase it.
 
-Needs: any train; inertia and shares of the model, measured state, and by default the feed-forward and the estimate; no
-coupler sensor. ``feedforward: false`` is rejected with compensations that give only a feed-forward (`pade`, `twin`).
+Needs: any train; inertia and shares of the model, measured state, and by default the feed-forward and the estimate. It
+needs no coupler sensor. ``feedforward: false`` is rejected with compensations that give only a feed-forward (`pade`,
+`twin`).
 """
 
 from __future__ import annotations

@@ -8,23 +8,23 @@ The law of :mod:`train_ato.control.laws.smc` with delta_hat added to f_hat::
     delta_hat = W'h(chi),   chi = [e, e'],   h_j = exp(-|chi - c_j|²/(2 b²)),   c_j = .01 (-1 -.5 0 .5 1)  (25), (26)
     W' = +gamma S h                                                                                        (28)
 
-Corrections and additions: network inputs are clipped to the outermost centres (with b = 0.005 the network has no
-response beyond 0.1 km/h, and centres that learn independently give delta_hat a slope over e that excites the loop;
-``clip: false`` in the paper). Weights are bounded (``weight_limit``), and held while the measurement is not valid or,
-with ``anti_windup``, while the force is at a limit. Without the linear reaching term ``ks`` the pair S, W is an
-undamped oscillator of 55 s, and the network makes the tracking worse.
+Corrections and additions: network inputs are clipped to the outermost centres (``clip: false`` in the paper). With b =
+0.005 the network has no response beyond 0.1 km/h, and independent centres give delta_hat a slope over e that excites
+the loop. Weights are bounded (``weight_limit``). They do not change while the measurement is invalid or, with
+``anti_windup``, while the force is at a limit. Without the linear reaching term ``ks`` the pair S, W is an undamped
+oscillator of 55 s, and the network makes the tracking worse.
 
-The observer of the paper has delta_hat in its known part, (30)-(34): otherwise (35) subtracts the same force twice. The
-node of the observer receives no delta_hat, so d_hat contains it. ``ndo_omega``, the bandwidth of the observer, removes
-it here: the observer is a linear filter, and the estimate of the paper is d_hat - m g with
+The observer of the paper has delta_hat in its known part, (30)-(34). Otherwise (35) would subtract the same force
+twice. The node of the observer receives no delta_hat, so that d_hat contains it. ``ndo_omega``, the bandwidth of the
+observer, removes it here. The observer is a linear filter, and the estimate of the paper is d_hat - m g with
 
     g_k = E g_{k-1} + (1 - E) delta_hat_{k-1},  E = exp(-ndo_omega Tc)
 
 This holds up to rounding. By default `ndo_omega` is 0, and delta_hat stays in d_hat.
 
-Gains of the model: those of `smc`; centres up to .5 m and .5 m/s, so that the network has the same slope for all
-errors of a run. It integrates S with the factor 1.3 gamma, and S decays with the rate ks. gamma = ks²/16 is a third of
-the critical value.
+Gains of the model: the gains of `smc`, and centres up to .5 m and .5 m/s, so that the network has the same slope for
+all errors of a run. The network integrates S with the factor 1.3 gamma, and S decays with the rate ks. gamma = ks²/16
+is a third of the critical value.
 
 Needs: the same as `smc`.
 """

@@ -3,7 +3,8 @@
 A sliding mode switches by its full gain at every crossing of the surface, which causes chattering. Here a network
 learns the switching term as a smooth function of the surface.
 
-Per unit, e = x - x_d, s = c e + e' (7), all terms as accelerations, M the unit's share of the inertia of the train::
+Each unit has e = x - x_d and s = c e + e' (7). All terms are accelerations, and M is the unit's share of the inertia of
+the train::
 
     u = u_eq + M u_n - d_hat                                                                            (12)
     u_eq = u_ff - M c e'                                        u_ff: v_d', resistance, delay and lag    (9)
@@ -15,29 +16,30 @@ Per unit, e = x - x_d, s = c e + e' (7), all terms as accelerations, M the unit'
 
 Corrections:
 
-* The paper uses measured derivatives and its own a_s' in u_eq. This is unstable, as ``derivatives: measured`` shows
-  (there the coefficients of (5) are corrected, and the resistance, which (9) lacks, is added). Here u_eq is the
+* The paper uses measured derivatives and its own a_s' in u_eq. This is unstable, as ``derivatives: measured`` shows.
+  That form has corrected coefficients of (5), and it adds the resistance, which (9) lacks. By default u_eq is the
   feed-forward that the compensation computes from the *reference* (`pade`: eq. (5) corrected; `preview`: exact).
 * k = -269 is interpreted as kN on 192 t: k_w = 1.40 m/s².
-* The printed equations lack the minus sign, h_j and b_j, and use E = e''²/2 as objective and e'' as input, which drifts
-  by tens of metres; here E = s²/2. ``objective: printed_acceleration`` is the printed form, to reproduce the drift.
+* The printed equations lack the minus sign, h_j and b_j. They use E = e''²/2 as objective and e'' as input, which
+  drifts by tens of metres. Here E is s²/2. ``objective: printed_acceleration`` is the printed form, to reproduce the
+  drift.
 * eta = 0.6 per sample is an integrator of 0.6/Tc; here eta is a rate, multiplied by Tc.
 * Inputs and target of the networks are clipped (``clip``), because they would have no response to large errors. Weights
   are bounded, and held while the force is at a limit (``anti_windup``).
-* The first input of the identification network is u_n: u of the paper (``rbfi_input: command``) contains the
-  acceleration of the profile, to which e'' does not respond.
+* The first input of the identification network is u_n. The paper uses u (``rbfi_input: command``), which contains the
+  acceleration of the profile. e'' does not respond to this part.
 * The identification network supplies only the sign of ds/du (``sensitivity``). With a delay its inputs and outputs do
-  not correspond, so its sign is used only while it has explained e'' for some time; otherwise the physical sign (+) is
-  used.
+  not correspond. Therefore its sign is used only while the network has explained e'' for some time. Otherwise the
+  physical sign (+) is used.
 
-Gains of the model: with the initial weights u_n = -2.07 k_w s/phi near s = 0, so that kp = c + 2.07 k_w/phi and
-ki = c 2.07 k_w/phi. From the kp of `pid` on the same train both parts are kp/2, which gives ki = kp²/4, with
-phi = 2 m/s. u_n integrates s at the rate 1.77 eta, and s decays at kp/2: eta is a sixteenth of (kp/2)²/1.77. The
-weights may add half of the strongest acceleration of the train. ``identify: false``, because with a delay the sign of
-ds/du is not in the samples.
+Gains of the model: with the initial weights u_n is -2.07 k_w s/phi near s = 0, so that kp = c + 2.07 k_w/phi and ki = c
+2.07 k_w/phi. Both parts are kp/2 with the kp of `pid` on the same train. This gives ki = kp²/4, with phi = 2 m/s. u_n
+integrates s at the rate 1.77 eta, and s decays at kp/2. eta is a sixteenth of (kp/2)²/1.77. The weights may add half of
+the strongest acceleration of the train. ``identify: false`` is used, because with a delay the sign of ds/du is not in
+the samples.
 
-Needs: any train; the feed-forward of a compensation (with lag and delay `preview`, `pade`, `twin` or `predictor`; none
-for ``derivatives: measured``), inertia and shares; no coupler sensor.
+Needs: any train; the feed-forward of a compensation (`preview`, `pade`, `twin` or `predictor` for lag and delay, none
+for ``derivatives: measured``), inertia and shares. It needs no coupler sensor.
 """
 
 from __future__ import annotations

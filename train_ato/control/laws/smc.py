@@ -10,10 +10,10 @@ Per unit, e = s - s_d, all terms but u in m/s²::
     zeta = kappa tanh(|e|/2)                                                                    (21)
     f_hat = -(FC + W + Fa)/m / (1 + model_error)
 
-``m`` is the mass of the unit's own vehicle, FC the force of its couplers against the motion (measured, or computed from
-the states of both units for a linear spring between two units), W its resistance and Fa its air brake. Without the
-force of the first coupler, (22) would have to balance 10 684 t with the mass of 184 t. ``d_hat`` is the force of the
-observer over m.
+``m`` is the mass of the unit's own vehicle, FC the force of its couplers against the motion, W its resistance and Fa
+its air brake. FC is measured, or computed from the states of both units for a linear spring between two units. Without
+the force of the first coupler, (22) would have to balance 10 684 t with the mass of 184 t. ``d_hat`` is the force of
+the observer over m.
 
 Corrections and additions:
 
@@ -23,18 +23,19 @@ Corrections and additions:
 * The integral of e is clamped (``integral_limit``), and held while the force is at a limit (``anti_windup``).
 * ``equivalent: feedforward`` is for trains with lag and delay. It takes the equivalent control from
   ``LawInput.feedforward`` and uses the inertia of the train instead of that of the vehicle. With a sum T of lag and
-  delay the law of the paper is unstable for T > m l1/(M l2), 0.17 s on the 10 684 t train. Under ``twin``
-  l1 = .07, l2 = .002, ks = .02, kappa = .01, phi = 1 work there: M (l1 + ks + kappa/phi) must be near the wave
-  impedance of the couplers, 1e6 N s/m.
+  delay the law of the paper is unstable for T > m l1/(M l2). This is 0.17 s on the 10 684 t train. Under ``twin`` l1 =
+  .07, l2 = .002, ks = .02, kappa = .01, phi = 1 work there. M (l1 + ks + kappa/phi) must be near the wave impedance of
+  the couplers, 1e6 N s/m.
 
-Gains of the model: with ``equivalent: feedforward`` (22) is near S = 0 the loop kp = l1 + ks, ki = l2 + ks l1 with an
-integral of ks l2. From the kp of `pid` on the same train, ks = kp/4, l1 = 3 kp/4 and l2 = l1²/16 give ki = .22 kp²
-(`pid`: .25 kp²) and an integral six times slower than the loop. The switching terms have kappa = .1 kp, phi = 1 m/s and
-xi = .01 kp. kappa adds at most a tenth of kp, and xi a twentieth at S = 1 m/s. So the command does not chatter.
+Gains of the model: near S = 0, (22) with ``equivalent: feedforward`` is the loop kp = l1 + ks, ki = l2 + ks l1 with an
+integral of ks l2. The rule is ks = kp/4, l1 = 3 kp/4 and l2 = l1²/16 with the kp of `pid` on the same train. This gives
+ki = .22 kp² (`pid`: .25 kp²) and an integral six times slower than the loop. The switching terms have kappa = .1 kp,
+phi = 1 m/s and xi = .01 kp. kappa adds at most a tenth of kp, and xi a twentieth at S = 1 m/s. So the command does not
+chatter.
 
-Needs: with ``equivalent: measured`` the force of every coupler beside a power unit, from a sensor or from a linear
-spring without slack between two units; the error message names the missing couplers, and compensations that give only a
-feed-forward are rejected. With ``equivalent: feedforward`` any train without sensors.
+Needs: with ``equivalent: measured`` the force of every coupler beside a power unit. It comes from a sensor or from a
+linear spring without slack between two units. The error message names the missing couplers, and compensations that give
+only a feed-forward are rejected. With ``equivalent: feedforward`` any train without sensors.
 """
 
 from __future__ import annotations

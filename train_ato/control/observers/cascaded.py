@@ -1,20 +1,19 @@
 """Cascaded observer of paper 002, eqs. (6)-(11), in sampled form, for every driven vehicle.
 
-It estimates two disturbances: an acceleration of the vehicle (d2), and an offset between its speed and the rate of its
-position (d1).
+The observer estimates two disturbances. d2 is an acceleration of the vehicle. d1 is an offset between the speed of the
+vehicle and the rate of its position.
 
 Per unit, with the modelled acceleration a = (u_applied - couplers - resistance - shoes)/m::
 
     x' = v + d1,  v' = a + d2;     estimate = m (d2 + d1')
 
-the force after the change of variable v~ = v + d1 of the paper (12), (35). The sampled forms are in
-`Cascade`; ``method: levant`` is best up to 1 ms, `eso` is better from 10 ms on.
-``explicit`` is the printed form.
-``unmatched: false`` omits d1 (the estimate is then m d2).
+This is the force after the change of variable v~ = v + d1 of the paper (12), (35). The sampled forms are in `Cascade`.
+``method: levant`` is best up to 1 ms, and `eso` is better for 10 ms and more. ``explicit`` is the printed form.
+``unmatched: false`` omits d1, so that the estimate is m d2.
 
 Needs: measured position, speed and force. As in `ndo`, the balance is that of every unit's vehicle if the coupler
-forces are available, otherwise that of the train. A fast loop: from 50 ms on, or with noise on the position, d1' is
-noise.
+forces are available, otherwise that of the train. The loop must be fast. With periods of 50 ms and more, or with
+noise on the position, d1' is noise.
 """
 
 from __future__ import annotations
@@ -190,9 +189,9 @@ class Cascade:
         x' = v + d1,   v' = a + d2                                                           (6)
 
     The paper (7), (11): xh' = vh + phi1, phi1 = k1 sign(x - xh); vh' = a + phi2, phi2 = k2 sign(v - vh); d1h' = k3
-    (phi1 - d1h) - k4 sign(d1h - d1), d2h = LPF(phi2). Its e3 = d1h - d1 contains the unknown d1, which is replaced by
-    the filtered phi1 here. The explicit form needs a very short step (10 % error after 0.02 s at 10 µs, useless at 50
-    ms), and is :func:`explicit_cascade`. Two better sampled forms:
+    (phi1 - d1h) - k4 sign(d1h - d1), d2h = LPF(phi2). Its e3 = d1h - d1 contains the unknown d1. Here the filtered
+    phi1 replaces it. The explicit form needs a very short step. It has 10 % error after 0.02 s at 10 µs and is
+    useless at 50 ms. It is :func:`explicit_cascade`. Two sampled forms are better:
 
     * :func:`implicit_cascade`: the sign is the projection that brings the error to 0 within one sample, if k is
       sufficient;

@@ -5,7 +5,7 @@ prediction error. It is less noisy than `ndo` at the same bandwidth and preferab
 paper.
 
 The scope of the balance (every unit's vehicle, or the whole train) and its forces are those of
-:mod:`train_ato.control.observers.ndo`. With the modelled acceleration a, averaged over the sample::
+:mod:`train_ato.control.observers.ndo`. a is the modelled acceleration, averaged over the sample::
 
     v- = v_k-1 + Tc (a + d_k-1),   r = v_measured - v-
     v_k = v- + (1 - b²) r,   d_k = d_k-1 + (1 - b)²/Tc r,   b = exp(-omega Tc)

@@ -10,15 +10,16 @@ and with a constant model over a sample of Tc::
 
     E = exp(-omega Tc);  d_k = E d_{k-1} + (1 - E) [(v_k - v_{k-1})/Tc - f_{k-1} - u_applied/m]
 
-which is stable for any omega (explicit Euler needs omega Tc < 2). The estimate is the force m d. ``u_applied`` is the
-mean force over the sample after delay, lag and limit, from the values measured at both ends. omega = 1000 of the paper
-is a difference quotient and fails with 0.01 m/s of speed noise; 20 suffices. The estimate contains all forces that
-are not in f, also the model error delta that the network of ``rbf_smc`` learns.
+This form is stable for any omega; explicit Euler needs omega Tc < 2. The estimate is the force m d. ``u_applied`` is
+the mean force over the sample after delay, lag and limit, from the values measured at both ends. omega = 1000 of the
+paper is a difference quotient and fails with 0.01 m/s of speed noise; 20 suffices. The estimate contains all forces
+that are not in f. One of them is the model error delta that the network of ``rbf_smc`` learns.
 
 Scope of the force balance:
 
-* ``vehicle``: every unit's own vehicle, with the measured forces of its couplers, as required by ``smc``. f_hat
-  is f/(1 + model_error), the model of the law, so the estimate contains the error of f beside the disturbance.
+* ``vehicle``: the balance of every unit's own vehicle, with the measured forces of its couplers. ``smc`` requires it.
+  f_hat is f/(1 + model_error), the model of the law, so that the estimate contains the error of f beside the
+  disturbance.
 * ``train``: the whole train as one rigid mass, the estimate split over the units, for laws with a feed-forward.
   On a long train the estimate contains the waves in the couplers: omega at most about .03 1/s with lag and delay.
 * ``auto``: ``vehicle`` if the forces of all couplers beside units are available (a sensor, or a linear spring between
@@ -26,8 +27,8 @@ Scope of the force balance:
 
 With an air brake the predicted shoe force is part of the model.
 
-Needs: measured speed and force. ``scope: vehicle`` also needs the force of every coupler beside a power unit and names
-the missing couplers in its error message; ``auto`` then uses the whole train.
+Needs: measured speed and force. ``scope: vehicle`` also needs the force of every coupler beside a power unit, and its
+error message names the missing couplers. ``auto`` then uses the whole train.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """A disturbance observer as one compiled function over records, which Python and the compiled loop call alike.
 
-The function has the form ``observer(p, own, position, speed, driven, resistance)`` and returns the acceleration of one
-body that the model does not explain [m/s²]. ``p`` has the constants, ``own`` what the observer keeps for the body, with
-the balance of the last sample; ``driven`` is the mean driving acceleration since then, ``resistance`` the present one.
-:class:`ObserverForm` adds the balance of forces, the guard and the limits.
+The function has the form ``observer(p, own, position, speed, driven, resistance)``. It returns the acceleration of one
+body that the model does not explain [m/s²]. ``p`` has the constants. ``own`` has the values that the observer keeps for
+the body, with the balance of the last sample. ``driven`` is the mean driving acceleration since then, and
+``resistance`` is the present resistance. :class:`ObserverForm` adds the balance of forces, the guard and the limits.
 """
 
 from __future__ import annotations
