@@ -34,8 +34,9 @@ def compiled(
     allocates
         False for a function that makes no array: references to its arguments are not counted.
     alone
-        False for a function that is compiled as a part of its callers only: the compiler optimises a function again in
-        every caller of a caller, so a chain of calls with much code multiplies the time of the compilation.
+        False for a function that is compiled only as a part of its callers. The compiler optimises such a function
+        again in every caller of a caller. A chain of calls with much code therefore multiplies the time of the
+        compilation.
 
     Notes
     -----

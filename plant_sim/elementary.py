@@ -1,9 +1,9 @@
 """Exponential, sine, cosine and hyperbolic tangent of arrays with the functions of the C library, entry by entry.
 
-numpy has variants of these functions for processors with AVX-512, with other last bits; on other processors its bits
-are those of the C library.  The functions here have the bits of the C library, those of ``math``, on every processor:
-the symbols of the library are called, so that neither LLVM nor the vector library of Intel (SVML, used by numba if
-installed) replaces them.
+On processors with AVX-512 numpy has variants of these functions with other last bits. On other processors its bits are
+those of the C library. The functions here have the bits of the C library (those of ``math``) on every processor. They
+call the symbols of the library, so that neither LLVM nor the vector library of Intel (SVML, used by numba if installed)
+replaces them.
 
 Sums and matrix products of floating-point numbers with the same bits in every version of Python and every processor.
 

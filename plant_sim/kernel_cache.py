@@ -1,8 +1,8 @@
 """Compiled kernels on disk, found by content: code, called functions, read constants, processor, versions.
 
-numba finds a kernel by the path of its source file and compares that file only.  A kernel here is one file, whose name
-has a hash of all that the compiled code depends on: copies of the source share it, a change in a called function of
-another file gives another name, and two processes that write at the same time write kernels of one meaning.
+numba finds a kernel by the path of its source file and compares only that file. Here a kernel is one file. Its name has
+a hash of all that the compiled code depends on. So copies of the source share a kernel, and a change in a called
+function of another file gives another name. Two processes that write at the same time write equal kernels.
 """
 
 import hashlib

@@ -149,8 +149,8 @@ def named_line(name: str) -> ReadLine:
     Parameters
     ----------
     name
-        Shipped name or file; of a network with ``:FROM..TO`` after it, the path between two tracks or stations; of a
-        file with several paths with ``:NAME``; with ``:reverse`` at its end, the line for a train against its
+        Shipped name or file. ``:FROM..TO`` after a network selects the path between two tracks or stations. ``:NAME``
+        selects a path of a file with several paths. ``:reverse`` at the end gives the line for a train in the other
         direction.
 
     Raises

@@ -1,9 +1,9 @@
 """Records: named numbers in one block of memory, for Python and compiled code.
 
-A record is a dataclass that declares every field once, with type, unit and meaning; a model of pydantic with numbers
-is one, too. :func:`zeros` makes an array of them, whose entries have the fields as attributes in compiled
-code: ``units[u].position``. A compiled function annotated with :class:`Records` is checked by mypy, which refuses a
-wrong field name. In Python the fields are columns: ``units["position"]``.
+A record is a dataclass that declares every field once, with type, unit and meaning. A model of pydantic with numbers is
+a record, too. :func:`zeros` makes an array of records. In compiled code an entry has the fields as attributes:
+``units[u].position``. mypy checks a compiled function that is annotated with :class:`Records`, and refuses a wrong
+field name. In Python the fields are columns: ``units["position"]``.
 """
 
 from __future__ import annotations

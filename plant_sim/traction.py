@@ -48,11 +48,11 @@ FADE = 1.0
 class FullServiceBrake:
     """Demand of every power unit for the full electric brake.
 
-    The demand is the largest force of the brake envelope; the plant limits it by the envelope, the adhesion and the
+    The demand is the largest force of the brake envelope. The plant limits it by the envelope, the adhesion and the
     force limit at the present speed. The drives follow it with their lag and rate, and without a drive there is no
-    brake; the emergency brake has a path of its own (:mod:`plant_sim.brake_events`). If a negative force also drives
-    backwards (``reversing``), the demand decreases with the speed and is 0 below the holding speed, where the holding
-    brake acts.
+    brake. The emergency brake has a path of its own (:mod:`plant_sim.brake_events`). With ``reversing`` a negative
+    force also drives backwards. Then the demand decreases with the speed and is 0 below the holding speed, where the
+    holding brake acts.
     """
 
     def __init__(self, consist: Consist, setup: PlantSetup) -> None:

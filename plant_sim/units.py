@@ -1,8 +1,8 @@
 """Quantities of the data files: SI by default, other units by a suffix of the key.
 
-A field annotated with a :class:`Unit` is written under its name (SI) or under its name with a suffix of the unit:
-``mass`` in kg or ``mass_t`` in tonnes, ``speed`` in m/s or ``speed_kmh``. The models are in ``si_model``; this
-file does without pydantic, whose import takes longer than the help of a command.
+A field that is annotated with a :class:`Unit` has its name (SI) or its name with a suffix of the unit: ``mass`` in kg
+or ``mass_t`` in tonnes, ``speed`` in m/s or ``speed_kmh``. The models are in ``si_model``. This file does not import
+pydantic, because this import takes longer than the help of a command.
 """
 
 from dataclasses import dataclass

@@ -5,17 +5,16 @@
 >>> run.metrics["controller"]
 'smc'
 
-``run`` runs a scenario, ``Env`` drives it step by step, ``compare`` runs it with several laws, ``sweep`` at many
-points, ``tune`` searches for the gains of a law, ``learn`` learns from run to run, ``falsify`` searches for a break of
-a requirement, ``linearise`` returns A, B, C and D, ``open_run`` opens a run folder, ``load`` returns its tables,
-``scenario`` returns a scenario that can be changed.
+``run`` runs a scenario. ``Env`` drives it step by step, ``compare`` runs it with several laws, and ``sweep`` runs it at
+many points. ``tune`` searches for the gains of a law, ``learn`` learns from run to run, and ``falsify`` searches for a
+break of a requirement. ``linearise`` returns A, B, C and D. ``open_run`` opens a run folder, ``load`` returns its
+tables, and ``scenario`` returns a scenario that can be changed.
 
-``plan`` plans a speed profile, ``curves`` computes braking curves, ``import_run`` converts a measured run, ``replay``
-evaluates a law on recorded inputs, ``difference`` compares two runs over time and place, ``verify`` repeats a run and
-compares every message, ``check_law`` runs the contract tests on a law, ``convert`` writes a line or train in another
-format. ``laws``, ``observers``,
-``compensations``, ``scenarios``, ``trains`` and ``lines`` list the names; a class with ``parameter`` fields and the
-methods of ``Law`` is a law.
+``plan`` plans a speed profile, and ``curves`` computes braking curves. ``import_run`` converts a measured run.
+``replay`` evaluates a law on recorded inputs, and ``difference`` compares two runs over time and place. ``verify``
+repeats a run and compares every message. ``check_law`` runs the contract tests on a law. ``convert`` writes a line or
+train in another format. ``laws``, ``observers``, ``compensations``, ``scenarios``, ``trains`` and ``lines`` list the
+names. A law is a class with ``parameter`` fields and the methods of ``Law``.
 
 Every error is an ``Error`` with one line for each fault: ``InputError`` before anything starts (also a ValueError),
 ``RunFailed`` during a run, ``RunInterrupted`` after Ctrl-C.

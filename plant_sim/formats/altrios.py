@@ -1,9 +1,9 @@
 """Networks and trains of ALTRIOS (NREL): links with heights, headings and speed limits; locomotives and rail vehicles.
 
-A link is a track in one direction, its ``idx_flip`` the same track in the other one. Heights are linear between their
-points. A curve is the change of the heading over its length, with the change taken between -180° and 180°: ALTRIOS
-counts a heading that passes north as a curve of almost 360°. The curve resistance is that of ALTRIOS, linear below 1°
-per 100 ft and quadratic above it, with the coefficients that its rail vehicles share.
+A link is a track in one direction. Its ``idx_flip`` is the same track in the other direction. Heights are linear
+between their points. A curve is the change of the heading over its length. The change is taken between -180° and 180°;
+ALTRIOS counts a heading that passes north as a curve of almost 360°. The curve resistance is that of ALTRIOS: linear
+below 1° per 100 ft and quadratic above, with the coefficients that its rail vehicles share.
 
 The drag of a rail vehicle is ``cd_area`` times density times v², without the factor one half. ALTRIOS gives the rolling
 resistance of the cars to the locomotives too, and no drag.

@@ -1,8 +1,8 @@
 """Lines as a table (CSV): one row per place with grade or height, speed limit, radius and station.
 
-A title is a quantity with its unit: ``position_km``, ``grade_permille``, ``Speed limit [km/h]``. A value holds from its
-row to the next one with a value of its column; an empty cell changes nothing, and a radius of 0 is straight. Heights
-become grades, linear between their rows.
+A title is a quantity with its unit: ``position_km``, ``grade_permille``, ``Speed limit [km/h]``. A value applies from
+its row to the next row with a value in its column. An empty cell changes nothing. A radius of 0 is straight track.
+Heights become grades, linear between their rows.
 """
 
 import csv

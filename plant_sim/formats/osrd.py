@@ -1,7 +1,7 @@
 """Lines in the infrastructure format of OSRD (RailJSON 3, Open Rail Association): a path through a network of tracks.
 
-Gradients are in per mille along a track, speeds in m/s, a radius > 0 turns to the right. Speed sections hold for all
-routes; a limit by tag is one of the trains of that category, in place of the others. Neutral sections are directional.
+Gradients are in per mille along a track, and speeds in m/s. A radius > 0 turns to the right. Speed sections apply to
+all routes. A limit by tag replaces the other limits for trains of that category. Neutral sections are directional.
 """
 
 from collections.abc import Iterator

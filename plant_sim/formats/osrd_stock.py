@@ -1,10 +1,10 @@
 """Rolling stock of OSRD (RailJSON 3.2, Open Rail Association) as a train of one vehicle, and a train as one.
 
-Efforts are in N over speeds in m/s, linear between their points; the first and the last hold beyond them. The Davis
-coefficients are in N, N/(m/s) and N/(m/s)². The service brake has ``const_gamma`` (2025; before: ``gamma``) on a fall
-of 50 per mille too; of type MAX its force is bounded by gamma times the inertial mass. The first curve whose
-conditions hold is in effect, else the default curve of the mode. Figures without effect here, as ``startup_time``, are
-kept for the way back.
+Efforts are in N over speeds in m/s, linear between their points. The first and the last effort apply beyond the points.
+The Davis coefficients are in N, N/(m/s) and N/(m/s)². The service brake has ``const_gamma`` (2025; before: ``gamma``)
+on a fall of 50 per mille too. A brake of type MAX has at most the force gamma times the inertial mass. The first curve
+whose conditions are met is in effect, else the default curve of the mode. Figures without effect here, as
+``startup_time``, are kept for the way back.
 """
 
 import json

@@ -1,16 +1,15 @@
 """Lines in railML 3 (infrastructure, versions 3.1 to 3.3): a path through the net elements of the micro level.
 
-Read are topology, gradient and horizontal curves, speed sections, temporary ones and those of speed profiles included,
-operational points, tunnels,
-electrification sections, and lengths of tracks for net elements without one. Entries on collections of net elements
-hold on their parts.
-Gradients are in per mille, speeds in km/h, a radius > 0 turns to the right. A location is a position in m, an
-intrinsic coordinate from 0 to 1, or a measure of a linear positioning system in its units. The element names are
-those of the schema. Document types, and with them all entities, are refused.
+The reader takes topology, gradient and horizontal curves, speed sections, operational points, tunnels, electrification
+sections, and lengths of tracks for net elements without a length. Temporary speed sections and the sections of speed
+profiles are included. Entries on collections of net elements apply to the parts of the collection. Gradients are in per
+mille, and speeds in km/h. A radius > 0 turns to the right. A location is a position in m, an intrinsic coordinate from
+0 to 1, or a measure of a linear positioning system in its units. The element names are those of the schema. Document
+types, and with them all entities, are refused.
 
-A tunnel is an over crossing of that construction type; version 3.3 has its cross section. An electrification section
-is where a system of electric power is applied: a path with such sections has no traction power outside of them, in an
-insulated section, and in one without a contact line.
+A tunnel is an over crossing with the construction type of a tunnel. Version 3.3 has its cross section. An
+electrification section is a section with a system of electric power. A path with such sections has no traction power at
+three places: outside of them, in an insulated section, and in a section without a contact line.
 """
 
 from __future__ import annotations

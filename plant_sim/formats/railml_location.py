@@ -2,8 +2,8 @@
 
 Grades and curve radii of railML 3 on a path.
 
-A gradient curve of the type arc has a change of gradient in place of a gradient, a horizontal curve that is a
-transition has no radius: gradient and curvature are linear between the values at both ends, those of the neighbours.
+A gradient curve of the type arc has a change of gradient instead of a gradient, and a horizontal curve that is a
+transition has no radius. Their gradient and curvature are linear between the values of the neighbours at both ends.
 """
 
 from __future__ import annotations

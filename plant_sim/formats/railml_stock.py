@@ -1,10 +1,10 @@
 """Trains in railML 3 (rolling stock): a formation of vehicles.
 
-Weights are in t, speeds in km/h, forces in N or kN. A vehicle has its gross weight, or its tare weight without one. The
-running resistance is that of the formation (Davis, in N and km/h), shared by weight, or the sum of those of the
-vehicles, ``rollingResistance`` in N/kN and half of density times ``airDragCoefficient`` times ``crossSectionArea``. The
-traction is that of the primary mode of every engine, as a table, or its largest effort and power. The mean deceleration
-of the formation holds on a fall of 50 per mille too, by equal brakes of the powered vehicles.
+Weights are in t, speeds in km/h, forces in N or kN. A vehicle has its gross weight, or its tare weight if the gross
+weight is missing. The running resistance of the formation (Davis, in N and km/h) is shared by weight. Without it the
+sum of the vehicles is used: ``rollingResistance`` in N/kN and half of density times ``airDragCoefficient`` times
+``crossSectionArea``. The traction is that of the primary mode of every engine, as a table, or its largest effort and
+power. Equal brakes of the powered vehicles give the mean deceleration of the formation, also on a fall of 50 per mille.
 """
 
 from __future__ import annotations

@@ -4,9 +4,9 @@ Rules of the schema's running-time calculation (Bruenger and Dahlhaus in Hansen 
 Operations", 2014, chapter 4; Wende, "Fahrdynamik des Schienenverkehrs", 2003, pages 151-153):
 
 * masses in t, every vehicle with its full load; g = 9.80665 m/s²;
-* resistances in per mille of the weight; the air term is ``air ((V + wind)/100 km/h)²`` with a head wind of 15 km/h
-  on locomotives, multiple units and passenger coaches, and 0 on freight wagons; passenger coaches have a rolling term
-  ``rolling V/100 km/h``; for a locomotive or multiple unit, ``base`` is that of the driven and ``rolling`` that of the
+* Resistances are in per mille of the weight. The air term is ``air ((V + wind)/100 km/h)²``. The head wind is 15 km/h
+  on locomotives, multiple units and passenger coaches, and 0 on freight wagons. Passenger coaches have a rolling term
+  ``rolling V/100 km/h``. For a locomotive or multiple unit, ``base`` belongs to the driven axles and ``rolling`` to the
   other axles, both without load;
 * rotating masses are weighted by the masses of the vehicles without load;
 * braking at ``a_braking``, by default at -0.225 m/s² (freight) or -0.375 m/s² (passenger), on any grade.

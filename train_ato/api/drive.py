@@ -65,8 +65,8 @@ def run(
         Shipped name, ``name:variant``, a YAML file, or :func:`train_ato.scenario`.
     law
         Control law: a registered name, ``"module:Class"``, a law class, or a law object such as ``MyLaw(gain=0.1)``
-        (see :mod:`train_ato.control.contract`), which runs itself, except in other processes; default: that of the
-        scenario.
+        (see :mod:`train_ato.control.contract`). The object itself runs, except in other processes. Default: the law of
+        the scenario.
     observer, compensation
         Disturbance observer and delay compensation, each in the forms of ``law``; default: those of the
         scenario.
@@ -88,7 +88,7 @@ def run(
     restarts
         With a process for each node: maximum number of restarts of each node; default: none, the run fails with a node.
     domain
-        ROS domain of a graph; default: that of ``ROS_DOMAIN_ID``, without it a free one.
+        ROS domain of a graph; default: the domain of ``ROS_DOMAIN_ID``, or a free domain without this variable.
     external
         Node of the graph in whose place a program of yours runs: ``"controller"``, ``"observer"``, ``"profile"``,
         ``"supervisor"``, or with ``"composed"`` ``"plant"``.

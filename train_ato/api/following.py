@@ -1,8 +1,8 @@
 """Trains behind each other: one ordinary run for each, in the order of the line, and a common summary.
 
-The reports of a train go backwards only. The run of a train is therefore complete before that of the train behind it,
-whose scenario contains the reports: it is an ordinary run in every mode, which ``verify`` repeats. Its links deliver
-each report at its time, as in a common run.
+The reports of a train go backwards only. The run of a train is therefore complete before the run of the train behind
+it. The scenario of the train behind contains the reports. It is an ordinary run in every mode, and ``verify`` repeats
+it. Its links deliver each report at its time, as in a common run.
 """
 
 from dataclasses import dataclass
@@ -173,9 +173,9 @@ def follower_figures(ahead: Recording, own: Recording, setup: RunSetup) -> dict[
     """Return the figures of a train behind another one, on the truth of both.
 
     Gap: rear of the train ahead less the front, at the common ticks. Speed amplification: largest deviation of the
-    speed from the own profile, by that of the train ahead; at most 1 where a disturbance does not grow. Headway errors:
-    place and speed of the front less those of the train ahead one headway before, where the profile follows it, away
-    from own stops.
+    speed from the own profile, divided by that of the train ahead. It is at most 1 where a disturbance does not grow.
+    Headway errors: place and speed of the front less the values of the train ahead one headway before. They count where
+    the profile follows the train ahead, away from own stops.
     """
     leader = ahead.setup
     assert leader is not None

@@ -45,8 +45,8 @@ def plan(
     out
         New files: profile (.csv, .yaml) or figure (.png, .pdf, .svg).
     **settings
-        Keys of :class:`~train_ato.profile.planner.settings.PlanSettings` [SI], also with the suffixes of the data
-        files, as ``time=120``, ``end_km=2``, ``jerk=None``; ``begin`` and ``end`` also as a post, ``"84+500"``.
+        Keys of :class:`~train_ato.profile.planner.settings.PlanSettings` [SI], or with the suffixes of the data files:
+        ``time=120``, ``end_km=2``, ``jerk=None``. ``begin`` and ``end`` can be a post: ``"84+500"``.
 
     Returns
     -------

@@ -3,9 +3,9 @@
 A law is a class with parameters, ``reset()`` and ``step(LawInput) -> LawOutput``.  It uses no ROS, no file and no clock
 but ``LawInput.t``.  Two forms are accepted:
 
-* keyword parameters, ``MyLaw(gain=0.1)``: every keyword of the constructor has a default and is kept in an attribute
-  of the same name, as in a dataclass (``examples/my_law.py``).  ``bind(model, period)``, if there is one, is called
-  with the train and the control period before the first step.
+* keyword parameters, ``MyLaw(gain=0.1)``: every keyword of the constructor has a default and is kept in an attribute of
+  the same name, as in a dataclass (``examples/my_law.py``). An optional method ``bind(model, period)`` is called with
+  the train and the control period before the first step.
 * a separate parameter dataclass: :class:`Law` below.
 
 Observers and delay compensations have the same two forms.
@@ -63,8 +63,8 @@ class Lookahead:
         Limits of every unit there, at the speed of the reference, with neutral sections, power limits and adhesion of
         the line [N].
     simulated_force : Array, shape (k,), k <= h
-        Total force of a simulated train on this reference at the first of these times, up to the effect of the last
-        command [N]; empty if the compensation simulates none.
+        Total force of a simulated train on this reference [N] at the first of these times, until the last command takes
+        effect. Empty if the compensation simulates no train.
     """
 
     position: Array
@@ -269,10 +269,10 @@ class Law(Protocol):
     last command is repeated: difference quotients and sampled models must not bridge the gap.
 
     After a change of the law or of its parameters during a run, an optional method ``take_over(inputs, force)`` is
-    called once before ``step()``: integrals, filters and predictions begin such that the demand is ``force``, the last
-    command [N]. With or without it the demand begins there and changes in a tick by at most jerk of the profile x
-    inertia x share x tick, for 3 s and until the law is reached; ``force_min`` and ``force_max`` are then within this
-    reach. The reference of another law begins in the state of the train and joins the profile within 20 s
+    called once before ``step()``. It sets integrals, filters and predictions so that the demand begins at ``force``,
+    the last command [N]. With or without this method the demand begins there. For 3 s, and until the law is reached, it
+    changes in a tick by at most jerk of the profile x inertia x share x tick. ``force_min`` and ``force_max`` are then
+    within this reach. The reference of another law begins in the state of the train and joins the profile within 20 s
     (:mod:`train_ato.control.takeover`).
 
     A law that raises or does not return gets no further step: the train brakes to standstill, and the run fails.
@@ -281,8 +281,8 @@ class Law(Protocol):
 
     * ``horizon`` (int, default 0): number of entries of ``LawInput.preview`` that the law uses;
     * ``lookahead_times`` (Array, default empty): times after the measurement of ``LawInput.lookahead`` [s], rising;
-    * ``feedback()``: gains on the errors of speed [1/s] and position [1/s²] near the reference, or None; gains of one's
-      own that are unstable on the train have a line before the run;
+    * ``feedback()``: gains on the errors of speed [1/s] and position [1/s²] near the reference, or None. Own gains that
+      are unstable on the train have a line before the run;
     * ``diagnostics()``: counts and states of the law as text, for the topic ``/diagnostics``;
     * ``uses_feedforward`` (bool, default True): the output depends on ``LawInput.feedforward``;
     * ``feedforward_hint`` (str): setting under which the law uses it, ``parameter: value``; empty if there is none;

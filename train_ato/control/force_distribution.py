@@ -2,7 +2,7 @@
 
 The laws control every unit with its own speed and position. On a long train the couplings between two units stretch by
 some metres, and the feedback of the units then drives them against each other. With shares by place, the laws supply
-the total U of the force only, and the share s_i(x) at the place x of the train gives the force of every unit::
+only the total force U. The share s_i(x) at the place x of the train then gives the force of every unit::
 
     u_i = s_i(x) U
 
@@ -11,8 +11,8 @@ A unit at a limit leaves the rest to the others.
 Planned motion of the power units against the profile: the laws correct only the deviation from it.
 
 The couplings of a long train stretch and close by some metres on every change of grade and force. The profile is the
-motion of one point; feedback on the speed and position of a power unit converts the motion of the couplings to traction
-and braking. With the displacement d_i(x) that a plan expects for unit i at the place x of the train, the law receives::
+motion of one point. Feedback on the speed and position of a power unit converts the motion of the couplings to traction
+and braking. A plan expects the displacement d_i(x) for unit i at the place x of the train. The law then receives::
 
     x_i - d_i(x),    v_i - d_i'(x) v_0
 

@@ -49,8 +49,8 @@ def step_trains(kind, rows, begun, who, shared, most, stamp_unit, weights, resul
                 rewards, places):  # fmt: skip
     """Run some ticks of trains, together with the other threads that have the same arguments.
 
-    A train whose next tick is left to Python ends earlier. A thread that finds no train looks for one some time longer,
-    so that it begins the next call at once; that which has begun the call returns after the last train.
+    A train whose next tick is left to Python ends earlier. A thread that finds no train keeps looking for some time, so
+    that it begins the next call at once. The thread that began the call returns after the last train.
 
     Parameters
     ----------

@@ -263,11 +263,11 @@ class Env:
         Returns
         -------
         observation, reward, terminated, truncated, info
-            ``terminated`` is True at the end of the run, for which ``info`` has ``metrics`` and ``verdict``, and
-            ``failure`` if it failed; the observation is then the last one. ``truncated`` is always False. ``info`` has
-            ``costs`` by name, the last ``command`` [N], ``engaged`` (the force of the next step drives), ``brake`` and
-            ``reason`` of the train; with a supervisor ``interventions``, ``ato_state`` and ``ato_reason``, and
-            ``takeover`` while the braking law drives in place of the caller.
+            ``terminated`` is True at the end of the run. ``info`` then has ``metrics`` and ``verdict``, and ``failure``
+            if the run failed; the observation is the last one. ``truncated`` is always False. ``info`` has ``costs`` by
+            name, the last ``command`` [N], ``engaged`` (True: the force of the next step drives), ``brake`` and
+            ``reason`` of the train. With a supervisor it also has ``interventions``, ``ato_state`` and ``ato_reason``,
+            and ``takeover`` while the braking law drives instead of the caller.
 
         Raises
         ------

@@ -122,8 +122,8 @@ def _end(asleep: list[Lock], ended: Event) -> None:
 class VectorEnv:
     """Environments of one scenario, all of whose trains are driven by one call; as :class:`train_ato.Env` for each.
 
-    Made by :func:`train_ato.vector_env`. The autoreset mode is that of Gymnasium's default, ``NEXT_STEP``: the step
-    after the end of a run ignores its force, begins the next run and returns its first observation, reward 0.
+    Made by :func:`train_ato.vector_env`. The autoreset mode is ``NEXT_STEP``, the default of Gymnasium. The step after
+    the end of a run ignores its force. It begins the next run and returns its first observation and the reward 0.
 
     Parameters
     ----------

@@ -119,7 +119,7 @@ def moments(texts: Sequence[str]) -> list[float | None]:
     """Return the seconds of the moments of a column from the first one on; None for a text that is no date and time.
 
     Times of day alone pass midnight where they fall by more than 12 h. The order of day and month in ``03/01/2026`` is
-    the one that all rows have; where both are possible, the one with the shorter run.
+    the order that fits all rows. Where both orders fit, the order with the shorter run is used.
     """
     orders = [[_microseconds(text, first) for text in texts] for first in ("month", "day")]
     best = min(orders, key=lambda found: (found.count(None), _length(found)))

@@ -1,12 +1,12 @@
 """Predictive policy: the air brake follows the schedule with the smallest predicted cost.
 
-Every ``period`` the policy compares schedules over ``horizon``: none, an application now or after a wait, held to the
-end or released after some time; with applied brakes a release now or after a wait, with or without the next
-application after the recharge pause, a deeper reduction, or holding. A schedule is a list of pressures by time. The
-closed form of the shoe forces (wave, cylinders, reservoirs) gives its forces, a rigid train its speed
-(:mod:`train_ato.control.air_brake.schedule_cost`). The first action of the best schedule is taken if it is due now; the
-next decision compares again. The rule is not from a paper; it is a model predictive control with a finite set of
-schedules, as in move blocking.
+Every ``period`` the policy compares schedules over ``horizon``. With released brakes a schedule has no application, or
+an application now or after a wait, which lasts to the end or is released after some time. With applied brakes it has a
+release now or after a wait, with or without the next application after the recharge pause, a deeper reduction, or no
+change. A schedule is a list of pressures by time. The closed form of the shoe forces (wave, cylinders, reservoirs)
+gives its forces, and a rigid train gives its speed (:mod:`train_ato.control.air_brake.schedule_cost`). If the first
+action of the best schedule is due now, the policy takes it. The next decision compares again. The rule is not from a
+paper. It is a model predictive control with a finite set of schedules, as in move blocking.
 
 The difference between measured and predicted acceleration is an unknown force, which holds over the horizon: a heavier
 train, another resistance or weaker shoes move the decisions without a plan.

@@ -1,8 +1,8 @@
 """Policy of a planned trip: applications at planned places, moved by the measured use of the electric brake.
 
 A plan is for the nominal train. On the real train the use of the electric brake differs, because the controller keeps
-the planned speed with it: a heavier train or weaker shoes need more of it than planned, more resistance less. The
-share of the electric brake in use therefore moves an application by up to ``shift``:
+the planned speed with it. A heavier train or weaker shoes need more of the electric brake than planned, and more
+resistance needs less. The share of the electric brake in use therefore moves an application by up to ``shift``:
 
 * apply earlier if the electric brake is nearly used up; later while it is used clearly less than planned;
 * release earlier if the drives pull against the shoes, or before the speed falls below the minimum release speed; later

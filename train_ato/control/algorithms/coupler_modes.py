@@ -1,8 +1,8 @@
 """Modes of the couplers of a train that change the speed of its power units; `msgs_docs/mpc_derivation.md`.
 
-The bodies are the vehicles, those with a rigid coupler between them as one. For weak damping the modes are nearly a
-balanced realisation, so that those with the largest Hankel singular values are those of balanced truncation (Gregory
-1984, Journal of Guidance, Control, and Dynamics 7, 725-732). Slack and preload are not in the modes.
+The bodies are the vehicles. Vehicles with a rigid coupler between them form one body. For weak damping the modes are
+nearly a balanced realisation. The modes with the largest Hankel singular values are then those of balanced truncation
+(Gregory 1984, Journal of Guidance, Control, and Dynamics 7, 725-732). Slack and preload are not in the modes.
 """
 
 # mypy: allow-untyped-defs
@@ -210,7 +210,7 @@ def _eigenvalues(size: int, symmetric: bytes) -> tuple[Array, Array]:
 def eigenvalues(symmetric):
     """Return eigenvalues and eigenvectors (columns) of a symmetric matrix by cyclic Jacobi rotations.
 
-    The rotations have one order, so that the bits are the same everywhere; those of LAPACK depend on the machine
+    The rotations have one order, so that the bits are the same everywhere. The bits of LAPACK depend on the machine
     (Golub and Van Loan 2013, Matrix Computations, section 8.5).
     """
     a = symmetric.copy()

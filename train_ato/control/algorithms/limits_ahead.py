@@ -1,8 +1,8 @@
 """Limits ahead by place: speed limit of the line for the whole train, force of every unit with the line's sections.
 
-The tables follow once from the nominal train and line. Neutral sections, power limits and adhesion hold for every power
-unit with its centre in the section, as in the plant (:mod:`plant_sim.section_effects`); the adhesion is that of
-Curtius and Kniffler, dry, times the factor of the section, and limits on lines with adhesion sections only.
+The tables follow once from the nominal train and line. Neutral sections, power limits and adhesion apply to every power
+unit with its centre in the section, as in the plant (:mod:`plant_sim.section_effects`). The adhesion is the dry
+adhesion of Curtius and Kniffler times the factor of the section. It limits only on lines with adhesion sections.
 
 Force limits of line sections in the plan of a predictive law: limits at its nodes, and the command of every unit.
 """
@@ -32,9 +32,9 @@ if TYPE_CHECKING:
 def node_limits(force, nodes, parts, effect, limits, side):
     """Narrow the limits of the total force at the nodes by those of the units ahead.
 
-    A limit of a node is its mean over the time to the neighbours, with weights that fall linearly to 0 there: the
-    planned force, linear between the nodes, then has the impulse that a section leaves. The first node has the limit at
-    the effect of the command.
+    A limit of a node is a mean over the time to the neighbours. Its weights fall linearly to 0 there. The planned force
+    is linear between the nodes. With this limit it has the impulse that a section leaves. The first node has the limit
+    at the effect of the command.
 
     Parameters
     ----------

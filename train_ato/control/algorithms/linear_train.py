@@ -1,9 +1,9 @@
 """Linear model of a train on level line at a constant speed, with the delays of the commands apart.
 
 The bodies are those of the coupler modes (:mod:`train_ato.control.algorithms.coupler_modes`): vehicles, joined where
-the coupler between them is rigid, with the mean stiffness of the draft gears. With the displacements x of the bodies
-from their motion at the constant speed, their speeds v, and the deviations f of the forces from those that keep this
-speed::
+the coupler between them is rigid, with the mean stiffness of the draft gears. x are the displacements of the bodies
+from their motion at the constant speed, and v are the speeds of the displacements. f are the deviations of the forces
+from the forces that keep this speed::
 
     x' = v,  M v' = -K x - (C + Phi' + R) v + B f,  Ta f' = u(t - tau) - f
 

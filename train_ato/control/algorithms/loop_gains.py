@@ -1,19 +1,19 @@
 """Gains on speed and position error for a train: the loop that the gains ``model`` of every law share.
 
-Near its reference a train is an integrator of the force behind the dead time theta = delay + lag + period, and every
-law is a feed-forward with the feedback ``-M (kp e' + ki e)`` on the errors of speed and position. The rule of
-Skogestad (SIMC, Journal of Process Control 13, 2003, table 1) for an integrator with dead time is kp = 1/(2 theta),
-ki = kp/(8 theta). Elastic couplers lower kp:
+Near its reference a train is an integrator of the force behind the dead time theta = delay + lag + period. Every law is
+a feed-forward with the feedback ``-M (kp e' + ki e)`` on the errors of speed and position. For an integrator with dead
+time the rule of Skogestad (SIMC, Journal of Process Control 13, 2003, table 1) is kp = 1/(2 theta), ki = kp/(8 theta).
+Elastic couplers lower kp:
 
-* In a mode r of the couplers, of frequency w and damping zeta, the feedback through delay and lag has the phase phi(w)
-  and the gain A(w). It adds the damping rate kp p A cos(phi)/2, with the part p = M sum s_i phi_r(i)² of the units of
-  shares s_i in the mode. Beyond a quarter of a turn it excites the mode; kp is at most half of the limit
-  2 zeta w/(p A |cos phi|), with a phase a fifth larger. A third of the damping by friction counts: a cycle from draft
-  to buff through the slack has half of it. zeta is at least ``MIN_DAMPING``: every gain excites a mode of springs
-  without dampers, and the gain 0 loses the train.
-  Half is a compromise, measured on random trains of `check-law`: with a quarter a train of 12 vehicles, whose couplers
-  swing after two accelerations, exceeds its speed by 1.16 in place of 1.25 km/h under `pid`, and one of 89 vehicles
-  stops .42 in place of .06 m beyond the target, under `lag_smc` 1.24 in place of .28 m.
+* A mode r of the couplers has the frequency w and the damping zeta. In it the feedback through delay and lag has the
+  phase phi(w) and the gain A(w). It adds the damping rate kp p A cos(phi)/2. Here p = M sum s_i phi_r(i)² is the part
+  of the units with the shares s_i in the mode. Beyond a quarter of a turn the feedback excites the mode. kp is at most
+  half of the limit 2 zeta w/(p A |cos phi|), with a phase a fifth larger. The damping by friction counts a third,
+  because a cycle from draft to buff through the slack has only half of it. zeta is at least ``MIN_DAMPING``. Without
+  this bound every gain would excite a mode of springs without dampers, and the gain 0 loses the train. Half is a
+  compromise, measured on random trains of `check-law`. With a quarter a train of 12 vehicles, whose couplers swing
+  after two accelerations, exceeds its speed by 1.16 instead of 1.25 km/h under `pid`. But a train of 89 vehicles stops
+  .42 instead of .06 m beyond the target, and under `lag_smc` 1.24 instead of .28 m.
 * A group of power units is at most two thirds of the wave impedance of the hauled vehicles beside it.
 
 ki is then at most kp²/4, which gives two equal poles.
@@ -22,20 +22,21 @@ Such a loop is slow: 82 wagons in linear gears without slack have kp = .015/s at
 feed-forward leaves lasts 4/kp. A reference that departs with the acceleration a before the first command acts leaves a
 speed error a theta, so that a plan departs after delay and lag.
 
-Gains of one's own are unstable or close to it (`is_unstable`) if, with the response H(s) of the force over the inertia
-to the speed error through delay, lag and half of a period:
+Own gains can be unstable or close to it (`is_unstable`). H(s) is the response of the force over the inertia to the
+speed error, through delay, lag and half of a period. The gains are named in two cases:
 
-* the train as one mass is unstable, with a root of s + H(s) that has a positive real part; a predicted state has no
-  delay there;
+* the train as one mass is unstable: s + H(s) has a root with a positive real part. A predicted state has no delay
+  there;
 * a mode of the couplers gains more by -Re H than it loses; or
 * -Re H M at a mode is above .547 of the wave impedance Z of the hauled vehicles. A locomotive of mass m with slack in
-  its couplers oscillates where j w m + M H + N Z = 0. N, the mean of Z over a cycle through the slack, grows with the
-  amplitude up to 1, so that there is a cycle for every -Re H M < Z, and above Z no bound. A small one stays in the
-  slack: no gain that holds such a train is without it while it coasts. Of 48 runs of `demo` and `daqin_heavy_haul` with
-  six laws all 23 below were tracked, 4 of 14 up to .7 of Z, and none of 11 above: the others had a limit cycle
-  of more than a tenth of the largest force. Other trains differ: 95 vehicles with a dead time of .36 s were
-  tracked up to .9, and 11 vehicles have a cycle of 77 kN at .31, which has no line. The modulus margin of the loop with
-  linear couplers separates no better. Prediction as a rigid train does not help: its loop has the same limit.
+  its couplers oscillates where j w m + M H + N Z = 0. N is the mean of Z over a cycle through the slack, and it grows
+  with the amplitude up to 1. For every -Re H M < Z there is therefore a cycle, and above Z there is no bound. A small
+  cycle stays in the slack, and every gain that controls such a train has it while the train coasts. 48 runs of `demo`
+  and `daqin_heavy_haul` with six laws gave the bound. All 23 runs below it were tracked, 4 of 14 up to .7 of Z, and
+  none of 11 above. The others had a limit cycle of more than a tenth of the largest force. Other trains differ: 95
+  vehicles with a dead time of .36 s were tracked up to .9. 11 vehicles have a cycle of 77 kN at .31, without a line of
+  warning. The modulus margin of the loop with linear couplers separates no better. Prediction as a rigid train does not
+  help, because its loop has the same limit.
 
 H is (kp s + ki)/(s (1 + s lag)) with the delay for all laws with gains on the errors of speed and position. `lag_smc`
 and `gpc` state their own. For `mpc`, whose observer has the modes, no limit is derived: on `demo` 3.4 times the

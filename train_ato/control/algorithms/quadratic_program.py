@@ -2,14 +2,14 @@
 
     min 1/2 z'Hz - f'z + 1/2 sum s_i²/rho_i,   A z <= b + s
 
-has the dual: multipliers y >= 0 with w = b - A H⁻¹f + (A H⁻¹A' + diag(rho)) y >= 0 and y'w = 0, a linear
-complementarity problem with a positive definite matrix P. It always has one solution, so the programme is never
+The dual problem has multipliers y >= 0 with w = b - A H⁻¹f + (A H⁻¹A' + diag(rho)) y >= 0 and y'w = 0. It is a linear
+complementarity problem with a positive definite matrix P. It always has one solution, so that the programme is never
 infeasible. P depends only on the model and is computed once.
 
 Block principal pivoting (Judice and Pires 1994, Computers & Operations Research 21) exchanges all rows of wrong sign at
-once, from the active rows of the last solution. After three exchanges without progress, the method of Lawson and Hanson
-(1974, Solving Least Squares Problems, chapter 23) exchanges one row at a time: the dual cost decreases with every row,
-so that it is finite for every such P.
+once, beginning with the active rows of the last solution. After three exchanges without progress, the method of Lawson
+and Hanson (1974, Solving Least Squares Problems, chapter 23) exchanges one row at a time. The dual cost decreases with
+every row. The method is therefore finite for every such P.
 """
 
 # mypy: allow-untyped-defs

@@ -1,22 +1,23 @@
 """Kalman filter of the errors of a train against its simulated copy: mass, running resistance, air brake, draft gears.
 
-The copy follows the reference with the force F_c. With the measured force F, the errors theta of the model beyond those
-that the copy already has, and the speed error w of the train as one mass::
+The copy follows the reference with the force F_c. F is the measured force. theta are the errors of the model beyond
+those that the copy already has. w is the speed error of the train as one mass::
 
     w' = (F - F_c)/M - (W(v) - W(v_d))/M - sum_k theta_k phi_k/M,   e_v = w + q + s theta_4 + noise
     phi = (M v_d' + W_line, W(v_d), F_shoes, dF)
 
-q is the speed of the unit against its train: the waves in the couplers, that the copy does not have. It is bounded, a
-Gauss-Markov process of standard deviation ``UNIT_SPEED`` and time ``UNIT_TIME``. With waves as a random walk of the
-speed the same data support much smaller errors: one brake application would not show an error of the brake of 8 %. The
-speed of a disturbance is a random walk of ``DISTURBANCE`` in a second.
+q is the speed of the unit against its train: the waves in the couplers, which the copy does not have. It is bounded: a
+Gauss-Markov process with the standard deviation ``UNIT_SPEED`` and the time ``UNIT_TIME``. If the waves were a random
+walk of the speed, the same data would support only much smaller errors. One brake application would then not show an
+error of the brake of 8 %. The speed of a disturbance is a random walk of ``DISTURBANCE`` in a second.
 
-theta_4 is the wear of the draft gears (`ahead_train.py`). A second copy with more wear, held to the first one by a slow
-force dF, has the speed s against it; both are per unit of wear. Its waves are in s, where w is hardly changed: with dF
-alone, from a copy that follows the reference exactly, the filter takes the answer of the unit for that of the whole
-mass and finds about half of the wear. Shocks, where the slack of couplers runs out, come at other times in the
-copy. An error of ``SHOCK_TIME`` of their time is noise of ``SHOCK_TIME`` s' times the prior wear: without it the filter
-follows the fast changes of s and finds two thirds of the wear.
+theta_4 is the wear of the draft gears (`ahead_train.py`). A second copy has more wear, and a slow force dF ties it to
+the first copy. s is its speed against the first copy. Both are per unit of wear. The waves of the second copy are in s,
+which hardly changes w. A copy that follows the reference exactly would have only dF. The filter would then take the
+answer of the unit for the answer of the whole mass, and find about half of the wear. Where the slack of couplers runs
+out there are shocks, which come at other times in the copy. An error of ``SHOCK_TIME`` of their time is noise of
+``SHOCK_TIME`` s' times the prior wear. Without this noise the filter follows the fast changes of s and finds two thirds
+of the wear.
 
 The forces of the copy contain its waves, so that a train equal to its copy has theta = 0 through every stretch of the
 couplers. A rigid balance of forces takes these for errors.

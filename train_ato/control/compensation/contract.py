@@ -69,12 +69,12 @@ class Compensation(Protocol):
     reference of the measurement. The loop skips the step for an invalid state of the units; sensor values of couplers
     may be invalid.
 
-    Two optional methods: ``set_brake_policy(policy)`` sets a copy of the brake policy, for a compensation that
-    simulates a train; ``on_command_sent(force)`` is called with every command as it was sent [N], shape (units,).
+    Two methods are optional. ``set_brake_policy(policy)`` sets a copy of the brake policy, for a compensation that
+    simulates a train. ``on_command_sent(force)`` is called with every command as it was sent [N], shape (units,).
 
-    Three optional attributes for :mod:`train_ato.control.compensation.contract`: ``feedforward_only`` (True: only
-    the feed-forward differs from that of `none` or `preview`), ``simulates_train`` (True: the lookahead has the force
-    of a simulated train) and ``predicts`` (True: the state is that of the time at which the command takes effect).
+    Three attributes for :mod:`train_ato.control.compensation.contract` are optional. ``feedforward_only`` is True if
+    only the feed-forward differs from `none` or `preview`. ``simulates_train`` is True if the lookahead has the force
+    of a simulated train. ``predicts`` is True if the state belongs to the time at which the command takes effect.
     """
 
     Parameters: ClassVar[type]
