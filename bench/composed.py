@@ -79,8 +79,20 @@ def messages_of(layout: TrainLayout) -> dict[str, Any]:
         "ato/estimate": joints(layout.names(Owner.UNIT), "effort"),
         "ato/command": joints(layout.names(Owner.UNIT), "effort"),
         "ato/brake_pipe_command": FluidPressure(),
-        **{name: joints(BY_NAME[name].names(layout), *state) for names in SUPERVISED.values() for name in names},
+        **{name: _supervised(layout, name) for names in SUPERVISED.values() for name in names},
     }
+
+
+def _supervised(layout: TrainLayout, name: str) -> Any:
+    """Return a message of a topic of the supervisor with numbers 0."""
+    from rclpy.serialization import deserialize_message
+
+    from train_ato.messages.codec import Wire
+    from train_ato.ros.nodes.endpoints import message_class
+
+    topic = BY_NAME[name]
+    zeros = {place.field: np.zeros(len(layout.names(place.owner))) for place in topic.places[::-1] if place.owner}
+    return deserialize_message(Wire(layout).encode(name, topic.message(0, **zeros)), message_class(topic.type))
 
 
 class Ring:
@@ -236,6 +248,7 @@ def parts(setup: RunSetup, domain: int) -> dict[str, float]:
     from train_ato.loop.plant import PlantStage
     from train_ato.loop.profile import ProfileStage
     from train_ato.messages.codec import TopicRecord
+    from train_ato.messages.variable_codec import StatusCodec
     from train_ato.ros.nodes.endpoints import NodeEndpoints
     from train_ato.ros.nodes.recorder import RecorderNode
 
@@ -246,7 +259,8 @@ def parts(setup: RunSetup, domain: int) -> dict[str, float]:
     clocks.on(ControllerStage, "command", "law")
     clocks.on(ObserverStage, "on_measurement", "observer")
     clocks.on(ProfileStage, "on_measurement", "profile")
-    clocks.on(TopicRecord, "encode", "messages: encode")
+    for codec in (TopicRecord, StatusCodec):
+        clocks.on(codec, "encode", "messages: encode")
     clocks.on(NodeEndpoints, "publish", "messages: publish")
     clocks.on(RecorderNode, "poll", "recorder")
     try:

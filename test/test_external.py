@@ -250,12 +250,12 @@ def test_a_plant_of_ones_own_keeps_real_time(mode: Any, free_domain: int) -> Non
 
 SUPERVISED = """
         if self.tick % EVERY == 0:
-            for topic, values in (
-                ("odometry", {"name": ["wheel", "radar"], "position": [59 + self.position] * 2,
-                              "velocity": [self.speed] * 2, "effort": [self.position] * 2}),
-                ("protection", {"name": ["traction", "service_brake", "emergency_brake"], "position": [0.0] * 3}),
-            ):
-                self.more[topic].publish(JointState(header=Header(stamp=self.stamp), **values))
+            head, names = Header(stamp=self.stamp), ["wheel", "radar", "wheel_since_balise", "radar_since_balise"]
+            position = [59 + self.position] * 2 + [self.position] * 2
+            self.odometry.publish(JointState(header=head, name=names, position=position, velocity=[self.speed] * 4))
+            keys = "traction_active", "service_brake_active", "emergency_brake_active"
+            status = DiagnosticStatus(name="my_plant: brakes", values=[KeyValue(key=key, value="0") for key in keys])
+            self.protection.publish(DiagnosticArray(header=head, status=[status]))
 """
 
 
@@ -269,10 +269,12 @@ def test_a_plant_of_ones_own_is_supervised(every: int, free_domain: int, tmp_pat
     text, program = Path(PLANT).read_text(), tmp_path / "supervised.py"
     begin, before = 'super().__init__("my_plant")\n', '        state = {"position"'
     assert begin in text and before in text
-    topics = '("odometry", "protection")'
-    more = f'        self.more = {{t: self.create_publisher(JointState, f"train/{{t}}", 9) for t in {topics}}}\n'
+    kinds = "DiagnosticArray, DiagnosticStatus, KeyValue"
+    more = '        self.odometry = self.create_publisher(JointState, "train/odometry", 9)\n'
+    more += '        self.protection = self.create_publisher(DiagnosticArray, "train/protection", 9)\n'
     program.write_text(
-        text.replace(begin, begin + more).replace(before, f"        EVERY = {every}{SUPERVISED}{before}")
+        f"from diagnostic_msgs.msg import {kinds}\n"
+        + text.replace(begin, begin + more).replace(before, f"        EVERY = {every}{SUPERVISED}{before}")
     )
     changes = {"duration": 20, "supervision.enabled": True}
     mode: dict[str, Any] = {"mode": "composed", "external": "plant", "domain": free_domain}

@@ -52,7 +52,10 @@ def assert_equal(found: Any, due: Run) -> None:
 def live(setup: RunSetup, odometry: Any) -> RunSetup:
     """Return a run with the live reports of odometry tables."""
     sender = ReportSender(setup)
-    rows = zip(odometry.index, odometry.to_numpy().reshape(len(odometry), 3, 2), strict=True)
+    columns = [
+        f"{name}_{value}" for value in ("position_m", "speed_m_s", "since_balise_m") for name in ("wheel", "radar")
+    ]
+    rows = zip(odometry.index, odometry[columns].to_numpy().reshape(len(odometry), 3, 2), strict=True)
     return replace(setup, ahead=tuple(sender.message(Odometry(round(time * 1e9), *row)) for time, row in rows))
 
 
@@ -101,7 +104,7 @@ def test_a_train_drives_on_behind_one_that_was_killed(trains: Any, tmp_path: Pat
     assert programs["t2"].returncode == 0, said
     assert "no report on /t1/train/report for 10 s; the run goes on without" in said
     found = ta.load(tmp_path / "t2")
-    assert 0.0 < found["train/ahead"]["front_time_s"].max() < trains[0]["t1"]["train/odometry"].index.max()
+    assert 0.0 < found["train/ahead"]["reported_s"].max() < trains[0]["t1"]["train/odometry"].index.max()
     assert ta.verify(tmp_path / "t2").equal
 
 
@@ -145,7 +148,7 @@ def test_two_programs_drive_as_one_train_after_the_other(trains: Any, tmp_path: 
     assert "goes on without" not in said["t2"]
     found = ta.load(tmp_path / "t2")
     assert_equal(found, runs["t2"])
-    assert found["train/ahead"]["front_time_s"].max() == runs["t1"]["train/odometry"].index.max()
+    assert found["train/ahead"]["reported_s"].max() == runs["t1"]["train/odometry"].index.max()
     assert ta.verify(tmp_path / "t2").equal
 
 
@@ -188,8 +191,8 @@ def test_the_newest_report_is_delivered_with_the_stamp_of_its_step(trains: Any) 
     with pytest.raises(ValueError, match="no report of the train ahead up to"):
         radio.newest(0)
     for stamp in (0, 400_000_000, 800_000_000):
-        radio.put(TrainAhead(stamp, *np.full((3, 3), stamp * 1e-9)))
-    assert [radio.newest(stamp).time[0] for stamp in (0, 700_000_000, 900_000_000)] == [0.0, 0.4, 0.8]
+        radio.put(TrainAhead(stamp, *np.full((2, 3), stamp * 1e-9), stamp))
+    assert [radio.newest(stamp).time for stamp in (0, 700_000_000, 900_000_000)] == [0, 400_000_000, 800_000_000]
     assert radio.newest(1_200_000_000).stamp == 1_200_000_000
 
 
@@ -198,7 +201,7 @@ def test_a_repeated_delivery_is_no_new_report(trains: Any) -> None:
     receiver = ReportReceiver(choose_scenario(trains[1]["t2"]).prepare(), "test")
     last = report(1, 0.0, 500.0)
     for stamp in range(0, 6_000_000_000, 400_000_000):
-        receiver.hear(TrainAhead(stamp, np.array([last.front, last.rear, last.stop]), np.full(3, 15.0), np.zeros(3)))
+        receiver.hear(TrainAhead(stamp, np.array([last.front, last.rear, last.stop]), np.full(3, 15.0), 0))
         receiver.receive(stamp)
     assert receiver.newest(6_000_000_000) == last
     assert receiver.age(6_000_000_000) == 6.0

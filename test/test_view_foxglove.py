@@ -6,6 +6,7 @@ import socket
 import struct
 import time
 from itertools import pairwise
+from pathlib import Path
 
 import pytest
 
@@ -115,6 +116,19 @@ def test_a_recorded_run_goes_to_foxglove_as_it_was_recorded(run):
     gaps = {round((b - a) / 1e8) for a, b in pairwise(moments)}
     assert gaps <= {0, 1}, "messages are missing"
     assert client.times == sorted(client.times)
+
+
+def test_a_log_of_the_former_types_keeps_them(tmp_path):
+    """Breaks if the bytes of an older log are sent as a type that they are not."""
+    (tmp_path / "run.mcap").write_bytes((Path(__file__).parent / "data" / "former_types.mcap").read_bytes())
+
+    async def look(server):
+        client = await Client.connect(server.url)
+        await client.until(lambda: {"/ato/state", "/atp/speeds"} <= set(client.channels))
+        return client.channels["/ato/state"]["schemaName"]
+
+    with serve_foxglove(RecordedFeed(tmp_path), 0) as server:
+        assert asyncio.run(look(server)) == "sensor_msgs/msg/JointState"
 
 
 def test_foxgloves_player_moves_the_time_of_the_page(run):

@@ -15,6 +15,9 @@ from train_ato.messages.codec import Wire, stamp_of
 from train_ato.messages.topic import SUPERVISED, TrainLayout
 from train_ato.messages.topics import BY_NAME, EPOCH_NS, TOPICS, topics_of
 from train_ato.messages.types import (
+    AtoReport,
+    AtoState,
+    BrakeRelease,
     BrakeShoes,
     Command,
     Diagnostic,
@@ -25,6 +28,7 @@ from train_ato.messages.types import (
     Pipe,
     Reference,
     Tick,
+    TrainAhead,
     Trajectory,
     VehicleStates,
 )
@@ -266,6 +270,87 @@ def test_a_wrong_message_is_never_sent(topic, wrong, says):
     """An int64 array has the size of a float64 array: without the type check wrong numbers would be sent."""
     with pytest.raises(ValueError, match=says):
         Wire(LONG).encode(topic, wrong)
+
+
+STATES = "diagnostic_msgs/msg/DiagnosticArray"
+
+
+def _states(*pairs, statuses=1):
+    """Return states as another program sends them: without texts, with a frame."""
+    types = typestore().types
+    stamp = types["builtin_interfaces/msg/Time"](sec=EPOCH_NS // 10**9, nanosec=0)
+    values = [types["diagnostic_msgs/msg/KeyValue"](key=key, value=value) for key, value in pairs]
+    status = types["diagnostic_msgs/msg/DiagnosticStatus"](level=0, name="", message="", hardware_id="", values=values)
+    head = types["std_msgs/msg/Header"](stamp=stamp, frame_id="map")
+    return bytes(typestore().serialize_cdr(types[STATES](header=head, status=[status] * statuses), STATES))
+
+
+def test_states_are_named_and_counters_are_plain_numbers():
+    """Breaks if a tool shows the state of another time, or a reader takes the words for the values."""
+    wire = Wire(LONG)
+    sent = BrakeRelease(10**8, np.array([0.0, 1.0, 1.0]), np.full(3, 1e6))
+    data = wire.encode("atp/brake_release", sent)
+    (status,) = typestore().deserialize_cdr(data, STATES).status
+    assert (status.level, status.name, status.message, status.hardware_id) == (
+        1, "supervisor: release", "traction cut off", "atp",
+    )  # fmt: skip
+    assert {pair.key: pair.value for pair in status.values} == {
+        "traction_released": "0", "service_brake_released": "1", "emergency_brake_released": "1",
+        "traction_alive": "1000000", "service_brake_alive": "1000000", "emergency_brake_alive": "1000000",
+    }  # fmt: skip
+    assert same(wire.decode("atp/brake_release", data.replace(b"cut off", b"cut OFF")), sent)
+    for state in AtoState:
+        report = AtoReport(0, np.array([-0.0]), np.array([np.nan]), np.array([float(state)]))
+        data = wire.encode("ato/state", report)
+        assert same(wire.decode("ato/state", data), report)
+        assert typestore().deserialize_cdr(data, STATES).status[0].message == state.text
+
+
+def test_states_of_another_program_are_read_by_their_keys():
+    """Breaks if another order, text or frame is refused, or the state of the ATO needs its motion."""
+    wire = Wire(LONG)
+    keys = ("traction", "service_brake", "emergency_brake")
+    data = _states(*((f"{key}_alive", " 7.0") for key in keys), *((f"{key}_released", "1") for key in keys))
+    assert same(wire.decode("atp/brake_release", data), BrakeRelease(0, np.ones(3), np.full(3, 7.0)))
+    report = wire.decode("ato/state", _states(("ato_state", "3")))
+    assert report.state.tolist() == [3.0] and np.isnan(report.position[0])
+
+
+@pytest.mark.parametrize(
+    ("data", "says"),
+    [
+        (
+            _states(("traction_active", "1"), ("service_brake_active", "0")),
+            "active is not finite or missing: \\[1.0, 0",
+        ),
+        (_states(*((f"{key}_active", "True") for key in ("traction", "service_brake"))), "to float: 'True'"),
+        (_states(statuses=0), "missing"),
+        (_states(statuses=2), "missing"),
+        (_joint_state(["traction"], position=[1.0]), "not a diagnostic_msgs/msg/DiagnosticArray"),
+        (b"", "not a diagnostic_msgs/msg/DiagnosticArray|hold no stamp"),
+    ],
+)
+def test_wrong_states_are_refused_by_name(data, says):
+    """Breaks if a missing or a wrong state counts as a released brake."""
+    with pytest.raises(ValueError, match="^train/protection: .*" + says):
+        Wire(LONG).decode("train/protection", data)
+
+
+def test_reports_of_former_logs_have_their_time_in_seconds():
+    """Breaks if a run behind a live train, recorded before, cannot be repeated."""
+    wire = Wire(dataclasses.replace(LONG, reports=True, behind=True))
+    names, stamp = ["front", "rear", "stop"], 400_000_000
+    former = _joint_state(names, position=[9.0, 1.0, 3.0], velocity=[2.0] * 3, effort=[0.4] * 3)
+    found = wire.decode("train/ahead", former)
+    assert (found.stamp, found.position.tolist(), found.speed.tolist(), found.time) == (0, [9, 1, 3], [2] * 3, stamp)
+    last = wire.decode(
+        "train/report", _joint_state(names, **dict.fromkeys(("position", "velocity", "effort"), [np.nan] * 3))
+    )
+    assert np.isnan(last.position).all() and last.time == 0
+    data = wire.encode("train/ahead", TrainAhead(5 * stamp, found.position, found.speed, stamp))
+    assert same(wire.decode("train/ahead", data), TrainAhead(5 * stamp, found.position, found.speed, stamp))
+    (point,) = (read := typestore().deserialize_cdr(data, TRAJECTORY)).points
+    assert read.joint_names == names and point.time_from_start.sec * 10**9 + point.time_from_start.nanosec == -4 * stamp
 
 
 def test_topics_exist_only_where_there_is_something_to_tell():

@@ -10,7 +10,6 @@ import rclpy
 from builtin_interfaces.msg import Time
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
-from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
@@ -26,7 +25,7 @@ class MyPlant(Node):
         super().__init__("my_plant")
         self.tick, self.position, self.speed, self.force, self.real_time = -1, 0.0, 0.0, 0.0, "--real-time" in sys.argv
         self.measurement = self.create_publisher(JointState, "train/measurement", 1000)
-        self.create_subscription(Clock, "recorder/progress", self._begin, 1000)
+        self.create_subscription(Header, "recorder/progress", self._begin, 1000)
         self.create_subscription(JointState, "ato/command", self._obey, 1000)
 
     def _begin(self, _):

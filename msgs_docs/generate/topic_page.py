@@ -150,7 +150,10 @@ def _fields(topic: Topic) -> list[str]:
     rows = []
     if topic.owners:
         names = "; ".join(f"{_names(owner)}: {owner.meaning}" for owner in topic.owners)
-        rows.append(f"| `name` | - | - | {names} |")
+        path = "status[0].values[].key" if topic.has_states else topic.names_path
+        rows.append(f"| `{path}` | - | - | {f'the column; NAME is {names}' if topic.has_states else names} |")
+    if topic.has_states:
+        rows.append("| `status[0].message` | - | - | the values in words; `level` 1 or 2 for a brake or a failure |")
     if topic.frame != "":
         rows.append(f"| `header.frame_id` | - | - | {_frame(topic)} |")
     rows += [
@@ -180,9 +183,15 @@ def _prefix(owner: Owner) -> str:
 
 def _field(topic: Topic, place: Place) -> str:
     found = topic.description(place)
-    owner = f"{_prefix(place.owner)}_" if place.owner else ""
-    name = f"`{owner}{found.column}{unit_suffix(found.unit)}`" if found.column else "one for each key"
-    return f"| `{place.path}` | {name} | {found.unit or '-'} | {found.meaning or '-'} |"
+    if place is not next(other for other in topic.places if other.field == place.field):
+        return f"| `{place.path}` | - | {found.unit} | the same again, because a JointState has one value per name |"
+    if place.owner and FIXED_NAMES.get(place.owner, ("",))[0].endswith(f"_{found.column}"):
+        return f"| `{place.path}` | `NAME{unit_suffix(found.unit)}` | {found.unit} | {found.meaning} |"
+    name = (
+        f"`{topic.column(place, _prefix(place.owner) if place.owner else '')}`" if found.column else "one for each key"
+    )
+    path = "status[0].values[].value" if topic.has_states else place.path
+    return f"| `{path}` | {name} | {found.unit or '-'} | {found.meaning or '-'} |"
 
 
 def _units() -> list[str]:

@@ -17,7 +17,7 @@ from train_ato.judge.repeated_reports import Report, all_reports, changed_report
 from train_ato.judge.series import DiagnosticSeries, TopicSamples, aligned, diagnostic_series, held
 from train_ato.judge.trajectories import profile_of
 from train_ato.messages.topic import Owner
-from train_ato.messages.topics import TOPICS, Rate
+from train_ato.messages.topics import TOPICS, Place, Rate, Topic
 from train_ato.messages.types import Array, Diagnostic, Trajectory
 from train_ato.scenario.setup import RunSetup
 
@@ -30,19 +30,22 @@ PROFILE, LIMITS, DIAGNOSTICS = "ato/profile", "ato/limits", "/diagnostics"
 LOST_KEY = "lost"
 """Key in the diagnostics of the plant: nodes without an answer, whose messages it does not take, and the reason."""
 
-FIELDS: dict[str, dict[str, str]] = {
-    topic.name: fields
+
+def fields_of(topic: Topic) -> dict[str, Place]:
+    """Return the places of a topic by the field of its dataclass, without times and coupler sensors."""
+    found: dict[str, Place] = {}
+    for place in topic.places:
+        if place.owner is not Owner.COUPLER and topic.description(place).unit != "s":
+            found.setdefault(place.field, place)
+    return found
+
+
+FIELDS: dict[str, tuple[str, ...]] = {
+    topic.name: tuple(fields)
     for topic in TOPICS
-    if topic.rate in (Rate.TICK, Rate.SUPERVISION)
-    and (
-        fields := {
-            place.field: place.path
-            for place in topic.places
-            if place.owner is not Owner.COUPLER and topic.description(place).unit != "s"
-        }
-    )
+    if topic.rate in (Rate.TICK, Rate.SUPERVISION) and (fields := fields_of(topic))
 }
-"""Topics with arrays: field of the message dataclass and of the ROS message, without times and coupler sensors."""
+"""Topics with arrays: fields of the dataclass, without times and coupler sensors."""
 KEPT = 8 * 2**20
 """Size up to which a property of a recording is kept [bytes]."""
 ROUNDING_S = 1e-6

@@ -13,7 +13,7 @@ import numpy as np
 from mcap.records import Channel, Schema
 
 from train_ato.judge.kept_samples import KeptSamples
-from train_ato.judge.recording import DIAGNOSTICS, FIELDS, LIMITS, MEASUREMENT, PROFILE, Recording
+from train_ato.judge.recording import DIAGNOSTICS, FIELDS, LIMITS, PROFILE, Recording, fields_of
 from train_ato.judge.recording_builder import reduced
 from train_ato.judge.repeated_reports import KeptReports, changed_reports
 from train_ato.judge.series import TopicSamples, seconds
@@ -24,17 +24,16 @@ from train_ato.log.run_folder import parse_summary, read_run_folder
 from train_ato.log.tables import KeptMessages, LayoutRecords, Reader, TopicMessages, check_known
 from train_ato.log.versions import SUMMARY
 from train_ato.messages.cdr import nanoseconds, typestore
-from train_ato.messages.topics import BY_NAME, EPOCH_NS, Role
+from train_ato.messages.topic import owns
+from train_ato.messages.topics import EPOCH_NS, Role, Topic, topic_of, topic_with
 from train_ato.messages.types import Array, Diagnostic
-from train_ato.messages.variable_codec import decode_diagnostic, decode_trajectory
+from train_ato.messages.variable_codec import STATES, decode_diagnostic, decode_trajectory
 from train_ato.scenario.changes import RunChanges
 from train_ato.scenario.setup import RunSetup
 
 BATCH = 4096
 """Messages of a topic that are reduced together: the raw log of a long run does not fit into the memory."""
 STAMP = "header.stamp"
-UNIT = "unit_"
-"""Prefix of the names of power units; other entries of a measurement are coupler sensors."""
 
 
 def read_recording(
@@ -57,8 +56,8 @@ def read_recording(
     vehicles = vehicles or (setup is not None and setup.scenario.evaluation.couplers)
     path = log_file(run)
     samples, reports, payloads = KeptSamples(path.parent), KeptReports(), KeptMessages()
-    for topic, group in _groups(path, (*FIELDS, PROFILE, LIMITS, DIAGNOSTICS), reports, payloads, namespace):
-        time, values = _values(topic, group)
+    everything = (*FIELDS, PROFILE, LIMITS, DIAGNOSTICS)
+    for topic, time, values in _samples(path, everything, reports, payloads, namespace):
         samples.add(topic, TopicSamples(time, reduced(topic, values, units, vehicles=vehicles)))
     found = samples.finish()
     profiles = {found.stamp: found for found in map(decode_trajectory, payloads.get(PROFILE, ()))}
@@ -78,14 +77,14 @@ def read_reports(run: Path) -> tuple[Diagnostic, ...]:
     Errors as :func:`read_recording`.
     """
     reports = KeptReports()
-    deque(_groups(log_file(run), (DIAGNOSTICS,), reports, KeptMessages()), maxlen=0)
+    deque(_samples(log_file(run), (DIAGNOSTICS,), reports, KeptMessages()), maxlen=0)
     return changed_reports(reports.finish())
 
 
-def _groups(
+def _samples(
     path: Path, topics: Collection[str], reports: KeptReports, payloads: KeptMessages, namespace: str = ""
-) -> Iterator[tuple[str, LayoutRecords]]:
-    """Read the messages of some topics of the topic table: thousands of one layout at once.
+) -> Iterator[tuple[str, Array, dict[str, Array]]]:
+    """Read stamps [s] and values by field of some topics of the topic table: thousands of one layout at once.
 
     Diagnostics are added to ``reports``, profiles and limits to ``payloads``.
     Of several trains in one log that of the namespace is read, without one the first.
@@ -102,9 +101,9 @@ def _groups(
             spaces[space] = None
             if space != (train or next(iter(spaces))):
                 return False
-        return BY_NAME[topic].type == schema.name
+        return topic_of(topic, schema.name) is not None
 
-    found: dict[str, TopicMessages] = {}
+    found: dict[Topic, TopicMessages] = {}
     for portion in Reader(path, wanted).portions():
         topic = str(table_name(portion.channel.topic))
         try:
@@ -115,32 +114,45 @@ def _groups(
             if topic not in FIELDS:
                 payloads.keep(topic, portion.payloads)
                 continue
-            if topic not in found:
-                found[topic] = TopicMessages(typestore(), portion.schema.name, partial(check_known, topic))
-            found[topic].add(portion)
+            entry = topic_of(topic, portion.schema.name)
+            assert entry is not None
+            if entry.has_states:
+                yield topic, *_states(topic, portion.payloads)
+                continue
+            if entry not in found:
+                found[entry] = TopicMessages(typestore(), portion.schema.name, partial(check_known, entry))
+            found[entry].add(portion)
         except ValueError as error:
             raise ValueError(f"{original(path)}: {portion.channel.topic}: {error}") from None
-        if sum(group.size for group in found[topic].groups) >= BATCH:
-            for group in found.pop(topic).groups:
-                yield topic, group
+        if sum(group.size for group in found[entry].groups) >= BATCH:
+            for group in found.pop(entry).groups:
+                yield topic, *_values(entry, group)
     if train and train not in spaces:
         there = ", ".join(space.rstrip("/") or "none" for space in spaces) or "none"
         raise ValueError(f"{original(path)}: --namespace {namespace}: is not in the log; its namespaces: {there}")
-    for topic, messages in found.items():
+    for entry, messages in found.items():
         for group in messages.groups:
-            yield topic, group
+            yield entry.name, *_values(entry, group)
 
 
-def _values(topic: str, group: LayoutRecords) -> tuple[Array, dict[str, Array]]:
-    """Return stamps [s] and the parts of messages of one layout by name, shape (k, n) each."""
+def _states(topic: str, payloads: Iterable[memoryview]) -> tuple[Array, dict[str, Array]]:
+    """Return stamps [s], and states and counters by field, shape (k, n) each."""
+    messages = [STATES[topic].decode(bytes(payload)) for payload in payloads]
+    stamps = np.array([message.stamp for message in messages], dtype=np.int64)
+    return seconds(stamps), {name: np.array([getattr(message, name) for message in messages]) for name in FIELDS[topic]}
+
+
+def _values(topic: Topic, group: LayoutRecords) -> tuple[Array, dict[str, Array]]:
+    """Return stamps [s] and the parts of messages of one layout by field, shape (k, n) each."""
     values: dict[str, Array] = {}
-    for name, path in FIELDS[topic].items():
-        if path not in group.layout.names:
+    texts = [leaf.text for leaf in group.layout.leaves if leaf.path.startswith(f"{topic.names_path}[")]
+    topic = topic_with(topic, texts)
+    for name, place in fields_of(topic).items():
+        if place.path not in group.layout.names:
             continue
-        rows = group.values(path).reshape(group.size, -1)
-        if topic == MEASUREMENT:
-            owners = (leaf.text for leaf in group.layout.leaves if leaf.path.startswith("name["))
-            rows = np.take(rows, [place for place, owner in enumerate(owners) if owner.startswith(UNIT)], axis=1)
+        rows = group.values(place.path).reshape(group.size, -1)
+        if len(topic.owners) > 1 and (owner := place.owner) is not None:
+            rows = np.take(rows, [number for number, text in enumerate(texts) if owns(owner, text)], axis=1)
         values[name] = rows
     return seconds(nanoseconds(group.values(STAMP)) - EPOCH_NS), values
 

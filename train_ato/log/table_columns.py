@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from plant_sim.states import FieldDescription
 from plant_sim.units import unit_suffix
 from train_ato.judge.series import seconds
-from train_ato.messages.topics import BY_NAME, DIAGNOSTIC_UNITS, TOPICS
+from train_ato.messages.topic import FIXED_NAMES, owns
+from train_ato.messages.topics import BY_NAME, DIAGNOSTIC_UNITS, TOPICS, Topic
 from train_ato.messages.types import Diagnostic, Trajectory
-from train_ato.messages.variable_codec import decode_diagnostic, decode_trajectory, message_key
+from train_ato.messages.variable_codec import STATES, decode_diagnostic, decode_trajectory, message_key
 
 if TYPE_CHECKING:
     import xarray
@@ -29,18 +29,18 @@ TIME = "time_s"
 """Name of every table's index: simulated time [s]; for a log of another tool, time since its first message."""
 
 
-def has_column(topic: str, path: str) -> bool:
+def has_column(topic: Topic, path: str) -> bool:
     """Return True if a field of the messages of a topic has columns."""
-    return any(place.path == path for place in BY_NAME[topic].places)
+    return any(place.path == path for place in topic.places)
 
 
-def column(topic: str, path: str, owner: str = "") -> str:
-    """Return the name of a column, for example ``vehicle_17_coupler_force_n``.
+def column(topic: Topic, path: str, owner: str = "") -> str:
+    """Return the name of a column, for example ``vehicle_17_coupler_force_n``; "" for a value that is there twice.
 
     Parameters
     ----------
     topic, path
-        Topic of the table, and field of its ROS message.
+        Entry of the topic table, and field of the ROS message.
     owner
         Owner of the value as named in the message, for example ``unit_0``.
 
@@ -49,24 +49,14 @@ def column(topic: str, path: str, owner: str = "") -> str:
     ValueError
         If the field has no column.
     """
-    found = _description(topic, path, owner)
-    name = found.column + unit_suffix(found.unit)
-    return f"{owner}_{name}" if owner else name
-
-
-def _description(topic: str, path: str, owner: str) -> FieldDescription:
-    """Return the description of the field at a path for a kind of owner; a single description is for all owners."""
-    known = BY_NAME[topic]
-    kind = owner.rstrip("0123456789").rstrip("_")
-    places = [place for place in known.places if place.path == path]
+    places = [place for place in topic.places if place.path == path]
+    if not places:
+        raise ValueError(f"{topic.name}: {path} makes no column")
     for place in places:
-        if place.owner is not None and place.owner.value == kind:
-            return known.description(place)
-    if len(places) == 1:
-        return known.description(places[0])
-    if places:
-        return FieldDescription(path, "")
-    raise ValueError(f"{topic}: {path} makes no column")
+        if len(places) == 1 or (place.owner is not None and owns(place.owner, owner)):
+            first = next(other for other in topic.places if other.field == place.field)
+            return topic.column(place, owner) if first is place else ""
+    return f"{owner}_{path}" if owner else path  # of another program: the kind of the owner is unknown
 
 
 def diagnostic_column(key: str) -> str:
@@ -93,18 +83,36 @@ def trajectory_table(topic: str, payloads: Sequence[bytes]) -> pd.DataFrame:
     ValueError
         For bytes that are not a trajectory.
     """
-    tables = [_knots(topic, decode_trajectory(payload)) for payload in payloads]
+    tables = [_knots(BY_NAME[topic], decode_trajectory(payload)) for payload in payloads]
     return tables[0] if len(tables) == 1 else pd.concat(tables)
 
 
-def _knots(topic: str, trajectory: Trajectory) -> pd.DataFrame:
+def _knots(topic: Topic, trajectory: Trajectory) -> pd.DataFrame:
     columns: dict[str, Any] = {}
-    for place in BY_NAME[topic].places:
+    for place in topic.places:
         if place.field == "stamp":
             columns[column(topic, place.path)] = np.full(trajectory.time.size, trajectory.stamp * 1e-9)
         elif place.field != "time" and (values := getattr(trajectory, place.field)).size:
             columns[column(topic, place.path)] = values
     return pd.DataFrame(columns, index=pd.Index(seconds(trajectory.time), name=TIME))
+
+
+def states_table(topic: str, payloads: Sequence[bytes]) -> pd.DataFrame:
+    """Return one row per message with states and counters, over its stamp.
+
+    Raises
+    ------
+    ValueError
+        For bytes that have no such states.
+    """
+    entry, messages = BY_NAME[topic], list(map(STATES[topic].decode, payloads))
+    columns: dict[str, Any] = {}
+    for place in entry.places:
+        rows = np.array([getattr(message, place.field) for message in messages])
+        names = FIXED_NAMES[place.owner] if place.owner else ()
+        columns |= {entry.column(place, name): rows[:, number] for number, name in enumerate(names)}
+    stamps = np.array([message.stamp for message in messages], dtype=np.int64)
+    return pd.DataFrame(columns, index=pd.Index(seconds(stamps), name=TIME))
 
 
 def diagnostic_table(payloads: Sequence[bytes]) -> pd.DataFrame:

@@ -16,7 +16,7 @@ from train_ato.judge.series import seconds
 from train_ato.log.bag_layout import table_name
 from train_ato.log.foreign_bag import original
 from train_ato.log.reading import log_file, time_zero
-from train_ato.log.table_columns import TIME, diagnostic_table, diagnostic_texts, trajectory_table
+from train_ato.log.table_columns import TIME, diagnostic_table, diagnostic_texts, states_table, trajectory_table
 from train_ato.log.tables import (
     KeptMessages,
     Portion,
@@ -28,7 +28,7 @@ from train_ato.log.tables import (
     known_table,
 )
 from train_ato.messages.cdr import typestore
-from train_ato.messages.topics import BY_NAME
+from train_ato.messages.topics import Topic, topic_of
 from train_ato.messages.types import Diagnostic
 from train_ato.messages.variable_codec import decode_diagnostic
 
@@ -151,11 +151,11 @@ class TableReader:
         reports: dict[str, list[Diagnostic]] = {}
         for portion in self._reader.portions():
             name, known = portion.channel.topic, _known(portion.channel.topic, portion.schema)
-            if known is None or not BY_NAME[known].of_variable_length:
+            if known is None or not known.of_variable_length:
                 self._add(portion)
                 if name in self._messages and self._messages[name].nbytes >= PART:
                     yield from self._part(name)
-            elif BY_NAME[known].message is not Diagnostic:
+            elif known.message is not Diagnostic:
                 self._add(portion)
                 yield from self._part(name)
             else:
@@ -191,7 +191,7 @@ class TableReader:
         try:
             yield
         except ValueError as error:
-            if self._known_name(name) is not None or self._topics is not None:
+            if self._known_topic(name) is not None or self._topics is not None:
                 raise ValueError(f"{original(self._path)}: {name}: {error}") from None
             self.left_out[name] = str(error)
 
@@ -211,7 +211,7 @@ class TableReader:
     def _take(self, name: str, portion: Portion) -> None:
         """Add a portion of a topic."""
         known = _known(name, portion.schema)
-        if known is not None and BY_NAME[known].of_variable_length:
+        if known is not None and known.of_variable_length:
             self._payloads.keep(name, portion.payloads)
             return
         if name not in self._messages:
@@ -229,25 +229,26 @@ class TableReader:
         return None
 
     def _table_of(self, name: str) -> pd.DataFrame | None:
-        known = self._known_name(name)
+        known = self._known_topic(name)
         if name in self._payloads:
+            assert known is not None
             payloads = self._payloads.take(name)
-            if BY_NAME[str(known)].message is Diagnostic:
+            if known.message is Diagnostic:
                 return diagnostic_table(payloads)
-            return trajectory_table(str(known), payloads)
+            return (states_table if known.has_states else trajectory_table)(known.name, payloads)
         messages = self._messages.pop(name, None)
         if messages is None or name in self.left_out:
             return None
         return known_table(known, messages) if known is not None else foreign_table(messages)
 
-    def _known_name(self, name: str) -> str | None:
+    def _known_topic(self, name: str) -> Topic | None:
         return next(_known(name, schema) for channel, schema in self._reader.channels if channel.topic == name)
 
     def key(self, name: str) -> str:
         """Return the name of a table: that in the topic table, unless the log has several trains."""
-        known = self._known_name(name)
+        known = self._known_topic(name)
         same = {channel.topic for channel, schema in self._reader.channels if _known(channel.topic, schema) == known}
-        return known if known is not None and len(same) == 1 else name
+        return known.name if known is not None and len(same) == 1 else name
 
     def _begin(self) -> int:
         """Return time 0 [ns since 1970]."""
@@ -271,10 +272,10 @@ def _named(name: str, wanted: str) -> bool:
     return name in (wanted, f"/{wanted}") or table_name(name) in (wanted, wanted.lstrip("/"))
 
 
-def _known(name: str, schema: Schema) -> str | None:
-    """Return the name in the topic table of a topic of the log with the same type, else None."""
+def _known(name: str, schema: Schema) -> Topic | None:
+    """Return the entry of a topic of the log with the same type, or with a former one, else None."""
     found = table_name(name)
-    return found if found is not None and BY_NAME[found].type == schema.name else None
+    return None if found is None else topic_of(found, schema.name)
 
 
 def _types(schema: Schema) -> Any:

@@ -21,7 +21,7 @@ from train_ato.judge.series import seconds
 from train_ato.log.mcap_records import NO_SCHEMA, Definitions, Progress, blocks, readable
 from train_ato.log.table_columns import TIME, column, has_column
 from train_ato.messages.cdr import Layout, Leaf, Typestore, layout_of, nanoseconds, rows_of
-from train_ato.messages.topics import EPOCH_NS
+from train_ato.messages.topics import EPOCH_NS, Topic, topic_with
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -275,7 +275,7 @@ MAX_ARRAY = 1000
 """Maximum length of an array in columns; longer ones, for example images, are refused."""
 
 
-def check_known(topic: str, layout: Layout) -> None:
+def check_known(topic: Topic, layout: Layout) -> None:
     """Check that a message of a topic has one value per name.
 
     Raises
@@ -283,13 +283,13 @@ def check_known(topic: str, layout: Layout) -> None:
     ValueError
         If the numbers of names and values differ.
     """
-    owners = _owners(layout)
+    topic, owners = _entry(topic, layout)
     for leaf in _columns_of(topic, layout):
         if leaf.path not in STAMPS and not leaf.is_time:
             _names(topic, leaf, owners)
 
 
-def _columns_of(topic: str, layout: Layout) -> list[Leaf]:
+def _columns_of(topic: Topic, layout: Layout) -> list[Leaf]:
     """Return the numbers and times of a message with columns in the table of its topic."""
     return [
         leaf for leaf in layout.leaves if leaf.dtype is not None and leaf.count != 0 and has_column(topic, leaf.path)
@@ -309,7 +309,7 @@ def check_foreign(layout: Layout) -> None:
             raise ValueError(f"{leaf.path} is an array of {leaf.count} numbers, at most {MAX_ARRAY} make columns")
 
 
-def known_table(topic: str, messages: TopicMessages) -> pd.DataFrame:
+def known_table(topic: Topic, messages: TopicMessages) -> pd.DataFrame:
     """Return the table of a topic of the topic table: float64 columns over simulated time.
 
     Raises
@@ -321,11 +321,12 @@ def known_table(topic: str, messages: TopicMessages) -> pd.DataFrame:
     return in_order(_joined(parts))
 
 
-def _part(topic: str, group: LayoutRecords) -> pd.DataFrame:
+def _part(topic: Topic, group: LayoutRecords) -> pd.DataFrame:
     """Return the table of the messages of one layout, with contiguous columns."""
     import pandas as pd
 
-    owners, leaves = _owners(group.layout), _columns_of(topic, group.layout)
+    topic, owners = _entry(topic, group.layout)
+    leaves = _columns_of(topic, group.layout)
     stamps = next(nanoseconds(group.values(path)) for path in STAMPS if path in group.layout.names) - EPOCH_NS
     names = [_names(topic, leaf, owners) for leaf in leaves]
     block = np.empty((sum(map(len, names)), group.size))
@@ -340,18 +341,26 @@ def _part(topic: str, group: LayoutRecords) -> pd.DataFrame:
             group.fill(leaf.path, out.T if leaf.count is not None else out[0])
         row += len(columns)
     index = pd.Index(seconds(stamps), name=TIME)
-    titles = _unique([name for columns in names for name in columns])
-    return pd.DataFrame(block.T, index=index, columns=titles, copy=False)
+    titles = [name for columns in names for name in columns]
+    if "" in titles:
+        block = block[[number for number, title in enumerate(titles) if title]]
+    return pd.DataFrame(block.T, index=index, columns=_unique(list(filter(None, titles))), copy=False)
 
 
-def _owners(layout: Layout) -> list[str]:
-    """Return the names of the entries of a JointState."""
-    return [leaf.text for leaf in layout.leaves if leaf.dtype is None and leaf.path.startswith("name[")]
+def _entry(topic: Topic, layout: Layout) -> tuple[Topic, list[str]]:
+    """Return the entry of a topic for a message, present or former, and the names of the owners of its values."""
+    owners = _owners(layout, topic.names_path) if topic.owners else []
+    return topic_with(topic, owners), owners
 
 
-def _names(topic: str, leaf: Leaf, owners: list[str]) -> list[str]:
+def _owners(layout: Layout, path: str = "name") -> list[str]:
+    """Return the names of the entries of a JointState, or those in another field."""
+    return [leaf.text for leaf in layout.leaves if leaf.dtype is None and leaf.path.startswith(f"{path}[")]
+
+
+def _names(topic: Topic, leaf: Leaf, owners: list[str]) -> list[str]:
     """Return the names of the columns of a part."""
-    if not owners and leaf.count in (None, 1):
+    if leaf.count is None or (not owners and leaf.count == 1):
         return [column(topic, leaf.path)]
     if leaf.count != len(owners):
         raise ValueError(f"{leaf.path} has {leaf.count} values for {len(owners)} names")

@@ -54,12 +54,12 @@ class ReportSender:
         """Return the report of an odometry."""
         report = self._reporter.report(odometry)
         values = np.array((report.front, report.rear, report.stop))
-        return TrainAhead(odometry.stamp, values, np.full(3, report.speed), np.full(3, report.time))
+        return TrainAhead(odometry.stamp, values, np.full(3, report.speed), odometry.stamp)
 
     @staticmethod
     def last(stamp: int) -> TrainAhead:
         """Return the message after the last report, with NaN: nothing follows, and the train behind does not wait."""
-        return TrainAhead(stamp, *np.full((3, 3), np.nan))
+        return TrainAhead(stamp, np.full(3, np.nan), np.full(3, np.nan), stamp)
 
 
 def is_early(setup: RunSetup, stamp: int, ahead: TrainAhead | None) -> bool:
@@ -152,7 +152,7 @@ class ReportReceiver:
         """Take a live report; the link delivers it."""
         if message is None:
             return
-        (front, rear, stop), speed, time = message.position.tolist(), message.speed.item(0), message.time.item(0)
+        (front, rear, stop), speed, time = message.position.tolist(), message.speed.item(0), message.time * 1e-9
         if not self._reports or time != self._reports[-1].time:
             self._reports.append(TrainReport(len(self._reports) + 1, time, front, rear, speed, stop))
 

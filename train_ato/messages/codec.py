@@ -33,13 +33,14 @@ from train_ato.messages.cdr import (
     typestore,
 )
 from train_ato.messages.topic import Place, Topic, TrainLayout
-from train_ato.messages.topics import EPOCH_NS, Values, topics_of
-from train_ato.messages.variable_codec import VARIABLE
+from train_ato.messages.topics import EPOCH_NS, FORMER, Values, topics_of
+from train_ato.messages.types import FormerTrainAhead
+from train_ato.messages.variable_codec import STAMP_END, VARIABLE
 
-STAMP_END = 12
-"""End of the stamp in the bytes of a message."""
 FLOAT64 = np.dtype("<f8")
 """Numbers in the bytes of a message."""
+AGAIN = " again"
+"""End of the key of a field at its second place."""
 _SMALL = 32
 """Count of numbers up to which a loop checks finite values faster than numpy."""
 
@@ -77,9 +78,9 @@ class TopicRecord:
         self._names = topic.names(layout)
         self._layout = layout_of(typestore(), topic.type, self.blank)
         self._read = dict.fromkeys((self._layout.leaves[0].path, *(place.path for place in topic.places)))
-        self._paths = {place.field: place.path for place in topic.places if place.field != "stamp"}
+        self._paths = {place.field: place.path for place in topic.places[::-1] if place.field != "stamp"}
         order = [entry.name for entry in dataclasses.fields(topic.message) if entry.name != "stamp"]
-        if sorted(order) != sorted(place.field for place in topic.places if place.field != "stamp"):
+        if sorted(order) != sorted(self._paths):
             raise ValueError(f"topic {topic.name}: every field of {topic.message.__name__} needs one place")
         fields = _fields_of(topic, layout, self._layout)
         self.dtype = structure(fields, len(self.blank))
@@ -90,7 +91,7 @@ class TopicRecord:
         self._other: Layout | None = None
 
         self._times = [(place, name, fields[name][1]) for place, name in enumerate(order) if fields[name][0].names]
-        numbers = {name: fields[name] for name in order if not fields[name][0].names}
+        numbers = {name: field for name, field in fields.items() if not field[0].names}
         self._first = min((start for _, start in numbers.values()), default=STAMP_END)
         end = max((start + kind.itemsize for kind, start in numbers.values()), default=STAMP_END)
         self._numbers, self._size = slice(self._first, end), (end - self._first) // 8
@@ -100,11 +101,12 @@ class TopicRecord:
         singles = not all(kind.shape for kind, _ in numbers.values())
         self._listed = singles or self._size <= _SMALL
         self._parts: list[tuple[bool, Any]] = [(self._arrays, slice(0))] * len(order)
-        self._writers: list[tuple[str, NDArray[Any], int | None]] = []
-        for name, (kind, start) in numbers.items():
-            first, size = (start - self._first) // 8, kind.itemsize // 8
-            self._parts[order.index(name)] = (True, slice(first, first + size)) if kind.shape else (False, first)
-            self._writers.append((name, self._row[name].reshape(-1), size if kind.shape else None))
+        self._writers: list[tuple[str, str, NDArray[Any], int | None]] = []
+        for key, (kind, start) in numbers.items():
+            first, size, name = (start - self._first) // 8, kind.itemsize // 8, key.removesuffix(AGAIN)
+            if key == name:
+                self._parts[order.index(name)] = (True, slice(first, first + size)) if kind.shape else (False, first)
+            self._writers.append((name, key, self._row[key].reshape(-1), size if kind.shape else None))
 
     def encode(self, message: Any) -> bytes:
         """Return the CDR bytes of a message.
@@ -116,7 +118,7 @@ class TopicRecord:
         """
         data, stamp = self._message, message.stamp
         TIME.pack_into(data, HEAD, *divmod(EPOCH_NS + stamp, SECOND))
-        for name, out, size in self._writers:
+        for name, _, out, size in self._writers:
             value = getattr(message, name)
             if size is not None and (value.size != size or value.dtype.char != "d"):
                 self._refuse(name, value, size)
@@ -142,11 +144,11 @@ class TopicRecord:
         fill_times(rows["stamp"], EPOCH_NS + stamps)
         for _, name, _ in self._times:
             fill_times(rows[name], values[name][:, 0] - stamps)
-        for name, own, size in self._writers:
+        for name, key, own, size in self._writers:
             column = values[name]
             if column.shape[1] != own.size:
                 self._refuse(name, column[0], own.size)
-            rows[name] = column[:, 0] if size is None else column
+            rows[key] = column[:, 0] if size is None else column
             if self._checked and not np.isfinite(column).all():
                 self._refuse_infinite(rows)
 
@@ -205,8 +207,9 @@ class TopicRecord:
 
     def _check(self, layout: Layout) -> None:
         """Check names and lengths of the layout of a message."""
-        names, due = tuple(leaf.text for leaf in layout.leaves if leaf.path.startswith("name[")), self._names
-        if names != due:
+        path, due = f"{self.topic.names_path}[", self._names
+        names = tuple(leaf.text for leaf in layout.leaves if leaf.path.startswith(path))
+        if due and names != due:
             raise ValueError(f"names {list(names[:3])}... where {list(due[:3])}... ({len(due)}) are due")
         own, other = ({leaf.path: leaf for leaf in found.leaves} for found in (self._layout, layout))
         for path in self._read:
@@ -217,8 +220,8 @@ class TopicRecord:
 
     def _refuse_infinite(self, rows: NDArray[Any]) -> None:
         """Name the first value that is not finite."""
-        for name, _, _ in self._writers:
-            if (wrong := rows[name][~np.isfinite(rows[name])]).size:
+        for name, key, _, _ in self._writers:
+            if (wrong := rows[key][~np.isfinite(rows[key])]).size:
                 raise ValueError(f"{self.topic.name}: {self._paths[name]} is not finite: {wrong[0]}")
 
     def _refuse(self, name: str, value: Any, size: int) -> None:
@@ -233,7 +236,7 @@ def _blank_of(topic: Topic, layout: TrainLayout) -> bytes:
     """Return the bytes of a message with stamp and numbers 0."""
     message = blank(topic.type)
     if topic.owners:
-        message.name = list(topic.names(layout))
+        setattr(message, topic.names_path, list(topic.names(layout)))
     if frame := topic.frame_id(layout):
         message.header.frame_id = frame
     for path, texts in topic.texts:
@@ -265,7 +268,8 @@ def _fields_of(topic: Topic, layout: TrainLayout, found: Layout) -> Fields:
         if leaf is None or leaf.dtype is None or not (leaf.is_time or leaf.dtype == FLOAT64):
             raise ValueError(f"topic {topic.name}: {place.path} of a {topic.type} is not float64")
         size, start = _size(place, layout), ends.get(place.path, leaf.start)
-        fields[place.field] = leaf.dtype if place.owner is None else np.dtype((FLOAT64, (size,))), start
+        key = f"{place.field}{AGAIN}" if place.field in fields else place.field
+        fields[key] = leaf.dtype if place.owner is None else np.dtype((FLOAT64, (size,))), start
         ends[place.path] = start + 8 * size
     return fields
 
@@ -277,6 +281,27 @@ def _fixed_of(fields: Fields, length: int) -> struct.Struct:
         form += f"{start - place}s{size}x"
         place = start + size
     return struct.Struct(f"{form}{length - place}s")
+
+
+def _either(decode: Callable[[bytes], Any], former: Topic, layout: TrainLayout) -> Callable[[bytes], Any]:
+    """Return a decoder of the present and of the former messages of a topic; errors are those of the present ones."""
+    records: list[TopicRecord] = []
+
+    def decoded(data: bytes) -> Any:
+        try:
+            return decode(data)
+        except ValueError:
+            if not records:
+                records.append(TopicRecord(former, layout))
+            try:
+                found = records[0].decode(data)
+            except ValueError:
+                found = None
+            if found is None:
+                raise
+        return found.today() if isinstance(found, FormerTrainAhead) else found
+
+    return decoded
 
 
 __all__ = ["Wire", "stamp_of"]
@@ -304,10 +329,12 @@ class Wire:
         self._decoded: dict[str, tuple[bytes, Any]] = {}
         for topic in topics_of(layout):
             if topic.of_variable_length:
-                self.encoders[topic.name], self._decoders[topic.name] = VARIABLE[topic.message]
+                self.encoders[topic.name], decode = VARIABLE[topic.message]
             else:
                 record = self.records[topic.name] = TopicRecord(topic, layout)
-                self.encoders[topic.name], self._decoders[topic.name] = record.encode, record.decode
+                self.encoders[topic.name], decode = record.encode, record.decode
+            former = FORMER.get(topic.name)
+            self._decoders[topic.name] = decode if former is None else _either(decode, former, layout)
 
     def longest(self, topic: str) -> int:
         """Return the maximum length of a valid message [bytes]: twice the present one, for former names."""

@@ -7,6 +7,7 @@ from enum import Enum
 from typing import Any
 
 from plant_sim.states import FieldDescription
+from plant_sim.units import unit_suffix
 
 
 class Owner(Enum):
@@ -22,6 +23,7 @@ class Owner(Enum):
     ESTIMATE = "estimate"
     COUPLER = "coupler"
     ODOMETER = "odometer"
+    SINCE_BALISE = "since_balise"
     BRAKE_LINE = "brake_line"
     SUPERVISED_SPEED = "supervised_speed"
     ATO = "ato"
@@ -38,6 +40,7 @@ class Owner(Enum):
             Owner.ESTIMATE: "force against the estimate of the observer",
             Owner.COUPLER: "the coupler behind vehicle I where a sensor is fitted",
             Owner.ODOMETER: "the odometers of the supervisor",
+            Owner.SINCE_BALISE: "the distances that they have counted since the last balise",
             Owner.BRAKE_LINE: "traction and brakes that the supervisor releases",
             Owner.SUPERVISED_SPEED: "estimated speed and limits of the supervisor",
             Owner.ATO: "the ATO",
@@ -47,12 +50,25 @@ class Owner(Enum):
 
 FIXED_NAMES: dict[Owner, tuple[str, ...]] = {
     Owner.ODOMETER: ("wheel", "radar"),
+    Owner.SINCE_BALISE: ("wheel_since_balise", "radar_since_balise"),
     Owner.BRAKE_LINE: ("traction", "service_brake", "emergency_brake"),
     Owner.SUPERVISED_SPEED: ("estimate", "permitted", "warning", "service_brake", "emergency_brake"),
     Owner.ATO: ("ato",),
     Owner.TRAIN_END: ("front", "rear", "stop"),
 }
 """Names of the parts that do not depend on the train."""
+JOINT_STATE, DIAGNOSTICS = "sensor_msgs/msg/JointState", "diagnostic_msgs/msg/DiagnosticArray"
+TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
+"""ROS types of the positions, speeds and forces of named parts, of states and counters, and of points with a time."""
+STATUS_VALUES = "status[].values"
+"""Path of the keys and values of states."""
+
+
+def owns(owner: Owner, name: str) -> bool:
+    """Return True if a name in a message is that of a part of one kind."""
+    if owner in FIXED_NAMES:
+        return name in FIXED_NAMES[owner]
+    return name.rstrip("0123456789") == f"{owner.value}_"
 
 
 @dataclass(frozen=True)
@@ -172,7 +188,8 @@ class Topic:
     message
         Dataclass of the messages; its first field is the stamp, its other fields carry unit and meaning.
     places
-        Fields of the dataclass in the ROS message.  Several places of one path follow each other.
+        Fields of the dataclass in the ROS message.  Several places of one path follow each other; of several places
+        of one field the first is read.
     texts
         Constant texts of the ROS message by path.
     frame
@@ -238,16 +255,39 @@ class Topic:
         """Return the names in the messages, in their order; empty for values without owners."""
         return tuple(name for owner in self.owners for name in layout.names(owner))
 
+    @property
+    def names_path(self) -> str:
+        """Field of the ROS message with the names."""
+        return "joint_names" if self.type == TRAJECTORY else "name"
+
+    @property
+    def has_states(self) -> bool:
+        """True for states and counters by their keys."""
+        return any(place.path == STATUS_VALUES and place.owner is not None for place in self.places)
+
     def description(self, place: Place) -> FieldDescription:
         """Return column, unit and meaning of the values at a place."""
         (entry,) = (entry for entry in dataclasses.fields(self.message) if entry.name == place.field)
         found: FieldDescription = entry.metadata.get("description", FieldDescription(place.field, ""))
         return dataclasses.replace(found, meaning=place.meaning) if place.meaning else found
 
+    def column(self, place: Place, name: str = "") -> str:
+        """Return the name of a column, and the key of a state: owner as named in the message, quantity and unit."""
+        found = self.description(place)
+        unit = unit_suffix(found.unit)
+        if name.endswith(f"_{found.column}"):
+            return name + unit
+        return f"{name}_{found.column}{unit}" if name else found.column + unit
+
 
 def joint_states(owner: Owner, **fields: str) -> tuple[Place, ...]:
     """Return the places of a JointState: dataclass fields by the array of the message."""
     return tuple(Place(path, field, owner) for path, field in fields.items())
+
+
+def states(owner: Owner, *fields: str) -> tuple[Place, ...]:
+    """Return the places of states and counters as keys and values of one status."""
+    return tuple(Place(STATUS_VALUES, field, owner) for field in fields)
 
 
 def knots(index: str, *, acceleration: bool = True, position: str = "") -> tuple[Place, ...]:

@@ -4,7 +4,7 @@ Codecs, publishers, subscriptions, the recorder, the tables of a log, the live v
 it.  A new topic needs a message dataclass and an entry here.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -15,9 +15,13 @@ from numpy.typing import NDArray
 from train_ato.messages.topic import (
     AIR_BRAKE,
     BEHIND,
+    DIAGNOSTICS,
     DISTURBED,
+    FIXED_NAMES,
+    JOINT_STATE,
     REPORTS,
     SUPERVISED,
+    TRAJECTORY,
     Owner,
     Place,
     Rate,
@@ -26,6 +30,7 @@ from train_ato.messages.topic import (
     TrainLayout,
     joint_states,
     knots,
+    states,
 )
 from train_ato.messages.types import (
     AtoReport,
@@ -36,6 +41,7 @@ from train_ato.messages.types import (
     Disturbance,
     DisturbanceEstimate,
     ForceParts,
+    FormerTrainAhead,
     Measurement,
     Odometry,
     Pipe,
@@ -49,8 +55,9 @@ from train_ato.messages.types import (
 )
 
 __all__ = [
-    "AHEAD", "BY_NAME", "DIAGNOSTIC_UNITS", "END_TOPIC", "EPOCH_NS", "EXTERNAL", "FORCE_PARTS", "LINE_FRAME",
-    "REPORT", "TOPICS", "Place", "Rate", "Role", "Topic", "published_by", "read_by", "tick_topics", "topics_of",
+    "AHEAD", "BY_NAME", "DIAGNOSTIC_UNITS", "END_TOPIC", "EPOCH_NS", "EXTERNAL", "FORCE_PARTS", "FORMER", "LINE_FRAME",
+    "REPORT", "TOPICS", "Place", "Rate", "Role", "Topic", "published_by", "read_by", "tick_topics", "topic_of",
+    "topic_with", "topics_of",
 ]  # fmt: skip
 
 EPOCH_NS = 1_767_225_600_000_000_000
@@ -66,11 +73,8 @@ REPORT, AHEAD = "train/report", "train/ahead"
 """Report of a train for the train behind it, and the newest one that has reached that train."""
 FORCE_PARTS = "ato/force_parts"
 """Parts of the force demand of the law."""
-_CLOCK = "rosgraph_msgs/msg/Clock"
-_DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
-_JOINT_STATE = "sensor_msgs/msg/JointState"
+_CLOCK, _HEADER = "rosgraph_msgs/msg/Clock", "std_msgs/msg/Header"
 _PRESSURE = "sensor_msgs/msg/FluidPressure"
-_TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 _STATUS = (
     Place("status[].name", "node"),
     Place("status[].level", "level"),
@@ -78,7 +82,14 @@ _STATUS = (
     Place("status[].values", "values"),
 )
 """State of one node."""
-_REPORTED = joint_states(Owner.TRAIN_END, position="position", velocity="speed", effort="time")
+_REPORTED = (
+    Place("points[0].positions", "position", Owner.TRAIN_END),
+    Place("points[0].velocities", "speed", Owner.TRAIN_END),
+    Place(
+        "points[0].time_from_start", "time",
+        meaning="time of the odometry of the report, in the message from `header.stamp`, <= 0",
+    ),
+)  # fmt: skip
 
 _truth = partial(Topic, publishers=(Role.PLANT,), optional=True)
 _supervised = partial(Topic, rate=Rate.SUPERVISION, condition=SUPERVISED)
@@ -88,13 +99,13 @@ _TABLE: tuple[Topic, ...] = (
         meaning="simulation time, for tools; nothing in the loop waits for it",
     ),
     _truth(
-        "train/vehicles", _JOINT_STATE, VehicleStates,
+        "train/vehicles", JOINT_STATE, VehicleStates,
         joint_states(Owner.VEHICLE, position="position", velocity="velocity", effort="coupler_force"),
         meaning="truth, one entry per vehicle, front first", finite=False,
     ),
     Topic(
         "train/measurement",
-        _JOINT_STATE,
+        JOINT_STATE,
         Measurement,
         (
             *joint_states(Owner.UNIT, position="position", velocity="velocity", effort="applied"),
@@ -113,56 +124,58 @@ _TABLE: tuple[Topic, ...] = (
         meaning="brake-pipe pressure at the tail", frame=-1, condition=AIR_BRAKE,
     ),
     _truth(
-        "train/brake_shoes", _JOINT_STATE, BrakeShoes, joint_states(Owner.VEHICLE, effort="shoe_force"),
+        "train/brake_shoes", JOINT_STATE, BrakeShoes, joint_states(Owner.VEHICLE, effort="shoe_force"),
         meaning="air brake of every vehicle", condition=AIR_BRAKE, finite=False,
     ),
     _truth(
-        "train/disturbance", _JOINT_STATE, Disturbance, joint_states(Owner.VEHICLE, effort="force"),
+        "train/disturbance", JOINT_STATE, Disturbance, joint_states(Owner.VEHICLE, effort="force"),
         meaning="true external disturbance forces", condition=DISTURBED, finite=False,
     ),
     _supervised(
-        "train/odometry", _JOINT_STATE, Odometry,
-        joint_states(Owner.ODOMETER, position="position", velocity="speed", effort="since_balise"),
+        "train/odometry", JOINT_STATE, Odometry,
+        (
+            *joint_states(Owner.ODOMETER, position="position", velocity="speed"),
+            *joint_states(Owner.SINCE_BALISE, position="since_balise", velocity="speed"),
+        ),
         publishers=(Role.PLANT,), readers=(Role.SUPERVISOR,),
         meaning="odometry of the supervisor, independent of the measurement; starts its step",
     ),
     _supervised(
-        "train/protection", _JOINT_STATE, ProtectionState, joint_states(Owner.BRAKE_LINE, position="active"),
+        "train/protection", DIAGNOSTICS, ProtectionState, states(Owner.BRAKE_LINE, "active"),
         publishers=(Role.PLANT,), readers=(Role.CONTROLLER,),
         meaning="traction cut-off and brakes in effect, demanded by the supervisor, a fail-safe reaction or a request",
     ),
     Topic(
-        REPORT, _JOINT_STATE, TrainAhead, _REPORTED, publishers=(Role.PLANT,), readers=(Role.PLANT,),
+        REPORT, TRAJECTORY, TrainAhead, _REPORTED, publishers=(Role.PLANT,), readers=(Role.PLANT,),
         rate=Rate.REPORT,
         meaning="report for the train behind, read by the plant of that train; latched for one that starts later",
         condition=REPORTS, recorded=False, latched=True, depth=10_000, finite=False, awaited=False,
     ),
     Topic(
-        AHEAD, _JOINT_STATE, TrainAhead, _REPORTED, publishers=(Role.PLANT,),
+        AHEAD, TRAJECTORY, TrainAhead, _REPORTED, publishers=(Role.PLANT,),
         readers=(Role.SUPERVISOR, Role.PROFILE), rate=Rate.REPORT,
         meaning="newest report of the train ahead that has reached the train; profile and supervisor have a link each",
         condition=BEHIND,
     ),
     _supervised(
-        "atp/brake_release", _JOINT_STATE, BrakeRelease,
-        joint_states(Owner.BRAKE_LINE, position="released", velocity="alive"), publishers=(Role.SUPERVISOR,),
-        readers=(Role.PLANT,), meaning="release of traction and brakes; the plant brakes without it",
+        "atp/brake_release", DIAGNOSTICS, BrakeRelease, states(Owner.BRAKE_LINE, "released", "alive"),
+        publishers=(Role.SUPERVISOR,), readers=(Role.PLANT,),
+        meaning="release of traction and brakes; the plant brakes without it",
     ),
     _supervised(
-        "atp/speeds", _JOINT_STATE, SupervisedSpeeds,
+        "atp/speeds", JOINT_STATE, SupervisedSpeeds,
         joint_states(Owner.SUPERVISED_SPEED, position="position", velocity="speed"), publishers=(Role.SUPERVISOR,),
         readers=(Role.CONTROLLER,),
         meaning="speed of the train and limits of the supervision: permitted, warning, service brake, emergency brake",
     ),
     _supervised(
-        "ato/state", _JOINT_STATE, AtoReport,
-        joint_states(Owner.ATO, position="position", velocity="velocity", effort="state"),
+        "ato/state", DIAGNOSTICS, AtoReport, states(Owner.ATO, "state", "position", "velocity"),
         publishers=(Role.CONTROLLER,), readers=(Role.PROFILE,), meaning="state of the ATO and its measured motion",
         finite=False, optional=True,
     ),
     Topic(
         "ato/profile",
-        _TRAJECTORY,
+        TRAJECTORY,
         Trajectory,
         (
             *knots(""),
@@ -179,14 +192,14 @@ _TABLE: tuple[Topic, ...] = (
         depth=10,
     ),
     Topic(
-        "ato/limits", _TRAJECTORY, Trajectory,
+        "ato/limits", TRAJECTORY, Trajectory,
         knots("", acceleration=False, position="place from which the limit holds"), publishers=(Role.PROFILE,),
         rate=Rate.ONCE, meaning="speed limit over the line, as steps", frame=LINE_FRAME,
         texts=(("joint_names", ("limit",)),), latched=True, depth=1, optional=True,
     ),
     Topic(
         "ato/reference",
-        _TRAJECTORY,
+        TRAJECTORY,
         Reference,
         (
             *knots("0"),
@@ -202,17 +215,17 @@ _TABLE: tuple[Topic, ...] = (
         texts=(("joint_names", ("train",)),),
     ),
     Topic(
-        "ato/estimate", _JOINT_STATE, DisturbanceEstimate, joint_states(Owner.UNIT, effort="force"),
+        "ato/estimate", JOINT_STATE, DisturbanceEstimate, joint_states(Owner.UNIT, effort="force"),
         publishers=(Role.OBSERVER,), readers=(Role.CONTROLLER,), meaning="disturbance force per power unit",
     ),
     Topic(
-        "ato/command", _JOINT_STATE, Command, joint_states(Owner.UNIT, effort="force"),
+        "ato/command", JOINT_STATE, Command, joint_states(Owner.UNIT, effort="force"),
         publishers=(Role.CONTROLLER,), readers=(Role.PLANT,),
         meaning="force demand per power unit as sent; ends a tick",
     ),
     Topic(
         FORCE_PARTS,
-        _JOINT_STATE,
+        JOINT_STATE,
         ForceParts,
         (
             *joint_states(Owner.FEED_FORWARD, effort="feed_forward"),
@@ -232,13 +245,13 @@ _TABLE: tuple[Topic, ...] = (
         optional=True,
     ),
     Topic(
-        "/diagnostics", _DIAGNOSTICS, Diagnostic, _STATUS,
+        "/diagnostics", DIAGNOSTICS, Diagnostic, _STATUS,
         publishers=(Role.PLANT, Role.PROFILE, Role.OBSERVER, Role.CONTROLLER, Role.SUPERVISOR), rate=Rate.SECOND,
         meaning="mode, law, delays, limits, interventions, per node; also immediately after an event",
     ),
     Topic(
         END_TOPIC,
-        _DIAGNOSTICS,
+        DIAGNOSTICS,
         Diagnostic,
         _STATUS,
         publishers=(Role.PLANT,),
@@ -253,9 +266,9 @@ _TABLE: tuple[Topic, ...] = (
     ),
     Topic(
         "recorder/progress",
-        _CLOCK,
+        _HEADER,
         Tick,
-        (Place("clock", "stamp"),),
+        (Place("stamp", "stamp"),),
         publishers=(Role.RECORDER,),
         readers=(Role.PLANT,),
         rate=Rate.SECOND,
@@ -279,6 +292,45 @@ BY_NAME: dict[str, Topic] = {topic.name: topic for topic in _TABLE}
 """Topics by name; a new topic can be added here."""
 TOPICS = BY_NAME.values()
 """Topics in the order of the table."""
+
+
+def _former(name: str, message: type[Any], *places: Place) -> Topic:
+    """Return the entry of a topic in logs of a JointState."""
+    return replace(BY_NAME[name], type=JOINT_STATE, message=message, places=places)
+
+
+_FORMER_ENDS = joint_states(Owner.TRAIN_END, position="position", velocity="speed", effort="time")
+FORMER: dict[str, Topic] = {
+    topic.name: topic
+    for topic in (
+        _former("train/odometry", Odometry,
+                *joint_states(Owner.ODOMETER, position="position", velocity="speed", effort="since_balise")),
+        _former("train/protection", ProtectionState, *joint_states(Owner.BRAKE_LINE, position="active")),
+        _former(REPORT, FormerTrainAhead, *_FORMER_ENDS),
+        _former(AHEAD, FormerTrainAhead, *_FORMER_ENDS),
+        _former("atp/brake_release", BrakeRelease,
+                *joint_states(Owner.BRAKE_LINE, position="released", velocity="alive")),
+        _former("ato/state", AtoReport,
+                *joint_states(Owner.ATO, position="position", velocity="velocity", effort="state")),
+    )
+}  # fmt: skip
+"""Entries of the topics whose states, counters, distances and times were in a JointState, for the logs of that time."""
+
+
+def topic_of(name: str, type_name: str) -> Topic | None:
+    """Return the entry of a topic with a ROS type, also a former one; None for a type that the topic never had."""
+    for entry in (BY_NAME[name], FORMER.get(name)):
+        if entry is not None and entry.type == type_name:
+            return entry
+    return None
+
+
+def topic_with(entry: Topic, names: Sequence[str]) -> Topic:
+    """Return the entry of a topic for a message with some names: the former one if these are its names."""
+    former = FORMER.get(entry.name)
+    if former is None or former.type != entry.type:
+        return entry
+    return former if list(names) == [name for owner in former.owners for name in FIXED_NAMES[owner]] else entry
 
 
 def published_by(role: Role) -> tuple[Topic, ...]:

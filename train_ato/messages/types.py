@@ -157,7 +157,9 @@ class SupervisedSpeeds:
 class TrainAhead:
     """Report of a train for the train behind it (topics ``train/report`` and ``train/ahead``), shape (3,) each.
 
-    The last report of a run has NaN as values.
+    ``time`` is that of its odometry [ns]; the stamp of ``train/ahead`` is that of its use.
+
+    The last report of a run has NaN as positions and speeds.
     """
 
     stamp: int
@@ -165,7 +167,23 @@ class TrainAhead:
         metadata=described("position", "m", "estimated front, and safe rear; of stop: shortest way to standstill")
     )
     speed: Array = field(metadata=described("speed", "m/s", "estimated, for all the same"))
-    time: Array = field(metadata=described("time", "s", "time of the odometry of the report, for all the same"))
+    time: int = field(metadata=described("reported", "s", "simulation time of the odometry of the report"))
+
+
+@frozen_for_types
+@dataclass(frozen=True, slots=True)
+class FormerTrainAhead:
+    """Report of a train in logs of a JointState: the time is in seconds, three times."""
+
+    stamp: int
+    position: Array = field(metadata=described("position", "m"))
+    speed: Array = field(metadata=described("speed", "m/s"))
+    time: Array = field(metadata=described("time", "s"))
+
+    def today(self) -> TrainAhead:
+        """Return the report; the last one of a run, with NaN, has the time of its stamp."""
+        time = self.time.item(0)
+        return TrainAhead(self.stamp, self.position, self.speed, round(time * 1e9) if time == time else self.stamp)
 
 
 class Protection(IntEnum):

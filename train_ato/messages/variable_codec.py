@@ -1,4 +1,4 @@
-"""Codec of messages of variable length: profiles, speed limits and diagnostics.
+"""Codec of messages of variable length: profiles, speed limits, diagnostics, and states and counters by their keys.
 
 The usual layouts are encoded here, because the general serialiser is slow for thousands of small parts; it handles
 all other layouts.
@@ -10,16 +10,19 @@ In the program a value has the key without unit, and a list of numbers is one va
 
 import re
 import struct
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from functools import lru_cache
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import lru_cache, partial
+from itertools import chain, product
+from math import isfinite
 from typing import Any
 
 import numpy as np
 
 from plant_sim.units import unit_suffix
 from train_ato.messages.cdr import SECOND, header, packed_stamp, stamp_of, typestore
-from train_ato.messages.topics import BY_NAME, DIAGNOSTIC_UNITS, LINE_FRAME, Role
-from train_ato.messages.types import Array, Diagnostic, Trajectory
+from train_ato.messages.topic import FIXED_NAMES
+from train_ato.messages.topics import BY_NAME, DIAGNOSTIC_UNITS, LINE_FRAME, Role, Topic
+from train_ato.messages.types import Array, AtoState, Diagnostic, Trajectory
 
 LISTED = ("delay", "delay_brake")
 """Values with one number per power unit."""
@@ -97,8 +100,10 @@ _KNOT = np.dtype(
     ]
 )  # fmt: skip
 """Point with one position, speed and acceleration; it begins and ends 4 bytes behind a multiple of 8."""
-_FRAME = 16
-"""Offset of the frame [bytes]."""
+STAMP_END, _FRAME = 12, 16
+"""Offsets of the end of the stamp and of the text of the frame [bytes]."""
+MAX_KNOWN = 64
+"""Number of the states whose bytes are kept."""
 
 
 def encode_trajectory(message: Trajectory) -> bytes:
@@ -333,8 +338,151 @@ def _deserialise(data: bytes, type_name: str) -> Any:
         raise ValueError(f"not a {type_name} ({type(error).__name__})") from None
 
 
+def _demanded(values: Sequence[float], released: float) -> tuple[int, str]:
+    """Return level and text of the strongest of traction cut-off, service brake and emergency brake."""
+    strongest = max((number for number, value in enumerate(values, 1) if value != released), default=0)
+    return min(strongest, 1), ("released", "traction cut off", "service brake", "emergency brake")[strongest]
+
+
+def _state_of_ato(values: Sequence[float]) -> tuple[int, str]:
+    """Return level and text of a state of the ATO."""
+    (value,) = values
+    if value not in tuple(AtoState):
+        return 2, "unknown"
+    state = AtoState(int(value))
+    return {AtoState.DISENGAGING: 1, AtoState.FAILURE: 2}.get(state, 0), state.text
+
+
+class StatusCodec:
+    """Codec of the states and counters of one topic: one status, with the columns of the table as keys.
+
+    Level and text of the status repeat its values in words; a reader uses the values only.
+
+    Parameters
+    ----------
+    topic
+        Entry of the topic table.
+    part
+        Part of the node, second half of the name of the status.
+    said
+        Field of the dataclass with the state, and function that returns level and text for its values.
+    """
+
+    def __init__(self, topic: Topic, part: str, said: tuple[str, Callable[[Sequence[float]], tuple[int, str]]]) -> None:
+        node = topic.publishers[0].value
+        self._topic, self._name, self._hardware = topic, f"{node}: {part}", HARDWARE[node]
+        self._state, self._words = said
+        self._keys = {
+            place.field: [topic.column(place, name) for name in FIXED_NAMES[place.owner]]
+            for place in topic.places
+            if place.owner is not None
+        }
+        self._texts = {field: [_text(key) for key in keys] for field, keys in self._keys.items()}
+        self._known: dict[bytes, bytes] = {}
+        permitted = next(topic.description(place).permitted for place in topic.places if place.field == self._state)
+        choices = product(permitted, repeat=len(self._keys[self._state]))
+        self._starts = sorted({self._start(choice) for choice in choices}, key=len)
+
+    def encode(self, message: Any) -> bytes:
+        """Return the CDR bytes of a message.
+
+        Raises
+        ------
+        ValueError
+            For an array of the wrong type or length, or a number that is not finite.
+        """
+        parts = [_HEAD, packed_stamp(message.stamp)]
+        for field, keys in self._texts.items():
+            value = getattr(message, field)
+            if value.dtype.char != "d" or value.size != len(keys):
+                self._refuse(field, value)
+            if field == self._state and (known := self._known.get(value.tobytes())) is not None:
+                parts.append(known)
+                continue
+            numbers = value.tolist()
+            if self._topic.finite and not all(map(isfinite, numbers)):
+                raise ValueError(f"{self._topic.name}: {field} is not finite: {numbers}")
+            texts = (_repeated_text(repr(number).removesuffix(".0")) for number in numbers)
+            pairs = b"".join(chain.from_iterable(zip(keys, texts, strict=True)))
+            if field == self._state:
+                pairs = self._start(numbers) + pairs
+                if len(self._known) < MAX_KNOWN:
+                    self._known[value.tobytes()] = pairs
+            parts.append(pairs)
+        return b"".join(parts)
+
+    def _start(self, values: Sequence[float]) -> bytes:
+        """Return the bytes between the stamp and the first key, for values of the state."""
+        level, text = self._words(values)
+        names, count = map(_text, (self._name, text, self._hardware)), sum(map(len, self._keys.values()))
+        return b"".join((_text(""), _LENGTH.pack(1), bytes((level, 0, 0, 0)), *names, _LENGTH.pack(count)))
+
+    def _refuse(self, field: str, value: Any) -> None:
+        """Name an array of the wrong type or length."""
+        problem = f"is {value.dtype}, not float64"
+        if value.dtype.char == "d":
+            problem = f"has {value.size} values where {len(self._keys[field])} are due"
+        raise ValueError(f"{self._topic.name}: {field} {problem}")
+
+    def decode(self, data: bytes) -> Any:
+        """Return the message of the bytes; a missing number is NaN in a topic without finite values.
+
+        Raises
+        ------
+        ValueError
+            For bytes of another type, a missing key, or a value that is no number or not finite.
+        """
+        fields = self._own_numbers(data) or self._numbers(data)
+        if self._topic.finite:
+            for field, numbers in fields.items():
+                if not all(map(isfinite, numbers)):
+                    raise ValueError(f"{self._topic.name}: {field} is not finite or missing: {numbers}")
+        return self._topic.message(stamp_of(data), **{field: np.array(numbers) for field, numbers in fields.items()})
+
+    def _own_numbers(self, data: bytes) -> dict[str, list[float]] | None:
+        """Return the numbers by field of a message of this codec, None for one of another program."""
+        start = next((start for start in self._starts if data.startswith(start, STAMP_END)), None)
+        if start is None or data[:2] != _HEAD[:2]:
+            return None
+        place = STAMP_END + len(start)
+        found: dict[str, list[float]] = {}
+        for field, keys in self._texts.items():
+            numbers = found[field] = []
+            for key in keys:
+                if not data.startswith(key, place):
+                    return None
+                place += len(key) + 4
+                try:
+                    end = place + _LENGTH.unpack_from(data, place - 4)[0]
+                    numbers.append(float(data[place : end - 1]))
+                except (struct.error, ValueError):
+                    return None
+                place = end + -end % 4
+        return found
+
+    def _numbers(self, data: bytes) -> dict[str, list[float]]:
+        """Return the numbers by field of a message of any program."""
+        try:
+            said = decode_diagnostic(data).values
+            return {field: [float(said.get(key, "nan")) for key in keys] for field, keys in self._keys.items()}
+        except ValueError as error:
+            raise ValueError(f"{self._topic.name}: {error}") from None
+
+
+STATES: dict[str, StatusCodec] = {
+    "train/protection": StatusCodec(
+        BY_NAME["train/protection"], "protection", ("active", partial(_demanded, released=0.0))
+    ),
+    "atp/brake_release": StatusCodec(
+        BY_NAME["atp/brake_release"], "release", ("released", partial(_demanded, released=1.0))
+    ),
+    "ato/state": StatusCodec(BY_NAME["ato/state"], "state", ("state", _state_of_ato)),
+}
+"""Codecs of states and counters by topic."""
+
 VARIABLE: dict[type, tuple[Callable[[Any], bytes], Callable[[bytes], Any]]] = {
     Trajectory: (encode_trajectory, decode_trajectory),
     Diagnostic: (encode_diagnostic, decode_diagnostic),
+    **{BY_NAME[topic].message: (codec.encode, codec.decode) for topic, codec in STATES.items()},
 }
 """Encoder and decoder by the dataclass of the messages."""

@@ -17,7 +17,7 @@ from foxglove.websocket import PlaybackCommand, PlaybackControlRequest, Playback
 from train_ato.log.bag_layout import log_name, table_name
 from train_ato.log.definitions import definition
 from train_ato.log.mcap_records import RawMessage
-from train_ato.messages.topics import BY_NAME, EPOCH_NS, topics_of
+from train_ato.messages.topics import BY_NAME, EPOCH_NS, topic_of, topics_of
 from train_ato.playback.log import ReplayLog
 from train_ato.view.feed import FRAMES_PER_SECOND, Feed
 from train_ato.view.live import LiveFeed
@@ -35,7 +35,15 @@ Send = Callable[[str, int, bytes], None]
 
 
 class Source(Protocol):
-    """Source of the messages."""
+    """Source of the messages.
+
+    Attributes
+    ----------
+    types : dict
+        ROS types by topic that are known from the messages.
+    """
+
+    types: dict[str, str]
 
     def poll(self, send: Send | None) -> int | None:
         """Pass new messages to ``send`` if given; return the present time [ns since 1970], None if unknown."""
@@ -71,7 +79,12 @@ class FoxgloveServer:
         # Channels close with the last reference to their context.
         self._context = context = Context()
         topics = [topic for topic in topics_of(feed.facts.layout) if topic.recorded]
-        self._channels = {topic.name: _channel(log_name(topic), topic.type, context) for topic in topics}
+        names = [topic.name for topic in topics]
+        self._source: Source = (
+            _Newest(cast("LiveFeed", feed)) if feed.live else _Played(cast("RecordedFeed", feed), names)
+        )
+        types = {topic.name: self._source.types.get(topic.name, topic.type) for topic in topics}
+        self._channels = {topic.name: _channel(log_name(topic), types[topic.name], context) for topic in topics}
         self._latched = {topic.name for topic in topics if topic.latched}
         self._sampler = None if feed.facts.setup is None else SceneSampler(feed.facts.setup)
         self._scene: dict[str, Channel] = {}
@@ -88,9 +101,6 @@ class FoxgloveServer:
             begin, end = cast("RecordedFeed", feed).span
             span = (EPOCH_NS + round(begin * 1e9), EPOCH_NS + round(end * 1e9))
             capabilities.append(Capability.PlaybackControl)
-        self._source: Source = (
-            _Newest(cast("LiveFeed", feed)) if feed.live else _Played(cast("RecordedFeed", feed), [*self._channels])
-        )
         self.listener = _Listener(self, feed)
         try:
             self._server, self._gate = _gated(
@@ -190,6 +200,7 @@ class _Newest:
     """Messages of a live run, from the thread of the feed."""
 
     def __init__(self, feed: LiveFeed) -> None:
+        self.types: dict[str, str] = {}
         self._feed = feed
         self._copies: deque[Copied] | None = None
 
@@ -216,6 +227,8 @@ class _Played:
         self._feed = feed
         self._log = ReplayLog(feed.recording.path)
         self._names = {name: table_name(name) for name in self._log.topics if table_name(name) in topics}
+        kinds = {str(topic): self._log.topics[name].type for name, topic in self._names.items()}
+        self.types = {topic: kind for topic, kind in kinds.items() if topic_of(topic, kind)}  # also former ones
         self._depths = {name: 1 for name in self._names if BY_NAME[str(self._names[name])].latched}
         self._messages: Iterator[RawMessage] = iter(())
         self._ahead: RawMessage | None = None

@@ -4,7 +4,7 @@ Topics and names are those of the log, also those of a namespace.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +15,8 @@ from train_ato.log.bag_layout import table_name
 from train_ato.log.mcap_records import MAX_TIME_NS, RawMessage, stream
 from train_ato.log.reading import log_file
 from train_ato.messages.cdr import typestore
-from train_ato.messages.topic import FIXED_NAMES, Owner
-from train_ato.messages.topics import BY_NAME
+from train_ato.messages.topic import FIXED_NAMES, JOINT_STATE, Owner
+from train_ato.messages.topics import topic_of
 from train_ato.messages.variable_codec import decode_trajectory, node_of
 from train_ato.view.train_scene import MARKERS
 
@@ -39,12 +39,15 @@ class Signal:
         Name of the entry of a JointState; None for other messages, and for all entries.
     index : int or None
         Number of this entry.
+    series : str
+        Name in PlotJuggler of a value of a status; "" for other numbers.
     """
 
     topic: str
     field: str
     joint: str | None = None
     index: int | None = None
+    series: str = ""
 
 
 @dataclass(frozen=True)
@@ -61,6 +64,8 @@ class LogSignals:
         Topics in the log, by their names in the table.
     joints : dict
         Names of the entries of JointStates, by the name of the topic in the table.
+    states : dict
+        States and counters by key, by the name of the topic in the table.
     reports : dict
         Keys with numbers in the diagnostics, by node; each with the path of its value for PlotJuggler.
     statuses : dict
@@ -76,6 +81,7 @@ class LogSignals:
     end_ns: int
     names: dict[str, str]
     joints: dict[str, tuple[str, ...]]
+    states: dict[str, dict[str, Signal]]
     reports: dict[str, dict[str, str]]
     statuses: dict[str, tuple[str, str]]
     scene: bool
@@ -93,6 +99,10 @@ class LogSignals:
             return None
         index = names.index(name)
         return Signal(self.names[topic], field, name, index)
+
+    def state(self, topic: str, key: str, name: str, field: str) -> Signal | None:
+        """Return a state by its key, in a log of the former type the field of a JointState's entry."""
+        return self.states.get(topic, {}).get(key) or self.joint(topic, name, field)
 
     def field(self, topic: str, field: str) -> Signal | None:
         """Return a field of a message; None if the log does not have the topic."""
@@ -114,13 +124,15 @@ def read_signals(run: Path) -> LogSignals:
     path = log_file(run)
     names: dict[str, str] = {}
     joints: dict[str, tuple[str, ...]] = {}
+    states: dict[str, dict[str, Signal]] = {}
     reports: dict[str, dict[str, str]] = {}
     statuses: dict[str, tuple[str, str]] = {}
     begin, end, speed, scene = MAX_TIME_NS, 0, 0.0, False
     for number, message in enumerate(stream(path)):
         scene = scene or message.channel.topic == MARKERS.name
         topic = table_name(message.channel.topic)
-        if topic is None or BY_NAME[topic].type != message.schema.name:
+        entry = None if topic is None else topic_of(topic, message.schema.name)
+        if topic is None or entry is None:
             continue
         begin, end = min(begin, message.publish_ns), max(end, message.publish_ns)
         if names.setdefault(topic, message.channel.topic) != message.channel.topic:
@@ -131,19 +143,36 @@ def read_signals(run: Path) -> LogSignals:
             speed = max(speed, float(decode_trajectory(message.data).velocity.max(initial=0.0)))
         elif topic == "train/measurement" and number % SPEED_EVERY == 0:
             speed = max(speed, float(np.abs(_content(message).velocity[:1]).max(initial=0.0)))
-        if topic not in joints and message.schema.name == "sensor_msgs/msg/JointState":
+        if topic not in joints and message.schema.name == JOINT_STATE:
             joints[topic] = tuple(_content(message).name)
+        elif topic not in states and entry.has_states:
+            states[topic] = _states(message)
     if not names:
         raise ValueError(f"{path}: has no message of a run; name the log of a run of train_ato")
-    return LogSignals(path, begin, end, names, joints, reports, statuses, scene, speed)
+    return LogSignals(path, begin, end, names, joints, states, reports, statuses, scene, speed)
 
 
 def _content(message: RawMessage) -> Any:
     return typestore().deserialize_cdr(message.data, message.schema.name)
 
 
+def _states(message: RawMessage) -> dict[str, Signal]:
+    """Return the values of the first status by key."""
+    found = {}
+    for status in _content(message).status[:1]:
+        for index, pair in enumerate(status.values):
+            field, series = f"status[0].values[{index}].value", _series(message, status, pair.key)
+            found[pair.key] = Signal(message.channel.topic, field, series=series)
+    return found
+
+
+def _series(message: RawMessage, status: Any, key: str) -> str:
+    """Return the name of a value of a status in PlotJuggler."""
+    return "/".join(part for part in (message.channel.topic, status.hardware_id, status.name, key) if part)
+
+
 def _add_reports(reports: dict[str, dict[str, str]], statuses: dict[str, tuple[str, str]], message: RawMessage) -> None:
-    """Add the keys with numbers; PlotJuggler names them by hardware, status and key."""
+    """Add the keys with numbers."""
     for status in _content(message).status:
         node = node_of(status.name)
         statuses[node] = status.hardware_id, status.name
@@ -152,8 +181,7 @@ def _add_reports(reports: dict[str, dict[str, str]], statuses: dict[str, tuple[s
                 float(pair.value)
             except ValueError:
                 continue
-            parts = (message.channel.topic, status.hardware_id, status.name, pair.key)
-            reports.setdefault(node, {})[pair.key] = "/".join(part for part in parts if part)
+            reports.setdefault(node, {})[pair.key] = _series(message, status, pair.key)
 
 
 BLUE, ORANGE, GREEN, PURPLE, SKY, RED, BLACK, GREY = (
@@ -271,12 +299,16 @@ def _pressures(log: LogSignals) -> Wanted:
 
 
 def _ato(log: LogSignals) -> Wanted:
-    yield log.joint("ato/state", FIXED_NAMES[Owner.ATO][0], "effort"), "state of the ATO", BLUE
+    signal = log.state("ato/state", "ato_state", "ato", "effort")
+    if signal is not None and signal.series:
+        signal = replace(signal, field="status[0].message")  # its name, for the transitions of Foxglove
+    yield signal, "state of the ATO", BLUE
 
 
 def _brakes(log: LogSignals) -> Wanted:
     for name, color in zip(FIXED_NAMES[Owner.BRAKE_LINE], (ORANGE, PURPLE, BLACK), strict=True):
-        yield log.joint("train/protection", name, "position"), name.replace("_", " "), color
+        signal = log.state("train/protection", f"{name}_active", name, "position")
+        yield signal, name.replace("_", " "), color
 
 
 def _all(log: LogSignals, topic: str, label: str, color: str) -> Wanted:

@@ -59,7 +59,9 @@ def plotjuggler_layout(log: LogSignals, target: Path) -> str:
 
 
 def series_name(signal: Signal) -> str:
-    """Return the name of a signal in PlotJuggler: entries of a JointState by their names."""
+    """Return the name of a signal in PlotJuggler: entries of a JointState by names, values of a status by keys."""
+    if signal.series:
+        return signal.series
     parts = (signal.topic, signal.joint, signal.field.replace(".", "/"))
     return "/".join(part for part in parts if part)
 

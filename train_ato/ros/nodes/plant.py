@@ -58,7 +58,7 @@ class AheadWatch:
         return [] if self._radio.latest >= 0 or self._ended else [f"a report on {self._topic}"]
 
     def _on_report(self, report: TrainAhead) -> None:
-        if np.isnan(report.time[0]):
+        if np.isnan(report.position[0]):
             self._ended = True
         else:
             self._radio.put(report)
