@@ -145,8 +145,8 @@ class OpenLoopDriver(GuardedLaw):
         Raises
         ------
         ValueError
-            If a power unit has no notches, or an action falls behind the one before it or needs a notch, a unit, a
-            brake or a place that train and line do not have.
+            If a power unit has no notches, if an action falls behind the one before it, or if an action needs a notch,
+            a unit, a brake or a place that train and line do not have.
         """
         super().bind(model, period)
         self._actions = _ACTIONS.validate_json(self.actions)

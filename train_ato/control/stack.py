@@ -77,7 +77,7 @@ class ControlStack:
     make_law
         Returns the law for name, parameters and period; None: a new one of the registry.
     jerk_limit
-        Largest jerk of a change of the law or of a takeover [m/s³], if that of the profile is larger.
+        Largest jerk of a change of the law or of a takeover [m/s³], if the jerk of the profile is larger.
 
     Attributes
     ----------
@@ -185,10 +185,11 @@ class ControlStack:
     def swap(self, name: str, parameters: Mapping[str, Any]) -> None:
         """Change the law or its parameters without a jump of the force.
 
-        The new law takes over in the state of the run, see :class:`train_ato.control.contract.Law`. Its demand follows
-        from the last command on, with the largest change of :mod:`train_ato.control.takeover`; after the braking law
-        with that of its takeover. The reference of another law joins the profile from the state of the train on; with
-        other parameters of the same law it does not change, because the errors are those that the law has itself.
+        The new law takes over in the state of the run, see :class:`train_ato.control.contract.Law`. Its demand begins
+        at the last command and changes at most as :mod:`train_ato.control.takeover` permits. After the braking law the
+        change of its takeover applies. The reference of another law begins in the state of the train and joins the
+        profile. With other parameters of the same law the reference does not change, because the errors are those of
+        this law.
 
         Raises
         ------

@@ -57,9 +57,9 @@ def largest_change(model: TrainModel, jerk: float) -> Array:
 class TakeoverRamp:
     """Demand of the power units from the present force to the brake.
 
-    The largest change is that of the jerk, at least the one that reaches the first wanted demand within
-    ``TRANSITION_TIME``: the brake of a heavy train with a smooth profile must not take a minute. It is larger still if
-    a limit demands it.
+    The largest change follows from the jerk. It is at least large enough to reach the first wanted demand within
+    ``TRANSITION_TIME``, because the brake of a heavy train with a smooth profile must not take a minute. It is larger
+    still if a limit demands it.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ class LawTransition:
     lasting : int
         Ticks of ``TRANSITION_TIME``.
     beyond : Array, shape (units,), or None
-        Difference of the demand of the law from the force of the profile at the begin of an early change [N].
+        Difference between the demand of the law and the force of the profile at the begin of an early change [N].
     ended : bool
         True after the demand of the law has been reached.
     """
@@ -156,9 +156,10 @@ class LawTransition:
     def early(self, last: Array, wanted: Array, moves: Array, ticks: int) -> Array:
         """Return the part of the largest change that a demand takes now, before a corner of the profile, -1 ... 1.
 
-        The wanted force changes faster than the largest change at a corner, for example at a departure. The speed that
-        a unit gains before the corner by an early change is half of that which it lacks afterwards, until it has caught
-        up: its speed is then as much too high at the corner as too low in the end, which is the least largest error.
+        At a corner, for example at a departure, the wanted force changes faster than the largest change. An early
+        change gains speed before the corner. This gain is half of the speed that the unit lacks afterwards until it has
+        caught up. The speed is then as much too high at the corner as it is too low in the end. This makes the largest
+        error smallest.
 
         Parameters
         ----------
@@ -235,11 +236,11 @@ class LawTransition:
 class JoinedReference:
     """Reference of a new law: it begins in the present state of the train and joins the profile without a jump.
 
-    A law that leaves a position error to its successor would else be followed by a speed error that neither of them has
-    alone. The difference from the profile is the sum of two cubics of the time, one with the error of the position at
-    its begin, one with that of the speed, up to the size that keeps ``JOINING_SPEED`` over ``JOINING_TIME``. Both are 0
-    with slope 0 at their ends, that of the speed after ``JOINING_TIME``. The speed of the other one is largest in its
-    middle, 1.5 times position over time, so it lasts as long as there is time, at most ``MAX_JOINING``.
+    Without this a law that leaves a position error to its successor would cause a speed error that neither law has
+    alone. The difference from the profile is the sum of two cubics of the time. One begins with the error of the
+    position, the other with the error of the speed, up to the size that keeps ``JOINING_SPEED`` over ``JOINING_TIME``.
+    Both end at 0 with slope 0. The cubic of the speed ends after ``JOINING_TIME``. The speed of the other cubic is
+    largest in its middle, 1.5 times position over time. So it lasts as long as there is time, at most ``MAX_JOINING``.
 
     With its errors the new law would lose the force that the old law had found in them, for example against a wind. It
     is in the disturbance of the inputs, and fades as the errors come back.
@@ -253,7 +254,7 @@ class JoinedReference:
     profile
         The speed profile: the difference ends before its next standstill.
     lasting : Array, shape (units,)
-        Force that the old law added lastingly to that of the nominal train and to that of the observer [N].
+        Force that the old law added to the nominal train and to the observer and that lasts [N].
     """
 
     def __init__(self, inputs: LawInput, share: Array, profile: ProfileLike, lasting: Array) -> None:

@@ -57,8 +57,8 @@ class KeptSamples:
     Parameters
     ----------
     folder
-        Folder of the file, with room for the log of the run; None, or one that cannot be written: that of temporary
-        files. If there is no room, the samples stay in memory.
+        Folder of the file, with room for the log of the run. With None, or with a folder that cannot be written, the
+        file is in the folder of temporary files. If there is no room, the samples stay in memory.
     """
 
     def __init__(self, folder: Path | None = None) -> None:

@@ -41,10 +41,10 @@ JERK_SPAN = 0.1
 def summarise(setup: RunSetup, recording: Recording) -> dict[str, Any]:
     """Return the metrics of a run from its series and the totals of the plant.
 
-    Without diagnostics of the plant, energies and saturation are omitted and coupler forces are those at the ticks.
-    Errors are v - v_d of the true state at the same stamp, at every tick from the first motion of train or reference to
-    the end of the evaluation, with ``run`` in the key to the end of the run: of vehicle 0, or with several power units
-    the mean over units for rms and the maximum over units for maxima.
+    Without diagnostics of the plant, energies and saturation are omitted, and coupler forces are those at the ticks.
+    Errors are v - v_d of the true state at the same stamp. They count at every tick from the first motion of train or
+    reference to the end of the evaluation. Metrics with ``run`` in the key count to the end of the run. Errors are
+    those of vehicle 0. With several power units rms uses the mean over the units, and a maximum uses the largest unit.
     """
     part = evaluated_ticks(setup, recording)
     whole_error = speed_errors(recording, slice(part.start, None))

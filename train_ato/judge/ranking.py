@@ -45,9 +45,9 @@ def standings(comparisons: Sequence[Sequence[Metrics]]) -> list[dict[str, Any]]:
     Returns
     -------
     list of dict
-        ``law``, ``runs``, ``passed``, ``tracked``, ``first`` and ``refused``: numbers of comparisons; ``rank``: mean
-        place among the laws with a run, from 1; ``speed_rmse_kmh``: median, ``stop_error_m``: largest magnitude, of the
-        tracked runs.
+        ``law``. ``runs``, ``passed``, ``tracked``, ``first`` and ``refused`` are numbers of comparisons. ``rank`` is
+        the mean place among the laws with a run, from 1. ``speed_rmse_kmh`` is the median and ``stop_error_m`` the
+        largest magnitude of the tracked runs.
     """
     rows: dict[str, dict[str, Any]] = {}
     places: dict[str, list[int]] = {}

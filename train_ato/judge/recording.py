@@ -112,9 +112,9 @@ def _of_reference(place: int) -> _kept[Array]:
 class Recording:
     """One run; k complete ticks, u power units, n vehicles.
 
-    A complete tick has measurement and motion at its begin, and a command or motion at its end; in a log without truth
-    it has measurement, reference and command of one stamp.  A tick without a command holds the last one, a tick
-    without a reference has that of the last profile.
+    A complete tick has measurement and motion at its begin, and a command or motion at its end. In a log without truth
+    it has measurement, reference and command of one stamp. A tick without a command keeps the last one. A tick without
+    a reference has the reference of the last profile.
 
     Attributes
     ----------

@@ -4,14 +4,14 @@ Series of the signals of requirements, from a recording; names, units and meanin
 
 Robustness of a formula over sampled signals: margin to the change of its truth value, in SI units.
 
-Quantitative semantics of A. Donzé and O. Maler, "Robust satisfaction of temporal logic over real-valued signals",
-FORMATS 2010, at the samples of a run: a comparison has the difference of its sides, ``and`` and ``G`` the minimum,
-``or`` and ``F`` the maximum, ``not`` the negative. A window is cut at the ends of the run; in an empty one ``G`` is
-infinitely true and ``F`` infinitely false.
+The semantics are quantitative (A. Donzé and O. Maler, "Robust satisfaction of temporal logic over real-valued signals",
+FORMATS 2010) and use the samples of a run. A comparison has the difference of its sides. ``and`` and ``G`` have the
+minimum, ``or`` and ``F`` the maximum, and ``not`` the negative value. A window is cut at the ends of the run. In an
+empty window ``G`` is infinitely true and ``F`` infinitely false.
 
-A window of w samples takes log2(w) passes over the samples: the extreme of 2 m samples is that of two neighbouring
-extremes of m. A bounded until is ``l U[0,w] r = F[0,w] r and (l U r)``, so that it takes one pass more (A. Donzé,
-T. Ferrère and O. Maler, "Efficient robust monitoring for STL", CAV 2013).
+A window of w samples takes log2(w) passes over the samples, because the extreme of 2 m samples follows from two
+neighbouring extremes of m samples. A bounded until is ``l U[0,w] r = F[0,w] r and (l U r)``. It takes one pass more (A.
+Donzé, T. Ferrère and O. Maler, "Efficient robust monitoring for STL", CAV 2013).
 """
 
 import math
@@ -315,8 +315,8 @@ class Robustness:
     unit
         SI unit; "" for comparisons of different quantities.
     at_s
-        Time of the decisive margin [s]: the smallest one of ``G``, the largest one of ``F``, of a
-        connective that of the decisive part; None for others.
+        Time of the decisive margin [s]. ``G`` has the time of its smallest margin, ``F`` that of its largest, and a
+        connective that of its decisive part. None for others.
     """
 
     lower: float
@@ -380,7 +380,7 @@ def requirement_rows(setup: RunSetup, recording: Recording) -> list[dict[str, An
     """Return the rows of ``criteria`` in ``summary.json`` for the requirements of the scenario.
 
     A row has the name, ``metric``: ``robustness``, value [SI] (None if it is not known), limit 0, ``passed``, the
-    formula, the unit, and time and place of the decisive margin.
+    formula, the unit, and the time and place of the decisive margin.
     """
     rows = []
     for name, text in (setup.scenario.criteria.requirements or {}).items():

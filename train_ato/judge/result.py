@@ -46,8 +46,9 @@ def worst_places(setup: RunSetup, recording: Recording, metrics: Mapping[str, An
     Returns
     -------
     dict
-        A root mean square has the place of its largest error, a stop that of the standstill, a stop that was not made
-        that of the planned arrival, interventions that of the first one. A metric with the value 0 has no place.
+        A root mean square has the place of its largest error. A stop has the place of the standstill, or of the planned
+        arrival if it was not made. Interventions have the place of the first one. A metric with the value 0 has no
+        place.
     """
     return {
         metric: {"at_s": at_s, **place_of_front(setup, recording, at_s)}

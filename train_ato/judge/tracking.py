@@ -81,10 +81,10 @@ def sustained_oscillation(
 ) -> Oscillation | None:
     """Return the longest sustained oscillation of a series, None without one.
 
-    The swings between turning points are at least twice the amplitude and equal (``EQUALITY``), the period is regular
-    (``REGULARITY``), and the series after one period is similar to itself (``CORRELATION``), over at least ``PERIODS``
-    periods and ``min_duration``.  Noise has irregular periods and no correlation, a decaying oscillation
-    has too few swings.
+    The swings between turning points are at least twice the amplitude and equal (``EQUALITY``). The period is regular
+    (``REGULARITY``), and the series after one period is similar to itself (``CORRELATION``). This lasts at least
+    ``PERIODS`` periods and ``min_duration``. Noise has irregular periods and no correlation. A decaying oscillation has
+    too few swings.
 
     Parameters
     ----------
@@ -559,11 +559,12 @@ def _saturated(run: EngagedRun) -> Iterator[TrackingFinding]:
 def time_at_force_limit(setup: RunSetup | None, recording: Recording) -> tuple[Array, Array] | None:
     """Return times [s] and the time at a force limit since the start [s], shape (k,) each; None without diagnostics.
 
-    The plant counts demands beyond the limits of the train, the controller commands at the limits of its model. A
-    command that the law or the controller has clipped is not beyond the limit of the train, and a limit of the train
-    below that of the model does not clip the command. Both counts are in the diagnostics once a second. In each of
-    these seconds the larger one counts, because a demand beyond both limits is in both. The count of the controller is
-    moved by the nominal delay of the command and a tick: it includes the step at its stamp.
+    The plant counts demands beyond the limits of the train. The controller counts commands at the limits of its model.
+    Neither count is complete. A command that the law or the controller has clipped is not beyond the limit of the
+    train, and a limit of the train below that of the model does not clip the command. Both counts are in the
+    diagnostics once a second. In each of these seconds the larger count is used, because a demand beyond both limits is
+    in both counts. The count of the controller is moved by the nominal delay of the command and a tick, because it
+    includes the step at its stamp.
     """
     plant = recording.reported("plant", "saturated")
     steps = recording.reported("controller", "saturated_steps")

@@ -42,8 +42,8 @@ class CriterionResult:
 class StopOfRun:
     """One stop of a run: place [km], arrival of the profile and of the train [s], delay [s], error [m].
 
-    Values of a stop that was not made are None; the error is > 0 beyond the target; ``post`` is the kilometre of a line
-    with a chainage.
+    The values of a stop that was not made are None. The error is > 0 beyond the target. ``post`` is the kilometre on a
+    line with a chainage.
     """
 
     km: float

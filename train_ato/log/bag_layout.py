@@ -18,7 +18,7 @@ _FOREVER = {"sec": 9223372036, "nsec": 854775807}
 
 
 def log_name(topic: Topic, resolved: str = "") -> str:
-    """Return the name of a topic in the log: the one in the graph, ``resolved``, if it ends with that of the table."""
+    """Return the name of a topic in the log: ``resolved`` (of the graph) if this ends with the name of the table."""
     return resolved if table_name(resolved) == topic.name else f"/{topic.name.lstrip('/')}"
 
 

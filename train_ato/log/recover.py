@@ -1,12 +1,12 @@
 """Recovery of a damaged log, or of the log of a killed run.
 
-Only data with a correct checksum are used: chunks are found by their pattern at any place and verified.  Schemas and
-channels come from such chunks, or from a summary with a correct checksum.  Every recovered message was therefore
-recorded.  Messages outside of chunks, as ``fastwrite`` of ``ros2 bag`` writes them, have no checksum of their own: of a
-file that breaks off, all whole records are used.
+Only data with a correct checksum are used. Chunks are found by their pattern at any place and verified. Schemas and
+channels come from such chunks, or from a summary with a correct checksum. So every recovered message was recorded.
+Messages outside of chunks, as ``fastwrite`` of ``ros2 bag`` writes them, have no checksum of their own. If such a file
+breaks off, all its whole records are used.
 
-``ros2 bag`` and ``rosbags`` open a bag by ``metadata.yaml`` and refuse a log without it, or with that of another log:
-beside an undamaged log it is checked and repaired.
+``ros2 bag`` and ``rosbags`` open a bag by its ``metadata.yaml``. They refuse a log if this file is missing or belongs
+to another log. Therefore it is checked and repaired beside an undamaged log.
 """
 
 import mmap

@@ -39,7 +39,7 @@ class TableParts:
     path
         New temporary file.
     sorted_
-        Sort rows that are not in the order of time, of diagnostics of stamp and node; they are all in memory then.
+        Sort rows that are not in order: by time, and for diagnostics by node and stamp. They are then all in memory.
     """
 
     def __init__(self, path: Path, *, sorted_: bool = True) -> None:
@@ -164,10 +164,10 @@ def write_tables(
 ) -> tuple[list[Written], dict[str, str]]:
     """Write the table of every topic with messages in every format.
 
-    Parquet keeps the index, with the unit of every column as metadata of its field; CSV has a row of names and the
-    shortest exact text of numbers; missing values are empty.  The memory is that of a few parts of the tables, which
-    are in a temporary file until the columns of all are known; only a topic that is not in the order of time, or of
-    diagnostics of their stamps, is in memory as a whole.
+    Parquet keeps the index, and the metadata of its fields has the unit of every column. CSV has a row of names and the
+    shortest exact text of numbers. Missing values are empty. The memory is that of a few parts of the tables. The other
+    parts are in a temporary file until the columns of all parts are known. A topic that is not in the order of time
+    (diagnostics: of their stamps) is in memory as a whole.
 
     Parameters
     ----------

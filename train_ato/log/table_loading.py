@@ -95,8 +95,8 @@ def load(
     Raises
     ------
     ValueError
-        One line: a missing log, the log of a killed run (``train-ato recover`` makes it readable), a damaged log, or
-        a topic that is not in it.
+        One line: a missing log, the log of a killed run (``train-ato recover`` makes it readable), a damaged log, or a
+        topic that the log does not have.
     """
     return TableReader(run, topics, progress).frames()
 
@@ -144,8 +144,8 @@ class TableReader:
     def parts(self) -> Iterator[tuple[str, pd.DataFrame]]:
         """Read the log and yield its tables in parts of some thousand rows, with their names in the log.
 
-        Values of diagnostics are texts, and the index of a topic that is not in the topic table is publish time [ns].
-        The order of rows is that of the log, of diagnostics that of their stamps if none is later than others by
+        Values of diagnostics are texts. A topic that is not in the topic table has publish time [ns] as index. The rows
+        have the order of the log. Diagnostics have the order of their stamps, if no message is later than others by
         :data:`LATE_NS`.
         """
         reports: dict[str, list[Diagnostic]] = {}

@@ -392,8 +392,8 @@ def in_order(table: pd.DataFrame) -> pd.DataFrame:
 def foreign_table(messages: TopicMessages) -> pd.DataFrame:
     """Return the table of a topic that is not in the topic table, over publish time [ns since 1970].
 
-    Nested fields are joined by ``_``; entries of arrays are numbered, those of a JointState have their names; stamps
-    are integers [ns].  Columns have no units, because the message types do not define them.
+    Nested fields are joined by ``_``. Entries of arrays are numbered, and entries of a JointState have their names.
+    Stamps are integers [ns]. Columns have no units, because the message types do not define them.
     """
     import pandas as pd
 

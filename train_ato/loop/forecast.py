@@ -106,7 +106,7 @@ class Forecast:
 
 
 class SpanForecast:
-    """Feed-forward and shoe forces of the ticks of one span; the part of ticks that were not run can be taken back.
+    """Feed-forward and shoe forces of the ticks of one span; those of ticks that were not run can be taken back.
 
     Attributes
     ----------

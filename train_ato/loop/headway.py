@@ -1,12 +1,12 @@
 """Profile behind the train ahead: where that train was one headway before.
 
 The train ahead at a time s gives the place of the train at s + headway. The deviation of these places from the own
-profile is averaged with the weight (1 - u²)³ over the smoothing time on both sides; it is known in time because the
-headway is longer. The profile is the own one plus this deviation. A jump of the reported place at a balise therefore
-becomes a smooth motion, and what the own profile has already is not averaged. Beyond the newest report the deviation
-stays. The train is at most a few metres before its own profile, also if the train ahead runs on. Near a stop of the
-own profile the deviation fades to 0: the train stops at its own place. A new profile begins at the present one and
-passes over to the deviation of the new reports within the smoothing time.
+profile is averaged over the smoothing time on both sides, with the weight (1 - u²)³. It is known in time because the
+headway is longer. The profile is the own profile plus this deviation. So a jump of the reported place at a balise
+becomes a smooth motion, and the parts of the own profile are not averaged. Beyond the newest report the deviation
+stays. The train is at most a few metres ahead of its own profile, also if the train ahead drives on. Near a stop of the
+own profile the deviation fades to 0, so that the train stops at its own place. A new profile begins at the present
+profile. Within the smoothing time it changes to the deviation of the new reports.
 """
 
 from __future__ import annotations

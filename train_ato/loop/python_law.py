@@ -27,8 +27,9 @@ MAX_CALLS_NS = 200_000_000
 class PythonCall(ABC):
     """Call of a part of a tick in Python, with the attributes of a step over records.
 
-    An exception, and an output with another effect than a force (a pressure, a repeated force, an invalid force), are
-    kept: the tick is left to Python, where the stages use them in place of a second call.
+    A call can end with an exception, or with an output that is not only a force: a pressure, a repeated force or an
+    invalid force. Its result is kept, and the tick is left to Python. There the stages use the result and make no
+    second call.
 
     Parameters
     ----------

@@ -356,8 +356,8 @@ def span_ticks(arguments):
 def run_span(arguments):
     """Run consecutive ticks until a tick that is left to Python; return the number of ticks run since row 0.
 
-    The rows of the call are in ``counts``. If a row follows, its tick is run up to the inputs of the law, whose force
-    the next call brings; ``counts`` says so, and that law leaves no tick.
+    The rows of the call are in ``counts``. If a row follows, its tick is run up to the inputs of the law. The next call
+    brings the force of this law. ``counts`` says so, and such a law leaves no tick.
 
     All arrays are changed in place. Outputs have one row per tick: ``truth`` (ticks, 4, vehicles) with position, speed,
     coupler and shoe force of the vehicles ``shown``, ``measured``, ``couplers``; ``sent`` and ``at_limit`` begin with

@@ -1,13 +1,13 @@
 """Reports of the train ahead as they arrive, and the moving end of authority of the supervisor.
 
-Rules of a receiving end: a report that is repeated or older than the newest one, invalid, or further from it than a
-train can move, is refused and counted; the newest accepted one remains in effect.  The first report is known at the
-start of the run.
+Rules of a receiving end: a report is refused and counted if it is invalid, if it is repeated or older than the newest
+report, or if it is further from it than a train can move. The newest accepted report remains in effect. The first
+report is known at the start of the run.
 
-Rules of the end of authority: it is the safe rear of the newest report, less a margin; with relative braking distance
-plus the shortest stop of the train ahead.  Without a new report it stays, and is never extended.  A report older than
-the timeout loses its shortest stop, because nothing then shows that the train ahead still brakes by its own brakes.  A
-nearer end acts at once.  It is never beyond the end of authority of the own stop.
+Rules of the end of authority: it is the safe rear of the newest report, less a margin. With relative braking distance
+the shortest stop of the train ahead is added. Without a new report the end stays and is never extended. A report older
+than the timeout loses its shortest stop, because nothing then shows that the train ahead still brakes by its own
+brakes. A nearer end acts at once. The end is never beyond the end of authority of the own stop.
 """
 
 from bisect import bisect_right

@@ -4,8 +4,9 @@ Equal messages have equal bytes (rclpy leaves padding uninitialised).  Decoding 
 
 Messages of fixed length as records: one numpy type for each topic of a run.
 
-The messages of a topic have the same names and lengths and differ only in stamp and numbers.  The type has the places
-of these in the CDR bytes: a message, the messages of many ticks and a block of the log are arrays of it.
+The messages of a topic have the same names and lengths. They differ only in stamp and numbers. The type has the places
+of stamp and numbers in the CDR bytes. A message, the messages of many ticks and a block of the log are arrays of this
+type.
 """
 
 import dataclasses

@@ -109,7 +109,7 @@ class ReorderFault(_TopicFault):
 class InsertFault(_TopicFault):
     """Insertion: before every message a foreign one arrives.
 
-    Its content is that of the last message before the fault; its stamp is ``ahead`` of the true one.
+    Its content is that of the last message before the fault. Its stamp is later than the true stamp by ``ahead``.
     """
 
     do: Literal["insert"] = "insert"

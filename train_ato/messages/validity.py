@@ -41,9 +41,9 @@ class AliveCheck:
 def validity_check(topic: Topic) -> Callable[[Any], str]:
     """Return a function that returns the problem of a message of a topic as text, "" for a valid message.
 
-    A value is valid if it is one of the permitted values of its field, or within :data:`MAX_MAGNITUDES` of its unit.
-    In a topic with ``finite=False`` a value without permitted ones may be NaN.  All readers of a topic have one
-    function; it checks a message once for consecutive readers, which do not change it.
+    A value is valid if it is one of the permitted values of its field, or within :data:`MAX_MAGNITUDES` of its unit. In
+    a topic with ``finite=False`` a value without permitted ones may be NaN. All readers of a topic share one function.
+    It checks a message once for consecutive readers, which do not change it.
     """
     fields = []
     for place in topic.places:

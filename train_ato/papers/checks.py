@@ -253,7 +253,7 @@ def printed_forms_table(forms: Sequence[PrintedForm]) -> CaseTable:
 
 
 def errors(result: Result, begin: float = 0.0) -> str:
-    """Return the errors of a run from ``begin`` [s] on, those of the speed while moving, or the reason of its failure.
+    """Return the errors of a run after ``begin`` [s], or the reason of its failure; speed errors only while moving.
 
     Returns
     -------

@@ -1,8 +1,8 @@
 """Reference profile of a long train: a simulated driver on the nominal multi-mass train.
 
-A plan for a rigid train cannot be followed by a long one: couplers and slack need forces that the locomotive does not
-have.  The reference of the heavy-haul scenario is therefore a simulated run of the nominal train with small force
-changes, its speed averaged over time (paper 000 uses a recorded run of an expert driver).
+A long train cannot follow a plan for a rigid train, because couplers and slack need forces that the locomotive does not
+have. The reference of the heavy-haul scenario is therefore a simulated run of the nominal train with small force
+changes. Its speed is averaged over time (paper 000 uses a recorded run of an expert driver).
 """
 
 import math

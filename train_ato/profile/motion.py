@@ -1,9 +1,9 @@
 """Motion in pieces of constant jerk, sampled to the knots of a profile.
 
-A change of speed within a speed-dependent acceleration limit is solved in the plane of speed and ``y = a²/2``: since
-dy/dv = da/dt, a jerk limit is a limit on the slope of y.  The fastest change is the largest curve below ``a_max(v)²/2``
-with that slope; one pass in each direction finds it.  Between two grid points y is linear in v, so every cell is a
-piece of constant jerk and is integrated exactly.
+A change of speed within a speed-dependent acceleration limit is solved in the plane of speed and ``y = a²/2``. There a
+jerk limit is a limit on the slope of y, because dy/dv = da/dt. The fastest change is the largest curve below
+``a_max(v)²/2`` with that slope. One pass in each direction finds it. Between two grid points y is linear in v, so that
+every cell is a piece of constant jerk and is integrated exactly.
 
 Profiles from phases: accelerate, cruise, brake, stop at a place.
 

@@ -243,8 +243,8 @@ class PlanStart:
     air_brake_acts : bool
         True while the air brake acts.
     departs : bool
-        True for a train at standstill without hauled vehicles: it may take up the acceleration of the reference at
-        once, and the largest jerk is that of its catching up.
+        True for a train at standstill without hauled vehicles. It may reach the acceleration of the reference at once.
+        The largest jerk then applies only while it catches up.
     """
 
     required: Array

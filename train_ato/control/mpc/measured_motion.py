@@ -1,8 +1,8 @@
 """Motion of a train relative to its reference, from measured state and force, with disturbance and error of the mass.
 
-The force between two samples is that of the actuators; the resistance is that of the model at the measured state, or
-that of a simulated train with the difference of the running resistance. The observer of a train with hauled vehicles is
-derived in `msgs_docs/mpc_derivation.md`.
+The force between two samples is the force of the actuators. The resistance is that of the model at the measured state,
+or that of a simulated train with the difference of the running resistance. `msgs_docs/mpc_derivation.md` derives the
+observer of a train with hauled vehicles.
 """
 # mypy: allow-untyped-defs
 

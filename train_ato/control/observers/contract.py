@@ -64,10 +64,10 @@ class ObserverInput:
 class Observer(Protocol):
     """A disturbance observer.
 
-    ``Parameters`` is a frozen dataclass whose fields are declared by
-    :func:`train_ato.control.contract.parameter`. The constructor takes the parameters, the model of the train and the
-    tick [s]; it raises :class:`ValueError` with the reason if the observer cannot work on that train. The form with
-    keyword parameters is that of a law (:mod:`train_ato.control.contract`, ``examples/my_observer.py``).
+    ``Parameters`` is a frozen dataclass. :func:`train_ato.control.contract.parameter` declares its fields. The
+    constructor takes the parameters, the model of the train and the tick [s]. It raises :class:`ValueError` with the
+    reason if the observer cannot work on that train. The form with keyword parameters is the same as for a law
+    (:mod:`train_ato.control.contract`, ``examples/my_observer.py``).
 
     The loop passes on every measurement, also an invalid one (NaN);
     :class:`train_ato.control.observers.record_observer.GuardedObserver` repeats the last estimate then.

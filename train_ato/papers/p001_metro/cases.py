@@ -1,8 +1,8 @@
 """Runs of the metro train for paper 001: its own setting, and one with lag 0.4 s and delay 0.3 s.
 
-The gains of the laws of this project were chosen on `disturbed` and on the same with a true lag of 0.45 s and delay of
-0.4 s; the mismatch, the slower actuator and the delay of 1 s are held out.  The PID gains are from an independent
-optimisation.
+The gains of the laws of this project were chosen on two runs: `disturbed`, and the same with a true lag of 0.45 s and a
+delay of 0.4 s. The mismatch, the slower actuator and the delay of 1 s are held out. The PID gains are from an
+independent optimisation.
 """
 
 from collections.abc import Mapping

@@ -1,6 +1,6 @@
 """Accuracy of the cascaded observer of paper 002 and of other observers, at any sampling time.
 
-The train of `freight_consensus:aligned` runs once; then every observer gets the same measurements. The true values are
+The train of `freight_consensus:aligned` runs once. Then every observer gets the same measurements. The true values are
 those of the paper: d1 (speed offset), d2 (acceleration, with the effect of the offsets on the coupler damping, (5)) and
 d1'.
 """

@@ -1,7 +1,7 @@
 """Runs of the CRH380A as one mass for paper 003: some on 286 km, the others shorter with the same phases.
 
-The largest errors of both occur in the same phases; those of the printed law also depend on the length of the run,
-since its funnel narrows over hours.
+The largest errors of both occur in the same phases. The errors of the printed law also depend on the length of the run,
+because its funnel narrows over hours.
 """
 
 from collections.abc import Mapping

@@ -258,8 +258,8 @@ WINDOW = 10.0
 def command_oscillation(recording: Recording, begin: float) -> tuple[float, float, float]:
     """Return amplitude [kN], period [s] and variation [kN/s] of the command of the train at constant speed.
 
-    The longest interval of constant speed after a time is evaluated: half of the range of the command, crossings of
-    its mean over 10 s, and sum of its changes over the time.
+    The longest interval of constant speed after a time is evaluated. The values are half of the range of the command,
+    the crossings of its mean over 10 s, and the sum of its changes over the time.
 
     Raises
     ------

@@ -1,14 +1,14 @@
 """Switching curves of the energy-optimal run by dynamic programming.
 
-The run with minimum net energy in a given time minimises energy + price x time for some price of time.  The value
-V(s, E) of that sum from place s with E = v²/2 to the end satisfies Bellman's equation.  A small increase of E at s
-reduces the remaining cost by -dV/dE; by traction it costs 1 / efficiency, and the electric brake recovers a share of
-it.  Traction is optimal below the speed at which -dV/dE is 1 / efficiency, the electric brake above the speed at which
-it is the recovered share; between them the train coasts.  These speeds over the place are the switching curves.  They
-are the complete optimal feedback, because friction brakes only keep limits (Howlett and Pudney, "Energy-Efficient
-Train Control", 1995; with recovery: Scheepmaker, Goverde and Kroon, European Journal of Operational Research 257,
-2017).  On a level line the first is a constant cruise with coasting before a stop; it decreases before a steep descent,
-so that the descent needs no braking, and increases before a climb.
+The run with minimum net energy in a given time minimises energy + price x time for some price of time. V(s, E) is the
+value of this sum from place s with E = v²/2 to the end. It satisfies Bellman's equation. A small increase of E at s
+reduces the remaining cost by -dV/dE. By traction the increase costs 1 / efficiency, and the electric brake recovers a
+share of it. Traction is optimal below the speed at which -dV/dE is 1 / efficiency. The electric brake is optimal above
+the speed at which -dV/dE is the recovered share. Between them the train coasts. These speeds over the place are the
+switching curves. They are the complete optimal feedback, because friction brakes only keep limits (Howlett and Pudney,
+"Energy-Efficient Train Control", 1995; with recovery: Scheepmaker, Goverde and Kroon, European Journal of Operational
+Research 257, 2017). On a level line the first speed is a constant cruise, and the train coasts before a stop. The speed
+decreases before a steep descent, so that the descent needs no braking, and increases before a climb.
 
 All energies are divided by the inertia.  All compiled code of the value is in this file, because numba's cache detects
 changes of this file only.
@@ -56,8 +56,8 @@ class EnergyWeights:
 class CoarseGrid:
     """A section on a coarse grid for the dynamic programming.
 
-    One half of the cells is shared out by the distance, the other half by the change of the ceiling along its braking
-    curves: a line with many limits has its cells where the limits change.
+    The distance determines one half of the cells. The change of the ceiling along its braking curves determines the
+    other half. So a line with many limits has its cells where the limits change.
 
     Parameters
     ----------

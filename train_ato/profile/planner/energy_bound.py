@@ -1,14 +1,15 @@
 """Lower bound of the net energy of a timetable: the certificate of a plan.
 
-For a run with E = v²/2 over the place s, traction or brake force u (divided by the inertia) and resistance r(E) + g(s)
-the motion is dE/ds = u - r(E) - g(s) and the time T = int ds / sqrt(2 E).  With a = 1 / efficiency, the recovered share
-c and the electric brake b(E) the net energy is W = int a max(u, 0) - c min(max(-u, 0), b(E)) ds, without auxiliaries.
+A run has E = v²/2 over the place s, the traction or brake force u (divided by the inertia) and the resistance r(E) +
+g(s). Its motion is dE/ds = u - r(E) - g(s), and its time is T = int ds / sqrt(2 E). Let a be 1 / efficiency, c the
+recovered share, and b(E) the electric brake. Without auxiliaries the net energy is W = int a max(u, 0) - c min(max(-u,
+0), b(E)) ds.
 
-The bound holds for every continuous, piecewise linear function m(s) >= 0 and every price of time p >= 0.  With the
-largest traction t(E) each feasible u <= t(E) has an energy of at least m u - max(m - a, 0) t(E) - max(c - m, 0) b(E):
-for u >= 0 the difference without the last term is (a - m)(u - t) >= 0 if m > a and (a - m) u >= 0 otherwise, for u < 0
-without the second one it is m |u| - c min(|u|, b) + max(c - m, 0) b >= 0.  With u from the motion and integration by
-parts over a section, T at most the time T* of the timetable::
+The bound holds for every continuous, piecewise linear function m(s) >= 0 and every price of time p >= 0. t(E) is the
+largest traction. Each feasible u <= t(E) has an energy of at least m u - max(m - a, 0) t(E) - max(c - m, 0) b(E). For u
+>= 0 the difference without the last term is (a - m)(u - t) >= 0 if m > a, and (a - m) u >= 0 otherwise. For u < 0 the
+difference without the second term is m |u| - c min(|u|, b) + max(c - m, 0) b >= 0. The next line takes u from the
+motion and integrates by parts over a section. T is at most the time T* of the timetable::
 
     W >= W + p (T - T*)
       >= [m E] + int m g ds + int (-m' E + m r(E) - max(m - a, 0) t(E) - max(c - m, 0) b(E) + p / sqrt(2 E)) ds - p T*
