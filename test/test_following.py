@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from end_law import SeesTheEnd
 from span_runs import Both
 
 import train_ato as ta
@@ -34,6 +35,8 @@ from train_ato.loop.headway import HeadwayProfile
 from train_ato.loop.train_ahead import MovingAuthority, ReportReceiver
 from train_ato.scenario.following import load_following
 from train_ato.scenario.setup import RunSetup
+from train_ato.supervision.limits import BrakingTarget
+from train_ato.supervision.odometry import motion_estimate
 from train_ato.supervision.train_report import (
     ShortestStop,
     TrainReport,
@@ -429,6 +432,48 @@ def test_a_train_stops_behind_a_leader_that_stops(leader_stops: str, authority: 
     rear = reports[-1].rear if leader_stops == "stands" else float(columns(ahead)[2][-1])
     assert own.recording.front_velocity[-1] < 0.01
     assert 0.0 < rear - front < 200.0
+
+
+def end_ahead(**changes: Any) -> tuple[Run, SeesTheEnd]:
+    """Return a train of 60 s behind a leader that brakes to a stop, and its law."""
+    profile = {**METRO["profile"], "phases": [*CRUISE[:1], {"cruise_until": 900}, *CRUISE[2:]]}
+    ahead = ta.run({
+        **METRO, "duration": 60, "profile": {**profile, "since": 60},
+        "interventions": [{"at": 5.0, "do": "emergency_brake"}],
+    })  # fmt: skip
+    leader = {"reports": reports_text(train_reports(ahead.recording, ahead.setup)), "link": {"delay": 0.8}}
+    law = SeesTheEnd(**changes)
+    only = {"enabled": True, "assurance": False}
+    own = {**METRO, "duration": 100, "profile": {**profile, "since": 30}, "leader": leader, "supervision": only}
+    return ta.run(own, law=law), law
+
+
+@pytest.mark.parametrize(("sees", "interventions"), [(True, 0), (False, 1)])
+def test_a_law_that_sees_the_moving_end_stops_before_it(*, sees: bool, interventions: int) -> None:
+    """Fails if the lookahead has no moving end: such a law ends in the supervisor."""
+    own, _ = end_ahead(sees=sees)
+    assert own.metrics["brake_interventions"] == interventions
+    assert own.recording.front_velocity[-1] < 0.05
+
+
+def test_the_end_of_the_lookahead_is_that_of_the_supervisor() -> None:
+    """Fails if place or speeds of the lookahead are not those of the safe rear, or if only the line is in them.
+
+    By hand: the safe rear less 10 m, less 5 m and 5 % of the distance since the balise, less half a vehicle.
+    """
+    own, law = end_ahead()
+    track, half = own.setup.supervisor().track, own.setup.consist.vehicles[0].length / 2.0
+    rear, spacing = own.setup.leader_reports[-1].rear, own.setup.plant.odometry.balise_spacing
+    end = rear - own.setup.scenario.leader.rear_margin  # type: ignore[union-attr]
+    t, place_max = law.seen[-1][:2]
+    assert t > 95.0
+    assert place_max == pytest.approx(end - 5.0 - 0.05 * (end % spacing) - half, abs=1e-9)
+    track.move_end(BrakingTarget(end, kind="EOA"))
+    for _, _, place, _, limit, _ in law.seen[-300::50]:
+        front = place + half
+        permitted = track.evaluate(front, motion_estimate(0.0, 0.0, front % spacing)).permitted
+        line = own.setup.line.restricted_limits
+        assert limit == pytest.approx(min([permitted, *(each.speed for each in line)]), abs=1e-9)
 
 
 def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:

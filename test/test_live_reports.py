@@ -29,8 +29,14 @@ from train_ato.messages.types import TrainAhead
 from train_ato.scenario.following import load_following
 from train_ato.scenario.setup import RunSetup
 
-CHANGES = ("t1.duration=30", "t2.duration=45", "t2.leader.link.delay=0.8", "t2.leader.link.loss=0.3")
-"""The train behind is on its way for longer than the train ahead; a third of the reports is lost."""
+CHANGES = (
+    "t1.duration=30", "t2.duration=45", "t2.leader.link.delay=0.8", "t2.leader.link.loss=0.3",
+    "t2.law=end_law:SeesTheEnd",
+)  # fmt: skip
+"""The train behind is on its way for longer than the train ahead, and sees its rear; a third of the reports is lost."""
+
+WITH_LAW = os.pathsep.join([str(Path(ta.__file__).parents[1]), str(Path(__file__).parent)])
+"""Search path of modules for a program that runs the law."""
 
 
 @pytest.fixture(scope="module")
@@ -82,7 +88,7 @@ def programs_of(
         words = ["run", str(path), f"--namespace=/{name}", f"--domain={domain}", f"--out={folder / name}", *more]
         programs[name] = subprocess.Popen(
             [sys.executable, "-m", "train_ato", *words, "--start-limit=none"],
-            env={**os.environ, "PYTHONPATH": str(Path(ta.__file__).parents[1])},
+            env={**os.environ, "PYTHONPATH": WITH_LAW},
             stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
         )  # fmt: skip
     try:
@@ -126,7 +132,7 @@ def test_view_and_scene_show_the_train_of_their_namespace(
                 wait_for(lambda: feed.frame is not None)
                 for space, law in {"t1": "smc", "t2": "lag_smc"}.items():
                     assert main(["param", f"law={law}", given, f"--namespace=/{space}"]) == 0
-                wait_for(lambda: feed.law != "pid")
+                wait_for(lambda: feed.law in ("smc", "lag_smc"))
                 assert feed.law == "lag_smc"
                 first = trains[0]["t2"]["train/vehicles"]["vehicle_0_position_m"].iloc[0]
                 assert abs(feed.frame.moment.position[0] - first) < 300.0  # t1 is 500 m before it
@@ -153,9 +159,10 @@ def test_two_programs_drive_as_one_train_after_the_other(trains: Any, tmp_path: 
 
 
 @pytest.mark.graph
-def test_one_command_starts_all_trains(trains: Any, tmp_path: Path) -> None:
+def test_one_command_starts_all_trains(trains: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Breaks if a figure of the common summary is not that of the trains one after the other."""
     pytest.importorskip("rclpy")
+    monkeypatch.setenv("PYTHONPATH", WITH_LAW)
     out = tmp_path / "out"
     words = [str(following_file(tmp_path)), "--live", f"--out={out}", *(f"--set={change}" for change in CHANGES)]
     assert main(["run", *words]) == 0

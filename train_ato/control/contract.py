@@ -15,6 +15,7 @@ Every field of input and output is described here once.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, ClassVar, Protocol
 
@@ -58,13 +59,17 @@ class Lookahead:
         Running and line resistance of the nominal train there, and the shoe force known from the brake-pipe commands
         so far [N], > 0 retards.
     speed_limit : Array, shape (h,)
-        Lowest speed limit of the line over the whole train with vehicle 0's centre there [m/s].
+        Lowest speed limit of the line over the whole train with vehicle 0's centre there [m/s]; behind a train ahead at
+        most the permitted speed of the supervisor up to the moving end of authority, 0 from there on.
     force_min, force_max : Array, shape (h, units)
         Limits of every unit there, at the speed of the reference, with neutral sections, power limits and adhesion of
         the line [N].
     simulated_force : Array, shape (k,), k <= h
         Total force of a simulated train on this reference [N] at the first of these times, until the last command takes
         effect. Empty if the compensation simulates no train.
+    position_max : float
+        Largest place of vehicle 0's centre before the moving end of authority, with the largest error of the odometer
+        [m]; infinite without a train ahead.
     """
 
     position: Array
@@ -75,6 +80,7 @@ class Lookahead:
     force_min: Array = field(default_factory=lambda: np.zeros((0, 0)))
     force_max: Array = field(default_factory=lambda: np.zeros((0, 0)))
     simulated_force: Array = field(default_factory=lambda: np.zeros(0))
+    position_max: float = math.inf
 
 
 NO_LOOKAHEAD = Lookahead(np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0))

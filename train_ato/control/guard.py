@@ -169,7 +169,8 @@ def is_valid_lookahead(lookahead: Lookahead) -> bool:
     """Return True if a lookahead is finite and physically possible; an empty one is valid."""
     a = lookahead
     return not a.velocity.size or bool(
-        _are_within(
+        a.position_max >= -MAX_POSITION
+        and _are_within(
             (a.position,), (a.velocity, a.acceleration, a.speed_limit),
             (a.resistance, a.force_min.ravel(), a.force_max.ravel(), a.simulated_force),
         )

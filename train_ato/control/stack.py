@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -78,6 +79,9 @@ class ControlStack:
         Returns the law for name, parameters and period; None: a new one of the registry.
     jerk_limit
         Largest jerk of a change of the law or of a takeover [m/s³], if the jerk of the profile is larger.
+    authority
+        Returns largest place [m] and permitted speeds [m/s] at a time [ns] and places [m], see
+        :class:`train_ato.loop.train_ahead.AuthorityAhead`; None: no train ahead.
 
     Attributes
     ----------
@@ -123,6 +127,7 @@ class ControlStack:
         displacement: PlannedDisplacement | None = None,
         make_law: Callable[[str, Mapping[str, Any], float], Law] | None = None,
         jerk_limit: float = DEFAULT_JERK,
+        authority: Callable[[int, Array], tuple[float, Array]] | None = None,
     ) -> None:
         self.model = model
         self.period = period
@@ -139,7 +144,7 @@ class ControlStack:
         self.delay_to_effect = float(max(model.delay.max(), model.delay_brake.max())) + model.lag
         self._air_brake = model.consist.air_brake is not None
         self.history = CommandHistory(model, tick)
-        self._jerk_limit = jerk_limit
+        self._jerk_limit, self._authority = jerk_limit, authority
         self.ticks = 0
         self._last = [0.0] * model.n_units
         self._before = self._last
@@ -525,5 +530,6 @@ class ControlStack:
                 self.saturated,
                 getattr(self.law, "horizon", 0),
                 getattr(self.law, "lookahead_times", None),
+                None if self._authority is None else partial(self._authority, measurement.stamp),
             )
         )

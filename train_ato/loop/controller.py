@@ -16,6 +16,7 @@ from train_ato.control.takeover import DEFAULT_JERK, TakeoverRamp, transition_je
 from train_ato.loop.ato_mode import AtoMode
 from train_ato.loop.inputs import StageInputs
 from train_ato.loop.stage_messages import ControllerMessages, diagnostics_due, stamped
+from train_ato.loop.train_ahead import AuthorityAhead
 from train_ato.messages.links import MessageLink
 from train_ato.messages.topics import Role
 from train_ato.messages.types import (
@@ -31,6 +32,7 @@ from train_ato.messages.types import (
     ProtectionState,
     Reference,
     SupervisedSpeeds,
+    TrainAhead,
 )
 from train_ato.profile.profile import Profile
 from train_ato.program.errors import RunFailed
@@ -69,6 +71,8 @@ class ControllerStage:
         Control stack for the profile; None before it.
     inputs : StageInputs
         Receiving ends.
+    authority : AuthorityAhead or None
+        Moving end of authority that the law sees; None without a train ahead.
     controller : str
         Current law.
     changed : dict
@@ -94,6 +98,8 @@ class ControllerStage:
         limits = setup.scenario.profile.limits
         self._jerk_limit = max(limits.jerk or DEFAULT_JERK, limits.jerk_braking or 0.0)
         self.stack: ControlStack | None = None
+        leader = setup.scenario.leader
+        self.authority = None if leader is None or leader.authority is None else AuthorityAhead(setup)
         self.planned = sorted(setup.law_changes, key=lambda change: change.at)
         self._fresh = True
         self._law_changed = False
@@ -191,6 +197,7 @@ class ControllerStage:
             distribution=setup.force_distribution(),
             displacement=setup.planned_displacement(),
             jerk_limit=self._jerk_limit,
+            authority=None if self.authority is None else self.authority.at,
         )
 
     def validate(self, name: str, value: Any) -> str:
@@ -271,6 +278,8 @@ class ControllerStage:
         estimate: DisturbanceEstimate,
         protection: ProtectionState | None = None,
         speeds: SupervisedSpeeds | None = None,
+        *,
+        ahead: TrainAhead | None = None,
     ) -> None:
         """Take the messages of a step, from which :meth:`command` makes the command.
 
@@ -278,13 +287,15 @@ class ControllerStage:
         ----------
         measurement, reference, estimate
             Messages of one stamp.
-        protection, speeds
-            At a step of the supervisor: fail-safe state of the train, and limits.
+        protection, speeds, ahead
+            At a step of the supervisor: fail-safe state of the train, limits, and live report of the train ahead.
         """
         assert self.stack is not None, "the profile comes before the first step"
         begin = time.perf_counter_ns()
         stamp = measurement.stamp
         receive = self.inputs.receive
+        if self.authority is not None:
+            self.authority.receiver.hear(ahead)
         seen = self.inputs.measurement(measurement)
         expected, disturbance = receive("ato/reference", stamp, reference), receive("ato/estimate", stamp, estimate)
         answer = self.answer

@@ -215,7 +215,9 @@ class TickLoop:
         observer = self.observer.on_measurement(plant.measurement)
         self._publish(stamp, observer.published())
         self.active = "controller"
-        self.controller.receive(plant.measurement, profile.reference, observer.estimate, plant.protection, speeds)
+        self.controller.receive(
+            plant.measurement, profile.reference, observer.estimate, plant.protection, speeds, ahead=plant.ahead
+        )
 
     def act(self) -> None:
         """Run the law and the train of a tick after :meth:`observe`."""

@@ -36,6 +36,7 @@ class ControllerInputs:
     estimate: DisturbanceEstimate
     protection: ProtectionState | None = None
     speeds: SupervisedSpeeds | None = None
+    ahead: TrainAhead | None = None
     profile: Trajectory | None = None
 
 
@@ -51,6 +52,8 @@ class StampSynchronizer:
         Maximum lead of the other messages over the newest measurement [ns]; None: no limit.
     supervised_at
         Returns True for the stamp [ns] of a step of the supervisor.
+    behind
+        True for live reports of the train ahead, which are messages of such a step too.
 
     Attributes
     ----------
@@ -58,8 +61,15 @@ class StampSynchronizer:
         Number of messages that were duplicate, late or too far ahead.
     """
 
-    def __init__(self, ahead: int | None = None, supervised_at: Callable[[int], bool] = lambda stamp: False) -> None:
+    def __init__(
+        self,
+        ahead: int | None = None,
+        supervised_at: Callable[[int], bool] = lambda stamp: False,
+        *,
+        behind: bool = False,
+    ) -> None:
         self._ahead = ahead
+        self._supervised = (*SUPERVISED_KINDS, "ahead") if behind else SUPERVISED_KINDS
         self._supervised_at = supervised_at
         self._newest = -1
         self._waiting: dict[int, dict[str, Any]] = {}
@@ -78,7 +88,7 @@ class StampSynchronizer:
         if not self._waiting:
             return ""
         oldest = min(self._waiting)
-        kinds = KINDS + SUPERVISED_KINDS * self._supervised_at(oldest)
+        kinds = KINDS + self._supervised * self._supervised_at(oldest)
         return next(kind for kind in kinds if kind not in self._waiting[oldest])
 
     def join(self) -> None:
@@ -127,7 +137,7 @@ class StampSynchronizer:
             self._ignore(stamp)
             return None
         row[kind] = message
-        if len(row) < len(KINDS) + len(SUPERVISED_KINDS) * self._supervised_at(stamp):
+        if len(row) < len(KINDS) + len(self._supervised) * self._supervised_at(stamp):
             return None
         self._last = stamp
         self._joined = min(self._joined, stamp)

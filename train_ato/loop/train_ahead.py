@@ -19,10 +19,11 @@ import numpy as np
 
 from plant_sim.states import Odometry
 from train_ato.messages.links import Link
-from train_ato.messages.types import TrainAhead
+from train_ato.messages.types import Array, TrainAhead
 from train_ato.scenario.setup import RunSetup
 from train_ato.supervision.limits import BrakingTarget
-from train_ato.supervision.track_supervision import LineLimits, TrackSupervision
+from train_ato.supervision.odometry import odometer_error
+from train_ato.supervision.track_supervision import LineLimits, TrackSupervision, speeds_to_end
 from train_ato.supervision.train_report import TrainReport, TrainReporter
 
 MAX_SPEED = 200.0
@@ -69,7 +70,7 @@ def is_early(setup: RunSetup, stamp: int, ahead: TrainAhead | None) -> bool:
 
 
 class ReportRadio:
-    """Live reports of the train ahead on their way to profile and supervisor, at the plant of the train behind.
+    """Live reports of the train ahead on their way to the other nodes, at the plant of the train behind.
 
     Parameters
     ----------
@@ -212,23 +213,25 @@ class MovingAuthority:
         Prepared run with a block ``leader``.
     track
         Limits of the supervisor up to the own stop.
+    name
+        Name of the receiving end.
 
     Attributes
     ----------
     end : float
         End of authority of the last :meth:`move` [m].
     receiver : ReportReceiver
-        Receiving end of the supervisor.
+        Receiving end.
     """
 
-    def __init__(self, setup: RunSetup, track: TrackSupervision) -> None:
+    def __init__(self, setup: RunSetup, track: TrackSupervision, name: str = "supervisor") -> None:
         spec = setup.scenario.leader
         assert spec is not None
         self._margin, self._timeout = spec.rear_margin, spec.timeout
         self._relative = spec.authority == "relative"
         self._track = track
         self._own_end = track.end
-        self.receiver = ReportReceiver(setup, "supervisor")
+        self.receiver = ReportReceiver(setup, name)
         self.end = float("inf")
 
     def move(self, now: int) -> LineLimits:
@@ -252,3 +255,46 @@ class MovingAuthority:
     def diagnostics(self, now: int) -> dict[str, str]:
         """Return the end of authority with the state of its reports as text."""
         return {"end_of_authority": repr(self._end_at(now)), **self.receiver.diagnostics(now)}
+
+
+class AuthorityAhead:
+    """End of authority behind the train ahead as the law sees it, by a receiving end of the controller.
+
+    Parameters
+    ----------
+    setup
+        Prepared run with ``leader.authority``.
+
+    Attributes
+    ----------
+    receiver : ReportReceiver
+        Receiving end of the controller.
+    """
+
+    def __init__(self, setup: RunSetup) -> None:
+        self._moving = MovingAuthority(setup, setup.supervisor().track, "controller")
+        self.receiver = self._moving.receiver
+        self._half = setup.consist.vehicles[0].length / 2.0
+        self._spacing = setup.plant.odometry.balise_spacing
+
+    def at(self, now: int, places: Array) -> tuple[float, Array]:
+        """Return the largest place and the permitted speeds at places, both of vehicle 0's centre, at a time [ns].
+
+        Parameters
+        ----------
+        now
+            Time of the measurement [ns].
+        places : Array, shape (h,)
+            Places [m].
+
+        Returns
+        -------
+        position_max : float
+            Place at which the front, with the error of the odometer since the balise, reaches the end [m].
+        speeds : Array, shape (h,)
+            Speeds [m/s], 0 from the end on.
+        """
+        _, targets, arcs = self._moving.move(now)
+        end = self._moving.end
+        error = 0.0 if end == float("inf") else odometer_error(end % self._spacing)
+        return end - error - self._half, speeds_to_end(targets, arcs, places + self._half, self._spacing)

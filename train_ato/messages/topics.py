@@ -153,8 +153,8 @@ _TABLE: tuple[Topic, ...] = (
     ),
     Topic(
         AHEAD, TRAJECTORY, TrainAhead, _REPORTED, publishers=(Role.PLANT,),
-        readers=(Role.SUPERVISOR, Role.PROFILE), rate=Rate.REPORT,
-        meaning="newest report of the train ahead that has reached the train; profile and supervisor have a link each",
+        readers=(Role.SUPERVISOR, Role.PROFILE, Role.CONTROLLER), rate=Rate.REPORT,
+        meaning="newest report of the train ahead that has reached the train; each reader has a link of its own",
         condition=BEHIND,
     ),
     _supervised(

@@ -23,6 +23,7 @@ from train_ato.log.reading import iter_raw, read_log
 from train_ato.loop.controller import ControllerStage
 from train_ato.loop.stamp_synchronizer import StampSynchronizer
 from train_ato.messages.codec import Wire
+from train_ato.messages.topics import AHEAD
 from train_ato.messages.types import Array, Command, Measurement, Pipe, Reference
 from train_ato.program.errors import RunFailed
 from train_ato.program.interrupt import interruptible
@@ -146,7 +147,7 @@ def replay_open_loop(setup: RunSetup, run: Path, progress: Callable[[Progress], 
     """
     setup, kinds = _recorded_inputs(setup, run)
     controller = ControllerStage(setup)
-    inputs = StampSynchronizer(supervised_at=setup.supervised_at)
+    inputs = StampSynchronizer(supervised_at=setup.supervised_at, behind=AHEAD in kinds)
     recorded, replayed = _Outputs(), _Outputs()
     seen: dict[int, tuple[Measurement, Reference]] = {}
     begin = time.monotonic()
@@ -158,7 +159,9 @@ def replay_open_loop(setup: RunSetup, run: Path, progress: Callable[[Progress], 
             for step in inputs.put(kinds[topic], message):
                 if step.profile is not None:
                     controller.set_profile(profile_of(step.profile))
-                controller.receive(step.measurement, step.reference, step.estimate, step.protection, step.speeds)
+                controller.receive(
+                    step.measurement, step.reference, step.estimate, step.protection, step.speeds, ahead=step.ahead
+                )
                 answer = controller.command()
                 stamp = answer.command.stamp
                 seen[stamp] = step.measurement, step.reference
@@ -178,7 +181,7 @@ def _recorded_inputs(setup: RunSetup, run: Path) -> tuple[RunSetup, dict[str, st
         return setup, INPUTS
     found = {topic for topic, _, _ in islice(iter_raw(run, tuple(SUPERVISED_INPUTS)), 2 * len(SUPERVISED_INPUTS))}
     if found == set(SUPERVISED_INPUTS):
-        return setup, {**INPUTS, **SUPERVISED_INPUTS}
+        return setup, {**INPUTS, **SUPERVISED_INPUTS, **({AHEAD: "ahead"} if setup.layout.behind else {})}
     return replace(setup, layout=replace(setup.layout, supervised=False)), INPUTS
 
 

@@ -42,7 +42,7 @@ class LeaderSpec(SiModel):
     )
     link: LinkSpec = Field(
         LinkSpec(),
-        description="delay and loss of the reports; profile and supervisor have a receiver each",
+        description="delay and loss of the reports; profile, supervisor and controller have a receiver each",
         examples=[{"delay": 0.8, "loss": 0.05}],
     )
     headway: Time | None = Field(

@@ -8,8 +8,10 @@ a closed form per braking curve near the train.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import inf, isnan
+from math import floor, inf, isnan, nan
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from plant_sim.compiled import compiled
 from plant_sim.record import Records, quantity, zeros
@@ -22,7 +24,7 @@ from train_ato.supervision.limits import (
     release_location,
     target_speeds,
 )
-from train_ato.supervision.odometry import EXACT_MOTION, MotionEstimate, speed_measurement_error
+from train_ato.supervision.odometry import EXACT_MOTION, MotionEstimate, odometer_error, speed_measurement_error
 from train_ato.supervision.settings import FixedValues
 from train_ato.supervision.step_function import StepFunction, SupervisionSpeeds, ceiling_speeds, gradient_acceleration
 from train_ato.supervision.train_model import SupervisedTrain
@@ -119,6 +121,21 @@ def most_restrictive(track: LineLimits, front: float, motion: MotionEstimate) ->
             min(speeds.emergency, found.emergency),
         )
     return speeds
+
+
+@compiled
+def speeds_to_end(targets: Any, arcs: Any, fronts: Any, balise_spacing: float) -> Any:
+    """Return the permitted speeds up to the end of authority [m/s] at front positions [m]; infinite without an end.
+
+    The train has a constant speed, and the largest error of its odometer since a balise.
+    """
+    found, last = np.full(fronts.size, inf), targets.size - 1
+    if last >= 0 and targets[last].is_end:
+        for k in range(fronts.size):
+            error = odometer_error(fronts[k] - balise_spacing * floor(fronts[k] / balise_spacing))
+            motion = MotionEstimate(0.0, speed_measurement_error(0.0), error, error, nan)
+            found[k] = released_speeds(targets[last], arcs, fronts[k], motion).permitted
+    return found
 
 
 @compiled

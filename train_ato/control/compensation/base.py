@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -215,5 +216,9 @@ class CompensationBase:
             change = self.shoes_along(effect).total - now
             resistance = resistance + now + change * np.clip(later / max(effect - inputs.t, 1e-9), 0.0, 1.0)
         self._limits = self._limits or LimitsAhead(self.model)
-        limit = self._limits.speed_limit(position)
-        return Lookahead(position, velocity, acceleration, resistance, limit, *self._limits.force(position, velocity))
+        limit, place_max = self._limits.speed_limit(position), math.inf
+        if inputs.authority is not None:
+            place_max, permitted = inputs.authority(position)
+            limit = np.minimum(limit, permitted)
+        low, high = self._limits.force(position, velocity)
+        return Lookahead(position, velocity, acceleration, resistance, limit, low, high, position_max=place_max)

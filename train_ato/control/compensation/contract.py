@@ -6,6 +6,7 @@ that the law receives, so that every law runs with every compensation.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
@@ -42,6 +43,9 @@ class CompensationInput:
         Number of entries of the preview that the law uses.
     lookahead_times : Array, optional
         Times after the measurement of the lookahead of the law [s]; None for a law without.
+    authority : callable, optional
+        Returns the largest place [m] and the permitted speeds [m/s] at places [m] of vehicle 0's centre, up to the
+        moving end of authority; None without a train ahead.
     """
 
     measurement: Measurement
@@ -54,6 +58,7 @@ class CompensationInput:
     saturated: bool = False
     horizon: int = 0
     lookahead_times: Array | None = None
+    authority: Callable[[Array], tuple[float, Array]] | None = None
 
     @property
     def t(self) -> float:

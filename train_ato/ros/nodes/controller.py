@@ -17,7 +17,7 @@ from train_ato.judge.trajectories import profile_of
 from train_ato.loop.controller import ControllerStage
 from train_ato.loop.stage_messages import diagnostics_due
 from train_ato.loop.stamp_synchronizer import StampSynchronizer
-from train_ato.messages.topics import FORCE_PARTS, Role
+from train_ato.messages.topics import AHEAD, FORCE_PARTS, Role
 from train_ato.messages.types import Command
 from train_ato.ros.nodes.endpoints import NodeEndpoints
 from train_ato.ros.nodes.parameters import Declared, block_parameters, declare
@@ -26,7 +26,7 @@ from train_ato.scenario.changes import LAW, Changes
 
 KINDS = {
     "profile": "ato/profile", "measurement": "train/measurement", "reference": "ato/reference",
-    "estimate": "ato/estimate", "protection": "train/protection", "speeds": "atp/speeds",
+    "estimate": "ato/estimate", "protection": "train/protection", "speeds": "atp/speeds", "ahead": AHEAD,
 }  # fmt: skip
 """Topics of the inputs of a step."""
 PARAMETER = "law"
@@ -45,7 +45,8 @@ class ControllerNode:
     def __init__(self, stage: ControllerStage, endpoints: NodeEndpoints) -> None:
         self.stage = stage
         self.endpoints = endpoints
-        self._inputs = StampSynchronizer(stage.setup.tick_ns, stage.setup.supervised_at)
+        setup = stage.setup
+        self._inputs = StampSynchronizer(setup.tick_ns, setup.supervised_at, behind=setup.layout.behind)
         self._following = self._heard = False
         self._laws = stage.setup.laws
         self._advice = ""
@@ -113,7 +114,14 @@ class ControllerNode:
         for inputs in self._inputs.put(kind, message):
             if inputs.profile is not None:
                 self.stage.set_profile(profile_of(inputs.profile))
-            self.stage.receive(inputs.measurement, inputs.reference, inputs.estimate, inputs.protection, inputs.speeds)
+            self.stage.receive(
+                inputs.measurement,
+                inputs.reference,
+                inputs.estimate,
+                inputs.protection,
+                inputs.speeds,
+                ahead=inputs.ahead,
+            )
             messages = self.stage.command()
             if self.stage.changed:
                 self._sync_parameters(self.stage.changed)
