@@ -84,7 +84,8 @@ def run(
     rate
         Maximum simulated seconds per second of wall time; default: as fast as possible.
     lockstep
-        False: the graph does not wait for commands; a late one is counted, and the last one is held meanwhile.
+        False: the graph does not wait for commands. A late command is counted, and the train keeps the last one
+        meanwhile.
     restarts
         With a process for each node: maximum number of restarts of each node; default: none, the run fails with a node.
     domain
@@ -93,8 +94,8 @@ def run(
         Node of the graph in whose place a program of yours runs: ``"controller"``, ``"observer"``, ``"profile"``,
         ``"supervisor"``, or with ``"composed"`` ``"plant"``.
     on_tick
-        Called in every tick before the law with the observation of :class:`train_ato.Env` by name; the numbers by name
-        that it returns are in the log, as diagnostics ``signals``. Only in the engine.
+        Called in every tick before the law, with the observation of :class:`train_ato.Env` by name. It can return
+        numbers by name, which are in the log as diagnostics ``signals``. Only in the engine.
     stop_when
         Called with the same; True ends the run after this tick, with the status ``interrupted``. Only in the engine.
 

@@ -2,11 +2,11 @@
 
 Knots of a profile at a constant period: validation and interpolation.
 
-Between two knots the position is the cubic Hermite polynomial of positions and speeds, the speed the cubic Hermite
-polynomial of speeds and accelerations, the acceleration its derivative; the jerk is the mean over the interval, so
-that a limit valid at the knots is valid between them.  Position, speed and acceleration are exact at every knot and
-continuous everywhere; a profile with constant jerk between the knots is reproduced exactly.  At a step of the speed
-between two knots, the state of the knot before continues at constant acceleration up to the step.
+Between two knots the position is the cubic Hermite polynomial of positions and speeds. The speed is the cubic Hermite
+polynomial of speeds and accelerations, and the acceleration is its derivative. The jerk is the mean over the interval,
+so that a limit that holds at the knots also holds between them. Position, speed and acceleration are exact at every
+knot and continuous everywhere. A profile with constant jerk between the knots is reproduced exactly. At a step of the
+speed between two knots, the state of the knot before continues at constant acceleration up to the step.
 """
 
 from __future__ import annotations

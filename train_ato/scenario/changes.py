@@ -1,9 +1,9 @@
 """Changes during a run, read from its diagnostics: law, law parameters, interventions on the train, ATO requests.
 
-A change takes effect at a step.  The diagnostics of the node contain it under the stamp of that step: laws and
-parameters as JSON under ``changed`` of the controller, interventions as JSON under ``interventions`` of the plant, an
-accepted request to the ATO under ``ato_request`` of the controller.  The log therefore contains every change, planned
-by the scenario or requested from outside, and the run can be repeated from it.
+A change takes effect at a step. The diagnostics of the node contain it under the stamp of that step. The controller has
+laws and parameters as JSON under ``changed``, and an accepted request to the ATO under ``ato_request``. The plant has
+interventions as JSON under ``interventions``. So the log contains every change, planned by the scenario or requested
+from outside, and the run can be repeated from it.
 """
 
 import json

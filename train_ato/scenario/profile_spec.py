@@ -115,7 +115,7 @@ class ProfileSpec(SiModel):
         reduction
             Deepest brake-pipe reduction that a plan may use [Pa]; None: that of the largest braking factor.
         ceiling : pair of arrays, optional
-            Increasing places of the front [m] and speeds [m/s] of a speed limit of a plan beside that of the line.
+            Places of the front [m], increasing, and speeds [m/s] of an additional speed limit of a plan.
         begun
             Duration of a driver's run [s] and speed at its begin [m/s].
 

@@ -192,7 +192,7 @@ def scenario_profile(
 ) -> Profile:
     """Return the profile of a scenario, from former runs if train, line, block ``profile`` and tick are equal.
 
-    ``ceiling`` has places of the front [m] and speeds [m/s] of a speed limit of a plan beside that of the line.
+    ``ceiling`` has places of the front [m] and speeds [m/s] of an additional speed limit of a plan.
     """
     spec, plant = scenario.profile, scenario.plant
     data = (data_key(plant.consist, folder), data_key(plant.line, folder))

@@ -1,8 +1,8 @@
 """Planned profile within the limits of the supervisor.
 
 A plan brakes with the service deceleration. The braking curves of the supervisor have the guaranteed deceleration of
-the emergency brake, which on a falling grade can be much smaller. Where the planned speed comes near the warning
-speed, the plan has a lower speed limit there and is made again; a plan that is far enough away is not changed.
+the emergency brake, which on a falling grade can be much smaller. Where the planned speed comes near the warning speed,
+the plan gets a lower speed limit and is made again. A plan that is far enough away does not change.
 """
 
 import math

@@ -101,7 +101,7 @@ class Env:
     scenario
         Shipped name, ``name:variant``, a YAML file, or :func:`train_ato.scenario`.
     seed
-        Seed of the first :meth:`reset`; default: that of the scenario.
+        Seed of the first :meth:`reset`; default: the seed of the scenario.
     set
         Other keys of the scenario, as for :func:`train_ato.run`.
     observe
@@ -203,8 +203,8 @@ class Env:
             Seed of the run and of the seeds after it. Default: at the first call that of the scenario, then one that
             follows from the last seed given.
         options
-            Other keys of the scenario for this run, on top of those of the constructor: another train, line, stop or
-            disturbance.
+            Other keys of the scenario for this run, in addition to the keys of the constructor: another train, line,
+            stop or disturbance.
 
         Raises
         ------
@@ -255,8 +255,8 @@ class Env:
         Parameters
         ----------
         force : float or array, shape (units,)
-            Force demand of every unit [N], > 0 forward, or relative to its envelope; a number for a train with one
-            unit. The stack limits it to the envelope as the demand of a law.
+            Force demand of every unit [N], > 0 forward, or relative to its envelope. One number is enough for a train
+            with one unit. The stack limits it to the envelope, like the demand of a law.
         signals
             Own numbers by name, for ``info``, the log and the report: the diagnostics ``signals``.
 

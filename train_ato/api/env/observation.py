@@ -53,9 +53,9 @@ class Known:
     in_flight : Array, shape (d, units)
         Commands sent and not yet in effect [N].
     state : Array, shape (9,)
-        1 for an engaged ATO: the force of the caller drives; newest traction cut-off, service and emergency brake (1:
-        in effect); supervised speed limits [m/s]; direction of the reference along the line, at rest that of the last
-        motion: 1 or -1.
+        1 if the ATO is engaged, so that the force of the caller drives. Newest traction cut-off, service and emergency
+        brake (1: in effect). Supervised speed limits [m/s]. Direction of the reference along the line, 1 or -1; at rest
+        the direction of the last motion.
     """
 
     received: Received

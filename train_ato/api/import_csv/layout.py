@@ -1,7 +1,8 @@
 """Layout of a recorder's file: the meaning of its columns and of its notches, as a file of its own.
 
 A notch is a share of the largest force of the train at its speed: > 0 of the traction, < 0 of the electric brake. The
-force of the notches is the demand, ``command_force``; in a file without a measured force it is used as the force too.
+force of the notches is the demand, ``command_force``. In a file without a measured force it also replaces the measured
+force.
 """
 
 from collections.abc import Collection

@@ -71,9 +71,9 @@ def _standstill(found: Measured) -> float:
 def measured_profile(found: Measured, tick: float, start: float, window: float) -> Profile:
     """Return the profile of a measured run.
 
-    The linearly interpolated speed is averaged twice over a window that shrinks towards both ends, so that the first
-    and the last speed are unchanged.  The position is its integral from ``start`` on, plus the slow part of the
-    difference to recorded positions; thus steps of an odometer cause no ripple.
+    The linearly interpolated speed is averaged twice. The window shrinks towards both ends, so that the first and the
+    last speed do not change. The position is the integral of the speed from ``start``, plus the slow part of the
+    difference to recorded positions. So steps of an odometer cause no ripple.
 
     Parameters
     ----------

@@ -258,9 +258,9 @@ class FileRules:
 def read_table(path: Path, rename: dict[str, str], ignore: frozenset[str], rules: FileRules = FileRules()) -> CsvTable:
     """Read a recorder's file.
 
-    The first line that is not empty and does not begin with ``#`` has the column names, separated by semicolons,
-    tabs or commas; the next line may have their units.  A first line ``sep=;`` gives the separator.  Decimal commas
-    are read; between commas they need quotes.  Cells may be empty.  Date and time of day may be in two columns.
+    The column names are in the first line that is not empty and does not begin with ``#``. Semicolons, tabs or commas
+    separate them. The next line may have their units. A first line ``sep=;`` gives the separator. Decimal commas are
+    read; between commas they need quotes. Cells may be empty. Date and time of day may be in two columns.
 
     Parameters
     ----------

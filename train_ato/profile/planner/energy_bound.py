@@ -15,18 +15,17 @@ motion and integrates by parts over a section. T is at most the time T* of the t
       >= [m E] + int m g ds + int (-m' E + m r(E) - max(m - a, 0) t(E) - max(c - m, 0) b(E) + p / sqrt(2 E)) ds - p T*
       >= [m E] + int m g ds + int min over E of (the bracket) ds - p T*,
 
-where the minimum is over all E up to that of the fastest run, which no run exceeds at any place.  The forward pass
-uses the largest line force of a cell; E of the fastest run is therefore increased by the range of that force times the
-length, at most to the speed limit.
-Where m is linear the minimum is a concave function of s (a minimum of functions that are linear or concave in
-m), thus its integral is not below the mean of the values at both ends times the length.  The minimum over E is the
-least of lower bounds on the intervals of a grid: each monotone term has its lower value of both ends.  No step needs an
-optimal m: a poor one gives a low bound.  m and p are the solution of a linear program with the bracket at some E of
-every cell; where the minimum lies elsewhere its E is added, until the bound is close to the value of the program.
-Jerk limit and service braking are left out, which lowers the bound only.
+The minimum is over all E up to that of the fastest run, which no run exceeds at any place. The forward pass uses the
+largest line force of a cell. Therefore E of the fastest run is increased by the range of that force times the length,
+at most to the speed limit. Where m is linear, the minimum is a concave function of s, because it is a minimum of
+functions that are linear or concave in m. So its integral is not below the mean of the values at both ends times the
+length. The minimum over E is the least of lower bounds on the intervals of a grid: each monotone term has the lower of
+its values at both ends. No step needs an optimal m; a poor m gives a low bound. m and p are the solution of a linear
+program with the bracket at some E of every cell. Where the minimum lies elsewhere, its E is added, until the bound is
+close to the value of the program. Jerk limit and service braking are left out, which only lowers the bound.
 
-The gap has three causes: the plan is not optimal; it keeps the jerk limit, on short sections the largest part; and m
-depends on the place only, so that t(E), which is convex, counts with its mean over slow and fast runs.
+The gap has three causes. The plan is not optimal. It keeps the jerk limit, which is the largest part on short sections.
+And m depends only on the place, so that t(E), which is convex, counts with its mean over slow and fast runs.
 """
 
 from dataclasses import dataclass, replace

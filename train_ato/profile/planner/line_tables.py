@@ -2,8 +2,9 @@
 
 Limits by place on the forces of a plan: neutral sections, power limits, adhesion, and tunnel air.
 
-The passes of the planner have a reserve of traction and one of the brakes, a fraction of the whole force, by cell and
-speed: the adhesion of a rail takes most of it at the corner of the envelope, and less below and above.
+The passes of the planner keep a reserve of traction and a reserve of the brakes. A reserve is a fraction of the whole
+force, by cell and speed. The adhesion of a rail takes most of the force at the corner of the envelope, and less below
+and above.
 """
 
 import math
@@ -108,8 +109,8 @@ class LineForce:
     def steps(self) -> Array:
         """Return the rising places of the front just beyond the steps of the force [m].
 
-        A train that coasts over a cell with a step inside has the mean force there: the plan would pull in one part
-        of the cell and brake in the other one.
+        The table has the mean force of a cell for a train that coasts over a step inside the cell. Otherwise the plan
+        would pull in one part of the cell and brake in the other.
         """
         found = [np.zeros(0)]
         for mass, behind, kind in zip(self._train.masses, self._train.behind, self._kind, strict=True):
@@ -270,9 +271,9 @@ class PlaceLimits:
     def over_cells(self, grid: PlaceGrid, width: Array, range_: Array, forces: Array) -> tuple[Array, Integers]:
         """Return reserves of traction and brakes over the speed, and the row of every cell: (rows, 2, n) and (cells,).
 
-        The mean over a range of speeds keeps a limit if each of its forces has the largest reserve of the range, or if
-        none is above the least force left in the range.  The second leaves more where an envelope rises in a step: a
-        reserve of the upper side would take the force of the lower one.
+        The mean over a range of speeds keeps a limit in two cases: each of its forces has the largest reserve of the
+        range, or none is above the least force left in the range. The second case leaves more force where an envelope
+        rises in a step. A reserve of the upper side would take the force of the lower side.
 
         Parameters
         ----------

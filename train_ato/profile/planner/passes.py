@@ -5,8 +5,9 @@ over the speed are traction minus resistance, brake plus resistance, resistance,
 each divided by the inertia [m/s²].
 All compiled code of the passes is in this file, because numba's cache detects changes of this file only.
 
-``reserves`` are the fractions of traction and brakes that are not used: those of every cell (2, n), those of limits by
-place over the speed (rows, 2, columns), and the row of every cell (n,); no rows without limits by place.
+``reserves`` are the fractions of traction and brakes that are not used. It has the fractions of every cell (2, n), of
+limits by place over the speed (rows, 2, columns), and the row of every cell (n,). Without limits by place there are no
+rows.
 """
 
 from typing import Any
@@ -113,9 +114,9 @@ def forward(
 ) -> tuple[Array, int]:  # fmt: skip
     """Return E of the fastest solution under the ceiling of the backward pass, and the cell of a stall (or -1).
 
-    Above ``cut_off`` (E at every place) the train has no traction: it keeps that speed, or coasts if the line force
-    accelerates it or the cut-off decreases faster; on a climb it coasts with the service deceleration at most.  Above
-    ``brake_onset`` (E at every place) it uses its electric brake.  Above the ceiling it brakes until it is below.
+    Above ``cut_off`` (E at every place) the train has no traction. It keeps that speed, or it coasts if the line force
+    accelerates it or the cut-off decreases faster. On a climb it coasts with the service deceleration at most. Above
+    ``brake_onset`` (E at every place) it uses its electric brake. Above the ceiling it brakes until it is below.
     """
     n = ceiling.size - 1
     energy = np.empty(n + 1)

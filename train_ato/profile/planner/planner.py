@@ -1,7 +1,7 @@
 """Planner of the speed profile: minimum time, or a timetable or timing points with the least net energy.
 
-With running-time supplements every section between two stops keeps its own scheduled time: its least running time plus
-the supplements that lie in it, spread at the least net energy.
+With running-time supplements every section between two stops keeps its own scheduled time. This is its least running
+time plus the supplements inside it, spread at the least net energy.
 
 Places in settings and lines refer to the front of the train; the profile refers to the centre of vehicle 0.
 """
@@ -211,9 +211,9 @@ def _note_speeds(speed: float | None, line: Line, train: TrainTables) -> None:
 def net_energy_bound(result: Plan) -> float:
     """Return a lower bound of the net energy of every plan with the running time of a plan [J].
 
-    The air of tunnels counts.  Limits of forces by place are left out: without them, a plan needs no more work.  The
-    larger of two bounds: a linear program, close on long sections with much reserve, and the value of a price of time,
-    close on the others.
+    The air of tunnels counts. Limits of forces by place are left out, because without them a plan needs no more work.
+    The bound is the larger of two bounds. A linear program is close on long sections with much reserve, and the value
+    of a price of time is close on the others.
 
     Raises
     ------

@@ -5,8 +5,9 @@ observed force.  The new profile starts from the state predicted for the end of 
 over delay and lag.  The speeds of the first profile remain a ceiling, its stops are kept, and observed shortfalls are
 remembered.
 
-With ``catch_up`` the first profile is no ceiling: the rest returns to the timing points of the plan, and the reason of
-the decision names the first window that is lost.  With ``lateness`` a late or early train is reason enough.
+With ``catch_up`` the first profile is no ceiling. The rest of the run returns to the timing points of the plan. The
+reason of the decision names the first window that is lost. With ``lateness`` a late or early train is a sufficient
+reason.
 
 With ``retry`` the full traction is assumed again after some time.  The full brake is never assumed again, because a
 stop planned with a missing brake would be missed.

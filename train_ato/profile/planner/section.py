@@ -5,9 +5,9 @@ and reserves come from :mod:`train_ato.profile.planner.jerk_limit`.
 
 Jerk limit by a moving average over time.
 
-The unsmoothed solution has constant acceleration in every cell.  Its average over a window T has the jerk
-(a(t + T/2) - a(t - T/2))/T, the same distance and the same end; no speed or acceleration exceeds the largest in the
-window.  Averages are differences of the integrals and therefore exact.
+The unsmoothed solution has constant acceleration in every cell. Its average over a window T has the jerk (a(t + T/2) -
+a(t - T/2))/T, the same distance and the same end. No speed or acceleration exceeds the largest value in the window.
+Averages are differences of the integrals and therefore exact.
 """
 
 from dataclasses import dataclass
@@ -164,9 +164,9 @@ STEP_FACTOR, MIN_STEP = 1.1, 1e-4
 class ForceReserve:
     """Reserved fractions of traction and brakes in the cells of a section, for the jerk limit.
 
-    The moving average that limits the jerk mixes the forces of one window.  Where the mean exceeds the envelope at the
-    mean speed, the force before the averaging is reduced, at this place only: one reserve for the whole run would take
-    the traction that a long train needs on its steepest climb because of an excess at its start.
+    The moving average that limits the jerk mixes the forces of one window. Where the mean exceeds the envelope at the
+    mean speed, the force before the averaging is reduced, at this place only. One reserve for the whole run would let
+    an excess at the start take the traction that a long train needs on its steepest climb.
     """
 
     def __init__(self, grid: PlaceGrid) -> None:

@@ -178,9 +178,8 @@ def find_line(name: str) -> Line:
 def find_train(name: str, *, point_mass: bool = False) -> tuple[Consist, PlanSettings]:
     """Return a train and its default plan settings.
 
-    A train with plan_limits, as one of a foreign file, defines them; jerk limit and force margin are then switched off,
-    because these formats have none.
-    As a point mass the train needs no length.
+    A train of a foreign file can have plan_limits, which define the largest speed and accelerations. Jerk limit and
+    force margin are then switched off, because these formats have none. As a point mass the train needs no length.
 
     Raises
     ------
@@ -227,8 +226,8 @@ class Stops:
 def stops_of(line: Line, settings: PlanSettings) -> Stops:
     """Return the stops of a plan on a line.
 
-    Defaults: from the first to the last stop; on a line with one stop from its begin to the stop; on a line without
-    stops over its whole length.
+    The defaults depend on the line. With several stops the plan is from the first to the last stop, with one stop from
+    the begin of the line to the stop, and without stops over the whole line.
 
     Raises
     ------

@@ -1,9 +1,9 @@
 """Places of the switches from traction to coasting, moved until net energy + price x time is least.
 
-The dynamic programming finds the order of traction and coasting, and each switch within about a cell of its grid.  A
-switch that is late by some metres before a descent costs the whole additional energy there, since the run then reaches
-the limit and brakes.  A search by one switch after the other, with the run itself, removes this error: every cost is
-that of a feasible run, therefore no step increases it.
+The dynamic programming finds the order of traction and coasting, and each switch within about a cell of its grid. A
+switch before a descent that is late by some metres costs all of the additional energy there, because the run then
+reaches the limit and brakes. A search moves one switch after the other and uses the run itself. This removes the error.
+Every cost is that of a feasible run, so that no step increases it.
 """
 
 from dataclasses import replace

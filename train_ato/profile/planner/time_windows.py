@@ -1,23 +1,25 @@
 """Times of a journey's timing points at the least net energy, every window kept.
 
-With one price of time for the whole journey the time reserve is shared out at the least energy.  Where a window is not
-kept, the most exceeded one fixes the time of its point, and the journey before and after has its own price: for convex
-costs this recursion gives the optimum (Norstad, Fagerholt and Laporte, "Tramp ship routing and scheduling with speed
-optimization", 2011).  A stop has one time, its departure; a passing point within a section couples both prices by the
-speed there, which the switching curve of both contains.
+With one price of time for the whole journey the time reserve is shared out at the least energy. If windows are not
+kept, the most exceeded window fixes the time of its point. The journey before this point and the journey after it then
+have their own prices. For convex costs this recursion gives the optimum (Norstad, Fagerholt and Laporte, "Tramp ship
+routing and scheduling with speed optimization", 2011). A stop has one time, its departure. A passing point within a
+section couples both prices by the speed there, which the switching curve of both contains.
 
 Distribution of the time reserve of a timetable: less net energy by coasting and a lower cruise.
 
 Traction and electric brake are used below and above the switching curves of
-:mod:`train_ato.profile.planner.dynamic_programming`.  One price of time gives the curves of all sections; a lower price
-uses more of the reserve.  The price is searched on a coarse grid and then on a fine one, both without a jerk limit,
-until two near prices have the time between them; a mean of their curves keeps it.  The curves of one price at other
-speeds would not: where the optimal run just reaches a limit downhill, a little more speed is braked away.  At last
-:mod:`train_ato.profile.planner.switching_places` moves the begins of coasting to their best places.
+:mod:`train_ato.profile.planner.dynamic_programming`. One price of time gives the curves of all sections. A lower price
+uses more of the reserve. The price is searched on a coarse grid and then on a fine grid, both without a jerk limit,
+until two near prices have the wanted time between them. A mean of their curves then keeps the time. The curves of one
+price at other speeds would not keep it: where the optimal run just reaches a limit downhill, a little more speed is
+braked away. At last :mod:`train_ato.profile.planner.switching_places` moves the begins of coasting to their best
+places.
 
-The classical rule is evaluated too: traction ends at one speed V, and coasting changes to braking at U = psi(V)/phi'(V)
-with phi = v r(v), psi = v² r'(v), r the running resistance (Howlett and Pudney, "Energy-Efficient Train Control",
-1995), with less coasting, or as a reduced cruise alone.  The strategies with the least net energy are used.
+The classical rule is evaluated too. Its traction ends at one speed V, and its coasting changes to braking at U =
+psi(V)/phi'(V) with phi = v r(v), psi = v² r'(v), and r the running resistance (Howlett and Pudney, "Energy-Efficient
+Train Control", 1995). Variants have less coasting, or only a reduced cruise. The strategies with the least net energy
+are used.
 """
 
 from collections.abc import Callable

@@ -54,7 +54,7 @@ class TrainTables:
     consist
         The train.
     speed_max
-        Of the train [m/s]; None: end of the traction envelope, at most 98 % of the end of the brake envelope.
+        Top speed of the train [m/s]. None: end of the traction envelope, at most 98 % of the end of the brake envelope.
     air_brake
         Include the air brake.
     point_mass
@@ -62,7 +62,7 @@ class TrainTables:
     available
         Available force; None: the nominal envelopes.
     reduction
-        Brake-pipe reduction of the air brake [Pa]; None: that of the largest braking factor.
+        Brake-pipe reduction of the air brake [Pa]. None: the reduction of the largest braking factor.
 
     Attributes
     ----------
@@ -187,8 +187,8 @@ class TrainTables:
 def envelope_table(envelope: Envelope, speed: Array, speed_max: float) -> Array:
     """Return the table of an envelope [N]; linear interpolation never exceeds the envelope at a jump.
 
-    An envelope that ends at the top speed of the train [m/s] continues beyond it; else the table would have no force
-    in the last step below the top speed.
+    An envelope that ends at the top speed of the train [m/s] continues beyond it. Otherwise the table would have no
+    force in the last step below the top speed.
     """
     table = envelope.forces(speed)
     rows = envelope.rows

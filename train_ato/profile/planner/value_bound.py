@@ -1,9 +1,9 @@
 """Lower bound of the net energy of a timetable from the value of a price of time, for short sections and little time.
 
-With a price p of time, every run within the time T* of the timetable has an energy W >= W + p (T - T*) >= V(0) - p T*,
-where V(s, E) is the least value of W + p T from place s with E = v²/2 to the end.  Any p gives a bound, the best p a
-bound without a gap of its own.  V is found by dynamic programming backward over slabs of the line, each step of which
-is below the true value; W is divided by the inertia, without auxiliaries.
+Let V(s, E) be the least value of W + p T from place s with E = v²/2 to the end. With a price p of time, every run
+within the time T* of the timetable has an energy W >= W + p (T - T*) >= V(0) - p T*. Any p gives a bound, and the best
+p gives a bound without a gap of its own. Dynamic programming finds V backward over slabs of the line. Each of its steps
+is below the true value. W is divided by the inertia, without auxiliaries.
 
 Jerk limit and limits of forces by place, except the air of tunnels, are left out, which lowers the bound only.  The gap
 has two causes: the plan is not optimal or keeps the jerk limit, and the slabs are finite.
@@ -12,25 +12,26 @@ Least energy + price x time of a section, from below: dynamic programming backwa
 
 For a run through a slab of length h from E to E', with the mean grade force g, efficiency 1 / a, recovered share c:
 
-* traction and brake work is E' - E + int r ds + h g, at least with the resistance r at the lowest E of the run.  Within
-  the slab E changes by at most alpha upward and beta downward, hence this E is at least min(E, E') - alpha beta h /
-  (alpha + beta).  r is concave in E: a chord is below it.  The cost increases with the work: less r, less cost.
+* Traction and brake work is E' - E + int r ds + h g, at least with the resistance r at the lowest E of the run. Within
+  the slab E changes by at most alpha upward and beta downward. Hence this E is at least min(E, E') - alpha beta h /
+  (alpha + beta). r is concave in E, so that a chord is below it. The cost increases with the work: less r, less cost.
 * Tunnel air is a part of r, the least of the slab; it is linear in E.
 * The time is int ds / sqrt(2 E) >= h / sqrt(2 mean E) (Jensen), with the mean of the highest run from E to E', up with
   alpha and down with beta.
-* More traction and as much more brake work, x, costs (a - c) x.  It raises E by at most x, which saves at most
-  x h / (2 E)^(3/2) of time, or lowers it by at most x, with h r'(E) x less resistance work.  Where this is worth less,
-  x = 0 is a lower bound: with work > 0 E falls by coasting only, else it rises by coasting only, and both rates of the
-  mean and of the lowest E are smaller.
-* Speed limits hold at the borders of the slabs only, forces have the largest value of the slab, and a train that would
+* More traction and as much more brake work, x, costs (a - c) x. It raises E by at most x, which saves at most x h / (2
+  E)^(3/2) of time. Or it lowers E by at most x, with h r'(E) x less resistance work. Where this is worth less, x = 0 is
+  a lower bound. With work > 0 E then falls only by coasting, else it rises only by coasting, and both rates of the mean
+  and of the lowest E are smaller.
+* Speed limits apply only at the borders of the slabs, and forces have the largest value of the slab. A train that would
   stall is at rest with the force that it lacks.
 
-V at the border of a slab is stored at points of a grid of E with spacing d; between them the chord must be below V.
-Let the run from E, between two points, end at E'.  The runs from both points with the same work end at E' - x d and
-E' + (1 - x) d; the chord of their values exceeds the value of the run by at most that of the next V over an interval d.
-This is at most d / 4 times the increase of the slope there, which is therefore subtracted from the next V.  Of a chord
-over the time half the curvature times d² / 4 is subtracted, twice: for the point and for the end between two points.
-Forces, resistance and time of a run from a grid point are those of the best E within d, so that both runs exist.
+V at the border of a slab is stored at points of a grid of E with spacing d. Between the points the chord must be below
+V. Let the run from E, between two points, end at E'. The runs from both points with the same work end at E' - x d and
+E' + (1 - x) d. The chord of their values exceeds the value of the run by at most the excess of the next V over an
+interval d. This is at most d / 4 times the increase of the slope there, which is therefore subtracted from the next V.
+From a chord over the time, half the curvature times d² / 4 is subtracted twice: for the point and for the end between
+two points. Forces, resistance and time of a run from a grid point are those of the best E within d, so that both runs
+exist.
 
 All energies and forces are divided by the inertia.  All compiled code of the values is in this file, because numba's
 cache detects changes of this file only.

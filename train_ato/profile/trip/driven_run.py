@@ -1,17 +1,17 @@
 """Run of the nominal multi-mass train along a journey, and the profile made from it.
 
-A journey of the reduced model has no longitudinal motion between the vehicles; a long train follows it only with force
-peaks. The planner therefore drives the nominal train, with every coupler and cylinder, along the journey: force of the
-journey as feed-forward, a small gain on the speed error, and a limited rate of the force::
+A journey of the reduced model has no longitudinal motion between the vehicles, so that a long train follows it only
+with force peaks. The planner therefore drives the nominal train along the journey, with every coupler and cylinder. The
+force of the journey is the feed-forward, a small gain acts on the speed error, and the rate of the force is limited::
 
     u = F(x) + M g dead_band[v_journey(x) - v],   |u'| <= slew
 
 The dead band keeps small differences of the speed, which a short traction and a short braking would not repair without
 a loss of energy.
 
-The profile of the plan is the mean speed of all vehicles of this run, averaged over time: the total force of a train
-follows from its mean speed without the motion between the vehicles, so the force along the profile is smooth. It
-contains the response of the train to the planned applications; a controller with the same applications needs little
+The profile of the plan is the mean speed of all vehicles of this run, averaged over time. The total force of a train
+follows from its mean speed without the motion between the vehicles, so that the force along the profile is smooth. It
+contains the response of the train to the planned applications. A controller with the same applications needs little
 more than the planned force.
 
 Shares of the power units by place that lower the coupler forces of a planned run.
@@ -22,9 +22,9 @@ leaves the others as they are. The least d that keeps the forces f_j of these co
     d = min(L - max f_j, 0) + max(-L - min f_j, 0)       if max f_j - min f_j <= 2 L
     d = -(max f_j + min f_j) / 2                         else
 
-f_j is the force of the run with the present shares; it contains grades, brake waves and draft gears. d is averaged over
-time, because commands do not damp the waves in the couplers. Unit i gets d_i - d_(i-1) more. Shares are from 0 to 1: no
-unit pulls against another one. The couplers behind the last unit do not depend on the shares.
+f_j is the force of the run with the present shares. It contains grades, brake waves and draft gears. d is averaged over
+time, because commands do not damp the waves in the couplers. Unit i gets d_i - d_(i-1) more. Shares are from 0 to 1, so
+that no unit pulls against another. The couplers behind the last unit do not depend on the shares.
 """
 
 from dataclasses import dataclass

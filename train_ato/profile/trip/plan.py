@@ -2,9 +2,9 @@
 
 Fatigue of the couplers: rainflow cycles after ASTM E1049 and their damage after Miner.
 
-The cycles are those of the library `rainflow`; the force is reduced to its reversals first, which does not change the
-cycles and is 100 times faster. Damage is relative: the sum of (range / 1 MN)^k over all cycles, half cycles half, with
-the slope k = 5 of the S-N curve of steel without welds (FKM guideline "Analytical strength assessment").
+The cycles are those of the library `rainflow`. The force is first reduced to its reversals. This does not change the
+cycles and is 100 times faster. Damage is relative: the sum of (range / 1 MN)^k over all cycles. Half cycles count half.
+k = 5 is the slope of the S-N curve of steel without welds (FKM guideline "Analytical strength assessment").
 """
 
 from dataclasses import dataclass

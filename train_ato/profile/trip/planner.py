@@ -11,11 +11,11 @@ Objective of a trip plan: energy, time and fatigue of the couplers, with the lim
 
     J = energy + time_weight T + fatigue_weight D    [kWh]
 
-With a given running time the price of time in place of ``time_weight`` follows from it. D is the rainflow damage of all
-couplers on the multi-mass train (:func:`.plan.coupler_damage`), which the reduced model of the search does not have. It
+With a given running time the price of time follows from it and replaces ``time_weight``. D is the rainflow damage of
+all couplers on the multi-mass train (:func:`.plan.coupler_damage`). The reduced model of the search does not have it. D
 depends mostly on the largest traction force and on the rate of the force. For ``fatigue_weight`` > 0 the planner
-therefore decreases first the rate, then the traction, step by step at the same price of time, as long as J decreases,
-and plans again for the running time.
+therefore decreases first the rate and then the traction. It does this step by step at the same price of time, as long
+as J decreases. Then it plans again for the running time.
 """
 
 from collections.abc import Callable
@@ -115,10 +115,10 @@ SPACING = 50.0
 def displacements_for_run(run: TripRun, profile: Profile, until: float) -> tuple[DisplacementAt, ...]:
     """Return the displacements of the power units against a profile by place; 0 at its end.
 
-    The profile of a train with several power units is the averaged speed of the whole train: the force of a rigid train
-    along it, M a + R(x, v) + shoes, is the planned force. Vehicle 0 and the other power units move by some metres
-    against this mean. As a part of the profile, their motion would be multiplied by the mass of the whole train;
-    therefore it is a table of its own (:mod:`train_ato.control.force_distribution`).
+    The profile of a train with several power units is the averaged speed of the whole train. The planned force is the
+    force of a rigid train along this profile, M a + R(x, v) + shoes. Vehicle 0 and the other power units move by some
+    metres against this mean. As a part of the profile, their motion would be multiplied by the mass of the whole train.
+    Therefore it is a table of its own (:mod:`train_ato.control.force_distribution`).
 
     Parameters
     ----------

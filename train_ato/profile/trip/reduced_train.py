@@ -1,7 +1,7 @@
 """Reduced model of a train for the search: one speed, masses along the length, shoe force over time.
 
-The line force is that of every vehicle at its own place. The shoe force of an application or release is the sum over
-the vehicles of the plant's own closed form (:class:`plant_sim.air_brake.BrakeForecast`): wave along the train, then
+Every vehicle has the line force at its own place. The shoe force of an application or release is the sum over the
+vehicles of the plant's own closed form (:class:`plant_sim.air_brake.BrakeForecast`): a wave along the train, then
 filling or emptying of every cylinder. Longitudinal motion between the vehicles is omitted; :mod:`.driven_run` adds it.
 
 Quasi-static coupler forces of the reduced train: vehicles without motion against each other.
@@ -10,17 +10,18 @@ All vehicles in front of coupler j have the acceleration a of the train. Its for
 
     f_j = S_j F - M_j a - L_j(x) - r_j R(v) - B_j(age) phi(v)
 
-with the sums over these vehicles: S_j share of the force F of the drives, M_j mass with rotating parts, L_j line force,
-r_j share of the running resistance R, B_j shoe force at standstill, and the friction law phi of the shoes. The search
-needs it for a train with power units inside: there a part of the train pushes or pulls against another one although the
-force of the drives is small, for example after a release with the rear part in a fall.
+The sums over these vehicles are S_j (share of the force F of the drives), M_j (mass with rotating parts), L_j (line
+force), r_j (share of the running resistance R) and B_j (shoe force at standstill). phi is the friction law of the
+shoes. The search needs this for a train with power units inside. There a part of the train can push or pull against
+another part although the force of the drives is small, for example after a release with the rear part in a fall.
 
 Traction and electric brake of a trip in neutral sections, power limits, and sections with another adhesion.
 
-The limits are those of the planner for shorter trains (:class:`train_ato.profile.planner.line_tables.PlaceLimits`):
-the units share a force in proportion, so the most limited unit limits the train. The profile is an average of the run
-over time. The limits of a section therefore hold :data:`MARGIN` before and after it, and the force changes to them with
-the rate of the settings. Shoes at low adhesion are limited by the plant of :mod:`.driven_run` only.
+The limits are those of the planner for shorter trains (:class:`train_ato.profile.planner.line_tables.PlaceLimits`). The
+units share a force in proportion, so that the most limited unit limits the train. The profile is an average of the run
+over time. Therefore the limits of a section apply from :data:`MARGIN` before it to the same distance after it, and the
+force changes to them with the rate of the settings. Only the plant of :mod:`.driven_run` limits the shoes at low
+adhesion.
 """
 
 import math
@@ -242,8 +243,8 @@ class Reservoirs:
     recharge : float
         Time constant [s]; 0 for reservoirs that applications do not use up.
     wave_loss : float
-        Mean factor of the vehicles on the missing filling: every vehicle recharges from the wave of a release to that
-        of the next application, and the first one is slower.
+        Mean factor of the vehicles on the missing filling. Every vehicle recharges from the wave of a release to the
+        wave of the next application. The first of these waves is slower.
     """
 
     recharge: float = 0.0

@@ -1,18 +1,18 @@
 """Search of the cheapest journey of the reduced model: dynamic programming over place, speed and brake state.
 
-Stages are the cells of the line. A state is a speed on a grid, a brake state and a supply. The brake states are:
-released; applied since an age; released since an age (no application before the recharge pause has passed). The supply
-s is the mean filling of the reservoirs; during an application and its release, that at the begin of this application.
-Controls are the force of the drives (fractions of the envelopes, coasting, constant speed), an application, and a
-release. Bellman's equation from the last cell to the first one::
+Stages are the cells of the line. A state is a speed on a grid, a brake state and a supply. A brake state is released,
+applied since an age, or released since an age; in the last state the recharge pause has not passed, and no application
+is possible. The supply s is the mean filling of the reservoirs. During an application and its release it is the filling
+at the begin of this application. Controls are the force of the drives (fractions of the envelopes, coasting, constant
+speed), an application, and a release. Bellman's equation runs from the last cell to the first::
 
     J_k(v, b, s) = min_F [ (max(F, 0) - recovered max(-F, 0)) ds + price dt + J_k+1(v', b', s') ]
     v'²/2 = v²/2 + a ds
 
 J is linear between the speeds of the grid, between the ages, and between the supplies. Traction against applied or
 releasing shoes is excluded. Speeds above the limit are penalised. The journey follows J forwards with a finer set of
-forces. The reservoirs are those of the plant: an application brakes with the part s of its force and uses a part u s of
-the filling; from the release on it approaches 1 with the time constant of the recharge.
+forces. The reservoirs are those of the plant. An application brakes with the part s of its force and uses a part u s of
+the filling. After the release the filling approaches 1 with the time constant of the recharge.
 """
 
 # mypy: allow-untyped-defs

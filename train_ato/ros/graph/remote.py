@@ -19,7 +19,7 @@ ELSEWHERE_S = 5.0
 
 
 def resolve_domain(wanted: int | None, namespace: str = "") -> int:
-    """Return the wanted domain, that of ``ROS_DOMAIN_ID``, or that of the only run with this namespace.
+    """Return the wanted domain, else the domain of ``ROS_DOMAIN_ID``, or that of the only run with this namespace.
 
     Raises
     ------

@@ -437,7 +437,7 @@ class NodeEndpoints:
 
     @property
     def external_name(self) -> str:
-        """Name of the program in place of a node, that of the node as long as it is unknown; "" without one."""
+        """Name of the program in place of a node; the name of the node until it is known; "" without a program."""
         return "" if self.external is None else self.publisher_names.get(self.external.value, self.external.value)
 
     @property

@@ -32,8 +32,8 @@ class AheadWatch:
     """Reports of the train ahead, and the wait for the report of a step.
 
     In lockstep a step of the supervisor waits for a report of its stamp, so that the run does not depend on the speeds
-    of both programs.  It does not wait after the last report, nor for a train whose reports have been missing for the
-    time-out; their age and the rules of the end of authority then protect the train.
+    of both programs. It does not wait after the last report, and not for a train whose reports have been missing for
+    the time-out. The age of the reports and the rules of the end of authority then protect the train.
 
     Parameters
     ----------

@@ -1,9 +1,9 @@
 """Parameters and services of the node ``plant`` during a run.
 
-Parameters ``rate`` and ``paused`` control the progress of the run.  Services ``~/gust``, ``~/delay_jump``,
-``~/emergency_brake`` and those of faults (``~/message_loss`` ...) act from the next tick on and are reported in
-``/diagnostics``; their strengths are parameters (``gust.acceleration`` ...), because the services of ``std_srvs`` have
-no fields for numbers.
+Parameters ``rate`` and ``paused`` control the progress of the run. Services ``~/gust``, ``~/delay_jump``,
+``~/emergency_brake`` and the services of faults (``~/message_loss`` ...) act at the next tick and later.
+``/diagnostics`` reports them. Their strengths are parameters (``gust.acceleration`` ...), because the services of
+``std_srvs`` have no fields for numbers.
 """
 
 from collections.abc import Callable

@@ -181,8 +181,8 @@ class OnePublisher:
 class NamedSenders:
     """Monitor of ``/diagnostics``, which all programs of a domain publish: one publisher for the name of every node.
 
-    A message has no identifier of its publisher, but the messages of a publisher are numbered: a message under the name
-    of a node whose number is not the next one is of another program, or messages were lost.
+    A message has no identifier of its publisher, but the messages of a publisher are numbered. If the number of a
+    message under the name of a node is not the next number, messages were lost or the message is from another program.
 
     Attributes
     ----------

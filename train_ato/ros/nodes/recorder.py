@@ -100,9 +100,9 @@ class RecorderNode:
     def poll(self, *, last: bool = False) -> int:
         """Read the queues and write the messages in the order of their stamps; return the number of messages read.
 
-        Each topic is received by a thread of its own, so the order of receipt is not that of the run. A message waits
-        until every topic of a tick has its stamp, :data:`HOLD_S` at most; the ``last`` call writes all. Publish time
-        and log time are the stamp, as in the log of the engine.
+        Each topic has its own receiving thread, so that the order of receipt is not the order of the run. A message
+        waits until every topic of a tick has its stamp, :data:`HOLD_S` at most. The ``last`` call writes all messages.
+        Publish time and log time are the stamp, as in the log of the engine.
 
         Raises
         ------

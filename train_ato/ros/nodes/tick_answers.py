@@ -36,8 +36,8 @@ class TickAnswers:
     command, pipe, release
         Answers that are not yet used; None without one.
     piped : bool
-        True if a pressure belongs to every tick; a program in place of the controller may leave it out, and the brake
-        pipe of a train with an air brake stays charged.
+        True if a pressure belongs to every tick. A program in place of the controller may leave it out. The brake pipe
+        of a train with an air brake then stays charged.
     ignored : int
         Number of duplicate or unexpected answers.
     stamps : dict

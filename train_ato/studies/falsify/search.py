@@ -1,8 +1,8 @@
 """Search of a falsification: find a break of a requirement, then the smallest departure that still breaks it.
 
-A Gaussian process of the robustness has a mean and a standard deviation at every point; the next point has the lowest
-lower confidence bound (N. Srinivas et al., "Gaussian process optimization in the bandit setting", ICML 2010). It was
-chosen by measurement against CMA-ES, cross-entropy and random search (``studies_done/falsify.py``).
+A Gaussian process of the robustness has a mean and a standard deviation at every point. The next point has the lowest
+lower confidence bound (N. Srinivas et al., "Gaussian process optimization in the bandit setting", ICML 2010). This
+method was chosen by measurement against CMA-ES, cross-entropy and random search (``studies_done/falsify.py``).
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence

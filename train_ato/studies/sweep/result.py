@@ -32,10 +32,10 @@ def sweep_table(rows: Sequence[Row], keys: Sequence[str]) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        ``run``; the varied keys; law, observer, compensation, seed; ``status``, ``reason``, ``verdict``, ``tracking``;
-        the numeric metrics of ``summary.json``, NaN without a value; ``sha256`` of the resolved scenario; wall times
-        ``wall_s``, ``evaluation_s``, ``overhead_s``; ``point``, the values of the varied keys as JSON.  A key whose
-        values are not of one type, or not scalar, is a column of JSON texts.
+        The columns are ``run``, the varied keys, law, observer, compensation, seed, ``status``, ``reason``, ``verdict``
+        and ``tracking``; the numeric metrics of ``summary.json`` (NaN without a value); ``sha256`` of the resolved
+        scenario; the wall times ``wall_s``, ``evaluation_s``, ``overhead_s``; ``point``, the values of the varied keys
+        as JSON. If the values of a key have several types, or are not scalar, its column has JSON texts.
     """
     import pandas as pd
 

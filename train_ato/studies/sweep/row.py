@@ -47,9 +47,10 @@ def drive_point(base: ScenarioChoice, number: int, point: Mapping[str, Any], par
     Returns
     -------
     dict
-        Plain data.  ``status``: ``done``; ``failed`` with the reason; ``refused`` with the reason if the combination of
-        values is no valid run.  ``sha256``: hash of the resolved scenario.  Wall times: ``wall_s`` of the loop of the
-        engine, ``evaluation_s`` of its start and its metrics, ``overhead_s`` of all else.
+        Plain data. ``status`` is ``done``, ``failed`` with the reason, or ``refused`` with the reason if the
+        combination of values is no valid run. ``sha256`` is the hash of the resolved scenario. The wall times are
+        ``wall_s`` of the loop of the engine, ``evaluation_s`` of its start and its metrics, and ``overhead_s`` of all
+        else.
     """
     begin = time.perf_counter()
     row: Row = {"run": number, "point": dict(point), "status": "refused", "reason": ""}

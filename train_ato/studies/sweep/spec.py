@@ -181,9 +181,9 @@ MISSING_SCIPY = "the package scipy is not installed; install it with `pip instal
 def design_points(spec: SweepSpec) -> list[Point]:
     """Return the points of a sweep in the order of its runs.
 
-    A grid has every combination, the last key varies fastest.  The other designs fill the unit cube of the coordinates:
-    independent uniform numbers; a Latin hypercube (one point in each of n equal intervals of every coordinate); a
-    scrambled Sobol sequence.  Equal specifications have equal points.
+    A grid has every combination, and the last key varies fastest. The other designs fill the unit cube of the
+    coordinates. They use independent uniform numbers, a Latin hypercube (one point in each of n equal intervals of
+    every coordinate), or a scrambled Sobol sequence. Equal specifications have equal points.
 
     Raises
     ------

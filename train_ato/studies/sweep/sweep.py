@@ -42,9 +42,9 @@ def sweep_base(spec: SweepSpec) -> SweepBase:
 def check_values(spec: SweepSpec, base: SweepBase, points: list[Point], step: Callable[[], None] | None = None) -> None:
     """Check every value of every list, and the limits of every range.
 
-    A value is valid if the scenario accepts it alone or in the first point that has it.  A key is valid if at least
-    one of its values can be prepared: the other ones, such as a law that does not fit the train, are rows of the
-    table with the status ``refused``.
+    A value is valid if the scenario accepts it alone or in the first point that has it. A key is valid if at least one
+    of its values can be prepared. Other values, such as a law that does not fit the train, are rows of the table with
+    the status ``refused``.
 
     Parameters
     ----------
