@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 import yaml
 from plant_trains import plain_line, train
-from test_brought_lines import LINKS, ORE, TABLE, gpx, track
+from test_brought_lines import LINKS, ORE, RAIL_STOCK_2, TABLE, gpx, track
+from test_networks import RAIL_2
 from test_readers import BENCH, PATH, TRAIN
 
 from plant_sim.consist import Consist
@@ -332,15 +333,19 @@ def test_an_osrd_train_goes_back_unchanged(tmp_path: Path, capsys: pytest.Captur
 BROUGHT: dict[str, tuple[str, str, float]] = {
     "osrd": ("stock.json:thermal", "xuzhou_metro_test", 200.0), "table": ("stock.json", "line.csv", 12_200.0),
     "altrios": ("ore.yaml", "net.yaml:1..4", 700.0), "gpx": ("stock.json", "way.gpx", 200.0),
+    "railml 2": ("stock.railml", "net.railml:West..t3", 200.0),
 }  # fmt: skip
 """Train, line, and place of the first vehicle [m], by the format under test."""
 
 
 @pytest.mark.parametrize("form", BROUGHT)
-def test_a_brought_file_is_planned_run_and_reported(tmp_path: Path, form: str) -> None:
+def test_a_brought_file_is_planned_run_reported_and_converted(tmp_path: Path, form: str) -> None:
+    """Breaks if a step from the file to the report refuses it, or the own file has another line or train."""
     for name, data in (("stock.json", STOCK), ("ore.yaml", ORE), ("net.yaml", [{}, LINKS])):
         (tmp_path / name).write_text(json.dumps(data))
     (tmp_path / "line.csv").write_text(TABLE)
+    (tmp_path / "stock.railml").write_text(RAIL_STOCK_2)
+    (tmp_path / "net.railml").write_text(RAIL_2)
     (tmp_path / "way.gpx").write_text(gpx(track(), {"A": track()[0], "B": track()[-1]}))
     consist, line = (str(tmp_path / name) if "." in name else name for name in BROUGHT[form][:2])
     assert main(["plan", line, consist, "--point-mass", "--out", str(tmp_path / "plan.csv")]) == 0
@@ -353,6 +358,9 @@ def test_a_brought_file_is_planned_run_and_reported(tmp_path: Path, form: str) -
     assert main(["run", "--engine", str(tmp_path / "s.yaml"), "--out", str(tmp_path / "run")]) == 0
     assert main(["report", str(tmp_path / "run")]) == 0
     assert (tmp_path / "run" / "report.html").stat().st_size > 1000
+    for name, load in ((consist, load_consist), (line, load_line)):
+        own = tmp_path / f"own_{load.__name__}.yaml"
+        assert main(["convert", name, str(own)]) == 0 and load(str(own)) == load(name)
 
 
 def test_a_train_of_several_vehicles_becomes_rolling_stock(tmp_path: Path) -> None:
