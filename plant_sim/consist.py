@@ -405,6 +405,12 @@ class Consist(SiModel):
         examples=[["D4", "freight"]],
     )
     rating: Rating | None = Field(None, description="figures of the train for category_limits with needs")
+    pantographs: tuple[int, ...] = Field(
+        (),
+        description="numbers of the vehicles with a raised pantograph, from 0; a power unit has its power from the "
+        "nearest one, of two from the front one; default: from its own",
+        examples=[[1, 4]],
+    )
     kept: dict[str, dict[str, Any]] = Field(
         default_factory=dict,
         description="keys of a foreign format without effect here, by format; convert writes them back",
@@ -434,6 +440,8 @@ class Consist(SiModel):
         count = sum(part.count for part in self.train)
         if count > MAX_VEHICLES:
             raise ValueError(f"train has {count} vehicles, more than {MAX_VEHICLES}; correct 'count'")
+        if any(not 0 <= vehicle < count for vehicle in self.pantographs):
+            raise ValueError(f"pantographs: lists a vehicle outside 0 ... {count - 1}; correct it")
         for coupling in self.couplings:
             if any(not 0 <= vehicle < count - 1 for vehicle in coupling.behind):
                 raise ValueError(f"couplings: behind lists a vehicle outside 0 ... {count - 2}; correct it")
@@ -470,6 +478,14 @@ class Consist(SiModel):
     def power_units(self) -> tuple[int, ...]:
         """Numbers of the vehicles with a traction or electric-brake envelope."""
         return tuple(i for i, vehicle in enumerate(self.vehicles) if vehicle.traction or vehicle.brake)
+
+    @property
+    def supplies(self) -> tuple[int, ...]:
+        """Number of the vehicle with the pantograph that feeds every vehicle."""
+        if not self.pantographs:
+            return tuple(range(len(self.vehicles)))
+        at = self.offsets
+        return tuple(min(self.pantographs, key=lambda fed: (abs(at[fed] - own), fed)) for own in at)
 
     @property
     def friction_emergency_brake(self) -> EmergencyBrake | None:

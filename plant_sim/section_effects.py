@@ -1,7 +1,8 @@
 """Effects of line sections on the arrays of the kernel: traction, electric brake, adhesion and tunnel air by place.
 
 The kernel reads forces, adhesion and resistance of a vehicle from arrays. When the centre of a vehicle passes the limit
-of a section, its columns change before the next tick; the compiled step is the same on every line. All changes are
+of a section, its columns change before the next tick, and the power of the units that its pantograph feeds; the
+compiled step is the same on every line. All changes are
 factors, so that jumps of adhesion and resistance keep their effect. A line without such sections changes nothing.
 """
 
@@ -118,6 +119,10 @@ class SectionEffects:
         if not self.exist:
             return
         self._unit_of = {vehicle: unit for unit, vehicle in enumerate(consist.power_units)}
+        supplies = consist.supplies
+        self._fed: dict[int, list[int]] = {}
+        for unit, vehicle in enumerate(consist.power_units):
+            self._fed.setdefault(supplies[vehicle], []).append(unit)
         self._resistance = _tunnel_factors(consist, setup, self._zones.cross_section)
         self._pointers = self._zone_envelopes(consist)
         self._zone: NDArray[np.int64] = np.full(self._vehicles, -1, dtype=np.int64)
@@ -159,7 +164,8 @@ class SectionEffects:
         unit = self._unit_of.get(vehicle)
         if unit is not None:
             a.unit[k.ADHESION, unit] *= factor
-            a.unit_index[k.TRACTION_FIRST : k.ELECTRIC_END + 1, unit] = self._pointers[zone][unit]
+        for fed in self._fed.get(vehicle, ()):
+            a.unit_index[k.TRACTION_FIRST : k.ELECTRIC_END + 1, fed] = self._pointers[zone][fed]
 
     def _zone_envelopes(self, consist: Consist) -> list[list[tuple[int, ...]]]:
         """Append the envelopes of all zones; return the pointers of every unit in every zone."""

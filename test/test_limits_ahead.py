@@ -58,6 +58,7 @@ def test_without_sections_the_forces_are_the_envelopes() -> None:
         assert (low[k].tolist(), high[k].tolist()) == expected, speed
 
 
+@pytest.mark.parametrize("pantographs", [(), (1,)])
 @pytest.mark.parametrize(("sections", "demand"), [
     ({"neutral_sections": [{"begin": 100, "end": 140}]}, 1e6),
     ({"neutral_sections": [{"begin": 100, "end": 140}]}, -1e6),
@@ -66,14 +67,16 @@ def test_without_sections_the_forces_are_the_envelopes() -> None:
     ({"adhesion": [{"begin": 90, "end": 150, "factor": 0.2}]}, 1e6),
     ({"adhesion": [{"begin": 90, "end": 150, "factor": 0.2}]}, -1e6),
 ])  # fmt: skip
-def test_the_forces_are_those_of_the_plant(sections, demand) -> None:
+def test_the_forces_are_those_of_the_plant(sections, demand, pantographs) -> None:
     """Breaks if a section acts at another place, on another unit or with another force than in the plant."""
     line = plain_line(**sections)
-    rows = driven(line, demand, 6.0, start={"position": 60, "speed": 25})
-    limits = LimitsAhead(_model(railcar(), line))
+    consist = railcar().model_copy(update={"pantographs": pantographs})
+    rows = driven(line, demand, 6.0, consist, start={"position": 60, "speed": 25})
+    limits = LimitsAhead(_model(consist, line))
     forces = limits.force(rows[:, 0, 0].copy(), rows[:, 1, 0].copy())[int(demand > 0)]
     borders = limits._zones.breaks
-    distance = np.abs(rows[:, 0, :, None] - borders).min(axis=2)
+    places = np.stack((rows[:, 0], rows[:, 0][:, list(consist.supplies)]), axis=2)
+    distance = np.abs(places[..., None] - borders).min(axis=(2, 3))
     compared = distance > 4.0
     assert forces[compared] == pytest.approx(rows[:, 2][compared], rel=0.02, abs=1.0)
     works = sections.get("neutral_sections", [{}])[0].get("electric_brake", False)

@@ -75,6 +75,27 @@ def test_a_unit_in_a_neutral_section_has_no_force(demand: float, key: str) -> No
     np.testing.assert_array_equal(force[~inside], demand)
 
 
+def test_units_have_power_where_their_pantograph_is() -> None:
+    """Breaks if plant or plan switch a unit by its own place, with the pantograph on the rear car."""
+    rear = railcar().model_copy(update={"pantographs": (1,)})
+    line = plain_line(neutral_sections=[{"begin": 100, "end": 140}])
+    rows = driven(line, FORCE, 9.0, rear, start={"position": 30, "speed": 30})
+    position, force = rows[:-1, 0], rows[1:, 2]
+    inside = (position[:, 1] >= 100) & (position[:, 1] < 140)
+    assert inside.any() and (force[inside] == 0.0).all() and (force[~inside] == FORCE).all()
+    section = {"speed_limits": [{"at": 0, "speed_kmh": 100}], "neutral_sections": [{"begin": 1000, "end": 1100}]}
+    forces = []
+    for consist in (rear, railcar()):
+        found = plan_profile(plain_line(**section), consist, PlanSettings(begin=50, end=2900))
+        fed = found.front - 30  # centre of the rear car
+        forces.append(np.abs(found.force[(fed > 1000) & (fed < 1100)]).max())
+    assert forces[0] < 1.0 < 1e3 < forces[1], "the front car has power again while the rear one is in the section"
+    assert build_model(Consist, yaml.safe_load(own_yaml(rear)), "again") == rear
+    assert rear.model_copy(update={"pantographs": ()}).supplies == (0, 1) and rear.supplies == (1, 1)
+    with pytest.raises(ValueError, match=r"pantographs: lists a vehicle outside 0 \.\.\. 1; correct it"):
+        Consist.model_validate(rear.model_dump(by_alias=True) | {"pantographs": [2]})
+
+
 def test_a_diesel_train_and_a_rheostatic_brake_work_in_a_neutral_section() -> None:
     """Breaks if the keys independent_power and electric_brake have no effect."""
     section = {"begin": 0, "end": 500}

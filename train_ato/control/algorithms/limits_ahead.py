@@ -1,8 +1,9 @@
 """Limits ahead by place: speed limit of the line for the whole train, force of every unit with the line's sections.
 
-The tables follow once from the nominal train and line. Neutral sections, power limits and adhesion apply to every power
-unit with its centre in the section, as in the plant (:mod:`plant_sim.section_effects`). The adhesion is the dry
-adhesion of Curtius and Kniffler times the factor of the section. It limits only on lines with adhesion sections.
+The tables follow once from the nominal train and line. Adhesion applies to every power unit with its centre in the
+section, neutral sections and power limits to one with its pantograph there, as in the plant
+(:mod:`plant_sim.section_effects`). The adhesion is the dry adhesion of Curtius and Kniffler times the factor of the
+section. It limits only on lines with adhesion sections.
 
 Force limits of line sections in the plan of a predictive law: limits at its nodes, and the command of every unit.
 """
@@ -130,7 +131,8 @@ class LimitsAhead:
     def __init__(self, model: TrainModel) -> None:
         self.places, self.speeds = _whole_train_limits(model)
         self._zones = SectionZones(model.line)
-        self._offsets = model.offsets
+        self._offsets, supplies = model.offsets, model.consist.supplies
+        self._fed_at = np.array(model.consist.offsets)[[supplies[unit] for unit in model.units]]
         self._rows, self._pointers = self._zone_envelopes(model)
         vehicles = [model.consist.vehicles[unit] for unit in model.units]
         weight = [model.consist.gravity * (vehicle.adhesive_mass or vehicle.mass) for vehicle in vehicles]
@@ -151,7 +153,7 @@ class LimitsAhead:
             Of vehicle 0's centre [m, m/s].
         """
         found: tuple[Array, Array] = _forces(
-            position, speed, self._offsets, self._zones.breaks, self._rows, self._pointers, self._adhesion
+            position, speed, self._offsets, self._fed_at, self._zones.breaks, self._rows, self._pointers, self._adhesion
         )
         return found
 
@@ -225,16 +227,18 @@ def step_values(places, values, position):
 
 
 @compiled
-def _forces(position, speed, offsets, breaks, rows, pointers, adhesion):
+def _forces(position, speed, offsets, fed_at, breaks, rows, pointers, adhesion):
     """Return smallest and largest force of the units at places and speeds [N], each of shape (h, units)."""
     low, high = np.empty((position.size, offsets.size)), np.empty((position.size, offsets.size))
     for k in range(position.size):
         size = abs(speed[k])
         for unit in range(offsets.size):
-            zone = 0
+            zone, fed = 0, 0
             while zone < breaks.size and breaks[zone] <= position[k] - offsets[unit]:
                 zone += 1
-            first, end, brake_first, brake_end = pointers[zone, unit]
+            while fed < breaks.size and breaks[fed] <= position[k] - fed_at[unit]:
+                fed += 1
+            first, end, brake_first, brake_end = pointers[fed, unit]
             grip = adhesion[zone, unit] * adhesion_by_speed(size)
             low[k, unit] = -min(envelope_force(rows, brake_first, brake_end, size), grip)
             high[k, unit] = min(envelope_force(rows, first, end, size), grip)

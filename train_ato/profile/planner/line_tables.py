@@ -234,7 +234,7 @@ class PlaceLimits:
     def __init__(self, line: Line, consist: Consist, train: TrainTables) -> None:
         self._zones, self._line = SectionZones(line), line
         self._train, self._consist = train, consist
-        self._vehicles = consist.vehicles
+        self._vehicles, self._supplies = consist.vehicles, consist.supplies
         self._has_adhesion = bool(line.adhesion)
         self._reserves: dict[Zones, Array] = {}
         pulls = [Envelope(vehicle.traction).forces(train.speed) for vehicle in self._vehicles]
@@ -249,19 +249,20 @@ class PlaceLimits:
         """Return the sections that limit the traction, or the brakes, of the train at a place of its front [m]."""
         line, places = self._line, front - self._train.behind
         units = np.array([bool(v.brake if brakes else v.traction) and not v.independent_power for v in self._vehicles])
-        listed: list[tuple[str, Sequence[LineSection], NDArray[np.bool_]]] = [
-            ("section with low adhesion", [entry for entry in line.adhesion if entry.factor < 1.0], places == places)
+        fed = places[list(self._supplies)][units]
+        listed: list[tuple[str, Sequence[LineSection], Array]] = [
+            ("section with low adhesion", [entry for entry in line.adhesion if entry.factor < 1.0], places)
         ]
         if brakes:
             off = [entry for entry in line.neutral_sections if not entry.electric_brake]
-            listed.append(("neutral section", off, units))
+            listed.append(("neutral section", off, fed))
         else:
-            listed += [("neutral section", line.neutral_sections, units), ("power limit", line.power_limits, units)]
+            listed += [("neutral section", line.neutral_sections, fed), ("power limit", line.power_limits, fed)]
         return [
             f"{kind} from km {entry.begin / 1000:.3f} to km {entry.end / 1000:.3f}"
-            for kind, entries, on in listed
+            for kind, entries, at in listed
             for entry in entries
-            if np.any((places[on] >= entry.begin) & (places[on] < entry.end))
+            if np.any((at >= entry.begin) & (at < entry.end))
         ]
 
     def zones_at(self, places: Array) -> NDArray[np.int64]:
@@ -364,16 +365,17 @@ class PlaceLimits:
         forces, left = np.zeros((2, speed.size)), np.zeros((2, speed.size))
         least_part = np.ones((2, speed.size))
         grip = np.zeros(speed.size)
-        for vehicle, zone, own in zip(self._vehicles, zones, self._powers, strict=True):
+        for vehicle, zone, supply, own in zip(self._vehicles, zones, self._supplies, self._powers, strict=True):
             if vehicle.traction or vehicle.brake:
                 both = np.stack(_forces(vehicle, self._train))
                 adhesion = self._adhesion(zone, vehicle.adhesive_mass or vehicle.mass, speed)
                 most, least = adhesion, adhesion
                 if not vehicle.independent_power:
-                    power = self._zones.power[zone] * own / whole
+                    fed = zones[supply]
+                    power = self._zones.power[fed] * own / whole
                     most = np.minimum(most, power / np.maximum(speed, MIN_POWER_SPEED))
-                    most = most * (not self._zones.neutral[zone])
-                    least = least * (not self._zones.electric_brake_off[zone])
+                    most = most * (not self._zones.neutral[fed])
+                    least = least * (not self._zones.electric_brake_off[fed])
                 limited = np.minimum(both, np.stack((most, least)))
                 forces, left = forces + both, left + limited
                 least_part = np.minimum(least_part, np.where(both > 0.0, limited / np.maximum(both, 1e-9), 1.0))

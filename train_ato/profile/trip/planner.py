@@ -175,8 +175,9 @@ def check_final_part(model: TrainModel, begin: float, stop: float) -> None:
     ValueError
         With the key of the line and the place of the first section without electric brake.
     """
-    line, vehicles = model.line, model.consist.vehicles
-    for unit, offset in zip(model.units, model.offsets.tolist(), strict=True):
+    line, vehicles, offsets = model.line, model.consist.vehicles, model.consist.offsets
+    for unit in model.units:
+        offset = offsets[model.consist.supplies[unit]]
         for number, section in enumerate(line.neutral_sections):
             if section.electric_brake or vehicles[unit].independent_power:
                 continue

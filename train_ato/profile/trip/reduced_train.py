@@ -64,15 +64,17 @@ class SectionForces:
     """
 
     def __init__(self, model: TrainModel, top_speed: float) -> None:
-        line, offsets = model.line, model.offsets
+        line, consist = model.line, model.consist
         self.breaks: Array = np.zeros(0)
         if not (line.neutral_sections or line.power_limits or line.adhesion):
             return
+        vehicles = sorted({*model.units, *(consist.supplies[unit] for unit in model.units)})
+        offsets = np.array(consist.offsets)[vehicles]
         limits = PlaceLimits(line, model.consist, TrainTables(model.consist, top_speed))
         self.breaks = np.unique(limits.breaks[:, None] + offsets)
         inside = np.concatenate(([self.breaks[0] - 1.0], self.breaks))
         zones = np.zeros((inside.size, len(model.consist.vehicles)), dtype=np.int64)
-        zones[:, list(model.units)] = limits.zones_at(inside[:, None] - offsets)
+        zones[:, vehicles] = limits.zones_at(inside[:, None] - offsets)
         rows, which = np.unique(zones, axis=0, return_inverse=True)
         tables = np.stack([np.stack(limits.available(tuple(row), equal_parts=True)[:2]) for row in rows.tolist()])
         self._tables = tables[which.ravel()]
