@@ -89,6 +89,10 @@ def test_units_have_power_where_their_pantograph_is() -> None:
         found = plan_profile(plain_line(**section), consist, PlanSettings(begin=50, end=2900))
         fed = found.front - 30  # centre of the rear car
         forces.append(np.abs(found.force[(fed > 1000) & (fed < 1100)]).max())
+        off, on = (found.summary()["without_power"][0][key] for key in ("off_s", "on_s"))
+        first = 30 if consist is rear else 10  # from the front to the first centre with a pantograph
+        places = [np.interp(at, found.profile.time, found.front) for at in (off, on)]
+        assert places == pytest.approx([1000 + first, 1130], abs=0.1)
     assert forces[0] < 1.0 < 1e3 < forces[1], "the front car has power again while the rear one is in the section"
     assert build_model(Consist, yaml.safe_load(own_yaml(rear)), "again") == rear
     assert rear.model_copy(update={"pantographs": ()}).supplies == (0, 1) and rear.supplies == (1, 1)

@@ -321,6 +321,9 @@ def execute_plan(options: argparse.Namespace) -> int:
             for stop in result["stops"]
         )
         print_table(("stop, km", *columns), stops)
+    if dead := result.get("without_power"):
+        sections = ([f"{row['place_m'] / 1e3:.3f}", f"{row['off_s']:.1f}", f"{row['on_s']:.1f}"] for row in dead)
+        print_table(("neutral section, km", "power off, s", "power on, s"), sections)
     for name in result["files"]:
         sys.stdout.write(f"{name}\n")
     return 0

@@ -94,6 +94,7 @@ class Plan:
         traction, brake, electric = (self.work.sum(axis=1) / 3.6e6).tolist()
         moving = profile.velocity > 1e-3
         running = force[moving]
+        dead = self.places.without_power(self.front, profile.time) if self.places else []
         return {
             "train": self.train.name,
             "line": self.line.name,
@@ -112,6 +113,7 @@ class Plan:
             "brake_max_kn": round(float(max(-running.min(initial=0.0), 0.0)) / 1e3, 3),
             "force_margin": self.settings.force_margin,
             **({"allowance_s": round(plain_sum(self.allowances), 3)} if self.least else {}),
+            **({"without_power": dead} if dead else {}),
             "stops": [
                 {
                     "place_m": round(place, 3),

@@ -265,6 +265,27 @@ class PlaceLimits:
             if np.any((at >= entry.begin) & (at < entry.end))
         ]
 
+    def without_power(self, front: Array, time: Array) -> list[dict[str, float]]:
+        """Return places [m] of the neutral sections of a plan, and the times [s] without power in a unit.
+
+        Parameters
+        ----------
+        front, time
+            Rising places of the front [m] and times [s] of the knots.
+        """
+        units = [fed for v, fed in zip(self._vehicles, self._supplies, strict=True)
+                 if (v.traction or v.brake) and not v.independent_power]  # fmt: skip
+        behind = self._train.behind[units]
+        passages = [
+            (e.begin, e.begin + behind.min(), e.end + behind.max()) for e in self._line.neutral_sections if units
+        ]
+        return [
+            {"place_m": round(at, 3), "off_s": round(float(off), 3), "on_s": round(float(on), 3)}
+            for at, first, last in sorted(passages)
+            if first < front[-1] and last > front[0]
+            for off, on in (np.interp((first, last), front, time),)
+        ]
+
     def zones_at(self, places: Array) -> NDArray[np.int64]:
         """Return the zone of vehicles with their centres at places [m]."""
         return self._zones.at(places)
