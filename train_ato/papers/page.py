@@ -1,5 +1,6 @@
 """Markdown page with claims, verdicts and tables of a reproduction."""
 
+import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -72,19 +73,28 @@ INTRODUCTION = """\
 # Claims of the papers and results
 
 Written by `train-ato reproduce{options}`. Every number is from a run of that command on the shipped scenarios.
-"Reproduced": the claim holds as stated in the paper; "only in another setting": it holds after the change in the
-reason; otherwise it is not reproduced, also if a part of it holds. "Goal" marks goals of this project. "Independent"
-marks values of a second implementation of the same corrected equations, which is not part of this project. Where the
-paper gives no reference, it follows another one. Where its law differs, the table names the difference. "Useless" is an
-error of ten times the quantity or more.
+A claim is "reproduced" if it holds as stated in the paper. It is "only in another setting" if it holds after the change
+in the reason. Otherwise it is "not reproduced", also if a part of it holds. "Goal" marks goals of this project.
+"Independent" marks values of a second implementation of the same corrected equations, which is not part of this
+project. Where the paper gives no reference profile, that implementation follows another one. Where its law differs, the
+table names the difference. "Useless" is an error of ten times the quantity or more.
 
-Every bound is fixed before the run and has its source in brackets: a figure of the paper, a closed form, a goal, or the
-words of the paper. Words have the same meaning in all papers: "better" is at most {better:.0%} of the other error,
-"significantly" and "effective" {much:.0%}, "removed", "precisely" and "accurate" {removed:.0%}, "unchanged" within
-{unchanged:.0%}, "robust" {robust:.0%} of the nominal one, "about" a figure within {about:.0%}. Behind each bound is the
-measured figure; one within 3 % of its bound has a note. The last column of the table of papers has the verdicts before
-the bounds were fixed this way (release 0.2.0), in the same order; one claim was removed, since the reference had been
-chosen to meet it (11.4 % of demand above the force limit, paper 003).
+Every bound is fixed before the run. Its source is in brackets: a figure of the paper, a closed form, a goal, or the
+words of the paper. The measured figure is behind the bound. A figure within 3 % of its bound has a note. Words have the
+same meaning in all papers:
+
+| word | bound |
+| --- | --- |
+| better | at most {better:.0%} of the other error |
+| significantly, effective | at most {much:.0%} of the other error |
+| removed, precisely, accurate | at most {removed:.0%} |
+| unchanged | within {unchanged:.0%} |
+| robust | at most {robust:.0%} of the nominal error |
+| about | within {about:.0%} of the figure |
+
+The last column of the next table has the verdicts of release 0.2.0 in the same order, before the bounds were fixed in
+this way. One claim was removed, because its reference had been chosen to meet it (11.4 % of demand above the force
+limit, paper 003).
 """
 
 FORMER: Mapping[str, tuple[int, int, int]] = {
@@ -135,7 +145,7 @@ def section(
         Function from a table entry to text.
     """
     keys = ("claim", "stated", "measured", "bounds", "verdict", "reason")
-    claims = [[row[key] for key in keys] for row in rows]
+    claims = [[by_lines(row[key]) for key in keys] for row in rows]
     parts = [
         f"## Paper {paper.number}: {paper.title}\n",
         _table(("claim", "paper", "here", "bounds", "verdict", "reason"), claims),
@@ -154,6 +164,17 @@ def _table(heads: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
     """Return a Markdown table; rows may be shorter than the head."""
     lines = [heads, ["---"] * len(heads), *rows]
     return "".join("| " + " | ".join(_cell(entry) for entry in line) + " |\n" for line in lines)
+
+
+def by_lines(text: str) -> str:
+    """Return a text of a claim with each part up to a semicolon outside of brackets in a line of its own.
+
+    Examples
+    --------
+    >>> by_lines("rms <= 2 (paper; table 1): 1; largest <= 3 (goal): 2")
+    'rms <= 2 (paper; table 1): 1<br>largest <= 3 (goal): 2'
+    """
+    return re.sub(r"; (?![^(]*\))", "<br>", text)
 
 
 def _cell(entry: Any) -> str:
