@@ -19,10 +19,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from plant_sim.formats.fields import keys_not_carried, print_assumption
-from plant_sim.formats.network_path import BEGIN, END, Network, Range, TrackPath, line_data, steps
+from plant_sim.formats.network_path import BEGIN, END, ROUNDING, Network, Range, TrackPath, line_data, steps
 from plant_sim.formats.railml2 import as_version_3
 from plant_sim.formats.railml_collection import (
     NetElement,
+    children,
     elements_below,
     entry_of,
     flag_of,
@@ -30,10 +31,9 @@ from plant_sim.formats.railml_collection import (
     number_of,
     parts_of,
     read_root,
-    tag_of,
     version_of,
 )
-from plant_sim.formats.railml_location import Location, grades, radii
+from plant_sim.formats.railml_location import Location, grades, joined, radii
 from plant_sim.input_error import build_model
 from plant_sim.line import ENDING, Line
 from plant_sim.units import number_text
@@ -43,8 +43,6 @@ if TYPE_CHECKING:
 
 CROSS_SECTION_RANGE = (1.0, 1000.0)
 """Plausible cross section of a tunnel [m²]."""
-MIN_GAP = 1.0
-"""Length up to which a gap between two electrification sections counts as rounding [m]."""
 NO_SECTION, NO_POWER, POWER = -1.0, 0.0, 1.0
 
 
@@ -62,7 +60,7 @@ def tunnels(infrastructure: Element, location: Location, path: TrackPath) -> lis
         name = f"{place}: tunnel {crossing.get('id', '')}"
         if extents and "cross_section" not in air:
             print_assumption(f"{name}: it has no cross section; no additional resistance in it")
-        found += [{"begin": begin, "end": end, **air} for begin, end in _joined(extents)]
+        found += [{"begin": begin, "end": end, **air} for begin, end in joined(extents)]
     return sorted(found, key=lambda entry: (entry["begin"], entry["end"]))
 
 
@@ -78,7 +76,7 @@ def neutral_sections(infrastructure: Element, location: Location, path: TrackPat
     dead: list[tuple[float, float]] = []
     ends = [at for at, _ in pieces[1:]] + [path.length]
     for (begin, power), end in zip(pieces, ends, strict=False):  # no piece without a section on the path
-        if power == NO_SECTION and has_power and end - begin > MIN_GAP:
+        if power == NO_SECTION and has_power and end - begin > ROUNDING:
             print_assumption(
                 f"{path.network.place}: no electrificationSection from {number_text(begin)} to {number_text(end)} m of "
                 "the path; assumed to have no traction power"
@@ -86,18 +84,7 @@ def neutral_sections(infrastructure: Element, location: Location, path: TrackPat
             dead.append((begin, end))
         elif power == NO_POWER:
             dead.append((begin, end))
-    return [{"begin": begin, "end": end} for begin, end in _joined(dead)]
-
-
-def _joined(extents: list[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Return sorted extents [m] with touching ones as one: a section runs over several net elements."""
-    found: list[tuple[float, float]] = []
-    for begin, end in extents:
-        if found and begin <= found[-1][1] + MIN_GAP:
-            found[-1] = (found[-1][0], max(end, found[-1][1]))
-        elif end > begin:
-            found.append((begin, end))
-    return found
+    return [{"begin": begin, "end": end} for begin, end in joined(dead)]
 
 
 SCALED = 0.01
@@ -314,7 +301,7 @@ def _laid(under: Sequence[Range], over: Sequence[Range], path: TrackPath) -> lis
 
 def _name_of(element: Element) -> str:
     """Return the first name of an element, else its identifier."""
-    named = (entry.get("name") for entry in element if tag_of(entry) == "name")
+    named = (entry.get("name") for entry in children(element, "name"))
     return next((name for name in named if name), element.get("id", ""))
 
 
@@ -385,8 +372,8 @@ def _track_lengths(infrastructure: Element, place: str) -> dict[str, float]:
     """Return the length [m] of every track with a length that lies on one net element as a whole."""
     found: dict[str, float] = {}
     for track in elements_below(infrastructure, "track"):
-        parts = [part for entry in track if tag_of(entry) == "linearLocation" for part in entry]
-        lengths = [entry for entry in track if tag_of(entry) == "length" and entry.get("value") is not None]
+        parts = [part for entry in children(track, "linearLocation") for part in entry]
+        lengths = [entry for entry in children(track, "length") if entry.get("value") is not None]
         ends = [key for part in parts for key in part.attrib if key not in ("netElementRef", "keepsOrientation", "id")]
         if len(parts) == 1 and lengths and not ends and not len(parts[0]):
             found[parts[0].get("netElementRef", "")] = number_of(lengths[0], "value", place, 1e-3, 1e7)

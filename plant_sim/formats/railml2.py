@@ -14,6 +14,7 @@ from xml.etree.ElementTree import Element, SubElement
 from plant_sim.formats.fields import keys_not_carried, print_assumption
 from plant_sim.formats.railml_collection import (
     ORDERED,
+    children,
     elements_below,
     entry_of,
     flag_of,
@@ -94,10 +95,6 @@ def _add(parent: Element, tag: str, **keys: str | None) -> Element:
     return SubElement(parent, tag, {key: value for key, value in keys.items() if value is not None})
 
 
-def _children(element: Element, *tags: str) -> list[Element]:
-    return [entry for entry in element if tag_of(entry) in tags]
-
-
 def _first(element: Element, tag: str, place: str) -> Element:
     """Return the first element of a name below an element."""
     if (found := next(elements_below(element, tag), None)) is None:
@@ -113,7 +110,7 @@ def _infrastructure(old: Element, root: Element, place: str) -> None:
         _add(entry, "name", name=profile.get("name"))
         if profile.get("maxAxleLoad"):
             _add(entry, "load", axleLoad=profile.get("maxAxleLoad"))
-        entry.extend(_children(profile, "tilting", "braking"))
+        entry.extend(children(profile, "tilting", "braking"))
     for track in elements_below(old, "track"):
         tracks.add(track)
     tracks.join({ocp.get("id", ""): ocp.get("name") for ocp in elements_below(old, "ocp")})
@@ -141,7 +138,7 @@ class _Tracks:
         length = number_of(last, "pos", place, begin + 1e-3) - begin
         nodes = [(number_of(node, "pos", place, begin, begin + length) - begin, node)
                  for node in track.iter() if tag_of(node) in ("switch", "crossing")]  # fmt: skip
-        cuts = sorted({0.0, length, *(at for at, node in nodes if _children(node, "connection"))})
+        cuts = sorted({0.0, length, *(at for at, node in nodes if children(node, "connection"))})
         parts = [name] if len(cuts) == 2 else [f"{name}/{number}" for number in range(1, len(cuts))]
         if len(parts) > 1:
             chain = _add(_add(self._elements, "netElement", id=name), ORDERED)
@@ -179,7 +176,7 @@ class _Tracks:
         place, number = self._place, cuts.index(at) if at in cuts else 0
         plain = tag_of(node) == "crossing" and "Switch" not in node.get("type", "")
         sides: dict[str, list[str]] = {"incoming": [], "outgoing": []}
-        for connection in _children(node, "connection"):
+        for connection in children(node, "connection"):
             way = connection.get("orientation", "")
             if way not in sides:
                 where = f"{entry_of(connection, place)}: orientation = '{way[:20]}'"
@@ -295,13 +292,13 @@ def _stock(old: Element, new: Element, place: str) -> None:
             mode = _add(SubElement(entry, "engine"), "powerMode", mode=kind, isPrimaryMode="true")
             traction = SubElement(mode, "tractionData")
             _add(traction, "info", maxTractiveEffort=drive.get("maxTractEffort"), tractivePower=drive.get("power"))
-            if (table := next((t for e in _children(drive, "tractiveEffort") for t in e), None)) is not None:
+            if (table := next((t for e in children(drive, "tractiveEffort") for t in e), None)) is not None:
                 print_assumption(f"{entry_of(drive, place)}: power and maxTractEffort: no effect beside its table")
                 effort = SubElement(SubElement(traction, "details"), "tractiveEffort")
                 copy = SubElement(effort, "valueTable", table.attrib)
-                for line in _children(table, "valueLine"):
+                for line in children(table, "valueLine"):
                     row = _add(copy, "valueLine", xValue=line.get("xValue"))
-                    for value in _children(line, "values"):
+                    for value in children(line, "values"):
                         _add(row, "value", yValue=value.get("yValue"))
         if len(drives) > 1:
             print_assumption(f"{entry_of(vehicle, place)}: propulsion: {len(drives)}; the first one is read")
@@ -312,10 +309,10 @@ def _stock(old: Element, new: Element, place: str) -> None:
         refs = [ref.get("vehicleRef") for ref in order for _ in range(_count(ref, place))]
         for number, name in enumerate(refs):
             _add(entry, "trainOrder", orderNumber=str(number), vehicleRef=name)
-        for engine in _children(formation, "trainEngine"):
+        for engine in children(formation, "trainEngine"):
             _add(entry, "trainEngine", maxAcceleration=engine.get("trainMaxAcceleration"))
-        entry.extend(_children(formation, "trainBrakes"))
-        for drag in _children(formation, "trainResistance"):
+        entry.extend(children(formation, "trainBrakes"))
+        for drag in children(formation, "trainResistance"):
             keys = dict(zip(DAVIS, (drag.get(f"daviesFactor{letter}") for letter in "ABC"), strict=True))
             mass = drag.get("daviesMassDependent")
             _add(SubElement(entry, "trainResistance"), "daviesFormulaFactors", massDependent=mass, **keys)

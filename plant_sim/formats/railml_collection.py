@@ -76,6 +76,11 @@ def elements_below(element: Element, tag: str) -> Iterator[Element]:
     return (entry for entry in element.iter() if tag_of(entry) == tag)
 
 
+def children(element: Element, *tags: str) -> list[Element]:
+    """Return the direct parts of an element with one of the names."""
+    return [entry for entry in element if tag_of(entry) in tags]
+
+
 def entry_of(element: Element, place: str) -> str:
     """Return file, name and identifier of an element, or that of its net element, for messages."""
     name = element.get("netElementRef") or element.get("id")
@@ -158,10 +163,10 @@ class Stretch(NamedTuple):
 
 def parts_of(element: Element, place: str) -> tuple[tuple[str, ...], bool]:
     """Return the parts of a collection in their order, and True for an ordered one; none for a micro element."""
-    ordered = [entry for entry in element if tag_of(entry) == ORDERED]
+    ordered = children(element, ORDERED)
     if all(entry.get("sequence") is not None for entry in ordered):
         ordered.sort(key=lambda entry: number_of(entry, "sequence", place))
-    collections = ordered or [entry for entry in element if tag_of(entry) == UNORDERED]
+    collections = ordered or children(element, UNORDERED)
     parts = tuple(part.get("ref", "") for entry in collections for part in elements_below(entry, "elementPart"))
     return parts, bool(ordered)
 

@@ -9,7 +9,7 @@ transition has no radius. Their gradient and curvature are linear between the va
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -19,11 +19,11 @@ from plant_sim.formats.railml_collection import (
     Collections,
     NetElement,
     Stretch,
+    children,
     elements_below,
     entry_of,
     flag_of,
     number_of,
-    tag_of,
 )
 from plant_sim.units import number_text
 
@@ -65,7 +65,7 @@ class Location:
     def spots(self, owner: Element) -> list[tuple[str, float]]:
         """Return net elements and positions [m] of the spot locations of an element; all tracks of a station."""
         found = []
-        for spot in _parts(owner, "spotLocation"):
+        for spot in children(owner, "spotLocation"):
             element = self._element(owner, spot)
             if element is None:
                 found += self._measured(spot)
@@ -93,13 +93,13 @@ class Location:
         found: list[Passage] = []
         known = 0
         entry = entry_of(owner, self.place)
-        for location in _parts(owner, "linearLocation"):
+        for location in children(owner, "linearLocation"):
             applies = location.get("applicationDirection", "both")
             if applies not in ("both", "normal", "reverse"):
                 raise ValueError(
                     f"{entry}: applicationDirection = '{applies[:30]}': must be both, normal or reverse; correct it"
                 )
-            for part in _parts(location, "associatedNetElement"):
+            for part in children(location, "associatedNetElement"):
                 element = self._element(owner, part)
                 if element is None:
                     continue
@@ -147,7 +147,7 @@ class Location:
     ) -> list[Stretch]:
         """Return the stretches of the micro level between the ends of a location on a collection; one end is a spot."""
         name, entry = element.name, entry_of(owner, self.place)
-        measures = [self._measure(coordinate) for _, _, linear in ends for coordinate in _parts(part, linear)[:1]]
+        measures = [self._measure(coordinate) for _, _, linear in ends for coordinate in children(part, linear)[:1]]
         try:
             if len(measures) == len(ends):
                 found = self._collections.by_measure(name, measures[0][0], measures[0][1], measures[-1][1])
@@ -190,7 +190,7 @@ class Location:
                 return number_of(part, key, self.place, 0.0, element.length * (1 + 1e-9))
         if part.get(intrinsic) is not None:
             return element.length * number_of(part, intrinsic, self.place, 0.0, 1.0)
-        for coordinate in _parts(part, linear):
+        for coordinate in children(part, linear):
             system, measure = self._measure(coordinate)
             position = element.position(system, measure)
             if position is None:
@@ -204,18 +204,13 @@ class Location:
     def _measured(self, spot: Element) -> list[tuple[str, float]]:
         """Return all micro elements with a measure, for a location on another part of the topology."""
         found = []
-        for coordinate in _parts(spot, "linearCoordinate"):
+        for coordinate in children(spot, "linearCoordinate"):
             measure = self._measure(coordinate)
             for element in self._elements.values():
                 position = None if element.parts else element.position(*measure)
                 if position is not None:
                     found.append((element.name, position))
         return found
-
-
-def _parts(element: Element, tag: str) -> list[Element]:
-    """Return the direct parts of an element with a name."""
-    return [entry for entry in element if tag_of(entry) == tag]
 
 
 KINDS = ("straight", "arc", "mixed")
@@ -252,7 +247,7 @@ def grades(infrastructure: Element, location: Location, path: TrackPath) -> list
         elif kind == "mixed" and delta is None:
             print_assumption(f"{entry}: of the type mixed without a gradient; left out")
         else:
-            arcs += [_Transition(begin, end, delta, entry) for begin, end in _joined(passages)]
+            arcs += [_Transition(begin, end, delta, entry) for begin, end in joined(passages)]
     found = _between(rows, arcs, None)
     for arc in arcs:
         known = found.get(arc)
@@ -282,7 +277,7 @@ def radii(infrastructure: Element, location: Location, path: TrackPath) -> list[
             bend = 1.0 / radius if radius else 0.0
             rows += [Range(begin, end, bend if forward else -bend, entry) for begin, end, forward in passages]
         elif curve.get("curveType") not in ("straight", "mixed"):
-            transitions += [_Transition(begin, end, None, entry) for begin, end in _joined(passages)]
+            transitions += [_Transition(begin, end, None, entry) for begin, end in joined(passages)]
     found = _between(rows, transitions, 0.0)
     for transition, values in found.items():
         if not any(values):
@@ -291,13 +286,13 @@ def radii(infrastructure: Element, location: Location, path: TrackPath) -> list[
     return [Range(row.begin, row.end, 1.0 / row.value, row.entry) for row in rows if abs(row.value) > 1.0 / STRAIGHT]
 
 
-def _joined(passages: Sequence[tuple[float, float, bool]]) -> list[tuple[float, float]]:
-    """Return the stretches of one element, over several net elements as one."""
+def joined(passages: Iterable[tuple[float, float] | Passage]) -> list[tuple[float, float]]:
+    """Return the stretches of one element [m] by rising distance, over several net elements as one."""
     found: list[tuple[float, float]] = []
-    for begin, end, _ in sorted(passages):
+    for begin, end, *_ in sorted(passages):
         if found and begin <= found[-1][1] + ROUNDING:
             found[-1] = (found[-1][0], max(end, found[-1][1]))
-        else:
+        elif end > begin:
             found.append((begin, end))
     return found
 

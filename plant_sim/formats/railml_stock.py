@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING, Any
 from plant_sim.consist import Consist
 from plant_sim.elementary import plain_sum
 from plant_sim.formats.fields import keys_not_carried, print_assumption
-from plant_sim.formats.railml2 import as_version_3
+from plant_sim.formats.railml2 import DAVIS, as_version_3
 from plant_sim.formats.railml_collection import (
+    children,
     elements_below,
     entry_of,
     flag_of,
@@ -42,7 +43,6 @@ MODE = "engine.powerMode"
 MODES = {"electric": False, "diesel": True, "battery": True}
 """Modes of power, True for one that needs no power of the line."""
 TABLE = "tractionData.details.tractiveEffort.valueTable"
-DAVIS = ("constantFactorA", "speedDependentFactorB", "squareSpeedDependentFactorC")
 CARRIED = tuple(
     f"rollingstock.{key}"
     for key in (
@@ -106,7 +106,7 @@ def _id(element: Element, place: str) -> str:
 def _child(element: Element, names: str) -> Element | None:
     """Return the first element at a path of names below an element; None without one."""
     for name in names.split("."):
-        found = next((entry for entry in element if tag_of(entry) == name), None)
+        found = next(iter(children(element, name)), None)
         if found is None:
             return None
         element = found
@@ -120,7 +120,7 @@ def _consist(formation: Element, root: Element, name: str, place: str) -> dict[s
         if (key := _id(entry, place)) in known:
             raise ValueError(f"{place}: vehicle {key}: two vehicles have this id; correct one")
         known[key] = entry
-    order = [entry for entry in formation if tag_of(entry) == "trainOrder"]
+    order = children(formation, "trainOrder")
     order.sort(key=lambda entry: number_of(entry, "orderNumber", place, 0, 1e5))
     for before, after in pairwise(order):
         if number_of(before, "orderNumber", place) == number_of(after, "orderNumber", place):
@@ -138,7 +138,7 @@ def _consist(formation: Element, root: Element, name: str, place: str) -> dict[s
     limits = [number_of(known[key], "speed", place, 1, 1000) / KMH for key in types if known[key].get("speed")]
     limits += [number_of(formation, "speed", place, 1, 1000) / KMH] if formation.get("speed") else []
     powered = [key for key in train if "traction" in types[key]]
-    brakes = next((entry for entry in formation if tag_of(entry) == "trainBrakes"), None)
+    brakes = _child(formation, "trainBrakes")
     if not powered or not limits or brakes is None:
         lacks = "engine of a vehicle" if not powered else "trainBrakes" if brakes is None else "speed"
         raise ValueError(f"{where}: {lacks}: missing; add it")
@@ -216,7 +216,7 @@ def _share_resistance(formation: Element, types: dict[str, dict[str, Any]], mass
 
 def _traction(vehicle: Element, place: str) -> dict[str, Any]:
     """Return traction and supply of the primary mode of an engine; nothing without an engine."""
-    modes = [mode for engine in vehicle if tag_of(engine) == "engine" for mode in engine if tag_of(mode) == "powerMode"]
+    modes = [mode for engine in children(vehicle, "engine") for mode in children(engine, "powerMode")]
     if not modes:
         return {}
     primary = [mode for mode in modes if flag_of(mode, "isPrimaryMode", place, default=len(modes) == 1)]
@@ -242,7 +242,7 @@ def _traction(vehicle: Element, place: str) -> dict[str, Any]:
         if (unit := table.get(key, "")) not in known:
             raise ValueError(f"{entry_of(vehicle, place)}: {key} = '{unit[:20]}': must be {' or '.join(known)}")
         units.append(known[unit])
-    rows = [(line, list(line)) for line in table if tag_of(line) == "valueLine"]
+    rows = [(line, list(line)) for line in children(table, "valueLine")]
     if len(rows) < 2 or any(len(values) != 1 for _, values in rows):
         raise ValueError(f"{entry_of(vehicle, place)}: valueTable: give two valueLine or more, each with one value")
     return {
