@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import os
 import subprocess
 import sys
 import threading
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 from waiting import LIMIT_S, reserved_domain, wait_for
 
+import train_ato
 from plant_sim import kernel as k
 from plant_sim.brake_events import ATMOSPHERE
 from plant_sim.disturbances import Gust, OutsideForces
@@ -356,6 +358,34 @@ def test_refusals_name_their_reason(tmp_path):
     assert ends[0].failure is None
     assert "has no parameter 'hard=1'" in do(domain, "pause", "hard=1").stderr
     assert "name=number" in do(domain, "gust", "duration=long").stderr
+
+
+@pytest.mark.parametrize("mode", [[], ["--processes"]])
+def test_a_reset_run_begins_again_with_the_log_of_a_fresh_one(mode, tmp_path):
+    """Breaks if the ended log is lost, if a change of the ended run lasts, or if the new run is not a fresh one."""
+    domain, out = reserved_domain(), tmp_path / "run"
+    words = ["run", "demo", "--set=duration=30", "--rate=10", f"--domain={domain}", f"--out={out}", *mode]
+    run = subprocess.Popen(
+        [sys.executable, "-m", "train_ato", *words, "--start-limit=none"],
+        env={**os.environ, "PYTHONPATH": str(Path(train_ato.__file__).resolve().parents[1])},
+        stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    try:
+        wait_for(lambda: (out / "run.mcap.partial").exists())
+        with graph_client(domain) as remote:
+            assert remote.set_parameter("controller", "law", "smc") is None
+            wait_for(lambda: remote.call("plant/reset")[0])
+        said = run.communicate(timeout=LIMIT_S)[1]
+    finally:
+        run.kill()
+    assert run.returncode == 0, said
+    ended, begun = (json.loads((tmp_path / name / "summary.json").read_text()) for name in ("run", "run-2"))
+    assert (ended["status"], begun["status"]) == ("interrupted", "done")
+    assert ended["interruption"].startswith("reset by a request at ")
+    assert f"{ended['interruption']}; it begins again in {tmp_path / 'run-2'}" in said
+    assert train_ato.load(out)["train/vehicles"].index.size == ended["ticks"] + 1 < begun["ticks"]
+    assert begun["controller"] == "pid"
+    assert train_ato.verify(tmp_path / "run-2").equal
 
 
 def test_the_rate_holds_lockstep_back_and_lets_it_go(tmp_path):

@@ -35,6 +35,7 @@ from train_ato.ros.graph.remote import graph_client
 from train_ato.ros.nodes.answer_watch import CHECK_S, SUSPENDED_S, silent_node
 from train_ato.ros.nodes.endpoints import ROSOUT, NodeEndpoints
 from train_ato.ros.nodes.plant import LEAD, PlantNode
+from train_ato.ros.nodes.plant_requests import NO_RESET
 from train_ato.ros.nodes.recorder import RecorderNode
 from train_ato.ros.nodes.simulation_services import ABSENT
 from train_ato.ros.nodes.tick_answers import TickAnswers
@@ -309,6 +310,8 @@ def test_pause_step_start_and_stop(plant, setup):
     assert bench.call(Trigger, "plant/start").success
     bench.until(lambda: len(bench.heard["train/measurement"]) == 3)
     assert node.silent_for() > 0.0
+    refused = bench.call(Trigger, "plant/reset")
+    assert (refused.success, refused.message) == (False, NO_RESET)
     assert bench.call(Trigger, "plant/stop").success
     _answer(bench, command, 2 * TICK)
     bench.until(lambda: node.finished)
@@ -402,6 +405,7 @@ def test_simulation_interfaces_pause_step_and_show_the_train(plant):
     features = call("GetSimulatorFeatures", "get_simulator_features").features.features
     assert msg.SimulatorFeatures.STEP_SIMULATION_MULTIPLE in features
     assert msg.SimulatorFeatures.SIMULATION_RESET not in features
+    assert call("ResetSimulation", "reset_simulation").result.error_message == NO_RESET
     assert call("GetSimulationState", "get_simulation_state").state.state == state.STATE_STOPPED
     assert call("StepSimulation", "step_simulation", steps=1).result.result == msg.Result.RESULT_OPERATION_FAILED
     assert enter(state.STATE_PLAYING) == srv.SetSimulationState.Response.STATE_TRANSITION_ERROR

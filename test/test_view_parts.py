@@ -13,7 +13,8 @@ from waiting import wait_for
 
 from train_ato.cli import main
 from train_ato.cli.main import command_line
-from train_ato.cli.view import _command, _next_beside, _Started, _Waiting
+from train_ato.cli.view import _command, _Started, _Waiting
+from train_ato.log.run_folder import next_beside
 from train_ato.messages.topic import TrainLayout
 from train_ato.program.errors import RunFailed
 from train_ato.program.interrupt import Interrupt
@@ -224,10 +225,10 @@ def test_a_tooltip_has_name_meaning_and_range():
 
 def test_another_run_has_a_free_folder_beside_the_first(tmp_path):
     """Breaks if the next run of a page overwrites the last one, or its name grows with every run."""
-    assert _next_beside(tmp_path / "run") == tmp_path / "run-2"
+    assert next_beside(tmp_path / "run") == tmp_path / "run-2"
     (tmp_path / "run-2").mkdir()
-    assert _next_beside(tmp_path / "run") == tmp_path / "run-3"
-    assert _next_beside(tmp_path / "run-2") == tmp_path / "run-3"
+    assert next_beside(tmp_path / "run") == tmp_path / "run-3"
+    assert next_beside(tmp_path / "run-2") == tmp_path / "run-3"
 
 
 @pytest.mark.parametrize(

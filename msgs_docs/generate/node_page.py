@@ -35,7 +35,8 @@ _SERVICES = {
     "gust": f"a gust with the parameters `gust.*`; {_AT_MOST['gust']} at once",
     "pause": "`true` pauses the run, `false` resumes it",
     "ready": "`success` after the discovery of the other nodes; `data: true`: also of the recorder",
-    "reset": "end the state failure of the ATO (at standstill only)",
+    "reset": "`controller`: end the state failure of the ATO (at standstill only); `plant`: end this run, which "
+    "`train-ato run` begins again in the next run folder",
     "start": "resume a paused run",
     "step": "run one tick of a paused run",
     "stop": "end the run after the current tick",

@@ -21,7 +21,7 @@ from train_ato.api.scenario_choice import (
 )
 from train_ato.judge.result import RunResult
 from train_ato.log.compression import DEFAULT
-from train_ato.log.run_folder import RunFolder
+from train_ato.log.run_folder import RunFolder, next_beside
 from train_ato.log.versions import SCENARIO
 from train_ato.loop.engine import run_engine
 from train_ato.messages.topics import EXTERNAL
@@ -312,7 +312,7 @@ def drive(
             raise FileNotFoundError(folder.path)
         outcome = replace(outcome, summary={**outcome.summary, "mode": run_mode.mode, **_reach(run_mode)})
         result = Run(outcome.summary, record=record, setup=setup, outcome=outcome)
-        stopped = calls is not None and calls.stopped
+        stopped = outcome.domain is not None or (calls is not None and calls.stopped)
         failure = None if stopped and not outcome.failure else _failure(result, outcome, folder)
         if folder is not None:
             finish(result, outcome, None if ended is None else partial(ended, result, failure))
@@ -332,7 +332,12 @@ def drive(
         raise RunInterrupted(f"interrupted; recorded data: {folder.path}") from None
     if failure is not None:
         raise failure
-    return result
+    if outcome.domain is None:
+        return result
+    again, same = None if out is None else next_beside(out), replace(run_mode, domain=outcome.domain)
+    place = "" if again is None else f" in {again}"
+    sys.stderr.write(f"train-ato: {outcome.summary['interruption']}; it begins again{place}\n")
+    return drive(setup, same, out=again, shown=shown, title=title, option=option, ended=ended, calls=calls)
 
 
 def _failure(run: Run, outcome: RunResult, folder: RunFolder | None) -> RunFailed | None:
@@ -415,4 +420,5 @@ def _driven(
         same = ("lockstep", "domain", "compression", "restarts", "start_limit", "external", "namespace", "followed")
         options = {name: getattr(run_mode, name) for name in same}
         place, rate = record.folder().path, run_mode.rate or 0.0
-        return run_graph(setup, place, mode=run_mode.mode, progress=progress, rate=rate, **options)
+        resets = run_mode.external is None and not run_mode.namespace
+        return run_graph(setup, place, mode=run_mode.mode, progress=progress, rate=rate, resets=resets, **options)

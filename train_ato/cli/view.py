@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import itertools
 import math
 import signal
 import subprocess
@@ -75,10 +74,12 @@ def execute(options: argparse.Namespace) -> int:
     check_packages("view", "bokeh", "jinja2", "tornado", *(["foxglove"] if options.foxglove is not None else []))
     _check(options)
     with interruptible() as interrupt:
+        from train_ato.log.run_folder import next_beside
+
         first = True
         while _serve(options, interrupt, first=first):
             first = False
-            options.out = None if options.out is None else _next_beside(options.out)
+            options.out = None if options.out is None else next_beside(options.out)
     return 0
 
 
@@ -108,13 +109,6 @@ def _serve(options: argparse.Namespace, interrupt: Interrupt, *, first: bool) ->
                 webbrowser.open(server.url)
         server.run(lambda: interrupt.asked or feed.again)
         return feed.again and not interrupt.asked
-
-
-def _next_beside(out: Path) -> Path:
-    """Return the first free folder of ``OUT-2``, ``OUT-3``, ... for the next run of the same scenario."""
-    stem, dash, number = out.name.rpartition("-")
-    begin, count = (stem, int(number)) if dash and number.isdigit() else (out.name, 1)
-    return next(found for i in itertools.count(count + 1) if not (found := out.with_name(f"{begin}-{i}")).exists())
 
 
 def _print_addresses(addresses: list[str], *, as_json: bool) -> None:

@@ -147,6 +147,8 @@ class RunResult:
         One line with the failed node and the reason, or None.
     changes
         Changes of laws and parameters, interventions and ATO requests during the run.
+    domain
+        ROS domain of a run that is to begin again there, else None.
     """
 
     recording: Recording | None
@@ -155,6 +157,7 @@ class RunResult:
     failure: str | None = None
     published: dict[str, int] = field(default_factory=dict)
     changes: RunChanges = field(default_factory=RunChanges)
+    domain: int | None = None
 
     def checked_against(self, recorded: dict[str, int]) -> RunResult:
         """Return this result, as failed if the numbers of recorded and published messages differ."""

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from train_ato.messages.types import Diagnostic
 
 DONE, INTERRUPTED, FAILED = "done", "interrupted", "failed"
+RESET = "reset by a request"
+"""Begin of the reason of a run that its runner begins again."""
 LEVELS = {DONE: 0, INTERRUPTED: 1, FAILED: 2}
 """Level of the end notice by status."""
 

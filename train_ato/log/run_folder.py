@@ -1,6 +1,7 @@
 """Folder of one run: log, metadata, resolved scenario and summary."""
 
 import dataclasses
+import itertools
 import json
 import os
 import re
@@ -254,6 +255,13 @@ class Encoder:
     def add_ticks(self, block: TickBlock) -> None:
         """Encode and record the messages of a block of ticks."""
         self._log.extend_ticks(block, self._wire)
+
+
+def next_beside(out: Path) -> Path:
+    """Return the first free folder of ``OUT-2``, ``OUT-3``, ... for the next run of the same scenario."""
+    stem, dash, number = out.name.rpartition("-")
+    begin, count = (stem, int(number)) if dash and number.isdigit() else (out.name, 1)
+    return next(found for i in itertools.count(count + 1) if not (found := out.with_name(f"{begin}-{i}")).exists())
 
 
 def next_free(name: str) -> Path:

@@ -85,6 +85,7 @@ def run_composed(
             nodes[external] = OutsidePlant(setup, nodes[Role.RECORDER], options.patience)
         else:
             nodes[Role.PLANT].outside = "" if external is None else external.value
+            nodes[Role.PLANT].resets = options.resets
         for role, endpoints in all_endpoints.items():
             if role is not Role.RECORDER:
                 executor.add_node(endpoints.node)

@@ -47,6 +47,8 @@ class GraphOptions:
         Namespace of all nodes, for one of several trains in a domain; "" for none.
     followed : bool
         Do not begin before a train behind reads the reports.
+    resets : bool
+        The caller begins the run again after a request to reset it.
     """
 
     lockstep: bool = True
@@ -59,6 +61,7 @@ class GraphOptions:
     external: Role | None = None
     namespace: str = ""
     followed: bool = False
+    resets: bool = False
 
     @property
     def arguments(self) -> list[str]:

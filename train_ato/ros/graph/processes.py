@@ -170,6 +170,7 @@ def _arguments(role: Role, scenario: Path, folder: Path, options: GraphOptions) 
         ]
         arguments += [] if options.lockstep else ["--no-lockstep"]
         arguments += ["--followed"] if options.followed else []
+        arguments += ["--resets"] if options.resets else []
     return [*arguments, *options.arguments]
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from train_ato.judge.result import Progress, RunResult
+from train_ato.judge.run_end import RESET
 from train_ato.messages.topics import Role
 from train_ato.ros import missing_ros
 from train_ato.ros.graph.environment import applied, claim_domain, domain_of_environment, print_domain, variables
@@ -60,6 +61,7 @@ def run_graph(
         with claim_domain(domain if domain is not None else domain_of_environment(), name, chosen.namespace) as held:
             print_domain(held, external)
             end = _run(mode, setup, folder, held, chosen, report)
+            again = held if (end.interruption or "").startswith(RESET) else None
     except (ValueError, ImportError) as error:
         with suppress(OSError):
             folder.rmdir()
@@ -67,7 +69,7 @@ def run_graph(
             raise ValueError(without) from None
         raise
     _tidy(folder / "log")
-    return _with_notes(recorded_result(setup, folder, end, end.outside), end)
+    return replace(_with_notes(recorded_result(setup, folder, end, end.outside), end), domain=again)
 
 
 def _with_notes(outcome: RunResult, end: GraphResult) -> RunResult:

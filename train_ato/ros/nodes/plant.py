@@ -136,6 +136,8 @@ class PlantNode:
         Answers of the other nodes to the ticks.
     outside : str
         Nodes that are programs outside of this project, with spaces between them.
+    resets : bool
+        The runner begins the run again after a request to reset it.
     late, held : int
         Numbers of commands after their tick, and of ticks without a command.
     """
@@ -157,6 +159,7 @@ class PlantNode:
         self.finished = False
         self.late = self.held = 0
         self.outside = ""
+        self.resets = False
         self.answers = TickAnswers(stage.setup)
         self.sent_stamp = -1
         self.blocked = self.recorder_connected = False

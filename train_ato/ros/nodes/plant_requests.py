@@ -14,6 +14,7 @@ from rclpy.parameter import Parameter as RosParameter
 from std_srvs.srv import SetBool, Trigger
 
 from train_ato.control.contract import Parameter
+from train_ato.judge.run_end import RESET
 from train_ato.loop.plant import PlantStage
 from train_ato.messages.faults import MAX_FAULT_TIME
 from train_ato.messages.links import MAX_DELAY
@@ -56,6 +57,10 @@ TIMEOUT = Parameter("timeout", 10.0, "s", 0.001, 86_400.0, "wall time after whic
 LOCKSTEP = Parameter("lockstep", True, "", 0.0, 1.0, "true: every tick waits for its command")
 RATE = Parameter("rate", 0.0, "", 0.0, MAX_RATE, "maximum simulated seconds per wall second; 0: unlimited")
 NO_RATE = "rate 0: a run without lockstep needs a rate; give a number above 0"
+NO_RESET = (
+    "only `train-ato run` begins a run again, without --external and --namespace; end this one with ~/stop and start "
+    "its nodes again"
+)
 PAUSED = Parameter("paused", False, "", 0.0, 1.0, "paused: only single steps")
 SCENARIO = Parameter("scenario", "", "", 0.0, 0.0, "file of the resolved scenario of this run")
 STRENGTHS: tuple[Parameter, ...] = (
@@ -97,8 +102,10 @@ class Plant(Protocol):
     def set_paused(self, paused: bool) -> None:
         """Pause or resume."""
 
-    def request_stop(self) -> None:
-        """End the run after the current tick."""
+    resets: bool
+
+    def request_stop(self, reason: str = ...) -> None:
+        """End the run after the current tick; the end notice has the reason."""
 
     def single_step(self) -> None:
         """Run one tick of a paused run."""
@@ -147,6 +154,7 @@ class PlantRequests:
         services: tuple[tuple[str, Any, Callable[[Any], str]], ...] = (
             ("start", Trigger, lambda _: self._pause(False)),
             ("stop", Trigger, lambda _: self._stop()),
+            ("reset", Trigger, lambda _: request_reset(self._plant)),
             ("step", Trigger, lambda _: self._step()),
             ("gust", Trigger, lambda _: self._intervene(self._made(GustNow, "gust"))),
             ("delay_jump", Trigger, lambda _: self._intervene(self._made(DelayJumpNow, "delay_jump"))),
@@ -162,7 +170,7 @@ class PlantRequests:
         )
         for name, kind, action in services:
             self._endpoints.serve(kind, f"~/{name}", _answering(action))
-        serve_simulation(self._plant, self._endpoints, self._pause)
+        serve_simulation(self._plant, self._endpoints, self._pause, lambda: request_reset(self._plant))
 
     def _check(self, parameters: list[Any]) -> Any:
         """Return acceptance of a change, or refusal with the reason; no side effects."""
@@ -222,6 +230,22 @@ class PlantRequests:
             raise ValueError("the run is over")
         self._plant.stage.request(intervention)
         return f"{intervention.described()}; from the tick after {self._plant.stamp * 1e-9:.3f} s"
+
+
+def request_reset(plant: Plant) -> str:
+    """End the run after the current tick; its runner begins it again.
+
+    Raises
+    ------
+    ValueError
+        For a run without a runner that begins it again, before its begin and after its end.
+    """
+    if not plant.resets:
+        raise ValueError(NO_RESET)
+    if plant.finished or plant.sent_stamp < 0:
+        raise ValueError(f"the run {'is over' if plant.finished else 'has not begun'}; there is nothing to reset")
+    plant.request_stop(RESET)
+    return f"stops at {plant.stamp * 1e-9:.3f} s and begins again in the next run folder"
 
 
 def _answering(action: Callable[[Any], str]) -> Callable[[Any, Any], Any]:

@@ -22,22 +22,26 @@ from train_ato.messages.topics import EPOCH_NS
 from train_ato.ros.nodes.endpoints import NodeEndpoints
 
 PACKAGE = "simulation_interfaces"
-ABSENT = f"{PACKAGE} is not installed: its services are absent; ~/pause, ~/start, ~/step and ~/stop are offered"
+ABSENT = f"{PACKAGE} is not installed: its services are absent; ~/pause, ~/start, ~/step, ~/stop, ~/reset are offered"
 FEATURES = (
     "SIMULATION_STATE_GETTING", "SIMULATION_STATE_SETTING", "SIMULATION_STATE_PAUSE", "STEP_SIMULATION_SINGLE",
     "STEP_SIMULATION_MULTIPLE", "ENTITY_STATE_GETTING",
 )  # fmt: skip
-NO_RESET = "a run is not reset and begins when all nodes are ready; QUITTING ends it, then start a new one"
+RESETS = ("SIMULATION_RESET", "SIMULATION_RESET_TIME", "SIMULATION_RESET_STATE", "SIMULATION_RESET_SPAWNED")
+"""Features of a run that its runner begins again: a new run resets all of them."""
+NO_STATE = "a run begins when all nodes are ready; QUITTING ends it, ResetSimulation begins it again"
 
 
-def serve_simulation(plant: Any, endpoints: NodeEndpoints, pause: Callable[[bool], str]) -> None:
+def serve_simulation(
+    plant: Any, endpoints: NodeEndpoints, pause: Callable[[bool], str], reset: Callable[[], str]
+) -> None:
     """Offer the services, or say in one line that the package is absent."""
     try:
         messages, services = (importlib.import_module(f"{PACKAGE}.{kind}") for kind in ("msg", "srv"))
     except ImportError:
         endpoints.log(ABSENT, LogMessage.INFO)
         return
-    SimulationServices(plant, endpoints, pause, messages, services)
+    SimulationServices(plant, endpoints, pause, reset, messages=messages, services=services)
 
 
 class SimulationServices:
@@ -49,14 +53,17 @@ class SimulationServices:
         Node of the train.
     pause
         Pauses (True) or resumes the run.
+    reset
+        Ends the run for its runner, which begins it again; refused with a ``ValueError``.
     messages, services
         Modules of the package.
     """
 
     def __init__(
-        self, plant: Any, endpoints: NodeEndpoints, pause: Callable[[bool], str], messages: Any, services: Any
-    ) -> None:
-        self._plant, self._pause, self._msg, self._srv = plant, pause, messages, services
+        self, plant: Any, endpoints: NodeEndpoints, pause: Callable[[bool], str], reset: Callable[[], str],
+        *, messages: Any, services: Any,
+    ) -> None:  # fmt: skip
+        self._plant, self._pause, self._reset, self._msg, self._srv = plant, pause, reset, messages, services
         self._alignment = Alignment(plant.stage.setup.line)
         self._names = plant.stage.setup.layout.names(Owner.VEHICLE)
         self._goal: int | None = None
@@ -66,6 +73,7 @@ class SimulationServices:
             "GetSimulatorFeatures": self._features, "GetSimulationState": self._get_state,
             "SetSimulationState": self._set_state, "GetEntities": self._entities,
             "GetEntityState": self._entity_state, "GetEntitiesStates": self._entities_states,
+            "ResetSimulation": self._reset_all,
         }  # fmt: skip
         for name, answer in answers.items():
             endpoints.serve(getattr(services, name), _path(name), answer)
@@ -82,7 +90,9 @@ class SimulationServices:
 
     def _features(self, _: Any, response: Any) -> Any:
         kind = self._msg.SimulatorFeatures
-        response.features.features = [getattr(kind, name) for name in FEATURES]
+        response.features.features = [
+            getattr(kind, name) for name in (*FEATURES, *(RESETS if self._plant.resets else ()))
+        ]
         response.features.custom_info = "train_ato: one run; entities are the vehicles, front first, in the frame map"
         return response
 
@@ -112,10 +122,19 @@ class SimulationServices:
             text = ""
             self._plant.request_stop()
         elif due in (kind.STATE_STOPPED, kind.STATE_PLAYING):
-            text, code = NO_RESET, response.STATE_TRANSITION_ERROR
+            text, code = NO_STATE, response.STATE_TRANSITION_ERROR
         else:
             text, code = f"no state {due}", self._msg.Result.RESULT_FEATURE_UNSUPPORTED
         response.result = self._result(text, code)
+        return response
+
+    def _reset_all(self, _: Any, response: Any) -> Any:
+        """Reset the run; every scope is a whole new run, which has the state and the entities of the start."""
+        try:
+            self._reset()
+            response.result = self._result()
+        except ValueError as error:
+            response.result = self._result(str(error))
         return response
 
     def _step(self, request: Any, response: Any) -> Any:

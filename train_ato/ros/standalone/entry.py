@@ -64,6 +64,7 @@ def _arguments(role: Role, words: Sequence[str]) -> argparse.Namespace:
             "--timeout", type=float, metavar="S", help="wall time without an answer after which the run fails"
         )
         parser.add_argument("--recorded", action="store_true", help="do not begin without a recorder")
+        parser.add_argument("--resets", action="store_true", help=argparse.SUPPRESS)  # `run` begins the run again
         add_followed(parser)
     if role is Role.RECORDER:
         parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the log")
@@ -186,6 +187,8 @@ def _run(
             role, setup, endpoints, folder, lockstep=lockstep, timeout=timeout, recorded=False, rate=rate,
             compression=compression, followed=getattr(options, "followed", False),
         )  # fmt: skip
+        if role is Role.PLANT:
+            node.resets = options.resets
         _plan_end(role, setup, endpoints, joined)
         turner = StandaloneRunner(
             role, node, endpoints, executor, stopped=stopped, fingerprint=setup.fingerprint(),
