@@ -333,7 +333,7 @@ def test_an_osrd_train_goes_back_unchanged(tmp_path: Path, capsys: pytest.Captur
 BROUGHT: dict[str, tuple[str, str, float]] = {
     "osrd": ("stock.json:thermal", "xuzhou_metro_test", 200.0), "table": ("stock.json", "line.csv", 12_200.0),
     "altrios": ("ore.yaml", "net.yaml:1..4", 700.0), "gpx": ("stock.json", "way.gpx", 200.0),
-    "railml 2": ("stock.railml", "net.railml:West..t3", 200.0),
+    "railml 2": ("stock.railml", "net.railml:West..t2", 200.0),
 }  # fmt: skip
 """Train, line, and place of the first vehicle [m], by the format under test."""
 

@@ -1,5 +1,6 @@
 """Files of recorders as they are: units in headers, dates, unsorted rows, all faults of a file at once."""
 
+import json
 import re
 import shlex
 from collections.abc import Callable
@@ -509,6 +510,24 @@ def test_a_shipped_layout_reads_the_files_of_its_recorder(name: str, tmp_path: P
             by_hand = share * sum(envelope.force(v) for envelope in envelopes) if metro(float(t))[2] or not share else 0
             assert command[t] == pytest.approx(by_hand, rel=1e-3) and force[t] == command[t]
         assert "without a measured force in the file, the force" in " ".join(found.notes)
+
+
+@pytest.mark.parametrize("name", ["jru_german", "bve_blackbox"])
+def test_a_file_with_forces_becomes_a_run_a_report_and_a_table(name: str, tmp_path: Path, capsys) -> None:
+    """Breaks if a step refuses the file, or its table in US units is not the same run when it is imported again."""
+    file = recorder_file(tmp_path / "rec.csv", name)
+    on = ["--train", "xuzhou_metro_3", "--line", "level", "--json"]
+    out = [str(tmp_path / key) for key in ("run", "again")]
+    assert main(["import", str(file), "--layout", name, *on, "--out", out[0]]) == 0
+    first = json.loads(capsys.readouterr().out)
+    assert main(["report", out[0]]) == 0
+    tables = ["--csv", "--units", "us", "--topics", "train/measurement", "--out", str(tmp_path / "tables")]
+    assert main(["export", out[0], *tables]) == 0
+    capsys.readouterr()
+    assert main(["import", str(tmp_path / "tables" / "train_measurement.csv"), *on, "--out", out[1]]) == 0
+    again = json.loads(capsys.readouterr().out)
+    for key in ("energy_traction_kwh", "distance_m", "speed_max_kmh"):
+        assert again[key] == pytest.approx(first[key], rel=2e-3), key
 
 
 OWN_LAYOUT = """
