@@ -379,6 +379,7 @@ class StatusCodec:
         }
         self._texts = {field: [_text(key) for key in keys] for field, keys in self._keys.items()}
         self._known: dict[bytes, bytes] = {}
+        self._last: tuple[bytes, list[float]] = b"no state yet", []
         permitted = next(topic.description(place).permitted for place in topic.places if place.field == self._state)
         choices = product(permitted, repeat=len(self._keys[self._state]))
         self._starts = sorted({self._start(choice) for choice in choices}, key=len)
@@ -441,12 +442,20 @@ class StatusCodec:
 
     def _own_numbers(self, data: bytes) -> dict[str, list[float]] | None:
         """Return the numbers by field of a message of this codec, None for one of another program."""
-        start = next((start for start in self._starts if data.startswith(start, STAMP_END)), None)
-        if start is None or data[:2] != _HEAD[:2]:
+        if data[:2] != _HEAD[:2]:
             return None
-        place = STAMP_END + len(start)
         found: dict[str, list[float]] = {}
+        begin, state = self._last
+        if data.startswith(begin, STAMP_END):
+            found[self._state] = state
+        else:
+            begin = next((start for start in self._starts if data.startswith(start, STAMP_END)), b"")
+            if not begin:
+                return None
+        place = STAMP_END + len(begin)
         for field, keys in self._texts.items():
+            if field in found:
+                continue
             numbers = found[field] = []
             for key in keys:
                 if not data.startswith(key, place):
@@ -458,6 +467,8 @@ class StatusCodec:
                 except (struct.error, ValueError):
                     return None
                 place = end + -end % 4
+            if field == self._state:
+                self._last = data[STAMP_END:place], numbers
         return found
 
     def _numbers(self, data: bytes) -> dict[str, list[float]]:
