@@ -360,6 +360,7 @@ def test_refusals_name_their_reason(tmp_path):
     assert "name=number" in do(domain, "gust", "duration=long").stderr
 
 
+@pytest.mark.graph
 @pytest.mark.parametrize("mode", [[], ["--processes"]])
 def test_a_reset_run_begins_again_with_the_log_of_a_fresh_one(mode, tmp_path):
     """Breaks if the ended log is lost, if a change of the ended run lasts, or if the new run is not a fresh one."""
