@@ -1,5 +1,6 @@
 """Log read from any time on by its index, compared with reading from its beginning."""
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,10 +13,20 @@ from train_ato.log.run_log import RunLog
 from train_ato.messages.codec import Wire
 from train_ato.messages.topics import EPOCH_NS, Rate, topics_of
 from train_ato.playback.log import ReplayLog, ReplayOptions, chosen_topics, parse_remap
+from train_ato.playback.publishing import note_far_stamp
 
 TICK = 100_000_000
 TICKS = 3000
 REPLANNED = 1700
+
+
+def test_a_replay_that_waits_for_a_far_stamp_is_noted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if one foreign message makes a replay wait for weeks without a word, or every replay is noted."""
+    for options in (ReplayOptions(rate=20.0), ReplayOptions(rate=math.inf), ReplayOptions(duration=60.0)):
+        note_far_stamp(tmp_path, 1.3e8, options)
+        note_far_stamp(tmp_path, 86_400.0, options)
+    told = capsys.readouterr().err
+    assert told.count("note: ") == 1 and "130000000 s from the first message to the last" in told
 
 
 def write(folder: Path, ticks: int = TICKS, *, tiny: bool = False, only: str | None = None) -> Path:

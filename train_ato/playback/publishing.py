@@ -13,6 +13,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from plant_sim.formats.fields import print_assumption
+from plant_sim.units import number_text
+from train_ato.log.reading import MAX_RUN_NS
 from train_ato.playback.log import ReplayLog, ReplayOptions, chosen_topics
 from train_ato.playback.playback import Playback, ReplayState
 from train_ato.program.interrupt import interruptible
@@ -194,6 +197,15 @@ Keys = Callable[[Playback], None]
 """Callback that processes the keys."""
 
 
+def note_far_stamp(run: Path, length: float, options: ReplayOptions) -> None:
+    """Note a log longer than a day [s], because the replay waits until its last message: its stamp may be wrong."""
+    if length > MAX_RUN_NS / 1e9 and options.duration is None and math.isfinite(options.rate):
+        print_assumption(
+            f"{run}: {number_text(length)} s from the first message to the last, more than a run has: one of them may "
+            "have a wrong stamp, and the replay waits until the last one; end it with --playback-duration"
+        )
+
+
 def publish_run(
     run: Path,
     options: ReplayOptions,
@@ -235,6 +247,7 @@ def publish_run(
     with ReplayLog(run) as log, interruptible() as interrupt:
         topics = chosen_topics(log.topics, options)
         log.check_place("--start-offset", options.start_offset)
+        note_far_stamp(run, log.length, options)
         from train_ato.playback.player import Player
         from train_ato.ros.graph.assembly import executor_of
 
