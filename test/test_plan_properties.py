@@ -149,6 +149,19 @@ CAR = 25.0
 """Length of a car of the train by hand [m]."""
 
 
+def test_the_search_brakes_beside_a_section_where_nothing_is_recovered() -> None:
+    """Breaks if the search takes friction brakes in a neutral section for electric ones: 2.415 for 1.981 kWh."""
+    line = line_of(
+        stops=[{"at": 200}, {"at": 4200}],
+        speed_limits=[{"at": 0, "speed_kmh": 100}],
+        grades=[{"at": 0, "grade_permille": -8}],
+        neutral_sections=[{"begin": 3400, "end": 3900, "electric_brake": False}],
+    )
+    train = train_of({"car": railcar(electric_brake=[{"to_kmh": 165, "force_kn": 40}])}, 2)
+    found = plan_profile(line, train, PlanSettings(efficiency=0.85, recovered=0.7, time=215.06)).summary()
+    assert found["energy_net_kwh"] < 2.0
+
+
 def railcar(*traction: dict[str, float], **more: Any) -> dict[str, Any]:
     """Return a motor car of 60 t, 50 kN and 625 kW, or with another envelope."""
     own = traction or ({"to_kmh": 45, "force_kn": 50}, {"to_kmh": 160, "power_kw": 625})

@@ -48,8 +48,11 @@ def section_energy(section: PlanSection, energy: Array) -> float:
     if weights.recovered == 0.0:
         return work
     speed, columns = np.sqrt(energy[:-1] + energy[1:]), SPEED_STEP * np.arange(train.speed.size)
-    braked = np.minimum(np.maximum(-force, 0.0), np.interp(speed, columns, train.electric))
-    return work - weights.recovered * float(braked @ steps)
+    electric, braked = np.interp(speed, columns, train.electric), np.maximum(-force, 0.0)
+    if section.inputs.places is not None and (acting := braked > 0.0).any():
+        middle = 0.5 * (section.grid.places[1:] + section.grid.places[:-1])
+        electric[acting] *= section.inputs.places.electric_share(middle[acting], speed[acting])
+    return work - weights.recovered * float(np.minimum(braked, electric) @ steps)
 
 
 def section_force(section: PlanSection, energy: Array) -> Array:
