@@ -34,6 +34,7 @@ def test_keys_and_headings_name_the_unit_of_their_numbers():
     data = {
         "speed_max_kmh": 160.9344, "stops": [{"km": 1.609344, "at_s": 2.0}], "rate_kn_per_s": 4.4482216152605,
         "metric": "stop_error_m", "value": 0.3048, "limit": None, "resistance_n_per_kn": 2, "held": True,
+        "at 60 km/h": "a quantity, no heading: shown_text has it",
     }  # fmt: skip
     table = (("metric", "value", "km"), [("speed, rms in km/h", 8.04672, "1.609"), ("ticks", 7, None)])
     assert shown_data(data) == data
@@ -41,7 +42,7 @@ def test_keys_and_headings_name_the_unit_of_their_numbers():
     with displayed_in("us"):
         found = shown_data(data)
         assert list(found) == ["speed_max_mph", "stops", "rate_lbf_per_s", "metric", "value", "limit",
-                               "resistance_n_per_kn", "held"]  # fmt: skip
+                               "resistance_n_per_kn", "held", "at 60 km/h"]  # fmt: skip
         assert found["speed_max_mph"] == pytest.approx(100.0) and found["rate_lbf_per_s"] == pytest.approx(1e3)
         assert found["stops"] == [{"mi": pytest.approx(1.0), "at_s": 2.0}]
         assert (found["metric"], found["value"], found["limit"]) == ("stop_error_ft", pytest.approx(1.0), None)

@@ -73,8 +73,8 @@ def symbol_in(name: str) -> str:
     ('km/h', 'km', '', '')
     """
     if " " in name or (len(name) > 1 and name in unit_symbols()):
-        last = name.rpartition(" ")[2]
-        return last if last in unit_symbols() else ""
+        head, _, last = name.rpartition(" ")
+        return last if last in unit_symbols() and not head[-1:].isdigit() else ""  # a quantity is no heading
     found = [suffix for suffix in unit_suffixes() if name.endswith(suffix)]
     suffix = max(found, key=len, default="")
     return "" if not suffix or name.removesuffix(suffix).endswith("_per") else unit_suffixes()[suffix]
