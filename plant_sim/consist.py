@@ -407,8 +407,8 @@ class Consist(SiModel):
     rating: Rating | None = Field(None, description="figures of the train for category_limits with needs")
     pantographs: tuple[int, ...] = Field(
         (),
-        description="numbers of the vehicles with a raised pantograph, from 0; a power unit has its power from the "
-        "nearest one, of two from the front one; default: from its own",
+        description="numbers of the vehicles with a raised pantograph, from 0. A power unit takes its power from the "
+        "nearest pantograph, and from the front one of two equally near. By default it has its own",
         examples=[[1, 4]],
     )
     kept: dict[str, dict[str, Any]] = Field(

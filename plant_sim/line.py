@@ -268,8 +268,8 @@ class Line(SiModel):
     end: Place = Field(description="place at which the line ends", examples=[12e3])
     chainage: tuple[ChainageSection, ...] = Field(
         (),
-        description="kilometres of the posts along the line, in the order of running, also falling or with jumps; "
-        "places may then be written as 12+345, and are shown so",
+        description="kilometres of the posts along the line, in running order. They may fall or jump. Places are "
+        "then shown as 12+345 and can be written so",
         examples=[[{"begin": 84500.0, "end": 80200.0}, {"begin": 80250.0, "end": 77000.0}]],
     )
     grades: tuple[Grade, ...] = Field((), description="grades in the order of their places; level before the first")

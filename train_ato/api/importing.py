@@ -114,7 +114,7 @@ def import_run(
     sort
         Sort the rows by time and remove repeated rows.
     name
-        Name of the run; default: that of the file.
+        Name of the run; default: as in the file.
     out
         Run folder to make; default: ``runs/NAME-N``, as for the command.
 

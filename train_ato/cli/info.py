@@ -37,8 +37,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs="?",
         const=ALONE,
         metavar="OTHER",
-        help="also count the force cycles of the couplers (rainflow) and print their fatigue damage, 1 per cycle of "
-        "1 MN with the slope 5; OTHER: a run or log for the ratio",
+        help="also count the force cycles of the couplers (rainflow) and print their fatigue damage. One cycle of 1 MN "
+        "counts 1, with the slope 5. With the run or log OTHER the ratio is printed too",
     )
 
 

@@ -76,8 +76,8 @@ class _Command(OneLineParser):
             if self.prog.rpartition(" ")[2] in WITH_UNITS:
                 self.add_argument(
                     "--units", choices=("us", "metric"),
-                    help="show speeds, lengths, masses, forces and pressures in mph, mi, ft, ton, lbf, psi, or in "
-                    "km/h, t, kN, bar; the files of a run stay as they are (default: each as its name says)",
+                    help="units of the output: us (mph, mi, ft, ton, lbf, psi) or metric (km/h, t, kN, bar). The files "
+                    "of a run do not change (default: the unit in the name of each value)",
                 )  # fmt: skip
             self.set_defaults(execute=module.execute)
 

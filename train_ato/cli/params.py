@@ -20,7 +20,7 @@ OF_EVERY_NODE = frozenset({"use_sim_time", "start_type_description_service", "sc
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``params``."""
     add_scenario_options(parser)
-    parser.add_argument("--law", metavar="NAME", help="control law (default: that of the scenario)")
+    parser.add_argument("--law", metavar="NAME", help="control law (default: as in the scenario)")
 
 
 def execute(options: argparse.Namespace) -> int:

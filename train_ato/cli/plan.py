@@ -46,9 +46,10 @@ def add_trip_arguments(parser: argparse.ArgumentParser) -> None:
         nargs="?",
         const=DEFAULTS,
         metavar="FILE",
-        help="plan a long train with the applications of its air brake; FILE: weights and limits (YAML). Objective in "
-        "kWh: energy + time_weight T + fatigue_weight D; T: running time in s, with --time instead of time_weight; D: "
-        "damage of the couplers, 1 per force cycle of 1 MN of one coupler (10 to 20 on 45 km with 10 700 t)",
+        help="plan a long train with the applications of its air brake. FILE has weights and limits (YAML). The "
+        "objective in kWh is energy + time_weight T + fatigue_weight D. T is the running time in s; --time replaces "
+        "time_weight. D is the damage of the couplers: one force cycle of 1 MN of one coupler counts 1 (10 to 20 on "
+        "45 km with 10 700 t)",
     )
     parser.add_argument(
         "--base", metavar="SCENARIO", help="with --trip: scenario with plant, delays and criteria of the written one"
@@ -201,8 +202,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--allowance", type=_allowance, action="append", metavar="TIME",
-        help="supplement on the least running time between two stops, in place of --time: 5%%, 1.5min/100km, 10s/stop, "
-        "joined by +; on a section with :KM..KM, kilometres or posts as 84+500; may be repeated",
+        help="supplement to the least running time between two stops, without --time: 5%%, 1.5min/100km, 10s/stop, "
+        "joined by +. :KM..KM after it limits it to a section (kilometres, or posts as 84+500). May be repeated",
     )  # fmt: skip
     parser.add_argument(
         "--journey",
@@ -215,7 +216,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="with --time: without the lower bound of the energy, some seconds faster",
     )
     parser.add_argument(
-        "--dwell", type=least, metavar="S", help="dwell time at intermediate stops (default: that of the line)"
+        "--dwell", type=least, metavar="S", help="dwell time at intermediate stops (default: as in the line)"
     )
     parser.add_argument("--through", action="store_true", help="pass the intermediate stops of the line")
     _add_train_arguments(parser, least)
@@ -241,13 +242,13 @@ def _add_train_arguments(parser: argparse.ArgumentParser, least: Callable[[str],
         "--efficiency",
         type=least,
         metavar="FRACTION",
-        help="of traction, in the net energy (default: that of the train's file, else 1)",
+        help="of traction, in the net energy (default: as in the train's file, else 1)",
     )
     parser.add_argument(
         "--recovered",
         type=least,
         metavar="FRACTION",
-        help="share of the electric-brake work that returns to the line (default: that of the train's file, else 0)",
+        help="share of the electric-brake work that returns to the line (default: as in the train's file, else 0)",
     )
     parser.add_argument("--auxiliary-kw", type=least, metavar="KW", help="auxiliary power in the net energy")
     parser.add_argument("--max-speed-kmh", type=least, metavar="V", help="speed limit of the train")

@@ -239,8 +239,8 @@ def _print_end(run: Run, failure: RunFailed | None, *, as_json: bool, expected: 
 def long_lived_objects() -> Iterator[None]:
     """Take the objects of the block out of the garbage collection: they live until the end of the process.
 
-    Most objects of a start are modules and classes. Their repeated inspection takes 0.3 of 1.7 s of processor time
-    up to the first tick (``python bench/startup.py``).
+    Most objects that the start of a run makes are modules and classes. Their repeated inspection takes 0.3 of the 1.7 s
+    of processor time up to the first tick (``python bench/startup.py``).
     """
     collecting = gc.isenabled()
     gc.disable()

@@ -49,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--over", type=Path, metavar="SPEC.yaml", help="ranges of the gains (over:), changes of the runs (variations:)"
     )
-    parser.add_argument("--seeds", metavar="1,2,...", help="seeds of the runs (default: that of each scenario)")
+    parser.add_argument("--seeds", metavar="1,2,...", help="seeds of the runs (default: as in each scenario)")
     parser.add_argument("--held-out", metavar="A,B", help="scenarios that the search does not use, reported beside")
     parser.add_argument("--held-out-seeds", metavar="3,4,...", help="seeds that the search does not use")
     parser.add_argument(

@@ -43,8 +43,8 @@ def gains_choice() -> Any:
         "",
         0,
         0,
-        "source of the values that are not given: fitted to a shipped train (another train: model), "
-        "computed from the model of the train, or printed in the paper",
+        "source of the values that are not given. fitted: searched for a shipped train (another train has model). "
+        "model: computed from the model of the train. printed: figures of the paper",
         choices=(FITTED, MODEL, PRINTED),
     )
 

@@ -226,7 +226,7 @@ def publish_run(
     options
         Rate, selection and names.
     domain
-        ROS domain; default: that of the environment.
+        ROS domain; default: as in the environment.
     progress
         Callback for the state, about ten times a second.
     keys

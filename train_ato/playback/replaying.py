@@ -52,7 +52,7 @@ def replay(
     out
         New figure of both outputs (.png, .svg, .pdf); default: none.
     domain
-        ROS domain of the published messages; default: that of the environment.
+        ROS domain of the published messages; default: as in the environment.
     **publishing
         Attributes of :class:`~train_ato.playback.log.ReplayOptions`, as ``rate=5``.
 

@@ -237,11 +237,11 @@ class Phase(SiModel):
     acceleration: Acceleration | None = Field(
         None,
         gt=0,
-        description="largest acceleration and deceleration of this phase; default: that of limits",
+        description="largest acceleration and deceleration of this phase; default: as in limits",
         examples=[0.5],
     )
     jerk: Annotated[Jerk | None, Usual(2e-4, 100)] = Field(
-        None, gt=0, description="largest jerk of this phase; default: that of limits", examples=[0.3]
+        None, gt=0, description="largest jerk of this phase; default: as in limits", examples=[0.3]
     )
 
     @model_validator(mode="after")

@@ -34,8 +34,9 @@ class TrackingLimits(SiModel):
     position_time: Time = Field(
         10.0,
         gt=0,
-        description="position error as running time at the largest speed of the profile, duration of a speed error at "
-        "the end, and delay of a standstill; default: several times the delay and lag of a control loop",
+        description="limit of three errors: the position error as running time at the largest speed of the profile, "
+        "the duration of a speed error at the end, and the delay of a standstill. The default is several times the "
+        "delay and lag of a control loop",
     )
     oscillation: Ratio = Field(
         0.1, gt=0, le=1, description="amplitude of a limit cycle of the command, over the largest force of the unit"
@@ -45,8 +46,8 @@ class TrackingLimits(SiModel):
     saturation_error: Speed = Field(
         2 / 3.6,
         gt=0,
-        description="speed error that counts at a force limit; default: half of the smallest distance between "
-        "permitted speed and warning, dV_warning_min of SUBSET-026, A.3.1",
+        description="speed error that counts at a force limit. The default is half of dV_warning_min of SUBSET-026, "
+        "A.3.1, the smallest distance between permitted speed and warning",
     )
 
 

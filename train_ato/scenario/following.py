@@ -61,8 +61,8 @@ class FollowingCriteria(SiModel):
     speed_amplification: Number | None = Field(
         None,
         ge=0,
-        description="largest deviation of the speed from the own profile, by that of the train ahead: with 1 no "
-        "disturbance grows from train to train",
+        description="largest deviation of the speed from the own profile, divided by that of the train ahead. With at "
+        "most 1 no disturbance grows from train to train",
         examples=[1.0],
     )
     gap: Annotated[Place | None, Usual(0.5, 20e3)] = Field(

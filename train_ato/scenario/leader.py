@@ -59,7 +59,7 @@ class LeaderSpec(SiModel):
     )
     authority: Literal["absolute", "relative"] | None = Field(
         "absolute",
-        description="moving end of authority: safe rear of the train ahead, or this plus its shortest stop; null: none",
+        description="moving end of authority. absolute: safe rear of the train ahead; relative: plus its shortest stop",
     )
     timeout: Time = Field(
         5.0, gt=0, description="largest age of the newest report; with an older one the shortest stop does not count"

@@ -63,26 +63,26 @@ class ModelBlock(SiModel):
 
     consist: str | Consist | None = Field(
         None,
-        description="train of the model: a shipped name, a file, or the consist itself; default: that of the plant",
+        description="train of the model: a shipped name, a file, or the consist itself; default: as in the plant",
         examples=["demo"],
     )
     line: str | Line | None = Field(
         None,
-        description="line of the model: a shipped name, a file, or the line itself; default: that of the plant",
+        description="line of the model: a shipped name, a file, or the line itself; default: as in the plant",
         examples=["demo"],
     )
     delay: Annotated[Time | tuple[Time, ...] | None, Usual(1e-3, 60)] = Field(
         None,
-        description="delay of commands in the model: one, or one per unit; default: that of the links",
+        description="delay of commands in the model: one, or one per unit; default: as in the links",
         examples=[0.3],
     )
     delay_brake: Annotated[Time | tuple[Time, ...] | None, Usual(1e-3, 60)] = Field(
-        None, description="delay of commands below 0 in the model; default: that of the links", examples=[0.5]
+        None, description="delay of commands below 0 in the model; default: as in the links", examples=[0.5]
     )
     lag: Annotated[Time | None, Usual(1e-3, 60)] = Field(
         None,
         ge=0,
-        description="time constant of the actuators in the model; default: that of the plant",
+        description="time constant of the actuators in the model; default: as in the plant",
         examples=[0.3],
     )
     learned: str | LearnedResistance | None = Field(

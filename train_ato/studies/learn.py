@@ -353,7 +353,7 @@ def learn(
     runs
         Number of runs to learn from.
     seed
-        Seed of the first run; default: that of the scenario.
+        Seed of the first run; default: as in the scenario.
     spacing
         Distance between the learned values [m].
     memory

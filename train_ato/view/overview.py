@@ -1,4 +1,4 @@
-"""WholeRun of a whole run above the page: its speed, and bands of the law and of the state of the ATO."""
+"""Overview bar of a whole run above the page: its speed, with bands of the law and of the state of the ATO."""
 
 from typing import Any
 

@@ -145,7 +145,7 @@ class VectorEnv:
     reward
         Weights of the costs, as for :class:`train_ato.Env`.
     threads
-        Number of threads; default: that of the processors.
+        Number of threads; default: as in the processors.
 
     Attributes
     ----------

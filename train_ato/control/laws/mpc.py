@@ -82,7 +82,11 @@ class MpcParameters:
         0.0, "rad/s", 0.0, 10.0, "half of the gain on the speed error; 0: from delay, lag and couplers"
     )
     observer_ratio: float = parameter(
-        0.0, "1", 0.0, 100.0, "bandwidth of the observer over omega; 0: 5, one vehicle 6, soft couplers 2.5, hauled 1"
+        0.0,
+        "1",
+        0.0,
+        100.0,
+        "bandwidth of the observer over omega; 0: 5, or 6 (one vehicle), 2.5 (soft couplers), 1 (hauled)",
     )
     lookahead: float = parameter(120.0, "s", 1.0, 600.0, "length of the horizon")
     nodes: int = parameter(32, "1", 4, 60, "nodes of the decision over the horizon")
@@ -97,7 +101,7 @@ class MpcParameters:
         SPEED_PRIOR, "m/s", 0.0, 1.0, "standard deviation of the measured speed at which its estimate begins"
     )
     position_share: float = parameter(
-        0.0, "1", 0.0, 1.0, "a, gain on the position error over omega²; 0: .5, with hauled vehicles 1"
+        0.0, "1", 0.0, 1.0, "a: gain on the position error over omega². 0 means .5, and 1 with hauled vehicles"
     )
 
 

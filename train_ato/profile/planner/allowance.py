@@ -35,12 +35,12 @@ class Allowance(SiModel):
     )
     begin: Place | str | None = Field(
         None,
-        description="place of the front at which it begins, or a post 12+345; default: that of the plan",
+        description="place of the front at which it begins, or a post 12+345; default: as in the plan",
         examples=[1200.0],
     )
     end: Place | str | None = Field(
         None,
-        description="place of the front at which it ends, or a post 12+345; default: that of the plan",
+        description="place of the front at which it ends, or a post 12+345; default: as in the plan",
         examples=[5400.0],
     )
 

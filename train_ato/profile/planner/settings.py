@@ -35,7 +35,7 @@ class PlanSettings(SiModel):
         examples=[10.0],
     )
     dwell: Annotated[Time | None, Usual(2, 14400)] = Field(
-        None, ge=0, description="time at rest at every intermediate stop; default: that of the stop", examples=[30.0]
+        None, ge=0, description="time at rest at every intermediate stop; default: as in the stop", examples=[30.0]
     )
     time: Time | None = Field(
         None,

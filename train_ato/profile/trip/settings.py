@@ -29,8 +29,8 @@ class TripSettings(SiModel):
     fatigue_weight: float = Field(
         0.0,
         ge=0,
-        description="energy that a unit of coupler damage is worth [kWh]: one force cycle of 1 MN of one coupler; "
-        "above 0 traction and slew are decreased while this pays",
+        description="energy that a unit of coupler damage is worth [kWh]. A unit is one force cycle of 1 MN of one "
+        "coupler. Above 0 the plan decreases traction and slew while this pays",
     )
     recovered: Ratio = Field(0.0, ge=0, le=1, description="share of the electric brake's work that counts as gained")
     traction: Ratio = Field(0.75, gt=0, le=1, description="used part of the traction envelope")
@@ -52,8 +52,8 @@ class TripSettings(SiModel):
     final_deceleration: Acceleration | None = Field(
         None,
         gt=0,
-        description="deceleration of this last part, about; default: 1.1 times that of the running resistance, because "
-        "the electric brake fades before standstill",
+        description="approximate deceleration of this last part. The default is 1.1 times that of the running "
+        "resistance, because the electric brake fades before standstill",
     )
     air_brake: AirBrakeRules = AirBrakeRules()
 

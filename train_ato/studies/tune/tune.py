@@ -424,7 +424,7 @@ def tune(
         YAML file, or a mapping, with ranges (``over``) and start values (``start``) of the parameters and changes of
         the scenarios (``variations``).
     seeds
-        Seeds of the runs; default: that of each scenario.
+        Seeds of the runs; default: as in each scenario.
     held_out, held_out_seeds
         Scenarios and seeds that the search does not use; they are run with the initial and the tuned gains.
     weights
