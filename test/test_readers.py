@@ -457,6 +457,7 @@ def changed(base: dict[str, Any], path: tuple[Any, ...], value: Any) -> dict[str
         ("path", ("paths", 0, "characteristic_sections", 1, 0), 0, "two sections begin at 0 m"),
         ("bench", ("stops", "values"), [0], "at least 2"),
         ("bench", ("stops", "unit"), "furlong", "unit of position = 'furlong'"),
+        ("bench", ("stops", "units"), {"position": "km"}, "stops: unit and units are the same quantity; keep one of"),
         ("bench", ("speed limits", "values", 1, 0), -5, "places fall; in falling kilometres write every place as"),
         ("bench", ("stops", "values"), [5000, 0], "distance from 5000 m and keep the order of the entries"),
         ("bench", ("stops", "values"), [0, 500, 400], r"values\[2\]: 400 m after 500 m: places must rise"),

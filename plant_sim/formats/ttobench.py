@@ -85,7 +85,8 @@ def ttobench_line(data: dict[str, Any], place: str) -> Line:
 
 
 def _unit(fields: Fields, quantity: str, units: dict[str, float]) -> float:
-    name = fields.below("units").text(quantity) if "units" in fields else fields.text("unit")
+    several = fields.one_of("unit", "units") == "units"
+    name = fields.below("units").text(quantity) if several else fields.text("unit")
     if name not in units:
         raise ValueError(f"{fields.place}: unit of {quantity} = '{name}': must be one of {', '.join(units)}")
     return units[name]
@@ -345,7 +346,7 @@ def _tunnel_resistance(top: Fields) -> list[dict[str, float]]:
         return []
     fields = top.below("tunnel resistance")
     rows: list[tuple[Any, Any]]
-    if "units" in fields:
+    if fields.one_of("unit", "units") == "units":
         units = fields.below("units")
         area, factor = (
             _unit_factor(units, "cross section", "area"),
