@@ -288,7 +288,15 @@ def _table(rows: list[dict[str, Any]]) -> list[str]:
         figures = [found.get(key) for key in KEPT]
         cells = ["-" if value is None else number_text(value, 3) for value in figures]
         couplers = f"{cells[2]} ... {cells[3]}" if figures[2] or figures[3] else "-"
-        shown = [found["law"], gains_text(found), verdict(found), cells[0], cells[1], couplers, cells[4]]
+        shown = [
+            found["law"],
+            gains_text(found),
+            verdict(found).replace("; ", "<br>"),
+            cells[0],
+            cells[1],
+            couplers,
+            cells[4],
+        ]
         lines.append(f"| {' | '.join(shown)} |")
     return lines
 

@@ -24,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--gust-shift",
         type=float,
         metavar="S",
-        help="largest random shift in time of the disturbances over time, new in every run (default: 0)",
+        help="largest random shift of the disturbances that are functions of time, new in every run (default: 0)",
     )
     parser.add_argument(
         "--spacing",

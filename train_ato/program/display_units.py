@@ -30,7 +30,7 @@ _chosen: list[str] = []
 
 @contextmanager
 def displayed_in(system: str | None) -> Iterator[None]:
-    """Show the numbers of the block in a system of :data:`DISPLAY`; with None as they are."""
+    """Show the numbers of the block in a system of units of :data:`DISPLAY`; None does not convert them."""
     if system is None:
         yield
         return

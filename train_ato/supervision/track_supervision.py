@@ -93,7 +93,7 @@ def is_wider(motion: MotionEstimate) -> bool:
 
 @compiled
 def released_speeds(target: Target, arcs: Records[Arc], front: float, motion: MotionEstimate) -> SupervisionSpeeds:
-    """Return the speeds of one target [m/s]; the release speed from its start location on."""
+    """Return the speeds of one target [m/s]; they include the release speed after its start location."""
     speed = target.release
     if speed < inf:
         start = release_location(target, arcs, speed, speed_measurement_error(speed), motion.under_reading)
