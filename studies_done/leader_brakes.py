@@ -1,7 +1,7 @@
 """Emergency brakes of a leader: two metro trains, the one behind on its own profile towards the train that stops.
 
 Run: ``python studies_done/leader_brakes.py [--runs N] [--json]``; 1 000 runs take ten minutes of processor time.
-Every case is a run of the engine with train, sensors and supervisor, over 120 s or longer, until both trains are at rest.
+Every case is a run of the engine with train, sensors and supervisor, of 120 s or more, until both trains are at rest.
 Drawn are: time of the brake and speed of the leader, distance of the trains, delay and loss of the link, authority
 (absolute or relative), with or without the braking law that takes over before the supervisor, and both trains: of the
 leader the nominal one or that with the shortest stop of its safety data, of the follower up to 3 % more mass and up to
