@@ -127,7 +127,7 @@ def original(log: Path) -> Path:
 
 
 def head_of(file: Path) -> bytes:
-    """Return the first bytes of a file by its format, those of MCAP for any other."""
+    """Return the first bytes of a file of a format; an unknown format has those of MCAP."""
     try:
         with file.open("rb") as stream:
             begin = stream.read(16)

@@ -132,7 +132,7 @@ def add_no_lockstep(parser: argparse.ArgumentParser) -> None:
         "--no-lockstep",
         dest="lockstep",
         action="store_false",
-        help="do not wait for late commands: hold the last one and count them; without --rate at the rate 1",
+        help="do not wait for late commands; they are counted, and the train keeps the last one (default of --rate: 1)",
     )
 
 

@@ -196,7 +196,8 @@ def smoothed_resistance(speed: Array, pull: Array, steps: Array, waves: float = 
 def by_place(residual: Residual, begin: float, spacing: float, count: int) -> Array:
     """Return r at evenly spaced places [m/s²], shape (count,); NaN outside the run.
 
-    A sample counts at the places beside it by its distance. Places inside the run without a sample are interpolated.
+    A sample counts at both neighbouring places, with a weight that falls with the distance. Places
+    inside the run without a sample are interpolated.
     """
     at = (residual.place - begin) / spacing
     index = np.floor(at).astype(np.int64)

@@ -28,7 +28,7 @@ class WholeRun:
         self.number = 0
 
     def add(self, time: float, speed: float, limit: float, *, law: str, ato: str) -> None:
-        """Add a moment [s, km/h, km/h]; one nearer than a point of the picture to the last one adds its bands only."""
+        """Add a moment [s, km/h, km/h]; one too near to the last moment for a point of its own adds only bands."""
         for name, text in (("law", law), ("ato", ato)):
             band = self._bands[name]
             if text and (not band or band[-1][1] != text):

@@ -282,8 +282,8 @@ class MeasuredMotion:
     unexplained : float
         Acceleration that model and error of the mass do not explain [m/s²].
     passing : float
-        Unexplained acceleration, with that of the error of the mass, beyond its mean over ``MEAN_TIME`` [m/s²]; 0 with
-        hauled vehicles.
+        Unexplained acceleration less its mean over ``MEAN_TIME`` [m/s²]. The part of the error of the mass is
+        included. It is 0 with hauled vehicles.
     """
 
     def __init__(
