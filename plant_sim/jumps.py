@@ -159,7 +159,7 @@ class Jumps:
             raise ValueError("a jump of adhesion multiplies the adhesion, which is missing; give an adhesion")
 
     def steps(self, stamp: int) -> list[int]:
-        """Return the plant steps of the tick from ``stamp`` [ns] on before which jumps are due."""
+        """Return the plant steps with a jump due before them, in the tick that begins at ``stamp`` [ns]."""
         steps = set()
         for jump in self.planned:
             if jump.at is None:

@@ -140,8 +140,8 @@ class TrainModel:
     vehicles : Records of UnitVehicle, shape (units,)
         Vehicles of the power units.
     tables : tuple of Array
-        Line force per mass [N/kg], on the whole train [N], and its learned part per mass [N/kg], empty without one,
-        at every :data:`GRID` from the ``line_begin`` of the vehicles on.
+        Line force per mass [N/kg], line force on the whole train [N], and learned part of the force per mass [N/kg]
+        (empty without one). They begin at the ``line_begin`` of the vehicles, with a value at every :data:`GRID`.
     """
 
     def __init__(

@@ -21,7 +21,7 @@ class TopicSamples:
     time : Array, shape (k,)
         Stamps [s], rising.
     values : mapping of Array, each of shape (k, n)
-        Values by name [SI]; n vehicles or units, 1 for a single number. Those of a long run are read from a file at
+        Values by name [SI]; n vehicles or units, 1 for a single number. In a long run they are read from a file at
         every use.
     """
 

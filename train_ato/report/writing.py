@@ -185,7 +185,7 @@ def write_comparison_page(pages: list[PageData], path: Path) -> int:
 
 
 def comparison_title(pages: list[PageData]) -> str:
-    """Return scenario and number of runs; runs with changed laws have all of them in the title."""
+    """Return scenario and number of runs as a title, with all laws if a run changed its law."""
     scenarios = {str(data.summary.get("scenario", "")) for data in pages} - {""}
     changed = [f"{data.label}: {text}" for data in pages if "→" in (text := data.facts.get("law", ""))]
     head = f"{scenarios.pop() if len(scenarios) == 1 else 'Several scenarios'}: {len(pages)} runs side by side"
