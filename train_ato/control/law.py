@@ -136,7 +136,7 @@ class RecordLaw(GuardedLaw):
     constants, state, now, units : Records
         Constants, state of every unit, and inputs with the last outputs.
     in_loop : bool
-        The compiled loop may call the form; False for a law that has a part in Python.
+        True if the compiled loop may call the form; a law with a part in Python has False.
     couplers : UnitCouplers or None
         Couplers beside the units, of a law that uses their forces.
     uses_effect : bool
