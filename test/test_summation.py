@@ -41,6 +41,7 @@ EXACT = {
     "train_ato/judge/metrics.py": {"sum((totals.get(name, 0) for name in names))"},
     "train_ato/judge/ranking.py": {"sum((row['passed'] is False for row in metrics.get('criteria') or ()))"},
     "train_ato/judge/recording.py": {"sum((part.nbytes for part in parts if part is not None))"},
+    "train_ato/messages/variable_codec.py": {"sum(map(len, self._keys.values()))"},
     "train_ato/loop/train_protection.py": {"sum((age > bound for bound in self._bounds))"},
     "train_ato/supervision/track_supervision.py": {"sum((limits.arcs.size for limits in self.targets))"},
 }  # fmt: skip
