@@ -454,12 +454,13 @@ def test_a_node_that_joins_in_a_pause_knows_the_time(plant):
 class Recording:
     """Recorder with real subscriptions, polled by the test."""
 
-    def __init__(self, stack, setup, domain, folder):
+    def __init__(self, stack, setup, domain, folder, external):
         context, _ = stack.enter_context(executor_of(domain))
-        self.endpoints = NodeEndpoints(Role.RECORDER, Wire(setup.layout), context, FirstFailure())
+        wire = Wire(setup.layout)
+        self.endpoints = NodeEndpoints(Role.RECORDER, wire, context, FirstFailure(), external=external)
         self.notes = []
         self.endpoints.on_note = self.notes.append
-        self.node = RecorderNode(RunLog(folder, topics_of(setup.layout)), self.endpoints)
+        self.node = RecorderNode(RunLog(folder, topics_of(setup.layout)), self.endpoints, TICK)
 
     def poll_until(self, condition):
         wait_for(condition, turn=lambda: self.node.poll(last=True))
@@ -473,7 +474,7 @@ class Recording:
 @pytest.fixture
 def recording(setup, domain, tmp_path):
     with ExitStack() as stack:
-        yield lambda: Recording(stack, setup, domain, tmp_path)
+        yield lambda external=None: Recording(stack, setup, domain, tmp_path, external)
 
 
 def test_the_suspension_of_a_recorder_is_known_before_it_reads_again(recording):
@@ -490,22 +491,29 @@ def _report(wire, node, second):
     return wire.encode("/diagnostics", Diagnostic(second * 10**9, node, 0, "ok", {}))
 
 
-def test_commands_lost_before_the_first_recorded_one_are_said(recording, domain, setup):
-    """Breaks if a log without its first commands is complete, or the recorder is named for a node that came early."""
+@pytest.mark.parametrize(("external", "first"), [(None, 3), (Role.CONTROLLER, 3), (Role.CONTROLLER, 0)])
+def test_commands_lost_before_the_first_recorded_one_are_said(recording, domain, setup, external, first):
+    """Breaks if a log without its first commands is complete, or those of a program for an earlier run count as lost.
+
+    The recorder must not be named for a node that came early.
+    """
     encode, measured = Wire(setup.layout).encode, PlantStage(setup).observe().measurement
     with ForeignNode(domain, "plant") as plant, ForeignNode(domain, "my_controller") as controller:
         command = controller.publisher("ato/command")
         for tick in range(3):
             command.publish(encode("ato/command", Command(tick * TICK, np.zeros(1))))
-        recorder = recording()
+        recorder = recording(external)
         recorder.connect(controller, "ato/command")
         recorder.connect(plant, "train/measurement")
         publishers = recorder.endpoints.node.get_publishers_info_by_topic
         wait_for(lambda: "my_controller" in [info.node_name for info in publishers("/ato/command")])
-        command.publish(encode("ato/command", Command(3 * TICK, np.zeros(1))))
+        command.publish(encode("ato/command", Command(first * TICK, np.zeros(1))))
         counts = lambda name: recorder.node.log.counts[name]  # noqa: E731
         recorder.poll_until(lambda: counts("ato/command") == 1)
         plant.publish("train/measurement", encode("train/measurement", measured))
+        if first == 0:
+            recorder.poll_until(lambda: counts("train/measurement") == 1)
+            return
         with pytest.raises(NodeFault, match=r"lost before the first recorded one: ato/command: 3; answer") as found:
             recorder.poll_until(lambda: False)
     assert found.value.node == "my_controller"

@@ -133,7 +133,7 @@ def test_messages_wait_for_the_last_topic_of_their_tick(hold, run, tmp_path, mon
     """Breaks if a tick is before the late command of an earlier one, or if a silent topic stops the recording."""
     monkeypatch.setattr(recorder, "HOLD_S", hold)
     queues = LateQueues(run("engine"), "ato/command")
-    node = recorder.RecorderNode(RunLog(tmp_path, topics_of(queues.wire.layout)), queues)
+    node = recorder.RecorderNode(RunLog(tmp_path, topics_of(queues.wire.layout)), queues, 10**8)
     node.poll()
     assert node.log.counts["train/measurement"] == 0
     node.poll()

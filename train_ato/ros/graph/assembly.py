@@ -198,7 +198,7 @@ def make_node(
             topic.name: setup.tick_ns * (setup.ticks - (Role.PLANT not in topic.publishers))
             for topic in topics_of(setup.layout)
         }
-    return RecorderNode(log, endpoints, last_due)
+    return RecorderNode(log, endpoints, setup.tick_ns, last_due)
 
 
 LABELS = {

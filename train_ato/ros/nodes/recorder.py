@@ -44,6 +44,8 @@ class RecorderNode:
     ----------
     log, endpoints
         Log of the run and endpoints of the node.
+    tick_ns
+        Length of a tick [ns].
     last_due : dict
         Last stamp to be recorded [ns], by topic, for an external plant that goes on after the run.
 
@@ -54,10 +56,11 @@ class RecorderNode:
     """
 
     def __init__(
-        self, log: RunLog, endpoints: NodeEndpoints, last_due: Mapping[str, int] = MappingProxyType({})
+        self, log: RunLog, endpoints: NodeEndpoints, tick_ns: int, last_due: Mapping[str, int] = MappingProxyType({})
     ) -> None:
         self.log = log
         self.endpoints = endpoints
+        self._tick_ns = tick_ns
         self.closed = False
         self._next = ACKNOWLEDGE_EVERY
         self._ticking = tick_topics(endpoints.wire.layout)
@@ -129,6 +132,8 @@ class RecorderNode:
                     if stamp == -EPOCH_NS and self.endpoints.sent_outside(name):  # the plant takes it for this tick
                         stamp = max(0, last_stamps.get("train/measurement", 0))
                         data = with_stamp(data, stamp)
+                    if source.lost > stamp // self._tick_ns and self.endpoints.sent_outside(name):
+                        source.lost = 0  # more than the ticks of this run: sent before it by a program that goes on
                     if (clock and stamp == last_stamps.get(name)) or self.endpoints.is_repeated(name, data):
                         continue
                     last_stamps[name] = stamp
