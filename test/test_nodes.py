@@ -5,6 +5,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, suppress
 from importlib.util import find_spec
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -243,6 +244,36 @@ def test_only_an_answer_that_is_due_feeds_the_watchdog(rate, make):
     assert bench.node.stage.tick == 0
 
 
+def test_the_same_answer_to_the_first_stamp_is_not_counted(make):
+    """Breaks if an answer to a first measurement that was sent again is counted, or any other is left uncounted."""
+    bench = make(Role.PLANT, setup=_unsupervised(60))
+    bench.endpoints.external, bench.endpoints._repeatable = Role.CONTROLLER, {"ato/command"}
+    bench.endpoints.on_note = (said := []).append
+    bench.listen("train/measurement")
+    command, heard = bench.speaker("ato/command"), bench.heard["train/measurement"]
+    bench.until(lambda: bench.endpoints._publishers["train/measurement"].get_subscription_count() == 1)
+    bench.node.begin()
+    for stamp, ticks, count in ((0, 1, 0), (0, 1, 0), (TICK, 2, 0), (TICK, 2, 1)):
+        bench.until(lambda due=stamp: heard and heard[-1].stamp >= due)
+        command.publish(bench.wire.encode("ato/command", Command(stamp, np.zeros(1))))
+        bench.until(lambda due=ticks: bench.node.stage.tick == due)
+        bench.settle()
+        assert bench.node.ignored == len(said) == count
+    assert said[0].startswith("node controller: ato/command stamped 0.100 s came twice, or after its tick; ")
+
+
+def test_the_recorder_acknowledges_each_stamp_once():
+    """Breaks if the recorder sends an acknowledgement again: the plant counts it as a message that came twice."""
+    sent = []
+    recorder = SimpleNamespace(
+        log=SimpleNamespace(counts={"train/measurement": 100}), endpoints=SimpleNamespace(publish=sent.append),
+        last_stamp=lambda name: 199 * TICK, _of_plant=["train/measurement"], _next=100, _acknowledged=-1,
+    )  # fmt: skip
+    for recorder.log.counts["train/measurement"] in (100, 200):  # written later than read
+        RecorderNode._acknowledge(recorder)
+    assert sent == [("recorder/progress", Tick(199 * TICK))]
+
+
 def _typed(names, effort):
     message = JointState()
     message.header.stamp.sec = EPOCH_NS // 10**9
@@ -335,12 +366,14 @@ def test_an_answer_with_a_wrong_stamp_is_named(stamp, shown):
 def test_a_stamp_that_echoes_no_measurement_is_named_once(stamp, shown):
     """Breaks if the wrong stamp is named after the time-out only, at every message, or for a repeated answer."""
     answers = TickAnswers(_unsupervised(2))
-    found = answers.wrong_stamp(Command(stamp, np.zeros(1)), 4 * TICK)
+    found = answers.refusal(Command(stamp, np.zeros(1)), 4 * TICK)
     assert found.startswith(f"node controller: a command stamped {shown} came; echo the stamp of train/measurement")
     assert found.endswith("the tick of the scenario is 0.1 s") == (stamp > 0)
-    assert answers.wrong_stamp(Command(stamp, np.zeros(1)), 4 * TICK) == ""
+    assert answers.refusal(Command(stamp, np.zeros(1)), 4 * TICK) == ""
     assert answers.stamps_wrongly(Role.CONTROLLER) and not answers.stamps_wrongly(Role.SUPERVISOR)
-    assert TickAnswers(_unsupervised(2)).wrong_stamp(Command(2 * TICK, np.zeros(1)), 4 * TICK) == ""
+    twice = "ato/command stamped 0.200 s came twice, or after its tick; answer each train/measurement once"
+    assert answers.refusal(Command(2 * TICK, np.zeros(1)), 4 * TICK) == f"node controller: {twice}"
+    assert answers.refusal(Command(2 * TICK, np.zeros(1)), 4 * TICK) == ""
 
 
 @pytest.mark.parametrize(

@@ -16,6 +16,7 @@ from train_ato.cli.main import command_line
 from train_ato.cli.view import _command, _Started, _Waiting
 from train_ato.log.run_folder import next_beside
 from train_ato.messages.topic import TrainLayout
+from train_ato.program.arguments import rate_of
 from train_ato.program.errors import RunFailed
 from train_ato.program.interrupt import Interrupt
 from train_ato.ros.graph.environment import applied, variables
@@ -411,7 +412,7 @@ def test_a_started_run_has_no_limit_of_its_start(capsys):
     run = parser.parse_args(words)
     assert (run.start_limit, run.rate, run.law, run.domain) == (math.inf, 5.0, "smc", 42)
     fastest = parser.parse_args(["view", "--scenario", "demo", "--rate", "max", "--foxglove"])
-    assert parser.parse_args(_command(fastest, 42)[3:]).rate == math.inf
+    assert rate_of(parser.parse_args(_command(fastest, 42)[3:])) is None
     for first in (["view", "--scenario", "demo", *rate] for rate in ([], ["--rate", "max"], ["--rate", "5"])):
         run = parser.parse_args(_command(parser.parse_args(first), 42)[3:])
         assert run.rate == WAITING_RATE, "the run waits for its first page"

@@ -3,6 +3,7 @@
 Start it with ``ROS_DOMAIN_ID=42 python my_controller.py``, before or after the run.
 """
 
+import time
 from contextlib import suppress
 
 import rclpy
@@ -10,6 +11,8 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
+
+READERS = 2  # plant and recorder
 
 
 class MyController(Node):
@@ -33,6 +36,8 @@ class MyController(Node):
         step = self.steps.setdefault((header.stamp.sec, header.stamp.nanosec), {})
         step |= known
         if len(step) == 3:
+            while self.command.get_subscription_count() < READERS:  # before that an answer is lost
+                time.sleep(0.01)
             force = 600e3 * (step["target"] - step["speed"])
             force = max(-200e3, min(200e3, force))
             self.command.publish(JointState(header=header, name=step["units"], effort=[force] * len(step["units"])))

@@ -82,7 +82,7 @@ def run(
     progress
         Show a progress bar; default: in a terminal and in a notebook.
     rate
-        Maximum simulated seconds per second of wall time; default: as fast as possible.
+        Maximum simulated seconds per second of wall time; default: as fast as possible, without lockstep 1.
     lockstep
         False: the graph does not wait for commands. A late command is counted, and the train keeps the last one
         meanwhile.
@@ -164,7 +164,7 @@ class RunMode:
     mode : str
         One of ``MODES``.
     rate : float or None
-        Maximum simulated seconds per second of wall time; None is as fast as possible.
+        Maximum simulated seconds per second of wall time; None is as fast as possible, without lockstep 1.
     domain : int or None
         ROS domain; None takes that of ``ROS_DOMAIN_ID``, without it a free one.
     lockstep, compression, restarts, start_limit, external, namespace, followed

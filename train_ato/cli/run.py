@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from train_ato.cli.scenario_options import add_scenario_options, prepare_from
 from train_ato.log.compression import add_compression
-from train_ato.program.arguments import add_followed, add_no_lockstep, add_rate, parse_limit
+from train_ato.program.arguments import add_followed, add_no_lockstep, add_rate, parse_limit, rate_of
 from train_ato.program.errors import RunFailed
 
 if TYPE_CHECKING:
@@ -103,9 +103,8 @@ def prepared(options: argparse.Namespace) -> tuple[RunSetup, RunMode, Path]:
 
     mode = "engine" if options.engine else "processes" if options.processes else "composed"
     restarts = restart_limit(wanted=options.restart, limit=options.restart_limit)
-    rate = None if math.isinf(options.rate) else options.rate
     run_mode = RunMode(
-        mode, rate, options.lockstep, options.domain, options.compression, restarts, options.start_limit,
+        mode, rate_of(options), options.lockstep, options.domain, options.compression, restarts, options.start_limit,
         options.external, options.namespace, options.followed,
     )  # fmt: skip
     run_mode.check("--")
@@ -161,8 +160,9 @@ def _execute_following(options: argparse.Namespace, file: Path) -> int:
         if getattr(options, name):
             raise ValueError(f"--{name}: not with a following file; remove it")
     mode = "engine" if options.engine else "processes" if options.processes else "composed"
-    rate = None if math.isinf(options.rate) else options.rate
-    run_mode = RunMode(mode, rate, options.lockstep, options.domain, options.compression, 0, options.start_limit)
+    run_mode = RunMode(
+        mode, rate_of(options), options.lockstep, options.domain, options.compression, 0, options.start_limit
+    )
     run_mode.check("--")
     if options.live and mode == "engine":
         raise ValueError("--live: the engine has no nodes, and trains meet in a ROS domain; remove it or --engine")

@@ -113,9 +113,9 @@ def _positive(text: str, unlimited: str, fault: str) -> float:
     return value
 
 
-def add_rate(parser: argparse.ArgumentParser, default: float = math.inf) -> None:
-    """Declare ``--rate``, as of ``ros2 bag play``."""
-    shown = "max" if default == math.inf else f"{default:g}"
+def add_rate(parser: argparse.ArgumentParser, default: float | None = None) -> None:
+    """Declare ``--rate``, as of ``ros2 bag play``; a default of None is no limit."""
+    shown = "max" if default is None else f"{default:g}"
     parser.add_argument(
         "-r",
         "--rate",
@@ -124,6 +124,19 @@ def add_rate(parser: argparse.ArgumentParser, default: float = math.inf) -> None
         metavar="R",
         help=f"simulated seconds per second of wall time, or max (default: {shown})",
     )
+
+
+def rate_of(options: argparse.Namespace) -> float | None:
+    """Return the rate of the options of a run, None without a limit.
+
+    Raises
+    ------
+    ValueError
+        For ``--rate max`` without lockstep: nothing but the rate would hold the train back.
+    """
+    if options.rate == math.inf and not options.lockstep:
+        raise ValueError("--rate max: without lockstep only the wall clock holds the train back; give a number")
+    return None if options.rate == math.inf else options.rate
 
 
 def add_no_lockstep(parser: argparse.ArgumentParser) -> None:

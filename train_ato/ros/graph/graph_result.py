@@ -15,7 +15,7 @@ LOCKSTEP_TIMEOUT_S = 10.0
 FREE_TIMEOUT_S = 3.0
 """Longer than a link that is cut for a second, with the time of the messages after it [s]."""
 
-IGNORED = "messages ignored: they came twice, or for a step that was over or not due"
+IGNORED = "messages ignored; a line above names the first of each topic, with its stamp and the remedy"
 
 Report = Callable[[int], None]
 """Receiver of the number of complete ticks; called about ten times a second."""

@@ -165,9 +165,8 @@ def _arguments(role: Role, scenario: Path, folder: Path, options: GraphOptions) 
             "--recorded",
             "--timeout",
             repr(options.patience),
-            "--rate",
-            repr(options.rate or "max").strip("'"),
         ]
+        arguments += ["--rate", repr(options.rate)] if options.rate else []
         arguments += [] if options.lockstep else ["--no-lockstep"]
         arguments += ["--followed"] if options.followed else []
         arguments += ["--resets"] if options.resets else []

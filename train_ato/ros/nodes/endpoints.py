@@ -16,7 +16,7 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-from train_ato.messages.codec import Wire
+from train_ato.messages.codec import Wire, stamp_of
 from train_ato.messages.topic import TrainLayout
 from train_ato.messages.topics import BY_NAME, END_TOPIC, EPOCH_NS, Rate, Role, Topic, published_by
 from train_ato.messages.types import Diagnostic
@@ -123,6 +123,8 @@ class NodeEndpoints:
         Called with a topic and the reason after the appearance of a second publisher; False fails the run.
     awaited : callable
         Returns the topic for which the node waits, "" for none.
+    ignored : callable
+        Returns the number of messages that the node has read and not used; the first of each topic is named.
     lacking : callable
         Returns further missing conditions for the start.
     on_note : callable
@@ -156,8 +158,10 @@ class NodeEndpoints:
         self.last_stamp = -1
         self.on_second_publisher: Callable[[str, str], bool] = lambda topic, reason: False
         self.awaited: Callable[[], str] = lambda: ""
+        self.ignored: Callable[[], int] = lambda: 0
         self.lacking: Callable[[], list[str]] = list
         self.on_note: Callable[[str], Any] = lambda text: sys.stderr.write(f"{text}\n")
+        self._ignored, self._unused = 0, set[str]()
         self._planned_end: tuple[int, int] | None = None
         self._connected: tuple[tuple[int, ...], float] = (), 0.0
         self.published: dict[str, int] = {}
@@ -169,7 +173,7 @@ class NodeEndpoints:
         self._ticking = {name for name, topic in BY_NAME.items() if topic.rate in (Rate.TICK, Rate.SUPERVISION)}
         self._first_sent: dict[str, tuple[bytes, int]] = {}
         self._first_read: dict[str, bytes] = {}
-        self._repeatable = {name for name in self._ticking if not self.sent_outside(name)}
+        self._repeatable = set(self._ticking)
         if external is None and role is Role.PLANT:
             self._repeatable.clear()
         if external is not None:
@@ -253,8 +257,14 @@ class NodeEndpoints:
                     self._senders[topic](data)
 
     def is_repeated(self, name: str, data: bytes) -> bool:
-        """Return True for the first message of a topic of ticks that its node sends again, for another reader."""
+        """Return True for the first message of a topic of ticks that its node sends again, for another reader.
+
+        A program in place of a node that reads such a message twice sends its answer to it twice.
+        """
         if name not in self._repeatable:
+            return False
+        if name not in self._first_read and self.sent_outside(name) and stamp_of(data):
+            self._repeatable.discard(name)  # a command without a stamp, or of a later tick
             return False
         first = self._first_read.setdefault(name, data)
         if first != data:
@@ -301,6 +311,9 @@ class NodeEndpoints:
                         sender = "/".join(role.value for role in topic.publishers)
                         raise ValueError(f"{error}; sent by {sender}") from error
                     handler(message)
+                    if (count := self.ignored()) != self._ignored:
+                        self._ignored = count
+                        self.name_unused(name, message.stamp)
                 except (Exception, SystemExit) as error:
                     watch.fail(node, error)
 
@@ -321,6 +334,13 @@ class NodeEndpoints:
             raw=True,
         )
         source.attach(self._subscriptions[name])
+
+    def name_unused(self, name: str, stamp: int) -> None:
+        """Name the first message of a topic that the node does not use, with the remedy."""
+        if name not in self._unused:
+            self._unused.add(name)
+            said = f"{name} stamped {stamp * 1e-9:.3f} s came twice, or its step is over or not due"
+            self.note(f"node {self.name}: {said}; send it once for each step, with the stamp of the step")
 
     def serve(self, kind: Any, name: str, answer: Callable[[Any, Any], Any]) -> Any:
         """Offer a service and return it; an exception in ``answer`` fails the run with the name of the node."""

@@ -367,7 +367,7 @@ class PlantNode:
         if unstamped and self.sent_stamp >= 0:  # a command of the present tick, and of several the newest
             answer, due = replace(answer, stamp=self.sent_stamp), True
         if not self.answers.take(answer, expected=due, again=unstamped):
-            if text := self.answers.wrong_stamp(answer, self.sent_stamp):
+            if text := self.answers.refusal(answer, self.sent_stamp):
                 self.endpoints.note(text)
             return
         if commands or isinstance(answer, BrakeRelease):
@@ -478,6 +478,7 @@ class PlantNode:
         acknowledged = tick.stamp // self.stage.setup.tick_ns
         if not self._acknowledged < acknowledged <= self.stage.tick:
             self.answers.ignored += 1
+            self.endpoints.name_unused("recorder/progress", tick.stamp)
             return
         self._acknowledged = acknowledged
         if self.blocked:

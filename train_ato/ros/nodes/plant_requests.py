@@ -55,7 +55,9 @@ FROZEN_TOPICS = (*PLANT_TOPICS, "train/measurement")
 MAX_RATE = 1e6
 TIMEOUT = Parameter("timeout", 10.0, "s", 0.001, 86_400.0, "wall time after which a missing answer ends the run")
 LOCKSTEP = Parameter("lockstep", True, "", 0.0, 1.0, "true: every tick waits for its command")
-RATE = Parameter("rate", 0.0, "", 0.0, MAX_RATE, "maximum simulated seconds per wall second; 0: unlimited")
+RATE = Parameter(
+    "rate", 0.0, "", 0.0, MAX_RATE, "maximum simulated seconds per wall second; 0: no limit, or 1 without lockstep"
+)
 NO_RATE = "rate 0: a run without lockstep needs a rate; give a number above 0"
 NO_RESET = (
     "only `train-ato run` begins a run again, without --external and --namespace; end this one with ~/stop and start "

@@ -62,7 +62,7 @@ class RecorderNode:
         self.endpoints = endpoints
         self._tick_ns = tick_ns
         self.closed = False
-        self._next = ACKNOWLEDGE_EVERY
+        self._next, self._acknowledged = ACKNOWLEDGE_EVERY, -1
         self._ticking = tick_topics(endpoints.wire.layout)
         self._of_plant = [name for name in self._ticking if Role.PLANT in BY_NAME[name].publishers]
         self._last: dict[str, int] = {}
@@ -212,10 +212,10 @@ class RecorderNode:
     def _acknowledge(self) -> None:
         """Publish the stamp up to which all tick topics of the plant are recorded; the answers may be lost."""
         counts, of_plant = self.log.counts, self._of_plant
-        complete = min(counts[name] for name in of_plant)
-        if complete >= self._next:
-            self._next = complete + ACKNOWLEDGE_EVERY
-            self.endpoints.publish(("recorder/progress", Tick(min(self._last[name] for name in of_plant))))
+        complete, stamp = min(counts[name] for name in of_plant), min(map(self.last_stamp, of_plant))
+        if complete >= self._next and stamp > self._acknowledged:
+            self._next, self._acknowledged = complete + ACKNOWLEDGE_EVERY, stamp
+            self.endpoints.publish(("recorder/progress", Tick(stamp)))
 
     def complete(self, published: Mapping[str, int]) -> bool:
         """Return True if the numbers of recorded and published messages are equal."""

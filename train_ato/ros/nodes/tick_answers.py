@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 
 BY_ROLE: dict[Role, tuple[type, ...]] = {Role.CONTROLLER: (Command, Pipe), Role.SUPERVISOR: (BrakeRelease,)}
 """Types of the answers by node."""
+TOPICS: dict[type, str] = {
+    Command: "ato/command", Pipe: "ato/brake_pipe_command", BrakeRelease: "atp/brake_release",
+}  # fmt: skip
 NAMES: dict[type, str] = {Command: "a command", Pipe: "a pressure", BrakeRelease: "a brake release"}
 ECHOED = {Role.CONTROLLER: "train/measurement", Role.SUPERVISOR: "train/odometry"}
 """Topic with the stamp of an answer, by node."""
@@ -53,7 +56,7 @@ class TickAnswers:
         self.piped = setup.layout.air_brake
         self.stamps: dict[type, int] = {Command: -1, Pipe: -1, BrakeRelease: -1}
         self._unused: dict[type, int] = {}
-        self._named: set[type] = set()
+        self._named: set[tuple[type, bool]] = set()
         self._lost: tuple[type, ...] = ()
 
     def all_commanded(self, stamp: int) -> bool:
@@ -66,7 +69,7 @@ class TickAnswers:
 
     def stamps_wrongly(self, role: Role) -> bool:
         """Return True if a node has sent an answer that echoes no measurement: it does not lack a message."""
-        return any(kind in self._named for kind in BY_ROLE.get(role, ()))
+        return any((kind, False) in self._named for kind in BY_ROLE.get(role, ()))
 
     def unused_of(self, role: Role) -> str:
         """Return the newest answer of a node with a stamp that was not due, and the remedy, as text; "" without one."""
@@ -76,13 +79,20 @@ class TickAnswers:
         kind, stamp = found[0]
         return f"; {NAMES[kind]} stamped {_shown(stamp)} came; echo the stamp of {ECHOED[role]}"
 
-    def wrong_stamp(self, answer: Command | Pipe | BrakeRelease, sent: int) -> str:
-        """Return the first answer of a kind that echoes no measurement up to ``sent`` [ns], as text; "" for others."""
+    def refusal(self, answer: Command | Pipe | BrakeRelease, sent: int) -> str:
+        """Return an answer that is not used with the remedy, as text, measurements being sent up to ``sent`` [ns].
+
+        It is "" after the first one of a kind, and for a lost node.
+        """
         kind, stamp = type(answer), answer.stamp
-        if kind in self._named or (0 <= stamp <= sent and stamp % self._setup.tick_ns == 0):
+        echoes = 0 <= stamp <= sent and stamp % self._setup.tick_ns == 0
+        if (kind, echoes) in self._named or kind in self._lost:
             return ""
-        self._named.add(kind)
+        self._named.add((kind, echoes))
         role = next(role for role, kinds in BY_ROLE.items() if kind in kinds)
+        if echoes:
+            said = f"{TOPICS[kind]} stamped {_shown(stamp)} came twice, or after its tick"
+            return f"node {role.value}: {said}; answer each {ECHOED[role]} once"
         tick = f"; the tick of the scenario is {self._setup.tick:g} s" if stamp >= 0 else ""
         return f"node {role.value}: {NAMES[kind]} stamped {_shown(stamp)} came; echo the stamp of {ECHOED[role]}{tick}"
 

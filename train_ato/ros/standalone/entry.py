@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import ctypes
-import math
 import os
 import signal
 import sys
@@ -25,6 +24,7 @@ from train_ato.program.arguments import (
     add_no_lockstep,
     add_rate,
     prepare_streams,
+    rate_of,
 )
 from train_ato.program.interrupt import Interrupt, no_silent_exit
 from train_ato.ros import missing_ros, require_ros
@@ -160,6 +160,7 @@ def _run(
     if role is Role.SUPERVISOR and not setup.layout.supervised:
         raise ValueError(f"{options.scenario}: the run has no supervision; set supervision.enabled: true")
     lockstep = getattr(options, "lockstep", True)
+    rate = (rate_of(options) if role is Role.PLANT else None) or 0.0
     timeout = getattr(options, "timeout", None)
     if timeout is None:
         timeout = LOCKSTEP_TIMEOUT_S if lockstep else FREE_TIMEOUT_S
@@ -180,8 +181,6 @@ def _run(
         endpoints = NodeEndpoints(role, Wire(setup.layout), context, watch, ROLES[:-1], options.ros or None, external)
         if role is not Role.RECORDER:
             executor.add_node(endpoints.node)
-        limit = getattr(options, "rate", math.inf)
-        rate = 0.0 if math.isinf(limit) else limit
         compression = getattr(options, "compression", DEFAULT)
         node = make_node(
             role, setup, endpoints, folder, lockstep=lockstep, timeout=timeout, recorded=False, rate=rate,
