@@ -15,7 +15,8 @@ from plant_sim.alignment import Alignment
 from plant_sim.consist import SupplyCurve
 from plant_sim.formats.altrios import curve_resistance
 from plant_sim.formats.network_path import BEGIN, END, Network
-from plant_sim.formats.reading import own_yaml, read_line, read_train
+from plant_sim.formats.reading import read_line, read_train
+from plant_sim.formats.writing import own_yaml
 from plant_sim.input_error import build_model
 from plant_sim.line import Line, Rating, line_for, reversed_line
 from plant_sim.track import Track
@@ -194,7 +195,7 @@ def test_a_track_that_passes_a_station_twice_stops_twice(tmp_path: Path, capsys:
     assert "track 'Ours' turns back near 4000 m" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("ending", ["csv", "json", "gpx", "geojson", "yaml"])
+@pytest.mark.parametrize("ending", ["csv", "json", "gpx", "geojson", "yaml", "railml"])
 def test_every_key_of_a_line_is_written_or_named(ending: str, tmp_path: Path) -> None:
     """Breaks if a key, or the length of a line with coordinates for a shorter one, is lost without a word."""
     text = """schema: train_ato/line/1
@@ -577,6 +578,10 @@ constantFactorA="4000" speedDependentFactorB="40" squareSpeedDependentFactorC="2
 """Rolling stock of railML 3 with made-up figures."""
 
 
+DRAGS = RAIL_STOCK[: RAIL_STOCK.index("<trainResistance")] + RAIL_STOCK[RAIL_STOCK.index("</formation>") :]
+"""The same with the resistances of the vehicles."""
+
+
 def test_a_railml_train_by_hand(tmp_path: Path) -> None:
     """Breaks if the order, a unit, the share of the resistance or the brake of a formation is read wrongly."""
     name = written(tmp_path / "stock.railml", RAIL_STOCK)
@@ -592,8 +597,7 @@ def test_a_railml_train_by_hand(tmp_path: Path) -> None:
     assert rating is not None and (rating.axle_load, rating.brake_percentage) == (20e3, 130)
     brake = 0.9 * (138e3 + 2 * 42e3) + 0.05 * 9.81 * 200e3
     assert Envelope(loco.brake).force(10.0) == pytest.approx(brake)
-    own = RAIL_STOCK[: RAIL_STOCK.index("<trainResistance")] + RAIL_STOCK[RAIL_STOCK.index("</formation>") :]
-    first = read_train(Path(written(tmp_path / "own.railml", own))).consist.vehicles[0]
+    first = read_train(Path(written(tmp_path / "own.railml", DRAGS))).consist.vehicles[0]
     assert first.resistance.n == pytest.approx((1.2 * 40 * 9.81, 0, 0.5 * 1.225 * 3.0))
     info = '<info maxTractiveEffort="270000" tractivePower="3000000"/>'
     plain = RAIL_STOCK[: RAIL_STOCK.index("<details>")] + info + RAIL_STOCK[RAIL_STOCK.index("</details>") + 10 :]
@@ -638,6 +642,25 @@ def test_a_railml_train_from_file_to_plan_and_back(tmp_path: Path, capsys: pytes
     assert "rating" in capsys.readouterr().err
     back = read_train(tmp_path / "back.json").consist
     assert back.mass == 200e3 and Envelope(back.vehicles[0].traction).force(80 / 3.6) == pytest.approx(180e3)
+
+
+@pytest.mark.parametrize("text", [RAIL_STOCK, RAIL_STOCK_2, DRAGS, ORE])
+def test_a_train_as_railml_and_back(tmp_path: Path, text: Any) -> None:
+    """Breaks if a figure of a train changes on the way, or one that a formation does not have is lost in silence."""
+    name = written(tmp_path / "a.xml", text) if text != ORE else written(tmp_path / "a.yaml", yaml.safe_dump(ORE))
+    left = convert(name, tmp_path / "b.xml")["left_out"]
+    one, two = (read_train(Path(file)).consist for file in (name, str(tmp_path / "b.xml")))
+    assert len(one.vehicles) == len(two.vehicles) and two.name == one.name
+    for old, new in zip(one.vehicles, two.vehicles, strict=True):
+        mass, drag = old.mass, [kind.resistance.polynomial(kind.mass, 9.81) for kind in (old, new)]
+        assert (new.mass, new.length) == pytest.approx((mass, old.length)) and new.inertia == pytest.approx(old.inertia)
+        assert drag[1] == pytest.approx(drag[0], rel=1e-9) or "vehicle_types: resistance (now shared by mass)" in left
+        curves = [[Envelope(kind.traction).force(v) for v in np.arange(0.5, 33.0)] for kind in (old, new)]
+        assert curves[1] == pytest.approx(curves[0], rel=2e-3) and new.independent_power == old.independent_power
+    assert (two.plan_limits, two.rating) == (one.plan_limits, one.rating)
+    if text != ORE:
+        assert not [key for key in left if not key.endswith("@id")]
+        assert Envelope(two.vehicles[1].brake).force(9) == pytest.approx(Envelope(one.vehicles[1].brake).force(9))
 
 
 @pytest.mark.parametrize(

@@ -15,8 +15,8 @@ from test_readers import BENCH, PATH, TRAIN
 from plant_sim.consist import Consist
 from plant_sim.formats.fields import keys_not_carried
 from plant_sim.formats.osrd_stock import osrd_stock_json, osrd_train
-from plant_sim.formats.reading import own_yaml
 from plant_sim.formats.ttobench import ttobench_train
+from plant_sim.formats.writing import own_yaml
 from plant_sim.input_error import build_model
 from plant_sim.library import load_consist, load_line
 from plant_sim.traction import Envelope

@@ -17,7 +17,7 @@ from plant_sim.alignment import EARTH_RADIUS, MAX_TURN, Alignment
 from plant_sim.batch import advance_trains
 from plant_sim.consist import Consist
 from plant_sim.data_text import parse_yaml
-from plant_sim.formats.reading import own_yaml
+from plant_sim.formats.writing import own_yaml
 from plant_sim.input_error import build_model
 from plant_sim.library import line_names, load_consist, load_line
 from plant_sim.line import Line, reversed_line

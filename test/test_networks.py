@@ -15,6 +15,7 @@ import yaml
 from plant_sim.formats import osrd
 from plant_sim.library import load_consist, load_line, named_line
 from plant_sim.line import Rating, line_for, reversed_line
+from train_ato.api.converting import convert
 from train_ato.api.planning import plan
 from train_ato.cli.main import main
 from train_ato.scenario.scenario import load_scenario
@@ -163,6 +164,33 @@ def test_gaps_and_keys_that_are_not_carried_are_named(infra: Path, capsys: pytes
     for key in ("track_sections[].geo", "neutral_sections[].lower_pantograph"):
         assert key in left and f"{key}\n" in printed.err
     assert load_line(str(infra.with_suffix(".yaml"))) == load_line(f"{infra}:TB..East")
+
+
+def test_a_line_as_railml_and_back(infra: Path, railml: Path, tmp_path: Path) -> None:
+    """Breaks if a number of a line changes on its way through railML, or a gap is filled without a word."""
+    power = {"id": "e", "track_ranges": [part("TA", 0, 2000), part("TD0", 0, 24000), part("TE", 0, 1500)]}
+    infra.write_text(json.dumps(INFRA | {"electrifications": [power]}))
+    for number, source in enumerate((f"{infra}:TA..East", f"{railml}:Alder..Birch", f"{railml}:Birch..Alder")):
+        convert(source, tmp_path / f"{number}.railml")
+        one, two = load_line(source), load_line(str(tmp_path / f"{number}.railml"))
+        assert two == one.model_copy(update={"name": two.name, "source": two.source})
+    line = {
+        "schema": "train_ato/line/1", "name": "l", "begin": 100.0, "end": 3000.0, "stops": [{"at": 50}, {"at": 200}],
+        "speed_limits": [{"at": 500, "speed_kmh": 80}], "grades": [{"at": 0, "grade_permille": 5}],
+        "category_limits": [{"category": "<a>", "needs": {"axle_load_t": 18}, "speed_limits": [{"at": 0, "speed": 9}]}],
+        "curves": [{"begin": 2900, "end": 3100, "radius": 300, "side": "left"}],
+    }  # fmt: skip
+    (tmp_path / "own.yaml").write_text(yaml.safe_dump(line))
+    left = convert(tmp_path / "own.yaml", tmp_path / "own.railml")["left_out"]
+    assert left == [
+        "begin = 100 m (now 0)", "speed_limits: none to 500 m (a reader takes the lowest one there)",
+        "grades: beyond the line", "curves: beyond the line", "stops: beyond the line",
+    ]  # fmt: skip
+    back = load_line(str(tmp_path / "own.railml"))
+    (category,) = back.category_limits
+    assert category.category == "<a>" and category.needs == Rating(axle_load=18e3)
+    assert [(e.begin, e.end, e.side) for e in back.curves] == [(2800, 2900, "left")] and len(back.stops) == 1
+    assert [(e.at, e.grade) for e in back.grades] == [(0, 0.005)] and back.end == 2900
 
 
 @pytest.mark.parametrize(

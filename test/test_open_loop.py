@@ -10,7 +10,7 @@ import yaml
 import train_ato as ta
 from plant_sim.consist import Consist, Notches
 from plant_sim.data_text import parse_yaml
-from plant_sim.formats.reading import own_yaml
+from plant_sim.formats.writing import own_yaml
 from plant_sim.input_error import build_model
 from train_ato.cli import main
 from train_ato.control.open_loop import NotchHandle

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from plant_sim.formats.fields import number_in, print_assumption, read_bytes
+from plant_sim.formats.writing import lost_keys
 from plant_sim.input_error import build_model, close_match
 from plant_sim.line import MAX_GRADE, Line, order_fault
 from plant_sim.units import number_text
@@ -46,11 +47,8 @@ OTHER_NAMES = {
 }  # fmt: skip
 UNITS = {"km_h": "kmh", "kph": "kmh", "": "1", "degree": "deg", "miles": "mi", "feet": "ft", "promille": "permille"}
 TEXT = "stop"
-NOT_IN_A_TABLE = (
-    "chainage", "category_limits", "vertical_curves", "temporary_restrictions", "neutral_sections", "power_limits",
-    "adhesion", "tunnels", "summary",
-)  # fmt: skip
-"""Keys of a line that a table does not have."""
+IN_A_TABLE = ("begin", "grades", "speed_limits", "curves", "stops", "stops[].name", "coordinates")
+"""Keys of a line that a table has."""
 SEPARATORS = (";", "\t", ",")
 _BRACKETS = re.compile(r"^(.*?)\s*[\[(]\s*([^\[\]()]*?)\s*[\])]\s*$")
 _SEPARATOR_LINE = re.compile(r'\A"?sep=.?"?\r?\n', re.IGNORECASE)
@@ -225,16 +223,13 @@ def line_csv(line: Line) -> tuple[str, tuple[str, ...]]:
     def put(at: float, key: str, value: float | str) -> None:
         cells.setdefault(at, {})[key] = value if isinstance(value, str) else repr(value)
 
-    left = [key for key in NOT_IN_A_TABLE if getattr(line, key)]
-    left += ["stops[].dwell"] if any(stop.dwell for stop in line.stops) else []
+    left = lost_keys(line, IN_A_TABLE)
     for grade in line.grades:
         put(grade.at, "grade_1", grade.grade)
     for limit in line.speed_limits:
         put(limit.at, "speed_limit_m_s", limit.speed)
     bends = sorted(line.curves, key=lambda curve: curve.begin)
     left += ["curves: overlapping ones"] if any(b.begin < a.end for a, b in pairwise(bends)) else []
-    left += ["curves[].resistance_n_per_kn"] if any(bend.resistance_n_per_kn is not None for bend in bends) else []
-    left += ["curves[].side (none: right)"] if any(bend.side is None for bend in bends) else []
     for bend in bends:
         put(bend.begin, "radius_m", -bend.radius if bend.side == "left" else bend.radius)
         if not math.isclose(bend.end, line.end) and not any(other.begin == bend.end for other in bends):

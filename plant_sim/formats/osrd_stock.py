@@ -8,13 +8,14 @@ whose conditions are met is in effect, else the default curve of the mode. Figur
 """
 
 import json
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from plant_sim.consist import PLAIN_SUPPLY, Consist, ForcePoints, PlanLimits, SupplyCurve
+from plant_sim.consist import PLAIN_SUPPLY, Consist, ForcePoints, PlanLimits, SupplyCurve, VehicleType
 from plant_sim.elementary import plain_sum
 from plant_sim.formats.fields import Fields, finite_number, print_assumption
 from plant_sim.formats.ttobench import BRAKED_GRADE, OVERSPEED, emergency_brake
@@ -56,8 +57,8 @@ CARRIED = (
 """Keys that the consist carries, or that have a note of their own; the others are kept without effect."""
 SAMPLES = 24
 """Points of a hyperbola; linear between them, its error is below 0.1 % for a speed ratio of 3."""
-STEP = 1e-3
-"""Rise of the speed in place of a step of the effort [m/s], because the format needs rising speeds."""
+STEP, JUMP = 1e-3, 100.0
+"""Rise of the speed in place of a step of the effort [m/s], because the format needs rising speeds; such a step [N]."""
 
 
 def is_osrd_stock(data: dict[str, Any]) -> bool:
@@ -247,11 +248,7 @@ def osrd_stock_json(consist: Consist) -> tuple[str, tuple[str, ...]]:
     davis = [vehicle.resistance.polynomial(vehicle.mass, consist.gravity) for vehicle in consist.vehicles]
     curves = consist.vehicles[0].supply_curves if len(consist.vehicles) == 1 else ()
     curves = curves or (_summed(consist),)
-    if (deceleration := limits.deceleration) is None:
-        raise ValueError(
-            f"train '{consist.name}': plan_limits.deceleration: this key is missing, and OSRD needs it; add the "
-            "service deceleration"
-        )
+    deceleration = service_deceleration(consist, "OSRD")
     speed = limits.speed or curves[-1].speed[-1]
     old = kept.pop("gamma", None)
     added = {} if KEPT in consist.kept else dict(ADDED)
@@ -273,21 +270,37 @@ def osrd_stock_json(consist: Consist) -> tuple[str, tuple[str, ...]]:
     return text, (*_left_out(consist), *(f"added {key} = {value}" for key, value in added.items()))
 
 
+def service_deceleration(consist: Consist, form: str) -> float:
+    """Return the service deceleration [m/s²], which a format needs."""
+    if consist.plan_limits is None or consist.plan_limits.deceleration is None:
+        raise ValueError(
+            f"train '{consist.name}': plan_limits.deceleration: this key is missing, and {form} needs it; add the "
+            "service deceleration"
+        )
+    return consist.plan_limits.deceleration
+
+
 def _summed(consist: Consist) -> SupplyCurve:
     """Return the traction of all power units as points."""
     units = [vehicle for vehicle in consist.vehicles if vehicle.traction]
     if not units:
         raise ValueError(f"train '{consist.name}': no vehicle has traction; OSRD needs a powered train")
+    electric = not all(unit.independent_power for unit in units)
+    speeds, forces = traction_points(units)
+    return SupplyCurve(mode=PLAIN_SUPPLY[electric], electric=electric, speed=tuple(speeds), force=tuple(forces))
+
+
+def traction_points(units: Sequence[VehicleType]) -> tuple[list[float], list[float]]:
+    """Return rising speeds [m/s] and the traction of some units [N]; a hyperbola has :data:`SAMPLES` points."""
     envelopes = [Envelope(unit.traction) for unit in units]
     ends = sorted({0.0, *(segment.to for unit in units for segment in unit.traction)})
     curved = any(segment.power for unit in units for segment in unit.traction)
-    speeds: list[float] = []
+    speeds = [0.0]
     for begin, end in pairwise(ends):
-        inner = np.geomspace(max(begin, 0.05 * end), end - STEP, SAMPLES if curved else 2)
-        speeds += [begin + (STEP if begin else 0.0), *inner[1:].tolist()]
-    forces = [plain_sum(envelope.force(v) for envelope in envelopes) for v in speeds]
-    electric = not all(unit.independent_power for unit in units)
-    return SupplyCurve(mode=PLAIN_SUPPLY[electric], electric=electric, speed=tuple(speeds), force=tuple(forces))
+        if abs(plain_sum(e.force(begin + STEP) - e.force(begin) for e in envelopes)) > JUMP and begin:
+            speeds.append(begin + STEP)
+        speeds += np.geomspace(max(begin, 0.05 * end), end, SAMPLES if curved else 2)[1:].tolist()
+    return speeds, [plain_sum(envelope.force(v) for envelope in envelopes) for v in speeds]
 
 
 def _effort_curves(curves: tuple[SupplyCurve, ...], default: str | None) -> dict[str, Any]:
@@ -309,25 +322,29 @@ def _written(curve: ForcePoints) -> dict[str, list[float]]:
     return {"speeds": list(curve.speed), "max_efforts": list(curve.force)}
 
 
-def _left_out(consist: Consist) -> list[str]:
-    """Return the keys of a consist that a rolling stock does not carry."""
-    used = {"schema_", "name", "vehicle_types", "train", "gravity", "plan_limits", "kept", "source"}
-    found = [key for key in type(consist).model_fields if key not in used and getattr(consist, key)]
-    if "etcs_brake_params" in consist.kept.get(KEPT, {}) and "emergency_brake" in found:
-        found.remove("emergency_brake")  # its source goes back unchanged
+def lost_of_train(consist: Consist, *used: str) -> list[str]:
+    """Return the keys of a consist that a foreign rolling stock does not carry; ``used`` are carried ones."""
+    carried = {"schema_", "name", "vehicle_types", "train", "gravity", "plan_limits", "source", *used}
+    found = [key for key in type(consist).model_fields if key not in carried and getattr(consist, key)]
     if consist.plan_limits and (consist.plan_limits.traction_efficiency or consist.plan_limits.recovery_efficiency):
         found.append("plan_limits: efficiencies")
-    if len(consist.vehicles) > 1:
-        found.append(f"train: {len(consist.vehicles)} vehicles (now one)")
-        found += [f"vehicle_types.{n}.supply_curves" for n, kind in consist.vehicle_types.items() if kind.supply_curves]
-    if len({vehicle.independent_power for vehicle in consist.vehicles if vehicle.traction}) > 1:
-        found.append("vehicle_types: independent_power of some units (now all from the line)")
     if consist.gravity != GRAVITY:
         found.append(f"gravity = {number_text(consist.gravity)} (now {number_text(GRAVITY)})")
     for key in ("electric_brake", "shoes", "adhesive_mass", "tunnel_resistance", "notches"):
         found += [f"vehicle_types.{name}.{key}" for name, kind in consist.vehicle_types.items() if getattr(kind, key)]
+    return found
+
+
+def _left_out(consist: Consist) -> list[str]:
+    """Return the keys of a consist that a rolling stock of OSRD does not carry."""
+    etcs = "etcs_brake_params" in consist.kept.get(KEPT, {})  # the source of the emergency brake goes back unchanged
+    found = lost_of_train(consist, "kept", *(("emergency_brake",) if etcs else ()))
+    kinds = consist.vehicle_types.items()
+    if len(consist.vehicles) > 1:
+        found.append(f"train: {len(consist.vehicles)} vehicles (now one)")
+        found += [f"vehicle_types.{name}.supply_curves" for name, kind in kinds if kind.supply_curves]
+    if len({vehicle.independent_power for vehicle in consist.vehicles if vehicle.traction}) > 1:
+        found.append("vehicle_types: independent_power of some units (now all from the line)")
     if KEPT not in consist.kept:
-        found += [
-            f"vehicle_types.{n}.brake (now const_gamma)" for n, kind in consist.vehicle_types.items() if kind.brake
-        ]
+        found += [f"vehicle_types.{name}.brake (now const_gamma)" for name, kind in kinds if kind.brake]
     return found

@@ -144,7 +144,7 @@ def _consist(formation: Element, root: Element, name: str, place: str) -> dict[s
         raise ValueError(f"{where}: {lacks}: missing; add it")
     deceleration, speed = number_of(brakes, "meanDeceleration", place, 1e-3, 10), min(limits)
     inertia = plain_sum(vehicle["mass"] * vehicle["rotating_mass_factor"] for vehicle in vehicles)
-    force = (inertia * deceleration + mass * BRAKED_GRADE * GRAVITY) / len(powered)
+    force = brake_share(deceleration, inertia, mass, len(powered))
     for key in set(powered):
         types[key]["brake"] = [{"to": OVERSPEED * speed, "force": force}]
     engine = _child(formation, "trainEngine")
@@ -166,6 +166,11 @@ def _consist(formation: Element, root: Element, name: str, place: str) -> dict[s
         "default_gear": "rigid",
         "plan_limits": plan,
     } | ({"rating": rating} if rating else {})
+
+
+def brake_share(deceleration: float, inertia: float, mass: float, units: int) -> float:
+    """Return the brake force of each unit [N] for a service deceleration of the train, also on a steep fall."""
+    return (inertia * deceleration + mass * BRAKED_GRADE * GRAVITY) / units
 
 
 def _vehicle(vehicle: Element, place: str) -> dict[str, Any]:

@@ -19,6 +19,7 @@ from typing import Any
 from plant_sim.consist import Consist
 from plant_sim.elementary import plain_sum
 from plant_sim.formats.fields import Fields, finite_number, print_assumption
+from plant_sim.formats.ttobench import BRAKED_GRADE
 from plant_sim.input_error import build_model
 from plant_sim.line import Line, order_fault
 from plant_sim.units import number_text
@@ -33,8 +34,6 @@ ROTATING = {"traction unit": 1.09, "multiple unit": 1.08, "passenger": 1.06, "fr
 """Default rotating mass factors."""
 ADHESION = 0.33
 """Default traction over the weight on driven axles."""
-BRAKED_GRADE = 0.05
-"""Largest falling grade on which the service deceleration is reached."""
 TYPES = ("traction unit", "multiple unit", "passenger", "freight")
 CARRIED_TRAIN = (
     "schema", "trains[].name", "trains[].formation", "vehicles[].id", "vehicles[].vehicle_type", "vehicles[].length",

@@ -18,6 +18,7 @@ from plant_sim.alignment import Alignment
 from plant_sim.formats.fields import Fields, finite_number, keys_not_carried, number_in, print_assumption
 from plant_sim.formats.line_table import slopes
 from plant_sim.formats.railml_collection import names_below
+from plant_sim.formats.writing import lost_keys
 from plant_sim.input_error import build_model
 from plant_sim.line import Line
 from plant_sim.units import number_text
@@ -244,13 +245,6 @@ def _stops(at: Any, spots: list[Spot], stations: list[tuple[str, Spot]], place: 
     return [{"at": where, "name": name} for where, name in sorted(found.items())]
 
 
-NOT_IN_A_TRACK = (
-    "chainage", "vertical_curves", "curves", "tunnels", "speed_limits", "category_limits", "temporary_restrictions",
-    "neutral_sections", "power_limits", "adhesion", "summary",
-)  # fmt: skip
-"""Keys of a line that a track does not have."""
-
-
 def _points(line: Line) -> tuple[list[tuple[float, Spot]], tuple[str, ...]]:
     """Return the points of a line with coordinates, each with its place [m], and what a track does not carry.
 
@@ -270,9 +264,7 @@ def _points(line: Line) -> tuple[list[tuple[float, Spot]], tuple[str, ...]]:
     found = alignment.coordinates(where)
     assert found is not None  # the line has coordinates
     heights = alignment.at(where).z.tolist()
-    left = [key for key in NOT_IN_A_TRACK if getattr(line, key)]
-    left += ["stops[].dwell"] if any(stop.dwell for stop in line.stops) else []
-    left += [f"begin = {number_text(line.begin)} m (now 0)"] if line.begin else []
+    left = lost_keys(line, ("grades", "stops", "stops[].name", "coordinates"))
     if first > line.begin or last < line.end:
         left.append(f"places without coordinates: only {number_text(first)} to {number_text(last)} m")
     spots = list(zip(found[0].tolist(), found[1].tolist(), heights, strict=True))

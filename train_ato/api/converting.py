@@ -5,15 +5,23 @@ from typing import Any
 
 from plant_sim.formats.line_table import line_csv
 from plant_sim.formats.osrd_stock import KEPT, osrd_stock_json
-from plant_sim.formats.reading import holds_train, own_yaml, ttobench_json
+from plant_sim.formats.railml import ENDINGS as RAILML
+from plant_sim.formats.railml_writer import line_railml, train_railml
+from plant_sim.formats.reading import holds_train
 from plant_sim.formats.survey import line_geojson, line_gpx
+from plant_sim.formats.writing import own_yaml, ttobench_json
 from plant_sim.library import consist_names, line_names, named_line, named_train, split_name
 from train_ato.log.whole_file import write_whole
 from train_ato.program.arguments import check_new_file
 
 OWN, JSON = (".yaml", ".yml"), ".json"
-LINES = {JSON: ttobench_json, ".csv": line_csv, ".gpx": line_gpx, ".geojson": line_geojson}
+LINES = {
+    JSON: ttobench_json, ".csv": line_csv, ".gpx": line_gpx, ".geojson": line_geojson,
+    **dict.fromkeys(RAILML, line_railml),
+}  # fmt: skip
 """Writer of a line by the ending of its file."""
+TRAINS = {JSON: osrd_stock_json, **dict.fromkeys(RAILML, train_railml)}
+"""Writer of a train."""
 
 
 def convert(source: str | Path, out: str | Path) -> dict[str, Any]:
@@ -24,8 +32,8 @@ def convert(source: str | Path, out: str | Path) -> dict[str, Any]:
     source
         Shipped name or file.
     out
-        New file: .yaml in the own format, a line as TTOBench .json, table .csv, .gpx or .geojson, a train as rolling
-        stock of OSRD .json.
+        New file: .yaml in the own format, .railml or .xml of railML 3, a line as TTOBench .json, table .csv, .gpx or
+        .geojson, a train as rolling stock of OSRD .json.
 
     Returns
     -------
@@ -44,12 +52,12 @@ def convert(source: str | Path, out: str | Path) -> dict[str, Any]:
     if stem not in shipped and not Path(stem).is_file():
         raise ValueError(f"IN {source}: neither a file nor a shipped name; give a line or train file")
     if stem in consist_names() or (stem not in shipped and holds_train(Path(stem))):
-        if target.suffix.lower() not in (*OWN, JSON):
-            raise ValueError(f"OUT {target}: {target.suffix} has a line; write a train as .yaml or .json")
+        if target.suffix.lower() not in (*OWN, *TRAINS):
+            raise ValueError(f"OUT {target}: {target.suffix} has a line; write a train as .yaml, .json or .railml")
         found = named_train(source)
-        osrd = target.suffix.lower() == JSON
-        text, lost = osrd_stock_json(found.consist) if osrd else (own_yaml(found.consist), ())
-        kept = found.consist.kept.get(KEPT, {})
+        write_train = TRAINS.get(target.suffix.lower())
+        text, lost = (own_yaml(found.consist), ()) if write_train is None else write_train(found.consist)
+        kept = {} if write_train is train_railml else found.consist.kept.get(KEPT, {})
         left = [key for key in found.left_out if key.partition(".")[0].removesuffix("[]") not in kept]
         name, left_out = found.consist.name, (*left, *lost)
         kind, form = "train", found.format

@@ -20,8 +20,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "target",
         type=Path,
         metavar="OUT",
-        help="new file; the ending is the format: .yaml of this package, .json of TTOBench for a line, of OSRD for a "
-        "train, or .csv, .gpx or .geojson for a line",
+        help="new file; the ending is the format: .yaml of this package, .railml or .xml of railML 3, .json of "
+        "TTOBench for a line, of OSRD for a train, or .csv, .gpx or .geojson for a line",
     )
 
 
