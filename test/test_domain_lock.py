@@ -11,7 +11,7 @@ from waiting import reserved_domain, wait_for
 import train_ato
 from train_ato.cli import main
 from train_ato.ros.graph import environment
-from train_ato.ros.graph.domain_lock import DomainLock
+from train_ato.ros.graph.domain_lock import TRAINS, DomainLock
 from train_ato.ros.graph.environment import check_domain, claim_domain, domain_of_environment, held_domains, middleware
 from train_ato.ros.graph.remote import resolve_domain
 
@@ -60,7 +60,7 @@ def test_of_several_runs_the_one_of_the_environment_is_meant(monkeypatch: pytest
         free = next(number for number in range(102) if number not in held_domains())
         monkeypatch.setenv("ROS_DOMAIN_ID", str(free))
         with pytest.raises(
-            ValueError, match=f"ROS_DOMAIN_ID {free}: no run holds it; .*; give --domain N, or unset it"
+            ValueError, match=f"ROS_DOMAIN_ID {free}: no run .*holds it; .*; give --domain N, or unset it"
         ):
             resolve_domain(None)  # never another run than that of the variable
         monkeypatch.delenv("ROS_DOMAIN_ID")
@@ -76,10 +76,15 @@ def test_a_train_of_a_namespace_is_found(monkeypatch: pytest.MonkeyPatch) -> Non
         for space in (first, second):
             assert resolve_domain(None, space) == resolve_domain(domain, space) == domain
         there = f"running: .*{domain} --namespace {first}, {domain} --namespace {second}"
-        with pytest.raises(ValueError, match=f"--domain {domain}: no run holds it; {there}"):
+        with pytest.raises(ValueError, match=f"--domain {domain}: no run without a namespace holds it; {there}"):
             resolve_domain(domain)
         with pytest.raises(ValueError, match=f"no run of the namespace {absent} is in progress .*{there[8:]}"):
             resolve_domain(None, absent)
+    with claim_domain() as domain, claim_domain(domain, namespace=TRAINS), claim_domain(domain, namespace=first):
+        shown = f"no run without a namespace holds it; running: (.*, )?{domain} --namespace {first}"
+        with pytest.raises(ValueError, match=shown) as said:
+            resolve_domain(domain)
+        assert f" {domain}," not in str(said.value)
     with pytest.raises(ValueError, match="--namespace t1: give a name such as /t1"):
         resolve_domain(None, "t1")
 

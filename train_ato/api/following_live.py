@@ -15,6 +15,7 @@ from train_ato.api.run import open_run
 from train_ato.log.run_folder import RunFolder
 from train_ato.program.errors import RunFailed, RunInterrupted
 from train_ato.program.interrupt import Interrupt, interruptible
+from train_ato.ros.graph.domain_lock import TRAINS
 from train_ato.ros.graph.environment import claim_domain, domain_of_environment, print_domain
 from train_ato.scenario.following import FollowingFile
 from train_ato.scenario.leader import check_namespace
@@ -77,7 +78,8 @@ def run_following_live(
     """
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([_PACKAGE_ROOT, os.environ.get("PYTHONPATH", "")])}
     name = "--domain" if domain is not None else "ROS_DOMAIN_ID"
-    with claim_domain(domain if domain is not None else domain_of_environment(), name) as held:
+    wanted = domain if domain is not None else domain_of_environment()
+    with claim_domain(wanted, name) as held, claim_domain(held, namespace=TRAINS):
         scenarios = write_live_scenarios(file, out)
         print_domain(held)
         programs = {}

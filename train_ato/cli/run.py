@@ -66,7 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--namespace", metavar="/NAME", default="",
-        help="namespace of all nodes, for one of several trains in a domain",
+        help="namespace of all nodes, for one of several trains in a domain: /t1",
     )  # fmt: skip
     add_followed(parser)
     parser.add_argument(

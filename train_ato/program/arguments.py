@@ -154,7 +154,7 @@ def add_train(parser: argparse.ArgumentParser, what: argparse._ActionsContainer 
     (what or parser).add_argument(
         "--domain", type=int, metavar="N", help="ROS domain of the run (default: ROS_DOMAIN_ID, or the only run)"
     )
-    parser.add_argument("--namespace", metavar="/NAME", default="", help="namespace of the train, one of several")
+    parser.add_argument("--namespace", metavar="/NAME", default="", help="namespace of the train, one of several: /t1")
 
 
 def add_followed(parser: argparse.ArgumentParser) -> None:

@@ -39,7 +39,7 @@ class SceneNode:
     Attributes
     ----------
     counts : dict
-        Number of published messages by topic.
+        Number of published messages by the name of the topic in the graph.
     left_out : tuple of str
         Topics whose message package is not installed.
     """
@@ -47,9 +47,11 @@ class SceneNode:
     def __init__(self, node: Any, sampler: SceneSampler) -> None:
         self._node, self._sampler = node, sampler
         self._take = taker(node, VEHICLES, DEPTH, reliable=False)
-        self._publishers = {topic.name: _publisher(node, topic) for topic in sampler.scene.topics}
-        self.left_out = tuple(name for name, publisher in self._publishers.items() if publisher is None)
-        self.counts = dict.fromkeys((name for name in self._publishers if name not in self.left_out), 0)
+        topics = sampler.scene.topics
+        self._names = {topic.name: str(node.resolve_topic_name(placed(node, topic.name))) for topic in topics}
+        self._publishers = {topic.name: _publisher(node, topic) for topic in topics}
+        self.left_out = tuple(self._names[name] for name, publisher in self._publishers.items() if publisher is None)
+        self.counts = {name: 0 for name in self._names.values() if name not in self.left_out}
         self._met = False
         self._publish(sampler.scene.begin())
 
@@ -66,7 +68,7 @@ class SceneNode:
             publisher = self._publishers[topic.name]
             if publisher is not None:
                 publisher.publish(data)
-                self.counts[topic.name] += 1
+                self.counts[self._names[topic.name]] += 1
 
     @property
     def left(self) -> bool:

@@ -10,6 +10,8 @@ import socket
 from contextlib import suppress
 from pathlib import Path
 
+TRAINS = "/"
+"""Namespace in a second lock of the program that holds a domain for trains in namespaces: it has no nodes itself."""
 _held: set[int] = set()
 """File descriptors of the locks of this process."""
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from plant_sim.input_error import close_match
 from train_ato.ros import require_ros
-from train_ato.ros.graph.domain_lock import locked_runs
+from train_ato.ros.graph.domain_lock import TRAINS, locked_runs
 from train_ato.ros.graph.environment import applied, domain_of_environment, held_domains, variables
 from train_ato.scenario.leader import check_namespace
 
@@ -28,7 +28,8 @@ def resolve_domain(wanted: int | None, namespace: str = "") -> int:
     """
     require_ros()
     try:
-        held = held_domains(namespace and check_namespace(namespace))
+        space = namespace and check_namespace(namespace)
+        held = [domain for domain in held_domains(space) if space or not _of_trains(domain)]
     except ValueError as error:
         raise ValueError(f"--namespace {error}") from None
     own = domain_of_environment() if wanted is None else None
@@ -47,13 +48,20 @@ def resolve_domain(wanted: int | None, namespace: str = "") -> int:
     return held[0]
 
 
+def _of_trains(domain: int) -> bool:
+    """Return True if a domain is held for trains in namespaces."""
+    return (domain, TRAINS) in locked_runs()
+
+
 def _of(namespace: str) -> str:
-    return f" of the namespace {namespace}" if namespace else ""
+    if namespace:
+        return f" of the namespace {namespace}"
+    return " without a namespace" if any(space for _, space in locked_runs()) else ""
 
 
 def _listed() -> str:
     """Return the domains of all runs, each with the option for its namespace."""
-    runs = sorted(locked_runs())
+    runs = sorted((domain, space) for domain, space in locked_runs() if space.strip(TRAINS) or not _of_trains(domain))
     return ", ".join(f"{domain} --namespace {space}" if space else str(domain) for domain, space in runs) or "none"
 
 
