@@ -28,6 +28,7 @@ from train_ato.api.following import (
 )
 from train_ato.api.run import Run
 from train_ato.cli.main import main
+from train_ato.cli.run import print_following
 from train_ato.log.mcap_records import stream
 from train_ato.log.recorded import open_recording
 from train_ato.log.run_log import LogFile
@@ -533,3 +534,13 @@ def test_a_profile_begins_in_motion() -> None:
     setup = ta.scenario({**METRO, "profile": {**METRO["profile"], "since": 30}}).prepare()
     assert (setup.plant.start.position, setup.plant.start.speed) == whole.at(30.0)[:2]
     assert setup.profile.at(5.0)[:3] == whole.at(35.0)[:3]
+
+
+def test_a_failed_run_begins_with_its_first_reason(capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if the text of a failed run begins with a figure that did not fail, or a reason is left out."""
+    trains = [{"name": "t1", "tracking": "tracked"}]
+    for broken in ([], ["t2: gap 3.0 m, at least 20 m", "t2: verdict of its run: failed: speed error"]):
+        summary = {"verdict": "failed" if broken else "passed", "contacts": 0, "broken": broken, "trains": trains}
+        print_following({**summary, "following": "f"}, Path("f"), as_json=False)
+        head = ": ".join([summary["verdict"], "\n  ".join([*broken, "0 contacts"])])
+        assert capsys.readouterr().out.startswith(f"{head}\n")

@@ -17,6 +17,7 @@ from train_ato.api.drive import RunMode, drive
 from train_ato.api.run import Run
 from train_ato.api.scenario_choice import choose_scenario
 from train_ato.judge.recording import TRUTH, Recording
+from train_ato.judge.verdict import unmet_requirements
 from train_ato.log.run_folder import RunFolder, summary_text
 from train_ato.log.whole_file import write_whole
 from train_ato.loop.headway import following_weight
@@ -241,6 +242,6 @@ def _judged(spec: FollowingSpec, rows: list[dict[str, Any]]) -> dict[str, Any]:
         if criteria.gap is not None and row.get("gap_min_m", np.inf) < criteria.gap:
             broken.append(f"{row['name']}: gap {row['gap_min_m']:.1f} m, at least {criteria.gap:g} m")
         if row.get("verdict") == "failed":
-            broken.append(f"{row['name']}: verdict of its run: failed")
+            broken.append(f"{row['name']}: verdict of its run: failed: {unmet_requirements(row)}")
     contacts = sum(row.get("contacts", 0) for row in rows)
     return {"verdict": "failed" if broken else "passed", "broken": broken, "contacts": contacts}

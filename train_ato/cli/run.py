@@ -149,6 +149,7 @@ def _execute_following(options: argparse.Namespace, file: Path) -> int:
     from train_ato.api.drive import RunMode
     from train_ato.api.following import run_following
     from train_ato.api.progress import COMPILE_NOTE, compilation_noted
+    from train_ato.judge.verdict import unmet_requirements
     from train_ato.log.run_folder import check_free, next_free
     from train_ato.scenario.following import load_following
 
@@ -173,8 +174,9 @@ def _execute_following(options: argparse.Namespace, file: Path) -> int:
     with compilation_noted(COMPILE_NOTE):
         result = _run_live(trains, run_mode, out) if options.live else run_following(trains, run_mode, out)
     print_following(result.summary, out, as_json=options.json)
-    if options.strict and result.summary["broken"]:
-        raise RunFailed(f"{out}: {result.summary['broken'][0]}")
+    unmet = [f"{row['name']}: {text}" for row in result.summary["trains"] if (text := unmet_requirements(row))]
+    if options.strict and (unmet := result.summary["broken"] or unmet):
+        raise RunFailed(f"{out}: {unmet[0]}")
     return 0
 
 
@@ -199,7 +201,7 @@ FOLLOWING_ROWS = (
 
 
 def print_following(summary: dict[str, Any], out: Path, *, as_json: bool) -> None:
-    """Print verdict and broken requirements, and a column of figures for every train."""
+    """Print the verdict with the broken requirements, and a column of figures for every train."""
     from train_ato.cli.screen import print_json, print_table
     from train_ato.judge.metric_names import metric_heading
 
@@ -207,9 +209,8 @@ def print_following(summary: dict[str, Any], out: Path, *, as_json: bool) -> Non
         print_json({**summary, "run": str(out)})
         return
     trains = summary["trains"]
-    sys.stdout.write(f"{summary['verdict']}: {summary['contacts']} contacts\n")
-    for line in summary["broken"]:
-        sys.stdout.write(f"  {line}\n")
+    reasons = [*summary["broken"], f"{summary['contacts']} contacts"]
+    sys.stdout.write(f"{summary['verdict']}: " + "\n  ".join(reasons) + "\n")
     rows = [(metric_heading(key), *(train.get(key) for train in trains)) for key in FOLLOWING_ROWS]
     print_table(("metric", *(train["name"] for train in trains)), rows, summary["following"])
     folders = ", ".join(str(out / train["name"]) for train in trains)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import yaml
@@ -14,7 +15,17 @@ PARTIAL = "run.mcap.partial"
 METADATA = "metadata.yaml"
 NEVER = 9223372036854775807
 """Start time of a bag without messages [ns]."""
+_SHOWN = 3
 _FOREVER = {"sec": 9223372036, "nsec": 854775807}
+
+
+def not_a_run(path: Path, remedy: str) -> ValueError:
+    """Return the refusal of a folder without a run; the folder of several runs, as of following trains, names them."""
+    found = sorted(str(log.parent) for name in (LOG, PARTIAL) for log in path.glob(f"*/{name}"))
+    if not found:
+        return ValueError(f"{path}: not a run folder: {remedy}")
+    more = " or another one of its runs" if len(found) > _SHOWN else ""
+    return ValueError(f"{path}: not a run folder, but the folder of runs; name {' or '.join(found[:_SHOWN])}{more}")
 
 
 def log_name(topic: Topic, resolved: str = "") -> str:

@@ -20,7 +20,7 @@ from mcap.records import Channel, Schema
 from mcap.writer import CompressionType, Writer
 
 from plant_sim.data_text import parse_yaml
-from train_ato.log.bag_layout import METADATA
+from train_ato.log.bag_layout import METADATA, not_a_run
 from train_ato.log.definitions import definition
 from train_ato.log.mcap_records import RawMessage, stream
 from train_ato.log.mcap_writer import MAGIC
@@ -105,7 +105,7 @@ def as_mcap(path: Path) -> Path:
     """
     files = bag_files(path)
     if not files:
-        raise ValueError(f"{path}: not a run folder: no such log; name the folder of a run or of `ros2 bag record`")
+        raise not_a_run(path, "no such log; name the folder of a run or of `ros2 bag record`")
     empty = [file for file in files if file.is_file() and not file.stat().st_size]
     if empty == files:
         raise ValueError(f"{files[0]}: is empty; nothing was recorded in it")

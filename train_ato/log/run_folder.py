@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from plant_sim.data_text import parse_json, parse_yaml
 from plant_sim.input_error import explain, kind_of
 from train_ato.judge.result import RunResult
-from train_ato.log.bag_layout import LOG, PARTIAL
+from train_ato.log.bag_layout import LOG, PARTIAL, not_a_run
 from train_ato.log.compression import DEFAULT
 from train_ato.log.reading import attachments, log_file
 from train_ato.log.run_log import RunLog
@@ -221,7 +221,7 @@ def read_summary(path: Path) -> dict[str, Any]:
         If the folder is not a run folder.
     """
     if not (path / SCENARIO).is_file():
-        raise ValueError(f"{path}: not a run folder: no scenario.yaml; name a folder that `run` made")
+        raise not_a_run(path, "no scenario.yaml; name a folder that `run` made")
     log = log_file(path)
     file = path / SUMMARY
     if not file.is_file():
