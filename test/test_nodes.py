@@ -31,6 +31,7 @@ from train_ato.messages.codec import Wire
 from train_ato.messages.topics import BY_NAME, EPOCH_NS, TOPICS, Role, read_by, topics_of
 from train_ato.messages.types import Command, Diagnostic, DisturbanceEstimate, Reference, Tick, Trajectory
 from train_ato.program.errors import FirstFailure, NodeFault
+from train_ato.ros.graph import remote
 from train_ato.ros.graph.assembly import executor_of
 from train_ato.ros.graph.remote import graph_client
 from train_ato.ros.nodes.answer_watch import CHECK_S, SUSPENDED_S, silent_node
@@ -169,6 +170,23 @@ def test_a_request_reaches_the_train_of_its_namespace(make, domain):
         asked("")
 
 
+def test_a_request_to_an_external_node_names_its_program(make, domain, monkeypatch):
+    """Breaks if the refusal of a request to the ATO of a program outside only says that no service is there."""
+    monkeypatch.setattr(remote, "ELSEWHERE_S", 1.0)
+    bench = make(Role.PLANT)
+    bench.speaker("ato/command")
+
+    def reset():
+        with graph_client(domain) as client:
+            client.call("controller/reset")
+
+    with ThreadPoolExecutor(1) as other:
+        future = other.submit(reset)
+        bench.until(future.done)
+    with pytest.raises(ValueError, match="node controller is the external program other on domain"):
+        future.result()
+
+
 def _answer(bench, publisher, stamp, force=0.0):
     publisher.publish(bench.wire.encode("ato/command", Command(stamp, np.array([force]))))
     _answer_brake_pipe(bench, stamp)
@@ -284,7 +302,7 @@ def _typed(names, effort):
 @pytest.mark.parametrize(
     ("message", "says"),
     [
-        (_typed(["unit_0"], [float("nan")]), "effort is not finite: nan; sent by controller"),
+        (_typed(["unit_0"], [float("nan")]), "effort is not finite: nan; sent by other"),
         (_typed(["engine"], [0.0]), "names"),
         (_typed(["unit_0"], [0.0, 1.0]), "effort has 2 values where 1 are due"),
     ],

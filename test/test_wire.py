@@ -240,7 +240,8 @@ def test_another_frame_and_unused_fields_are_accepted():
 @pytest.mark.parametrize(
     ("data", "says"),
     [
-        (_joint_state(["unit_1"], effort=[1.0]), "names"),
+        (_joint_state(["unit_1"], effort=[1.0]), r"names \['unit_1'\] where \['unit_0'\] are due; `train-ato list"),
+        (_joint_state([*"abcdefgh"], effort=[1.0] * 8), r"names \['a', 'b', 'c', ... 'h'\] \(8\) where"),
         (_joint_state(["unit_0", "unit_1"], effort=[1.0, 2.0]), "names"),
         (_joint_state(["unit_0"], effort=[]), "effort has 0 values where 1 are due"),
         (_joint_state(["unit_0"], effort=[float("nan")]), "not finite: nan"),

@@ -148,10 +148,13 @@ def page() -> str:
 
 def _fields(topic: Topic) -> list[str]:
     rows = []
-    if topic.owners:
+    if topic.has_states:
+        (owner,) = topic.owners
+        each = f", with each of {_names(owner)} in place of `NAME`: {owner.meaning}" if _prefix(owner) == "NAME" else ""
+        rows.append(f"| `status[0].values[].key` | - | - | name of the column{each} |")
+    elif topic.owners:
         names = "; ".join(f"{_names(owner)}: {owner.meaning}" for owner in topic.owners)
-        path = "status[0].values[].key" if topic.has_states else topic.names_path
-        rows.append(f"| `{path}` | - | - | {f'the column; NAME is {names}' if topic.has_states else names} |")
+        rows.append(f"| `{topic.names_path}` | - | - | {names} |")
     if topic.has_states:
         rows.append("| `status[0].message` | - | - | the values in words; `level` 1 or 2 for a brake or a failure |")
     if topic.frame != "":

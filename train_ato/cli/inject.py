@@ -39,6 +39,7 @@ ACTIONS: dict[str, Action] = {
     "resume": Action("plant", "pause", False, "continue after a pause"),
     "step": Action("plant", "step", None, "run one tick during a pause"),
     "stop": Action("plant", "stop", None, "end of the run after the present tick"),
+    "restart": Action("plant", "reset", None, "end of the run, which `train-ato run` then begins again"),
 }
 """Actions by name."""
 WITH_PARAMETERS = ("gust", "delay_jump", "message_loss", "message_freeze", "drive_gain", "brake_fade", "adhesion")

@@ -94,7 +94,7 @@ def _scenario(name: str) -> Facts:
     }
     if expected := expectation_of(name):
         facts["expected verdict"] = expected.text
-    facts |= _gains(scenario, path)
+    facts |= _of_run(scenario, path)
     return facts | {f"{stem}:{variant}": summary for variant, summary in variants_of(find(stem)[0]).items()}
 
 
@@ -109,16 +109,20 @@ def _following(path: Path) -> Facts:
     return facts | {"criteria": ", ".join(f"{key} {value:g}" for key, value in criteria.items()), "source": spec.source}
 
 
-def _gains(scenario: Scenario, path: Path) -> Facts:
-    """Return the gains that every law would take in a scenario, and their source."""
+def _of_run(scenario: Scenario, path: Path) -> Facts:
+    """Return the names in the messages of a run, and the gains that every law would take with their source."""
     from train_ato.control.registry import LAWS
+    from train_ato.messages.topics import BY_NAME
     from train_ato.scenario.setup import prepare
 
     try:
         setup = prepare(scenario, path)
     except ValueError:
         return {}
-    found = {}
+    found = {
+        f"names of {topic}": ", ".join(BY_NAME[topic].names(setup.layout))
+        for topic in ("train/measurement", "ato/command")
+    }
     for law in LAWS.loadable():
         gains = setup.gains(law)
         if gains.source:

@@ -44,6 +44,8 @@ AGAIN = " again"
 """End of the key of a field at its second place."""
 _SMALL = 32
 """Count of numbers up to which a loop checks finite values faster than numpy."""
+_SHOWN = 6
+"""Largest number of names that a refusal shows in full."""
 
 
 class TopicRecord:
@@ -211,7 +213,7 @@ class TopicRecord:
         path, due = f"{self.topic.names_path}[", self._names
         names = tuple(leaf.text for leaf in layout.leaves if leaf.path.startswith(path))
         if due and names != due:
-            raise ValueError(f"names {list(names[:3])}... where {list(due[:3])}... ({len(due)}) are due")
+            raise ValueError(f"names {_listed(names)} where {_listed(due)} are due; `train-ato list SCENARIO` has them")
         own, other = ({leaf.path: leaf for leaf in found.leaves} for found in (self._layout, layout))
         for path in self._read:
             if path not in other or ("[0]" in path and path.replace("[0]", "[1]") in other):
@@ -248,6 +250,13 @@ def _blank_of(topic: Topic, layout: TrainLayout) -> bytes:
     for path, size in sizes.items():
         resize(topic.type, message, path, size)
     return bytes(typestore().serialize_cdr(message, topic.type))
+
+
+def _listed(names: tuple[str, ...]) -> str:
+    """Return names as text, of more than six the first three and the last one with their number."""
+    if len(names) <= _SHOWN:
+        return str(list(names))
+    return f"[{', '.join(map(repr, names[:3]))}, ... {names[-1]!r}] ({len(names)})"
 
 
 def _size(place: Place, layout: TrainLayout) -> int:

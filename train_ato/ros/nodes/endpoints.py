@@ -308,7 +308,7 @@ class NodeEndpoints:
                         message = decode(name, data)
                     except ValueError as error:
                         source.check()
-                        sender = "/".join(role.value for role in topic.publishers)
+                        sender = source.name or "/".join(role.value for role in topic.publishers)
                         raise ValueError(f"{error}; sent by {sender}") from error
                     handler(message)
                     if (count := self.ignored()) != self._ignored:
