@@ -118,6 +118,15 @@ def test_a_doubtful_table_is_told(tmp_path: Path, text: str, told: str, capsys: 
     assert told in capsys.readouterr().err
 
 
+def test_a_table_with_marks_at_the_ends_of_its_rows(tmp_path: Path) -> None:
+    """Breaks if the empty last column of a spreadsheet is refused, or one with a value is dropped."""
+    text = "km;speed_limit_kmh;;\r\n0;80;;\r\n1,5;60;;\r\n"
+    line = find_line(written(tmp_path / "a.csv", text))
+    assert line.end == 1500 and len(line.speed_limits) == 1
+    with pytest.raises(ValueError, match="unknown column ''"):
+        find_line(written(tmp_path / "a.csv", text.replace("1,5;60;", "1,5;60;7")))
+
+
 def test_tables_of_a_spreadsheet(tmp_path: Path) -> None:
     """Breaks if the line ``sep=``, UTF-16 or a line break in a cell is refused or shown."""
     text = 'sep=;\nkm;speed_limit_kmh;stop\n1;80;"A\nB"\n3;60;C\n'
@@ -280,8 +289,10 @@ def test_a_line_with_coordinates_as_a_track_and_back(
 
 
 def test_a_gap_of_a_track_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Breaks if a part in the wrong order becomes a straight stretch without a word."""
+    """Breaks if a part in the wrong order, or exchanged coordinates, are read without a word."""
     points = track()
+    find_line(written(tmp_path / "b.json", json.dumps(geojson([[y, x, z] for x, y, z in points], {}))))
+    assert "[longitude, latitude]: the track begins at 11.00° N, 48.00° E" in capsys.readouterr().err
     find_line(written(tmp_path / "a.json", json.dumps(geojson(points[100:] + points[:100], {}))))
     assert "points 101 and 102: 4.0 km apart; straight between them" in capsys.readouterr().err
 

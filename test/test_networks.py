@@ -166,6 +166,20 @@ def test_gaps_and_keys_that_are_not_carried_are_named(infra: Path, capsys: pytes
     assert load_line(str(infra.with_suffix(".yaml"))) == load_line(f"{infra}:TB..East")
 
 
+def test_limits_in_km_h_are_told(infra: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if 80 km/h in a file in m/s is 288 km/h without a word, or a real limit of 300 km/h is doubted."""
+    sections = INFRA["speed_sections"]
+    for speed, told in ((80.0, True), (300 / 3.6, False), (40.0, False)):
+        infra.write_text(json.dumps(INFRA | {"speed_sections": [sections[0] | {"speed_limit": speed}]}))
+        load_line(f"{infra}:TA..TD0")
+        assert ("speed 80 is 288 km/h; check its unit" in capsys.readouterr().err) == told
+    load_line(f"{infra}:TA..East")
+    assert "to the side" not in capsys.readouterr().err
+    infra.write_text(json.dumps(INFRA | {"speed_sections": [sections[0] | {"speed_limit": 80.0}]}))
+    load_line(f"{infra}:TA..East")
+    assert "10.7 m/s² to the side at 28000 m, with 288 km/h on a radius of 600 m" in capsys.readouterr().err
+
+
 def test_a_line_as_railml_and_back(infra: Path, railml: Path, tmp_path: Path) -> None:
     """Breaks if a number of a line changes on its way through railML, or a gap is filled without a word."""
     power = {"id": "e", "track_ranges": [part("TA", 0, 2000), part("TD0", 0, 24000), part("TE", 0, 1500)]}

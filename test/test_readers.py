@@ -253,6 +253,8 @@ def test_traps_of_an_own_line_are_noted(tmp_path: Path, capsys: pytest.CaptureFi
         ("own", ("curves",), [{"begin": 0, "end": 9, "radius_km": 300}], "curves[0].radius = 300000: usual are 10 to"),
         ("own", ("curves",), [{"begin": 0, "end": 9, "radius": 300}, {"begin": 5, "end": 20, "radius": 400}],
          "curves: two from 5 to 9 m; their resistances add"),
+        ("own", ("speed_limits",), [{"at": 0, "speed": 80}], "speed 80 is 288 km/h; write speed_kmh for km/h"),
+        ("bench", ("curvatures", "values"), [[300.0, 100, 100]], "6.25 m/s² to the side at 300 m, with 90 km/h on a"),
         ("own", ("tunnels",), [{"begin": at, "end": at + 9, "resistance_n_per_kn": 1} for at in (0, 5)],
          "tunnels: two from 5 to 9 m; their resistances add"),
         ("train", ("vehicles", 0, "mass"), 80e3, "loco: mass 80000000 kg on 18 m; check its unit"),
@@ -298,6 +300,15 @@ def test_traps_of_every_format_are_noted(tmp_path, what, path, value, message, c
     file.write_text(json.dumps(data) if what == "bench" else yaml.safe_dump(data))
     (find_train if what in ("train", "consist") else find_line)(str(file))
     assert message in capsys.readouterr().err
+
+
+def test_an_empty_list_of_a_bench_is_level_and_straight() -> None:
+    """Breaks if a line without a gradient or a curve is refused, or one without a limit is read."""
+    none: dict[str, Any] = {key: BENCH[key] | {"values": []} for key in ("gradients", "curvatures")}
+    line = ttobench.ttobench_line(BENCH | none, "b.json")
+    assert (line.grades, line.curves) == ((), ())
+    with pytest.raises(ValueError, match="speed limits: values = "):
+        ttobench.ttobench_line(BENCH | {"speed limits": BENCH["speed limits"] | {"values": []}}, "b.json")
 
 
 def test_values_of_a_scenario_in_another_unit_are_noted(capsys: pytest.CaptureFixture[str]) -> None:

@@ -150,6 +150,8 @@ def _read(path: Path) -> tuple[list[_Column], list[tuple[int, dict[str, Any]]]]:
         raise ValueError(f"{path}: line {listed.line_num}: {error}; correct the quotes or the cell") from None
     if not lines:
         raise ValueError(f"{path}: is empty; write a line with titles, as position_km,grade_permille,speed_limit_kmh")
+    while not lines[0][1][-1].strip() and not any(cells[-1].strip() for _, cells in lines):  # marks at the ends of rows
+        lines = [(number, cells[:-1]) for number, cells in lines]
     columns: list[_Column] = []
     for title in lines[0][1]:
         column = _column(title.strip(), f"{path}: line {lines[0][0]}")

@@ -224,7 +224,7 @@ def _vehicles(stock: Element, consist: Consist, ids: dict[str, str]) -> list[str
             area, rolling = drags[name][2] / (0.5 * AIR_DENSITY), drags[name][0] / (kind.mass * GRAVITY / 1e3)
             keys = {"crossSectionArea": _text(area), "rollingResistance": _text(rolling)}
             _add(vehicle, "drivingResistance.info", airDragCoefficient="1", **keys)
-    units = sum(bool(vehicle.traction) for vehicle in consist.vehicles)
+    units = len([vehicle for vehicle in consist.vehicles if vehicle.traction])
     inertia = plain_sum(vehicle.inertia for vehicle in consist.vehicles)
     force = brake_share(service_deceleration(consist, "railML"), inertia, consist.mass, units)
     brakes = {

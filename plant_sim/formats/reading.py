@@ -21,6 +21,10 @@ from plant_sim.units import number_text
 
 FAST = 100.0
 """Speed above which a limit is probably in km/h [m/s]."""
+ROUND, QUICK = 5.0, 40.0
+"""Speed of which a limit in km/h in place of m/s is often a multiple, and above which it is seldom one [m/s]."""
+SIDEWAYS = 3.0
+"""Lateral acceleration of a curve, cant included, above which its radius or its speed is in another unit [m/s²]."""
 FLAT, STEEP = 1e-4, 0.1
 """Grade above which it is probably in another unit, and below which that of the steepest stretch is."""
 LIGHT, HEAVY = 100.0, 15e3
@@ -233,11 +237,16 @@ def _note_traps(found: ReadLine, place: str) -> None:
     speeds = [(f"speed_limits[{k}]", entry.speed) for k, entry in enumerate(line.speed_limits)]
     speeds += [(f"temporary_restrictions[{k}]", entry.speed) for k, entry in enumerate(line.temporary_restrictions)]
     speeds += [(f"category_limits '{row.category}'", e.speed) for row in line.category_limits for e in row.speed_limits]
-    fast = [(key, speed) for key, speed in speeds if speed > FAST]
+    fast = [(key, speed) for key, speed in speeds if speed > FAST or _in_kmh(speed)]
     for key, speed in fast[:1]:
         print_assumption(
             f"{place}: {key}: speed {number_text(speed)} is {number_text(3.6 * speed)} km/h{_more(fast)}; "
             + ("write speed_kmh for km/h" if own else "check its unit")
+        )
+    if sharp := max(_lateral(line), default=None):
+        print_assumption(
+            f"{place}: curves: {number_text(sharp[0], 3)} m/s² to the side at {number_text(sharp[1])} m, with "
+            f"{number_text(3.6 * sharp[2])} km/h on a radius of {number_text(sharp[3])} m; check their units"
         )
     steep = [(k, entry.grade) for k, entry in enumerate(line.grades) if abs(entry.grade) > STEEP]
     for k, grade in steep[:1]:
@@ -265,6 +274,21 @@ def _note_traps(found: ReadLine, place: str) -> None:
                 "limits the speed there"
             )
     _note_outside(line, place)
+
+
+def _in_kmh(speed: float) -> bool:
+    """Return True for a speed [m/s] that is a round number, but has no round one in km/h."""
+    return speed > QUICK and not speed % ROUND and bool(round(3.6 * speed) % 10)
+
+
+def _lateral(line: Line) -> Iterator[tuple[float, float, float, float]]:
+    """Yield acceleration [m/s²], place [m], limit [m/s] and radius [m] of the limits that are too fast for a curve."""
+    ends = [*(limit.at for limit in line.speed_limits[1:]), line.end]
+    for limit, end in zip(line.speed_limits, ends, strict=False):
+        for curve in line.curves:
+            sideways = limit.speed**2 / curve.radius
+            if sideways > SIDEWAYS and curve.begin < end and limit.at < curve.end:
+                yield sideways, max(curve.begin, limit.at), limit.speed, curve.radius
 
 
 def _note_outside(line: Line, place: str) -> None:

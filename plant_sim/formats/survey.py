@@ -89,7 +89,13 @@ def geojson_line(data: dict[str, Any], place: str, selection: str = "") -> Line:
             tracks.append((name, [_spot(row, f"{parts.place}: {k}") for k in parts.data for row in parts.entries(k)]))
         else:
             print_assumption(f"{feature.place}: {kind} '{name}' is neither a track nor a named point; passed over")
-    return _line(tracks, stations, place, selection, "GeoJSON")
+    line = _line(tracks, stations, place, selection, "GeoJSON")
+    first = line.coordinates[0]
+    print_assumption(
+        f"{place}: read as [longitude, latitude]: the track begins at {abs(first.latitude):.2f}° "
+        f"{'NS'[first.latitude < 0]}, {abs(first.longitude):.2f}° {'EW'[first.longitude < 0]}; else exchange them"
+    )
+    return line
 
 
 def _spot(row: Any, place: str) -> Spot:

@@ -28,6 +28,8 @@ from plant_sim.units import GRAVITY, number_text
 LENGTHS = {"m": 1.0, "km": 1e3}
 SPEEDS = {"km/h": 1 / 3.6, "m/s": 1.0}
 SLOPES = {"permil": 1e-3, "percent": 1e-2, "1": 1.0}
+STEPS = {"velocity": (SPEEDS, 1e-3, 1e3, 1), "slope": (SLOPES, -1e3, 1e3, 0)}
+"""Units, lowest and highest value, and least number of the entries of a quantity."""
 STEEPEST = 0.5
 """Largest grade of a line."""
 STRAIGHT = 1e5
@@ -53,8 +55,8 @@ def ttobench_line(data: dict[str, Any], place: str) -> Line:
     """Return the line in the data of a file."""
     top = Fields(data, place)
     stops = _stops(top.below("stops"))
-    limits = _steps(top.below("speed limits"), "velocity", SPEEDS, 1e-3, 1e3)
-    grades = _steps(top.below("gradients"), "slope", SLOPES, -1e3, 1e3) if "gradients" in top else []
+    limits = _steps(top.below("speed limits"), "velocity")
+    grades = _steps(top.below("gradients"), "slope") if "gradients" in top else []
     name = Path(place).stem
     if isinstance(data.get("metadata"), dict):
         name = Fields(data["metadata"], f"{place}: metadata").text("id", name)
@@ -101,13 +103,12 @@ def _stops(fields: Fields) -> list[float]:
     return stops
 
 
-def _steps(
-    fields: Fields, quantity: str, units: dict[str, float], low: float, high: float
-) -> list[tuple[float, float]]:
+def _steps(fields: Fields, quantity: str) -> list[tuple[float, float]]:
     """Return position and value of every entry; two values at one position are refused."""
+    units, low, high, least = STEPS[quantity]
     length, unit = _unit(fields, "position", LENGTHS), _unit(fields, quantity, units)
     steps: dict[float, float] = {}
-    for k, (at, value) in enumerate(fields.rows("values", 2)):
+    for k, (at, value) in enumerate(fields.rows("values", 2, least)):
         place = f"{fields.place}: values[{k}]"
         position = finite_number(at, f"{place}[0]", -1e8, 1e8) * length
         if steps and position < next(reversed(steps)):
@@ -131,7 +132,7 @@ def _curves(top: Fields, end: float) -> list[dict[str, float]]:
     unit = _unit(fields, "position", LENGTHS)
     scales = [_unit(fields, f"radius at {edge}", LENGTHS) for edge in ("start", "end")]
     rows: list[tuple[float, float, float]] = []
-    for k, row in enumerate(fields.rows("values", 3)):
+    for k, row in enumerate(fields.rows("values", 3, 0)):
         place = f"{fields.place}: values[{k}]"
         first, last = (_curvature(value, f"{place}[{i + 1}]") / scales[i] for i, value in enumerate(row[1:]))
         rows.append((finite_number(row[0], f"{place}[0]", -1e8, 1e8) * unit, first, last))
@@ -140,7 +141,7 @@ def _curves(top: Fields, end: float) -> list[dict[str, float]]:
     ends = [at for at, _, _ in rows[1:]] + [end]
     return [
         curve
-        for (at, first, last), stop in zip(rows, ends, strict=True)
+        for (at, first, last), stop in zip(rows, ends, strict=False)  # no row: none of the ends
         if stop > at
         for curve in _transition(at, stop, first, last)
     ]
