@@ -4,6 +4,7 @@ import json
 import multiprocessing
 import os
 from collections.abc import Iterable
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -31,7 +32,7 @@ from train_ato.papers.p002_freight import cases as p002
 from train_ato.papers.p003_funnel import cases as p003
 from train_ato.papers.p004_gpc import cases as p004
 from train_ato.papers.page import claims_of, judge_paper, section
-from train_ato.papers.pool import Finished, WorkerPool, carry_out
+from train_ato.papers.pool import Finished, carry_out, run_cases
 from train_ato.papers.session import Judged, load_paper, paper_numbers, reproduce, with_claim
 
 SHORT = Case("demo", {"duration": 2})
@@ -240,8 +241,8 @@ def test_figures_that_cannot_be_drawn_are_a_complaint(tmp_path: Path) -> None:
 def test_leaving_the_pool_ends_its_workers(tmp_path: Path) -> None:
     """Breaks if Ctrl-C in the middle of a run leaves a process behind."""
     cases = [(str(number), Case("demo", {"seed": number})) for number in range(4)]
-    with pytest.raises(KeyboardInterrupt), WorkerPool(2) as pool:
-        for _ in pool.run(cases):
+    with pytest.raises(KeyboardInterrupt), closing(run_cases(cases, 2)) as events:
+        for _ in events:
             processes = multiprocessing.active_children()
             raise KeyboardInterrupt
     assert len(processes) == 2
@@ -250,8 +251,7 @@ def test_leaving_the_pool_ends_its_workers(tmp_path: Path) -> None:
 
 def test_progress_comes_while_a_case_runs() -> None:
     """Breaks if a case reports no progress before its end."""
-    with WorkerPool(1) as pool:
-        events = list(pool.run([("a", Case("demo", {"duration": 400}))]))
+    events = list(run_cases([("a", Case("demo", {"duration": 400}))], 1))
     assert isinstance(events[-1], Finished) and events[-1].result.failure is None
     fractions = [event.fraction for event in events if not isinstance(event, Finished)]
     assert fractions and fractions == sorted(fractions) and 0 < fractions[-1] <= 1

@@ -4,8 +4,8 @@ The order of the results does not depend on the number of processes. A lost work
 """
 
 import multiprocessing
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import wait
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future, wait
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -54,7 +54,7 @@ def search_runs(
                     yield read(found)
                     continue
                 result = next(fresh)
-                if isinstance(result, _Lost):
+                if isinstance(result, LostRun):
                     yield lost(result.reason)
                     continue
                 if kept is not None:
@@ -69,39 +69,50 @@ def _processes(task: Task, jobs: int) -> Iterator[RunAll]:
     if jobs == 1:
         yield lambda inputs: map(task, inputs)
         return
+    with worker_pool(task, jobs) as submit:
+        yield lambda inputs: map(_waited, submit(inputs))
+
+
+@contextmanager
+def worker_pool(task: Task, jobs: int) -> Iterator[Callable[[Iterable[Any]], list[Future[Any]]]]:
+    """Yield the function that starts a task for every input; the end of the block kills the processes."""
     from pebble import ProcessPool
 
     pool = ProcessPool(jobs, context=multiprocessing.get_context("spawn"), initializer=_begin, initargs=[task])
 
-    def run(inputs: Sequence[Any]) -> Iterator[Any]:
+    def submit(inputs: Iterable[Any]) -> list[Future[Any]]:
         with workers_without_ctrl_c():
-            futures = [pool.submit(_work, None, given) for given in inputs]
-        return map(_result, futures)
+            return [pool.submit(_work, None, given) for given in inputs]
 
     try:
-        yield run
+        yield submit
     finally:
         pool.stop()  # type: ignore[no-untyped-call]
         pool.join()
 
 
 @dataclass(frozen=True)
-class _Lost:
+class LostRun:
     """Result of a run whose process has ended."""
 
     reason: str
 
 
-def _result(future: Any) -> Any:
-    """Wait for a result; the wait is divided, so that Ctrl-C ends it."""
+def run_outcome(future: Future[Any]) -> Any:
+    """Return the result of a finished task, or why it has none."""
     from pebble import ProcessExpired
 
-    while not wait([future], timeout=POLL_S).done:
-        pass
     try:
         return future.result()
     except ProcessExpired as error:  # killed from outside, or out of memory
-        return _Lost(f"its process ended unexpectedly, exit code {error.exitcode}")
+        return LostRun(f"its process ended unexpectedly, exit code {error.exitcode}")
+
+
+def _waited(future: Future[Any]) -> Any:
+    """Wait for a result; the wait is divided, so that Ctrl-C ends it."""
+    while not wait([future], timeout=POLL_S).done:
+        pass
+    return run_outcome(future)
 
 
 _task: Task | None = None

@@ -1,21 +1,17 @@
-"""Worker processes for cases: a pool of the package ``pebble``, with progress during the cases.
-
-A lost worker costs its own case only. The end of the pool kills the workers; the end of the parent ends them.
-"""
+"""Cases of the papers in worker processes, with progress during the cases. A lost worker costs its own case only."""
 
 import multiprocessing
 import queue
-from collections.abc import Iterable, Iterator
+from collections.abc import Generator, Iterable
 from concurrent.futures import FIRST_COMPLETED, wait
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
-from pebble import ProcessExpired, ProcessPool
-
-from train_ato.judge.result import Progress
+from train_ato.api.search_runs import LostRun, run_outcome, worker_pool
 from train_ato.loop.engine import run_engine
 from train_ato.papers.claims import Calculation, Case, Result
-from train_ato.program.interrupt import workers_without_ctrl_c
 
 Task = tuple[str, Case | Calculation]
 POLL_S = 0.1
@@ -60,58 +56,24 @@ def carry_out(case: Case | Calculation, progress: Any = None) -> Result:
         return Result({}, None, " ".join(f"{type(error).__name__}: {error}".split()))
 
 
-class WorkerPool:
-    """Pool of worker processes, a context manager; its end kills the processes."""
-
-    def __init__(self, jobs: int) -> None:
-        context = multiprocessing.get_context("spawn")
-        self._progress: Any = context.Queue()
-        self._pool = ProcessPool(jobs, context=context, initializer=_begin_worker, initargs=[self._progress])
-
-    def __enter__(self) -> "WorkerPool":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._pool.stop()  # type: ignore[no-untyped-call]
-        self._pool.join()
-
-    def run(self, tasks: Iterable[Task]) -> Iterator[Moved | Finished]:
-        """Run tasks in their order; yield progress and results."""
-        with workers_without_ctrl_c():
-            keys: dict[Any, str] = {self._pool.submit(_work, None, key, case): key for key, case in tasks}
+def run_cases(tasks: Iterable[Task], jobs: int) -> Generator[Moved | Finished, None, None]:
+    """Run tasks in their order in worker processes; yield progress and results. ``close`` kills the processes."""
+    moved: Any = multiprocessing.get_context("spawn").Queue()
+    tasks = list(tasks)
+    with worker_pool(partial(_work, moved), jobs) as submit:
+        keys = dict(zip(submit(tasks), (key for key, _ in tasks), strict=True))
         while keys:
             done, _ = wait(keys, timeout=POLL_S, return_when=FIRST_COMPLETED)
-            yield from self._moved()
+            with suppress(queue.Empty):
+                while True:
+                    yield Moved(*moved.get_nowait())
             for future in done:
-                try:
-                    result = future.result()
-                except ProcessExpired as error:  # killed from outside, or out of memory
-                    result = Result({}, None, f"its process ended unexpectedly, exit code {error.exitcode}")
-                yield Finished(keys.pop(future), result)
-
-    def _moved(self) -> Iterator[Moved]:
-        while True:
-            try:
-                yield Moved(*self._progress.get_nowait())
-            except queue.Empty:
-                return
+                result = run_outcome(future)
+                lost = isinstance(result, LostRun)
+                yield Finished(keys.pop(future), Result({}, None, result.reason) if lost else result)
 
 
-_progress: Any = None
-"""Queue to the parent, in a worker."""
-
-
-def _begin_worker(progress: Any) -> None:
-    """Store the queue to the parent; it must not delay the end of the worker."""
-    global _progress
-    _progress = progress
-    progress.cancel_join_thread()
-
-
-def _work(key: str, case: Case | Calculation) -> Result:
-    """Run a case in a worker."""
-
-    def report(progress: Progress) -> None:
-        _progress.put((key, progress.simulated / progress.duration))
-
-    return carry_out(case, report)
+def _work(moved: Any, task: Task) -> Result:
+    """Run a case in a worker; the queue to the parent must not delay the end of the worker."""
+    moved.cancel_join_thread()
+    return carry_out(task[1], lambda progress: moved.put((task[0], progress.simulated / progress.duration)))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import json
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -131,7 +132,7 @@ def reproduce(
     """
     from train_ato.log.versions import source_hash
     from train_ato.papers.page import claims_of, section
-    from train_ato.papers.pool import Moved, WorkerPool
+    from train_ato.papers.pool import Moved, run_cases
 
     source = source_hash()
     code = {paper.number: f"{source} {len(claims_of(paper, full=full))} claims" for paper in papers}
@@ -140,8 +141,8 @@ def reproduce(
     rows: list[Row] = [row for found in kept.values() for row in found["rows"]]
     sections: dict[str, str] = {number: found["section"] for number, found in kept.items()}
     summaries: dict[str, dict[str, Any]] = {number: found["cases"] for number, found in kept.items()}
-    with WorkerPool(jobs) as pool:
-        for event in pool.run(tasks.items()):
+    with closing(run_cases(tasks.items(), jobs)) as events:
+        for event in events:
             progress(event, len(tasks))
             if isinstance(event, Moved):
                 continue

@@ -25,66 +25,8 @@ SERVICES = (
     "pause", "resume", "toggle_paused", "is_paused", "get_rate", "set_rate", "play_next", "burst", "seek", "play",
     "stop",
 )  # fmt: skip
-
-
-def offer_triggers(node: Any, playback: Playback) -> None:
-    """Create the services; the answer to a rejected call is the reason.
-
-    Parameters
-    ----------
-    node
-        Node of the replay; its name is the prefix of the services.
-    playback
-        Replay to control.
-    """
-    from std_srvs.srv import Trigger
-
-    def parameter(name: str) -> Any:
-        return node.get_parameter(name).value
-
-    def place() -> str:
-        state = playback.state
-        return f"{'paused' if state.paused else 'plays'} at {state.moment:.3f} of {state.length:.3f} s"
-
-    def burst() -> str:
-        sent = playback.burst(parameter("burst"))
-        return f"{sent} messages sent; {place()}"
-
-    def stop() -> str:
-        before = place()
-        playback.stop()
-        return f"stopped, {before}"
-
-    actions: dict[str, Callable[[], Any]] = {
-        "is_paused": lambda: (playback.state.paused, place()),
-        "get_rate": lambda: f"{playback.state.rate:g}",
-        "set_rate": lambda: f"rate {playback.state.rate:g}, from the parameter",
-        "burst": burst,
-        "seek": lambda: playback.seek(parameter("seek")),
-        "play": lambda: playback.play(parameter("start_offset"), parameter("playback_duration") or None),
-        "stop": stop,
-    }
-    for name in SERVICES:
-        action = actions.get(name) or getattr(playback, name)
-        node.create_service(Trigger, f"~/{name}", _triggered(action, place))
-
-
-def _triggered(action: Callable[[], Any], place: Callable[[], str]) -> Callable[[Any, Any], Any]:
-    """Return the callback of a Trigger.
-
-    The message is the result of the action, the place if it has none, or the text of its ValueError.
-    """
-
-    def answer(request: Any, response: Any) -> Any:
-        try:
-            result = action()
-            result = place() if result is None else result
-            response.success, response.message = (True, result) if isinstance(result, str) else result
-        except ValueError as error:
-            response.success, response.message = False, str(error)
-        return response
-
-    return answer
+RESULTS = {"is_paused": "paused", "get_rate": "rate", "burst": "actually_burst"}
+"""Fields of the answers of rosbag2 with a result."""
 
 
 def rosbag2_types() -> Any | None:
@@ -101,70 +43,87 @@ def type_name(service: str) -> str:
     return "".join(part.capitalize() for part in service.split("_"))
 
 
-class Rosbag2Services:
-    """Handler of the requests of rosbag2.
+def offer_services(node: Any, playback: Playback) -> None:
+    """Create the services of a replay on its node, after the wait for existing readers."""
+    from std_srvs.srv import Trigger
+
+    types = rosbag2_types()
+    for service in SERVICES:
+        kind, answer = (Trigger, _trigger) if types is None else (getattr(types, type_name(service)), _rosbag2)
+        node.create_service(kind, f"~/{service}", partial(answer, node, playback, service))
+
+
+def _carry_out(playback: Playback, service: str, argument: Callable[[str], Any]) -> Any:
+    """Carry out an order, except a change of the rate; return its result.
 
     Parameters
     ----------
-    node
-        Node of the replay; its name is the prefix of the services.
     playback
         Replay to control.
-    types
-        Module ``rosbag2_interfaces.srv``.
+    service
+        Name of the service.
+    argument
+        Returns an argument by the name of its parameter.
     """
+    if service == "is_paused":
+        return playback.state.paused
+    if service == "get_rate":
+        return float(playback.state.rate)
+    if service == "burst":
+        return playback.burst(int(argument("burst")))
+    if service == "seek":
+        return playback.seek(argument("seek"))
+    if service == "play":
+        return playback.play(argument("start_offset"), argument("playback_duration") or None)
+    return None if service == "set_rate" else getattr(playback, service)()
 
-    def __init__(self, node: Any, playback: Playback, types: Any) -> None:
-        self._node = node
-        self._playback = playback
-        for service in SERVICES:
-            answer = getattr(self, f"_{service}", partial(self._order, service))
-            node.create_service(getattr(types, type_name(service)), f"~/{service}", answer)
 
-    def _order(self, service: str, request: Any, response: Any) -> Any:
-        """Carry out an order without arguments that nothing refuses: pause, resume, toggle_paused or stop."""
-        getattr(self._playback, service)()
+def _trigger(node: Any, playback: Playback, service: str, request: Any, response: Any) -> Any:
+    """Answer a Trigger with the result of the order, the place if it has none, or the reason of a refusal."""
+
+    def place() -> str:
+        state = playback.state
+        return f"{'paused' if state.paused else 'plays'} at {state.moment:.3f} of {state.length:.3f} s"
+
+    before = place()
+    try:
+        result = _carry_out(playback, service, lambda name: node.get_parameter(name).value)
+    except ValueError as error:
+        response.success, response.message = False, str(error)
         return response
+    response.success = result if service == "is_paused" else True
+    response.message = {
+        "get_rate": f"{playback.state.rate:g}",
+        "set_rate": f"rate {playback.state.rate:g}, from the parameter",
+        "burst": f"{result} messages sent; {place()}",
+        "stop": f"stopped, {before}",
+    }.get(service, place())
+    return response
 
-    def _is_paused(self, request: Any, response: Any) -> Any:
-        response.paused = self._playback.state.paused
-        return response
 
-    def _get_rate(self, request: Any, response: Any) -> Any:
-        response.rate = float(self._playback.state.rate)
-        return response
+def _rosbag2(node: Any, playback: Playback, service: str, request: Any, response: Any) -> Any:
+    """Answer a request of rosbag2; its time of ``seek`` is an absolute time of the log."""
+    from rclpy.parameter import Parameter
 
-    def _set_rate(self, request: Any, response: Any) -> Any:
-        from rclpy.parameter import Parameter
-
+    arguments: dict[str, Callable[[], Any]] = {
+        "burst": lambda: request.num_messages,
+        "seek": lambda: playback.place_of(_nanoseconds(request.time)),
+        "start_offset": lambda: _nanoseconds(request.start_offset) * 1e-9,
+        "playback_duration": lambda: max(0.0, _nanoseconds(request.playback_duration) * 1e-9),
+    }
+    done = True
+    try:
+        result = _carry_out(playback, service, lambda name: arguments[name]())
+    except ValueError:
+        done = False
+    if service == "set_rate":
         change = Parameter("rate", Parameter.Type.DOUBLE, request.rate)
-        response.success = bool(self._node.set_parameters([change])[0].successful)
-        return response
-
-    def _play_next(self, request: Any, response: Any) -> Any:
-        response.success = self._done(self._playback.play_next)
-        return response
-
-    def _burst(self, request: Any, response: Any) -> Any:
-        self._done(lambda: setattr(response, "actually_burst", self._playback.burst(int(request.num_messages))))
-        return response
-
-    def _seek(self, request: Any, response: Any) -> Any:
-        """Move to an absolute time of the log, as in rosbag2."""
-        response.success = self._done(lambda: self._playback.seek(self._playback.place_of(_nanoseconds(request.time))))
-        return response
-
-    def _play(self, request: Any, response: Any) -> Any:
-        offset, duration = _nanoseconds(request.start_offset) * 1e-9, _nanoseconds(request.playback_duration) * 1e-9
-        response.success = self._done(lambda: self._playback.play(offset, duration if duration > 0 else None))
-        return response
-
-    def _done(self, order: Callable[[], None]) -> bool:
-        try:
-            order()
-        except ValueError:
-            return False
-        return True
+        done = bool(node.set_parameters([change])[0].successful)
+    if service in ("set_rate", "play_next", "seek", "play"):
+        response.success = done
+    elif service in RESULTS and done:
+        setattr(response, RESULTS[service], result)
+    return response
 
 
 def _nanoseconds(time: Any) -> int:
@@ -264,7 +223,7 @@ def publish_run(
         with executor_of(domain, []) as (context, executor):
             player = Player(executor, context, topics, options.clock_hz)
             playback = Playback(log, topics, options, player, interrupted=interrupted, progress=report)
-            ReplayParameters(player.node, playback)
+            declare_parameters(player.node, playback)
             player.wait_for_readers(options.meet_s, interrupted)
             others = player.others()
             _warn_of_others(others)
@@ -293,41 +252,25 @@ PARAMETERS: tuple[tuple[str, float | int, str], ...] = (
 )
 
 
-def offer_services(node: Any, playback: Playback) -> None:
-    """Create the services of a replay on its node, after the wait for existing readers."""
-    types = rosbag2_types()
-    if types is None:
-        offer_triggers(node, playback)
-    else:
-        Rosbag2Services(node, playback, types)
+def declare_parameters(node: Any, playback: Playback) -> None:
+    """Declare the parameters of the node: the rate, and the arguments of services without a request."""
+    from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 
-
-class ReplayParameters:
-    """Parameters of the node: the rate, and the arguments of services without a request."""
-
-    def __init__(self, node: Any, playback: Playback) -> None:
-        from rcl_interfaces.msg import ParameterDescriptor
-
-        self._playback = playback
-        for name, value, text in PARAMETERS:
-            start = playback.state.rate if name == "rate" else value
-            node.declare_parameter(name, start, ParameterDescriptor(description=text))
-        node.add_on_set_parameters_callback(self._refuse)
-        node.add_post_set_parameters_callback(self._take_over)
-
-    def _refuse(self, parameters: list[Any]) -> Any:
-        """Check new values, without side effects."""
-        from rcl_interfaces.msg import SetParametersResult
-
-        for parameter in parameters:
-            value = parameter.value
-            if parameter.name == "rate" and not value > 0:
+    def refuse(parameters: list[Any]) -> Any:
+        for name, value in ((parameter.name, parameter.value) for parameter in parameters):
+            if name == "rate" and not value > 0:
                 return SetParametersResult(successful=False, reason=f"rate {value:g}: give a number above 0")
-            if parameter.name in ("seek", "burst", "start_offset", "playback_duration") and not 0 <= value < math.inf:
-                return SetParametersResult(successful=False, reason=f"{parameter.name} {value:g}: give 0 or more")
+            if name in ("seek", "burst", "start_offset", "playback_duration") and not 0 <= value < math.inf:
+                return SetParametersResult(successful=False, reason=f"{name} {value:g}: give 0 or more")
         return SetParametersResult(successful=True)
 
-    def _take_over(self, parameters: list[Any]) -> None:
+    def take_over(parameters: list[Any]) -> None:
         for parameter in parameters:
             if parameter.name == "rate":
-                self._playback.set_rate(parameter.value)
+                playback.set_rate(parameter.value)
+
+    for name, value, text in PARAMETERS:
+        start = playback.state.rate if name == "rate" else value
+        node.declare_parameter(name, start, ParameterDescriptor(description=text))
+    node.add_on_set_parameters_callback(refuse)
+    node.add_post_set_parameters_callback(take_over)

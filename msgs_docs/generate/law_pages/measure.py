@@ -2,6 +2,7 @@
 
 import io
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from train_ato.judge.recording import Recording
 from train_ato.messages.types import Array
 from train_ato.papers.claims import Case, Result
 from train_ato.papers.p002_freight.observer_trials import truth as paper_002
-from train_ato.papers.pool import Finished, WorkerPool
+from train_ato.papers.pool import Finished, run_cases
 from train_ato.report.print_figures import LONG_RUN_S, SHEET_SIZE, styled
 from train_ato.report.quantities import COLOURS, GREY
 from train_ato.scenario.scenario import load_scenario
@@ -153,8 +154,8 @@ def measure(
     demos = [(component, demo_of(component.kind, component.name)) for component in chosen]
     cases = {repr(case): case for _, demo in demos for case in demo.runs.values()}
     results: dict[str, Result] = {}
-    with WorkerPool(WORKERS) as pool:
-        for message in pool.run(cases.items()):
+    with closing(run_cases(cases.items(), WORKERS)) as messages:
+        for message in messages:
             if isinstance(message, Finished):
                 case, result = cases[message.key], message.result
                 if result.failure or result.recording is None:
