@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from msgs_docs.generate.rows import page_text, read_rows, write_rows
+from msgs_docs.generate.rows import page_text, read_rows, table_lines, write_rows
 from msgs_docs.generate.swap_cells import table as swap_table
 from msgs_docs.generate.tutorials import page_blocks, run_block
 from plant_sim.plant_setup import Mismatch
@@ -269,12 +269,11 @@ def measure_leaderboard(root: Path) -> None:
 
 def _leaderboard(found: Mapping[str, Any]) -> list[str]:
     """Return the standings of all laws and the learned one in the scenarios with disturbances."""
-    lines = [f"| law | {' | '.join([*STANDINGS.values(), *(f'`{name}`' for name in DISTURBED)])} |"]
-    lines.append("|---" * (1 + len(STANDINGS) + len(DISTURBED)) + "|")
+    rows = []
     for row in found["rows"]:
         cells = [f"{passed} of {runs}; {_cell(error)}" for passed, runs, error in (row[name] for name in DISTURBED)]
-        lines.append(f"| {' | '.join([row['law'], *(_cell(row[key]) for key in STANDINGS), *cells])} |")
-    return lines
+        rows.append((row["law"], *(_cell(row[key]) for key in STANDINGS), *cells))
+    return table_lines(("law", *STANDINGS.values(), *(f"`{name}`" for name in DISTURBED)), rows)
 
 
 def _cell(value: float | None) -> str:
@@ -282,23 +281,15 @@ def _cell(value: float | None) -> str:
 
 
 def _table(rows: list[dict[str, Any]]) -> list[str]:
-    lines = ["| law | gains | outcome | rms km/h | stop m | couplers kN | command variation kN/s |"]
-    lines.append("|---|---|---|---|---|---|---|")
+    lines = []
     for found in rows:
         figures = [found.get(key) for key in KEPT]
-        cells = ["-" if value is None else number_text(value, 3) for value in figures]
+        cells = [_cell(value) for value in figures]
         couplers = f"{cells[2]} ... {cells[3]}" if figures[2] or figures[3] else "-"
-        shown = [
-            found["law"],
-            gains_text(found),
-            verdict(found).replace("; ", "<br>"),
-            cells[0],
-            cells[1],
-            couplers,
-            cells[4],
-        ]
-        lines.append(f"| {' | '.join(shown)} |")
-    return lines
+        outcome = verdict(found).replace("; ", "<br>")
+        lines.append((found["law"], gains_text(found), outcome, *cells[:2], couplers, cells[4]))
+    heads = ("law", "gains", "outcome", "rms km/h", "stop m", "couplers kN", "command variation kN/s")
+    return table_lines(heads, lines)
 
 
 def gains_text(found: Mapping[str, Any]) -> str:
@@ -310,9 +301,7 @@ def gains_text(found: Mapping[str, Any]) -> str:
 def verdict(found: dict[str, Any]) -> str:
     """Return outcome, finding, criteria that are not met with their values, takeovers, or the reason of a refusal."""
     text = [found["outcome"], *(found[key] for key in ("reason", "choice", "finding") if key in found)]
-    text += [
-        f"{name} {'-' if value is None else number_text(value, 3)}" for name, value in found.get("missed", {}).items()
-    ]
+    text += [f"{name} {_cell(value)}" for name, value in found.get("missed", {}).items()]
     if found.get("takeovers"):
         text.append(f"{found['takeovers']} takeovers")
     return "; ".join(text)

@@ -11,7 +11,7 @@ from typing import Any
 
 import yaml
 
-from msgs_docs.generate.rows import page_text
+from msgs_docs.generate.rows import page_text, table_lines
 from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
 from train_ato.scenario.scenario import load_scenario
 
@@ -218,8 +218,8 @@ def page(root: Path) -> str:
     for table in EQUATION_TABLES:
         lines += ["", f"## Paper {table.paper}: {table.title}", ""]
         lines += [f"Settings with `train-ato run {table.scenario} --set ...`.", ""]
-        lines += ["| equation | content | form | place | note | settings |", "|---|---|---|---|---|---|"]
-        lines += [_row(row, root) for row in table.rows]
+        heads = ("equation", "content", "form", "place", "note", "settings")
+        lines += table_lines(heads, (_row(row, root) for row in table.rows))
     forms = [f"| {form.value} | {MEANINGS[form]} |" for form in Form]
     return page_text(PAGE.stem, forms=forms, counts=_counts(), tables=lines)
 
@@ -231,19 +231,15 @@ def counts(table: EquationTable) -> dict[Form, int]:
 
 
 def _counts() -> list[str]:
-    heads = " | ".join(form.value for form in Form)
-    rows = [
-        f"| {table.paper} | {len(table.rows)} | {' | '.join(map(str, counts(table).values()))} |"
-        for table in EQUATION_TABLES
-    ]
-    return [f"| paper | equations | {heads} |", "|---" * (len(Form) + 2) + "|", *rows]
+    rows = [(table.paper, len(table.rows), *counts(table).values()) for table in EQUATION_TABLES]
+    return table_lines(("paper", "equations", *(form.value for form in Form)), rows)
 
 
-def _row(row: Equation, root: Path) -> str:
+def _row(row: Equation, root: Path) -> list[str]:
     places = ", ".join(_linked(place, root) for place in row.places) or "-"
     settings = " ".join(f"`{text}`" for text in row.settings) or "-"
     cells = (f"({row.number})", row.content, row.form.value, places, row.note or "-", settings)
-    return "| " + " | ".join(cell.replace("|", r"\|") for cell in cells) + " |"
+    return [cell.replace("|", r"\|") for cell in cells]
 
 
 def _linked(place: str, root: Path) -> str:

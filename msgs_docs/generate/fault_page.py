@@ -8,7 +8,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from msgs_docs.generate.fault_runs import BASES, BEGIN, ROWS, FaultRow, FaultRun, run_row
-from msgs_docs.generate.rows import page_text, read_rows, write_rows
+from msgs_docs.generate.rows import page_text, read_rows, table_lines, unmeasured_rows, write_rows
 from train_ato.cli.inject import ACTIONS
 from train_ato.messages import receiver
 from train_ato.messages.faults import FAULT_TOPICS, MessageFault, NodeFault
@@ -82,14 +82,7 @@ def measure_faults(root: Path) -> None:
 
 def unmeasured_faults(root: Path) -> list[str]:
     """Return one line per row without current figures, and per leftover."""
-    figures = read_rows(root / MEASURED)
-    remedy = f"run python -m msgs_docs.generate --measure {NAME}"
-    lines = [
-        f"fault '{row.name}': not measured; {remedy}"
-        for row in ROWS
-        if figures.get(row.name, {}).get("run") != _key(row)
-    ]
-    return lines + [f"fault '{name}': no such row; {remedy}" for name in figures.keys() - {row.name for row in ROWS}]
+    return unmeasured_rows("fault", NAME, {row.name: _key(row) for row in ROWS}, read_rows(root / MEASURED))
 
 
 def page(root: Path) -> str:
@@ -112,13 +105,13 @@ def page(root: Path) -> str:
 def _models(union: Any) -> list[str]:
     """Return the rows of the models of a union: word, meaning from the docstring, own keys."""
     members = typing.get_args(typing.get_args(union)[0]) or typing.get_args(union)
-    rows = ["| `do` | meaning | keys |", "|---|---|---|"]
+    rows = []
     for model in members:
         assert issubclass(model, BaseModel)
         own = [_key_text(name, entry) for name, entry in model.model_fields.items() if name not in SHARED]
         meaning = " ".join((model.__doc__ or "").replace("``", "`").split())
-        rows.append(f"| `{model.model_fields['do'].default}` | {meaning} | {'; '.join(own) or '-'} |")
-    return rows
+        rows.append((f"`{model.model_fields['do'].default}`", meaning, "; ".join(own) or "-"))
+    return table_lines(("`do`", "meaning", "keys"), rows)
 
 
 def _key_text(name: str, entry: Any) -> str:
@@ -134,8 +127,11 @@ def _defences() -> list[str]:
     for line in (receiver.__doc__ or "").splitlines():
         threat, defence = line[:22].strip(), line[22:].strip()
         if defence and not line.startswith("=") and line[20:22] == "  ":
-            rows.append(f"| {threat} | {defence} |")
-    return [rows[0], "|---|---|", *rows[1:]]
+            rows.append((threat, defence))
+    return table_lines(rows[0], rows[1:])
+
+
+HEADS = ("fault", "kind", "`--set`", "margin [m]", "speed, bound [km/h]", "detected, demand [s]", "end", "modes")
 
 
 def _table(figures: dict[str, dict[str, Any]]) -> list[str]:
@@ -144,18 +140,14 @@ def _table(figures: dict[str, dict[str, Any]]) -> list[str]:
     for base, (name, *sets) in BASES.items():
         options = " ".join(f"--set '{text}'" for text in sets)
         lines += ["", f"`train-ato run {name} {options}` with `--set '...'` of each row:", ""]
-        lines += [
-            "| fault | kind | `--set` | margin [m] | speed, bound [km/h] | detected, demand [s] | end | modes |",
-            "|---|---|---|---|---|---|---|---|",
-        ]
-        lines += [_row(row, figures.get(row.name, {})) for row in ROWS if row.base == base]
+        lines += table_lines(HEADS, (_row(row, figures.get(row.name, {})) for row in ROWS if row.base == base))
     return lines
 
 
-def _row(row: FaultRow, found: dict[str, Any]) -> str:
+def _row(row: FaultRow, found: dict[str, Any]) -> tuple[object, ...]:
     sets = " ".join(f"`{text}`" for text in row.sets)
     speeds = f"{found.get('top_speed_kmh', '-')}, {found.get('bound_kmh', '-')}"
     times = ", ".join("-" if found.get(key) is None else f"{found[key]:g}" for key in ("detected_s", "reacted_s"))
     end = "planned stop" if row.arrives else "standstill"
     modes = "".join(MODES[mode] for mode in ways_of(row))
-    return f"| {row.name} | {row.kind} | {sets} | {found.get('margin_m', '-')} | {speeds} | {times} | {end} | {modes} |"
+    return row.name, row.kind, sets, found.get("margin_m", "-"), speeds, times, end, modes

@@ -13,7 +13,7 @@ import numpy as np
 
 from msgs_docs.generate.fault_runs import BASES, STANDSTILL, FaultRow, FaultRun, run_row
 from msgs_docs.generate.fault_runs import ROWS as FAULT_ROWS
-from msgs_docs.generate.rows import page_text, read_rows, write_rows
+from msgs_docs.generate.rows import page_text, read_rows, table_lines, unmeasured_rows, write_rows
 from plant_sim.library import read_yaml
 from plant_sim.traction import Envelope
 from train_ato.judge.protection_record import REACTIONS, protection_summary, state_spans
@@ -430,14 +430,9 @@ def _mutation_rows(root: Path) -> list[str]:
 
 def unmeasured_hazards(root: Path) -> list[str]:
     """Return one line per row without current figures, and per leftover."""
-    figures = read_rows(root / MEASURED)
-    remedy = f"run python -m msgs_docs.generate --measure {NAME}"
-    keys = {row.requirement: _pair_key(row) for row in ROWS if row.pair is not None}
+    keys: dict[str, Any] = {row.requirement: _pair_key(row) for row in ROWS if row.pair is not None}
     keys |= {entry.text: _open_key(entry) for entry in OPEN}
-    old = [name for name, key in keys.items() if figures.get(name, {}).get("run") != key]
-    return [f"hazard '{name}': not measured; {remedy}" for name in old] + [
-        f"hazard '{name}': no such row; {remedy}" for name in figures.keys() - keys.keys()
-    ]
+    return unmeasured_rows("hazard", NAME, keys, read_rows(root / MEASURED))
 
 
 def page(root: Path) -> str:
@@ -463,14 +458,14 @@ def page(root: Path) -> str:
 
 def _matrix() -> list[str]:
     """Return the requirements by control action and way, with the reasons of the harmless ones."""
-    lines = [f"| control action | path | {' | '.join(GUIDES)} |", "|---" * (2 + len(GUIDES)) + "|"]
+    lines = []
     for action, path in ACTIONS.items():
         cells = []
         for guide in GUIDES:
             found = [row.requirement for row in ROWS if (row.action, row.guide) == (action, guide)]
             cells.append(", ".join(found) or f"no hazard: {HARMLESS[action, guide]}")
-        lines.append(f"| {action} | {path} | {' | '.join(cells)} |")
-    return lines
+        lines.append((action, path, *cells))
+    return table_lines(("control action", "path", *GUIDES), lines)
 
 
 def _verification(row: HazardRow) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 import yaml
 
 from msgs_docs.generate.equation_page import source_line
-from msgs_docs.generate.rows import page_text, read_rows, write_rows
+from msgs_docs.generate.rows import page_text, read_rows, table_lines, write_rows
 from plant_sim.library import consist_path, read_yaml
 from train_ato.api.progress import share_bar
 from train_ato.control.gains import PRINTED, has_gains
@@ -187,6 +187,7 @@ UNITS = {
     "coupler_draft_max_kn": "largest draft force [kN]",
 }
 """Metrics of the runs with their units."""
+HEADS = ("not in the paper", "choice", "place", "base", "metric", "with the choice", "changed")
 
 
 def page(root: Path) -> str:
@@ -194,14 +195,9 @@ def page(root: Path) -> str:
     metrics = read_rows(root / MEASURED)
     lines: list[str] = []
     for table in CHOICES:
-        lines += ["", f"## Paper {table.paper}: {table.title}", "", "| base | command |", "|---|---|"]
-        lines += [f"| {name} | `{command_of(run)}` |" for name, run in table.bases.items()]
-        lines += [
-            "",
-            "| not in the paper | choice | place | base | metric | with the choice | changed |",
-            "|---" * 7 + "|",
-        ]
-        lines += [_row(choice, table, metrics, root) for choice in table.choices]
+        lines += ["", f"## Paper {table.paper}: {table.title}", ""]
+        lines += table_lines(("base", "command"), ((name, f"`{command_of(run)}`") for name, run in table.bases.items()))
+        lines += ["", *table_lines(HEADS, (_row(choice, table, metrics, root) for choice in table.choices))]
     return page_text(NAME, tables=lines)
 
 
@@ -211,7 +207,7 @@ def command_of(run: ChoiceRun) -> str:
     return " ".join(["train-ato run", run.scenario, "--engine", *options])
 
 
-def _row(choice: Choice, table: ChoiceTable, metrics: Metrics, root: Path) -> str:
+def _row(choice: Choice, table: ChoiceTable, metrics: Metrics, root: Path) -> list[str]:
     path, line = source_line(choice.where, root)
     cells = [choice.missing, choice.chosen, f"[{path}:{line}](../{path}#L{line})"]
     if choice.metric:
@@ -220,7 +216,7 @@ def _row(choice: Choice, table: ChoiceTable, metrics: Metrics, root: Path) -> st
         cells += [choice.base, UNITS[choice.metric], _value(base, choice, metrics), "<br>".join(changed)]
     else:
         cells += ["-", "-", "-", choice.reason]
-    return "| " + " | ".join(cell.replace("|", r"\|") for cell in cells) + " |"
+    return [cell.replace("|", r"\|") for cell in cells]
 
 
 def _value(run: ChoiceRun, choice: Choice, metrics: Metrics) -> str:

@@ -4,6 +4,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+from msgs_docs.generate.rows import table_lines
 from plant_sim.units import number_text
 from train_ato.loop.plant import MAX_REQUESTS
 from train_ato.messages.topics import Role, published_by, read_by
@@ -52,8 +53,8 @@ def page(written: Path = PAGE) -> str:
 
 def requirement_page(written: Path = REQUIREMENT_PAGE) -> str:
     """Return the page of the requirements: the text above the mark, and below it signals and units."""
-    rows = [f"| `{one.name}` | {one.unit} | {one.meaning} | {one.needs or '-'} |" for one in SIGNALS.values()]
-    lines = ["", "## Signals", "", "| signal | unit | meaning | needs |", "|---|---|---|---|", *rows]
+    rows = ((f"`{one.name}`", one.unit, one.meaning, one.needs or "-") for one in SIGNALS.values())
+    lines = ["", "## Signals", "", *table_lines(("signal", "unit", "meaning", "needs"), rows)]
     return _below_mark(written, [*lines, "", "## Units", "", ", ".join(f"`{unit}`" for unit in UNITS) + "."])
 
 
@@ -100,16 +101,13 @@ def _section(role: Role, node: Any) -> list[str]:
         lines += [f"{verb}: {names or 'nothing'}.", ""]
     services = [(service.srv_name, service.srv_type) for service in node.services if _own(node, service)]
     if services:
-        lines += ["| service | type | meaning |", "|---|---|---|"]
-        lines += [
-            f"| `{name}` | `{_type_name(kind)}` | {_SERVICES[name.rpartition('/')[2]]} |"
-            for name, kind in sorted(services)
-        ]
-        lines += [""]
+        offered = sorted(services)
+        rows = [(f"`{name}`", f"`{_type_name(kind)}`", _SERVICES[name.rpartition("/")[2]]) for name, kind in offered]
+        lines += [*table_lines(("service", "type", "meaning"), rows), ""]
     parameters = [name for name in node.get_parameters_by_prefix("") if name not in _EVERYWHERE]
     if parameters:
-        lines += ["| parameter | value in `demo` | range | meaning |", "|---|---|---|---|"]
-        lines += [_row(node, name) for name in parameters]
+        heads = ("parameter", "value in `demo`", "range", "meaning")
+        lines += table_lines(heads, (_row(node, name) for name in parameters))
     else:
         lines += ["No parameters."]
     return lines
@@ -125,8 +123,8 @@ def _type_name(kind: Any) -> str:
     return f"{kind.__module__.split('.')[0]}/srv/{kind.__name__}"
 
 
-def _row(node: Any, name: str) -> str:
-    """Return the table row of a parameter from its descriptor."""
+def _row(node: Any, name: str) -> tuple[str, ...]:
+    """Return the cells of a parameter from its descriptor."""
     descriptor, value = node.describe_parameter(name), node.get_parameter(name).value
     ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
     allowed = (
@@ -136,7 +134,7 @@ def _row(node: Any, name: str) -> str:
     )
     fixed = " (at the start only)" if descriptor.read_only else ""
     meaning = descriptor.description.replace("|", "\\|")
-    return f"| `{name}` | {_shown(value)} | {allowed or '-'} | {meaning}{fixed} |"
+    return f"`{name}`", _shown(value), allowed or "-", f"{meaning}{fixed}"
 
 
 def _shown(value: Any) -> str:

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from msgs_docs.generate.fault_runs import BASES, BEGIN, ROWS, STANDSTILL, FaultRow, FaultRun
-from msgs_docs.generate.rows import page_text, read_rows, write_rows
+from msgs_docs.generate.rows import page_text, read_rows, row_line, write_rows
 from train_ato.api.progress import share_bar
 from train_ato.control.registry import LAWS
 from train_ato.loop.engine import run_engine
@@ -303,11 +303,11 @@ def page(root: Path) -> str:
         share=f"{100.0 * NO_FAULT:g}",
         spread=[f"| `{key}` | {low:g} | {high:g} |" for key, (low, high) in spread.items()],
         results=[
-            *(_row(_named(base), *(group[key] for key in keys)) for base, group in groups.items()),
-            _row("all", *(totals[key] for key in keys)),
+            *(row_line(_named(base), *(group[key] for key in keys)) for base, group in groups.items()),
+            row_line("all", *(totals[key] for key in keys)),
         ],
         distances=[
-            _row(_named(base), *(_quantile_cells(group[key]) for key in ("margin_m", "short_m")))
+            row_line(_named(base), *(_quantile_cells(group[key]) for key in ("margin_m", "short_m")))
             for base, group in groups.items()
         ],
         **{key: totals[key] for key in FAULTLESS},
@@ -318,10 +318,6 @@ def page(root: Path) -> str:
 def _named(base: str) -> str:
     """Return the scenario of runs with its name."""
     return f"{base} (`{SCENARIOS[base][1]}`)"
-
-
-def _row(*cells: object) -> str:
-    return f"| {' | '.join(map(str, cells))} |"
 
 
 def _quantile_cells(found: dict[str, float]) -> str:

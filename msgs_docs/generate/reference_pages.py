@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from msgs_docs.generate.rows import table_lines
 from msgs_docs.generate.schemas import MODELS, schema_text
 from plant_sim.units import QUANTITY_KINDS, number_text
 
@@ -42,8 +43,7 @@ def as_code(value: object) -> str:
 
 def as_table(heads: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> str:
     """Return a table."""
-    lines = [heads, ("---",) * len(heads), *rows]
-    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+    return "\n".join([*table_lines(heads, rows), ""])
 
 
 def keys_page(kind: str) -> str:

@@ -1,6 +1,7 @@
 """Files beside the pages: JSON with a line for each row, so that a change shows its rows; texts of the pages."""
 
 import json
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from string import Template
 from typing import Any
@@ -23,6 +24,34 @@ def rows_text(value: Any, levels: int = 1) -> str:
 def write_rows(path: Path, value: Any, levels: int = 1) -> None:
     """Write a file of rows."""
     path.write_text(rows_text(value, levels) + "\n", encoding="utf-8")
+
+
+def row_line(*cells: object) -> str:
+    """Return the line of a table with some cells."""
+    return f"| {' | '.join(map(str, cells))} |"
+
+
+def table_lines(heads: Sequence[str], rows: Iterable[Iterable[object]]) -> list[str]:
+    """Return the lines of a table."""
+    return [row_line(*heads), "|---" * len(heads) + "|", *(row_line(*cells) for cells in rows)]
+
+
+def unmeasured_rows(kind: str, name: str, wanted: Mapping[str, object], found: Mapping[str, Any]) -> list[str]:
+    """Return one line per row of a table without current figures, and per leftover.
+
+    Parameters
+    ----------
+    kind, name
+        Kind of the rows, and name of their table for ``--measure``.
+    wanted
+        What determines the run of every row, by its name.
+    found
+        Measured figures by the name of the row; ``run`` of each is what determined its run.
+    """
+    remedy = f"run python -m msgs_docs.generate --measure {name}"
+    old = [row for row, run in wanted.items() if found.get(row, {}).get("run") != run]
+    lines = [f"{kind} '{row}': not measured; {remedy}" for row in old]
+    return lines + [f"{kind} '{row}': no such row; {remedy}" for row in found.keys() - wanted.keys()]
 
 
 def page_text(name: str, **parts: object) -> str:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from msgs_docs.generate.rows import read_rows, write_rows
+from msgs_docs.generate.rows import read_rows, row_line, table_lines, write_rows
 from plant_sim.units import number_text
 from train_ato.control.registry import LAWS
 from train_ato.judge.recording import Recording
@@ -147,10 +147,10 @@ def table(root: Path) -> list[str]:
     """Return the lines of the page: cells within twice the error by scenario and place, and the others."""
     rows = read_rows(root / MEASURED)
     places = list(dict.fromkeys(row["place"] for row in rows))
-    lines = [f"| scenario | {' | '.join(places)} |", "|---" * (1 + len(places)) + "|"]
+    lines = table_lines(("scenario", *places), ())
     for scenario in dict.fromkeys(row["scenario"] for row in rows):
         counts = [row["cells"] - len(row["beyond"]) for row in rows if row["scenario"] == scenario]
-        lines.append(f"| `{scenario}` | {' | '.join(map(str, counts))} |")
+        lines.append(row_line(f"`{scenario}`", *counts))
     kept, cells = (sum(row[key] for row in rows) for key in ("kept", "cells"))
     lines += ["", f"{kept} of {cells} changes keep the bound of the command.", ""]
     for row in rows:

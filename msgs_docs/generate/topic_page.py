@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 import train_ato as ta
+from msgs_docs.generate.rows import table_lines
 from plant_sim.states import Odometry
 from plant_sim.units import unit_suffix
 from train_ato.judge.run_end import RunEnd
@@ -110,6 +111,7 @@ def _text(value: Any) -> str:
 
 PAGE = Path("msgs_docs", "topics.md")
 """Path of the page in the repository."""
+HEADS = ("topic", "type", "from", "subscribers besides the recorder", "rate", "QoS", "meaning")
 
 
 def page() -> str:
@@ -119,11 +121,7 @@ def page() -> str:
         "",
         "Made from `train_ato/messages/topics.py` by `python -m msgs_docs.generate`; do not edit by hand.",
         "",
-        "| topic | type | from | subscribers besides the recorder | rate | QoS | meaning |",
-        "|---|---|---|---|---|---|---|",
-    ]
-    lines += [_row(topic) for topic in TOPICS]
-    lines += [
+        *table_lines(HEADS, map(_row, TOPICS)),
         "",
         "Below, `field` is the field of the ROS message and `column` that of the [tables](tables.md) of a log; `I` is",
         "the number in the name of a vehicle, power unit or sensor, `NAME` one of the listed names. Fields that are",
@@ -131,14 +129,9 @@ def page() -> str:
         "train, in the form of `ros2 topic echo`. A long list is cut.",
     ]
     for topic in TOPICS:
-        lines += [
-            "",
-            f"## `{topic.name}`",
-            "",
-            f"{topic.meaning[0].upper()}{topic.meaning[1:]}{_condition(topic)}.",
-            "",
-        ]
-        lines += ["| field | column | unit | meaning |", "|---|---|---|---|", *_fields(topic)]
+        meaning = f"{topic.meaning[0].upper()}{topic.meaning[1:]}{_condition(topic)}."
+        lines += ["", f"## `{topic.name}`", "", meaning, ""]
+        lines += [*table_lines(("field", "column", "unit", "meaning"), ()), *_fields(topic)]
         if topic.message is Diagnostic:
             lines += _units()
         if example := examples().get(topic.name):
@@ -224,9 +217,9 @@ def _condition(topic: Topic) -> str:
     return f" ({topic.condition.text})" if topic.condition.text else ""
 
 
-def _row(topic: Topic) -> str:
+def _row(topic: Topic) -> tuple[str, ...]:
     senders = ", ".join(role.value for role in topic.publishers)
     readers = ", ".join(role.value for role in topic.readers) or "-"
     qos = f"reliable, {'transient local' if topic.latched else 'volatile'}, depth {topic.depth}"
     meaning = topic.meaning + _condition(topic)
-    return f"| `{topic.name}` | `{topic.type}` | {senders} | {readers} | {topic.rate.value} | {qos} | {meaning} |"
+    return f"`{topic.name}`", f"`{topic.type}`", senders, readers, topic.rate.value, qos, meaning

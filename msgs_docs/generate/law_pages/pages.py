@@ -16,6 +16,7 @@ import numpy as np
 import yaml
 
 from msgs_docs.generate.law_pages.demo_runs import demo_of
+from msgs_docs.generate.rows import table_lines
 from plant_sim.library import consist_names, load_consist, load_line
 from plant_sim.units import number_text
 from train_ato.control.compensation.contract import check_compatible
@@ -301,11 +302,9 @@ def parameter_table(component: Component) -> str:
     entries = component.parameters
     if not entries:
         return "None."
-    lines = ["| parameter | default | unit | range | meaning |", "|---|---|---|---|---|"]
-    for entry in entries:
-        cells = (f"`{entry.name}`", _default(entry), entry.unit or "-", _range(entry), entry.meaning)
-        lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
-    return "\n".join(lines)
+    rows = [(f"`{e.name}`", _default(e), e.unit or "-", _range(e), e.meaning) for e in entries]
+    heads = ("parameter", "default", "unit", "range", "meaning")
+    return "\n".join(table_lines(heads, ([cell.replace("|", "\\|") for cell in cells] for cells in rows)))
 
 
 def _default(entry: Parameter) -> str:
@@ -325,9 +324,8 @@ def _range(entry: Parameter) -> str:
 def measured_table(rows: list[Mapping[str, Any]]) -> str:
     """Return the table of the measured runs."""
     used = [(key, title) for key, title in COLUMNS if any(row.get(key) is not None for row in rows)]
-    lines = ["| run | " + " | ".join(title for _, title in used) + " |", "|---" * (len(used) + 1) + "|"]
-    lines += ["| " + " | ".join([row["run"], *(_cell(row.get(key)) for key, _ in used)]) + " |" for row in rows]
-    return "\n".join(lines)
+    cells = ([row["run"], *(_cell(row.get(key)) for key, _ in used)] for row in rows)
+    return "\n".join(table_lines(("run", *(title for _, title in used)), cells))
 
 
 def _cell(value: Any) -> str:
@@ -354,10 +352,7 @@ def index(measured: Measured) -> str:
 
 
 def _list(kind: str, measured: Measured) -> str:
-    lines = [
-        "| name | description | demonstration | rms km/h, outcome | compared with | rms km/h, outcome |",
-        "|---|---|---|---|---|---|",
-    ]
+    lines = []
     for component in components():
         if component.kind != kind:
             continue
@@ -370,8 +365,9 @@ def _list(kind: str, measured: Measured) -> str:
             cells += [f"`{own['scenario']}`{other}", _rms(own), beside["run"], _rms(beside)]
         else:
             cells += ["-"] * 4
-        lines.append("| " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+        lines.append(cells)
+    heads = ("name", "description", "demonstration", "rms km/h, outcome", "compared with", "rms km/h, outcome")
+    return "\n".join(table_lines(heads, lines))
 
 
 def _rms(row: Mapping[str, Any]) -> str:
@@ -382,14 +378,14 @@ def _rms(row: Mapping[str, Any]) -> str:
 def _matrix() -> str:
     laws = [component.name for component in components() if component.kind == "law"]
     names = [component.name for component in components() if component.kind == "compensation"]
-    lines = ["| law | " + " | ".join(f"`{name}`" for name in names) + " |", "|---" * (len(names) + 1) + "|"]
+    rows = []
     for law in laws:
         rejected = {name: f"rejected{on_trains(where)}" for name, _, where in conflicts(law)}
-        lines.append(f"| `{law}` | " + " | ".join(rejected.get(name, "yes") for name in names) + " |")
+        rows.append([f"`{law}`", *(rejected.get(name, "yes") for name in names)])
     note = (
         "With the default gains of every shipped train. An incompatible pair is rejected with one line that gives the "
         "reason and the nearest choice, before the start or at a change of the law: `smc`, `rbf_smc` and "
         "`fixed_time_smc` use a feed-forward with `equivalent: feedforward`, `funnel` and `gpc` with "
         "`feedforward: true`, and `gpc` accepts a predictor with `delay: none`."
     )
-    return "\n".join(lines) + "\n\n" + note
+    return "\n".join(table_lines(("law", *(f"`{name}`" for name in names)), rows)) + "\n\n" + note
