@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import runpy
 import signal
 import subprocess
 import sys
@@ -10,6 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -62,6 +64,19 @@ class Proportional(GuardedLaw):
         """Return the force of every unit [N]."""
         force = 600e3 * (inputs.reference_velocity[0] - inputs.velocity[0])
         return [max(-200e3, min(200e3, force))] * len(inputs.velocity)
+
+
+def test_the_example_answers_only_with_both_readers() -> None:
+    """Breaks if the example sends a command that the plant or the recorder loses."""
+    example = SimpleNamespace(**runpy.run_path(EXAMPLE))
+    counts, sent = [0, 1, 2], list[Any]()
+    node = object.__new__(example.MyController)
+    node.steps = {}
+    node.command = SimpleNamespace(get_subscription_count=lambda: counts.pop(0), publish=sent.append)
+    header = example.JointState().header
+    for known in ({"target": 5.0}, {"units": ["unit_0"], "speed": 4.9}):
+        node._answer(header, **known)
+    assert counts == [] and [list(command.effort) for command in sent] == [pytest.approx([60e3])]
 
 
 def test_a_controller_of_ones_own_drives_as_the_same_law_inside(

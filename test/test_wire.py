@@ -322,7 +322,7 @@ def test_states_of_another_program_are_read_by_their_keys():
     [
         (
             _states(("traction_active", "1"), ("service_brake_active", "0")),
-            "active is not finite or missing: \\[1.0, 0",
+            "emergency_brake_active: missing or not finite$",
         ),
         (_states(*((f"{key}_active", "True") for key in ("traction", "service_brake"))), "to float: 'True'"),
         (_states(statuses=0), "missing"),

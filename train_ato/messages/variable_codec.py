@@ -437,7 +437,9 @@ class StatusCodec:
         if self._topic.finite:
             for field, numbers in fields.items():
                 if not all(map(isfinite, numbers)):
-                    raise ValueError(f"{self._topic.name}: {field} is not finite or missing: {numbers}")
+                    found = zip(self._keys[field], numbers, strict=True)
+                    wrong = ", ".join(key for key, number in found if not isfinite(number))
+                    raise ValueError(f"{self._topic.name}: {wrong}: missing or not finite")
         return self._topic.message(stamp_of(data), **{field: np.array(numbers) for field, numbers in fields.items()})
 
     def _own_numbers(self, data: bytes) -> dict[str, list[float]] | None:
