@@ -8,6 +8,7 @@ from launch.actions import (
     DeclareLaunchArgument,
     ExecuteProcess,
     IncludeLaunchDescription,
+    OpaqueFunction,
     RegisterEventHandler,
     Shutdown,
 )
@@ -23,6 +24,13 @@ def _after_recorder(event, _):
     return [Shutdown()] if "recorder_node" in event.process_name else []
 
 
+def _program(context):
+    """Return the program, in the namespace of the nodes."""
+    file, space = (LaunchConfiguration(name).perform(context) for name in ("program", "namespace"))
+    words = ["--ros-args", "-r", f"__ns:={space if space.startswith('/') else f'/{space}'}"] if space else []
+    return [ExecuteProcess(cmd=[sys.executable, file, *words], output="screen")]
+
+
 def generate_launch_description():
     """Return the other nodes and the program; the arguments of ``demo.launch.py`` hold here too."""
     return LaunchDescription(
@@ -30,7 +38,7 @@ def generate_launch_description():
             DeclareLaunchArgument("external", default_value="controller", description="node that the program replaces"),
             DeclareLaunchArgument("program", default_value=str(PROGRAM), description="Python file of the program"),
             IncludeLaunchDescription(str(HERE / "demo.launch.py")),
-            ExecuteProcess(cmd=[sys.executable, LaunchConfiguration("program")], output="screen"),
+            OpaqueFunction(function=_program),
             RegisterEventHandler(OnProcessExit(on_exit=_after_recorder)),
         ]
     )

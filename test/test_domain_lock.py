@@ -12,7 +12,14 @@ import train_ato
 from train_ato.cli import main
 from train_ato.ros.graph import environment
 from train_ato.ros.graph.domain_lock import TRAINS, DomainLock
-from train_ato.ros.graph.environment import check_domain, claim_domain, domain_of_environment, held_domains, middleware
+from train_ato.ros.graph.environment import (
+    check_domain,
+    claim_domain,
+    domain_of_environment,
+    held_domains,
+    middleware,
+    print_domain,
+)
 from train_ato.ros.graph.remote import resolve_domain
 
 CLAIM = """
@@ -175,3 +182,10 @@ def test_a_variable_without_effect_is_refused(name, value, says, monkeypatch, tm
     monkeypatch.setenv(name, value)
     with pytest.raises(ValueError, match=f"{name}={value}: {says}"):
         middleware()
+
+
+def test_the_start_of_a_program_names_its_namespace(capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if the line for a program in place of a node leads it to the topics of another train, or of none."""
+    print_domain(7, "controller", "/t1")
+    start = "start the program in place of controller with ROS_DOMAIN_ID=7 and --ros-args -r __ns:=/t1"
+    assert capsys.readouterr().err == f"ROS domain 7; {start}\n"

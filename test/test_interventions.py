@@ -331,7 +331,7 @@ def test_a_run_with_interventions_is_driven_again_from_its_log(tmp_path, way):
 def test_refusals_name_their_reason(tmp_path):
     """Breaks if an invalid size, a step without pause or an unknown run is accepted or gives a traceback."""
     domain = reserved_domain()
-    assert "no run holds it" in do(domain, "gust").stderr
+    assert "holds it; running: " in do(domain, "gust").stderr
     with claim_domain(domain), applied(variables(domain, tmp_path)):
         from train_ato.ros.graph.composed import run_composed
         from train_ato.ros.graph.graph_result import GraphOptions

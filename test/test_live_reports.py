@@ -140,7 +140,7 @@ def test_view_and_scene_show_the_train_of_their_namespace(
                 feed.close()
         capsys.readouterr()
         assert main(["scene", given, "--namespace=/t2", "--json"]) == 0
-        assert json.loads(capsys.readouterr().out)["messages"]["/scene/markers"] > 1
+        assert json.loads(capsys.readouterr().out)["messages"]["/t2/scene/markers"] > 1
         assert programs["t2"].wait(LIMIT_S) == 0
 
 

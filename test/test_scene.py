@@ -226,8 +226,12 @@ def test_a_live_graph_publishes_the_scene(run: Path, setup: RunSetup, space: str
     with claim_domain(None) as domain, executor_of(domain, []) as (context, _):
         node = Node("scene", context=context, namespace=space, enable_rosout=False)
         plant = Node("plant", context=context, namespace=space, enable_rosout=False)
-        sent = plant.create_publisher(JointState, "train/vehicles", 10)
         scene = SceneNode(node, SceneSampler(setup))
+        other = Node("other", context=context, enable_rosout=False)
+        other.create_publisher(JointState, "/t9/train/vehicles", 10)
+        awaited = f"a publisher of {space}/train/vehicles; --namespace /t9 has one"
+        wait_for(lambda: scene.awaited == awaited)
+        sent = plant.create_publisher(JointState, "train/vehicles", 10)
         data = Wire(setup.layout).encode("train/vehicles", states(setup, 11_000.0))
         wait_for(lambda: sent.get_subscription_count() > 0)
 
@@ -241,5 +245,6 @@ def test_a_live_graph_publishes_the_scene(run: Path, setup: RunSetup, space: str
         assert scene.counts[f"{space}/scene/track"] == 1
         shown = {place.topic_name for place in node.publishers} - {"/parameter_events"}
         assert shown == set(scene.counts)
-        node.destroy_node()
-        plant.destroy_node()
+        assert not scene.left and scene.awaited == ""
+        for used in (node, plant, other):
+            used.destroy_node()

@@ -16,6 +16,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from train_ato.ros.graph.assembly import executor_of
+from train_ato.ros.graph.wait_note import WaitNote
 from train_ato.ros.nodes.endpoints import message_class, placed
 from train_ato.view.reader import taker
 from train_ato.view.train_scene import VEHICLES, SceneMessages, SceneSampler, SceneTopic
@@ -71,6 +72,17 @@ class SceneNode:
                 self.counts[self._names[topic.name]] += 1
 
     @property
+    def awaited(self) -> str:
+        """Topic without a publisher, and the namespaces that have one; "" after the first publisher."""
+        if self._met:
+            return ""
+        found = [name for name, _ in self._node.get_topic_names_and_types() if name.endswith(f"/{VEHICLES}")]
+        spaces = [space for name in found if (space := name.removesuffix(f"/{VEHICLES}"))]
+        awaited = self._node.resolve_topic_name(VEHICLES)
+        others = [space for space in spaces if f"{space}/{VEHICLES}" != awaited]
+        return f"a publisher of {awaited}" + "".join(f"; --namespace {space} has one" for space in others)
+
+    @property
     def left(self) -> bool:
         """True if the states of the vehicles had a publisher and have none any more."""
         there = self._node.count_publishers(VEHICLES) > 0
@@ -99,7 +111,10 @@ def publish_scene(
             scene = SceneNode(node, sampler)
             if scene.left_out:
                 sys.stderr.write(f"scene: without {', '.join(scene.left_out)}: tf2_msgs is not installed\n")
+            note = WaitNote()
             while not interrupted() and not scene.left:
+                if awaited := scene.awaited:
+                    note(awaited)
                 scene.poll()
                 time.sleep(TURN_S)
             return scene.counts

@@ -152,9 +152,10 @@ def claim_domain(wanted: int | None = None, name: str = "--domain", namespace: s
     raise ValueError(f"all domains from {DOMAINS.start} to {DOMAINS.stop - 1} are held by other runs; end one of them")
 
 
-def print_domain(domain: int, external: str | None = None) -> None:
+def print_domain(domain: int, external: str | None = None, namespace: str = "") -> None:
     """Print the ROS domain of a run on stderr, for other terminals and for the program in place of a node."""
     start = f"; start the program in place of {external} with ROS_DOMAIN_ID={domain}" if external else ""
+    start += f" and --ros-args -r __ns:={namespace}" if start and namespace else ""
     sys.stderr.write(f"ROS domain {domain}{start}\n")
     sys.stderr.flush()
 

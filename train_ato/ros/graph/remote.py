@@ -37,7 +37,7 @@ def resolve_domain(wanted: int | None, namespace: str = "") -> int:
     for name, domain in (("--domain", wanted), ("ROS_DOMAIN_ID", own)):
         if domain is not None and domain not in held:
             remedy = "" if own is None else "; give --domain N, or unset it"
-            raise ValueError(f"{name} {domain}: no run{_of(namespace)} holds it; running: {_listed()}{remedy}")
+            raise ValueError(f"{name} {domain}: no run{_of(namespace, domain)} holds it; running: {_listed()}{remedy}")
         if domain is not None:
             return domain
     if not held:
@@ -54,10 +54,12 @@ def _of_trains(domain: int) -> bool:
     return (domain, TRAINS) in locked_runs()
 
 
-def _of(namespace: str) -> str:
+def _of(namespace: str, domain: int | None = None) -> str:
+    """Return the namespace of a wanted run, in one domain or in any; without one it is said if there are others."""
     if namespace:
         return f" of the namespace {namespace}"
-    return " without a namespace" if any(space for _, space in locked_runs()) else ""
+    others = any(space for held, space in locked_runs() if domain in (None, held))
+    return " without a namespace" if others else ""
 
 
 def _listed() -> str:

@@ -59,7 +59,7 @@ def run_graph(
     try:
         name = "--domain" if domain is not None else "ROS_DOMAIN_ID"
         with claim_domain(domain if domain is not None else domain_of_environment(), name, chosen.namespace) as held:
-            print_domain(held, external)
+            print_domain(held, external, chosen.namespace)
             end = _run(mode, setup, folder, held, chosen, report)
             again = held if (end.interruption or "").startswith(RESET) else None
     except (ValueError, ImportError) as error:
