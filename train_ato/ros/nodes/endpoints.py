@@ -433,7 +433,7 @@ class NodeEndpoints:
         if self.node.get_node_names_and_namespaces().count(own) > 1:
             absent.append(f"the end of a second node {self.name}")
         if not absent and self.external is not None and self._settling():
-            absent.append(f"a wait of {SETTLING_S:g} s for further readers in node {self.external.value}")
+            absent.append(f"{SETTLING_S:g} s without a new reader in node {self.external.value}")
         if not absent:
             for source in self._sources.values():
                 source.pin()
