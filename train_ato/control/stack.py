@@ -145,7 +145,8 @@ class ControlStack:
         self._air_brake = model.consist.air_brake is not None
         self.history = CommandHistory(model, tick)
         self._jerk_limit, self._authority = jerk_limit, authority
-        self.ticks = 0
+        self.ticks = self.saturated_steps = 0
+        self._swaps = self._invalid_measurements = self._invalid_estimates = 0
         self._last = [0.0] * model.n_units
         self._before = self._last
         self._units = zeros(LawUnit, model.n_units)
@@ -154,14 +155,8 @@ class ControlStack:
         self._joined: JoinedReference | None = None
         self._braking: TakeoverRamp | None = None
         self.pressure: float | None = None
-        self._shoes_act = False
-        self.law_brakes = False
-        self.saturated = False
-        self._invalid_measurements = 0
-        self._invalid_estimates = 0
+        self._shoes_act = self.law_brakes = self.saturated = False
         self._hold = CommandHold(hold_limit, period)
-        self.saturated_steps = 0
-        self._swaps = 0
         self._fault: BaseException | None = None
         self._fault_text = ""
         self._no_disturbance = np.zeros(model.n_units)

@@ -215,6 +215,15 @@ def _copy(source, target):
 
 
 @compiled(into_caller=True, allocates=False)
+def _copy_states(law, to_law, observer, to_observer, inputs, to_inputs, policy, to_policy):
+    """Copy the states of law, observer and brake policy, and the inputs of the law."""
+    _copy(law, to_law)
+    _copy(observer, to_observer)
+    _copy(inputs, to_inputs)
+    _copy(policy, to_policy)
+
+
+@compiled(into_caller=True, allocates=False)
 def _copy_rows(source, target):
     """Copy the rows of a table."""
     for row in range(len(source)):
@@ -295,15 +304,13 @@ def span_ticks(arguments):
     state, vehicle, vehicle_index, gear, gear_table, run, body, unit, unit_index, envelope, piece = train
     law_state, observer_state, policy_state, now = law[1], observing[1], braking[1], law[3]
     saved, observed, kept, demanded, seen, window, own_stamp, newest = places
-    count = counts[0]
-    supervised, called = supervision.states.run[0].period > 0, count.called > 0
-    ahead, rows = count.seen > 0, len(measured)
+    count, rows, supervised = counts[0], len(measured), supervision.states.run[0].period > 0
+    called, ahead = count.called > 0, count.seen > 0
     count.seen = 0
     for tick in range(count.begin, rows):
         at = stamp + tick * tick_ns
         t, is_step = at * 1e-9, (count.first_tick + tick) % count.every == 0
-        usable, limited, is_seen = True, 0, ahead
-        ahead = False
+        usable, limited, is_seen, ahead = True, 0, ahead, False
         if not is_seen:
             _copy(sensors.units, seen)
             if not _begins(
@@ -312,10 +319,7 @@ def span_ticks(arguments):
             ):  # fmt: skip
                 _copy(seen, sensors.units)
                 return tick
-            _copy(law_state, saved)
-            _copy(observer_state, observed)
-            _copy(inputs, kept)
-            _copy(policy_state, demanded)
+            _copy_states(law_state, saved, observer_state, observed, inputs, kept, policy_state, demanded)
             usable = _prepare(
                 tick, at, is_step and not called, state, measured, couplers, reference, feedforward, own, tables,
                 limits, segments, inputs, now, observing, braking, called, supervision,
@@ -331,10 +335,7 @@ def span_ticks(arguments):
                 sent[tick + 1],
             )  # fmt: skip
         if not usable or limited < 0:
-            _copy(saved, law_state)
-            _copy(observed, observer_state)
-            _copy(kept, inputs)
-            _copy(demanded, policy_state)
+            _copy_states(saved, law_state, observed, observer_state, kept, inputs, demanded, policy_state)
             _copy(seen, sensors.units)
             copy_states(supervision.kept, supervision.states, at)
             return tick
