@@ -53,9 +53,7 @@ def links_of(data: Any) -> list[dict[str, Any]] | None:
     return links if any(isinstance(link, dict) and keys <= link.keys() for link in links) else None
 
 
-def altrios_line(
-    links: list[dict[str, Any]], place: str, selection: str = "", *, against: bool = False
-) -> tuple[Line, tuple[str, ...]]:
+def altrios_line(data: Any, place: str, selection: str = "", *, against: bool = False) -> tuple[Line, tuple[str, ...]]:
     """Return the line along a path, and the keys that it does not carry.
 
     Parameters
@@ -66,7 +64,7 @@ def altrios_line(
         True for the flipped links from ``TO`` to ``FROM``.
     """
     selection, category = (part.strip() for part in selection.partition(",")[::2])
-    known = _known(links, place)
+    known = _known(links_of(data) or [], place)
     network = Network(place, {name: link.number("length_meters", None, 1e-6, 1e7) for name, link in known.items()})
     for name, link in known.items():
         for key in ("idx_next", "idx_next_alt"):

@@ -33,11 +33,6 @@ TYPES = ("link", "point_switch", "crossing", "single_slip_switch", "double_slip_
 """Types of switches; ports A join ports B, at a crossing those of the same number."""
 
 
-def is_osrd(data: dict[str, Any]) -> bool:
-    """Return True if the data of a file are an infrastructure of OSRD."""
-    return isinstance(data.get("track_sections"), list)
-
-
 def osrd_line(data: dict[str, Any], place: str, selection: str = "", *, against: bool = False) -> Line:
     """Return the line along a path of an infrastructure.
 

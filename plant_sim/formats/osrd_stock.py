@@ -61,11 +61,6 @@ STEP, JUMP = 1e-3, 100.0
 """Rise of the speed in place of a step of the effort [m/s], because the format needs rising speeds; such a step [N]."""
 
 
-def is_osrd_stock(data: dict[str, Any]) -> bool:
-    """Return True if the data of a file are a rolling stock of OSRD."""
-    return isinstance(data.get("effort_curves"), dict)
-
-
 def osrd_train(data: dict[str, Any], place: str, selection: str = "") -> Consist:
     """Return the train in the data of a rolling stock.
 

@@ -1,6 +1,6 @@
 """Lines and trains from a file of any supported format, recognised by its content."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -9,7 +9,7 @@ from typing import Any
 from plant_sim.consist import Consist
 from plant_sim.elementary import plain_sum
 from plant_sim.formats import altrios, line_table, osrd, osrd_stock, railtoolkit, survey, ttobench
-from plant_sim.formats.fields import keyed, keys_not_carried, print_assumption, read_any, read_data, refuse_foreign
+from plant_sim.formats.fields import keyed, keys_not_carried, print_assumption, read_any, refuse_foreign
 from plant_sim.formats.network_path import ROUNDING
 from plant_sim.formats.railml import holds_stock, is_railml, railml_line
 from plant_sim.formats.railml_collection import read_xml
@@ -59,6 +59,82 @@ class ReadConsist:
     left_out: tuple[str, ...] = ()
 
 
+@dataclass(frozen=True, slots=True)
+class _Format:
+    """Format of data: its name, ``line`` or ``train``, recognition by content, reader, and carried keys.
+
+    Attributes
+    ----------
+    takes : tuple of str
+        Other arguments of the reader than data and place. ``selection`` has one of several lines or trains.
+    """
+
+    name: str
+    what: str
+    holds: Callable[[Any], Any]
+    read: Callable[..., Any]
+    carried: tuple[str, ...]
+    takes: tuple[str, ...] = ("selection",)
+
+
+def _own_line(data: dict[str, Any], place: str) -> tuple[Line, tuple[str, ...]]:
+    return build_model(Line, data, place), ()
+
+
+def _own_train(data: dict[str, Any], place: str, selection: str) -> tuple[Consist, tuple[str, ...]]:
+    consist = build_model(Consist, data, place)
+    return osrd_stock.with_supply(consist, selection, place) if selection else consist, ()
+
+
+PATH = ("selection", "against")
+FORMATS = (
+    _Format("ALTRIOS", "line", altrios.links_of, altrios.altrios_line, (), PATH),
+    _Format("OSRD", "line", lambda data: _has(data, track_sections=list), osrd.osrd_line, osrd.CARRIED_INFRA, PATH),
+    _Format("railtoolkit", "line", lambda data: railtoolkit.is_railtoolkit(data, "line"),
+            railtoolkit.railtoolkit_line, railtoolkit.CARRIED_PATH),
+    _Format("GeoJSON", "line", survey.is_geojson, survey.geojson_line, survey.CARRIED),
+    _Format("TTOBench", "line", lambda data: _has(data, stops=dict) and "speed limits" in data,
+            ttobench.ttobench_line, ttobench.CARRIED_LINE, ()),
+    _Format("train_ato", "line", lambda data: _is_own(data, "line"), _own_line, (), ()),
+    _Format("railtoolkit", "train", lambda data: railtoolkit.is_railtoolkit(data, "train"),
+            railtoolkit.train_from, railtoolkit.CARRIED_TRAIN),
+    _Format("OSRD", "train", lambda data: _has(data, effort_curves=dict), osrd_stock.osrd_train, osrd_stock.CARRIED),
+    _Format("train_ato", "train", lambda data: _is_own(data, "consist"), _own_train, ()),
+    _Format("ALTRIOS", "train", altrios.is_altrios_train, altrios.altrios_train, altrios.CARRIED_TRAIN, ()),
+    _Format("TTOBench", "train", lambda data: {"max traction force", "rolling resistance r0"} <= data.keys(),
+            ttobench.ttobench_train, ttobench.CARRIED_TRAIN, ("point_mass",)),
+)  # fmt: skip
+"""Formats of YAML and JSON, in the order of their recognition; railML, tables and GPX have their endings."""
+
+
+def _has(data: Any, **kinds: type) -> bool:
+    return all(isinstance(data.get(key), kind) for key, kind in kinds.items())
+
+
+def _is_own(data: Any, kind: str) -> bool:
+    return str(data.get("schema", "")).startswith(f"train_ato/{kind}/")
+
+
+def _recognised(data: Any, what: str = "") -> list[_Format]:
+    """Return the formats of data; a list is a network of ALTRIOS or nothing."""
+    return [entry for entry in FORMATS if what in ("", entry.what) and (isinstance(data, dict) or entry is FORMATS[0])
+            and entry.holds(data)]  # fmt: skip
+
+
+def _read(path: Path, what: str, selection: str, **given: Any) -> tuple[Any, _Format, tuple[str, ...]]:
+    """Return the line or train in YAML or JSON, its format, and the keys that it does not carry."""
+    data, place = read_any(path), str(path)
+    found = _recognised(data, what)
+    if not found:
+        refuse_foreign(keyed(data, path), place, what, kinds_of(data))
+    if "selection" not in found[0].takes:
+        refuse_selection(selection, place, what)
+    arguments = {key: value for key, value in {"selection": selection, **given}.items() if key in found[0].takes}
+    read = found[0].read(data, place, **arguments)
+    model, left = read if isinstance(read, tuple) else (read, keys_not_carried(data, found[0].carried))
+    return model, found[0], left
+
+
 def read_line(path: Path, selection: str = "", *, against: bool = False) -> ReadLine:
     """Return the line of a file; of a network the path of a selection ``FROM..TO``.
 
@@ -68,49 +144,26 @@ def read_line(path: Path, selection: str = "", *, against: bool = False) -> Read
         True for the line of a train in the other direction; a path through a network is read anew, because limits may
         differ by direction, another line is mirrored.
     """
-    place = str(path)
-    mirrored = False
+    place, mirrored = str(path), against
     if is_railml(path):
-        found = ReadLine(*railml_line(path, selection, against=against))
+        found, mirrored = ReadLine(*railml_line(path, selection, against=against)), False
     elif line_table.is_line_table(path):
-        refuse_selection(selection, place)
-        found, mirrored = ReadLine(line_table.table_line(path), "table"), against
+        refuse_selection(selection, place, "line")
+        found = ReadLine(line_table.table_line(path), "table")
     elif survey.is_gpx(path):
         line, left = survey.gpx_line(read_xml(path), place, selection)
-        found, mirrored = ReadLine(line, "GPX", left), against
-    elif links := altrios.links_of(data := read_any(path)):
-        line, left = altrios.altrios_line(links, place, selection, against=against)
-        found = ReadLine(line, "ALTRIOS", left)
-    elif osrd.is_osrd(data := keyed(data, path)):
-        line = osrd.osrd_line(data, place, selection, against=against)
-        found = ReadLine(line, "OSRD", keys_not_carried(data, osrd.CARRIED_INFRA))
+        found = ReadLine(line, "GPX", left)
     else:
-        found, mirrored = _one_line(data, place, selection), against
+        line, form, left = _read(path, "line", selection, against=against)
+        found, mirrored = ReadLine(line, form.name, left), against and "against" not in form.takes
     _note_traps(found, place)
     return replace(found, line=reversed_line(found.line)) if mirrored else found
 
 
-def _one_line(data: dict[str, Any], place: str, selection: str) -> ReadLine:
-    """Return the line of a file without a network."""
-    if railtoolkit.is_railtoolkit(data, "line"):
-        left = keys_not_carried(data, railtoolkit.CARRIED_PATH)
-        return ReadLine(railtoolkit.railtoolkit_line(data, place, selection), "railtoolkit", left)
-    if survey.is_geojson(data):
-        left = keys_not_carried(data, survey.CARRIED)
-        return ReadLine(survey.geojson_line(data, place, selection), "GeoJSON", left)
-    refuse_selection(selection, place)
-    if ttobench.is_ttobench(data):
-        left = keys_not_carried(data, ttobench.CARRIED_LINE)
-        return ReadLine(ttobench.ttobench_line(data, place), "TTOBench", left)
-    if not str(data.get("schema", "")).startswith("train_ato/line/"):
-        refuse_foreign(data, place, "line", kinds_of(data))
-    return ReadLine(build_model(Line, data, place), "train_ato")
-
-
-def refuse_selection(selection: str, place: str) -> None:
-    """Refuse a selection in a file with one line."""
+def refuse_selection(selection: str, place: str, what: str) -> None:
+    """Refuse a selection in a file with one line or train."""
     if selection:
-        raise ValueError(f"{place}: selection '{selection}': the file has one line; remove it")
+        raise ValueError(f"{place}: selection '{selection}': the file has one {what}; remove it")
 
 
 def read_train(path: Path, *, point_mass: bool = False, selection: str = "") -> ReadConsist:
@@ -121,47 +174,32 @@ def read_train(path: Path, *, point_mass: bool = False, selection: str = "") -> 
     selection
         Name or identifier of one of several trains.
     """
-    found = _train_of(path, selection, point_mass=point_mass)
+    if is_railml(path):
+        found = ReadConsist(*railml_train(path, selection))
+    elif kind := _track_kind(path):
+        raise ValueError(f"{path}: holds a line ({kind}), no train; exchange them")
+    else:
+        consist, form, left = _read(path, "train", selection, point_mass=point_mass)
+        found = ReadConsist(consist, form.name, left)
     _note_train_traps(found.consist, str(path))
     return found
 
 
-def _train_of(path: Path, selection: str, *, point_mass: bool) -> ReadConsist:
-    """Return the train of a file of any format."""
-    place = str(path)
-    if is_railml(path):
-        return ReadConsist(*railml_train(path, selection))
-    if survey.is_gpx(path) or line_table.is_line_table(path):
-        kind = "GPX" if survey.is_gpx(path) else "table"
-        raise ValueError(f"{place}: holds a line ({kind}), no train; exchange them")
-    data = read_data(path)
-    if railtoolkit.is_railtoolkit(data, "train"):
-        consist = railtoolkit.train_from(data, place, selection)
-        return ReadConsist(consist, "railtoolkit", keys_not_carried(data, railtoolkit.CARRIED_TRAIN))
-    if osrd_stock.is_osrd_stock(data):
-        left = keys_not_carried(data, osrd_stock.CARRIED)
-        return ReadConsist(osrd_stock.osrd_train(data, place, selection), "OSRD", left)
-    if str(data.get("schema", "")).startswith("train_ato/consist/"):
-        consist = build_model(Consist, data, place)
-        return ReadConsist(osrd_stock.with_supply(consist, selection, place) if selection else consist, "train_ato")
-    if selection:
-        raise ValueError(f"{place}: selection '{selection}': the file has one train; remove it")
-    if altrios.is_altrios_train(data):
-        return ReadConsist(altrios.altrios_train(data, place), "ALTRIOS", keys_not_carried(data, altrios.CARRIED_TRAIN))
-    if ttobench.is_ttobench_train(data):
-        consist = ttobench.ttobench_train(data, place, point_mass=point_mass)
-        return ReadConsist(consist, "TTOBench", keys_not_carried(data, ttobench.CARRIED_TRAIN))
-    return refuse_foreign(data, place, "train", kinds_of(data))
+def _track_kind(path: Path) -> str:
+    """Return the format of a file that holds a line by its ending; empty for another one."""
+    return "GPX" if survey.is_gpx(path) else "table" if line_table.is_line_table(path) else ""
 
 
 def holds_train(path: Path) -> bool:
     """Return True if a file has a train, False if it has a line or neither."""
     if is_railml(path):
         return holds_stock(path)
-    if line_table.is_line_table(path) or survey.is_gpx(path):
-        return False
-    data = read_any(path)
-    return isinstance(data, dict) and "train" in kinds_of(data)
+    return not _track_kind(path) and "train" in kinds_of(read_any(path))
+
+
+def kinds_of(data: Any) -> dict[str, str]:
+    """Return the format of data, as ``train`` or ``line``; empty for an unknown one."""
+    return {entry.what: entry.name for entry in reversed(_recognised(data))}
 
 
 def _note_train_traps(consist: Consist, place: str) -> None:
@@ -325,21 +363,3 @@ def _begin(section: LineSection) -> float:
 def _more(entries: Sequence[object]) -> str:
     """Return the number of entries behind the first one, for a message that shows the first."""
     return f" (and {len(entries) - 1} more)" if len(entries) > 1 else ""
-
-
-def kinds_of(data: dict[str, Any]) -> dict[str, str]:
-    """Return the format of a file, as ``train`` or ``line``; empty for an unknown one."""
-    found = {}
-    for what, own, bench in (
-        ("train", "consist", ttobench.is_ttobench_train), ("line", "line", ttobench.is_ttobench),
-    ):  # fmt: skip
-        if str(data.get("schema", "")).startswith(f"train_ato/{own}/"):
-            found[what] = "train_ato"
-        elif railtoolkit.is_railtoolkit(data, what):
-            found[what] = "railtoolkit"
-        elif bench(data):
-            found[what] = "TTOBench"
-    found |= {"train": "ALTRIOS"} if altrios.is_altrios_train(data) else {}
-    found |= {"line": "GeoJSON"} if survey.is_geojson(data) else {}
-    found |= {"train": "OSRD"} if osrd_stock.is_osrd_stock(data) else {}
-    return found | ({"line": "OSRD"} if osrd.is_osrd(data) else {})

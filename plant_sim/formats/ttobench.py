@@ -46,11 +46,6 @@ CARRIED_LINE = (
 """Keys of a line that the own file carries."""
 
 
-def is_ttobench(data: dict[str, Any]) -> bool:
-    """Return True if the data of a file are a line of this library."""
-    return "stops" in data and isinstance(data.get("stops"), dict) and "speed limits" in data
-
-
 def ttobench_line(data: dict[str, Any], place: str) -> Line:
     """Return the line in the data of a file."""
     top = Fields(data, place)
@@ -222,11 +217,6 @@ CARRIED_TRAIN = (
     *(f"ETCS braking data.A_brake_emergency.{key}" for key in ("units.velocity", "units.deceleration", "values")),
 )  # fmt: skip
 """Keys of a train that the consist carries."""
-
-
-def is_ttobench_train(data: dict[str, Any]) -> bool:
-    """Return True if the data of a file are a train of this library."""
-    return "max traction force" in data and "rolling resistance r0" in data
 
 
 def ttobench_train(data: dict[str, Any], place: str, *, point_mass: bool = False) -> Consist:
