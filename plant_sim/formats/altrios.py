@@ -16,7 +16,7 @@ from typing import Any
 
 from plant_sim.consist import Consist
 from plant_sim.elementary import plain_sum
-from plant_sim.formats.fields import Fields, keys_not_carried, print_assumption
+from plant_sim.formats.fields import Fields, keys_not_carried, names_in, print_assumption
 from plant_sim.formats.network_path import BEGIN, END, ROUNDING, STRAIGHT, Network, Range, TrackPath, line_data
 from plant_sim.formats.ttobench import BRAKED_GRADE
 from plant_sim.input_error import build_model
@@ -30,15 +30,12 @@ ONE_DEGREE = math.radians(1.0) / 30.48
 """Curvature of 1° per 100 ft [rad/m]."""
 CATEGORY = "Freight"
 """Speed set of a network with several, without a category in the selection."""
-CARRIED_LINK = (
-    "[].idx_curr", "[].idx_flip", "[].idx_next", "[].idx_next_alt", "[].idx_prev", "[].idx_prev_alt",
-    "[].length_meters", "[].elevs[].offset_meters", "[].elevs[].elev_meters", "[].headings[].offset_meters",
-    "[].headings[].heading_radians", *(f"[].{limits}.{key}" for limits in ("speed_set", "speed_sets.*") for key in (
-        "is_head_end", *(f"speed_limits[].{part}" for part in (
-            "offset_start_meters", "offset_end_meters", "speed_meters_per_second",
-        )),
-    )),
-)  # fmt: skip
+CARRIED_LINK = names_in("""
+    [].{elevs[].{elev_meters, offset_meters}, headings[].{heading_radians, offset_meters}, idx_curr, idx_flip,
+    idx_next, idx_next_alt, idx_prev, idx_prev_alt, length_meters, speed_set.{is_head_end,
+    speed_limits[].{offset_end_meters, offset_start_meters, speed_meters_per_second}}, speed_sets.*.{is_head_end,
+    speed_limits[].{offset_end_meters, offset_start_meters, speed_meters_per_second}}}
+""")
 """Keys of a link that the line carries; ``idx_prev`` follows from the others."""
 
 
@@ -200,22 +197,13 @@ def is_altrios_train(data: dict[str, Any]) -> bool:
     return isinstance(config, dict) and "rail_vehicles" in config and "n_cars_by_type" in config
 
 
-CARRIED_TRAIN = (
-    *(f"{above}{key}" for above in ("", "train_config.") for key in (
-        "n_cars_by_type.*", "rail_vehicles[].car_type", "rail_vehicles[].length_meters", "rail_vehicles[].axle_count",
-        "rail_vehicles[].mass_static_base_kilograms", "rail_vehicles[].mass_freight_kilograms",
-        "rail_vehicles[].speed_max_meters_per_second", "rail_vehicles[].braking_ratio",
-        "rail_vehicles[].mass_rot_per_axle_kilograms", "rail_vehicles[].bearing_res_per_axle_newtons",
-        "rail_vehicles[].rolling_ratio", "rail_vehicles[].davis_b_seconds_per_meter",
-        "rail_vehicles[].cd_area_square_meters",
-    )),
-    "train_id", *(f"loco_con.loco_vec[].{key}" for key in (
-        "mass", "force_max", "mass_kilograms", "force_max_newtons", "pwr_out_max_watts",
-        *(f"loco_type.{kind}.{part}.pwr_out_max_watts" for kind in (
-            "ConventionalLoco", "HybridLoco", "BatteryElectricLoco",
-        ) for part in ("edrv", "res", "fc")),
-    )),
-)  # fmt: skip
+CARRIED_TRAIN = names_in("""
+    {, train_config.}{n_cars_by_type.*, rail_vehicles[].{axle_count, bearing_res_per_axle_newtons, braking_ratio,
+    car_type, cd_area_square_meters, davis_b_seconds_per_meter, length_meters, mass_freight_kilograms,
+    mass_rot_per_axle_kilograms, mass_static_base_kilograms, rolling_ratio, speed_max_meters_per_second}},
+    loco_con.loco_vec[].{force_max, force_max_newtons, mass, mass_kilograms, pwr_out_max_watts,
+    loco_type.{BatteryElectricLoco, ConventionalLoco, HybridLoco}.{edrv, fc, res}.pwr_out_max_watts}, train_id
+""")
 """Keys of a train that the consist carries."""
 LOCOMOTIVE_LENGTH = 22.0
 """Assumed length of a locomotive, which ALTRIOS does not have [m]."""

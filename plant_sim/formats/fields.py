@@ -261,6 +261,34 @@ def note_lost_keys(place: str, form: str, lost: Iterable[str], remedy: str = "")
         print_assumption(f"{place}: read as {form}; without effect: {', '.join(keys[:NAMED])}{more}")
 
 
+def names_in(text: str) -> tuple[str, ...]:
+    """Return the names in a text with braces.
+
+    Examples
+    --------
+    >>> names_in("a, {b, c}.{d, e[].f}")
+    ('a', 'b.d', 'b.e[].f', 'c.d', 'c.e[].f')
+    """
+    found: list[str] = []
+    for item in _split(text, ","):
+        head, _, rest = item.strip().partition("{")
+        body, *tail = _split(rest, "}")
+        found += [head + name + end for name in names_in(body) for end in names_in("}".join(tail))] if rest else [head]
+    return tuple(found)
+
+
+def _split(text: str, mark: str) -> list[str]:
+    """Return the parts of a text between the marks that are in no braces."""
+    parts, depth = [""], 0
+    for sign in text:
+        if sign == mark and not depth:
+            parts.append("")
+            continue
+        depth += (sign == "{") - (sign == "}")
+        parts[-1] += sign
+    return parts
+
+
 def keys_not_carried(data: Any, carried: Iterable[str]) -> tuple[str, ...]:
     """Return the keys of a file that a reader does not carry, in the order of the file.
 

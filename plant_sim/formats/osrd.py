@@ -9,25 +9,21 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from plant_sim.formats.fields import Fields, print_assumption
+from plant_sim.formats.fields import Fields, names_in, print_assumption
 from plant_sim.formats.network_path import BEGIN, END, ROUNDING, Network, Passage, Range, TrackPath, line_data, steps
 from plant_sim.input_error import build_model
 from plant_sim.line import ENDING, Line
 from plant_sim.units import number_text
 
-CARRIED_INFRA = (
-    "track_sections[].id", "track_sections[].length",
-    *(f"track_sections[].slopes[].{key}" for key in ("begin", "end", "start", "gradient")),
-    *(f"track_sections[].curves[].{key}" for key in ("begin", "end", "start", "radius")),
-    *(f"{node}[].{key}" for node, kind in (("switches", "switch_type"), ("track_nodes", "track_node_type"))
-      for key in (kind, "ports.*.track", "ports.*.endpoint")),
-    "speed_sections[].speed_limit", "speed_sections[].speed_limit_by_tag.*",
-    *(f"speed_sections[].track_ranges[].{key}" for key in ("track", "begin", "end", "start", "applicable_directions")),
-    *(f"electrifications[].track_ranges[].{key}" for key in ("track", "begin", "end", "applicable_directions")),
-    *(f"neutral_sections[].track_ranges[].{key}" for key in ("track", "begin", "end", "start", "direction")),
-    "operational_points[].parts[].track", "operational_points[].parts[].position",
-    "operational_points[].extensions.identifier.name",
-)  # fmt: skip
+CARRIED_INFRA = names_in("""
+    electrifications[].track_ranges[].{applicable_directions, begin, end, track},
+    neutral_sections[].track_ranges[].{begin, direction, end, start, track},
+    operational_points[].{extensions.identifier.name, parts[].{position, track}}, speed_sections[].{speed_limit,
+    speed_limit_by_tag.*, track_ranges[].{applicable_directions, begin, end, start, track}},
+    switches[].{ports.*.{endpoint, track}, switch_type}, track_nodes[].{ports.*.{endpoint, track},
+    track_node_type}, track_sections[].{curves[].{begin, end, radius, start}, id, length, slopes[].{begin, end,
+    gradient, start}}
+""")
 """Keys of an infrastructure that the line carries, as far as they are on its path."""
 TYPES = ("link", "point_switch", "crossing", "single_slip_switch", "double_slip_switch")
 """Types of switches; ports A join ports B, at a crossing those of the same number."""

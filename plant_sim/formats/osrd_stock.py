@@ -17,7 +17,7 @@ import numpy as np
 
 from plant_sim.consist import PLAIN_SUPPLY, Consist, ForcePoints, PlanLimits, SupplyCurve, VehicleType
 from plant_sim.elementary import plain_sum
-from plant_sim.formats.fields import Fields, finite_number, print_assumption
+from plant_sim.formats.fields import Fields, finite_number, names_in, print_assumption
 from plant_sim.formats.ttobench import BRAKED_GRADE, OVERSPEED, emergency_brake
 from plant_sim.input_error import build_model, close_match
 from plant_sim.traction import Envelope
@@ -44,16 +44,14 @@ ADDED: dict[str, Any] = {
     "metadata": {},
 }  # fmt: skip
 """Keys of a rolling stock without a figure in the consist."""
-CARRIED = (
-    *(key for key in ADDED if key != "metadata"), "name", "mass", "length", "max_speed", "inertia_coefficient",
-    "comfort_acceleration", *GAMMAS, "gamma.type", "gamma.value", "version", "id",
-    *(f"rolling_resistance.{key}" for key in ("type", *"ABC")), "effort_curves.default_mode",
-    *(f"effort_curves.modes.*.{key}" for key in (
-        "is_electric", *(f"curves[].cond.{condition}" for condition in CONDITIONS),
-        *(f"{curve}.{axis}" for curve in ("curves[].curve", "default_curve") for axis in ("speeds", "max_efforts")),
-    )),
-    *(f"etcs_brake_params.{key}" for key in ("gamma_emergency.boundaries", "gamma_emergency.values", "t_be")),
-)  # fmt: skip
+CARRIED = names_in("""
+    comfort_acceleration, const_gamma, constant_gamma, gamma, id, inertia_coefficient, length, loading_gauge,
+    locked, mass, max_speed, name, railjson_version, startup_acceleration, startup_time, version,
+    effort_curves.{default_mode, modes.*.{curves[].{cond.{comfort, electrical_profile_level,
+    power_restriction_code}, curve.{max_efforts, speeds}}, default_curve.{max_efforts, speeds}, is_electric}},
+    etcs_brake_params.{gamma_emergency.{boundaries, values}, t_be}, gamma.{type, value}, rolling_resistance.{A, B,
+    C, type}
+""")
 """Keys that the consist carries, or that have a note of their own; the others are kept without effect."""
 SAMPLES = 24
 """Points of a hyperbola; linear between them, its error is below 0.1 % for a speed ratio of 3."""

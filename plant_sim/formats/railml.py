@@ -18,7 +18,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from plant_sim.formats.fields import keys_not_carried, print_assumption
+from plant_sim.formats.fields import names_in, print_assumption
 from plant_sim.formats.network_path import BEGIN, END, ROUNDING, Network, Range, TrackPath, line_data, steps
 from plant_sim.formats.railml2 import as_version_3
 from plant_sim.formats.railml_collection import (
@@ -27,7 +27,7 @@ from plant_sim.formats.railml_collection import (
     elements_below,
     entry_of,
     flag_of,
-    names_below,
+    names_lost,
     number_of,
     parts_of,
     read_root,
@@ -90,41 +90,29 @@ def neutral_sections(infrastructure: Element, location: Location, path: TrackPat
 SCALED = 0.01
 """Difference of a length from that of its measures, over the length, that is noted."""
 ENDINGS = (".xml", ".railml")
-SPOT = (
-    "@netElementRef", "@pos", "@intrinsicCoord", "linearCoordinate.@positioningSystemRef", "linearCoordinate.@measure",
-)  # fmt: skip
-"""Read names of a spot location."""
-STRETCH = (
-    "@netElementRef", "@keepsOrientation", "@posBegin", "@posEnd", "@fromPos", "@toPos", "@intrinsicCoordBegin",
-    "@intrinsicCoordEnd", "linearCoordinateBegin.@positioningSystemRef", "linearCoordinateBegin.@measure",
-    "linearCoordinateEnd.@positioningSystemRef", "linearCoordinateEnd.@measure",
-)  # fmt: skip
-"""Read names of a net element in a linear location."""
-READ = {
-    "topology.netElements.netElement": (
-        "@id", "@length", "associatedPositioningSystem.intrinsicCoordinate.@intrinsicCoord",
-        "associatedPositioningSystem.intrinsicCoordinate.linearCoordinate.@positioningSystemRef",
-        "associatedPositioningSystem.intrinsicCoordinate.linearCoordinate.@measure",
-        "elementCollectionOrdered.@sequence", "elementCollectionOrdered.elementPart.@ref",
-        "elementCollectionUnordered.elementPart.@ref",
-    ),
-    "topology.netRelations.netRelation": (
-        "@positionOnA", "@positionOnB", "@navigability", "elementA.@ref", "elementB.@ref",
-    ),
-    "geometry.gradientCurves.gradientCurve": ("@gradient", "@deltaGradient", "@curveType"),
-    "geometry.horizontalCurves.horizontalCurve": ("@radius",),
-    **dict.fromkeys(
-        ("functionalInfrastructure.speeds.speedSection", "functionalInfrastructure.speedSections.speedSection"),
-        ("@maxSpeed", "@vMax", "@isTemporary", "validForSpeedProfile.@ref", "linearLocation.@applicationDirection"),
-    ),
-    "functionalInfrastructure.operationalPoints.operationalPoint": ("name.@name",),
-    "functionalInfrastructure.tracks.track": ("length.@value",),
-    "functionalInfrastructure.overCrossings.overCrossing": ("@constructionType", "tunnelResistance.@crossSection"),
-    "functionalInfrastructure.electrifications.electrificationSection": (
-        "@isInsulatedSection", "@contactLineType", "linearLocation.@applicationDirection",
-    ),
-}  # fmt: skip
-"""Names that the line carries, by element of the infrastructure; those of the locations are added."""
+SPOT = "spotLocation.{@netElementRef, @pos, @intrinsicCoord, linearCoordinate.{@positioningSystemRef, @measure}}"
+STRETCH = """associatedNetElement.{@netElementRef, @keepsOrientation, @posBegin, @posEnd, @fromPos, @toPos,
+    @intrinsicCoordBegin, @intrinsicCoordEnd, {linearCoordinateBegin, linearCoordinateEnd}.{@positioningSystemRef,
+    @measure}}"""
+CARRIED = names_in(
+    """
+    @version, common.{positioning.linearPositioningSystems.linearPositioningSystem.{@id, @units},
+    speedProfiles.speedProfile.{@id, @influence, @isBasicSpeedProfile, name.@name, load.@axleLoad,
+    braking.@minimumBrakePercentage}}, infrastructure.{topology.{netElements.netElement.{@id, @length,
+    associatedPositioningSystem.intrinsicCoordinate.{@intrinsicCoord, linearCoordinate.{@positioningSystemRef,
+    @measure}}, elementCollectionOrdered.{@sequence, elementPart.@ref}, elementCollectionUnordered.elementPart.@ref},
+    netRelations.netRelation.{@positionOnA, @positionOnB, @navigability, {elementA, elementB}.@ref}},
+    geometry.{gradientCurves.gradientCurve.{@gradient, @deltaGradient, @curveType, linearLocation.STRETCH},
+    horizontalCurves.horizontalCurve.{@radius, linearLocation.STRETCH}},
+    functionalInfrastructure.{{speeds, speedSections}.speedSection.{@maxSpeed, @vMax, @isTemporary,
+    validForSpeedProfile.@ref, linearLocation.{@applicationDirection, STRETCH}},
+    operationalPoints.operationalPoint.{name.@name, SPOT}, tracks.track.{length.@value, linearLocation.STRETCH},
+    overCrossings.overCrossing.{@constructionType, tunnelResistance.@crossSection, linearLocation.STRETCH},
+    electrifications.electrificationSection.{@isInsulatedSection, @contactLineType,
+    linearLocation.{@applicationDirection, STRETCH}}}}
+""".replace("STRETCH", STRETCH).replace("SPOT", SPOT)
+)
+"""Names of a file that the line carries."""
 STATION = "operationalPoint"
 UNITS = {
     "m": 1.0, "metre": 1.0, "metres": 1.0, "meter": 1.0, "meters": 1.0, "km": 1e3, "kilometre": 1e3, "kilometres": 1e3,
@@ -202,7 +190,7 @@ def railml_line(path: Path, selection: str = "", *, against: bool = False) -> tu
         by_category=by_category,
         needs={profile.category: profile.needs for profile in profiles.values() if profile.needs},
     )
-    return build_model(Line, data, place), f"railML {version}", _not_read(root) if lost is None else lost
+    return build_model(Line, data, place), f"railML {version}", names_lost(root, CARRIED) if lost is None else lost
 
 
 class _Profile(NamedTuple):
@@ -403,18 +391,3 @@ def _network(infrastructure: Element, elements: dict[str, NetElement], higher: C
             one, other = ends if way != "BA" else ends[::-1]
             network.join(one, other, both=way == "Both")
     return network
-
-
-def _not_read(root: Element) -> tuple[str, ...]:
-    """Return the names that the line does not carry, as ``functionalInfrastructure.signals``, ``...@id``."""
-    stretch = tuple(f"linearLocation.associatedNetElement.{name}" for name in STRETCH)
-    spot = tuple(f"spotLocation.{name}" for name in SPOT)
-    carried = ["@version", "common.positioning.linearPositioningSystems.linearPositioningSystem.@id",
-               "common.positioning.linearPositioningSystems.linearPositioningSystem.@units",
-               "common.speedProfiles.speedProfile.@id", "common.speedProfiles.speedProfile.name.@name",
-               "common.speedProfiles.speedProfile.@isBasicSpeedProfile", "common.speedProfiles.speedProfile.@influence",
-               *(f"common.speedProfiles.speedProfile.{tag}.@{key}" for tag, key, _ in NEEDS)]  # fmt: skip
-    for owner, names in READ.items():
-        located = spot if owner.endswith(STATION) else () if owner.startswith("topology") else stretch
-        carried += [f"infrastructure.{owner}.{name}" for name in (*names, *located)]
-    return tuple(name.removeprefix("infrastructure.") for name in keys_not_carried(names_below(root), carried))

@@ -11,14 +11,14 @@ from __future__ import annotations
 from itertools import combinations, product
 from xml.etree.ElementTree import Element, SubElement
 
-from plant_sim.formats.fields import keys_not_carried, print_assumption
+from plant_sim.formats.fields import names_in, print_assumption
 from plant_sim.formats.railml_collection import (
     ORDERED,
     children,
     elements_below,
     entry_of,
     flag_of,
-    names_below,
+    names_lost,
     number_of,
     tag_of,
 )
@@ -26,40 +26,22 @@ from plant_sim.formats.railml_collection import (
 TOPOLOGY, ELEMENTS = "infrastructure.tracks.track.trackTopology", "infrastructure.tracks.track.trackElements"
 PROPULSION = "rollingstock.vehicles.vehicle.engine.propulsion"
 FORMATION = "rollingstock.formations.formation"
-CARRIED = (
-    "@version", "infrastructure.tracks.track.@id",
-    *(f"{TOPOLOGY}.{end}.{key}" for end in ("trackBegin", "trackEnd") for key in (
-        "@pos", "connection.@id", "connection.@ref", "macroscopicNode.@ocpRef", "macroscopicNode.@flowDirection",
-    )),
-    *(f"{TOPOLOGY}.connections.{kind}.{key}" for kind in ("switch", "crossing") for key in (
-        "@pos", "connection.@id", "connection.@ref", "connection.@orientation", "connection.@passable",
-    )),
-    f"{TOPOLOGY}.connections.crossing.@type", f"{TOPOLOGY}.crossSections.crossSection.@pos",
-    f"{TOPOLOGY}.crossSections.crossSection.@ocpRef",
-    *(f"{ELEMENTS}.{kind}s.{kind}.@{key}" for kind, keys in (
-        ("speedChange", ("pos", "dir", "vMax", "profileRef")), ("gradientChange", ("pos", "slope")),
-        ("radiusChange", ("pos", "radius")), ("tunnel", ("pos", "length", "crossSection")),
-        ("electrificationChange", ("pos", "type", "isolatedSection")),
-    ) for key in keys),
-    "infrastructure.operationControlPoints.ocp.@id", "infrastructure.operationControlPoints.ocp.@name",
-    *(f"infrastructure.speedProfiles.speedProfile.{key}" for key in (
-        "@id", "@name", "@influence", "@maxAxleLoad", "braking.@minimumBrakePercentage",
-    )),
-    *(f"rollingstock.vehicles.vehicle.@{key}" for key in (
-        "id", "length", "speed", "bruttoWeight", "tareWeight", "axleLoad", "resistanceFactor",
-    )),
-    *(f"{PROPULSION}.{key}" for key in (
-        "@powerType", "@power", "@maxTractEffort", "@rotationMassFactor", "tractiveEffort.valueTable.@xValueUnit",
-        "tractiveEffort.valueTable.@yValueUnit", "tractiveEffort.valueTable.valueLine.@xValue",
-        "tractiveEffort.valueTable.valueLine.values.@yValue",
-    )),
-    *(f"{FORMATION}.{key}" for key in (
-        "@id", "@speed", "trainOrder.vehicleRef.@orderNumber", "trainOrder.vehicleRef.@vehicleRef",
-        "trainOrder.vehicleRef.@vehicleCount", "trainEngine.@trainMaxAcceleration", "trainBrakes.@meanDeceleration",
-        "trainBrakes.@regularBrakePercentage", "trainResistance.@daviesMassDependent",
-        "trainResistance.@daviesFactorA", "trainResistance.@daviesFactorB", "trainResistance.@daviesFactorC",
-    )),
-)  # fmt: skip
+CARRIED = names_in("""
+    @version, infrastructure.{operationControlPoints.ocp.{@id, @name}, speedProfiles.speedProfile.{@id,
+    @influence, @maxAxleLoad, @name, braking.@minimumBrakePercentage}, tracks.track.{@id,
+    trackElements.{electrificationChanges.electrificationChange.{@isolatedSection, @pos, @type},
+    gradientChanges.gradientChange.{@pos, @slope}, radiusChanges.radiusChange.{@pos, @radius},
+    speedChanges.speedChange.{@dir, @pos, @profileRef, @vMax}, tunnels.tunnel.{@crossSection, @length, @pos}},
+    trackTopology.{connections.{crossing.{@pos, @type, connection.{@id, @orientation, @passable, @ref}},
+    switch.{@pos, connection.{@id, @orientation, @passable, @ref}}}, crossSections.crossSection.{@ocpRef, @pos},
+    {trackBegin, trackEnd}.{@pos, connection.{@id, @ref}, macroscopicNode.{@flowDirection, @ocpRef}}}}},
+    rollingstock.{formations.formation.{@id, @speed, trainBrakes.{@meanDeceleration, @regularBrakePercentage},
+    trainEngine.@trainMaxAcceleration, trainOrder.vehicleRef.{@orderNumber, @vehicleCount, @vehicleRef},
+    trainResistance.{@daviesFactorA, @daviesFactorB, @daviesFactorC, @daviesMassDependent}},
+    vehicles.vehicle.{@axleLoad, @bruttoWeight, @id, @length, @resistanceFactor, @speed, @tareWeight,
+    engine.propulsion.{@maxTractEffort, @power, @powerType, @rotationMassFactor,
+    tractiveEffort.valueTable.{@xValueUnit, @yValueUnit, valueLine.{@xValue, values.@yValue}}}}}
+""")
 """Names of a file that line or train carry."""
 DAVIS = ("constantFactorA", "speedDependentFactorB", "squareSpeedDependentFactorC")
 """Factors of the running resistance in railML 3."""
@@ -86,8 +68,7 @@ def as_version_3(root: Element, place: str) -> tuple[Element, tuple[str, ...]]:
         _infrastructure(infrastructure, new, place)
     for stock in elements_below(root, "rollingstock"):
         _stock(stock, SubElement(new, "rollingstock"), place)
-    lost = keys_not_carried(names_below(root), CARRIED)
-    return new, tuple(name.removeprefix("infrastructure.") for name in lost)
+    return new, names_lost(root, CARRIED)
 
 
 def _add(parent: Element, tag: str, **keys: str | None) -> Element:

@@ -7,14 +7,14 @@ parts beside or behind each other: a place on it is known by a measure of a line
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from plant_sim.elementary import plain_sum
-from plant_sim.formats.fields import number_in, print_assumption, read_bytes
+from plant_sim.formats.fields import keys_not_carried, number_in, print_assumption, read_bytes
 from plant_sim.formats.network_path import BEGIN, END, ROUNDING, Network
 from plant_sim.units import number_text
 
@@ -95,6 +95,11 @@ def names_below(element: Element, found: dict[str, Any] | None = None) -> dict[s
         below = names.setdefault(tag_of(entry), {})
         names_below(entry, below)
     return names
+
+
+def names_lost(root: Element, carried: Iterable[str]) -> tuple[str, ...]:
+    """Return the names of a file that are none of the carried ones; those of an infrastructure without its name."""
+    return tuple(name.removeprefix("infrastructure.") for name in keys_not_carried(names_below(root), carried))
 
 
 def number_of(element: Element, key: str, place: str, low: float = -1e9, high: float = 1e9) -> float:

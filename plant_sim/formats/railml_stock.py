@@ -15,14 +15,14 @@ from typing import TYPE_CHECKING, Any
 
 from plant_sim.consist import Consist
 from plant_sim.elementary import plain_sum
-from plant_sim.formats.fields import keys_not_carried, print_assumption
+from plant_sim.formats.fields import names_in, print_assumption
 from plant_sim.formats.railml2 import DAVIS, as_version_3
 from plant_sim.formats.railml_collection import (
     children,
     elements_below,
     entry_of,
     flag_of,
-    names_below,
+    names_lost,
     number_of,
     read_root,
     tag_of,
@@ -43,28 +43,16 @@ MODE = "engine.powerMode"
 MODES = {"electric": False, "diesel": True, "battery": True}
 """Modes of power, True for one that needs no power of the line."""
 TABLE = "tractionData.details.tractiveEffort.valueTable"
-CARRIED = tuple(
-    f"rollingstock.{key}"
-    for key in (
-        *(f"vehicles.vehicle.@{key}" for key in (
-            "id", "bruttoWeight", "tareWeight", "length", "rotatingMassFactor", "speed", "maximumAxleLoad",
-        )),
-        *(f"vehicles.vehicle.drivingResistance.info.@{key}" for key in (
-            "airDragCoefficient", "crossSectionArea", "rollingResistance",
-        )),
-        *(f"vehicles.vehicle.{MODE}.{key}" for key in (
-            "@mode", "@isPrimaryMode", "tractionData.info.@maxTractiveEffort", "tractionData.info.@tractivePower",
-            f"{TABLE}.@xValueUnit", f"{TABLE}.@yValueUnit", f"{TABLE}.valueLine.@xValue",
-            f"{TABLE}.valueLine.value.@yValue",
-        )),
-        *(f"formations.formation.{key}" for key in (
-            "@id", "@speed", "trainOrder.@orderNumber", "trainOrder.@vehicleRef", "trainBrakes.@meanDeceleration",
-            "trainBrakes.@regularBrakePercentage", "trainEngine.@maxAcceleration",
-            "trainResistance.daviesFormulaFactors.@massDependent",
-            *(f"trainResistance.daviesFormulaFactors.@{key}" for key in DAVIS),
-        )),
-    )
-)  # fmt: skip
+CARRIED = names_in("""
+    rollingstock.{formations.formation.{@id, @speed, trainBrakes.{@meanDeceleration, @regularBrakePercentage},
+    trainEngine.@maxAcceleration, trainOrder.{@orderNumber, @vehicleRef},
+    trainResistance.daviesFormulaFactors.{@constantFactorA, @massDependent, @speedDependentFactorB,
+    @squareSpeedDependentFactorC}}, vehicles.vehicle.{@bruttoWeight, @id, @length, @maximumAxleLoad,
+    @rotatingMassFactor, @speed, @tareWeight, drivingResistance.info.{@airDragCoefficient, @crossSectionArea,
+    @rollingResistance}, engine.powerMode.{@isPrimaryMode, @mode,
+    tractionData.{details.tractiveEffort.valueTable.{@xValueUnit, @yValueUnit, valueLine.{@xValue,
+    value.@yValue}}, info.{@maxTractiveEffort, @tractivePower}}}}}
+""")
 """Names of a file that the train carries."""
 
 
@@ -93,7 +81,7 @@ def railml_train(path: Path, selection: str = "") -> tuple[Consist, str, tuple[s
     raw = _consist(formations[name], root, name, place)
     form = f"railML {version}"
     raw["source"] = f"{form} rolling stock {path.name}"
-    left = keys_not_carried(names_below(root), CARRIED) if lost is None else lost
+    left = names_lost(root, CARRIED) if lost is None else lost
     return build_model(Consist, raw, place), form, tuple(key for key in left if key != "@version")
 
 

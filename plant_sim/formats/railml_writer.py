@@ -16,7 +16,7 @@ from plant_sim.consist import Consist, PlanLimits
 from plant_sim.elementary import plain_sum
 from plant_sim.formats.network_path import SAME_STATION, STRAIGHT
 from plant_sim.formats.osrd_stock import lost_of_train, service_deceleration, traction_points
-from plant_sim.formats.railml import NEEDS, READ, STATION
+from plant_sim.formats.railml import CARRIED, NEEDS, STATION
 from plant_sim.formats.railml2 import DAVIS
 from plant_sim.formats.railml_collection import children, elements_below
 from plant_sim.formats.railml_location import BEGINS, ENDS, POSITIONS
@@ -29,8 +29,13 @@ from plant_sim.units import GRAVITY, KMH, number_text
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
 
-OWNER = {names.rpartition(".")[2]: names for names in reversed(READ)}
-"""Names from the infrastructure to an element of the reader."""
+OWNER = {
+    tag: name.removeprefix("infrastructure.").partition(f"{tag}.")[0] + tag
+    for name in reversed(CARRIED)
+    for tag in name.split(".")
+    if tag[0] != "@"
+}
+"""Names from the infrastructure to an element that the reader carries."""
 IN_RAILML = (
     "grades", "curves", "tunnels", "speed_limits", "category_limits", "temporary_restrictions", "neutral_sections",
     "stops", "stops[].name",

@@ -18,7 +18,7 @@ from typing import Any
 
 from plant_sim.consist import Consist
 from plant_sim.elementary import plain_sum
-from plant_sim.formats.fields import Fields, finite_number, print_assumption
+from plant_sim.formats.fields import Fields, finite_number, names_in, print_assumption
 from plant_sim.formats.ttobench import BRAKED_GRADE
 from plant_sim.input_error import build_model
 from plant_sim.line import Line, order_fault
@@ -35,19 +35,16 @@ ROTATING = {"traction unit": 1.09, "multiple unit": 1.08, "passenger": 1.06, "fr
 ADHESION = 0.33
 """Default traction over the weight on driven axles."""
 TYPES = ("traction unit", "multiple unit", "passenger", "freight")
-CARRIED_TRAIN = (
-    "schema", "trains[].name", "trains[].formation", "vehicles[].id", "vehicles[].vehicle_type", "vehicles[].length",
-    "vehicles[].mass", "vehicles[].load_limit", "vehicles[].rotation_mass", "vehicles[].speed_limit",
-    "vehicles[].mass_traction", "vehicles[].a_braking", "vehicles[].base_resistance", "vehicles[].rolling_resistance",
-    "vehicles[].air_resistance", "vehicles[].tractive_effort",
-)  # fmt: skip
+CARRIED_TRAIN = names_in("""
+    schema, trains[].{formation, name}, vehicles[].{a_braking, air_resistance, base_resistance, id, length,
+    load_limit, mass, mass_traction, rolling_resistance, rotation_mass, speed_limit, tractive_effort,
+    vehicle_type}
+""")
 """Keys of a rolling-stock file that the consist carries."""
-CARRIED_PATH = (
-    "schema", *(f"{path}.{key}" for path in ("path", "paths[]") for key in (
-        "name", "characteristic_sections", "characteristic_sections[].position", "characteristic_sections[].speed",
-        "characteristic_sections[].resistance",
-    )),
-)  # fmt: skip
+CARRIED_PATH = names_in("""
+    {path, paths[]}.{characteristic_sections, name, characteristic_sections[].{position, resistance, speed}},
+    schema
+""")
 """Keys of a running path that the line carries; the identifier is the name of a path without one."""
 
 

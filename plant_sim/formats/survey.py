@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from plant_sim.alignment import Alignment
-from plant_sim.formats.fields import Fields, finite_number, keys_not_carried, number_in, print_assumption
+from plant_sim.formats.fields import Fields, finite_number, names_in, number_in, print_assumption
 from plant_sim.formats.line_table import slopes
-from plant_sim.formats.railml_collection import names_below
+from plant_sim.formats.railml_collection import names_lost
 from plant_sim.formats.writing import lost_keys
 from plant_sim.input_error import build_model
 from plant_sim.line import Line
@@ -38,15 +38,15 @@ STRAIGHT = 5e-3
 """Difference between the length of a line and the way along its coordinates, over the way, that is named."""
 MAX_COORDINATES = 2000
 """Largest number of coordinates of a line; of a longer track every n-th one."""
-CARRIED = ("type", "coordinates", *(f"{above}{key}" for above in ("", "features[].") for key in (
-    "type", "geometry.type", "geometry.coordinates", "properties.name",
-)))  # fmt: skip
+CARRIED = names_in("""
+    coordinates, type, features[].{geometry.{coordinates, type}, properties.name, type}, geometry.{coordinates,
+    type}, properties.name
+""")
 """Keys of GeoJSON that the line carries."""
-CARRIED_GPX = (
-    "@version", *(f"{way}.{key}" for way, below in (
-        ("wpt", ()), ("rte", ("rtept.",)), ("trk", ("trkseg.trkpt.",)),
-    ) for key in ("name", *(f"{point}{part}" for point in (below or ("",)) for part in ("@lat", "@lon", "ele")))),
-)  # fmt: skip
+CARRIED_GPX = names_in("""
+    @version, rte.{name, rtept.{@lat, @lon, ele}}, trk.{name, trkseg.trkpt.{@lat, @lon, ele}}, wpt.{@lat, @lon,
+    ele, name}
+""")
 """Attributes and elements of GPX that the line carries."""
 EQUATOR, ECCENTRICITY = 6_378_137.0, 6.694_379_990_14e-3
 """Radius at the equator [m] and squared eccentricity of WGS 84."""
@@ -122,7 +122,7 @@ def gpx_line(root: Element, place: str, selection: str = "") -> tuple[Line, tupl
         elif kind == "wpt":
             print_assumption(f"{place}: a wpt without a name is no stop; passed over")
     line = _line(tracks, stations, place, selection, "GPX")
-    return line, keys_not_carried(names_below(root), CARRIED_GPX)
+    return line, names_lost(root, CARRIED_GPX)
 
 
 def _text(element: Element, tag: str) -> str:

@@ -19,7 +19,7 @@ from typing import Any
 
 from plant_sim.brake_data import EmergencyBrake
 from plant_sim.consist import Consist
-from plant_sim.formats.fields import Fields, finite_number, print_assumption
+from plant_sim.formats.fields import Fields, finite_number, names_in, print_assumption
 from plant_sim.input_error import build_model
 from plant_sim.line import Line, order_fault
 from plant_sim.railway import shoe_force
@@ -36,13 +36,11 @@ STRAIGHT = 1e5
 """Radius beyond which a curve counts as straight [m]."""
 TRANSITION, PIECES = 20.0, 10
 """Length of the parts of a transition curve [m], and their largest number."""
-CARRIED_LINE = (
-    "metadata.id", *(f"{key}.{part}" for key, columns in (
-        ("stops", ("position",)), ("speed limits", ("position", "velocity")), ("gradients", ("position", "slope")),
-        ("curvatures", ("position", "radius at start", "radius at end")),
-        ("tunnels", ("position", "length", "cross section")),
-    ) for part in ("unit", "values", *(f"units.{column}" for column in columns))),
-)  # fmt: skip
+CARRIED_LINE = names_in("""
+    curvatures.{unit, values, units.{position, radius at end, radius at start}}, gradients.{unit, values,
+    units.{position, slope}}, metadata.id, speed limits.{unit, values, units.{position, velocity}}, stops.{unit,
+    values, units.position}, tunnels.{unit, values, units.{cross section, length, position}}
+""")
 """Keys of a line that the own file carries."""
 
 
@@ -202,20 +200,14 @@ BRAKED_GRADE = 0.05
 """Largest falling grade on which the service deceleration is reached."""
 OVERSPEED = 1.05
 """End of the brake envelope over the largest speed."""
-CARRIED_TRAIN = (
-    "metadata.id",
-    *(f"{key}.{part}" for part in ("unit", "value") for key in (
-        "length", "mass", "rho", "max traction power", "max reg braking power", "max traction force",
-        "max reg braking force", "max pn braking force", "max speed", "rolling resistance r0", "rolling resistance r1",
-        "rolling resistance r2", "ETCS braking data.T_be", "max acceleration", "max deceleration",
-        "efficiency traction", "efficiency reg brake",
-    )),
-    *(f"tunnel resistance.{key}" for key in (
-        "units.cross section", "units.coefficient", "cross section unit", "unit", "values", "values[].cross section",
-        "values[].value",
-    )),
-    *(f"ETCS braking data.A_brake_emergency.{key}" for key in ("units.velocity", "units.deceleration", "values")),
-)  # fmt: skip
+CARRIED_TRAIN = names_in("""
+    ETCS braking data.{A_brake_emergency.{units.{deceleration, velocity}, values}, T_be.{unit, value}},
+    {efficiency reg brake, efficiency traction, length, mass, max acceleration, max deceleration,
+    max pn braking force, max reg braking force, max reg braking power, max speed, max traction force,
+    max traction power, rho, rolling resistance r0, rolling resistance r1, rolling resistance r2}.{unit, value},
+    metadata.id, tunnel resistance.{cross section unit, unit, values, units.{coefficient, cross section},
+    values[].{cross section, value}}
+""")
 """Keys of a train that the consist carries."""
 
 
