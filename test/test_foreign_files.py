@@ -119,7 +119,7 @@ def test_former_layout_and_etcs_data_of_a_bench_train(capsys: pytest.CaptureFixt
     ("key", "value", "message"),
     [
         ("length", None, "length: this key is missing"),
-        ("mass", quantity(122, "lb"), "mass: unit = 'lb': must be one of kg, t"),
+        ("mass", quantity(122, "lb"), "mass: unit = 'lb': must be kg or t"),
         ("max speed", quantity(-1, "km/h"), "max speed: value in SI = -0.277778: must lie between"),
         ("rho", 10, "rho: holds 10"),
         ("tunnel resistance", {"units": {}, "values": []}, "tunnel resistance"),

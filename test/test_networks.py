@@ -684,7 +684,7 @@ def test_measures_have_the_unit_of_their_system(railml: Path, unit: str, length:
     assert line.end == pytest.approx(length)
     assert line.temporary_restrictions[0].begin == pytest.approx(length * 2400 / 4300)
     railml.write_text(railml.read_text().replace(unit, "leagues"))
-    with pytest.raises(ValueError, match="linearPositioningSystem lps: units = 'leagues': unknown; give one of m, "):
+    with pytest.raises(ValueError, match="linearPositioningSystem lps: units = 'leagues': must be one of m, "):
         load_line(f"{railml}:n1..n4")
 
 
@@ -792,7 +792,7 @@ def test_an_entry_that_cannot_be_placed_is_refused(change: dict[str, Any], messa
         ('netElementRef="g1"', 'netElementRef="g9"', "operationalPoint op_Alder: netElementRef = 'g9': not in the"),
         ('ref="n3"', 'ref="n0"', "elementB: ref = 'n0': not in the topology"),
         ('navigability="None"', 'navigability="both"', "navigability = 'both': must be one of None, Both"),
-        ('applicationDirection="normal"', 'applicationDirection="up"', "applicationDirection = 'up': must be both"),
+        ('applicationDirection="normal"', 'applicationDirection="up"', "= 'up': must be one of both"),
         ('netElementRef="n4"><linearCoordinateBegin positioningSystemRef="lps" measure="2400"',
          'netElementRef="g1"><linearCoordinateBegin positioningSystemRef="lps" measure="2400"',
          "speedSection: netElement g1: measure 2400 to 2550 m: outside the linear coordinates of 'lps' of its parts"),

@@ -3,7 +3,7 @@
 import math
 import re
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -209,6 +209,14 @@ class Fields:
             if not isinstance(row, list) or len(row) != columns:
                 raise ValueError(f"{self.place}: {key}[{place}] = {_shown(row)}: must be a list of {columns}")
         return rows
+
+
+def known_text(text: str, place: str, known: Collection[str]) -> str:
+    """Return a text that is one of the known ones."""
+    if text not in known:
+        names = " or ".join(known) if len(known) == 2 else f"one of {', '.join(known)}"
+        raise ValueError(f"{place} = '{text[:40]}': must be {names}; correct it")
+    return text
 
 
 def finite_number(value: Any, place: str, low: float = -math.inf, high: float = math.inf) -> float:

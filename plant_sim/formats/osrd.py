@@ -9,7 +9,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from plant_sim.formats.fields import Fields, names_in, print_assumption
+from plant_sim.formats.fields import Fields, known_text, names_in, print_assumption
 from plant_sim.formats.network_path import BEGIN, END, ROUNDING, Network, Passage, Range, TrackPath, line_data, steps
 from plant_sim.input_error import build_model
 from plant_sim.line import ENDING, Line
@@ -25,6 +25,7 @@ CARRIED_INFRA = names_in("""
     gradient, start}}
 """)
 """Keys of an infrastructure that the line carries, as far as they are on its path."""
+DIRECTIONS = ("BOTH", "START_TO_STOP", "STOP_TO_START")
 TYPES = ("link", "point_switch", "crossing", "single_slip_switch", "double_slip_switch")
 """Types of switches; ports A join ports B, at a crossing those of the same number."""
 
@@ -87,8 +88,7 @@ def _each(fields: Fields, key: str) -> Iterator[Fields]:
 
 def _join_ports(network: Network, fields: Fields, kind: str) -> None:
     """Join the ends of the tracks at the ports of a switch."""
-    if kind not in TYPES:
-        raise ValueError(f"{fields.place}: type = '{kind[:40]}': must be one of {', '.join(TYPES)}")
+    known_text(kind, f"{fields.place}: type", TYPES)
     ports = fields.below("ports")
     ends: dict[str, tuple[str, str]] = {}
     for port in ports.data:
@@ -190,9 +190,7 @@ def _ranges(path: TrackPath, fields: Fields, key: str) -> Iterator[Passage]:
     if "track_ranges" not in fields or not fields.entries("track_ranges", 0):
         raise ValueError(f"{fields.place}: track_ranges: none, so its place is not known; add them or remove the entry")
     for part in _each(fields, "track_ranges"):
-        track, direction = part.text("track"), part.text(key, "BOTH")
-        if direction not in ("BOTH", "START_TO_STOP", "STOP_TO_START"):
-            raise ValueError(f"{part.place}: {key} = '{direction[:30]}': must be BOTH, START_TO_STOP or STOP_TO_START")
+        track, direction = part.text("track"), known_text(part.text(key, "BOTH"), f"{part.place}: {key}", DIRECTIONS)
         for passage in path.passages(track, *_extent(part), part.place):
             if direction == "BOTH" or (direction == "START_TO_STOP") == passage.forward:
                 yield passage

@@ -17,7 +17,7 @@ import numpy as np
 
 from plant_sim.consist import PLAIN_SUPPLY, Consist, ForcePoints, PlanLimits, SupplyCurve, VehicleType
 from plant_sim.elementary import plain_sum
-from plant_sim.formats.fields import Fields, finite_number, names_in, print_assumption
+from plant_sim.formats.fields import Fields, finite_number, known_text, names_in, print_assumption
 from plant_sim.formats.ttobench import BRAKED_GRADE, OVERSPEED, emergency_brake
 from plant_sim.input_error import build_model, close_match
 from plant_sim.traction import Envelope
@@ -159,8 +159,7 @@ def _gamma(top: Fields) -> tuple[float, bool]:
     if key != "gamma" or not isinstance(top.data["gamma"], dict):
         return top.number(key, None, 1e-3, 10.0), False
     fields = top.below("gamma")
-    if (kind := fields.text("type")) not in ("CONST", "MAX"):
-        raise ValueError(f"{fields.place}: type = '{kind[:20]}': must be CONST or MAX")
+    kind = known_text(fields.text("type"), f"{fields.place}: type", ("CONST", "MAX"))
     return fields.number("value", None, 1e-3, 10.0), kind == "MAX"
 
 

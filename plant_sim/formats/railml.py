@@ -18,12 +18,13 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from plant_sim.formats.fields import names_in, print_assumption
+from plant_sim.formats.fields import known_text, names_in, print_assumption
 from plant_sim.formats.network_path import BEGIN, END, ROUNDING, Network, Range, TrackPath, line_data, steps
 from plant_sim.formats.railml2 import as_version_3
 from plant_sim.formats.railml_collection import (
     NetElement,
     children,
+    choice_of,
     elements_below,
     entry_of,
     flag_of,
@@ -212,10 +213,7 @@ def _profiles(root: Element, place: str) -> dict[str, _Profile]:
             for part in elements_below(entry, tag)
             if part.get(key) is not None
         }
-        if (influence := entry.get("influence", "increasing")) not in ("increasing", "decreasing"):
-            where = f"{entry_of(entry, place)}: influence = '{influence[:30]}'"
-            raise ValueError(f"{where}: must be increasing or decreasing; correct it")
-        lowers = influence == "decreasing" and not basic
+        lowers = choice_of(entry, "influence", place, ("increasing", "decreasing")) == "decreasing" and not basic
         tilts = any(True for _ in elements_below(entry, "tilting"))
         if lowers or tilts or basic:  # neither is known of a train by its figures
             if lowers:
@@ -297,11 +295,7 @@ def _units(root: Element, place: str) -> dict[str, float]:
     """Return the length of one unit of the measures [m], by linear positioning system."""
     found: dict[str, float] = {}
     for system in elements_below(root, "linearPositioningSystem"):
-        unit = system.get("units", "m").strip().lower()
-        if unit not in UNITS:
-            raise ValueError(
-                f"{entry_of(system, place)}: units = '{unit[:30]}': unknown; give one of {', '.join(UNITS)}"
-            )
+        unit = known_text(system.get("units", "m").strip().lower(), f"{entry_of(system, place)}: units", UNITS)
         found[system.get("id", "")] = UNITS[unit]
     return found
 
@@ -384,9 +378,7 @@ def _network(infrastructure: Element, elements: dict[str, NetElement], higher: C
                 if at not in (0.0, 1.0):
                     raise ValueError(f"{entry}: positionOn{letter} = {at:g}: must be 0 or 1; correct it")
                 ends.append((name, END if at else BEGIN))
-        way = relation.get("navigability", "")
-        if way not in NAVIGABILITY:
-            raise ValueError(f"{entry}: navigability = '{way[:20]}': must be one of {', '.join(NAVIGABILITY)}")
+        way = known_text(relation.get("navigability", ""), f"{entry}: navigability", NAVIGABILITY)
         if len(ends) == 2 and way != "None":
             one, other = ends if way != "BA" else ends[::-1]
             network.join(one, other, both=way == "Both")

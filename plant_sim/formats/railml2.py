@@ -11,10 +11,11 @@ from __future__ import annotations
 from itertools import combinations, product
 from xml.etree.ElementTree import Element, SubElement
 
-from plant_sim.formats.fields import names_in, print_assumption
+from plant_sim.formats.fields import known_text, names_in, print_assumption
 from plant_sim.formats.railml_collection import (
     ORDERED,
     children,
+    choice_of,
     elements_below,
     entry_of,
     flag_of,
@@ -133,9 +134,7 @@ class _Tracks:
             for connection in elements_below(node, "connection"):
                 self._connect(connection, end)
             for macro in elements_below(node, "macroscopicNode"):
-                if (flow := macro.get("flowDirection", "both")) not in ("both", "in", "out"):
-                    where = f"{entry_of(macro, place)}: flowDirection = '{flow[:20]}'"
-                    raise ValueError(f"{where}: must be both, in or out; correct it")
+                flow = choice_of(macro, "flowDirection", place, ("both", "in", "out"))
                 self._nodes.setdefault(macro.get("ocpRef", ""), []).append((end, flow))
                 self._stations.setdefault(macro.get("ocpRef", ""), []).append((name, position))
         for at, node in nodes:
@@ -158,10 +157,7 @@ class _Tracks:
         plain = tag_of(node) == "crossing" and "Switch" not in node.get("type", "")
         sides: dict[str, list[str]] = {"incoming": [], "outgoing": []}
         for connection in children(node, "connection"):
-            way = connection.get("orientation", "")
-            if way not in sides:
-                where = f"{entry_of(connection, place)}: orientation = '{way[:20]}'"
-                raise ValueError(f"{where}: must be incoming or outgoing; correct it")
+            way = known_text(connection.get("orientation", ""), f"{entry_of(connection, place)}: orientation", sides)
             sides[way].append(connection.get("ref", ""))
             out = way == "outgoing"
             if not plain and not (number if out else number < len(parts)):
@@ -233,10 +229,7 @@ class _Tracks:
             entry = written(tunnel, "overCrossing", at, end, constructionType="tunnel")
             _add(entry, "tunnelResistance", crossSection=tunnel.get("crossSection"))
         for way, profile in sorted({(e.get("dir", ""), e.get("profileRef", "")) for _, e in listed("speedChange")}):
-            if way not in WAYS:
-                raise ValueError(
-                    f"{place}: track {name}: speedChange: dir = '{way[:20]}': must be up or down; correct it"
-                )
+            known_text(way, f"{place}: track {name}: speedChange: dir", WAYS)
             last = (begin, track) if way == "down" else edge
             changes = listed("speedChange", way, profile)
             followed = [*zip(changes, [*changes[1:], last], strict=False)]

@@ -7,14 +7,14 @@ parts beside or behind each other: a place on it is known by a measure of a line
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from plant_sim.elementary import plain_sum
-from plant_sim.formats.fields import keys_not_carried, number_in, print_assumption, read_bytes
+from plant_sim.formats.fields import keys_not_carried, known_text, number_in, print_assumption, read_bytes
 from plant_sim.formats.network_path import BEGIN, END, ROUNDING, Network
 from plant_sim.units import number_text
 
@@ -113,6 +113,11 @@ def flag_of(element: Element, key: str, place: str, *, default: bool = False) ->
     if text not in (None, "true", "1", "false", "0"):
         raise ValueError(f"{entry_of(element, place)}: {key} = '{text[:40]}': must be true or false; correct it")
     return default if text is None else text in ("true", "1")
+
+
+def choice_of(element: Element, key: str, place: str, known: Sequence[str]) -> str:
+    """Return the text of an attribute, which is one of the known ones; the first of them without the attribute."""
+    return known_text(element.get(key, known[0]), f"{entry_of(element, place)}: {key}", known)
 
 
 ORDERED, UNORDERED = "elementCollectionOrdered", "elementCollectionUnordered"

@@ -13,13 +13,14 @@ from collections.abc import Collection, Iterable, Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
-from plant_sim.formats.fields import print_assumption
+from plant_sim.formats.fields import known_text, print_assumption
 from plant_sim.formats.network_path import ROUNDING, STRAIGHT, Network, Passage, Range, TrackPath
 from plant_sim.formats.railml_collection import (
     Collections,
     NetElement,
     Stretch,
     children,
+    choice_of,
     elements_below,
     entry_of,
     flag_of,
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
 
 
+APPLIES = ("both", "normal", "reverse")
 BEGINS, ENDS, POSITIONS = ("posBegin", "fromPos"), ("posEnd", "toPos"), ("pos",)
 """Attributes of positions [m], of version 3.2 on and of version 3.1."""
 
@@ -94,11 +96,9 @@ class Location:
         known = 0
         entry = entry_of(owner, self.place)
         for location in children(owner, "linearLocation"):
-            applies = location.get("applicationDirection", "both")
-            if applies not in ("both", "normal", "reverse"):
-                raise ValueError(
-                    f"{entry}: applicationDirection = '{applies[:30]}': must be both, normal or reverse; correct it"
-                )
+            applies = known_text(
+                location.get("applicationDirection", "both"), f"{entry}: applicationDirection", APPLIES
+            )
             for part in children(location, "associatedNetElement"):
                 element = self._element(owner, part)
                 if element is None:
@@ -239,8 +239,7 @@ def grades(infrastructure: Element, location: Location, path: TrackPath) -> list
         entry = entry_of(curve, place)
         passages = location.ranges(curve, path, signed=True)
         delta = 1e-3 * number_of(curve, "deltaGradient", place) if curve.get("deltaGradient") is not None else None
-        if (kind := curve.get("curveType", "straight")) not in KINDS:
-            raise ValueError(f"{entry}: curveType = '{kind[:30]}': must be one of {', '.join(KINDS)}; correct it")
+        kind = choice_of(curve, "curveType", place, KINDS)
         if curve.get("gradient") is not None and not delta:
             value = 1e-3 * number_of(curve, "gradient", place, -500, 500)
             rows += [Range(begin, end, value if forward else -value, entry) for begin, end, forward in passages]

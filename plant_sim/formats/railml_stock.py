@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from plant_sim.consist import Consist
 from plant_sim.elementary import plain_sum
-from plant_sim.formats.fields import names_in, print_assumption
+from plant_sim.formats.fields import known_text, names_in, print_assumption
 from plant_sim.formats.railml2 import DAVIS, as_version_3
 from plant_sim.formats.railml_collection import (
     children,
@@ -215,8 +215,7 @@ def _traction(vehicle: Element, place: str) -> dict[str, Any]:
     primary = [mode for mode in modes if flag_of(mode, "isPrimaryMode", place, default=len(modes) == 1)]
     if len(primary) != 1:
         raise ValueError(f"{entry_of(vehicle, place)}: powerMode: {len(primary)} primary modes; mark one")
-    if (mode := primary[0].get("mode", "")) not in MODES:
-        raise ValueError(f"{entry_of(vehicle, place)}: mode = '{mode[:20]}': must be one of {', '.join(MODES)}")
+    mode = known_text(primary[0].get("mode", ""), f"{entry_of(vehicle, place)}: mode", MODES)
     supply = {"independent_power": MODES[mode]}
     table = _child(primary[0], TABLE)
     if table is None:
@@ -230,11 +229,10 @@ def _traction(vehicle: Element, place: str) -> dict[str, Any]:
         corner = power / force
         rest = [{"to": end, "power": power}] if corner < end else []
         return {"traction": [{"to": min(corner, end), "force": force}, *rest], **supply}
-    units = []
-    for key, known in (("xValueUnit", SPEEDS), ("yValueUnit", FORCES)):
-        if (unit := table.get(key, "")) not in known:
-            raise ValueError(f"{entry_of(vehicle, place)}: {key} = '{unit[:20]}': must be {' or '.join(known)}")
-        units.append(known[unit])
+    units = [
+        known[known_text(table.get(key, ""), f"{entry_of(vehicle, place)}: {key}", known)]
+        for key, known in (("xValueUnit", SPEEDS), ("yValueUnit", FORCES))
+    ]
     rows = [(line, list(line)) for line in children(table, "valueLine")]
     if len(rows) < 2 or any(len(values) != 1 for _, values in rows):
         raise ValueError(f"{entry_of(vehicle, place)}: valueTable: give two valueLine or more, each with one value")

@@ -18,7 +18,7 @@ from typing import Any
 
 from plant_sim.consist import Consist
 from plant_sim.elementary import plain_sum
-from plant_sim.formats.fields import Fields, finite_number, names_in, print_assumption
+from plant_sim.formats.fields import Fields, finite_number, known_text, names_in, print_assumption
 from plant_sim.formats.ttobench import BRAKED_GRADE
 from plant_sim.input_error import build_model
 from plant_sim.line import Line, order_fault
@@ -93,9 +93,7 @@ class _Vehicle:
 
     def __init__(self, fields: Fields) -> None:
         self.fields = fields
-        self.type = fields.text("vehicle_type")
-        if self.type not in TYPES:
-            raise ValueError(f"{fields.place}: vehicle_type = '{self.type}': must be one of {', '.join(TYPES)}")
+        self.type = known_text(fields.text("vehicle_type"), f"{fields.place}: vehicle_type", TYPES)
         self.powered = self.type in ("traction unit", "multiple unit")
         self.length = fields.number("length", None, 0.1, 1e4)
         self.own = fields.number("mass", None, 1e-3, 1e5) * 1e3

@@ -19,7 +19,7 @@ from typing import Any
 
 from plant_sim.brake_data import EmergencyBrake
 from plant_sim.consist import Consist
-from plant_sim.formats.fields import Fields, finite_number, names_in, print_assumption
+from plant_sim.formats.fields import Fields, finite_number, known_text, names_in, print_assumption
 from plant_sim.input_error import build_model
 from plant_sim.line import Line, order_fault
 from plant_sim.railway import shoe_force
@@ -82,9 +82,7 @@ def ttobench_line(data: dict[str, Any], place: str) -> Line:
 def _unit(fields: Fields, quantity: str, units: dict[str, float]) -> float:
     several = fields.one_of("unit", "units") == "units"
     name = fields.below("units").text(quantity) if several else fields.text("unit")
-    if name not in units:
-        raise ValueError(f"{fields.place}: unit of {quantity} = '{name}': must be one of {', '.join(units)}")
-    return units[name]
+    return units[known_text(name, f"{fields.place}: unit of {quantity}", units)]
 
 
 def _stops(fields: Fields) -> list[float]:
@@ -279,10 +277,7 @@ def _quantity(top: Fields, key: str, kind: str, low: float = 0.0, high: float = 
 
 
 def _unit_factor(fields: Fields, key: str, kind: str) -> float:
-    unit = fields.text(key)
-    if unit not in UNITS[kind]:
-        raise ValueError(f"{fields.place}: {key} = '{unit[:40]}': must be one of {', '.join(UNITS[kind])}")
-    return UNITS[kind][unit]
+    return UNITS[kind][known_text(fields.text(key), f"{fields.place}: {key}", UNITS[kind])]
 
 
 def _length(top: Fields, *, point_mass: bool) -> float:
