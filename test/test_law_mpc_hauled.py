@@ -220,18 +220,16 @@ def test_a_stop_is_a_constraint_only_while_the_waves_have_time():
             model, 0.1, omega=0.1, lookahead=120.0, nodes=32, jerk=1.0, overspeed=0.1, coupler_limit=0.0
         )  # fmt: skip
         plan.set_delays(np.full((2, 1), 0.6), 6, 8, 0.1, 1.0)
-        n, rest = plan.nodes.size, SimpleNamespace(velocity=zeros, acceleration=zeros, force_max=zeros[:0])
+        n = plan.nodes.size
+        rest = SimpleNamespace(position=zeros, velocity=zeros, acceleration=zeros, force_max=zeros[:0])
         start = PlanStart(
-            zeros, np.ones((2, n)), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, np.array([-1e5, 1e5]), 1.0, 0.0, model.inertia, 1.0,
-            False, False,
+            zeros, np.ones((2, n)), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, (-1e5, 1e5), 1.0, 0.0, model.inertia, 1.0, False,
+            False,
         )  # fmt: skip
-        allowed = plan._bounds(
-            start, rest, at_nodes=np.zeros(n), reference=np.zeros((2, n)), side=plan._sides[0], simulated=False,
-            disturbance=np.zeros(n),
-        )  # fmt: skip
+        plan.decide(start, rest, simulated=False)
         # By hand: 3 over two thirds of the wave impedance m/T_w, T_w = sqrt(m n/k), over the inertia.
         time = 4.5 * model.inertia * math.sqrt(model.mass * 101 / 10e6) / model.mass if waves else 0.0
-        assert (allowed[7 * n :] < 0.0).tolist() == (plan.nodes >= time).tolist()
+        assert (plan.allowed[7 * n :] < 0.0).tolist() == (plan.nodes >= time).tolist()
         assert 0 < np.count_nonzero(plan.nodes < time) < n or not waves
 
 

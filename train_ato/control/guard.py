@@ -157,11 +157,14 @@ def _are_within(positions: Any, motions: Any, forces: Any) -> bool:
     """Return True if all values are finite and physically possible; three tuples of arrays."""
     found = True
     for values in positions:
-        found &= (np.abs(values) <= MAX_POSITION).all()
+        for value in values:
+            found &= abs(value) <= MAX_POSITION
     for values in motions:
-        found &= (np.abs(values) <= MAX_SPEED).all()
+        for value in values:
+            found &= abs(value) <= MAX_SPEED
     for values in forces:
-        found &= (np.abs(values) <= MAX_FORCE).all()
+        for value in values:
+            found &= abs(value) <= MAX_FORCE
     return found
 
 

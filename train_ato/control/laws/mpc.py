@@ -152,6 +152,7 @@ class Mpc(GuardedLaw):
         after = self._ticks * model.tick + self._force_plan.times[1:]
         self.lookahead_times: Array = np.concatenate((model.tick * np.arange(self._entries), after))
         self._rising = np.argsort(self.lookahead_times, kind="stable")
+        self._rising_times = self.lookahead_times[self._rising]
         omega = self.omega * (p.safe_share if self._cautious else 1.0)
         share = SIMULATED_SHARE if self._simulated else p.position_share or self._class.position_share
         self._force_plan.set_delays(self._actuators[:2], self._ticks, self._entries, omega, share)
@@ -221,8 +222,7 @@ class Mpc(GuardedLaw):
         """Compare the measured force with the commands; return True for a new delay, for the next step on."""
         in_flight = inputs.commands_in_flight
         last = in_flight[-1] if in_flight.size else np.array(self._last_force)
-        pulls = float(self._identification.sent.min()) >= 0.0
-        moves = pulls or abs(self.mean(inputs.velocity.tolist())) > self._motion.rest_speed(IDENTIFICATION_SPEED)
+        moves = abs(self.mean(inputs.velocity.tolist())) > self._motion.rest_speed(IDENTIFICATION_SPEED)
         return self._identification.step(last, mean_over_units([1.0] * self.n, inputs.applied.tolist()), moves)
 
     def _wanted(self, inputs: LawInput) -> list[float]:
@@ -283,7 +283,7 @@ class Mpc(GuardedLaw):
         if lag == 0.0:
             rise = (feedforward - gain * last) / inertia - disturbance
         known = gain if abs(gain - 1.0) > WRONG_MISFIT else 1.0  # the misfit of a right model explains the rest
-        limits = gain * np.array([total_of_units(inputs.force_min), total_of_units(inputs.force_max)])
+        limits = gain * total_of_units(inputs.force_min), gain * total_of_units(inputs.force_max)
         start = PlanStart(
             required, errors, disturbance, self._motion.passing, float(motion[3]), rise, feedforward, last, limits,
             self._motion.observer.position_error, self._motion.beyond_reference, inertia, known,
@@ -300,7 +300,7 @@ class Mpc(GuardedLaw):
         """
         tick, half, lag = self.model.tick, 0.5 * self.period, self.model.lag
         if self._class.hauls:
-            times, forces = self.lookahead_times[self._rising], required[self._rising]
+            times, forces = self._rising_times, required[self._rising]
 
             def force_at(delay: float) -> float:
                 return float(np.interp(delay + (half + lag), times, forces))

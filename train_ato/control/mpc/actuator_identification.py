@@ -34,8 +34,8 @@ UNSAFE_MISFIT = 0.15
 
 
 @compiled
-def bank_step(modelled, sums, sent, applied, delays, factors, tick, lag, keep, pairs):
-    """Advance all candidates by a tick and add the measured force to the sums.
+def bank_step(modelled, sums, gains, misfits, sent, last, applied, delays, factors, now, clock, former):
+    """Advance all candidates by a control period; return the number of the new one, or the former one.
 
     Parameters
     ----------
@@ -43,49 +43,43 @@ def bank_step(modelled, sums, sent, applied, delays, factors, tick, lag, keep, p
         Modelled force of every unit [N].
     sums : Array, shape (candidates, 3)
         Sums of F F_c, F_c² and F² [N²].
+    gains, misfits : Array, shape (candidates,)
+        Results: g_c, and E_c with the floor [N²].
     sent : Array, shape (d, units)
-        Commands sent, oldest first, the last one a tick ago [N].
+        Commands sent, oldest first [N]; receives the last one for every tick.
+    last : Array, shape (units,)
+        Command sent in the last period [N].
     applied
         Measured total force [N].
     delays : Array, shape (2, units)
         Delay of the model in traction and in braking [s].
     factors : Array, shape (candidates,)
         Factors on the delays.
-    tick, lag
-        s.
-    keep
-        Part of the sums that remains.
-    pairs : int
-        Weight of this sample, 0 or 1.
-    """
-    decay = libm_exp(-tick / lag) if lag > 0.0 else 0.0
-    for c in range(factors.size):
-        total = 0.0
-        for i in range(modelled.shape[1]):
-            forward, backward = factors[c] * delays[0, i], factors[c] * delays[1, i]
-            due = newest_arrived(sent, i, -0.5 * tick, tick, forward, backward)
-            modelled[c, i] = due + (modelled[c, i] - due) * decay
-            total += modelled[c, i]
-        sums[c, 0] = keep * sums[c, 0] + pairs * applied * total
-        sums[c, 1] = keep * sums[c, 1] + pairs * total * total
-        sums[c, 2] = keep * sums[c, 2] + pairs * applied * applied
-
-
-@compiled
-def best_candidate(sums, floor, former, gains, misfits):
-    """Compute gain and misfit of every candidate and return the number of the new one, or the former one.
-
-    Parameters
-    ----------
-    sums : Array, shape (candidates, 3)
-        As in :func:`bank_step`.
-    floor
-        Misfit that is not significant [N²].
+    now : tuple of two
+        True for a train in motion: without it the sample counts for traction only. Misfit that is not significant [N²].
+    clock : tuple of four
+        Tick [s], lag [s], part of the sums that remains after a tick, and ticks of a period.
     former : int
         Present candidate.
-    gains, misfits : Array, shape (candidates,)
-        Results: g_c, and E_c with the floor [N²].
     """
+    (moves, floor), (tick, lag, keep, ticks) = now, clock
+    decay = libm_exp(-tick / lag) if lag > 0.0 else 0.0
+    counts = moves or sent.min() >= 0.0
+    for now_tick in range(ticks):
+        sent[:-1] = sent[1:]
+        sent[-1] = last
+        pairs = int(counts and now_tick == ticks - 1)
+        kept = keep if counts else 1.0
+        for c in range(factors.size):
+            total = 0.0
+            for i in range(modelled.shape[1]):
+                forward, backward = factors[c] * delays[0, i], factors[c] * delays[1, i]
+                due = newest_arrived(sent, i, -0.5 * tick, tick, forward, backward)
+                modelled[c, i] = due + (modelled[c, i] - due) * decay
+                total += modelled[c, i]
+            sums[c, 0] = kept * sums[c, 0] + pairs * applied * total
+            sums[c, 1] = kept * sums[c, 1] + pairs * total * total
+            sums[c, 2] = kept * sums[c, 2] + pairs * applied * applied
     found = 0
     for c in range(sums.shape[0]):
         crossed, own = sums[c, 0], sums[c, 1]
@@ -117,8 +111,6 @@ class ActuatorIdentification:
 
     def __init__(self, model: TrainModel, period: float, *, estimates: bool = True) -> None:
         self._delays = np.array([model.delay, model.delay_brake])
-        self._tick, self._lag = model.tick, model.lag
-        self._ticks = max(1, round(period / model.tick))
         self._factors = np.array(FACTORS) if estimates and self._delays.max() > 0.0 else np.ones(1)
         self._nominal = int(np.argmin(np.abs(self._factors - 1.0)))
         self._factors[self._nominal] = 1.0
@@ -127,7 +119,8 @@ class ActuatorIdentification:
         for envelope in (*model.traction, *model.brake):
             largest += envelope.largest()
         self._floor = (FORCE_FLOOR * largest) ** 2
-        self._keep = math.exp(-model.tick / MEMORY_TIME)
+        keep, ticks = math.exp(-model.tick / MEMORY_TIME), max(1, round(period / model.tick))
+        self._clock = model.tick, model.lag, keep, ticks
         self.reset()
 
     def reset(self) -> None:
@@ -168,17 +161,13 @@ class ActuatorIdentification:
         applied
             Measured total force [N].
         moves
-            False at standstill: the holding brake, not the command, gives the force, and the sample does not count.
+            False at standstill: the holding brake gives the force, and the sample counts for traction only.
         """
-        for tick in range(self._ticks):
-            self.sent[:-1] = self.sent[1:]
-            self.sent[-1] = last
-            bank_step(
-                self._modelled, self._sums, self.sent, applied, self._delays, self._factors, self._tick, self._lag,
-                self._keep if moves else 1.0, int(moves and tick == self._ticks - 1),
-            )  # fmt: skip
         former = self._best
-        best = self._best = best_candidate(self._sums, self._floor, former, self._gains, self._misfits)
+        best = self._best = bank_step(
+            self._modelled, self._sums, self._gains, self._misfits, self.sent, last, applied, self._delays,
+            self._factors, (moves, self._floor), self._clock, former,
+        )  # fmt: skip
         own, total = float(self._sums[best, 1]), float(self._sums[best, 2])
         if own > 100.0 * self._floor:
             self.gain = float(self._gains[best])

@@ -3,8 +3,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from train_ato.control.algorithms.quadratic_program import inverse
 from train_ato.control.algorithms.train_constants import MATCHED_SHARE, drag_slope, force_tables, wave_gain
 from train_ato.control.contract import LawPlan
 from train_ato.control.mpc.coupler_limit import CouplerLimit
-from train_ato.control.mpc.predictive_plan import FAR, approach, bounds, decide, node_values, planned_motion
+from train_ato.control.mpc.predictive_plan import plan_step, write_plan
 from train_ato.control.plan_text import PASSES
 from train_ato.messages.types import Array
 from train_ato.messages.validity import MAX_FORCE, MAX_POSITION
@@ -83,8 +84,7 @@ def ramp_response(t, lag):
     return force, speed, t * t * t / 6.0 - lag * speed
 
 
-@dataclass(frozen=True)
-class HorizonModel:
+class HorizonModel(NamedTuple):
     """Matrices of the quadratic programme for one set of delays, stored by columns.
 
     Attributes
@@ -230,7 +230,7 @@ class PlanStart:
         Demanded acceleration for z = 0 minus that which acts at the time of effect [m/s²].
     feedforward, last_force : float
         Total feed-forward and total force of the last command [N].
-    force_limits : Array, shape (2,)
+    force_limits : tuple of float
         Smallest and largest total force at the measured speed [N].
     position_error : float
         Estimated position error [m].
@@ -255,7 +255,7 @@ class PlanStart:
     rise: float
     feedforward: float
     last_force: float
-    force_limits: Array
+    force_limits: tuple[float, float]
     position_error: float
     beyond_reference: float
     inertia: float
@@ -296,25 +296,28 @@ class ForcePlan:
         self, model: TrainModel, period: float, *, omega: float, lookahead: float, nodes: int, jerk: float,
         overspeed: float, coupler_limit: float,
     ) -> None:  # fmt: skip
-        self._model, self._period, self._jerk, self._omega = model, period, jerk, omega
+        self._model, self._period = model, period
         first = max(period, 0.1 / omega)
         self.nodes = node_times(first, max(lookahead, first * nodes), nodes)
         self.times = np.interp(np.arange(PARTS * (nodes - 1) + 1) / PARTS, np.arange(nodes), self.nodes)
-        self._steps = np.concatenate(([0.0 if model.lag else period], np.diff(self.nodes))) + model.lag
-        self._models: dict[tuple[float, float, float], list[HorizonModel]] = {}
+        self._models: dict[tuple[float, float, float], list[tuple[Array, ...]]] = {}
         self._tables = force_tables(model)
         self._no_tables = np.full_like(self._tables, MAX_FORCE)
         self._couplers = CouplerLimit(model, coupler_limit) if coupler_limit else None
         self._unbounded = np.array([[-np.inf], [np.inf]]).repeat(nodes, axis=1)
         self._limits = np.array([[limit.at, limit.speed] for limit in model.line.restricted_limits]).reshape(-1, 2)
         self._sections = limits_force(model.line)
-        self._drag_slope = drag_slope(model)
         half = model.consist.vehicles[0].length / 2.0
         self._ends = np.array([half, half - model.consist.length, overspeed, POSITION_BAND])
         self._band = POSITION_BAND if model.air_brake is None else MAX_POSITION
-        self._stops = model.air_brake is None and not model.reversing
-        self._stop_time = STOP_GAIN / wave_gain(model, MATCHED_SHARE)
-        self._passed = 1.0 - exp_each(-self.nodes / PASSING_TIME)
+        stops = model.air_brake is None and not model.reversing
+        self._stop_time = STOP_GAIN / wave_gain(model, MATCHED_SHARE) if stops else math.inf
+        steps = np.concatenate(([0.0 if model.lag else period], np.diff(self.nodes))) + model.lag
+        self._times = self.nodes, steps, 1.0 - exp_each(-self.nodes / PASSING_TIME)
+        pole = APPROACH * omega
+        self._near = int(np.searchsorted(self.nodes, 1.0 / pole))
+        self._rule = jerk, pole, float(model.lag > 0.0), self._stop_time, STOP_ROOM, *drag_slope(model)
+        self.allowed = np.empty(8 * nodes)
         self.reset()
 
     def reset(self) -> None:
@@ -341,12 +344,10 @@ class ForcePlan:
             model, longest = self._model, ticks * self._model.tick
             solved = {"omega": omega, "position_share": share}
             self._models[key] = [
-                horizon_model(self.nodes, delay + 0.5 * self._period, model.share, model.lag, longest, **solved)
+                tuple(horizon_model(self.nodes, delay + 0.5 * self._period, model.share, model.lag, longest, **solved))
                 for delay in delays
             ]
         self._sides = self._models[key]
-        self._pole = APPROACH * self._omega
-        self._near = int(np.searchsorted(self.nodes, 1.0 / self._pole))
 
     def decide(self, start: PlanStart, ahead: Lookahead, *, simulated: bool) -> float:
         """Return the total force for now [N].
@@ -360,101 +361,50 @@ class ForcePlan:
         simulated
             True for the deviation from a simulated train.
         """
-        at_nodes = node_values(start.required[self._entries - 1 :], self.nodes, PARTS)
-        at_nodes[0] = start.feedforward
-        reference = np.array([ahead.position[self._entries - 1 :: PARTS], ahead.velocity[self._entries - 1 :: PARTS]])
+        effect, first = self._ticks, self._entries - 1
+        reference = np.array([ahead.position[first::PARTS], ahead.velocity[first::PARTS]])
         side = self._sides[int(start.last_force < 0.0)]
-        disturbance = start.disturbance - start.passing * self._passed
-        allowed = self._bounds(
-            start, ahead, at_nodes=at_nodes, reference=reference, side=side, simulated=simulated,
-            disturbance=disturbance,
-        )  # fmt: skip
-        status = self._solve(start.errors, side, allowed)
-        reference[:, 0] = ahead.position[self._ticks], ahead.velocity[self._ticks]
-        self._decided = (
-            self._ticks * self._model.tick + self.nodes, reference, start.errors, side, self._plan.copy(),
-            at_nodes + start.inertia * (self._plan - disturbance),
-            allowed[4 * self.nodes.size : 5 * self.nodes.size], status,
-            self._stops and bool(np.count_nonzero(self._active[self.nodes.size : 2 * self.nodes.size])),
-        )  # fmt: skip
-        return start.feedforward + start.inertia * (float(self._plan[0]) - start.disturbance)
-
-    def planned(self) -> LawPlan:
-        """Return the plan of the last decision."""
-        times, reference, errors, side, plan, force, room, status, at_brake_limit = self._decided
-        rows = planned_motion(reference, errors, side.response_position, side.response_velocity, plan, room)
-        if at_brake_limit and reference[1, 0] != 0.0:
-            beyond = (rows[0] - reference[0])[reference[1] == 0.0].max(initial=0.0)
-            if beyond > KEPT:
-                status = f"{status}, {PASSES} {beyond:.1f} m"  # only then the force is the reason
-        return LawPlan(times, rows[0], rows[1], force, rows[2], status)
-
-    def _bounds(
-        self, start: PlanStart, ahead: Lookahead, *, at_nodes: Array, reference: Array, side: HorizonModel,
-        simulated: bool, disturbance: Array,
-    ) -> Array:  # fmt: skip
-        """Return the right-hand sides of the constraints; the force at the nodes receives the running resistance."""
-        allowed = np.empty(8 * self.nodes.size)
-        drag = (start.beyond_reference, *self._drag_slope)
+        self._ends[3] = max(self._band, abs(start.position_error))
         tables = self._tables if start.gain == 1.0 else start.gain * self._tables
         if simulated and start.air_brake_acts:
             tables = self._no_tables  # a brake that acts does not last, and the simulated train had these limits
-        self._ends[3] = max(self._band, abs(start.position_error))
-        bounds(
-            at_nodes, reference, self._limits, self._ends, start.force_limits, start.errors,
-            (side.response_velocity, self._plan), drag, tables, self._force_range(reference + start.errors, ahead),
-            start.inertia, self._jerk, self._steps, disturbance, start.rise, float(start.required[self._ticks]),
-            allowed,
+        found, low, high = np.empty((5, self.nodes.size)), *start.force_limits
+        exchanges, limited, at_brake_limit = plan_step(
+            side, self._times, (self._limits, self._ends, tables), self._force_range(reference, start.errors, ahead),
+            start.required, start.errors, reference,
+            (ahead.position.item(effect), ahead.velocity.item(effect), ahead.acceleration.item(effect)),
+            (start.disturbance, start.passing, start.gained, start.rise, start.feedforward, start.inertia, low, high,
+             start.beyond_reference),
+            (*self._rule, float(start.departs)), (first, effect, PARTS, self._near), self.allowed, self._active,
+            self._plan, found,
         )  # fmt: skip
-        if start.departs:
-            allowed[2 * self.nodes.size] = max(float(allowed[2 * self.nodes.size]), 0.0)
-        allowed[7 * self.nodes.size :] = FAR
-        if self._stops and 0.0 in reference[1].tolist():
-            rests = (reference[1] == 0.0) & (self.nodes >= self._stop_time)
-            allowed[7 * self.nodes.size :][rests] = np.minimum(STOP_ROOM - start.errors[0], FAR)[rests]
-        self._approach(start, ahead, reference[1], side, allowed)
-        return allowed
-
-    def _approach(self, start: PlanStart, ahead: Lookahead, speeds: Array, side: HorizonModel, allowed: Array) -> None:
-        """Limit the first decision by an approach of the speed limit with a double pole, a single one without a lag.
-
-        With the distance m from the limit and its rate m' at the time of effect, the distance is at least
-        (m + (m' + pole m) t) e^(-pole t). The decision held up to the node at 1/pole has this speed there. At the nodes
-        before it a limit of the speed is a deadbeat control, which chatters. The motion on the reference is always
-        permitted, below the limit.
-        """
-        n, near = self.nodes.size, self._near
-        speed = float(ahead.velocity[self._ticks] + start.errors[1, 0])
-        change = float(ahead.acceleration[self._ticks]) + start.gained
-        limits, response = allowed[4 * n : 5 * n], side.response_velocity[near]
-        held = approach(
-            limits, start.errors[1], speeds, (speed, change, start.gained), near, float(self.nodes[near]), self._pole,
-            self._model.lag > 0.0, response,
-        )  # fmt: skip
-        limits[:near] = 1e3
-        allowed[0] = min(float(allowed[0]), max(held, -float(allowed[n]), -float(allowed[3 * n])))
-
-    def _solve(self, errors: Array, side: HorizonModel, allowed: Array) -> str:
-        """Solve the quadratic programme; without a solution the last plan goes on. Return the status."""
-        gradients = (side.gradient_position, side.gradient_velocity)
-        exchanges = decide(
-            gradients, side.inverse, side.limited, side.dual, side.constraints, errors, allowed, self._active,
-            self._plan,
-        )  # fmt: skip
-        if exchanges < 0:
+        if exchanges < 0:  # the last plan goes on
             self.failures += 1
-            self._active[:] = False
+            self._active[:] = at_brake_limit = False
             self._plan = np.interp(self.nodes + self._period, self.nodes, self._plan)
-            return CONTINUED
-        self.most_exchanges = max(self.most_exchanges, exchanges)
-        self.limited_steps += bool(np.count_nonzero(self._active))
-        return SOLVED
+            room = self.allowed[4 * self.nodes.size : 5 * self.nodes.size]
+            write_plan(reference, start.errors, side, self._plan, room, start.inertia, found)
+        else:
+            self.most_exchanges = max(self.most_exchanges, exchanges)
+            self.limited_steps += limited
+        status = SOLVED if exchanges >= 0 else CONTINUED
+        self._decided = effect * self._model.tick + self.nodes, reference, found, status, at_brake_limit
+        return start.feedforward + start.inertia * (self._plan.item(0) - start.disturbance)
 
-    def _force_range(self, motion: Array, ahead: Lookahead) -> Array:
+    def planned(self) -> LawPlan:
+        """Return the plan of the last decision."""
+        times, reference, rows, status, at_brake_limit = self._decided
+        if at_brake_limit and self._stop_time < math.inf and reference[1, 0] != 0.0:
+            beyond = (rows[0] - reference[0])[reference[1] == 0.0].max(initial=0.0)
+            if beyond > KEPT:
+                status = f"{status}, {PASSES} {beyond:.1f} m"  # only then the force is the reason
+        return LawPlan(times, rows[0], rows[1], rows[3], rows[2], status)
+
+    def _force_range(self, reference: Array, errors: Array, ahead: Lookahead) -> Array:
         """Return the range of the total force at the nodes for couplers and sections of the line [N]."""
         within = self._unbounded
         if self._couplers is not None:
-            within = self._couplers.force_range(motion[0], motion[1])
+            within = self._couplers.force_range(*(reference + errors))
             if self._model.air_brake is not None:
                 within[0, 1:] = -np.inf  # as the envelopes, the couplers do not limit its later brake forces
         if not self._sections or not ahead.force_max.size:

@@ -25,7 +25,7 @@ from train_ato.control.algorithms.train_constants import (
     train_class,
     wave_time,
 )  # fmt: skip
-from train_ato.control.mpc.motion_filters import correct, match, mix, weigh
+from train_ato.control.mpc.motion_filters import correct, disturbance_drift, match, mix, weigh
 from train_ato.control.mpc.motion_observer import DISTURBANCE_PRIOR, SPEED_PRIOR, MotionObserver
 from train_ato.control.train_model import STANDSTILL_SPEED
 from train_ato.messages.types import Array
@@ -51,8 +51,8 @@ MOTION = 3
 
 @compiled
 def modal_step(
-    states, covariances, chances, noise, before, transition, driven, drift, walks, chain, weight, position, speed, mean,
-    floor_ratio,
+    states, covariances, chances, noise, before, transition, gains, driving, random, changes, walks, chain, weight,
+    position, speed, mean, floor_ratio,
 ):  # fmt: skip
     """Advance all filters by a period and correct them.
 
@@ -66,12 +66,14 @@ def modal_step(
         As in :func:`train_ato.control.mpc.motion_filters.filter_step`.
     transition : Array, shape (n, n)
         State after a period without input.
-    driven : Array, shape (n,)
-        Change of the state by the known accelerations in the period.
-    drift : Array, shape (n, n)
-        Covariance of the change in a period.
-    walks : Array, shape (filters,)
-        Variance of the change of d in a period.
+    gains : Array, shape (2, n)
+        Change of the state in a period by an acceleration of 1 m/s² and by a force of 1 N.
+    driving : tuple of float
+        Known acceleration [m/s²] and force [N].
+    random : Array, shape (n, n)
+        Covariance of the change in a period by waves of the modes.
+    changes, walks
+        As in :func:`train_ato.control.mpc.motion_filters.filter_step`.
     mean : Array, shape (n,)
         Result: mean of the states of the filters, weighted by their probabilities.
     """
@@ -84,7 +86,7 @@ def modal_step(
         state, covariance = states[j], covariances[j]
         former[:] = state
         for a in range(size):
-            state[a] = driven[a]
+            state[a] = gains[0, a] * driving[0] + gains[1, a] * driving[1]
             for b in range(size):
                 state[a] += transition[a, b] * former[b]
         for a in range(size):
@@ -95,11 +97,13 @@ def modal_step(
                 half[a, b] = total
         for a in range(size):
             for b in range(a + 1):
-                total = drift[a, b]
+                total = random[a, b]
+                if a == 1 and b == 1:
+                    total += changes[0]
                 for k in range(size):
                     total += half[a, k] * transition[b, k]
                 covariance[a, b] = covariance[b, a] = total
-        covariance[2, 2] += walks[j]
+        covariance[2, 2] += disturbance_drift(walks[j], changes)
         miss_position, miss_speed = position - state[0], speed - state[1]
         mean_position += chances[j] * miss_position
         mean_speed += chances[j] * miss_speed
@@ -163,16 +167,13 @@ class ModalObserver(MotionObserver):
             self._state[0] -= float(self._states[0, place])
 
     def _filter(
-        self, position: float, speed: float, pull: float, regressor: float, force: float, jolt: float, walks: Array,
-        variance: float,
+        self, position: float, speed: float, pull: float, regressor: float, force: float,
+        changes: tuple[float, float, float],
     ) -> None:  # fmt: skip
         """Advance and correct the filters; arguments as in the base class."""
-        driven = self._gains[0] * pull + self._gains[1] * force
-        drift = self._random.copy()
-        drift[1, 1] += jolt
         modal_step(
-            self._states, self._covariances, self._chances, self._noise, self._before, self._transition, driven,
-            drift, walks, self._filters.chain,
+            self._states, self._covariances, self._chances, self._noise, self._before, self._transition,
+            self._gains, (pull, force), self._random, changes, self._filters.walks, self._filters.chain,
             1.0 / self._count, position, speed, self._mean, self._filters.position_floor,
         )  # fmt: skip
         found = self._mean.tolist()

@@ -204,9 +204,24 @@ def weigh(states, chances, exponents, roots, mean):
 
 
 @compiled
+def disturbance_drift(walk, changes):
+    """Return the variance of the change of the disturbance in a period [m²/s⁴].
+
+    Parameters
+    ----------
+    walk
+        Square of the bandwidth of the random walk [rad²/s²].
+    changes : tuple of float
+        Variances in a period: of the change of the speed, of its part by waves [m²/s²], and of the measured speed, up
+        to that of ``SPEED_FLOOR``, over a period [m²].
+    """
+    return walk * (walk * changes[2] + changes[1])
+
+
+@compiled
 def filter_step(
     states, covariances, chances, noise, before, drifts, chain, period, weight, position, speed, pull, regressor, mean,
-    floor_ratio,
+    floor_ratio, changes, walks, rates,
 ):  # fmt: skip
     """Advance all filters by a period and correct them.
 
@@ -221,7 +236,12 @@ def filter_step(
     before : Array, shape (2,)
         Last innovations.
     drifts : Array, shape (1 + filters, 4)
-        Variance of the change of speed, disturbance, error of the mass and rate of the disturbance in a period.
+        Variance of the change of speed, disturbance, error of the mass and rate of the disturbance in a period; the
+        first column, and the others of all but the first row, are computed here.
+    changes : tuple of float
+        As in :func:`disturbance_drift`.
+    walks, rates
+        Of :class:`DisturbanceFilters`.
     period, weight
         Period [s] and weight of the newest sample in the noise.
     position, speed, pull, regressor
@@ -233,6 +253,10 @@ def filter_step(
     """
     mix(states[1:], covariances[1:], chances, chain)
     count = chances.size
+    drifts[:, 0] = changes[0]
+    for j in range(count):
+        drifts[1 + j, 1] = disturbance_drift(walks[j], changes)
+        drifts[1 + j, 3] = rates[j] * changes[2]
     predict_motion(states[0], covariances[0], drifts[0], period, pull, regressor)
     correct(states[0], covariances[0], noise, position - states[0, 0], speed - states[0, 1])
     states[0, 3] = min(max(states[0, 3], -MAX_MASS_ERROR), MAX_MASS_ERROR)

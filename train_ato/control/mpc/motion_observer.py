@@ -13,7 +13,6 @@ from train_ato.control.mpc.motion_filters import (
     filter_step,
     match,
 )
-from train_ato.messages.types import Array
 
 NOISE_TIME = 20.0
 """Time over which the noise is averaged [s]."""
@@ -192,26 +191,19 @@ class MotionObserver:
             self._before[:], self.stands = 0.0, False
         self._count = min(self._count + 1.0, max(self._samples, 1.0))
         variance = min(float(self._noise[1]), SPEED_FLOOR**2) * self._period**2
-        walks = self._filters.walks
         jolt = self._waves + (force_change * self._period) ** 2 / 12.0
-        self._filter(position, speed, pull, regressor, force, jolt, walks * (walks * variance + self._waves), variance)
+        self._filter(position, speed, pull, regressor, force, (jolt, self._waves, variance))
 
     def _filter(
-        self, position: float, speed: float, pull: float, regressor: float, force: float, jolt: float, walks: Array,
-        variance: float,
+        self, position: float, speed: float, pull: float, regressor: float, force: float,
+        changes: tuple[float, float, float],
     ) -> None:  # fmt: skip
-        """Advance and correct the filters; the first arguments as in :meth:`step`, the others are variances.
-
-        They are those of the changes in a period of speed [m²/s²] and disturbance [m²/s⁴], shape (filters,), and of the
-        measured speed, up to ``SPEED_FLOOR``, over a period [m²].
-        """
-        self._drifts[:, 0] = jolt
-        self._drifts[1:, 1] = walks
-        self._drifts[1:, 3] = self._filters.rates * variance
+        """Advance and correct the filters; arguments as in :meth:`step`, ``changes`` as in `disturbance_drift`."""
+        filters = self._filters
         filter_step(
-            self._states, self._covariances, self._chances, self._noise, self._before, self._drifts,
-            self._filters.chain, self._period, 1.0 / self._count, position, speed, pull, regressor, self._mean,
-            self._filters.position_floor,
+            self._states, self._covariances, self._chances, self._noise, self._before, self._drifts, filters.chain,
+            self._period, 1.0 / self._count, position, speed, pull, regressor, self._mean, filters.position_floor,
+            changes, filters.walks, filters.rates,
         )  # fmt: skip
         self._state = self._mean.tolist()
         self.mass_known = max(0.0, 1.0 - float(self._covariances[0, 3, 3]) / MASS_PRIOR**2)

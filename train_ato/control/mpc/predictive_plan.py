@@ -290,14 +290,79 @@ def decide(gradients, inverted, limited, dual, rows, errors, allowed, active, z)
 
 
 @compiled
-def planned_motion(reference, errors, by_position, by_velocity, decision, room):
-    """Return planned position [m], speed [m/s] and excess over the permitted speed [m/s], shape (3, nodes)."""
-    n = decision.size
-    found, moved = np.empty((3, n)), np.zeros((2, n))
-    add_product(moved[0], by_position, decision)
-    add_product(moved[1], by_velocity, decision)
-    for j in range(n):
+def write_plan(reference, errors, side, decision, room, mass, found):
+    """Compute planned position [m], speed [m/s] and excess over the permitted speed [m/s]; complete the force [N]."""
+    moved = np.zeros((2, decision.size))
+    add_product(moved[0], side[2], decision)
+    add_product(moved[1], side[3], decision)
+    for j in range(decision.size):
         found[0, j] = reference[0, j] + errors[0, j] + moved[0, j]
         found[1, j] = reference[1, j] + errors[1, j] + moved[1, j]
         found[2, j] = max(moved[1, j] - room[j], 0.0)
-    return found
+        found[3, j] += mass * (decision[j] - found[4, j])
+
+
+@compiled
+def plan_step(
+    side, times, line, couplers, required, errors, reference, effect, start, rule, places, allowed, active, plan, found
+):
+    """Compute limits, decision and plan of a period.
+
+    Return the number of exchanges, -1 without a solution, and True for an active row, and for one of the brake force.
+
+    Parameters
+    ----------
+    side : tuple of eight Arrays
+        The fields of :class:`train_ato.control.mpc.force_plan.HorizonModel`.
+    times : tuple of three Arrays, shape (nodes,)
+        Nodes [s], steps of :func:`bounds` [s], and part of a passing disturbance that has decayed.
+    line : tuple of Arrays
+        ``limits``, ``ends`` and ``tables`` of :func:`bounds`.
+    couplers, errors, reference, allowed
+        As in :func:`bounds`; ``allowed`` has shape (8 nodes,).
+    required : Array, shape (h,)
+        Total force that keeps the train on the reference, at the times of the lookahead [N].
+    effect : tuple of float
+        Position [m], speed [m/s] and acceleration [m/s²] of the reference at the time of effect.
+    start : tuple of float
+        Disturbance and its passing part, error of the acceleration, and rise [m/s²]; feed-forward [N], inertia [kg],
+        smallest and largest total force at the measured speed, and resistance there beyond the reference [N].
+    rule : tuple of float
+        Largest jerk [m/s³], pole of the approach [rad/s], its order less one, time from which a stop is kept [s],
+        position error permitted there [m], drag of :func:`bounds`, and 1.0 for a departure.
+    places : tuple of int
+        Entry of the first node and of the effect in the lookahead, steps between nodes, and node of the approach.
+    active, plan
+        ``active`` and ``z`` of :func:`decide`.
+    found : Array, shape (5, nodes)
+        Result: rows of :func:`write_plan`, and the disturbance at the nodes [m/s²]. Without a solution the fourth row
+        is the force that keeps the train on the reference [N].
+    """
+    nodes, steps, passed = times
+    disturbance, passing, gained, rise, feedforward, mass, low, high, beyond = start
+    jerk, pole, lags, stop_time, stop_room, slope, curvature, departs = rule
+    first, ticks, parts, near = places
+    n = nodes.size
+    force, lasting = found[3], found[4]
+    force[:] = node_values(required[first:], nodes, parts)
+    force[0] = feedforward
+    for j in range(n):
+        lasting[j] = disturbance - passing * passed[j]
+    bounds(
+        force, reference, line[0], line[1], (low, high), errors, (side[3], plan), (beyond, slope, curvature), line[2],
+        couplers, mass, jerk, steps, lasting, rise, required[ticks], allowed,
+    )  # fmt: skip
+    if departs > 0.0:
+        allowed[2 * n] = max(allowed[2 * n], 0.0)
+    for j in range(n):
+        rests = reference[1, j] == 0.0 and nodes[j] >= stop_time
+        allowed[7 * n + j] = min(stop_room - errors[0, j], FAR) if rests else FAR
+    room, motion = allowed[4 * n : 5 * n], (effect[1] + errors[1, 0], effect[2] + gained, gained)
+    held = approach(room, errors[1], reference[1], motion, near, nodes[near], pole, lags > 0.0, side[3][near])
+    room[:near] = 1e3
+    allowed[0] = min(allowed[0], max(held, -allowed[n], -allowed[3 * n]))
+    exchanges = decide((side[0], side[1]), side[4], side[6], side[7], side[5], errors, allowed, active, plan)
+    reference[0, 0], reference[1, 0] = effect[0], effect[1]
+    if exchanges >= 0:
+        write_plan(reference, errors, side, plan, room, mass, found)
+    return exchanges, active.any(), active[n : 2 * n].any()
