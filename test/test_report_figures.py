@@ -267,7 +267,7 @@ def test_a_track_has_its_grades_heights_and_curves() -> None:
     assert track_shape(load_line("level"), 0.0, 1000.0).is_plain
 
 
-ROWS = {row.key: row for _, rows in GROUPS for row in rows}
+ROWS = {row.key: row for rows in GROUPS.values() for row in rows}
 GUST = "--set=plant.disturbances=[{kind: gust, begin: 4, end: 8, acceleration: -0.02}]"
 
 

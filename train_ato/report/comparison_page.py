@@ -46,67 +46,43 @@ class Shared:
     height: int = 200
 
 
-FIGURES: tuple[tuple[str, str, tuple[Shared, ...]], ...] = (
-    (
-        "tracking",
-        "Tracking",
-        (
-            Shared("speed_error", ("speed_error",), "Speed error", "Train minus reference{worst}.", 220),
-            Shared(
-                "position_error",
-                ("position_error",),
-                "Position error",
-                "Train minus reference{worst}; > 0 is ahead of the profile.",
-                220,
-            ),
+FIGURES: dict[tuple[str, str], tuple[Shared, ...]] = {
+    ("tracking", "Tracking"): (
+        Shared("speed_error", ("speed_error",), "Speed error", "Train minus reference{worst}.", 220),
+        Shared(
+            "position_error",
+            ("position_error",),
+            "Position error",
+            "Train minus reference{worst}; > 0 is ahead of the profile.",
+            220,
         ),
     ),
-    (
-        "forces",
-        "Forces",
-        (
-            Shared("forces", ("applied",), "Applied force", "All power units together.", 240),
-            Shared("forces", ("demand",), "Command", "All power units together, as sent.", 240),
-        ),
+    ("forces", "Forces"): (
+        Shared("forces", ("applied",), "Applied force", "All power units together.", 240),
+        Shared("forces", ("demand",), "Command", "All power units together, as sent.", 240),
     ),
-    (
-        "couplers",
-        "Couplers",
-        (
-            Shared("couplers", (), "Force along the train", "One scale for all runs; front of the train on top."),
-            Shared("coupler_extremes", ("draft",), "Largest draft along the train"),
-            Shared("coupler_extremes", ("buff",), "Largest buff along the train"),
-        ),
+    ("couplers", "Couplers"): (
+        Shared("couplers", (), "Force along the train", "One scale for all runs; front of the train on top."),
+        Shared("coupler_extremes", ("draft",), "Largest draft along the train"),
+        Shared("coupler_extremes", ("buff",), "Largest buff along the train"),
     ),
-    (
-        "air-brake",
-        "Air brake",
-        (
-            Shared("pipe", ("pipe",), "Brake pipe at the head", "Absolute pressure."),
-            Shared("pipe", ("pipe_tail",), "Brake pipe at the tail", "Absolute pressure."),
-            Shared("shoes", (), "Shoe force along the train", "One scale for all runs."),
-            Shared("shoe_force", ("shoe_force",), "Shoe force of the whole train"),
-        ),
+    ("air-brake", "Air brake"): (
+        Shared("pipe", ("pipe",), "Brake pipe at the head", "Absolute pressure."),
+        Shared("pipe", ("pipe_tail",), "Brake pipe at the tail", "Absolute pressure."),
+        Shared("shoes", (), "Shoe force along the train", "One scale for all runs."),
+        Shared("shoe_force", ("shoe_force",), "Shoe force of the whole train"),
     ),
-    (
-        "disturbance",
-        "Disturbance and delay",
-        (
-            Shared("disturbance", ("estimate",), "Disturbance, estimate", "Of a power unit{worst}."),
-            Shared("disturbance", ("truth",), "Disturbance, truth", "On a power unit's vehicle{worst}."),
-            Shared("delay", ("delay",), "Delay from command to effect", "As found in the log."),
-        ),
+    ("disturbance", "Disturbance and delay"): (
+        Shared("disturbance", ("estimate",), "Disturbance, estimate", "Of a power unit{worst}."),
+        Shared("disturbance", ("truth",), "Disturbance, truth", "On a power unit's vehicle{worst}."),
+        Shared("delay", ("delay",), "Delay from command to effect", "As found in the log."),
     ),
-    (
-        "energy",
-        "Energy",
-        (
-            Shared("energy", ("traction",), "Work of traction"),
-            Shared("energy", ("regenerated",), "Work of the electric brake", "< 0: taken from the train."),
-        ),
+    ("energy", "Energy"): (
+        Shared("energy", ("traction",), "Work of traction"),
+        Shared("energy", ("regenerated",), "Work of the electric brake", "< 0: taken from the train."),
     ),
-)
-"""Sections: anchor, title, and their figures."""
+}
+"""Figures of each section by its anchor and title."""
 ERRORS = ("speed_error", "position_error")
 """Figures whose metrics may leave out a part of the run."""
 HERO = Shared("speed", ("speed", "measured_speed"), "Speed against profile", "Front vehicle.", 330)
@@ -128,7 +104,7 @@ def comparison_sections(pages: Sequence[PageData]) -> tuple[list[PageSection], L
         caption = "One row per run. Events common to all runs are marked in every figure over time."
         named = [(data.label, data.events) for data, _ in runs]
         sections.append(PageSection("events", "Events", [Placed(run_events_figure(linked, named), "", caption)]))
-    for anchor, title, entries in FIGURES:
+    for (anchor, title), entries in FIGURES.items():
         placed: list[Placed] = []
         for shared in entries:
             if not shared.columns:

@@ -121,82 +121,55 @@ class FigureSpec:
     height: int = HEIGHT
 
 
-FIGURES: tuple[tuple[str, str, tuple[FigureSpec, ...]], ...] = (
-    (
-        "tracking",
-        "Tracking",
-        (
-            FigureSpec("speed_error", "Speed error", "Train minus reference at the same stamp.", 200),
-            FigureSpec(
-                "position_error", "Position error",
-                "Train minus reference at the same stamp; > 0 is ahead of the profile.", 200,
-            ),
+FIGURES: dict[tuple[str, str], tuple[FigureSpec, ...]] = {
+    ("tracking", "Tracking"): (
+        FigureSpec("speed_error", "Speed error", "Train minus reference at the same stamp.", 200),
+        FigureSpec(
+            "position_error", "Position error",
+            "Train minus reference at the same stamp; > 0 is ahead of the profile.", 200,
         ),
     ),
-    (
-        "forces",
-        "Forces",
-        (
-            FigureSpec(
-                "forces", "Command and applied force",
-                "Sum of all power units: command as sent, force after delay, lag and saturation.", 250,
-            ),
-            FigureSpec("unit_forces", "Applied force of every power unit"),
+    ("forces", "Forces"): (
+        FigureSpec(
+            "forces", "Command and applied force",
+            "Sum of all power units: command as sent, force after delay, lag and saturation.", 250,
+        ),
+        FigureSpec("unit_forces", "Applied force of every power unit"),
+    ),
+    ("couplers", "Couplers"): (
+        FigureSpec(
+            "couplers", "Force along the train",
+            "Front of the train on top. Each cell shows the force with the largest magnitude, so no peak is lost.",
+        ),
+        FigureSpec("coupler_extremes", "Extremes", "Largest values of all couplers at every tick.", 240),
+    ),
+    ("air-brake", "Air brake"): (
+        FigureSpec("pipe", "Brake pipe", "Absolute pressure, at the tail as far as it is in the log.", 200),
+        FigureSpec("shoes", "Shoe force along the train", "Brake force of the air brake of every vehicle."),
+        FigureSpec("shoe_force", "Shoe force of the whole train", "", 180),
+    ),
+    ("disturbance", "Disturbance and delay"): (
+        FigureSpec(
+            "disturbance", "Disturbance: estimate and truth",
+            "The estimate contains all effects missing in the nominal model; the truth is the external force only.",
+        ),
+        FigureSpec(
+            "delay", "Delay from command to effect",
+            "Identified in time windows: the shift of the command that fits the applied force best; the lag adds "
+            "its time constant. Gaps: the force was nearly constant or saturated.", 190,
         ),
     ),
-    (
-        "couplers",
-        "Couplers",
-        (
-            FigureSpec(
-                "couplers", "Force along the train",
-                "Front of the train on top. Each cell shows the force with the largest magnitude, so no peak is lost.",
-            ),
-            FigureSpec("coupler_extremes", "Extremes", "Largest values of all couplers at every tick.", 240),
+    ("signals", "Own signals"): (
+        FigureSpec("signals", "Own signals", "Numbers of `on_tick` or of the caller of `ta.Env`, by name."),
+    ),
+    ("energy", "Energy"): (
+        FigureSpec(
+            "energy", "Work done on the train since the start",
+            "> 0 accelerates the train. The sum of all parts is the kinetic energy.", 260,
         ),
     ),
-    (
-        "air-brake",
-        "Air brake",
-        (
-            FigureSpec("pipe", "Brake pipe", "Absolute pressure, at the tail as far as it is in the log.", 200),
-            FigureSpec("shoes", "Shoe force along the train", "Brake force of the air brake of every vehicle."),
-            FigureSpec("shoe_force", "Shoe force of the whole train", "", 180),
-        ),
-    ),
-    (
-        "disturbance",
-        "Disturbance and delay",
-        (
-            FigureSpec(
-                "disturbance", "Disturbance: estimate and truth",
-                "The estimate contains all effects missing in the nominal model; the truth is the external force only.",
-            ),
-            FigureSpec(
-                "delay",
-                "Delay from command to effect",
-                "Identified in time windows: the shift of the command that fits the applied force best; the lag adds "
-                "its time constant. Gaps: the force was nearly constant or saturated.",
-                190,
-            ),
-        ),
-    ),
-    (
-        "signals", "Own signals",
-        (FigureSpec("signals", "Own signals", "Numbers of `on_tick` or of the caller of `ta.Env`, by name."),),
-    ),
-    (
-        "energy",
-        "Energy",
-        (
-            FigureSpec(
-                "energy", "Work done on the train since the start",
-                "> 0 accelerates the train. The sum of all parts is the kinetic energy.", 260,
-            ),
-        ),
-    ),
-)  # fmt: skip
-"""Sections: anchor, title, and their figures."""
+}  # fmt: skip
+"""Figures of each section by its anchor and title."""
 ERRORS = ("speed_error", "position_error")
 """Figures whose metrics may leave out a part of the run."""
 HERO = FigureSpec(
@@ -238,7 +211,7 @@ def run_sections(data: PageData) -> tuple[list[PageSection], Linked]:
         figure = event_figure(linked, data.events)
         caption = "Marked in every figure over time; click on a kind to hide its marks."
         sections.append(PageSection("events", "Events", [Placed(figure, "", caption)]))
-    for anchor, title, entries in FIGURES:
+    for (anchor, title), entries in FIGURES.items():
         placed = []
         for wanted in entries:
             figure = _figure(linked, data, sources, wanted)
