@@ -289,6 +289,9 @@ def test_the_line_has_stop_overspeed_couplers_and_every_failed_criterion() -> No
         "overspeed 0.4 km/h (limit 0.1) at 12.3 s, km 0.100; couplers "
     )
     assert verdict_line({}) == ""
+    slow = {**METRICS, "ticks": 200, "ticks_late": 0, "commands_missed": 174, "commands_late": 26}
+    assert verdict_line(slow).endswith("; 174 of 200 ticks without a new command, 26 with a late one")
+    assert "new command" not in verdict_line({**slow, "commands_missed": 0, "commands_late": 0})
     cut = {"speed_rmse_kmh": 0.1, "speed_rmse_run_kmh": 0.25}
     assert verdict_line(cut).endswith("speed error 0.1 km/h rms, 0.25 km/h with the braking to the stop")
 

@@ -229,12 +229,17 @@ def _stopped(beyond: float) -> str:
 
 
 def _lateness_texts(summary: Metrics) -> list[str]:
-    """Return the lateness of a run with a rate and late ticks as text."""
-    late = summary.get("ticks_late")
+    """Return the lateness of the ticks of a run with a rate, and its missing and late commands, as text."""
+    late, missed, delayed = (summary.get(key) or 0 for key in ("ticks_late", "commands_missed", "commands_late"))
+    parts = [f"{missed:.0f} of {summary.get('ticks')} ticks without a new command, {delayed:.0f} with a late one"]
+    parts = parts if (missed or delayed) and "ticks_late" in summary else []
     if not late:
-        return []
+        return parts
     largest, share = 1e3 * summary["lateness_max_s"], 100 * summary["behind_share"]
-    return [f"{late:.0f} ticks late by up to {three_digits(largest)} ms, {three_digits(share)} % behind the rate"]
+    return [
+        *parts,
+        f"{late:.0f} ticks late by up to {three_digits(largest)} ms, {three_digits(share)} % behind the rate",
+    ]
 
 
 def _plan_texts(summary: Metrics) -> list[str]:
