@@ -465,3 +465,5 @@ def test_the_lateness_of_ticks_is_counted(monkeypatch: pytest.MonkeyPatch) -> No
     clock[0] += 10**9
     lateness.begin(0.01)
     assert lateness.report()["wall_ticks_late"] == "1"
+    last = lateness.report()  # at the end of a run, after no further tick
+    assert last["wall_ticks_late"] == "1" and "wall_tick_begin_ns" not in last

@@ -159,13 +159,11 @@ class TickLateness:
         ``wall_tick_begin_ns`` is the begin of the first of these ticks [ns since 1970], ``wall_tick_steps_us`` has the
         steps between them.
         """
-        if not self._unreported:
-            return {}
-        begins, self._unreported = np.array(self._unreported), []
-        found = {
-            "wall_tick_begin_ns": str(begins[0]),
-            "wall_tick_steps_us": " ".join(str(step) for step in np.diff(begins) // 1000),
-        }
+        found = {}
+        if self._unreported:
+            begins, self._unreported = np.array(self._unreported), []
+            found["wall_tick_begin_ns"] = str(begins[0])
+            found["wall_tick_steps_us"] = " ".join(str(step) for step in np.diff(begins) // 1000)
         if self._lateness:
             lateness = np.array(self._lateness)
             found["wall_ticks_late"] = str(self.late)
