@@ -53,12 +53,7 @@ def links_of(data: Any) -> list[dict[str, Any]] | None:
 def altrios_line(data: Any, place: str, selection: str = "", *, against: bool = False) -> tuple[Line, tuple[str, ...]]:
     """Return the line along a path, and the keys that it does not carry.
 
-    Parameters
-    ----------
-    selection
-        ``FROM..TO`` or ``FROM..VIA..TO``, numbers of links, perhaps with a speed set after a comma: ``71..557,Local``.
-    against
-        True for the flipped links from ``TO`` to ``FROM``.
+    A path has numbers of links, perhaps with a speed set: ``71..557,Local``; ``against`` has the flipped links.
     """
     selection, category = (part.strip() for part in selection.partition(",")[::2])
     known = _known(links_of(data) or [], place)

@@ -96,6 +96,16 @@ def read_bytes(path: Path) -> bytes:
         raise ValueError(f"{path}: cannot be read ({error.strerror}); give a readable text file") from None
 
 
+def decoded(raw: bytes) -> str:
+    """Return the text of a table in UTF-8, UTF-16 or UTF-32 with their marks, or in Latin-1."""
+    marks = {b"\xff\xfe\0\0": "utf-32", b"\0\0\xfe\xff": "utf-32", b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}
+    encoding = next((name for mark, name in marks.items() if raw.startswith(mark)), "utf-8-sig")
+    try:
+        return raw.decode(encoding)
+    except UnicodeDecodeError:
+        return raw.decode("latin-1")
+
+
 def read_any(path: Path) -> Any:
     """Return the data of a YAML or JSON file."""
     from plant_sim.data_text import parse_json, parse_yaml  # help of convert needs no YAML

@@ -14,7 +14,8 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from plant_sim.formats.fields import number_in, print_assumption, read_bytes
+from plant_sim.chainage import parse_post
+from plant_sim.formats.fields import decoded, number_in, print_assumption, read_bytes
 from plant_sim.formats.writing import lost_keys
 from plant_sim.input_error import build_model, close_match
 from plant_sim.line import MAX_GRADE, Line, order_fault
@@ -53,7 +54,6 @@ SEPARATORS = (";", "\t", ",")
 _BRACKETS = re.compile(r"^(.*?)\s*[\[(]\s*([^\[\]()]*?)\s*[\])]\s*$")
 _SEPARATOR_LINE = re.compile(r'\A"?sep=.?"?\r?\n', re.IGNORECASE)
 """First line of a spreadsheet with the separator."""
-_KM_PLUS = re.compile(r"^(-?\d+)\+(\d{3}(?:[.,]\d+)?)$")
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,12 +135,7 @@ def _curves(radii: list[tuple[float, Any]], end: float) -> list[dict[str, Any]]:
 
 def _read(path: Path) -> tuple[list[_Column], list[tuple[int, dict[str, Any]]]]:
     """Return the columns, and number and values of every row."""
-    raw = read_bytes(path)
-    try:
-        text = raw.decode("utf-16" if raw[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
-    except UnicodeDecodeError:
-        text = raw.decode("latin-1")
-    text = _SEPARATOR_LINE.sub("\n", text)
+    text = _SEPARATOR_LINE.sub("\n", decoded(read_bytes(path)))
     head = next((line for line in text.splitlines() if line.strip() and not line.startswith("#")), "")
     mark = next((mark for mark in SEPARATORS if mark in head), ",")
     listed = csv.reader(io.StringIO(text), delimiter=mark, strict=True)
@@ -203,9 +198,9 @@ def _value(column: _Column, text: str, place: str, mark: str) -> Any:
     if column.quantity == TEXT:
         return " ".join(text.replace("\0", "").split())
     where = f"{place}, {column.title}"
-    if column.quantity == "position" and column.factor in (1.0, 1e3) and (parts := _KM_PLUS.match(text)):
-        metres = float(parts[2].replace(",", "."))
-        return 1e3 * float(parts[1]) + (-metres if text.startswith("-") else metres)
+    kilometre = parse_post(text.replace(",", "."))
+    if column.quantity == "position" and column.factor in (1.0, 1e3) and kilometre is not None:
+        return kilometre
     if "," in text and mark == ",":
         raise ValueError(f"{where} = '{text[:30]}': separate the columns by semicolons, or write a decimal point")
     most = MAX_VALUES[column.quantity] / column.factor

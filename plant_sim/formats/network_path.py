@@ -68,13 +68,7 @@ class Network:
                 self.joined[here].append(there)
 
     def path(self, selection: str, *, against: bool = False) -> TrackPath:
-        """Return the path of a selection ``FROM..TO`` or ``FROM..VIA..TO``, or of the whole network without a branch.
-
-        Parameters
-        ----------
-        against
-            True for the same path, run from ``TO`` to ``FROM``.
-        """
+        """Return the path ``FROM..TO`` or ``FROM..VIA..TO``, or of a network without a branch; ``against`` turns it."""
         if not selection:
             found = self._whole()
         else:
@@ -192,10 +186,7 @@ class TrackPath:
     def reversed(self) -> TrackPath:
         """Return the path over the same tracks from its end to its begin.
 
-        Raises
-        ------
-        ValueError
-            One line for a joint that a train runs over in the other direction only.
+        A joint that a train runs over in the other direction only is refused.
         """
         found = TrackPath(self.network, [(track, not forward) for track, forward in reversed(self.parts)])
         found.check_joints()

@@ -31,15 +31,7 @@ TYPES = ("link", "point_switch", "crossing", "single_slip_switch", "double_slip_
 
 
 def osrd_line(data: dict[str, Any], place: str, selection: str = "", *, against: bool = False) -> Line:
-    """Return the line along a path of an infrastructure.
-
-    Parameters
-    ----------
-    selection
-        ``FROM..TO``: tracks or operational points; empty for a network without branches.
-    against
-        True for the line of a train that runs the path from ``TO`` to ``FROM``.
-    """
+    """Return the line along a path ``FROM..TO``, tracks or operational points, or ``against`` it from ``TO``."""
     top = Fields(data, place)
     if not data["track_sections"]:
         raise ValueError(f"{place}: track_sections: empty; add the tracks")

@@ -60,13 +60,7 @@ STEP, JUMP = 1e-3, 100.0
 
 
 def osrd_train(data: dict[str, Any], place: str, selection: str = "") -> Consist:
-    """Return the train in the data of a rolling stock.
-
-    Parameters
-    ----------
-    selection
-        Conditions of the effort curve, see :func:`with_supply`; empty for the default mode.
-    """
+    """Return the train in the data of a rolling stock, with an effort curve of :func:`with_supply`."""
     top = Fields(data, place)
     mass, speed = top.number("mass", None, 1.0, 1e9), top.number("max_speed", None, 0.1, 200.0)
     factor = top.number("inertia_coefficient", None, 1.0, 2.0)
@@ -181,16 +175,8 @@ def _etcs_brake(top: Fields) -> dict[str, float] | None:
 def with_supply(consist: Consist, selection: str, place: str) -> Consist:
     """Return a train with the traction of the first curve that holds under some conditions.
 
-    Parameters
-    ----------
-    selection
-        ``mode=25000V,comfort=HEATING,electrical_level=22500V,power_restriction=C1``, each where it is known; the mode
-        alone also without its key.
-
-    Raises
-    ------
-    ValueError
-        One line for an unknown condition, or one that no curve has.
+    They are ``mode=25000V,comfort=HEATING,electrical_level=22500V,power_restriction=C1``, each where it is known. The
+    mode alone needs no key. A condition that no curve has is refused.
     """
     known = [curve for kind in consist.vehicle_types.values() for curve in kind.supply_curves]
     keys = ("mode", *CONDITIONS.values())
@@ -228,10 +214,7 @@ def with_supply(consist: Consist, selection: str, place: str) -> Consist:
 def osrd_stock_json(consist: Consist) -> tuple[str, tuple[str, ...]]:
     """Return a train as rolling stock of OSRD, and the keys of the consist that it does not carry, or that it adds.
 
-    Raises
-    ------
-    ValueError
-        One line for a train without traction or service deceleration.
+    A train without traction or service deceleration is refused.
     """
     kept = dict(consist.kept.get(KEPT, {}))
     default = kept.pop("default_mode", None)

@@ -141,12 +141,7 @@ def holds_stock(path: Path) -> bool:
 def railml_line(path: Path, selection: str = "", *, against: bool = False) -> tuple[Line, str, tuple[str, ...]]:
     """Return the line along a path of an infrastructure, the format, and the names that the line does not carry.
 
-    Parameters
-    ----------
-    selection
-        ``FROM..TO``: net elements or operational points; empty for a network without branches.
-    against
-        True for the line of a train that runs the path from ``TO`` to ``FROM``.
+    A path is ``FROM..TO``, net elements or operational points; ``against`` runs it from ``TO`` to ``FROM``.
     """
     place, root = str(path), read_root(path)
     version, lost = version_of(root), None

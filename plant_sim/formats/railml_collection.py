@@ -182,15 +182,7 @@ def parts_of(element: Element, place: str) -> tuple[tuple[str, ...], bool]:
 
 
 class Collections:
-    """Mapping of collections to net elements of the micro level.
-
-    Parameters
-    ----------
-    elements
-        All net elements by identifier.
-    network
-        Joined ends of those of the micro level.
-    """
+    """Mapping of collections, of all net elements, to those of the micro level in a network."""
 
     def __init__(self, elements: dict[str, NetElement], network: Network) -> None:
         self._elements, self._network = elements, network
@@ -198,10 +190,7 @@ class Collections:
     def members(self, name: str) -> list[str]:
         """Return the net elements of the micro level below a collection.
 
-        Raises
-        ------
-        ValueError
-            One line for a part that does not exist, or a collection that contains itself.
+        A part that does not exist and a collection that contains itself are refused.
         """
         return list(dict.fromkeys(self._members(name, ())))
 
@@ -262,10 +251,7 @@ class Collections:
     def length(self, name: str) -> float:
         """Return the length of a chain [m].
 
-        Raises
-        ------
-        ValueError
-            One line for a collection without an order, or with another length than its parts.
+        A collection without an order, or with another length than its parts, is refused.
         """
         found = plain_sum(self._network.lengths[part] for part, _ in self.chain(name))
         given = self._elements[name].length
@@ -293,10 +279,7 @@ class Collections:
     def chain(self, name: str) -> Chain:
         """Return the micro elements of an ordered collection in its direction.
 
-        Raises
-        ------
-        ValueError
-            One line for a collection without an order, or whose parts are not joined in it.
+        A collection without an order, or whose parts are not joined in it, is refused.
         """
         self.members(name)
         if name in self._network.lengths:

@@ -57,13 +57,7 @@ CARRIED = names_in("""
 
 
 def railml_train(path: Path, selection: str = "") -> tuple[Consist, str, tuple[str, ...]]:
-    """Return a formation of a file, the format, and the names that the train does not carry.
-
-    Parameters
-    ----------
-    selection
-        Identifier of the formation; empty for a file with one.
-    """
+    """Return the formation of an identifier, or the only one; the format; and the names that it does not carry."""
     place, root = str(path), read_root(path)
     version, lost = version_of(root), None
     if version == "2":

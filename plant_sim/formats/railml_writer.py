@@ -73,10 +73,7 @@ def _root() -> Element:
 def line_railml(line: Line) -> tuple[str, tuple[str, ...]]:
     """Return a line as railML, its begin at 0, and the keys that it does not carry.
 
-    Raises
-    ------
-    ValueError
-        One line for overlapping curves, of which railML has one at a place.
+    Overlapping curves are refused, because railML has one at a place.
     """
     refuse_overlap(line)
     root, length = _root(), line.end - line.begin
@@ -168,10 +165,7 @@ def _lost_details(line: Line) -> Iterator[str]:
 def train_railml(consist: Consist) -> tuple[str, tuple[str, ...]]:
     """Return a train as a formation of railML, and the keys that it does not carry.
 
-    Raises
-    ------
-    ValueError
-        One line for a train without traction or service deceleration.
+    A train without traction or service deceleration is refused.
     """
     deceleration, limits = service_deceleration(consist, "railML"), consist.plan_limits or PlanLimits()
     powered = [vehicle for vehicle in consist.vehicles if vehicle.traction]

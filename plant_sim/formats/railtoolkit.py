@@ -59,13 +59,7 @@ def is_railtoolkit(data: dict[str, Any], what: str) -> bool:
 
 
 def train_from(data: dict[str, Any], place: str, selection: str = "") -> Consist:
-    """Return a train in the data of a rolling-stock file.
-
-    Parameters
-    ----------
-    selection
-        Name or identifier of the train; empty for a file with one.
-    """
+    """Return the train of a name or identifier in the data of a rolling-stock file, or its only one."""
     top = Fields(data, place)
     known: dict[str, Fields] = {}
     for index, entry in enumerate(top.entries("vehicles")):
@@ -199,14 +193,9 @@ def _assembled(train: Fields, file: str, formation: list[str], used: dict[str, _
 
 
 def railtoolkit_line(data: dict[str, Any], place: str, selection: str = "") -> Line:
-    """Return a running path in the data of a file.
+    """Return the running path of a name or identifier in the data of a file, or its only one.
 
     The resistance of a section becomes its grade. Points of interest do not become stops.
-
-    Parameters
-    ----------
-    selection
-        Name or identifier of the path; empty for a file with one.
     """
     top = Fields(data, place)
     path = _selected(top, "paths", selection)

@@ -254,10 +254,7 @@ def _stops(at: Any, spots: list[Spot], stations: list[tuple[str, Spot]], place: 
 def _points(line: Line) -> tuple[list[tuple[float, Spot]], tuple[str, ...]]:
     """Return the points of a line with coordinates, each with its place [m], and what a track does not carry.
 
-    Raises
-    ------
-    ValueError
-        For a line without coordinates.
+    A line without coordinates is refused.
     """
     alignment = Alignment(line)
     known = [spot.at for spot in line.coordinates]

@@ -210,15 +210,7 @@ CARRIED_TRAIN = names_in("""
 
 
 def ttobench_train(data: dict[str, Any], place: str, *, point_mass: bool = False) -> Consist:
-    """Return the train in the data of a file.
-
-    Parameters
-    ----------
-    data, place
-        Data of the file, and its name.
-    point_mass
-        Accept a train without a length, which a point mass does not use.
-    """
+    """Return the train in the data of a file; a point mass needs no length."""
     top = Fields(data, place)
     mass = _quantity(top, "mass", "mass", low=1.0)
     factor = 1.0 + (_quantity(top, "rho", "ratio", high=1.0) if "rho" in top else 0.0)
@@ -370,15 +362,7 @@ def _emergency_brake(top: Fields, pneumatic: float) -> dict[str, float]:
 
 
 def emergency_brake(rows: Iterable[tuple[float, float]], time: float) -> dict[str, float]:
-    """Return the emergency brake of ETCS data.
-
-    Parameters
-    ----------
-    rows
-        Speed [m/s] from which on a deceleration [m/s²] holds, and this deceleration.
-    time
-        Build-up time [s].
-    """
+    """Return the emergency brake of ETCS data: rows of speed [m/s] and deceleration [m/s²], and build-up time [s]."""
     default = EmergencyBrake()
     whole = default.delay + default.time_constant
     return {

@@ -102,10 +102,7 @@ def load_layout(name: str) -> RecorderLayout:
 def add_notch_force(table: CsvTable, consist: Consist) -> str:
     """Replace the notches of a file by their force; return a note, "" without notches.
 
-    Raises
-    ------
-    ValueError
-        For notches beside a demand, and without a speed of the train.
+    Notches beside a demand, and without a speed of the train, are refused.
     """
     notches = [column for column in table.columns.values() if column.quantity == NOTCH]
     if not notches:

@@ -297,13 +297,7 @@ def _height(line: Line, begin: float, end: float) -> float:
 
 
 def _checked_pressure(pressure: ColumnSamples, charged: float, path: Path) -> str:
-    """Return the note on a recorded brake-pipe pressure; refuse one that is never charged by one atmosphere.
-
-    Raises
-    ------
-    ValueError
-        For a gauge pressure: file, column, problem; remedy.
-    """
+    """Return the note on a recorded brake-pipe pressure; refuse one that is never charged by one atmosphere."""
     title, highest = pressure.column.title, float(pressure.values.max())
     text = f"at most {number_text(highest / 1e3, 4)} kPa, {number_text(charged / 1e3)} kPa are charged"
     if abs(charged - highest - ATMOSPHERE) < 0.3 * ATMOSPHERE:

@@ -11,6 +11,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from plant_sim.chainage import parse_post
+from plant_sim.formats.fields import decoded
 from train_ato.api.import_csv.columns import NOTCH, QUANTITIES, TIMESTAMP, Column, column_of, plainly
 from train_ato.api.import_csv.faults import FileFaults
 from train_ato.messages.types import Array
@@ -174,8 +176,6 @@ MAX_FILE = 512 * 2**20
 """Maximum size of a file [bytes]."""
 SEPARATORS = (";", "\t", ",")
 _NUMBER = re.compile(r"^[-+]?(\d+[.,]?\d*|[.,]\d+)([eE][-+]?\d+)?$")
-_KM_PLUS = re.compile(r"^(-?\d+)\+(\d{3}(?:[.,]\d+)?)$")
-"""Kilometre and metres of a place: ``12+345``."""
 _THOUSANDS = re.compile(r"^[-+]?[1-9]\d{0,2},\d{3}$")
 _SEPARATOR_LINE = re.compile(r'^"?sep=(.)"?$', re.IGNORECASE)
 """First line of a spreadsheet with the separator."""
@@ -365,22 +365,11 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
         raise ValueError(f"{path}: cannot be read ({error.strerror}); give the CSV file of a recorder") from None
     if raw.lstrip(b"\xef\xbb\xbf \r\n")[:1] in (b"<", b"{"):
         raise ValueError(f"{path}: XML or JSON, not a table; give the CSV file of a recorder")
-    for number, line in enumerate(_text(path, raw).splitlines(), 1):
+    if b"\0" in raw and raw[:2] not in (b"\xff\xfe", b"\xfe\xff", b"\0\0"):
+        raise ValueError(f"{path}: not a text file; give the CSV file of a recorder")
+    for number, line in enumerate(decoded(raw).splitlines(), 1):
         if line.strip() and not line.lstrip().startswith("#"):
             yield number, line
-
-
-def _text(path: Path, raw: bytes) -> str:
-    try:
-        if raw[:4] in (b"\xff\xfe\0\0", b"\0\0\xfe\xff"):
-            return raw.decode("utf-32")
-        if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
-            return raw.decode("utf-16")
-        if b"\0" in raw:
-            raise ValueError(f"{path}: not a text file; give the CSV file of a recorder")
-        return raw.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return raw.decode("latin-1")
 
 
 def _cells(line: str, separator: str) -> list[str]:
@@ -475,10 +464,9 @@ def _numbers(
     for row, text in enumerate(entries):
         if text.lower() in _NOTHING:
             continue
-        if column.quantity in PLACES and column.factor in (1.0, 1e3) and (place := _KM_PLUS.match(text)):
-            metres = float(place[2].replace(",", "."))
-            sign = -1.0 if text.startswith("-") else 1.0
-            values[row] = (1e3 * float(place[1]) + sign * metres) / column.factor
+        kilometre = parse_post(text.replace(",", ".")) if "+" in text and column.quantity in PLACES else None
+        if kilometre is not None and column.factor in (1.0, 1e3):
+            values[row] = kilometre / column.factor
             decimals = max(decimals, 3 if column.factor > 1 else 0)
             continue
         if not _NUMBER.match(text):
