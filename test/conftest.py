@@ -2,7 +2,8 @@
 
 import gc
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 
 import open_data as tables
@@ -44,6 +45,22 @@ def open_data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("open_data")
     tables.write(folder)
     return folder
+
+
+@pytest.fixture(scope="session")
+def demo_run(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
+    """Return the function that gives the folder of a recorded run of the demo with changes, equal ones once."""
+
+    @cache
+    def recorded(*changes: str) -> Path:
+        from engine_runs import record_run
+
+        from train_ato.scenario.scenario import load_scenario
+        from train_ato.scenario.setup import prepare
+
+        return record_run(prepare(*load_scenario("demo", changes)), tmp_path_factory.mktemp("demo") / "run")
+
+    return recorded
 
 
 @pytest.fixture

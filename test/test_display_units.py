@@ -5,7 +5,6 @@ import json
 
 import pytest
 
-import train_ato as ta
 from train_ato.cli.main import main
 from train_ato.program.display_units import displayed_in, shown_data, shown_table, shown_text
 from train_ato.report.quantities import axis_title, style_of
@@ -55,10 +54,8 @@ def test_keys_and_headings_name_the_unit_of_their_numbers():
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("run") / "run"
-    ta.run("demo", set={"duration": 15}, progress=False).save(folder)
-    return folder
+def run(demo_run):
+    return demo_run("duration=15")
 
 
 def test_commands_print_and_export_us_units(run, tmp_path, capsys):

@@ -14,10 +14,8 @@ from train_ato.log.run_folder import read_run_folder
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("rerun") / "run"
-    ta.run("demo", set={"duration": 20}, progress=False).save(folder)
-    return folder
+def run(demo_run) -> Path:
+    return demo_run("duration=20")
 
 
 def test_the_recording_has_the_numbers_of_the_log(run: Path, tmp_path: Path) -> None:

@@ -7,7 +7,6 @@ import time
 from pathlib import Path
 
 import pytest
-from engine_runs import record_run
 from recordings import message_counts
 from replay_listener import Listener, Replaying
 from waiting import LIMIT_S
@@ -16,8 +15,6 @@ from train_ato.log.reading import iter_raw
 from train_ato.messages.codec import stamp_of
 from train_ato.playback.log import ReplayOptions
 from train_ato.playback.player import REPLAY_PROFILE
-from train_ato.scenario.scenario import load_scenario
-from train_ato.scenario.setup import prepare
 
 SECONDS = 15
 TICKS = SECONDS * 10
@@ -25,9 +22,8 @@ COMMAND, PROFILE, CARS = "ato/command", "ato/profile", "train/vehicles"
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    setup = prepare(*load_scenario("demo", (f"duration={SECONDS}",)))
-    return record_run(setup, tmp_path_factory.mktemp("replay") / "run")
+def run(demo_run) -> Path:
+    return demo_run(f"duration={SECONDS}")
 
 
 @pytest.fixture

@@ -27,8 +27,8 @@ def setup():
 
 
 @pytest.fixture(scope="module")
-def run(setup, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return record_run(setup, tmp_path_factory.mktemp("replay") / "run")
+def run(demo_run) -> Path:
+    return demo_run(f"duration={SECONDS}")
 
 
 def test_the_recorded_law_gives_the_recorded_outputs_bit_by_bit(setup, run):

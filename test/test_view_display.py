@@ -7,12 +7,8 @@ import pytest
 pytest.importorskip("rclpy")
 
 from chromium import Page, browser
-from engine_runs import record_run
 from view_browser import click, opened, said_wrong, viewing
 from waiting import wait_for
-
-from train_ato.scenario.scenario import load_scenario
-from train_ato.scenario.setup import prepare
 
 pytestmark = pytest.mark.graph
 BLOWN = ("duration=220", "interventions=[{at: 150, do: gust, acceleration: 0.5, duration: 60}]")
@@ -42,9 +38,9 @@ def colours(page: Page, name: str) -> set[str]:
     return set(page.evaluate(COLOURS.format(name)))
 
 
-def test_the_display_has_line_target_and_messages_of_its_time(tmp_path: Path) -> None:
+def test_the_display_has_line_target_and_messages_of_its_time(demo_run) -> None:
     """Breaks if planning area, target bar, train on the elevation profile, gauge or messages are not drawn."""
-    run = record_run(prepare(*load_scenario("demo", BLOWN)), tmp_path / "run")
+    run = demo_run(*BLOWN)
     with browser() as page, viewing(str(run)) as view:
         opened(page, view.url, frames=1)
         page.evaluate("model('time').value = 193.5")
@@ -70,9 +66,9 @@ def test_the_display_has_line_target_and_messages_of_its_time(tmp_path: Path) ->
         assert view.end() == 0
 
 
-def test_the_stop_window_appears_before_the_stop(tmp_path: Path) -> None:
+def test_the_stop_window_appears_before_the_stop(demo_run) -> None:
     """Breaks if the last metres have no scale, or the scale is there on the open line."""
-    run = record_run(prepare(*load_scenario("demo", STOPPING)), tmp_path / "run")
+    run = demo_run(*STOPPING)
     with browser() as page, viewing(str(run)) as view:
         opened(page, view.url, frames=1)
         page.evaluate("model('time').value = 60.0")

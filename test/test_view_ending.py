@@ -9,11 +9,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from chromium import browser
-from engine_runs import record_run
 from view_browser import click, opened, said_wrong, strangers, viewing
-
-from train_ato.scenario.scenario import load_scenario
-from train_ato.scenario.setup import prepare
 
 pytestmark = pytest.mark.graph
 SHORT = ("--set=duration=60", "--set=profile.phases=[{cruise_for: 5}, {accelerate_to_kmh: 10}, {brake_to: 0}]")
@@ -45,9 +41,9 @@ def test_a_run_waits_for_its_page_ends_with_a_verdict_and_is_run_again(tmp_path:
     assert (tmp_path / "run-2" / "run.mcap").is_file()
 
 
-def test_a_page_without_its_server_says_so(tmp_path: Path) -> None:
+def test_a_page_without_its_server_says_so(demo_run) -> None:
     """Breaks if the page of a stopped server looks alive, or that of a server that goes on looks dead."""
-    run = record_run(prepare(*load_scenario("demo", ("duration=5",))), tmp_path / "run")
+    run = demo_run("duration=5")
     with browser() as page, viewing(str(run)) as view:
         opened(page, view.url, frames=1)
         lost = "document.body.classList.contains('unserved')"

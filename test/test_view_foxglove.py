@@ -13,14 +13,11 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("foxglove")
 
-from engine_runs import record_run
 from tornado.websocket import websocket_connect
 from waiting import LIMIT_S
 
 from train_ato.log.reading import iter_raw
 from train_ato.messages.topics import EPOCH_NS
-from train_ato.scenario.scenario import load_scenario
-from train_ato.scenario.setup import prepare
 from train_ato.view.foxglove import serve_foxglove
 from train_ato.view.recorded import RecordedFeed
 
@@ -30,10 +27,8 @@ MESSAGE, TIME = 1, 2
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory):
-    """Record half a minute of the demo."""
-    setup = prepare(*load_scenario("demo", ("duration=30",)))
-    return record_run(setup, tmp_path_factory.mktemp("foxglove") / "run")
+def run(demo_run):
+    return demo_run("duration=30")
 
 
 class Client:

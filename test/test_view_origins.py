@@ -8,13 +8,10 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("foxglove")
 
-from engine_runs import record_run
 from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import websocket_connect
 from view_browser import viewing
 
-from train_ato.scenario.scenario import load_scenario
-from train_ato.scenario.setup import prepare
 from train_ato.view.origin_gate import _accepted, host_of, may_read_topics
 
 PROTOCOLS = ["foxglove.sdk.v1"]
@@ -39,9 +36,8 @@ def test_a_request_has_one_host(hosts, accepted):
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory):
-    setup = prepare(*load_scenario("demo", ("duration=5",)))
-    return record_run(setup, tmp_path_factory.mktemp("origins") / "run")
+def run(demo_run):
+    return demo_run("duration=5")
 
 
 def answer(port: int, path: str, host: str) -> http.client.HTTPResponse:

@@ -18,13 +18,10 @@ from tornado.websocket import websocket_connect
 pytest.importorskip("rclpy")
 
 from chromium import browser
-from engine_runs import record_run
 from view_browser import answer, choose, click, number, opened, said_wrong, strangers, text, viewing
 from waiting import still, wait_for
 
 from train_ato.ros.graph.environment import held_domains
-from train_ato.scenario.scenario import load_scenario
-from train_ato.scenario.setup import prepare
 from train_ato.view.page import ViewPage
 from train_ato.view.recorded import RecordedFeed
 
@@ -34,10 +31,8 @@ LONG = ("duration=4000", "profile.phases=[{cruise_for: 5}, {accelerate_to_kmh: 3
 
 
 @pytest.fixture(scope="module")
-def recorded(tmp_path_factory) -> Path:
-    """Record the first three minutes of the demo."""
-    setup = prepare(*load_scenario("demo", ("duration=180", "law_changes=[{at: 100, law: smc}]")))
-    return record_run(setup, tmp_path_factory.mktemp("recorded") / "run")
+def recorded(demo_run) -> Path:
+    return demo_run("duration=180", "law_changes=[{at: 100, law: smc}]")
 
 
 def test_a_request_of_the_page_makes_no_session(recorded):

@@ -191,10 +191,9 @@ def test_the_page_opens_with_the_forces_of_the_first_frame():
     assert [forces.source.data[name].tolist() for name in ("coupler", "shoe")] == [[12.0, -340.0, 0.0], [0.0, 1.0, 2.0]]
 
 
-def test_the_page_of_a_log_names_every_law(tmp_path):
+def test_the_page_of_a_log_names_every_law(demo_run):
     """Breaks if the table beside the display has only the first law of a run."""
-    changes = ("duration=5", "law_changes=[{at: 2, law: smc}]")
-    run = record_run(prepare(*load_scenario("demo", changes)), tmp_path / "run")
+    run = demo_run("duration=5", "law_changes=[{at: 2, law: smc}]")
     assert "pid → smc at 2 s" in _summary(RecordedFeed(run))
 
 

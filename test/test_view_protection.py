@@ -9,7 +9,6 @@ import pytest
 pytest.importorskip("rclpy")
 
 from chromium import browser
-from engine_runs import record_run
 from view_browser import answer, click, number, opened, said_wrong, strangers, text, viewing
 from waiting import wait_for
 
@@ -28,14 +27,13 @@ LONG = ("duration=4000", "profile.phases=[{cruise_for: 5}, {accelerate_to_kmh: 3
 
 
 @pytest.fixture(scope="module")
-def braked(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return record_run(prepare(*load_scenario("demo", BLOWN)), tmp_path_factory.mktemp("braked") / "run")
+def braked(demo_run) -> Path:
+    return demo_run(*BLOWN)
 
 
 @pytest.fixture(scope="module")
-def plain(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    changes = ("duration=5", "supervision.enabled=false")
-    return record_run(prepare(*load_scenario("demo", changes)), tmp_path_factory.mktemp("plain") / "run")
+def plain(demo_run) -> Path:
+    return demo_run("duration=5", "supervision.enabled=false")
 
 
 def told(time: float, node: str, message: str, **values: str) -> Diagnostic:

@@ -14,15 +14,12 @@ import pytest
 pytest.importorskip("rclpy")
 
 from chromium import browser
-from engine_runs import record_run
 from view_browser import answer, opened, said_wrong, text, viewing
 from waiting import LIMIT_S, wait_for
 
 from train_ato.log.bag_layout import PARTIAL
 from train_ato.messages.topic import TrainLayout
 from train_ato.ros.graph.environment import claim_domain
-from train_ato.scenario.scenario import load_scenario
-from train_ato.scenario.setup import prepare
 from train_ato.view.controls import Tunable
 from train_ato.view.facts import Facts
 from train_ato.view.snapshot import Snapshot, now, signed
@@ -31,10 +28,8 @@ BOX = """(() => {{ const r = {0}.getBoundingClientRect(); return [r.left, r.top,
 
 
 @pytest.fixture(scope="module")
-def short(tmp_path_factory) -> Path:
-    """Record 70 s of the demo with a swap."""
-    setup = prepare(*load_scenario("demo", ("duration=70", "law_changes=[{at: 60, law: smc}]")))
-    return record_run(setup, tmp_path_factory.mktemp("short") / "run")
+def short(demo_run) -> Path:
+    return demo_run("duration=70", "law_changes=[{at: 60, law: smc}]")
 
 
 @dataclass(frozen=True)
