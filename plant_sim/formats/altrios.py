@@ -18,7 +18,7 @@ from plant_sim.consist import Consist
 from plant_sim.elementary import plain_sum
 from plant_sim.formats.fields import Fields, keys_not_carried, names_in, print_assumption
 from plant_sim.formats.network_path import BEGIN, END, ROUNDING, STRAIGHT, Network, Range, TrackPath, line_data
-from plant_sim.formats.ttobench import BRAKED_GRADE
+from plant_sim.formats.ttobench import BRAKED_GRADE, rigid_train
 from plant_sim.input_error import build_model
 from plant_sim.line import ENDING, MAX_GRADE, Line
 from plant_sim.units import GRAVITY, number_text
@@ -252,19 +252,11 @@ def altrios_train(data: dict[str, Any], place: str) -> Consist:
         if car.text("car_type") == part["type"]
     )  # fmt: skip
     heads = _locomotives(top, kinds, ratio, max(min(speeds), 1.0), brake)
-    raw = {
-        "schema": "train_ato/consist/1",
-        "name": top.text("train_id", Path(place).stem),
-        "source": f"ALTRIOS train {Path(place).name}",
-        "vehicle_types": kinds,
-        "train": [*heads, *parts],
-        "draft_gears": {"rigid": {"kind": "rigid"}},
-        "default_gear": "rigid",
-        "plan_limits": {"speed": min(speeds)}
-        | ({"deceleration": brake / _inertia(kinds, [*heads, *parts])} if brake else {}),
-    }
+    parts = [*heads, *parts]
+    limits = {"speed": min(speeds)} | ({"deceleration": brake / _inertia(kinds, parts)} if brake else {})
     print_assumption(f"{place}: rigid couplers; the friction brake of the cars acts in the locomotives")
-    return build_model(Consist, raw, place)
+    name, source = top.text("train_id", Path(place).stem), f"ALTRIOS train {Path(place).name}"
+    return rigid_train(place, name, source, vehicle_types=kinds, train=parts, plan_limits=limits)
 
 
 def _inertia(kinds: dict[str, dict[str, Any]], parts: list[dict[str, Any]]) -> float:

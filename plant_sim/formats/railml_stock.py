@@ -29,8 +29,7 @@ from plant_sim.formats.railml_collection import (
     version_of,
 )
 from plant_sim.formats.railtoolkit import ROTATING
-from plant_sim.formats.ttobench import BRAKED_GRADE, OVERSPEED
-from plant_sim.input_error import build_model
+from plant_sim.formats.ttobench import BRAKED_GRADE, OVERSPEED, rigid_train
 from plant_sim.units import GRAVITY, KMH
 
 if TYPE_CHECKING:
@@ -72,11 +71,11 @@ def railml_train(path: Path, selection: str = "") -> tuple[Consist, str, tuple[s
     if selection and selection not in formations:
         raise ValueError(f"{place}: selection '{selection[:60]}': the file has {', '.join(formations)}; correct it")
     name = selection or next(iter(formations))
-    raw = _consist(formations[name], root, name, place)
     form = f"railML {version}"
-    raw["source"] = f"{form} rolling stock {path.name}"
+    data = _consist(formations[name], root, place)
+    consist = rigid_train(place, name, f"{form} rolling stock {path.name}", **data)
     left = names_lost(root, CARRIED) if lost is None else lost
-    return build_model(Consist, raw, place), form, tuple(key for key in left if key != "@version")
+    return consist, form, tuple(key for key in left if key != "@version")
 
 
 def _id(element: Element, place: str) -> str:
@@ -95,7 +94,7 @@ def _child(element: Element, names: str) -> Element | None:
     return element
 
 
-def _consist(formation: Element, root: Element, name: str, place: str) -> dict[str, Any]:
+def _consist(formation: Element, root: Element, place: str) -> dict[str, Any]:
     """Return the data of a train."""
     known: dict[str, Element] = {}
     for entry in elements_below(root, "vehicle"):
@@ -139,15 +138,8 @@ def _consist(formation: Element, root: Element, name: str, place: str) -> dict[s
     if engine is not None and engine.get("maxAcceleration"):
         plan["acceleration"] = number_of(engine, "maxAcceleration", place, 1e-3, 10)
     print_assumption(f"{place}: rigid couplers; the brake of the formation acts in its powered vehicles")
-    return {
-        "schema": "train_ato/consist/1",
-        "name": name,
-        "vehicle_types": types,
-        "train": [{"type": key} for key in train],
-        "draft_gears": {"rigid": {"kind": "rigid"}},
-        "default_gear": "rigid",
-        "plan_limits": plan,
-    } | ({"rating": rating} if rating else {})
+    data = {"vehicle_types": types, "train": [{"type": key} for key in train], "plan_limits": plan}
+    return data | ({"rating": rating} if rating else {})
 
 
 def brake_share(deceleration: float, inertia: float, mass: float, units: int) -> float:

@@ -19,7 +19,7 @@ from typing import Any
 from plant_sim.consist import Consist
 from plant_sim.elementary import plain_sum
 from plant_sim.formats.fields import Fields, finite_number, known_text, names_in, print_assumption
-from plant_sim.formats.ttobench import BRAKED_GRADE
+from plant_sim.formats.ttobench import BRAKED_GRADE, rigid_train
 from plant_sim.input_error import build_model
 from plant_sim.line import Line, order_fault
 from plant_sim.units import number_text
@@ -175,21 +175,9 @@ def _assembled(train: Fields, file: str, formation: list[str], used: dict[str, _
             parts[-1]["count"] += 1
         else:
             parts.append({"type": entry, "count": 1})
-    return build_model(
-        Consist,
-        {
-            "schema": "train_ato/consist/1",
-            "name": train.text("name"),
-            "source": f"railtoolkit rolling stock, {Path(file).name}",
-            "gravity": GRAVITY,
-            "vehicle_types": types,
-            "train": parts,
-            "draft_gears": {"rigid": {"kind": "rigid"}},
-            "default_gear": "rigid",
-            "plan_limits": {"speed": speed, "deceleration": deceleration},
-        },
-        file,
-    )
+    source, limits = f"railtoolkit rolling stock, {Path(file).name}", {"speed": speed, "deceleration": deceleration}
+    name = train.text("name")
+    return rigid_train(file, name, source, gravity=GRAVITY, vehicle_types=types, train=parts, plan_limits=limits)
 
 
 def railtoolkit_line(data: dict[str, Any], place: str, selection: str = "") -> Line:

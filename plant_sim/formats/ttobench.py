@@ -261,6 +261,13 @@ def ttobench_train(data: dict[str, Any], place: str, *, point_mass: bool = False
     )
 
 
+def rigid_train(place: str, name: str, source: str, **data: Any) -> Consist:
+    """Return a train with rigid couplers from its vehicle types, its parts and other data."""
+    gears = {"draft_gears": {"rigid": {"kind": "rigid"}}, "default_gear": "rigid"}
+    raw = {"schema": "train_ato/consist/1", "name": name, "source": source}
+    return build_model(Consist, raw | gears | data, place)
+
+
 def _quantity(top: Fields, key: str, kind: str, low: float = 0.0, high: float = 1e12) -> float:
     """Return a quantity with its unit, in SI."""
     fields = top.below(key)

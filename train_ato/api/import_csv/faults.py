@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from plant_sim.input_error import InputFaults
 
@@ -32,10 +32,10 @@ class FileFaults:
         else:
             self._more[at] = self._more.get(at, 0) + 1
 
-    def attempt(self, check: Callable[[], _Result]) -> _Result | None:
+    def attempt(self, check: Callable[..., _Result], *data: Any) -> _Result | None:
         """Return the result of a check; None if it raises ValueError, whose text is added."""
         try:
-            return check()
+            return check(*data)
         except ValueError as error:
             self.add(str(error).removeprefix(f"{self.path}: "))
             return None

@@ -15,10 +15,16 @@ from train_ato.messages.types import Array
 
 STANDSTILL_NOISE = 0.5 / 3.6
 """Magnitude of the speed noise at standstill [m/s]."""
-MAX_SPEED = 200.0
+MAX_SPEED, FASTER = 200.0, "faster than any train"
 """Maximum speed; larger ones have a wrong unit [m/s]."""
 JUMP, JUMP_RATE = 1.5, 5.0
 """A change of speed between rows above both limits, [m/s] and [m/s²], is an error of the recorder."""
+BOUNDS = {
+    "speed": (-STANDSTILL_NOISE, "forward speed is > 0; remove the rows of backward motion", MAX_SPEED, FASTER),
+    "reference_speed": (0.0, "forward speed is > 0, correct the row", MAX_SPEED, FASTER),
+    "brake_pipe_pressure": (0.0, "give the absolute pressure", 1.5e6, "above the pressure of any brake pipe"),
+}
+"""Lowest value, remedy below it, highest value, and problem above it, by quantity."""
 POSITION_NOISE = 5.0
 """Minimum tolerance of decreasing positions [m]; larger for a coarser resolution."""
 DISTANCE_SHARE, DISTANCE_LEAST = 0.2, 200.0
@@ -193,22 +199,22 @@ class _Check:
         """Return the checked data; raise all faults together."""
         attempt = self._faults.attempt
         for column in self._table.columns.values():
-            attempt(lambda column=column: self._check_unit(column))  # type: ignore[misc]
+            attempt(self._check_unit, column)
         speeds = {
-            column.unit: attempt(lambda column=column: self._speed(column))  # type: ignore[misc]
+            column.unit: attempt(self._speed, column)
             for column in self._table.columns.values()
             if column.quantity == "speed"
         }
         if None not in speeds and 0 not in speeds:
             self._faults.add("no speed column; name one speed_kmh or speed_m_s")
         speed = speeds.get(None) or speeds.get(0)
-        reference, pressure = attempt(self._reference), attempt(self._pressure)
-        force, command = attempt(self._forces), attempt(lambda: self._by_unit("command_force"))
+        reference, pressure = attempt(self._found, "reference_speed"), attempt(self._found, "brake_pipe_pressure")
+        force, command = attempt(self._forces), attempt(self._by_unit, "command_force")
         unit_position = attempt(self._unit_positions)
         if speed is None:
             self._faults.refuse()
         assert speed is not None
-        position = attempt(lambda: self._position(speed, unit_position or {}))
+        position = attempt(self._position, speed, unit_position or {})
         self._faults.refuse()
         steps = np.diff(self._rows.time)
         return Measured(
@@ -236,46 +242,28 @@ class _Check:
             )
 
     def _speed(self, column: Column) -> ColumnSamples:
-        samples = self._rows.samples(column)
+        samples = self._bounded(self._rows.samples(column))
         speed = samples.values
-        self._rows.refuse(
-            samples,
-            speed < -STANDSTILL_NOISE,
-            "{} is negative; forward speed is > 0; remove the rows of backward motion",
-        )
-        self._rows.refuse(samples, speed > MAX_SPEED, "{} is faster than any train; check the unit in the column name")
         if speed.max() < STANDSTILL_NOISE:
             raise ValueError(
                 f"{self._table.path}: column '{column.title}': the train does not move; give a file with motion"
             )
         change = np.abs(np.diff(speed, prepend=speed[0]))
         rate = change / np.diff(samples.time, prepend=samples.time[0] - 1.0)
-        self._rows.refuse(
-            samples,
-            (change > JUMP) & (rate > JUMP_RATE),
-            "{} is an impossible jump; correct or remove the row",
-        )
+        jumps = (change > JUMP) & (rate > JUMP_RATE)
+        self._rows.refuse(samples, jumps, "{} is an impossible jump; correct or remove the row")
         return samples
 
-    def _reference(self) -> ColumnSamples | None:
-        samples = self._rows.find("reference_speed")
-        if samples is not None:
-            self._rows.refuse(samples, samples.values < 0, "{} is negative; forward speed is > 0, correct the row")
-            self._rows.refuse(
-                samples, samples.values > MAX_SPEED, "{} is faster than any train; check the unit in the column name"
-            )
+    def _bounded(self, samples: ColumnSamples) -> ColumnSamples:
+        """Return samples within the bounds of their quantity."""
+        low, negative, high, large = BOUNDS[samples.column.quantity]
+        self._rows.refuse(samples, samples.values < low, f"{{}} is negative; {negative}")
+        self._rows.refuse(samples, samples.values > high, f"{{}} is {large}; check the unit in the column name")
         return samples
 
-    def _pressure(self) -> ColumnSamples | None:
-        samples = self._rows.find("brake_pipe_pressure")
-        if samples is not None:
-            self._rows.refuse(samples, samples.values < 0, "{} is negative; give the absolute pressure")
-            self._rows.refuse(
-                samples,
-                samples.values > 1.5e6,
-                "{} is above the pressure of any brake pipe; check the unit in the column name",
-            )
-        return samples
+    def _found(self, quantity: str) -> ColumnSamples | None:
+        samples = self._rows.find(quantity)
+        return None if samples is None else self._bounded(samples)
 
     def _by_unit(self, quantity: str) -> dict[int | None, ColumnSamples]:
         columns = [column for column in self._table.columns.values() if column.quantity == quantity]
