@@ -117,9 +117,7 @@ def _known(links: list[Any], place: str) -> dict[str, Fields]:
 def _changes(link: Fields, what: str) -> list[tuple[float, float, float]]:
     """Return begin and end on a link [m], and the change between them, of heights [m] or headings [rad]."""
     key, unit = (f"{what}s", {"elev": "elev_meters", "heading": "heading_radians"}[what])
-    rows = (
-        [Fields(row, f"{link.place}: {key}[{k}]") for k, row in enumerate(link.entries(key, 0))] if key in link else []
-    )
+    rows = link.each(key)
     most = 1e4 if what == "elev" else 6.3  # headings are between -pi and 2 pi
     points = [(row.number("offset_meters", None, -1e-3, 1e7), row.number(unit, None, -most, most)) for row in rows]
     if len(points) < 2 and what == "elev":
@@ -177,8 +175,7 @@ def _limits(link: Fields, at: float, category: str, others: set[str]) -> list[Ra
     if chosen_set.data.get("is_head_end"):
         others.add(f"{chosen_name}.is_head_end")
     found = []
-    for k, row in enumerate(chosen_set.entries("speed_limits", 0)):
-        entry = Fields(row, f"{chosen_set.place}: speed_limits[{k}]")
+    for entry in chosen_set.each("speed_limits"):
         begin = entry.number("offset_start_meters", None, -1e-3, 1e7)
         end = entry.number("offset_end_meters", None, begin, link.number("length_meters") + ROUNDING)
         speed = entry.number("speed_meters_per_second", None, 0.1, 300.0)
@@ -213,7 +210,7 @@ def altrios_train(data: dict[str, Any], place: str) -> Consist:
     parts: list[dict[str, Any]] = []
     speeds: list[float] = []
     brake = 0.0
-    cars = [Fields(row, f"{config.place}: rail_vehicles[{k}]") for k, row in enumerate(config.entries("rail_vehicles"))]
+    cars = config.each("rail_vehicles", 1)
     counts.refuse_unknown(*(car.text("car_type") for car in cars))
     for car in cars:
         name, count = car.text("car_type"), counts.whole(car.text("car_type"), 0, 5000)
@@ -272,10 +269,9 @@ def _locomotives(
     """Return the parts of the locomotives, whose types are added to ``kinds``; equal ones are one type."""
     if "loco_con" not in top:
         raise ValueError(f"{top.place}: loco_con: no locomotives; add loco_con: {{loco_vec: [...]}}")
-    rows = top.below("loco_con").entries("loco_vec")
+    rows = top.below("loco_con").each("loco_vec", 1)
     parts: list[dict[str, Any]] = []
-    for k, row in enumerate(rows):
-        loco = Fields(row, f"{top.place}: loco_con: loco_vec[{k}]")
+    for k, loco in enumerate(rows):
         mass, force = (
             loco.number(loco.one_of(f"{key}_{unit}", key), None, 1e3, high)
             for key, unit, high in (("mass", "kilograms", 1e6), ("force_max", "newtons", 1e8))

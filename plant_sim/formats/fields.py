@@ -212,6 +212,21 @@ class Fields:
             raise ValueError(f"{self.place}: {key} = {_shown(value)}: must be a list{size}")
         return value
 
+    def each(self, key: str, least: int = 0) -> list["Fields"]:
+        """Return the mappings of a list; without a minimum, the key may be missing."""
+        if not least and key not in self:
+            return []
+        return [Fields(entry, f"{self.place}: {key}[{k}]") for k, entry in enumerate(self.entries(key, least))]
+
+    def named(self, key: str, name: str, what: str) -> dict[str, "Fields"]:
+        """Return the mappings of a list by their names; refuse one name of two."""
+        found: dict[str, Fields] = {}
+        for entry in self.each(key, 1):
+            if (own := entry.text(name)) in found:
+                raise ValueError(f"{entry.place}: {name} = '{own[:60]}': two {what} have this {name}; correct one")
+            found[own] = entry
+        return found
+
     def rows(self, key: str, columns: int, least: int = 1) -> list[list[Any]]:
         """Return a list of rows, each with ``columns`` entries."""
         rows = self.entries(key, least)

@@ -35,20 +35,16 @@ def osrd_line(data: dict[str, Any], place: str, selection: str = "", *, against:
     top = Fields(data, place)
     if not data["track_sections"]:
         raise ValueError(f"{place}: track_sections: empty; add the tracks")
-    tracks: dict[str, Fields] = {}
-    for fields in _each(top, "track_sections"):
-        if (track := fields.text("id")) in tracks:
-            raise ValueError(f"{fields.place}: id = '{track[:60]}': two tracks have this id; correct one")
-        tracks[track] = fields
+    tracks = top.named("track_sections", "id", "tracks")
     network = Network(place, {name: fields.number("length", None, 1e-3, 1e7) for name, fields in tracks.items()})
     for key, kind in (("switches", "switch_type"), ("track_nodes", "track_node_type")):
-        for fields in _each(top, key):
+        for fields in top.each(key):
             _join_ports(network, fields, fields.text(kind))
-    for fields in _each(top, "operational_points"):
+    for fields in top.each("operational_points"):
         _name_station(network, fields)
     path = network.path(selection, against=against)
     grades, radii = _geometry(path, tracks)
-    sections_of_speed = list(_each(top, "speed_sections"))
+    sections_of_speed = top.each("speed_sections")
     tags = dict.fromkeys(tag for fields in sections_of_speed for tag in fields.data.get("speed_limit_by_tag") or {})
     speeds = [speed for fields in sections_of_speed for speed in _speeds(path, fields)]
     by_category = {
@@ -56,7 +52,7 @@ def osrd_line(data: dict[str, Any], place: str, selection: str = "", *, against:
     }
     neutral = [
         {"begin": passage.begin, "end": passage.end}
-        for fields in _each(top, "neutral_sections")
+        for fields in top.each("neutral_sections")
         for passage in _ranges(path, fields, "direction")
     ] + _without_power(path, top)
     name = f"{Path(place).stem}{f' {selection}' if selection else ''}{ENDING if against else ''}"
@@ -69,13 +65,6 @@ def osrd_line(data: dict[str, Any], place: str, selection: str = "", *, against:
         ),
         place,
     )
-
-
-def _each(fields: Fields, key: str) -> Iterator[Fields]:
-    """Yield the entries of a list; none without the key."""
-    if key in fields:
-        for number, entry in enumerate(fields.entries(key, 0)):
-            yield Fields(entry, f"{fields.place}: {key}[{number}]")
 
 
 def _join_ports(network: Network, fields: Fields, kind: str) -> None:
@@ -104,7 +93,7 @@ def _name_station(network: Network, fields: Fields) -> None:
     name = fields.text("id")
     if "extensions" in fields and "identifier" in fields.below("extensions"):
         name = fields.below("extensions").below("identifier").text("name", name)
-    for part in _each(fields, "parts"):
+    for part in fields.each("parts"):
         track = part.text("track")
         if track not in network.lengths:
             raise ValueError(f"{part.place}: track '{track[:60]}' is not in track_sections; correct it")
@@ -120,10 +109,10 @@ def _geometry(path: TrackPath, tracks: dict[str, Fields]) -> tuple[list[Range], 
     grades: list[Range] = []
     radii: list[Range] = []
     for track in dict.fromkeys(track for track, _ in path.parts):
-        for entry in _each(tracks[track], "slopes"):
+        for entry in tracks[track].each("slopes"):
             grade = entry.number("gradient", None, -500, 500) / 1e3
             grades += _signed(path.passages(track, *_extent(entry), entry.place), grade, entry.place)
-        for entry in _each(tracks[track], "curves"):
+        for entry in tracks[track].each("curves"):
             radius = entry.number("radius")
             radii += _signed(path.passages(track, *_extent(entry), entry.place), radius, entry.place)
     return grades, radii
@@ -146,7 +135,7 @@ def _speeds(path: TrackPath, fields: Fields, tag: str | None = None) -> list[Ran
 
 def _without_power(path: TrackPath, top: Fields) -> list[dict[str, float]]:
     """Return the sections of a path beside its electrifications; none for a path without any."""
-    sections = _each(top, "electrifications")
+    sections = top.each("electrifications")
     live = [
         Range(*passage[:2], 1.0) for fields in sections for passage in _ranges(path, fields, "applicable_directions")
     ]
@@ -181,7 +170,7 @@ def _ranges(path: TrackPath, fields: Fields, key: str) -> Iterator[Passage]:
     """Yield the passages of the track ranges that hold in the direction of running."""
     if "track_ranges" not in fields or not fields.entries("track_ranges", 0):
         raise ValueError(f"{fields.place}: track_ranges: none, so its place is not known; add them or remove the entry")
-    for part in _each(fields, "track_ranges"):
+    for part in fields.each("track_ranges"):
         track, direction = part.text("track"), known_text(part.text(key, "BOTH"), f"{part.place}: {key}", DIRECTIONS)
         for passage in path.passages(track, *_extent(part), part.place):
             if direction == "BOTH" or (direction == "START_TO_STOP") == passage.forward:

@@ -119,8 +119,7 @@ def _curves(fields: Fields) -> tuple[list[dict[str, Any]], str]:
         if (electric := mode.required("is_electric")) not in (True, False):
             raise ValueError(f"{mode.place}: is_electric = {str(electric)[:20]!r}: must be true or false; correct it")
         of_mode = {"mode": str(name), "electric": bool(electric)}
-        for k, entry in enumerate(mode.entries("curves", 0)):
-            curve = Fields(entry, f"{mode.place}: curves[{k}]")
+        for curve in mode.each("curves"):
             curve.refuse_unknown("cond", "curve")
             conditions = curve.below("cond") if curve.data.get("cond") else Fields({}, curve.place)
             conditions.refuse_unknown(*CONDITIONS)

@@ -21,7 +21,7 @@ from plant_sim.formats.railml2 import DAVIS
 from plant_sim.formats.railml_collection import children, elements_below
 from plant_sim.formats.railml_location import BEGINS, ENDS, POSITIONS
 from plant_sim.formats.railml_stock import AIR_DENSITY, MODE, MODES, TABLE, brake_share
-from plant_sim.formats.writing import lost_keys, refuse_overlap
+from plant_sim.formats.writing import NOT_XML, lost_keys, refuse_overlap
 from plant_sim.gears import RigidGear
 from plant_sim.line import Line, Rating
 from plant_sim.units import GRAVITY, KMH, number_text
@@ -42,7 +42,6 @@ IN_RAILML = (
 )  # fmt: skip
 """Keys of a line that railML carries."""
 NET = "line"
-_NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 def _add(parent: Element, names: str, **keys: str | float) -> Element:
@@ -53,7 +52,7 @@ def _add(parent: Element, names: str, **keys: str | float) -> Element:
     for name in above:
         found = children(parent, name)
         parent = found[0] if found else SubElement(parent, name)
-    texts = {key: _NOT_XML.sub("", value) if isinstance(value, str) else repr(value) for key, value in keys.items()}
+    texts = {key: NOT_XML.sub("", value) if isinstance(value, str) else repr(value) for key, value in keys.items()}
     return SubElement(parent, tag, texts)
 
 

@@ -61,12 +61,7 @@ def is_railtoolkit(data: dict[str, Any], what: str) -> bool:
 def train_from(data: dict[str, Any], place: str, selection: str = "") -> Consist:
     """Return the train of a name or identifier in the data of a rolling-stock file, or its only one."""
     top = Fields(data, place)
-    known: dict[str, Fields] = {}
-    for index, entry in enumerate(top.entries("vehicles")):
-        vehicle = Fields(entry, f"{place}: vehicles[{index}]")
-        if (name := vehicle.text("id")) in known:
-            raise ValueError(f"{vehicle.place}: id = '{name[:60]}': two vehicles have this id; correct one")
-        known[name] = vehicle
+    known = top.named("vehicles", "id", "vehicles")
     if "trains" not in top:
         raise ValueError(f"{place}: it has vehicles and no train; add trains: [{{name: ..., formation: [...]}}]")
     train = _selected(top, "trains", selection)
@@ -207,7 +202,7 @@ def _selected(top: Fields, key: str, selection: str) -> Fields:
     """Return the train or path of a name or identifier, or the only one of a file."""
     entries = [top.below("path")] if key == "paths" and "path" in top else []
     if not entries or key in top:
-        entries += [Fields(entry, f"{top.place}: {key}[{k}]") for k, entry in enumerate(top.entries(key))]
+        entries += top.each(key, 1)
     found = [entry for entry in entries if selection in (entry.text("id", ""), entry.text("name", "")) or not selection]
     if len(found) == 1:
         return found[0]

@@ -18,7 +18,7 @@ from plant_sim.alignment import Alignment
 from plant_sim.formats.fields import Fields, finite_number, names_in, number_in, print_assumption
 from plant_sim.formats.line_table import slopes
 from plant_sim.formats.railml_collection import names_lost
-from plant_sim.formats.writing import lost_keys
+from plant_sim.formats.writing import NOT_XML, lost_keys
 from plant_sim.input_error import build_model
 from plant_sim.line import Line
 from plant_sim.units import number_text
@@ -302,11 +302,14 @@ def line_gpx(line: Line) -> tuple[str, tuple[str, ...]]:
 
     points, left = _points(line)
 
+    def shown(text: str) -> str:
+        return escape(NOT_XML.sub("", text))
+
     def element(tag: str, spot: Spot, name: str = "") -> str:
-        inner = f"<ele>{spot[2]}</ele>" + (f"<name>{escape(name)}</name>" if name else "")
+        inner = f"<ele>{spot[2]}</ele>" + (f"<name>{escape(NOT_XML.sub('', name))}</name>" if name else "")
         return f'<{tag} lat="{spot[0]}" lon="{spot[1]}">{inner}</{tag}>\n'
 
     stations = "".join(element("wpt", spot, name) for name, spot in _named(line, points))
     rows = "".join(element("trkpt", spot) for _, spot in points)
     head = '<?xml version="1.0" encoding="UTF-8"?>\n<gpx version="1.1" creator="train_ato" xmlns="http://www.topografix.com/GPX/1/1">'
-    return f"{head}\n{stations}<trk><name>{escape(line.name)}</name><trkseg>\n{rows}</trkseg></trk></gpx>\n", left
+    return f"{head}\n{stations}<trk><name>{shown(line.name)}</name><trkseg>\n{rows}</trkseg></trk></gpx>\n", left

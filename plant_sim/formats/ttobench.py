@@ -333,8 +333,7 @@ def _tunnel_resistance(top: Fields) -> list[dict[str, float]]:
     else:
         area = _unit_factor(fields, "cross section unit", "area")
         factor = _unit_factor(fields, "unit", "force per speed²")
-        entries = [Fields(entry, f"{fields.place}: values[{k}]") for k, entry in enumerate(fields.entries("values"))]
-        rows = [(entry.required("cross section"), entry.required("value")) for entry in entries]
+        rows = [(entry.required("cross section"), entry.required("value")) for entry in fields.each("values", 1)]
     found = []
     for k, (section, coefficient) in enumerate(rows):
         place = f"{fields.place}: values[{k}]"

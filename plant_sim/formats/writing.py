@@ -1,6 +1,7 @@
 """Lines and trains written in the own format, lines as TTOBench JSON, and what a format does not carry."""
 
 import json
+import re
 from collections.abc import Collection
 from itertools import pairwise
 from typing import Any
@@ -11,6 +12,9 @@ from plant_sim.chainage import with_posts
 from plant_sim.consist import Consist
 from plant_sim.data_text import TextDumper
 from plant_sim.line import Line
+
+NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+"""Sign that a text in XML must not have."""
 
 
 def lost_keys(line: Line, carried: Collection[str]) -> list[str]:
