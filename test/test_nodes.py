@@ -43,6 +43,7 @@ from train_ato.ros.nodes.simulation_services import ABSENT
 from train_ato.ros.nodes.tick_answers import TickAnswers
 from train_ato.scenario.scenario import load_scenario
 from train_ato.scenario.setup import prepare
+from train_ato.view.controls import Controls, Tunable
 
 TICK = 100_000_000
 
@@ -185,6 +186,20 @@ def test_a_request_to_an_external_node_names_its_program(make, domain, monkeypat
         bench.until(future.done)
     with pytest.raises(ValueError, match="node controller is the external program other on domain"):
         future.result()
+
+
+def test_the_page_does_not_wait_for_parameters_of_a_program(make):
+    """Breaks if the live page waits for an external controller, which has no parameters, or its buttons say nothing."""
+    bench = make(Role.PLANT)
+    bench.speaker("ato/command")
+    controls, said = Controls(bench.endpoints.node, lambda: None), []
+    bench.until(lambda: controls.outside("controller") == "other")
+    assert not controls.ready and controls.outside("plant") == ""
+    controls.tunables["plant"]["rate"] = Tunable("rate", 1.0)
+    assert controls.ready
+    controls.call("engage", lambda done, text: said.append((done, text)))
+    controls.serve()
+    assert said == [(False, "the controller is the program other, which has no such service")]
 
 
 def _answer(bench, publisher, stamp, force=0.0):

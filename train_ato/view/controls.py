@@ -14,6 +14,7 @@ from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 from std_srvs.srv import SetBool, Trigger
 
+from train_ato.ros.nodes.publishers import in_place_of
 from train_ato.scenario.ato_requests import REQUESTS
 
 WIDE = 50.0
@@ -168,8 +169,12 @@ class Controls:
 
     @property
     def ready(self) -> bool:
-        """Parameters of both nodes have arrived."""
-        return all(self.tunables.values())
+        """Parameters of both nodes have arrived; a program in place of a node may have none."""
+        return all(found or self.outside(name) for name, found in self.tunables.items())
+
+    def outside(self, name: str) -> str:
+        """Return the name of the program in place of a node, "" without one."""
+        return in_place_of(self._node, name)
 
     @property
     def missing(self) -> str:
@@ -250,7 +255,7 @@ class Controls:
         def request() -> None:
             client = self._services[service]
             if self.over or not client.service_is_ready():
-                answer(False, self._reason("the controller" if service in REQUESTS else "the plant"))
+                answer(False, self._reason("controller" if service in REQUESTS else "plant"))
                 return
             message = Trigger.Request() if data is None else SetBool.Request(data=data)
             client.call_async(message).add_done_callback(lambda future: done(future.result()))
@@ -261,9 +266,11 @@ class Controls:
         self.submit(request)
 
     def _reason(self, name: str) -> str:
-        return (
-            "the run has ended; restart the view" if self.over else f"no response from {name}; the run may have ended"
-        )
+        if self.over:
+            return "the run has ended; restart the view"
+        if program := self.outside(name):
+            return f"the {name} is the program {program}, which has no such service"
+        return f"no response from the {name}; the run may have ended"
 
     def value(self, node: str, name: str, default: Any = None) -> Any:
         """Return the present value of a parameter."""

@@ -272,6 +272,8 @@ class LiveFeed(Feed):
                 again, interval = time.monotonic() + interval, min(2.0 * interval, LEARN_SLOWEST_S)
                 self.controls.learn()
             self._executor.spin_once(timeout_sec=0.05)
+        if outside := self.controls.outside("controller"):
+            self._law = f"external: {outside}"
         self._named = named = Path(str(self.controls.value("plant", "scenario", "")))
         if named.is_file():
             from train_ato.scenario.scenario import load_scenario
@@ -284,6 +286,9 @@ class LiveFeed(Feed):
             taker(self._listening, name, DEPTH, reliable=False) for name in ("train/vehicles", "train/measurement")
         ]
         found = [None, None]
+        plant = self.controls.outside("plant")
+        if plant and not self._listening.count_publishers("train/vehicles"):
+            raise ValueError(f"the plant {plant} sends no train/vehicles; show its record later: `train-ato view RUN`")
         while not all(found):
             wait(f"train/vehicles and train/measurement on domain {self.domain}; a paused run publishes none")
             found = [

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 from plant_sim.input_error import close_match
-from train_ato.messages.topics import TOPICS
 from train_ato.ros import require_ros
 from train_ato.ros.graph.domain_lock import TRAINS, locked_runs
 from train_ato.ros.graph.environment import applied, domain_of_environment, held_domains, variables
@@ -156,6 +155,8 @@ class GraphClient:
         ValueError
             Without one, with the namespaces of such nodes, or the program in place of the node.
         """
+        from train_ato.ros.nodes.publishers import in_place_of
+
         own = self._node.get_namespace()
         for limit in (ELSEWHERE_S, WAIT_S - ELSEWHERE_S):
             if ready(limit):
@@ -165,17 +166,10 @@ class GraphClient:
                 remedy = "leave --namespace out" if others == {"/"} else f"give --namespace {max(others)}"
                 there = f"{what} is in {', '.join(sorted(others))} of domain {self._domain}, not in {own}"
                 raise ValueError(f"{there}; {remedy}")
-            if programs := self._in_place_of(node):
+            if programs := in_place_of(self._node, node):
                 external = f"node {node} is the external program {programs} on domain {self._domain}"
                 raise ValueError(f"{what} is not there: {external}; use the services of the program")
         raise ValueError(f"{what} is not on domain {self._domain}; is the run still going on?")
-
-    def _in_place_of(self, node: str) -> str:
-        """Return the names of programs that publish the topics of a node in its place, "" without one."""
-        own = [topic.name for topic in TOPICS if [role.value for role in topic.publishers] == [node]]
-        topics = [name for name in own if not name.startswith("/")]
-        found = {info.node_name for topic in topics for info in self._node.get_publishers_info_by_topic(topic)}
-        return "" if node in found else " and ".join(sorted(found))
 
     def _answer(self, future: Any, who: str) -> Any:
         self._executor.spin_until_future_complete(future, WAIT_S)

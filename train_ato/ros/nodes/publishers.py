@@ -11,7 +11,7 @@ from typing import Any
 
 from rclpy.node import Node
 
-from train_ato.messages.topics import Role, Topic
+from train_ato.messages.topics import TOPICS, Role, Topic
 from train_ato.messages.variable_codec import status_name
 from train_ato.program.errors import NodeFault
 
@@ -28,6 +28,14 @@ def wait_for_names(read: Callable[[], list[str]], least: int = 0) -> list[str]:
         time.sleep(0.01)
         names = read()
     return names
+
+
+def in_place_of(node: Node, name: str) -> str:
+    """Return the names of programs that publish the topics of a node in its place, "" without one."""
+    own = [topic.name for topic in TOPICS if [role.value for role in topic.publishers] == [name]]
+    topics = [topic for topic in own if not topic.startswith("/")]  # an absolute one may be that of another train
+    found = {info.node_name for topic in topics for info in node.get_publishers_info_by_topic(topic)} - {_UNKNOWN}
+    return "" if name in found else " and ".join(sorted(found))
 
 
 class OnePublisher:
