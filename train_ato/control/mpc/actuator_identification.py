@@ -37,30 +37,13 @@ UNSAFE_MISFIT = 0.15
 def bank_step(modelled, sums, gains, misfits, sent, last, applied, delays, factors, now, clock, former):
     """Advance all candidates by a control period; return the number of the new one, or the former one.
 
-    Parameters
-    ----------
-    modelled : Array, shape (candidates, units)
-        Modelled force of every unit [N].
-    sums : Array, shape (candidates, 3)
-        Sums of F F_c, F_c² and F² [N²].
-    gains, misfits : Array, shape (candidates,)
-        Results: g_c, and E_c with the floor [N²].
-    sent : Array, shape (d, units)
-        Commands sent, oldest first [N]; receives the last one for every tick.
-    last : Array, shape (units,)
-        Command sent in the last period [N].
-    applied
-        Measured total force [N].
-    delays : Array, shape (2, units)
-        Delay of the model in traction and in braking [s].
-    factors : Array, shape (candidates,)
-        Factors on the delays.
-    now : tuple of two
-        True for a train in motion: without it the sample counts for traction only. Misfit that is not significant [N²].
-    clock : tuple of four
-        Tick [s], lag [s], part of the sums that remains after a tick, and ticks of a period.
-    former : int
-        Present candidate.
+    ``modelled``, shape (candidates, units), is the modelled force [N]; ``sums``, shape (candidates, 3), those of F F_c,
+    F_c² and F² [N²]. ``gains`` and ``misfits`` are results: g_c, and E_c with the floor [N²]. ``sent``, shape (d,
+    units), has the commands, oldest first, and receives the ``last`` one for every tick [N]; ``applied`` is the
+    measured total force [N]. ``delays``, shape (2, units), are those in traction and braking [s], ``factors`` those of
+    the candidates. ``now`` is True for a train in motion, without which the sample counts for traction only, and the
+    misfit that is not significant [N²]. ``clock`` has tick [s], lag [s], part of the sums that remains after a tick,
+    and ticks of a period.
     """
     (moves, floor), (tick, lag, keep, ticks) = now, clock
     decay = libm_exp(-tick / lag) if lag > 0.0 else 0.0

@@ -31,23 +31,12 @@ MIN_PART = 1e-3
 
 @compiled
 def force_range(positions, speeds, vehicles, specific, begin, limit, found):
-    """Compute the smallest and largest total force at some positions and speeds.
+    """Compute the smallest and largest total force at some positions [m] and speeds [m/s] of vehicle 0's centre.
 
-    Parameters
-    ----------
-    positions, speeds : Array, shape (nodes,)
-        Of vehicle 0's centre [m, m/s].
-    vehicles : Array, shape (7, vehicles)
-        Distance behind vehicle 0 [m], part of the inertia, mass [kg], share of the force, and running resistance as a
-        polynomial of the speed [N, N s/m, N s²/m²].
-    specific : Array, shape (places,)
-        Line force per mass [N/kg], one entry per metre.
-    begin
-        Position of the first entry [m].
-    limit
-        Largest coupler force [N].
-    found : Array, shape (2, nodes)
-        Result [N].
+    ``vehicles``, shape (7, vehicles), has distance behind vehicle 0 [m], part of the inertia, mass [kg], share of the
+    force, and running resistance as a polynomial of the speed [N, N s/m, N s²/m²]. ``specific`` is the line force per
+    mass [N/kg], one entry per metre from ``begin`` [m] on; ``limit`` the largest coupler force [N]; ``found``, shape
+    (2, nodes), the result [N].
     """
     count = vehicles.shape[1]
     before = np.empty(count)

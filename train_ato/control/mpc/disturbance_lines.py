@@ -55,26 +55,11 @@ def turned(states, turn):
 def spectrum_step(first, second, found, pairs, turn, gain, new, period, spring, damper, frequencies, sample):
     """Advance all demodulators by a sample.
 
-    Parameters
-    ----------
-    first, second : complex Array, shape (frequencies, 3, units)
-        y1 and y2 of position error [m], speed error [m/s] and force over the mass [m/s²].
-    found : complex Array, shape (frequencies, 2, units)
-        q2 [m/s²] and p2 [m/s].
-    pairs : complex Array, shape (frequencies, 2, units)
-        Mean of c.
-    turn : complex Array, shape (frequencies,)
-        Turn in a period.
-    gain, new
-        Part of a new sample in a stage and in the mean of c.
-    period
-        Control period [s].
-    spring, damper : Array, shape (units, units)
-        S [1/s²] and D [1/s].
-    frequencies : Array, shape (frequencies,)
-        [rad/s].
-    sample : Array, shape (3, units)
-        Position error, speed error and force over the mass.
+    ``first`` and ``second``, shape (frequencies, 3, units), are y1 and y2 of position error [m], speed error [m/s] and
+    force over the mass [m/s²], as is ``sample``, shape (3, units). ``found`` and ``pairs``, shape (frequencies, 2,
+    units), are q2 [m/s²] and p2 [m/s] and the mean of c. ``turn`` is the turn in a ``period`` [s]; ``gain`` and ``new``
+    are the parts of a new sample in a stage and in the mean of c. ``spring`` and ``damper`` are S [1/s²] and D [1/s];
+    ``frequencies`` in rad/s.
     """
     count, _, units = found.shape
     rate = gain / ((1.0 - gain) * period)
@@ -116,16 +101,8 @@ def line_power(pairs, frequencies):
 def line_amplitudes(found, over, scale, frequency):
     """Return disturbance q + i w p [m/s²] and drift p [m/s] of a line, complex, shape (2, units).
 
-    Parameters
-    ----------
-    found : complex Array, shape (2, units)
-        q2 and p2 of its demodulator.
-    over : Array, shape (2, units)
-        Power over the floor.
-    scale
-        Complex amplitude of the line for an output of 1.
-    frequency
-        w [rad/s].
+    ``found`` is q2 and p2 of its demodulator and ``over`` their power over the floor, each of shape (2, units);
+    ``scale`` is the complex amplitude of the line for an output of 1, ``frequency`` is w [rad/s].
     """
     line = np.empty(found.shape, np.complex128)
     for i in range(found.shape[1]):
@@ -241,16 +218,7 @@ RATE = 0.3
 def periodic_response(units: CoupledUnits, lag: float, frequency: float) -> Array:
     """Return motion x and acting force over the mass for unit disturbances, complex, shape (2, units, units).
 
-    The command u is (1 + i w Ta) times the acting force.
-
-    Parameters
-    ----------
-    units
-        The coupled units.
-    lag
-        Lag of the actuators Ta [s].
-    frequency
-        w [rad/s].
+    The command u is (1 + i w Ta) times the acting force, with the lag Ta [s] and the frequency w [rad/s].
     """
     n, w = units.n, frequency
     couplers = units.stiffness[:, None] * (np.eye(n)[:-1] - np.eye(n)[1:])
@@ -282,26 +250,11 @@ CHANGE = 0.01
 def add_line(motion, sent, command, response, line, mass, frequency, lag, actuators, tick, ticks):
     """Take the periodic motion of a line out of the measurements and add its command.
 
-    Parameters
-    ----------
-    motion : Array, shape (3, units)
-        Position [m], speed [m/s] and force [N] of every unit, without this line after the call.
-    sent : Array, shape (d, units)
-        Commands in flight, oldest first [N], without this line after the call.
-    command : Array, shape (units,)
-        Commands of the lines [N], with this line after the call.
-    response : complex Array, shape (2, units, units)
-        Motion and acting force over the mass for unit disturbances.
-    line : complex Array, shape (2, units)
-        Disturbance and drift of the line now [m/s², m/s].
-    mass : Array, shape (units,)
-        Mass with rotating parts [kg].
-    frequency, lag, tick
-        rad/s, s, s.
-    ticks : int
-        Ticks of a control period; a command is held for them.
-    actuators : Array, shape (3, units)
-        Delay in traction and braking [s], share of the force.
+    ``motion``, shape (3, units), is position [m], speed [m/s] and force [N], ``sent``, shape (d, units), the commands
+    in flight [N], ``command`` those of the lines [N]. ``response`` is that of :func:`periodic_response`, ``line``,
+    shape (2, units), disturbance and drift now [m/s², m/s]. ``mass`` in kg, ``frequency`` in rad/s, ``lag`` and
+    ``tick`` in s. ``actuators`` as in :func:`train_ato.control.mpc.predictive_plan.free_motion`. A command is held for
+    ``ticks``.
     """
     count, units = sent.shape
     for i in range(units):
@@ -328,22 +281,11 @@ def add_line(motion, sent, command, response, line, mass, frequency, lag, actuat
 
 @dataclass
 class SpectralLine:
-    """A line of the disturbance.
+    """A line of the disturbance, with its place in the grid of the spectrum.
 
-    Attributes
-    ----------
-    place
-        Place in the grid of the spectrum.
-    frequency, computed
-        Frequency now and that of the response [rad/s].
-    count
-        Searches in turn, at most ``PERSISTENCE``, less those that missed it.
-    used
-        True from the first count of ``PERSISTENCE`` on.
-    weight
-        Part of the motion and of the command that is used.
-    response : complex Array, shape (2, units, units), or None
-        Motion and acting force over the mass for unit disturbances.
+    ``frequency`` is that now, ``computed`` that of the response [rad/s]. ``count`` is the number of searches in turn,
+    at most ``PERSISTENCE``, less those that missed it; from there on the line is ``used``. ``weight`` is the part of
+    motion and command in use, ``response`` that of :func:`periodic_response`.
     """
 
     place: int

@@ -66,15 +66,7 @@ def trapezoid_weights(times: Array) -> Array:
 
 @compiled
 def ramp_response(t, lag):
-    """Return force, speed and position after a unit ramp through a lag.
-
-    Parameters
-    ----------
-    t
-        Time since the begin of the ramp [s]; before it the response is 0.
-    lag
-        Time constant [s].
-    """
+    """Return force, speed and position a time t [s] after the begin of a unit ramp through a lag [s]; 0 before it."""
     if t <= 0.0:
         return 0.0, 0.0, 0.0
     if lag <= 0.0:
@@ -116,20 +108,9 @@ def horizon_model(
 ) -> HorizonModel:
     """Return the matrices for nodes at times after sending [s].
 
-    Parameters
-    ----------
-    nodes : Array, shape (nodes,)
-        Times after sending [s].
-    delays, share : Array, shape (units,)
-        Delay [s] and part of the force of every unit.
-    lag
-        Lag of the actuators [s].
-    longest
-        Delay after which the errors are weighted [s].
-    omega
-        Half of the gain on the speed error [rad/s].
-    position_share
-        a, gain on the position error over omega².
+    ``delays`` [s] and ``share`` are those of the units, ``lag`` is that of the actuators [s]. The errors are weighted
+    from the delay ``longest`` on [s], with half of the gain on the speed error, omega [rad/s], and the gain on the
+    position error over omega².
     """
     position, velocity = responses(nodes, delays, share, lag, longest)
     weights = trapezoid_weights(nodes)
@@ -174,14 +155,9 @@ def responses(nodes, delays, share, lag, longest):
 
 
 def constraint_rows(position: Array, velocity: Array) -> tuple[Array, Array]:
-    """Return the rows A of upper and lower force limits, jerk limits, speed limits, position error, and stops.
+    """Return the rows A of the constraints for the responses of position and speed, and their softness.
 
-    The second result is their softness.
-
-    Parameters
-    ----------
-    position, velocity : Array, shape (nodes, nodes)
-        Response of position and speed.
+    The rows are upper and lower force limits, jerk limits, speed limits, position error, and stops.
     """
     count = velocity.shape[0]
     unit = np.eye(count)

@@ -54,28 +54,12 @@ def modal_step(
     states, covariances, chances, noise, before, transition, gains, driving, random, changes, walks, chain, weight,
     position, speed, mean, floor_ratio,
 ):  # fmt: skip
-    """Advance all filters by a period and correct them.
+    """Advance all filters by a period and correct them; other arguments as in `filter_step`.
 
-    Parameters
-    ----------
-    states : Array, shape (filters, n)
-        y_p [m], y_v [m/s], d [m/s²], and u_r [m] and w_r [m/s] of every mode.
-    covariances : Array, shape (filters, n, n)
-        Their covariances.
-    chances, noise, before, chain, weight, position, speed, floor_ratio
-        As in :func:`train_ato.control.mpc.motion_filters.filter_step`.
-    transition : Array, shape (n, n)
-        State after a period without input.
-    gains : Array, shape (2, n)
-        Change of the state in a period by an acceleration of 1 m/s² and by a force of 1 N.
-    driving : tuple of float
-        Known acceleration [m/s²] and force [N].
-    random : Array, shape (n, n)
-        Covariance of the change in a period by waves of the modes.
-    changes, walks
-        As in :func:`train_ato.control.mpc.motion_filters.filter_step`.
-    mean : Array, shape (n,)
-        Result: mean of the states of the filters, weighted by their probabilities.
+    The states are y_p [m], y_v [m/s], d [m/s²], and u_r [m] and w_r [m/s] of every mode. ``transition`` is that of a
+    period without input, ``gains``, shape (2, n), the change of the state by an acceleration of 1 m/s² and by a force
+    of 1 N, ``driving`` this acceleration [m/s²] and force [N]. ``random`` is the covariance of the change by waves of
+    the modes.
     """
     mix(states, covariances, chances, chain)
     count, size = states.shape
@@ -234,14 +218,9 @@ SIMULATED_WAVES = 0.01
 def follow_simulation(required: Array, simulated: Array, count: int) -> Array:
     """Return the total force on the reference [N], that of the simulated train up to the effect of the last command.
 
-    Parameters
-    ----------
-    required : Array, shape (h,)
-        Force of the rigid train [N].
-    simulated : Array, shape (k,)
-        Force of the simulated train at the first times [N]; without entries ``required`` is returned.
-    count
-        Number of times up to the effect of the last command; beyond k the last difference of the forces lasts.
+    ``required`` is the force of the rigid train, ``simulated`` that of the simulated train at the first times [N];
+    without entries ``required`` is returned. Beyond them, up to the effect at ``count`` times, the last difference
+    lasts.
     """
     if not simulated.size:
         return required

@@ -84,15 +84,7 @@ class DisturbanceFilters:
 
 
 def motion_by_rate(rate: float, later: float) -> tuple[float, float, float, float]:
-    """Return position [m], speed [m/s], disturbance [m/s²] and rate [m/s³] after a time by the rate now alone.
-
-    Parameters
-    ----------
-    rate
-        r, rate of the disturbance now [m/s³].
-    later
-        Time [s].
-    """
+    """Return position [m], speed [m/s], disturbance [m/s²] and rate [m/s³] after a time [s] by the rate now alone."""
     fade = math.exp(-later / RAMP_TIME)
     risen = RAMP_TIME * (1.0 - fade)
     speed = RAMP_TIME * (later - risen)
@@ -104,17 +96,9 @@ def motion_by_rate(rate: float, later: float) -> tuple[float, float, float, floa
 def mix(states, covariances, chances, chain):
     """Mix states and covariances of the filters for a change from one to another; return nothing.
 
-    Parameters
-    ----------
-    states : Array, shape (filters, states)
-        Position error [m], speed error [m/s], disturbance [m/s²], and others; here error of the mass and rate of the
-        disturbance [m/s³].
-    covariances : Array, shape (filters, states, states)
-        Their covariances.
-    chances : Array, shape (filters,)
-        Probability of every filter; receives that before the next measurement.
-    chain : Array, shape (filters, filters)
-        Probability of a change in a period, from filter to filter.
+    The states are position error [m], speed error [m/s], disturbance [m/s²], and others; here error of the mass and
+    rate of the disturbance [m/s³]. ``chances`` receives the probabilities of the filters before the next measurement.
+    ``chain`` is the probability of a change in a period, from filter to filter.
     """
     count, size = states.shape
     former_states, former, before = states.copy(), covariances.copy(), chances.copy()
@@ -207,13 +191,8 @@ def weigh(states, chances, exponents, roots, mean):
 def disturbance_drift(walk, changes):
     """Return the variance of the change of the disturbance in a period [m²/s⁴].
 
-    Parameters
-    ----------
-    walk
-        Square of the bandwidth of the random walk [rad²/s²].
-    changes : tuple of float
-        Variances in a period: of the change of the speed, of its part by waves [m²/s²], and of the measured speed, up
-        to that of ``SPEED_FLOOR``, over a period [m²].
+    ``walk`` is the square of the bandwidth of the random walk [rad²/s²]. ``changes`` are variances in a period: of the
+    change of the speed, of its part by waves [m²/s²], and of the measured speed over a period [m²].
     """
     return walk * (walk * changes[2] + changes[1])
 
@@ -223,33 +202,15 @@ def filter_step(
     states, covariances, chances, noise, before, drifts, chain, period, weight, position, speed, pull, regressor, mean,
     floor_ratio, changes, walks, rates,
 ):  # fmt: skip
-    """Advance all filters by a period and correct them.
+    """Advance all filters by a period [s] and correct them.
 
-    Parameters
-    ----------
-    states, covariances
-        As in :func:`mix`, before them those of the filter of the mass.
-    chances, chain
-        As in :func:`mix`.
-    noise : Array, shape (2,)
-        Variances of the measurements.
-    before : Array, shape (2,)
-        Last innovations.
-    drifts : Array, shape (1 + filters, 4)
-        Variance of the change of speed, disturbance, error of the mass and rate of the disturbance in a period; the
-        first column, and the others of all but the first row, are computed here.
-    changes : tuple of float
-        As in :func:`disturbance_drift`.
-    walks, rates
-        Of :class:`DisturbanceFilters`.
-    period, weight
-        Period [s] and weight of the newest sample in the noise.
-    position, speed, pull, regressor
-        Measured errors [m, m/s], modelled relative acceleration and x [m/s²].
-    mean : Array, shape (5,)
-        Result: mean of the states of the filters, weighted by their probabilities.
-    floor_ratio
-        Smallest standard deviation of the position over that of the speed [s].
+    ``states`` and ``covariances`` are as in :func:`mix`, before them those of the filter of the mass. ``noise`` are the
+    variances of the measurements, ``before`` the last innovations, ``weight`` is that of the newest sample in the
+    noise, ``floor_ratio`` the smallest standard deviation of the position over that of the speed [s]. ``drifts``, shape
+    (1 + filters, 4), are variances of the change of speed, disturbance, error of the mass and rate in a period: only
+    those of the filter of the mass but the first are an input. ``changes`` as in :func:`disturbance_drift`, ``walks``
+    and ``rates`` of :class:`DisturbanceFilters`. ``position`` and ``speed`` are the measured errors [m, m/s], ``pull``
+    and ``regressor`` the modelled relative acceleration and x [m/s²]; ``mean``, shape (5,), is the result.
     """
     mix(states[1:], covariances[1:], chances, chain)
     count = chances.size

@@ -23,20 +23,10 @@ FAR = 1e4
 def free_motion(motion, applied, sent, required, actuators, tick, lag, mass):
     """Advance the motion over the delay for the commands in flight, and for z = 0 in those not yet sent.
 
-    Parameters
-    ----------
-    motion : Array, shape (4,)
-        e_p [m], e_v [m/s] and disturbance [m/s²]; the last entry receives the net acceleration error [m/s²].
-    applied : Array, shape (units,)
-        Force that acts now [N].
-    sent : Array, shape (d, units)
-        Commands in flight [N].
-    required : Array, shape (steps + 1,)
-        Total force that keeps the train on the reference at every tick of the delay [N].
-    actuators : Array, shape (3, units)
-        Delay in traction and braking [s], share of the force.
-    tick, lag, mass
-        s, s, kg.
+    ``motion`` is e_p [m], e_v [m/s], disturbance and, as a result, net acceleration error [m/s²]. ``applied`` acts now
+    on the units, ``sent``, shape (d, units), is in flight, and ``required`` keeps the train on the reference at every
+    tick of the delay [N]. ``actuators``, shape (3, units), has delay in traction and braking [s] and share of the
+    force. ``tick`` and ``lag`` are times [s], ``mass`` is in kg.
     """
     units, steps = applied.size, required.size - 1
     decay = libm_exp(-tick / lag) if lag > 0.0 else 0.0
@@ -99,16 +89,8 @@ def node_values(fine, nodes, parts):
     """Return the values at the nodes of the nearest function that is linear between them, shape (nodes,).
 
     Nearest by the integral of the squared difference. The integral of this function and its first moment are those of
-    the quantity, so that speed and position of the plan are right between nodes that are far from each other.
-
-    Parameters
-    ----------
-    fine : Array, shape (parts (nodes - 1) + 1,)
-        Quantity at the nodes and at equal steps from node to node.
-    nodes : Array, shape (nodes,)
-        Times [s].
-    parts
-        Steps from a node to the next; the quantity is linear between them.
+    the quantity, so that speed and position of the plan are right between nodes that are far from each other. ``fine``,
+    shape (parts (nodes - 1) + 1,), has the quantity at the nodes and at equal steps between them; ``nodes`` in s.
     """
     n = nodes.size
     right, diagonal = np.zeros(n), np.zeros(n)
@@ -145,44 +127,13 @@ def bounds(
     required, reference, limits, ends, now, errors, plan, drag, tables, couplers, mass, jerk, steps, disturbance, rise,
     effect, allowed,
 ):  # fmt: skip
-    """Compute the right-hand side b of A z <= b.
+    """Compute the right-hand side b of A z <= b, shape (7 nodes,); arguments as in :func:`plan_step`.
 
-    Parameters
-    ----------
-    required : Array, shape (nodes,)
-        Total force on the reference at the nodes; the first is the feed-forward now [N].
-    reference : Array, shape (2, nodes)
-        Position of vehicle 0's centre [m] and speed [m/s] at the nodes.
-    limits : Array, shape (n, 2)
-        Place [m] and speed limit from there on [m/s].
-    ends : Array, shape (4,)
-        Front and rear of the train from vehicle 0's centre [m], permitted excess of a speed limit [m/s], position
-        error beyond which the largest one has a cost [m].
-    now : Array, shape (2,)
-        Smallest and largest total force at the measured speed [N].
-    errors : Array, shape (2, nodes)
-        Errors of the free motion.
-    plan : tuple of Arrays, shape (nodes, nodes) and (nodes,)
-        Response of the speed to decisions, and the decisions of the last plan [m/s²].
-    drag : tuple of float
-        Resistance at the measured speed beyond that at the reference [N], and the slope of the running resistance at
-        standstill and its increase with the speed [N s/m, N s²/m²].
-    tables : Array, shape (2, speeds)
-        Largest brake and traction force over the speed [N].
-    couplers : Array, shape (2, nodes)
-        Smallest and largest total force for the coupler forces [N].
-    mass, jerk
-        kg, m/s³.
-    disturbance : Array, shape (nodes,)
-        Acceleration that the force must compensate [m/s²].
-    steps : Array, shape (nodes,)
-        Time from the former node plus the lag, through which a command changes the force [s].
-    rise
-        Demanded acceleration for z = 0 minus that which acts at the time of effect [m/s²].
-    effect
-        Total force on the reference at the time of effect [N].
-    allowed : Array, shape (7 nodes,)
-        Result b.
+    ``ends`` are front and rear of the train from vehicle 0's centre [m], the permitted excess of a speed limit [m/s],
+    and the position error beyond which the largest one has a cost [m]; ``now`` is the range of the total force at the
+    measured speed [N], and ``effect`` its value on the reference at the time of effect. ``drag`` is the resistance at
+    the measured speed beyond that at the reference [N], and slope and curvature of the running resistance [N s/m, N
+    s²/m²].
     """
     n = required.size
     planned = errors[1].copy()
@@ -210,20 +161,13 @@ def bounds(
 
 @compiled
 def approach(limits, errors, speeds, motion, near, time, pole, lags, response):
-    """Return the decision that approaches a speed limit up to a node; see ``ForcePlan._approach``.
+    """Return the decision that approaches a speed limit up to the node ``near``, at a time [s], with a pole [rad/s].
 
-    Parameters
-    ----------
-    limits, errors, speeds : Array, shape (nodes,)
-        Room up to the limit beside the free motion, errors of the free motion, and the reference [m/s].
-    motion : tuple of float
-        Speed [m/s], acceleration, and error of the acceleration at the time of effect [m/s²].
-    near, time
-        The node, and its time [s].
-    pole
-        Pole of the approach [rad/s], double if the force has a lag (``lags``).
-    response : Array, shape (nodes,)
-        Speed at the node for unit decisions.
+    With the distance m from the limit and its rate m' at the time of effect, the distance is at least (m + (m' + pole
+    m) t) e^(-pole t), without a lag m e^(-pole t). The decision held up to the node at 1/pole has this speed there. At
+    the nodes before it a limit of the speed is a deadbeat control, which chatters. The motion on the reference is
+    always permitted, below the limit. ``limits`` is the room beside the free motion [m/s], ``motion`` has speed [m/s],
+    acceleration, and error of the acceleration at the time of effect [m/s²].
     """
     speed, change, gained = motion
     now, then = limits[0] + speeds[0] + errors[0], limits[near] + speeds[near] + errors[near]
@@ -243,27 +187,12 @@ def approach(limits, errors, speeds, motion, near, time, pole, lags, response):
 
 @compiled
 def decide(gradients, inverted, limited, dual, rows, errors, allowed, active, z):
-    """Compute the decision with the smallest cost under the constraints.
+    """Compute the decision with the smallest cost under A z <= b; return the exchanges, -1 without a solution.
 
-    Parameters
-    ----------
-    gradients : tuple of two Arrays, shape (nodes, nodes)
-        Gradient of the cost for errors of position and speed.
-    inverted, limited, dual, rows
-        H⁻¹, H⁻¹A', A H⁻¹A' with the softness, A.
-    errors : Array, shape (2, nodes)
-        Errors of the free motion.
-    allowed : Array, shape (rows,)
-        b.
-    active : Array of bool, shape (rows,)
-        Active rows of the last solution and of this one.
-    z : Array, shape (nodes,)
-        Result [m/s²].
-
-    Returns
-    -------
-    int
-        Number of exchanges, -1 without a solution: ``z`` is then not changed.
+    ``gradients`` are those of the cost for errors of position and speed, ``inverted``, ``limited``, ``dual`` and
+    ``rows`` are H⁻¹, H⁻¹A', A H⁻¹A' with the softness, and A; ``errors`` those of the free motion, shape (2, nodes).
+    ``active`` has the active rows of the last solution and of this one. ``z`` is the result [m/s²], not changed without
+    a solution.
     """
     n, m = z.size, allowed.size
     force, free = np.zeros(n), np.zeros(n)
@@ -315,11 +244,15 @@ def plan_step(
     side : tuple of eight Arrays
         The fields of :class:`train_ato.control.mpc.force_plan.HorizonModel`.
     times : tuple of three Arrays, shape (nodes,)
-        Nodes [s], steps of :func:`bounds` [s], and part of a passing disturbance that has decayed.
+        Nodes [s], time from the former node plus the lag, through which a command changes the force [s], and part of a
+        passing disturbance that has decayed.
     line : tuple of Arrays
-        ``limits``, ``ends`` and ``tables`` of :func:`bounds`.
-    couplers, errors, reference, allowed
-        As in :func:`bounds`; ``allowed`` has shape (8 nodes,).
+        Places [m] with the speed limit from there on [m/s], shape (n, 2); ``ends`` of :func:`bounds`; largest brake and
+        traction force over the speed [N], shape (2, speeds).
+    couplers : Array, shape (2, nodes)
+        Smallest and largest total force for the coupler forces [N].
+    errors, reference : Array, shape (2, nodes)
+        Errors of the free motion, and position of vehicle 0's centre and speed of the reference [m, m/s].
     required : Array, shape (h,)
         Total force that keeps the train on the reference, at the times of the lookahead [N].
     effect : tuple of float
@@ -332,6 +265,8 @@ def plan_step(
         position error permitted there [m], drag of :func:`bounds`, and 1.0 for a departure.
     places : tuple of int
         Entry of the first node and of the effect in the lookahead, steps between nodes, and node of the approach.
+    allowed : Array, shape (8 nodes,)
+        Right-hand side b of all rows.
     active, plan
         ``active`` and ``z`` of :func:`decide`.
     found : Array, shape (5, nodes)

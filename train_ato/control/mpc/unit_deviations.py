@@ -55,36 +55,18 @@ def difference_equation(a, a_transposed, b, b_transposed, cost, weight):
 
 
 def regulator_gain(a: Array, b: Array, cost: Array, weight: Array) -> Array:
-    """Return the gain K of u = -K x with the smallest sum of x'Qx + u'Ru for x+ = A x + B u.
+    """Return K, shape (inputs, states), of u = -K x with the smallest sum of x'Qx + u'Ru for x+ = A x + B u.
 
-    Parameters
-    ----------
-    a, b : Array, shape (states, states) and (states, inputs)
-        A and B.
-    cost, weight : Array, shape (states, states) and (inputs, inputs)
-        Q, at least 0, and R, positive.
-
-    Returns
-    -------
-    Array, shape (inputs, states)
+    ``cost`` and ``weight`` are Q, at least 0, and R, positive.
     """
     gain: Array = _steady(a, b, cost, weight)[0]
     return gain
 
 
 def filter_gain(a: Array, c: Array, process: Array, noise: Array) -> Array:
-    """Return the gain L of the Kalman filter x = x- + L (y - C x-) for x+ = A x + w, y = C x + n.
+    """Return L, shape (states, outputs), of the Kalman filter x = x- + L (y - C x-) for x+ = A x + w, y = C x + n.
 
-    Parameters
-    ----------
-    a, c : Array, shape (states, states) and (outputs, states)
-        A and C.
-    process, noise : Array, shape (states, states) and (outputs, outputs)
-        Covariances of w and n.
-
-    Returns
-    -------
-    Array, shape (states, outputs)
+    ``process`` and ``noise`` are the covariances of w and n.
     """
     covariance = _steady(a.T, c.T, process, noise)[1]
     spread = matrix_product(covariance, np.ascontiguousarray(c.T))
