@@ -4,7 +4,13 @@ from pathlib import Path
 
 from train_ato.log.run_folder import RunFolder
 from train_ato.loop.engine import run_engine
-from train_ato.scenario.setup import RunSetup
+from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import RunSetup, prepare
+
+
+def setup_of(name: str = "demo", *assignments: str) -> RunSetup:
+    """Return the prepared run of a scenario with assignments of `--set`."""
+    return prepare(*load_scenario(name, assignments))
 
 
 def record_run(setup: RunSetup, path: Path) -> Path:

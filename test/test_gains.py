@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from engine_runs import setup_of
 from law_trains import HAULED, LOCOMOTIVE, SINGLE, SPRING, WAGON, consist, inputs, model
 
 from plant_sim.library import load_consist
@@ -18,8 +19,6 @@ from train_ato.control.registry import LAWS
 from train_ato.control.train_model import TrainModel
 from train_ato.loop.engine import run_engine
 from train_ato.papers.claims import Case
-from train_ato.scenario.scenario import load_scenario
-from train_ato.scenario.setup import RunSetup, prepare
 from train_ato.studies.check_component.random_trips import (
     FITTING_SHARE,
     GEAR_KINDS,
@@ -31,11 +30,6 @@ from train_ato.studies.check_component.random_trips import (
 )
 
 
-def prepared(name: str, *assignments: str) -> RunSetup:
-    """Return the prepared run of a scenario with assignments of `--set`."""
-    return prepare(*load_scenario(name, assignments))
-
-
 @pytest.fixture
 def own() -> str:
     """Return the file of a scenario with a train that only shares its name with a shipped one."""
@@ -45,22 +39,22 @@ def own() -> str:
 def test_a_shipped_train_takes_the_table_and_given_values_remain() -> None:
     """Breaks if a given value replaces all fitted ones, is lost, or the choice counts as a given value."""
     table = {train: entry["laws"] for entry in yaml.safe_load(TABLE.read_text()) for train in entry["trains"]}
-    gains = prepared("demo", "laws.smc.ks=0.5", "laws.smc.gains=fitted").gains("smc")
+    gains = setup_of("demo", "laws.smc.ks=0.5", "laws.smc.gains=fitted").gains("smc")
     assert gains.values == {**table["hxd1_c80_105"]["smc"], "ks": 0.5, "gains": "fitted"}
     assert (gains.source, gains.reason) == ("fitted", "fitted to hxd1_c80_105; ks given")
 
 
 def test_a_train_of_the_same_name_and_a_longer_delay_take_the_rule(own: str) -> None:
     """Breaks if the name alone decides, or gains for 0.8 s control a train with 1.5 s: kp = 1/(2 (0.3+0.4+0.05) s)."""
-    gains = prepared(own).gains("pid")
+    gains = setup_of(own).gains("pid")
     assert gains.source == "model" and gains.values["kp"] == pytest.approx(1.0 / 1.5)
-    late = prepared("demo", "links.command.delay=1.5").gains("pid")
+    late = setup_of("demo", "links.command.delay=1.5").gains("pid")
     assert late.source == "model" and "up to a delay of 0.8 s" in late.reason
 
 
 def test_the_first_entry_that_holds_decides_and_names_the_rule_where_it_fits_best() -> None:
     """Breaks if the entry without delay serves a train with delay or hides the other, or `model` is not the rule."""
-    ideal, late = prepared("daqin_heavy_haul:ideal"), prepared("daqin_heavy_haul")
+    ideal, late = setup_of("daqin_heavy_haul:ideal"), setup_of("daqin_heavy_haul")
     rule = LAWS.get("pid").model_gains(ideal.model, ideal.control_period)  # type: ignore[attr-defined]
     assert ideal.gains("pid").values == rule
     assert (ideal.gains("pid").source, late.gains("pid").source) == ("model", "fitted")
@@ -77,10 +71,10 @@ def test_printed_gains_are_the_defaults_of_the_parameters() -> None:
 
 def test_the_resolved_scenario_runs_with_the_same_gains(tmp_path: Path) -> None:
     """Breaks if a recorded run is repeated with the table of a later version, or its source changes."""
-    first = prepared("demo", "law=lag_smc", "laws.lag_smc.c1=0.2")
+    first = setup_of("demo", "law=lag_smc", "laws.lag_smc.c1=0.2")
     path = tmp_path / "scenario.yaml"
     path.write_text(first.resolved_yaml())
-    again = prepared(str(path))
+    again = setup_of(str(path))
     assert set(again.controller_parameters["lag_smc"]) == {entry.name for entry in LAWS.parameters("lag_smc")}
     assert again.law("lag_smc").parameters == first.law("lag_smc").parameters  # type: ignore[attr-defined]
     assert again.gains("lag_smc").reason == first.gains("lag_smc").reason
@@ -100,25 +94,25 @@ def test_the_table_names_shipped_trains_with_their_mass_and_parameters_of_the_la
 
 def test_one_line_of_advice_names_gains_and_delay_with_a_remedy_that_works(own: str) -> None:
     """Breaks if printed gains or an uncompensated delay run in silence, or after the remedy a line remains."""
-    assert prepared(own, "laws.pid.gains=printed").advice() == (
+    assert setup_of(own, "laws.pid.gains=printed").advice() == (
         "pid: printed gains, not made for this train, delay 0.3 s and lag 0.4 s without compensation; "
         "try --set laws.pid.gains=model --compensation preview"
     )
-    assert prepared(own, "laws.pid.gains=model", "compensation=preview").advice() == ""
-    assert prepared(own, "laws.pid.kp=0.4", "compensation=preview").advice() == ""
-    assert prepared(own, "law=mpc").advice() == "", "mpc predicts over the delay"
+    assert setup_of(own, "laws.pid.gains=model", "compensation=preview").advice() == ""
+    assert setup_of(own, "laws.pid.kp=0.4", "compensation=preview").advice() == ""
+    assert setup_of(own, "law=mpc").advice() == "", "mpc predicts over the delay"
 
 
 def test_gains_of_ones_own_have_a_line_if_they_are_unstable(own: str) -> None:
     """Breaks if the limit cycle after the run is the first word, or a predicted state counts as a late one."""
     # w (0.3 + 0.025) s + atan(0.4 w) = pi/2 at w = 2.56: kp below w sqrt(1 + 0.16 w²) = 3.66, with ki less.
     preview = "compensation=preview"
-    assert prepared(own, "laws.pid.kp=2.8", "laws.pid.ki=0.45", preview).advice() == ""
-    assert prepared(own, "laws.pid.kp=4", preview).advice() == (
+    assert setup_of(own, "laws.pid.kp=2.8", "laws.pid.ki=0.45", preview).advice() == ""
+    assert setup_of(own, "laws.pid.kp=4", preview).advice() == (
         "pid: kp given, unstable or close to it with delay, lag and couplers of this train; try --set laws.pid.kp=0.667"
     )
-    assert prepared(own, "laws.pid.kp=4", "compensation=predictor").advice() == ""
-    assert "kp given, unstable" in prepared(own, "laws.pid.kp=60", "compensation=predictor").advice(), "period"
+    assert setup_of(own, "laws.pid.kp=4", "compensation=predictor").advice() == ""
+    assert "kp given, unstable" in setup_of(own, "laws.pid.kp=60", "compensation=predictor").advice(), "period"
 
 
 @pytest.mark.parametrize(
@@ -130,10 +124,10 @@ def test_gains_of_ones_own_have_a_line_if_they_are_unstable(own: str) -> None:
 def test_the_remedy_for_unstable_gains_works(law: str, gain: str, gains: str) -> None:
     """Breaks if a law has no limit, the limit of the waves (0.084/s) is not met, or a line remains after the remedy."""
     given = [f"law={law}", f"laws.{law}.gains={gains}", "compensation=preview"]
-    found = prepared("demo", *given, f"laws.{law}.{gain}={ {'n': 5, 'c1': 0.9}.get(gain, 0.2) }").advice()
+    found = setup_of("demo", *given, f"laws.{law}.{gain}={ {'n': 5, 'c1': 0.9}.get(gain, 0.2) }").advice()
     assert found.startswith(f"{law}: {gain} given, unstable")
     remedies = [part.strip() for part in found.partition("; try ")[2].split("--set ")[1:]]
-    assert prepared("demo", *given, *remedies).advice() == ""
+    assert setup_of("demo", *given, *remedies).advice() == ""
 
 
 def test_stability_of_one_mass_and_of_two() -> None:
@@ -162,8 +156,8 @@ def test_stability_of_one_mass_and_of_two() -> None:
 )  # fmt: skip
 def test_the_line_is_between_measured_runs(changes: tuple[str, ...], stable: str, unstable: str) -> None:
     """Runs of `demo`: the gains of the first kind were tracked, those of the second had limit cycles from 85 kN on."""
-    assert prepared("demo", *changes, stable).advice() == ""
-    assert "unstable" in prepared("demo", *changes, unstable).advice()
+    assert setup_of("demo", *changes, stable).advice() == ""
+    assert "unstable" in setup_of("demo", *changes, unstable).advice()
 
 
 def test_a_law_and_a_scenario_list_their_gains(capsys: pytest.CaptureFixture[str]) -> None:
@@ -222,13 +216,13 @@ def test_the_filter_of_the_speed_error_is_a_low_pass() -> None:
 
 def test_gains_follow_the_rule(metro: str) -> None:
     """Breaks if a part of the dead time is missing: theta = 0.3 + 0.4 + 0.1 s, kp = 1/1.6, ki = kp/6.4."""
-    model = prepare(*load_scenario(metro)).model
+    model = setup_of(metro).model
     assert Pid.model_gains(model, 0.1) == {"kp": pytest.approx(0.625), "ki": pytest.approx(0.625 / 6.4)}
 
 
 def test_elastic_couplers_limit_the_gains() -> None:
     """Breaks if the dead time of 1.3 s alone decides: kp of 0.38 excites the wave in the couplers of 106 vehicles."""
-    model = prepare(*load_scenario("daqin_heavy_haul")).model
+    model = setup_of("daqin_heavy_haul").model
     found = Pid.model_gains(model, 0.1)
     assert found["kp"] == pytest.approx(0.071, rel=0.05)
     assert found["ki"] == pytest.approx(found["kp"] ** 2 / 4)
@@ -236,7 +230,7 @@ def test_elastic_couplers_limit_the_gains() -> None:
 
 def test_a_metro_stops_within_the_window(metro: str) -> None:
     """Breaks with the default gains: 0.44 m."""
-    summary = run_engine(prepare(*load_scenario(metro, ("laws.pid.gains=model",)))).summary
+    summary = run_engine(setup_of(metro, "laws.pid.gains=model")).summary
     assert abs(summary["stop_error_m"]) < STOP_WINDOW
 
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from engine_runs import setup_of
 from recordings import recording_of, with_final, with_series
 
 from plant_sim.line import Line, SpeedLimit
@@ -28,11 +29,7 @@ from train_ato.loop.engine import run_engine
 from train_ato.messages.types import Diagnostic
 from train_ato.scenario.criteria import Criteria
 from train_ato.scenario.scenario import load_scenario, shipped_scenarios
-from train_ato.scenario.setup import RunSetup, prepare
-
-
-def setup_of(name: str = "demo", *assignments: str) -> RunSetup:
-    return prepare(*load_scenario(name, assignments))
+from train_ato.scenario.setup import RunSetup
 
 
 def recording(**series: object) -> Recording:
@@ -224,7 +221,7 @@ def two_stops(*assignments: str) -> RunSetup:
     phases = "[{accelerate_to: 5}, {brake_to: 0}, {cruise_for: 20}, {accelerate_to: 5}, {brake_to: 0}]"
     limits = "{jerk: 0.1, acceleration: 0.2, deceleration: 0.2}"
     texts = (f"profile={{phases: {phases}, limits: {limits}}}", "duration=200", "supervision.enabled=false")
-    return prepare(*load_scenario("demo", (*texts, *assignments)))
+    return setup_of("demo", *texts, *assignments)
 
 
 def on_profile(setup: RunSetup, late: float, beyond: float) -> Recording:
@@ -300,7 +297,7 @@ def test_stops_of_a_profile_are_its_rests_and_its_end() -> None:
     """Breaks if the standstill before the start, or a change of direction, counts as a stop."""
     stops = planned_stops(two_stops().profile)
     assert [stop.departure - stop.arrival for stop in stops] == [pytest.approx(20.0, abs=1.0), np.inf]
-    turn = prepare(*load_scenario("freight_consensus:realistic"))
+    turn = setup_of("freight_consensus:realistic")
     assert len(planned_stops(turn.profile)) == 1
 
 
@@ -321,14 +318,14 @@ def test_every_stop_has_its_error_and_its_delay() -> None:
 
 def test_beyond_a_stop_is_in_the_direction_of_the_run() -> None:
     """Breaks if a train that has run back to its stop is short of it with a larger kilometre."""
-    setup = prepare(*load_scenario("freight_consensus:realistic", ("duration=370",)))
+    setup = setup_of("freight_consensus:realistic", "duration=370")
     (stop,) = stops_of_run(setup, on_profile(setup, late=0.0, beyond=0.4))
     assert (stop.error, stop.as_row()["beyond_m"]) == (pytest.approx(0.4), pytest.approx(-0.4))
 
 
 def worst_of(limits: str, **series: Any) -> dict[str, tuple[float | None, float | None]]:
     """Return time and place of every criterion of a metro run of 20 s, in 0.1 s, at 10 m/s from km 0 on."""
-    setup = prepare(*load_scenario("demo", (f"criteria={limits}", "duration=20", "supervision.enabled=false")))
+    setup = setup_of("demo", f"criteria={limits}", "duration=20", "supervision.enabled=false")
     time = 0.1 * np.arange(200)
     units, even = setup.layout.n_units, np.full(200, 10.0)
     given: dict[str, Any] = {
@@ -401,7 +398,7 @@ def test_the_largest_stop_error_has_the_largest_magnitude() -> None:
 
 def test_overspeed_begins_with_the_front_and_ends_with_the_rear() -> None:
     """At 15 m/s, 20 m/s permitted and 10 m/s from 1000 to 1200 m: breaks if the place is that of vehicle 0's centre."""
-    setup = prepare(*load_scenario("demo", ("duration=20",)))
+    setup = setup_of("demo", "duration=20")
     limits = [SpeedLimit(at=0.0, speed=20.0), SpeedLimit(at=1000.0, speed=10.0), SpeedLimit(at=1200.0, speed=20.0)]
     setup = replace(setup, line=setup.line.model_copy(update={"speed_limits": tuple(limits)}))
     half, length = setup.consist.vehicles[0].length / 2, setup.consist.length

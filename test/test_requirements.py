@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from engine_runs import setup_of
 from recordings import recording_of
 
 import train_ato as ta
@@ -31,8 +32,7 @@ from train_ato.judge.series import TopicSamples
 from train_ato.judge.verdict import judge_run
 from train_ato.loop.engine import run_engine
 from train_ato.scenario.formula import UNITS, NumberTerm, Predicate, Temporal, nodes_of, parse_formula, signals_of
-from train_ato.scenario.scenario import load_scenario
-from train_ato.scenario.setup import RunSetup, prepare
+from train_ato.scenario.setup import RunSetup
 from train_ato.scenario.signals import SIGNALS
 from train_ato.view.live import LiveRequirements
 from train_ato.view.snapshot import Snapshot
@@ -107,13 +107,9 @@ def test_every_signal_has_a_series_and_a_unit() -> None:
         assert signals_of(parse_formula(f"G {signal.name} >= 0")) == (signal.name,)
 
 
-def setup_of(*assignments: str) -> RunSetup:
-    return prepare(*load_scenario("demo", assignments))
-
-
 def test_signals_have_the_values_of_the_recording() -> None:
     """Breaks if a signal is that of another topic, unit or sign, or a slow topic is not held."""
-    setup = setup_of("duration=40")
+    setup = setup_of("demo", "duration=40")
     recording = run_engine(setup).recording
     assert recording is not None
     names = (*SIGNALS, "command_0", "effort_0")
@@ -145,7 +141,7 @@ def made_up(speed: np.ndarray) -> Recording:
 def test_the_row_has_value_time_unit_and_the_sign_decides() -> None:
     """Breaks if a broken requirement passes, or the place of the smallest margin is another one."""
     formulas = "{slow: 'G speed <= 3 m/s', moves: 'F[0.5,end] speed >= 2 m/s'}"
-    setup = setup_of("duration=1", f"criteria.requirements={formulas}")
+    setup = setup_of("demo", "duration=1", f"criteria.requirements={formulas}")
     slow, moves = requirement_rows(setup, made_up(np.array([0, 1, 4, 2, 1, 0, 1, 1.5, 0, 0])))
     assert (slow["criterion"], slow["value"], slow["at_s"], slow["unit"]) == ("slow", -1.0, pytest.approx(0.2), "m/s")
     assert (slow["passed"], moves["passed"], moves["value"], moves["at_s"]) == (False, False, -0.5, pytest.approx(0.7))
@@ -164,13 +160,13 @@ def test_the_row_has_value_time_unit_and_the_sign_decides() -> None:
 def test_a_compound_formula_has_the_time_of_its_decisive_part(formula: str, at_s: float | None) -> None:
     """Breaks if the time is that of the part with the larger margin, or of the wrong end of a window."""
     speed = np.array([0, 1, 9, 2, 4, 4, 4, 4, 4, 2.0])
-    found = evaluate_formula(parse_formula(formula), setup_of("duration=1"), made_up(speed))
+    found = evaluate_formula(parse_formula(formula), setup_of("demo", "duration=1"), made_up(speed))
     assert found.at_s == (None if at_s is None else pytest.approx(at_s))
 
 
 def test_an_ended_run_is_judged_by_its_bounds_only() -> None:
     """Breaks if an interrupted run passes a requirement on its rest, or a violation before its end is lost."""
-    setup = setup_of("duration=10")
+    setup = setup_of("demo", "duration=10")
     start = made_up(np.array([0.0, 1.0, 2.0]))
     texts = ("G speed <= 3 m/s", "G speed <= 1 m/s", "F speed >= 2 m/s", "F speed >= 3 m/s", "F[20, 30] speed >= 0")
     results = [evaluate_formula(parse_formula(text), setup, start).passed for text in texts]
@@ -179,7 +175,7 @@ def test_an_ended_run_is_judged_by_its_bounds_only() -> None:
 
 def test_mixed_quantities_have_no_unit() -> None:
     """Breaks if the minimum of a speed and a length is shown with one of both units."""
-    setup = setup_of("duration=0.3")
+    setup = setup_of("demo", "duration=0.3")
     found = evaluate_formula(parse_formula("G (speed <= 3 m/s and position >= 0)"), setup, made_up(np.zeros(3)))
     assert (found.unit, found.value) == ("", 0.0)
 
@@ -223,7 +219,7 @@ def test_the_report_has_formula_and_robustness() -> None:
 
 def test_a_scenario_without_requirements_is_unchanged() -> None:
     """Breaks if the new key appears in the scenario of a run without one, and with it in its fingerprint."""
-    assert "requirements" not in setup_of("duration=1").resolved_yaml()
+    assert "requirements" not in setup_of("demo", "duration=1").resolved_yaml()
 
 
 def test_a_quantity_is_a_root_of_the_tree() -> None:
@@ -361,7 +357,7 @@ def snapshots(setup: RunSetup, recording: Recording) -> list[Snapshot]:
 
 def test_the_live_values_are_those_of_the_recording_and_never_contradict_it() -> None:
     """Breaks if a signal of the page is another one, or a requirement is decided against its later result."""
-    setup = prepare(*load_scenario("demo", ("duration=30", f"criteria.requirements={FORMULAS}")))
+    setup = setup_of("demo", "duration=30", f"criteria.requirements={FORMULAS}")
     recording = run_engine(setup).recording
     moments = snapshots(setup, recording)
     live = LiveRequirements(setup)
@@ -383,7 +379,7 @@ def test_the_live_values_are_those_of_the_recording_and_never_contradict_it() ->
 
 def test_a_page_that_joins_late_shows_nothing_and_frames_between_ticks_are_held() -> None:
     """Breaks if the missing start of a run counts as fulfilled, or a repeated frame as a new sample."""
-    setup = prepare(*load_scenario("demo", ("duration=3", f"criteria.requirements={FORMULAS}")))
+    setup = setup_of("demo", "duration=3", f"criteria.requirements={FORMULAS}")
     moments = snapshots(setup, run_engine(setup).recording)
     late = LiveRequirements(setup)
     late.add(replace(moments[-1], time=5.0))
@@ -398,7 +394,7 @@ def test_a_page_that_joins_late_shows_nothing_and_frames_between_ticks_are_held(
 
 def test_a_far_stamp_is_not_a_tick_of_the_run() -> None:
     """Breaks if one foreign message makes the page sample the run up to its stamp, or ends the evaluation."""
-    setup = prepare(*load_scenario("demo", ("duration=20", f"criteria.requirements={FORMULAS}")))
+    setup = setup_of("demo", "duration=20", f"criteria.requirements={FORMULAS}")
     recording = run_engine(setup).recording
     assert recording is not None
     live = LiveRequirements(setup)
