@@ -289,31 +289,30 @@ def line_data(
         if 0 < abs(row.value) < SHARPEST:
             raise ValueError(f"{row.entry}: radius = {number_text(row.value)}: below {SHARPEST:g} m; correct its unit")
     curves = steps(path.length, bends, lambda values: values[-1], 0.0)
-    limits = steps(path.length, speeds, min, None)
     data: dict[str, Any] = {
         "schema": "train_ato/line/1",
         "name": name,
         "source": source,
         "end": path.length,
         "grades": [
-            {"at": at, "grade": grade} for at, grade in steps(path.length, grades, lambda values: values[-1], 0.0)
+            {"at": row.begin, "grade": row.value} for row in steps(path.length, grades, lambda values: values[-1], 0.0)
         ],
         "curves": [
-            {"begin": begin, "end": end, "radius": abs(radius), "side": "right" if radius > 0 else "left"}
-            for (begin, radius), (end, _) in pairwise([*curves, (path.length, 0.0)])
-            if radius
+            {"begin": row.begin, "end": row.end, "radius": abs(row.value), "side": "right" if row.value > 0 else "left"}
+            for row in curves
+            if row.value
         ],
-        "speed_limits": [{"at": at, "speed": speed} for at, speed in _without_gaps(limits, path, "")],
+        "speed_limits": [{"at": at, "speed": speed} for at, speed in _without_gaps(speeds, path, "")],
         "category_limits": [
             {
                 "category": category,
                 "needs": dict(needs[category]) if category in needs else None,
                 "speed_limits": [
-                    {"at": at, "speed": speed} for at, speed in _without_gaps(own, path, f" of '{category}'")
+                    {"at": at, "speed": speed} for at, speed in _without_gaps(ranges, path, f" of '{category}'")
                 ],
             }
             for category, ranges in by_category.items()
-            if (own := steps(path.length, ranges, min, None))
+            if steps(path.length, ranges, min, 0.0)
         ],
         "stops": [{"at": at, "name": station} for at, station in path.stations()],
     }
@@ -321,19 +320,24 @@ def line_data(
 
 
 def steps(
-    length: float, ranges: Iterable[Range], choose: Callable[[list[float]], float], default: float | None
-) -> list[tuple[float, float | None]]:
-    """Return place [m] and value of every step from 0 to ``length``; ``choose`` takes one of overlapping values."""
+    length: float, ranges: Iterable[Range], choose: Callable[[list[float]], float], default: float
+) -> list[Range]:
+    """Return the stretches of one value from 0 to ``length``; ``choose`` takes one of overlapping values.
+
+    A stretch without a range has the default. There are none where all have it.
+    """
     listed = [entry for entry in ranges if entry[1] > entry[0]]
     places = sorted({0.0, length, *(min(max(place, 0.0), length) for entry in listed for place in entry[:2])})
-    found: list[tuple[float, float | None]] = []
+    found: list[Range] = []
     for begin, end in pairwise(places):
         middle = 0.5 * (begin + end)
         values = [value for first, last, value, _ in listed if first <= middle < last]
         value = choose(values) if values else default
-        if not found or found[-1][1] != value:
-            found.append((begin, value))
-    return found if any(value != default for _, value in found) else []
+        if found and found[-1].value == value:
+            found[-1] = found[-1]._replace(end=end)
+        else:
+            found.append(Range(begin, end, value))
+    return found if any(row.value != default for row in found) else []
 
 
 def _refuse_overlaps(ranges: Sequence[Range], what: str) -> None:
@@ -350,21 +354,20 @@ def _refuse_overlaps(ranges: Sequence[Range], what: str) -> None:
         last = max(last, row, key=lambda entry: entry.end)
 
 
-def _without_gaps(limits: list[tuple[float, float | None]], path: TrackPath, whose: str) -> list[tuple[float, float]]:
+def _without_gaps(speeds: Iterable[Range], path: TrackPath, whose: str) -> list[tuple[float, float]]:
     """Return the speed limits, of a category perhaps, with the lowest one of the path where it has none."""
-    known = [speed for _, speed in limits if speed is not None]
-    if not known:
+    limits = steps(path.length, speeds, min, 0.0)
+    if not limits:
         print_assumption(f"{path.network.place}: no speed limit on the path; only the train limits the speed")
         return []
-    ends = [*(at for at, _ in limits[1:]), path.length]
+    lowest = min(row.value for row in limits if row.value)
     found: list[tuple[float, float]] = []
-    for (at, speed), end in zip(limits, ends, strict=True):
-        value = min(known) if speed is None else speed
-        if speed is None:
+    for begin, end, speed, _ in limits:
+        if not speed:
             print_assumption(
-                f"{path.network.place}: no speed limit{whose} from {number_text(at)} to {number_text(end)} m of the "
-                f"path; assumed {number_text(3.6 * value)} km/h there, its lowest one"
+                f"{path.network.place}: no speed limit{whose} from {number_text(begin)} to {number_text(end)} m of the "
+                f"path; assumed {number_text(3.6 * lowest)} km/h there, its lowest one"
             )
-        if not found or found[-1][1] != value:
-            found.append((at, value))
+        if not found or found[-1][1] != (speed or lowest):
+            found.append((begin, speed or lowest))
     return found

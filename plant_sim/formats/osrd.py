@@ -5,7 +5,6 @@ all routes. A limit by tag replaces the other limits for trains of that category
 """
 
 from collections.abc import Iterator
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -139,9 +138,8 @@ def _without_power(path: TrackPath, top: Fields) -> list[dict[str, float]]:
     live = [
         Range(*passage[:2], 1.0) for fields in sections for passage in _ranges(path, fields, "applicable_directions")
     ]
-    pieces = steps(path.length, live, max, 0.0)
     found = []
-    for (begin, power), (end, _) in pairwise([*pieces, (path.length, 1.0)]):
+    for begin, end, power, _ in steps(path.length, live, max, 0.0):
         if not power and end - begin > ROUNDING:
             print_assumption(
                 f"{top.place}: no electrification from {number_text(begin)} to {number_text(end)} m of the path; "

@@ -73,10 +73,9 @@ def neutral_sections(infrastructure: Element, location: Location, path: TrackPat
         value = NO_POWER if insulated or section.get("contactLineType", "").lower() == "none" else POWER
         listed += [Range(begin, end, value) for begin, end, _ in location.ranges(section, path, directed=True)]
     pieces = steps(path.length, listed, min, NO_SECTION)
-    has_power = any(value == POWER for _, value in pieces)
+    has_power = any(row.value == POWER for row in pieces)
     dead: list[tuple[float, float]] = []
-    ends = [at for at, _ in pieces[1:]] + [path.length]
-    for (begin, power), end in zip(pieces, ends, strict=False):  # no piece without a section on the path
+    for begin, end, power, _ in pieces:
         if power == NO_SECTION and has_power and end - begin > ROUNDING:
             print_assumption(
                 f"{path.network.place}: no electrificationSection from {number_text(begin)} to {number_text(end)} m of "
@@ -273,9 +272,7 @@ def _laid(under: Sequence[Range], over: Sequence[Range], path: TrackPath) -> lis
     """Return the lowest values of ``over``, and where it has none those of ``under``."""
 
     def layer(ranges: Sequence[Range], choose: Callable[[list[float]], float]) -> list[Range]:
-        pieces = steps(path.length, ranges, choose, None)
-        ends = [*(at for at, _ in pieces[1:]), path.length]
-        return [Range(at, end, value) for (at, value), end in zip(pieces, ends, strict=False) if value is not None]
+        return [row for row in steps(path.length, ranges, choose, 0.0) if row.value]
 
     return layer([*layer(under, min), *layer(over, min)], lambda values: values[-1])
 
