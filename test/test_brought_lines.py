@@ -22,6 +22,7 @@ from plant_sim.line import Line, Rating, line_for, reversed_line
 from plant_sim.track import Track
 from plant_sim.traction import Envelope
 from train_ato.api.converting import convert
+from train_ato.api.planning import plan
 from train_ato.cli.main import main
 from train_ato.profile.planner.allowance import Allowance
 from train_ato.profile.planner.settings import find_line
@@ -653,6 +654,12 @@ def test_a_railml_train_from_file_to_plan_and_back(tmp_path: Path, capsys: pytes
     assert "rating" in capsys.readouterr().err
     back = read_train(tmp_path / "back.json").consist
     assert back.mass == 200e3 and Envelope(back.vehicles[0].traction).force(80 / 3.6) == pytest.approx(180e3)
+    for source, target in ((name, "train.railml"), (line, "line.railml")):
+        convert(source, tmp_path / target)
+    times = [plan(where, train).running_time for where, train in (
+        (line, name), (tmp_path / "line.railml", tmp_path / "train.railml"),
+    )]  # fmt: skip
+    assert times[1] == pytest.approx(times[0], rel=1e-9)
 
 
 @pytest.mark.parametrize("text", [RAIL_STOCK, RAIL_STOCK_2, DRAGS, ORE])
