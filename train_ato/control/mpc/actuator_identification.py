@@ -137,14 +137,8 @@ class ActuatorIdentification:
     def step(self, last: Array, applied: float, moves: bool = True) -> bool:
         """Add a control period; return True if the factor has changed.
 
-        Parameters
-        ----------
-        last : Array, shape (units,)
-            Command sent in the last period [N].
-        applied
-            Measured total force [N].
-        moves
-            False at standstill: the holding brake gives the force, and the sample counts for traction only.
+        ``last``, shape (units,), is the command sent in the last period, ``applied`` the measured total force [N].
+        ``moves`` is False at standstill: the holding brake gives the force, and the sample counts for traction only.
         """
         former = self._best
         best = self._best = bank_step(

@@ -87,13 +87,7 @@ class CouplerLimit:
         self._limit = limit
 
     def force_range(self, position: Array, velocity: Array) -> Array:
-        """Return the smallest and largest total force [N], shape (2, nodes).
-
-        Parameters
-        ----------
-        position, velocity : Array, shape (nodes,)
-            Of vehicle 0's centre [m, m/s].
-        """
+        """Return the range of the total force at positions [m] and speeds [m/s] of vehicle 0 [N], shape (2, nodes)."""
         found = np.empty((2, position.size))
         force_range(position, velocity, self._vehicles, self._specific, self._begin, self._limit, found)
         return found

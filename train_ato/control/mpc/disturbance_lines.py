@@ -146,14 +146,10 @@ class LineSpectrum:
         self._time = -math.inf
 
     def step(self, t: float, sample: Array | None) -> None:
-        """Take a sample; missed ones only turn the states.
+        """Take a sample at a time [s]; missed ones only turn the states.
 
-        Parameters
-        ----------
-        t
-            Time of the sample [s].
-        sample : Array, shape (3, units), or None
-            Position error [m], speed error [m/s] and force over the mass [m/s²] of every unit; None counts as missed.
+        The sample, shape (3, units), is position error [m], speed error [m/s] and force over the mass [m/s²] of every
+        unit; None counts as missed.
         """
         if t - self._time > MAX_GAP:
             self.reset()
@@ -189,16 +185,10 @@ class LineSpectrum:
         return [(j, frequency) for _, j, frequency in sorted(found, reverse=True)]
 
     def amplitudes(self, place: int, frequency: float, weight: float = 1.0) -> Array:
-        """Return disturbance [m/s²] and drift [m/s] of a line now, complex, shape (2, units).
+        """Return disturbance [m/s²] and drift [m/s] of a line now times a weight, complex, shape (2, units).
 
-        Parameters
-        ----------
-        place
-            Place of its demodulator in the grid.
-        frequency
-            Its frequency [rad/s]: the gain of the demodulator there is taken out.
-        weight
-            Factor on the result.
+        ``place`` is that of its demodulator in the grid. The gain of the demodulator at the frequency [rad/s] is taken
+        out.
         """
         angle = (frequency - float(self._grid[place])) * self._period
         passed = self._gain / (1.0 - (1.0 - self._gain) * complex(math.cos(angle), -math.sin(angle)))
@@ -337,16 +327,9 @@ class DisturbanceLines:
     def step(self, inputs: LawInput, sent: Array, actuators: Array, *, trusted: bool) -> tuple[LawInput, Array]:
         """Take the measurements; return inputs and commands in flight without the lines.
 
-        Parameters
-        ----------
-        inputs
-            Inputs of the law.
-        sent : Array, shape (d, units)
-            Commands in flight, oldest first [N].
-        actuators : Array, shape (3, units)
-            Delay in traction and braking [s], share of the force.
-        trusted
-            False if the model of the actuators is wrong: the phase of a command is then not known.
+        The commands in flight, shape (d, units), have the oldest first [N]; ``actuators``, shape (3, units), is delay
+        in traction and braking [s] and share of the force. Without ``trusted`` the model of the actuators is wrong, and
+        the phase of a command is not known.
         """
         moves = float(np.abs(inputs.velocity).max()) > STANDSTILL_SPEED
         self._spectrum.step(inputs.t, self._sample(inputs) if moves else None)

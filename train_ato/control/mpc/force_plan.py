@@ -303,16 +303,10 @@ class ForcePlan:
         self.failures = self.limited_steps = self.most_exchanges = 0
 
     def set_delays(self, delays: Array, ticks: int, entries: int, omega: float, share: float) -> None:
-        """Set delays and gains of the next plans.
+        """Set delays, shape (2, units), of traction and brake commands [s] and gains of the next plans.
 
-        Parameters
-        ----------
-        delays : Array, shape (2, units)
-            Delays of traction and brake commands [s].
-        ticks, entries
-            Ticks up to the effect of the last command, and entries of the lookahead before the nodes.
-        omega, share
-            Pole of the closed loop [rad/s], and gain on the position error over its square.
+        ``ticks`` pass up to the effect of the last command, and ``entries`` of the lookahead are before the nodes.
+        ``omega`` is the pole of the closed loop [rad/s], ``share`` the gain on the position error over its square.
         """
         self._ticks, self._entries = ticks, entries
         key = (float(delays.max()), omega, share)
@@ -326,17 +320,7 @@ class ForcePlan:
         self._sides = self._models[key]
 
     def decide(self, start: PlanStart, ahead: Lookahead, *, simulated: bool) -> float:
-        """Return the total force for now [N].
-
-        Parameters
-        ----------
-        start
-            Errors and forces now.
-        ahead
-            Reference and limits ahead.
-        simulated
-            True for the deviation from a simulated train.
-        """
+        """Return the total force for now [N]; ``simulated`` for the deviation from a simulated train."""
         effect, first = self._ticks, self._entries - 1
         reference = np.array([ahead.position[first::PARTS], ahead.velocity[first::PARTS]])
         side = self._sides[int(start.last_force < 0.0)]

@@ -76,10 +76,7 @@ class MotionObserver:
     def set_simulated(self, waves: float) -> None:
         """Restart without a disturbance to estimate, for the deviation of a train from its simulation.
 
-        Parameters
-        ----------
-        waves
-            Standard deviation of the speed of a unit against its train beyond the simulated waves [m/s].
+        ``waves`` is the standard deviation of the speed of a unit against its train beyond the simulated waves [m/s].
         """
         still = np.zeros_like(self._filters.walks)
         self._filters = replace(self._filters, walks=still, rates=still)
@@ -135,19 +132,9 @@ class MotionObserver:
         """Take a sample at standstill; a speed inside the noise is 0, and changes of the measurements are noise.
 
         The speed is then exact, and the position has the noise of its sample: a motion begins with these variances.
-
-        Parameters
-        ----------
-        position
-            Measured position error [m].
-        speed, place
-            Measured speed and position of the train [m/s, m].
-        reference
-            Speed of the reference [m/s].
-        moving
-            The sample is the first one of a train in motion: no speed is inside the noise.
-        force
-            Total force that stretches the train [N].
+        ``position`` is the measured position error [m], ``speed`` and ``place`` are those of the train [m/s, m],
+        ``reference`` is the speed of the reference [m/s]. A sample with ``moving`` is the first one of a train in
+        motion: no speed is inside the noise. ``force`` is the total force that stretches the train [N].
         """
         self._count = min(self._count + 1.0, max(self._samples, 1.0))
         if self.stands:
@@ -169,20 +156,12 @@ class MotionObserver:
         self, position: float, speed: float, pull: float, regressor: float = 0.0, force_change: float = 0.0,
         force: float = 0.0,
     ) -> None:  # fmt: skip
-        """Advance by a period and correct by a measurement.
+        """Advance by a period and correct by a measurement of the errors of position and speed [m, m/s].
 
-        Parameters
-        ----------
-        position, speed
-            Measured errors [m, m/s].
-        pull
-            Mean modelled acceleration over the period minus that of the reference [m/s²].
-        regressor
-            x, mean acceleration that grows with 1/mass [m/s²].
-        force_change
-            Change of the measured force over the mass in the period [m/s²]. Its time in the period is not known.
-        force
-            Mean total force of the units in the period [N]; used with modes of the couplers (`measured_motion.py`).
+        ``pull`` is the mean modelled acceleration over the period minus that of the reference, ``regressor`` x, the
+        mean acceleration that grows with 1/mass [m/s²]. ``force_change`` is the change of the measured force over the
+        mass in the period [m/s²], at an unknown time. ``force`` is the mean total force of the units [N], for modes of
+        the couplers.
         """
         if not self._runs:
             self.restart(position, speed)

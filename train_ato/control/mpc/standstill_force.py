@@ -66,21 +66,11 @@ class StandstillForce:
     def range(
         self, motion: Array, reference: tuple[float, float, float], inertia: float, force: float, *, at_rest: bool
     ) -> tuple[float, float]:
-        """Return the smallest and largest total force [N].
+        """Return the smallest and largest total force [N]; the train is ``at_rest`` if it is at standstill now.
 
-        Parameters
-        ----------
-        motion : Array, shape (4,)
-            Errors of position [m] and speed [m/s], disturbance and error of the acceleration [m/s²] at the time of
-            effect.
-        reference
-            Speed [m/s] and acceleration [m/s²] of the reference at the time of effect, and its speed a node later.
-        at_rest
-            True if the train is at standstill now.
-        inertia
-            Mass with rotating parts [kg].
-        force
-            Total force at the time of effect [N].
+        ``motion`` is the errors of position [m] and speed [m/s], disturbance and error of the acceleration [m/s²] at
+        the time of effect, ``force`` the total force then [N]. ``reference`` is speed [m/s] and acceleration [m/s²]
+        then, and the speed a node later. ``inertia`` is the mass with rotating parts [kg].
         """
         now, _, later = reference
         if self._hauls:

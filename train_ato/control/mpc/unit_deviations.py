@@ -158,16 +158,8 @@ class UnitDeviations:
     def forces(self, inputs: LawInput, sent: Array, actuators: Array, ticks: int) -> list[float]:
         """Return the added force of every unit [N]; their sum is 0.
 
-        Parameters
-        ----------
-        inputs
-            Inputs of the law, with the measured state.
-        sent : Array, shape (d, units)
-            Commands in flight, oldest first [N].
-        actuators : Array, shape (3, units)
-            Delay in traction and braking [s], share of the force.
-        ticks
-            Number of ticks of the longest delay.
+        The commands in flight, shape (d, units), have the oldest first [N]; ``actuators``, shape (3, units), is delay
+        in traction and braking [s] and share of the force. The longest delay has ``ticks``.
         """
         state = self._estimate(inputs)
         applied, n = inputs.applied, self._units.n
