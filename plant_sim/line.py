@@ -41,9 +41,42 @@ class LineSection(SiModel):
 
 
 class NeutralSection(LineSection):
-    """Neutral section of the overhead line: no traction power."""
+    """Neutral section of the overhead line: no traction power.
+
+    Boards beside the line can announce it, and switch the power off before its begin and on beyond its end.
+    """
 
     electric_brake: bool = Field(False, description="electric brake that works without the line, as a rheostatic brake")
+    announced_before: Length | None = Field(
+        None, ge=0, description="distance of the board that announces it to begin", examples=[500.0]
+    )
+    off_before: Length = Field(0.0, ge=0, description="distance to begin at which the power is off", examples=[100.0])
+    on_after: Length = Field(0.0, ge=0, description="distance beyond end at which the power returns", examples=[60.0])
+    coasting: bool = Field(
+        False,
+        description="all units coast from the first pantograph at off_before until the last one is at on_after; "
+        "otherwise each unit has power by its own pantograph",
+    )
+
+    @model_validator(mode="after")
+    def _announced_first(self) -> NeutralSection:
+        if self.announced_before is not None and self.announced_before < self.off_before:
+            raise ValueError(
+                f"announced_before {number_text(self.announced_before)} m is behind off_before "
+                f"{number_text(self.off_before)} m; give at least as much"
+            )
+        return self
+
+    def without_power(self, behind: float, first: float, last: float) -> tuple[float, float]:
+        """Return the places of a pantograph between which its units have no power [m].
+
+        Parameters
+        ----------
+        behind, first, last
+            Distance of this pantograph, the first one and the last one from the front [m].
+        """
+        ahead, rest = (behind - first, last - behind) if self.coasting else (0.0, 0.0)
+        return self.begin - self.off_before - ahead, self.end + self.on_after + rest
 
 
 class PowerLimit(LineSection):

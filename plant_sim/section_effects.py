@@ -50,6 +50,21 @@ def has_tunnel_air(line: Line, consist: Consist) -> bool:
     return bool(narrow) and known
 
 
+def pantograph_range(consist: Consist) -> tuple[float, float]:
+    """Return the distances of the first and the last pantograph from the front [m]; that of the train without one."""
+    at = [
+        consist.offsets[fed] for vehicle, fed in zip(consist.vehicles, consist.supplies, strict=True)
+        if (vehicle.traction or vehicle.brake) and not vehicle.independent_power
+    ]  # fmt: skip
+    return min(at, default=0.0), max(at, default=0.0)
+
+
+def places_without_power(line: Line, consist: Consist, fed: int) -> list[tuple[float, float]]:
+    """Return begin and end of every neutral section [m] for the pantograph on a vehicle."""
+    around = pantograph_range(consist)
+    return [entry.without_power(consist.offsets[fed], *around) for entry in line.neutral_sections]
+
+
 class SectionZones:
     """Zones of a line with constant effects of its sections.
 
@@ -57,8 +72,8 @@ class SectionZones:
     ----------
     breaks : Array, shape (m,)
         Limits of the zones [m], rising; zone i is before break i, zone m beyond the last one.
-    neutral, electric_brake_off : list of bool, length m + 1
-        No traction, no electric brake.
+    neutral, electric_brake_off : dict of list of bool, length m + 1
+        No traction, no electric brake, by the number of the vehicle with the pantograph.
     power : list of float, length m + 1
         Largest power of the train at the wheels [W]; infinite without a limit.
     adhesion : list of float, length m + 1
@@ -67,21 +82,22 @@ class SectionZones:
         Cross section of the narrowest tunnel [m²]; infinite outside.
     """
 
-    def __init__(self, line: Line) -> None:
+    def __init__(self, line: Line, consist: Consist) -> None:
         tunnels = [entry for entry in line.tunnels if entry.cross_section is not None]
-        listed: tuple[LineSection | Tunnel, ...] = (
-            *line.neutral_sections,
-            *line.power_limits,
-            *line.adhesion,
-            *tunnels,
-        )
-        self.breaks: Array = np.unique([place for entry in listed for place in (entry.begin, entry.end)])
+        listed: tuple[LineSection | Tunnel, ...] = (*line.power_limits, *line.adhesion, *tunnels)
+        ends = {place for entry in listed for place in (entry.begin, entry.end)}
+        dead = {fed: places_without_power(line, consist, fed) for fed in set(consist.supplies)}
+        ends |= {place for extents in dead.values() for extent in extents for place in extent}
+        self.breaks: Array = np.array(sorted(ends))
         begins = [-math.inf, *self.breaks.tolist()]
-        self.neutral = [any(entry.begin <= at < entry.end for entry in line.neutral_sections) for at in begins]
-        self.electric_brake_off = [
-            any(not entry.electric_brake for entry in line.neutral_sections if entry.begin <= begin < entry.end)
-            for begin in begins
-        ]
+
+        def inside(fed: int, off: list[bool]) -> list[bool]:
+            extents = [extent for extent, acts in zip(dead[fed], off, strict=True) if acts]
+            return [any(begin <= at < end for begin, end in extents) for at in begins]
+
+        every, electric = [True for _ in line.neutral_sections], [not e.electric_brake for e in line.neutral_sections]
+        self.neutral = {fed: inside(fed, every) for fed in dead}
+        self.electric_brake_off = {fed: inside(fed, electric) for fed in dead}
         self.power = [
             min((e.wheel_power for e in line.power_limits if e.begin <= begin < e.end), default=math.inf)
             for begin in begins
@@ -112,7 +128,7 @@ class SectionEffects:
 
     def __init__(self, consist: Consist, line: Line, setup: PlantSetup, arrays: Arrays) -> None:
         self._arrays, self._vehicles = arrays, len(consist.vehicles)
-        self._zones = SectionZones(line)
+        self._zones = SectionZones(line, consist)
         has_tunnel_air(line, consist)
         self.exist = self._zones.breaks.size > 0
         """True for a line with sections."""
@@ -178,20 +194,19 @@ class SectionEffects:
         powers = [largest_power(rows[first:end]) for first, end, *_ in open_line]
         whole = math.fsum(powers) or 1.0
         found: list[list[tuple[int, ...]]] = []
-        for neutral, off, power in zip(
-            self._zones.neutral, self._zones.electric_brake_off, self._zones.power, strict=True
-        ):
+        for zone, power in enumerate(self._zones.power):
             pointers: list[tuple[int, ...]] = []
             for unit, vehicle in enumerate(consist.power_units):
                 first, end, brake_first, brake_end, electric_first, electric_end = open_line[unit]
+                fed = consist.supplies[vehicle]
                 if not consist.vehicles[vehicle].independent_power:
-                    if neutral:
+                    if self._zones.neutral[fed][zone]:
                         end = first
                     elif power < whole:
                         limited = limited_segments(rows[first:end], power * powers[unit] / whole)
                         first, end = len(rows), len(rows) + len(limited)
                         rows += limited
-                    if off:
+                    if self._zones.electric_brake_off[fed][zone]:
                         friction = friction_segments(rows[brake_first:brake_end], rows[electric_first:electric_end])
                         brake_first, brake_end = len(rows), len(rows) + len(friction)
                         rows += friction

@@ -17,7 +17,7 @@ from plant_sim.alignment import EARTH_RADIUS, MAX_TURN, Alignment
 from plant_sim.batch import advance_trains
 from plant_sim.consist import Consist
 from plant_sim.data_text import parse_yaml
-from plant_sim.formats.writing import own_yaml
+from plant_sim.formats.writing import lost_keys, own_yaml
 from plant_sim.input_error import build_model
 from plant_sim.library import line_names, load_consist, load_line
 from plant_sim.line import Line, reversed_line
@@ -25,6 +25,8 @@ from plant_sim.plant_setup import PlantSetup
 from plant_sim.section_effects import limited_segments
 from plant_sim.states import Array
 from plant_sim.track import Track
+from train_ato.control.algorithms.limits_ahead import LimitsAhead
+from train_ato.control.train_model import TrainModel
 from train_ato.judge.verdict import place_text
 from train_ato.profile.planner.planner import Plan, plan_profile
 from train_ato.profile.planner.settings import PlanSettings
@@ -98,6 +100,41 @@ def test_units_have_power_where_their_pantograph_is() -> None:
     assert rear.model_copy(update={"pantographs": ()}).supplies == (0, 1) and rear.supplies == (1, 1)
     with pytest.raises(ValueError, match=r"pantographs: lists a vehicle outside 0 \.\.\. 1; correct it"):
         Consist.model_validate(rear.model_dump(by_alias=True) | {"pantographs": [2]})
+
+
+def test_boards_switch_all_units_off_and_on_together() -> None:
+    """Breaks if plant, plan or law ahead switch at another place, or a unit alone in a coasted section."""
+    section = {"begin": 100, "end": 140, "announced_before": 90, "off_before": 25, "on_after": 10, "coasting": True}
+    line = plain_line(neutral_sections=[section])
+    start = {"position": 30, "speed": 30}
+    rows = driven(line, FORCE, 9.0, start=start)
+    position, force = rows[:-1, 0], rows[1:, 2]
+    inside = (position[:, 0] >= 75) & (position[:, 1] < 150)  # first car at the board, rear one beyond the other
+    assert inside.sum() > 10 and (force[inside] == 0.0).all() and (force[~inside] == FORCE).all()
+    alone = driven(plain_line(neutral_sections=[section | {"coasting": False}]), FORCE, 9.0, start=start)
+    own = (alone[:-1, 0] >= 75) & (alone[:-1, 0] < 150)
+    assert (alone[1:, 2][own] == 0.0).all() and (alone[1:, 2][~own] == FORCE).all()
+    ahead = LimitsAhead(TrainModel(railcar(), line, np.ones(2), np.ones(2), 0.4, 0.1)).force(
+        position[:, 0].copy(), np.full(len(position), 25.0)
+    )[1]
+    assert ((ahead == 0.0).all(axis=1) == inside).mean() > 0.99 and ((ahead == 0.0).any(axis=1) == inside).mean() > 0.99
+    far = {key: value for key, value in section.items() if key not in ("begin", "end")}
+    longer = plain_line(
+        speed_limits=[{"at": 0, "speed_kmh": 100}], neutral_sections=[far | {"begin": 1000, "end": 1100}]
+    )
+    found = plan_profile(longer, railcar(), PlanSettings(begin=50, end=2900))
+    coasted = (found.front - 10 > 975) & (found.front - 30 < 1110)
+    assert np.abs(found.force[coasted]).max() < 1.0 < np.abs(found.force[found.front - 10 < 970]).max()
+    (row,) = found.summary()["without_power"]
+    times = [np.interp(at, found.front, found.profile.time) for at in (910, 985, 1140)]
+    assert [row[key] for key in ("announced_s", "off_s", "on_s")] == pytest.approx(times, abs=0.01)
+    assert row["phase"] == "coasting"
+    assert build_model(Line, yaml.safe_load(own_yaml(longer)), "again") == longer
+    assert [key for key in lost_keys(longer, ("neutral_sections", "speed_limits", "begin")) if "neutral" in key] == [
+        f"neutral_sections[].{key}" for key in ("announced_before", "off_before", "on_after", "coasting")
+    ]
+    with pytest.raises(ValueError, match="announced_before 20 m is behind off_before 25 m; give at least as much"):
+        plain_line(neutral_sections=[section | {"announced_before": 20}])
 
 
 def test_a_diesel_train_and_a_rheostatic_brake_work_in_a_neutral_section() -> None:

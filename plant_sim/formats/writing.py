@@ -11,7 +11,7 @@ import yaml
 from plant_sim.chainage import with_posts
 from plant_sim.consist import Consist
 from plant_sim.data_text import TextDumper
-from plant_sim.line import Line
+from plant_sim.line import Line, LineSection, NeutralSection
 
 NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 """Sign that a text in XML must not have."""
@@ -34,7 +34,11 @@ def lost_keys(line: Line, carried: Collection[str]) -> list[str]:
         "curves[].side (none: right)": any(curve.side is None for curve in line.curves),
         "tunnels[].resistance_n_per_kn": any(tunnel.resistance_n_per_kn for tunnel in line.tunnels),
         "temporary_restrictions[].reason": any(entry.reason for entry in line.temporary_restrictions),
-        "neutral_sections[].electric_brake": any(entry.electric_brake for entry in line.neutral_sections),
+        **{
+            f"neutral_sections[].{key}": any(getattr(entry, key) for entry in line.neutral_sections)
+            for key in NeutralSection.model_fields
+            if key not in LineSection.model_fields
+        },
     }
     found += [key for key, lost in details.items() if lost and key.partition("[")[0] in carried and key not in carried]
     return found + ([] if "begin" in carried or not line.begin else [f"begin = {line.begin:g} m (now 0)"])

@@ -323,11 +323,20 @@ def execute_plan(options: argparse.Namespace) -> int:
         )
         print_table(("stop, km", *columns), stops)
     if dead := result.get("without_power"):
-        sections = ([f"{row['place_m'] / 1e3:.3f}", f"{row['off_s']:.1f}", f"{row['on_s']:.1f}"] for row in dead)
-        print_table(("neutral section, km", "power off, s", "power on, s"), sections)
+        names = {"announced_s": "announced, s", "off_s": "power off, s", "on_s": "power on, s", "phase": "phase"}
+        names = {key: name for key, name in names.items() if any(key in row for row in dead)}
+        sections = (
+            [f"{row['place_m'] / 1e3:.3f}", *(_cell(row[key]) if key in row else "" for key in names)] for row in dead
+        )
+        print_table(("neutral section, km", *names.values()), sections)
     for name in result["files"]:
         sys.stdout.write(f"{name}\n")
     return 0
+
+
+def _cell(value: float | str) -> str:
+    """Return a time [s] with one decimal place, or a word."""
+    return value if isinstance(value, str) else f"{value:.1f}"
 
 
 def _certificate(result: Plan, options: argparse.Namespace) -> dict[str, float]:

@@ -130,7 +130,7 @@ class LimitsAhead:
 
     def __init__(self, model: TrainModel) -> None:
         self.places, self.speeds = _whole_train_limits(model)
-        self._zones = SectionZones(model.line)
+        self._zones = SectionZones(model.line, model.consist)
         self._offsets, supplies = model.offsets, model.consist.supplies
         self._fed_at = np.array(model.consist.offsets)[[supplies[unit] for unit in model.units]]
         self._rows, self._pointers = self._zone_envelopes(model)
@@ -164,21 +164,20 @@ class LimitsAhead:
         brake = [[(float(a), float(b), float(c), float(d)) for a, b, c, d in unit.rows] for unit in model.brake]
         powers = [largest_power(unit) for unit in traction]
         whole = plain_sum(powers) or 1.0
-        pointers = np.zeros((len(zones.neutral), model.n_units, 4), dtype=np.int64)
-        for zone, (neutral, off, power) in enumerate(
-            zip(zones.neutral, zones.electric_brake_off, zones.power, strict=True)
-        ):
+        pointers = np.zeros((len(zones.power), model.n_units, 4), dtype=np.int64)
+        for zone, power in enumerate(zones.power):
             for unit, vehicle in enumerate(model.units):
                 pull, hold = traction[unit], brake[unit]
                 if not model.consist.vehicles[vehicle].independent_power:
+                    fed = model.consist.supplies[vehicle]
                     pull = (
                         []
-                        if neutral
+                        if zones.neutral[fed][zone]
                         else limited_segments(pull, power * powers[unit] / whole)
                         if power < whole
                         else pull
                     )
-                    hold = [] if off else hold
+                    hold = [] if zones.electric_brake_off[fed][zone] else hold
                 begin, middle = len(rows), len(rows) + len(pull)
                 rows += [*pull, *hold]
                 pointers[zone, unit] = begin, middle, middle, len(rows)

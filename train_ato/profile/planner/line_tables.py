@@ -18,7 +18,7 @@ from plant_sim.consist import Consist, VehicleType
 from plant_sim.line import Line, LineSection
 from plant_sim.packing import NO_LIMIT, Integers
 from plant_sim.railway import MIN_POWER_SPEED, adhesion_by_speed
-from plant_sim.section_effects import SectionZones, has_tunnel_air
+from plant_sim.section_effects import SectionZones, has_tunnel_air, places_without_power
 from plant_sim.track import Track
 from plant_sim.traction import Envelope
 from train_ato.messages.types import Array
@@ -232,7 +232,7 @@ class PlaceLimits:
     """Reserved fractions of traction and brakes of a train, by the place of its front."""
 
     def __init__(self, line: Line, consist: Consist, train: TrainTables) -> None:
-        self._zones, self._line = SectionZones(line), line
+        self._zones, self._line = SectionZones(line, consist), line
         self._train, self._consist = train, consist
         self._vehicles, self._supplies = consist.vehicles, consist.supplies
         self._has_adhesion = bool(line.adhesion)
@@ -249,24 +249,32 @@ class PlaceLimits:
         """Return the sections that limit the traction, or the brakes, of the train at a place of its front [m]."""
         line, places = self._line, front - self._train.behind
         units = np.array([bool(v.brake if brakes else v.traction) and not v.independent_power for v in self._vehicles])
-        fed = places[list(self._supplies)][units]
-        listed: list[tuple[str, Sequence[LineSection], Array]] = [
-            ("section with low adhesion", [entry for entry in line.adhesion if entry.factor < 1.0], places)
+        supplies = np.array(self._supplies)[units].tolist()
+        fed = places[supplies]
+        dead = np.array([places_without_power(line, self._consist, vehicle) for vehicle in supplies])
+        acting: list[tuple[str, LineSection, NDArray[np.bool_]]] = [
+            ("neutral section", entry, (fed >= dead[:, number, 0]) & (fed < dead[:, number, 1]))
+            for number, entry in enumerate(line.neutral_sections if supplies else ())
+            if not (brakes and entry.electric_brake)
         ]
-        if brakes:
-            off = [entry for entry in line.neutral_sections if not entry.electric_brake]
-            listed.append(("neutral section", off, fed))
-        else:
-            listed += [("neutral section", line.neutral_sections, fed), ("power limit", line.power_limits, fed)]
+        listed: list[tuple[str, Sequence[LineSection], Array]] = [
+            ("section with low adhesion", [entry for entry in line.adhesion if entry.factor < 1.0], places),
+            ("power limit", () if brakes else line.power_limits, fed),
+        ]
+        acting += [
+            (kind, entry, (at >= entry.begin) & (at < entry.end)) for kind, entries, at in listed for entry in entries
+        ]
         return [
             f"{kind} from km {entry.begin / 1000:.3f} to km {entry.end / 1000:.3f}"
-            for kind, entries, at in listed
-            for entry in entries
-            if np.any((at >= entry.begin) & (at < entry.end))
+            for kind, entry, acts in acting
+            if acts.any()
         ]
 
-    def without_power(self, front: Array, time: Array) -> list[dict[str, float]]:
+    def without_power(self, front: Array, time: Array) -> list[dict[str, float | str]]:
         """Return places [m] of the neutral sections of a plan, and the times [s] without power in a unit.
+
+        A section with a board that announces it has the time at which the front passes the board, one that all units
+        pass without power has its phase.
 
         Parameters
         ----------
@@ -276,15 +284,18 @@ class PlaceLimits:
         units = [fed for v, fed in zip(self._vehicles, self._supplies, strict=True)
                  if (v.traction or v.brake) and not v.independent_power]  # fmt: skip
         behind = self._train.behind[units]
-        passages = [
-            (e.begin, e.begin + behind.min(), e.end + behind.max()) for e in self._line.neutral_sections if units
-        ]
-        return [
-            {"place_m": round(at, 3), "off_s": round(float(off), 3), "on_s": round(float(on), 3)}
-            for at, first, last in sorted(passages)
-            if first < front[-1] and last > front[0]
-            for off, on in (np.interp((first, last), front, time),)
-        ]
+        found = []
+        for entry in sorted(self._line.neutral_sections if units else (), key=lambda entry: entry.begin):
+            first, last = entry.begin - entry.off_before + behind.min(), entry.end + entry.on_after + behind.max()
+            if first >= front[-1] or last <= front[0]:
+                continue
+            board = entry.begin - (entry.announced_before or 0.0)
+            announced, off, on = (round(float(at), 3) for at in np.interp((board, first, last), front, time))
+            row: dict[str, float | str] = {"place_m": round(entry.begin, 3)}
+            row |= {} if entry.announced_before is None else {"announced_s": announced}
+            row |= {"off_s": off, "on_s": on}
+            found.append(row | ({"phase": "coasting"} if entry.coasting else {}))
+        return found
 
     def zones_at(self, places: Array) -> NDArray[np.int64]:
         """Return the zone of vehicles with their centres at places [m]."""
@@ -395,8 +406,8 @@ class PlaceLimits:
                     fed = zones[supply]
                     power = self._zones.power[fed] * own / whole
                     most = np.minimum(most, power / np.maximum(speed, MIN_POWER_SPEED))
-                    most = most * (not self._zones.neutral[fed])
-                    least = least * (not self._zones.electric_brake_off[fed])
+                    most = most * (not self._zones.neutral[supply][fed])
+                    least = least * (not self._zones.electric_brake_off[supply][fed])
                 limited = np.minimum(both, np.stack((most, least)))
                 forces, left = forces + both, left + limited
                 least_part = np.minimum(least_part, np.where(both > 0.0, limited / np.maximum(both, 1e-9), 1.0))
