@@ -10,7 +10,9 @@ import pytest
 from span_runs import setup_of
 from test_line_sections import driven, plain_line, railcar
 
+import train_ato as ta
 from plant_sim.library import load_consist, load_line
+from train_ato.cli.main import main
 from train_ato.control.algorithms.limits_ahead import LimitsAhead, limits_at_nodes, within_units
 from train_ato.control.contract import LawPlan, Lookahead
 from train_ato.control.mpc.predictive_plan import lowest_limit
@@ -122,6 +124,20 @@ def _largest_errors(known):
     assert cautious is not None
     assert all(map(math.isfinite, errors))
     return *errors, cautious[-1]
+
+
+def test_mpc_makes_no_spike_before_a_neutral_section(tmp_path, monkeypatch) -> None:
+    """Breaks if the last steps before the section correct a small error by a large force: 35 kN in one step."""
+    monkeypatch.chdir(tmp_path)
+    assert main(["new", "scenario", "my_metro"]) == 0
+    with Path("line.yaml").open("a", encoding="utf-8") as line:
+        line.write("neutral_sections: [{begin_km: 0.5, end_km: 0.58, off_before: 40, on_after: 30, coasting: true}]\n")
+    run = ta.run("my_metro.yaml", law="mpc", set={"duration": 60, "criteria": {}}, progress=False)
+    place = run["train/measurement"]["unit_0_position_m"].to_numpy()
+    force = run["ato/command"]["unit_0_force_n"].to_numpy()
+    first = np.searchsorted(place, 460)
+    assert np.abs(force[first - 60 : first]).max() < 12e3, "5 % of the largest force; the plan coasts there"
+    assert np.abs(force[(place > 460) & (place < 605)]).max() == 0.0
 
 
 def test_mpc_gains_from_a_known_neutral_section() -> None:

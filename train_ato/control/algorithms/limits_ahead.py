@@ -34,8 +34,9 @@ def node_limits(force, nodes, parts, effect, limits, side):
     """Narrow the limits of the total force at the nodes by those of the units ahead.
 
     A limit of a node is a mean over the time to the neighbours. Its weights fall linearly to 0 there. The planned force
-    is linear between the nodes. With this limit it has the impulse that a section leaves. The first node has the limit
-    at the effect of the command.
+    is linear between the nodes. With this limit it has the impulse that a section leaves. The first node also keeps the
+    limit at the effect of the command. Its mean takes the force away before a section begins: without it the last steps
+    before the section would make a spike of force out of every small error that is left.
 
     Parameters
     ----------
@@ -68,11 +69,11 @@ def node_limits(force, nodes, parts, effect, limits, side):
             weight[j + 1] += ends * step * part
     for j in range(n):
         value = total[j] / weight[j]
-        if j == 0:
-            value = 0.0
-            for unit in range(force.shape[1]):
-                value += force[effect, unit]
         limits[side, j] = min(limits[side, j], value) if side else max(limits[side, j], value)
+    value = 0.0
+    for unit in range(force.shape[1]):
+        value += force[effect, unit]
+    limits[side, 0] = min(limits[side, 0], value) if side else max(limits[side, 0], value)
 
 
 def within_units(wanted: list[float], share: list[float], low: list[float], high: list[float]) -> list[float]:
