@@ -22,7 +22,7 @@ from train_ato.control.mpc.actuator_identification import ActuatorIdentification
 from train_ato.control.mpc.force_plan import horizon_model, node_times, ramp_response, responses
 from train_ato.control.mpc.motion_filters import RAMP_TIME, motion_by_rate
 from train_ato.control.mpc.motion_observer import MotionObserver
-from train_ato.control.mpc.predictive_plan import decide, free_motion, node_values
+from train_ato.control.mpc.predictive_plan import decide, free_motion, go_on, node_values
 from train_ato.control.mpc.unit_deviations import UnitDeviations, filter_gain, regulator_gain
 from train_ato.control.observers.force_balance import lag_weight
 from train_ato.control.train_model import TrainModel
@@ -414,6 +414,16 @@ def test_multipliers_of_an_ill_conditioned_matrix():
         assert multipliers(matrix, slack, active, found) >= 0
         assert found.min() >= 0.0
         assert (slack + matrix @ found).min() > -1e-3
+
+
+@pytest.mark.parametrize("period", [0.1, 0.2, 3.0])
+def test_the_last_plan_goes_on_without_a_solution(period):
+    """Breaks if a plan that goes on is not the former one a period later, or not constant after its last node."""
+    nodes = node_times(0.2, 120.0, 32)
+    before = np.sin(nodes)
+    plan = before.copy()
+    go_on(plan, nodes, period)
+    assert plan.tobytes() == np.interp(nodes + period, nodes, before).tobytes()
 
 
 def test_force_limit_ahead_divides_the_error_over_the_horizon():

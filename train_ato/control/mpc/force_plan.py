@@ -16,7 +16,7 @@ from train_ato.control.algorithms.quadratic_program import inverse
 from train_ato.control.algorithms.train_constants import MATCHED_SHARE, drag_slope, force_tables, wave_gain
 from train_ato.control.contract import LawPlan
 from train_ato.control.mpc.coupler_limit import CouplerLimit
-from train_ato.control.mpc.predictive_plan import plan_step, write_plan
+from train_ato.control.mpc.predictive_plan import plan_step
 from train_ato.control.plan_text import PASSES
 from train_ato.messages.types import Array
 from train_ato.messages.validity import MAX_FORCE, MAX_POSITION
@@ -292,7 +292,7 @@ class ForcePlan:
         self._times = self.nodes, steps, 1.0 - exp_each(-self.nodes / PASSING_TIME)
         pole = APPROACH * omega
         self._near = int(np.searchsorted(self.nodes, 1.0 / pole))
-        self._rule = jerk, pole, float(model.lag > 0.0), self._stop_time, STOP_ROOM, *drag_slope(model)
+        self._rule = jerk, pole, float(model.lag > 0.0), self._stop_time, STOP_ROOM, *drag_slope(model), period
         self.allowed = np.empty(8 * nodes)
         self.reset()
 
@@ -338,15 +338,9 @@ class ForcePlan:
             (*self._rule, float(start.departs)), (first, effect, PARTS, self._near), self.allowed, self._active,
             self._plan, found,
         )  # fmt: skip
-        if exchanges < 0:  # the last plan goes on
-            self.failures += 1
-            self._active[:] = at_brake_limit = False
-            self._plan = np.interp(self.nodes + self._period, self.nodes, self._plan)
-            room = self.allowed[4 * self.nodes.size : 5 * self.nodes.size]
-            write_plan(reference, start.errors, side, self._plan, room, start.inertia, found)
-        else:
-            self.most_exchanges = max(self.most_exchanges, exchanges)
-            self.limited_steps += limited
+        self.failures += exchanges < 0
+        self.most_exchanges = max(self.most_exchanges, exchanges)
+        self.limited_steps += limited
         status = SOLVED if exchanges >= 0 else CONTINUED
         self._decided = effect * self._model.tick + self.nodes, reference, found, status, at_brake_limit
         return start.feedforward + start.inertia * (self._plan.item(0) - start.disturbance)

@@ -232,12 +232,26 @@ def write_plan(reference, errors, side, decision, room, mass, found):
 
 
 @compiled
+def go_on(plan, nodes, period):
+    """Advance a plan by a period [s], with the bits of ``numpy.interp``; beyond its last node it is constant."""
+    before, k = plan.copy(), 0
+    for j in range(nodes.size):
+        time = nodes[j] + period
+        while k < nodes.size - 1 and nodes[k + 1] <= time:
+            k += 1
+        plan[j] = before[k]
+        if k < nodes.size - 1:
+            plan[j] += (before[k + 1] - before[k]) / (nodes[k + 1] - nodes[k]) * (time - nodes[k])
+
+
+@compiled
 def plan_step(
     side, times, line, couplers, required, errors, reference, effect, start, rule, places, allowed, active, plan, found
 ):
     """Compute limits, decision and plan of a period.
 
     Return the number of exchanges, -1 without a solution, and True for an active row, and for one of the brake force.
+    Without a solution the last plan goes on.
 
     Parameters
     ----------
@@ -262,7 +276,7 @@ def plan_step(
         smallest and largest total force at the measured speed, and resistance there beyond the reference [N].
     rule : tuple of float
         Largest jerk [m/s³], pole of the approach [rad/s], its order less one, time from which a stop is kept [s],
-        position error permitted there [m], drag of :func:`bounds`, and 1.0 for a departure.
+        position error permitted there [m], drag of :func:`bounds`, control period [s], and 1.0 for a departure.
     places : tuple of int
         Entry of the first node and of the effect in the lookahead, steps between nodes, and node of the approach.
     allowed : Array, shape (8 nodes,)
@@ -270,12 +284,11 @@ def plan_step(
     active, plan
         ``active`` and ``z`` of :func:`decide`.
     found : Array, shape (5, nodes)
-        Result: rows of :func:`write_plan`, and the disturbance at the nodes [m/s²]. Without a solution the fourth row
-        is the force that keeps the train on the reference [N].
+        Result: rows of :func:`write_plan`, and the disturbance at the nodes [m/s²].
     """
     nodes, steps, passed = times
     disturbance, passing, gained, rise, feedforward, mass, low, high, beyond = start
-    jerk, pole, lags, stop_time, stop_room, slope, curvature, departs = rule
+    jerk, pole, lags, stop_time, stop_room, slope, curvature, period, departs = rule
     first, ticks, parts, near = places
     n = nodes.size
     force, lasting = found[3], found[4]
@@ -298,6 +311,8 @@ def plan_step(
     allowed[0] = min(allowed[0], max(held, -allowed[n], -allowed[3 * n]))
     exchanges = decide((side[0], side[1]), side[4], side[6], side[7], side[5], errors, allowed, active, plan)
     reference[0, 0], reference[1, 0] = effect[0], effect[1]
-    if exchanges >= 0:
-        write_plan(reference, errors, side, plan, room, mass, found)
+    if exchanges < 0:
+        active[:] = False
+        go_on(plan, nodes, period)
+    write_plan(reference, errors, side, plan, room, mass, found)
     return exchanges, active.any(), active[n : 2 * n].any()
