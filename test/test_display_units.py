@@ -2,13 +2,16 @@
 
 import csv
 import json
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 from train_ato.cli.main import main
 from train_ato.program.display_units import displayed_in, shown_data, shown_table, shown_text
 from train_ato.report.quantities import axis_title, style_of
 
+DATA = Path(__file__).resolve().parent / "data"
 TEXTS = (
     ("speed error 100 km/h rms", "speed error 62.1 mph rms"),  # 100 / 1.609344
     ("couplers -413 ... +505 kN (limits 1125 kN)", "couplers -92800 ... +114000 lbf (limits 252900 lbf)"),
@@ -75,6 +78,28 @@ def test_commands_print_and_export_us_units(run, tmp_path, capsys):
     found = [json.loads(capsys.readouterr().out) for extra in ((), ("--units", "us")) if main([*plan, *extra]) == 0]
     assert found[1]["distance_ft"] == pytest.approx(found[0]["distance_m"] / 0.3048)
     assert found[1]["running_time_s"] == found[0]["running_time_s"]
+
+
+def test_braking_curves_have_one_system_of_units(tmp_path, capsys):
+    """Breaks if a table, a deviation or a release speed keeps metres, or the head of its column does."""
+    case = str(DATA / "etcs_braking_cases.json")
+
+    def printed(*more: str) -> str:
+        assert main(["curves", case, *more]) == 0
+        return capsys.readouterr().out
+
+    si, us = (json.loads(printed("--deviation", "--json", *units)) for units in ((), ("--units", "us")))
+    for name, entry in si.items():
+        for curve, rows in entry["curves"].items():
+            shown = np.array(us[name]["curves"][curve])
+            assert shown == pytest.approx(np.array(rows) / (1.609344, 0.3048), abs=1e-9)
+        assert us[name]["deviation_ft"] == pytest.approx(
+            {curve: each / 0.3048 for curve, each in entry["deviation_m"].items() if each is not None}
+        )
+    text = printed("--units", "us", "--out", str(tmp_path / "curves.svg"))
+    assert "before the target in ft" in text and "   mph" in text and " m" not in text.replace(" mph", "")
+    drawn = (tmp_path / "curves.svg").read_text(encoding="utf-8")
+    assert "speed in mph" in drawn and "target in ft" in drawn
 
 
 def test_a_report_has_one_system_of_units(run, tmp_path):

@@ -5,7 +5,9 @@ import sys
 from pathlib import Path
 from typing import Any
 
-DEVIATION_TITLE = "largest deviation in m"
+from train_ato.program.display_units import display_unit
+
+DEVIATION_TITLE = "largest deviation in {}"
 WIDTH = 11
 """Characters of a column of distances."""
 
@@ -63,8 +65,12 @@ def execute(options: argparse.Namespace) -> int:
 def _print_curves(name: str, entry: dict[str, Any]) -> None:
     """Print one table: a row for each speed, a column for each curve; in full width also in a narrow terminal."""
     curves: dict[str, list[list[float]]] = entry["curves"]
+    speed_unit, place_unit = display_unit("km/h")[0], display_unit("m")[0]
     columns = {curve: {row[0]: row[1] for row in rows} for curve, rows in curves.items()}
-    lines = [f"{name}: distance before the target in m", "  km/h" + "".join(f"{curve:>{WIDTH}}" for curve in columns)]
+    lines = [
+        f"{name}: distance before the target in {place_unit}",
+        f"{speed_unit:>6}" + "".join(f"{curve:>{WIDTH}}" for curve in columns),
+    ]
     for speed in sorted({speed for rows in columns.values() for speed in rows}):
         cells = (f"{rows[speed]:{WIDTH}.2f}" if speed in rows else " " * WIDTH for rows in columns.values())
         lines.append(f"{speed:6g}" + "".join(cells))
@@ -80,10 +86,12 @@ def _print_curves(name: str, entry: dict[str, Any]) -> None:
 def _print_deviations(deviations: dict[str, dict[str, float | None]]) -> None:
     """Print the largest deviation of every case and curve [m]."""
     curves = list(dict.fromkeys(curve for entry in deviations.values() for curve in entry))
-    widest = max(len(name) for name in (*deviations, DEVIATION_TITLE))
-    lines = [f"{DEVIATION_TITLE:{widest}}" + "".join(f"{curve:>{WIDTH}}" for curve in curves)]
+    unit, factor = display_unit("m")
+    title = DEVIATION_TITLE.format(unit)
+    widest = max(len(name) for name in (*deviations, title))
+    lines = [f"{title:{widest}}" + "".join(f"{curve:>{WIDTH}}" for curve in curves)]
     for name, entry in deviations.items():
         values = (entry.get(curve) for curve in curves)
-        cells = (" " * WIDTH if value is None else f"{value:{WIDTH}.3f}" for value in values)
+        cells = (" " * WIDTH if value is None else f"{value * factor:{WIDTH}.3f}" for value in values)
         lines.append(f"{name:{widest}}" + "".join(cells))
     sys.stdout.write("\n".join(line.rstrip() for line in lines) + "\n")

@@ -56,7 +56,8 @@ MODULES: dict[str, str] = {
 """Modules with another name than their command: ``import`` is a keyword of Python."""
 WITHOUT_JSON = ("train_ato.cli.completion",)
 """Modules of the commands without data: a shell reads the result."""
-WITH_UNITS = ("run", "compare", "info", "plan", "report", "export", "list", "import", "driver", "replay", "sweep")
+WITH_UNITS = ("run", "compare", "info", "plan", "report", "export", "list", "import", "driver", "replay", "sweep",
+              "curves", "tune")  # fmt: skip
 """Commands with ``--units``."""
 DONE, FAILED = 0, 1
 

@@ -98,7 +98,7 @@ def shown_data(value: Any, symbol: str = "") -> Any:
         own = str(value.get("unit") or "") or symbol_in(str(value.get("metric", "")))
         found = {}
         for key, entry in value.items():
-            unit = own if key in ("value", "limit") else symbol_in(str(key))
+            unit = own if key in ("value", "limit") else symbol_in(str(key)) or symbol
             named = display_unit(own)[0] if key == "unit" else shown_name(entry) if key == "metric" else entry
             found[shown_name(str(key))] = shown_data(named, unit)
         return found

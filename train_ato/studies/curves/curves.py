@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from plant_sim.units import KMH
 from train_ato.api.scenario_choice import GivenScenario, choose_scenario
 from train_ato.program.arguments import check_new_file, option_name
+from train_ato.program.display_units import display_unit
 from train_ato.report.print_figures import SHEET_SIZE, styled, write_figure
 from train_ato.report.quantities import BLACK, BLUE, BROWN, GREEN, GREY, ORANGE, PURPLE, VERMILION
 from train_ato.scenario.scenario_data import scenario_consist, scenario_line
@@ -156,8 +157,8 @@ def _draw_table(panel: Axes, name: str, table: CurveTable) -> None:
         )
     panel.axvline(0.0, color=CURVE_COLOURS["EBD"], lw=0.8, ls=":")
     panel.invert_xaxis()
-    panel.set_xlabel("distance before the target in m")
-    panel.set_ylabel("speed in km/h")
+    panel.set_xlabel(f"distance before the target in {display_unit('m')[0]}")
+    panel.set_ylabel(f"speed in {display_unit('km/h')[0]}")
     panel.set_ylim(bottom=0)
     panel.margins(x=0.01)
     panel.set_title(name, loc="left", fontsize="medium", pad=24.0)
@@ -242,9 +243,17 @@ def curves_by_case(
         raise ValueError(f"{dash}deviation: needs distances; name a JSON file of cases")
     else:
         result, bare = _of_scenario(case, given, dash), True
+    for entry in result.values():
+        entry["curves"] = {curve: _shown_rows(rows) for curve, rows in entry["curves"].items()}
     if out is not None:
         draw_curves({name: entry["curves"] for name, entry in result.items()}, Path(out))
     return result, bare
+
+
+def _shown_rows(rows: list[list[float]]) -> list[list[float]]:
+    """Return the rows of a curve in the units of display."""
+    (_, speed), (_, place) = display_unit("km/h"), display_unit("m")
+    return rows if speed == place == 1.0 else [[row[0] * speed, row[1] * place] for row in rows]
 
 
 def _of_cases(path: Path, given: Mapping[str, Any], dash: str, *, deviation: bool) -> tuple[dict[str, Any], bool]:
