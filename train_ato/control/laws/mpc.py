@@ -62,13 +62,6 @@ if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel
 
 
-def _through_lag(table: list[float], place: float, lag: float) -> float:
-    """Return F + Ta F' at a place of a table, with the lag in entries."""
-    index = min(int(place + 1e-9), len(table) - 2)
-    rise = table[index + 1] - table[index]
-    return table[index] + (place - index) * rise + lag * rise
-
-
 IDENTIFICATION_SPEED = 1.0
 """Speed below which the electric brake fades and the commands do not explain the force [m/s]."""
 
@@ -151,8 +144,7 @@ class Mpc(GuardedLaw):
         self._entries = self._ticks + 2 + math.ceil(0.5 * self.period / model.tick)
         after = self._ticks * model.tick + self._force_plan.times[1:]
         self.lookahead_times: Array = np.concatenate((model.tick * np.arange(self._entries), after))
-        self._rising = np.argsort(self.lookahead_times, kind="stable")
-        self._rising_times = self.lookahead_times[self._rising]
+        self._effects = [[self._place(delay) for delay in pair] for pair in self._actuators[:2].T.tolist()]
         omega = self.omega * (p.safe_share if self._cautious else 1.0)
         share = SIMULATED_SHARE if self._simulated else p.position_share or self._class.position_share
         self._force_plan.set_delays(self._actuators[:2], self._ticks, self._entries, omega, share)
@@ -291,27 +283,34 @@ class Mpc(GuardedLaw):
         )  # fmt: skip
         return self._force_plan.decide(start, inputs.lookahead, simulated=self._simulated)
 
-    def _feedforward(self, required: Array) -> list[float]:
-        """Return the force of every unit that gives the required force at the time of its effect [N].
+    def _place(self, delay: float) -> tuple[int, int, float, float, float]:
+        """Return two entries of the lookahead, their distance, and the effect of a command after the first, plus lag.
 
         Through the lag Ta the command is F + Ta F'. The line force of a train of wagons is a staircase, one step for
         every wagon at a change of the grade, and F' of a step is an impulse. With hauled vehicles the command is
         therefore F at the time Ta later, equal to F + Ta F' for a steady slope.
         """
         tick, half, lag = self.model.tick, 0.5 * self.period, self.model.lag
-        if self._class.hauls:
-            times, forces = self._rising_times, required[self._rising]
+        if not self._class.hauls:
+            place = (delay + half) / tick
+            index = min(int(place + 1e-9), self._entries - 2)
+            return index, index + 1, 1.0, place - index, lag / tick
+        order = np.argsort(self.lookahead_times, kind="stable")
+        times, time = self.lookahead_times[order], delay + (half + lag)
+        k = min(int(np.searchsorted(times, time, side="right")), times.size - 1) - 1
+        width = float(times[k + 1] - times[k])
+        return int(order[k]), int(order[k + 1]), width, min(time - float(times[k]), width), 0.0
 
-            def force_at(delay: float) -> float:
-                return float(np.interp(delay + (half + lag), times, forces))
-        else:
-            table = required[: self._entries].tolist()
+    def _feedforward(self, required: Array) -> list[float]:
+        """Return the force of every unit that gives the required force at the time of its effect [N]."""
 
-            def force_at(delay: float) -> float:
-                return _through_lag(table, (delay + half) / tick, lag / tick)
+        def force_at(effect: tuple[int, int, float, float, float]) -> float:
+            first, then, width, after, lag = effect
+            rise = (required.item(then) - required.item(first)) / width
+            return required.item(first) + after * rise + lag * rise
 
         found = []
-        for forward, backward, share in zip(*self._actuators.tolist(), strict=True):
+        for (forward, backward), share in zip(self._effects, self.share, strict=True):
             force = force_at(forward)
             if force < 0.0 and backward != forward:
                 force = min(0.0, force_at(backward))
