@@ -47,11 +47,11 @@ class NeutralSection(LineSection):
     """
 
     electric_brake: bool = Field(False, description="electric brake that works without the line, as a rheostatic brake")
-    announced_before: Length | None = Field(
+    announced_before: Place | None = Field(
         None, ge=0, description="distance of the board that announces it to begin", examples=[500.0]
     )
-    off_before: Length = Field(0.0, ge=0, description="distance to begin at which the power is off", examples=[100.0])
-    on_after: Length = Field(0.0, ge=0, description="distance beyond end at which the power returns", examples=[60.0])
+    off_before: Place = Field(0.0, ge=0, description="distance to begin at which the power is off", examples=[100.0])
+    on_after: Place = Field(0.0, ge=0, description="distance beyond end at which the power returns", examples=[60.0])
     coasting: bool = Field(
         False,
         description="all units coast from the first pantograph at off_before until the last one is at on_after; "
@@ -535,12 +535,23 @@ def line_for(line: Line, categories: Sequence[str], rating: Rating | None = None
         Categories of the train in the order of their choice; none: the line as it is.
     rating
         Figures of the train; without a category of the line, it takes the first limits whose needs it meets.
+
+    Raises
+    ------
+    ValueError
+        If the line has limits of other categories only: the train would have none.
     """
     train = rating or Rating()
     met = [entry for entry in line.category_limits if entry.needs is None or entry.needs.met_by(train)]
     named = (entry for name in categories for entry in met if entry.category == name)
     chosen = next(named, next((entry for entry in met if entry.needs is not None), None))
     if chosen is None:
+        if line.category_limits and not line.speed_limits:
+            known = ", ".join(entry.category for entry in line.category_limits)
+            raise ValueError(
+                f"line '{line.name}': category_limits: none for this train; add one of {known} to the categories of "
+                "the train, or speed_limits to the line"
+            )
         return line
     data = line.model_dump(by_alias=True, exclude_unset=True)
     return Line.model_validate(data | {"speed_limits": [entry.model_dump() for entry in chosen.speed_limits]})

@@ -552,6 +552,11 @@ def test_limits_by_the_figures_of_a_train(rating: Any, categories: list[str], sp
     train = None if rating is None else build_model(Rating, rating, "train")
     for way in (line, reversed_line(line), reversed_line(reversed_line(line))):
         assert line_for(way, categories, train).speed_limits[0].speed == speed
+    bare = line.model_copy(update={"speed_limits": ()})
+    with pytest.raises(
+        ValueError, match="none for this train; add one of tilting, mail, light, heavy to the categories"
+    ):
+        line_for(bare, ["tram"])
 
 
 @pytest.mark.parametrize(

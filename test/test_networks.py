@@ -602,7 +602,7 @@ def test_a_network_of_railml_2_by_hand(railml: Path, capsys: pytest.CaptureFixtu
 def test_a_turn_on_the_way_is_two_lines(railml: Path) -> None:
     """Breaks if a path that a train runs by a turn is refused without its two lines, or they do not exist."""
     railml.write_text(RAIL_2)
-    with pytest.raises(ValueError, match=r"turns at 'West'.*as two lines, t2\.\.West and West\.\.t3"):
+    with pytest.raises(ValueError, match=r"turns at 'West'.*as two lines, \S+:t2\.\.West and \S+:West\.\.t3"):
         load_line(f"{railml}:t2..West..t3")
     assert [load_line(f"{railml}:{path}").end for path in ("t2..West", "West..t3")] == [1000, 1500]
 

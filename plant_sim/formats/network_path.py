@@ -143,7 +143,7 @@ class Network:
         one, other = BETWEEN.join(names[: turn + 1]), BETWEEN.join(names[turn:])
         raise ValueError(
             f"{self.place}: selection '{selection}': a train turns at '{names[turn]}', and a line has one "
-            f"direction; run it as two lines, {one} and {other}"
+            f"direction; run it as two lines, {self.place}:{one} and {self.place}:{other}"
         )
 
     def _turn(self, places: Sequence[Collection[str]]) -> int | None:
