@@ -32,6 +32,8 @@ _PLAIN = {
     "invalid_key": "a key is no text; write it in quotes",
 }
 """Errors of pydantic that name classes or patterns, in plain words."""
+_ORDER = {"extra_forbidden": 0, "string_type": 2}
+"""Order of the errors of one place: a block that is wrong in itself is not called a missing text."""
 MAX_FAULTS = 20
 """Largest number of faults of one input in a message."""
 _SHORT = reprlib.Repr()
@@ -134,7 +136,7 @@ def explain(error: ValidationError, source: str | Path, model: type[BaseModel], 
         The data, for keys and values in the unit that they are written in.
     """
     found: dict[tuple[str, ...], str] = {}
-    for entry in sorted(error.errors(), key=lambda entry: entry["type"] != "extra_forbidden"):
+    for entry in sorted(error.errors(), key=lambda entry: _ORDER.get(entry["type"], 1)):
         keys, models = _walk(model, entry["loc"])
         found.setdefault(tuple(keys), _fault(*_as_written(entry, keys, models, raw), source, models))
     # A value that fits no type of a union has an error for each type; those with longer keys are nearer to the cause.

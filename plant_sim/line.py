@@ -345,6 +345,12 @@ class Line(SiModel):
         """Return the kilometre of a place [m] as the posts of the line show it, or with three decimals."""
         return post_at(self.chainage, self.begin, place) if self.chainage else f"{place / 1e3:.3f}"
 
+    @property
+    def extent(self) -> str:
+        """Places of its begin and end in words, with its posts."""
+        text = f"km {self.begin / 1e3:.3f} ... {self.end / 1e3:.3f}"
+        return f"{text}, posts {self.post_at(self.begin)} ... {self.post_at(self.end)}" if self.chainage else text
+
     def place_of(self, text: str) -> float:
         """Return the place of a post such as ``12+345`` [m].
 

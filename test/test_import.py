@@ -266,7 +266,7 @@ def test_several_units_and_the_brake_pipe(tmp_path, capsys):
     train = ["--consist", "hxd1_c80_210", "--line", "daqin_section"]
     pressure = np.interp(time, [0, 30, 40], [6.0, 6.0, 5.5])
     told = take(tmp_path, capsys, text_of({**base, "force_n": f, "brake_pipe_pressure_bar": pressure}), train=train)
-    assert "brake_pipe_pressure_bar: read as absolute pressure, at most 600 kPa" in told["measured_notes"]
+    assert "brake_pipe_pressure_bar: absolute pressure, at most 600 kPa" in told["measured_notes"]
     assert "kPa are charged; check the unit" not in told["measured_notes"]
     wrong = ColumnSamples(Column("BP", "brake_pipe_pressure", 1.0), time, 1e3 * pressure, np.arange(time.size))
     assert _checked_pressure(wrong, 600e3, tmp_path).endswith("600 kPa are charged; check the unit in the column name")

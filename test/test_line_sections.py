@@ -25,6 +25,7 @@ from plant_sim.plant_setup import PlantSetup
 from plant_sim.section_effects import limited_segments
 from plant_sim.states import Array
 from plant_sim.track import Track
+from train_ato.cli.info import _place
 from train_ato.control.algorithms.limits_ahead import LimitsAhead
 from train_ato.control.train_model import TrainModel
 from train_ato.judge.verdict import place_text
@@ -582,3 +583,22 @@ def test_plan_run_and_displays_show_the_posts(tmp_path: Path) -> None:
     assert stop_cells(run.metrics)[0][1] == "14+250" and run.result.stops[0].post == "14+250"
     (row,) = (row for row in run.metrics["criteria"] if row["criterion"] == "stop_window")
     assert row["post"].startswith("14+25") and f"km {row['post']}" in place_text(row)
+    assert _place({"at_s": 1.0, "km": 2.75, "post": "14+250"}) == ("1.0", "14+250")
+    with pytest.raises(ValueError, match=r"at km 9\.000 .*km 0\.000 \.\.\. 5\.000, posts 17\+000 \.\.\. 11\+850\)"):
+        ta.plan(POSTS, TRAIN, end=9000)
+    dead = {**yaml.safe_load(POSTS.read_text()), "neutral_sections": [{"begin": "16+000", "end": "15+900"}]}
+    (tmp_path / "dead.yaml").write_text(yaml.safe_dump(dead, sort_keys=False))
+    (row,) = ta.plan(tmp_path / "dead.yaml", TRAIN, begin="16+800", end="14+250").summary()["without_power"]
+    assert row["post"] == "16+000"
+
+
+def test_a_line_within_a_scenario_names_its_own_fault() -> None:
+    """Breaks if a line that is wrong as a whole is called a missing text, because a line may be a name too."""
+    line = {
+        "schema": "train_ato/line/1", "name": "l", "end": 20e3,
+        "grades": [{"at": 0.0, "grade": 0.0}, {"at": 6e3, "grade": 0.004}],
+        "vertical_curves": [{"at": 6e3, "radius": 5e6}],
+    }  # fmt: skip
+    with pytest.raises(ValueError, match=r"plant\.line: vertical_curves\[0\].* lower its radius$"):
+        ta.scenario({"name": "x", "duration": 1, "plant": {"line": line, "consist": "xuzhou_metro_3"},
+                     "profile": {"plan": {}}})  # fmt: skip

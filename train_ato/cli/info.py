@@ -186,7 +186,7 @@ def _criterion(row: dict[str, Any]) -> str:
 def _place(row: dict[str, Any]) -> tuple[str | None, str | None]:
     """Return time [s] and place [km] of the worst value of a criterion as texts."""
     at_s, km = row.get("at_s"), row.get("km")
-    return None if at_s is None else f"{at_s:.1f}", None if km is None else f"{km:.3f}"
+    return None if at_s is None else f"{at_s:.1f}", None if km is None else row.get("post") or f"{km:.3f}"
 
 
 def _as_json(found: Overview) -> dict[str, Any]:

@@ -326,7 +326,11 @@ def execute_plan(options: argparse.Namespace) -> int:
         names = {"announced_s": "announced, s", "off_s": "power off, s", "on_s": "power on, s", "phase": "phase"}
         names = {key: name for key, name in names.items() if any(key in row for row in dead)}
         sections = (
-            [f"{row['place_m'] / 1e3:.3f}", *(_cell(row[key]) if key in row else "" for key in names)] for row in dead
+            [
+                row.get("post") or f"{row['place_m'] / 1e3:.3f}",
+                *(_cell(row[key]) if key in row else "" for key in names),
+            ]
+            for row in dead
         )
         print_table(("neutral section, km", *names.values()), sections)
     for name in result["files"]:

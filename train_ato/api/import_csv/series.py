@@ -306,4 +306,4 @@ def _checked_pressure(pressure: ColumnSamples, charged: float, path: Path) -> st
             f"(1.013 bar, 14.7 psi) in the file, or remove it with --ignore '{title}'"
         )
     doubt = "" if CHARGED[0] <= highest / charged <= CHARGED[1] else "; check the unit in the column name"
-    return f"{title}: read as absolute pressure, {text}{doubt}"
+    return f"{title}: absolute pressure, {text}{doubt}"

@@ -74,10 +74,7 @@ def plan_journey(inputs: SectionInputs, line: Line, points: tuple[TimingPoint, .
     """
     for point in points:
         if not line.begin - 1e-6 <= point.at <= line.end + 1e-6:
-            raise ValueError(
-                f"timing point {point.label} lies beyond line '{line.name}' (km {line.begin / 1000:.3f} ... "
-                f"{line.end / 1000:.3f}); move it"
-            )
+            raise ValueError(f"timing point {point.label} lies beyond line '{line.name}' ({line.extent}); move it")
     window = points[0].departure or TimeWindow()
     time = max(window.earliest or 0.0, inputs.settings.departure or 0.0)
     if window.latest is not None and time > window.latest + WINDOW_TOLERANCE:

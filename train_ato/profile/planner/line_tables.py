@@ -292,6 +292,7 @@ class PlaceLimits:
             board = entry.begin - (entry.announced_before or 0.0)
             announced, off, on = (round(float(at), 3) for at in np.interp((board, first, last), front, time))
             row: dict[str, float | str] = {"place_m": round(entry.begin, 3)}
+            row |= {"post": self._line.post_at(entry.begin)} if self._line.chainage else {}
             row |= {} if entry.announced_before is None else {"announced_s": announced}
             row |= {"off_s": off, "on_s": on}
             found.append(row | ({"phase": "coasting"} if entry.coasting else {}))

@@ -43,13 +43,14 @@ def supplements(rules: tuple[Allowance, ...], fastest: Plan) -> list[float]:
         If a supplement lies outside the plan: key, value; fix.
     """
     first, last = fastest.arrivals[0][0], fastest.arrivals[-1][0]
+    post = fastest.line.post_at
     borders = {place for rule in rules for place in rule.extent(first, last)}
     for number, rule in enumerate(rules):
         begin, end = rule.extent(first, last)
         if begin >= last or end <= first:
             raise ValueError(
-                f"allowance.{number}: km {begin / 1e3:.3f} ... {end / 1e3:.3f} lies outside the plan (km "
-                f"{first / 1e3:.3f} ... {last / 1e3:.3f}); move begin or end of the allowance"
+                f"allowance.{number}: km {post(begin)} ... {post(end)} lies outside the plan (km "
+                f"{post(first)} ... {post(last)}); move begin or end of the allowance"
             )
     found = []
     for (begin, _, departure), (end, arrival, _) in pairwise(fastest.arrivals):

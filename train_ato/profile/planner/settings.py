@@ -238,19 +238,21 @@ def stops_of(line: Line, settings: PlanSettings) -> Stops:
     for stop in listed:
         if not line.begin - 1e-6 <= stop.at <= line.end + 1e-6:
             raise ValueError(
-                f"stop '{stop.name}' at km {stop.at / 1000:.3f} lies beyond line '{line.name}' (km "
-                f"{line.begin / 1000:.3f} ... {line.end / 1000:.3f}); move the stop or lengthen the line"
+                f"stop '{stop.name}' at km {stop.at / 1000:.3f} lies beyond line '{line.name}' ({line.extent}); "
+                "move the stop or lengthen the line"
             )
     begin = settings.begin if settings.begin is not None else (listed[0].at if len(listed) > 1 else line.begin)
     end = settings.end if settings.end is not None else (listed[-1].at if listed else line.end)
     for name, place in (("begin", begin), ("end", end)):
         if not line.begin - 1e-6 <= place <= line.end + 1e-6:
             raise ValueError(
-                f"{name} of the plan at km {place / 1000:.3f} lies beyond line '{line.name}' (km "
-                f"{line.begin / 1000:.3f} ... {line.end / 1000:.3f}); choose a place on the line"
+                f"{name} of the plan at km {place / 1000:.3f} lies beyond line '{line.name}' ({line.extent}); "
+                "choose a place on the line"
             )
     if end - begin < 0.1:
-        raise ValueError(f"the plan from km {begin / 1000:.3f} to km {end / 1000:.3f} has no length; move its end on")
+        raise ValueError(
+            f"the plan from km {line.post_at(begin)} to km {line.post_at(end)} has no length; move its end on"
+        )
     between = [stop for stop in listed if settings.calling and begin + 0.1 < stop.at < end - 0.1]
     dwells = tuple(stop.dwell if settings.dwell is None else settings.dwell for stop in between)
     return Stops((begin, *(stop.at for stop in between), end), dwells)

@@ -159,8 +159,8 @@ def read_journey(name: str, line: Line) -> JourneyFile:
     for point in journey.points:
         if not line.begin - 1e-6 <= point.at <= line.end + 1e-6:
             raise ValueError(
-                f"{name}: timing point {point.label} lies beyond line '{line.name}' (km {line.begin / 1000:.3f} ... "
-                f"{line.end / 1000:.3f}); give the line of the journey or move the point"
+                f"{name}: timing point {point.label} lies beyond line '{line.name}' ({line.extent}); "
+                "give the line of the journey or move the point"
             )
     return journey
 
