@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from plant_sim.consist import Consist
-from plant_sim.library import load_consist
+from plant_sim.library import load_consist, load_line
 from plant_sim.line import Line
 from train_ato.cli.plan import add_arguments, execute, trip_from_options
 from train_ato.messages.types import Array
@@ -356,6 +356,14 @@ def test_a_temporary_restriction_is_a_speed_limit(consist: Consist) -> None:
     front = plan.run.position + consist.vehicles[0].length / 2
     restricted = (front >= 4_500.0) & (front < 5_000.0 + consist.length)
     assert plan.run.speed[restricted].max() <= 45 / 3.6 < plan.run.speed[~restricted].max()
+
+
+def test_a_train_that_brakes_in_less_than_a_trip_averages_is_named() -> None:
+    """Breaks if a grade is the reason for a metro train that stops early on level track."""
+    metro = Path(__file__).parents[1] / "examples" / "metro"
+    train, line = load_consist(str(metro / "train.yaml")), load_line(str(metro / "line.yaml"))
+    with pytest.raises(ValueError, match=r"km 5\.\d+, \d+ m before the last part of its braking: .*without --trip"):
+        plan_trip(line, train, TripSettings())
 
 
 def test_a_stop_without_electric_brake_is_refused(consist: Consist) -> None:

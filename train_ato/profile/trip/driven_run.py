@@ -169,6 +169,12 @@ def follow_journey(
             break
         standstill = standstill + PERIOD if velocity < 1e-3 else 0.0
         if standstill > MAX_STANDSTILL:
+            if force <= 0.0:
+                raise ValueError(
+                    f"the train stops at km {position / 1e3:.2f}, {end - position:.0f} m before the last part of its "
+                    f"braking: a trip averages its forces over {SMOOTHING:g} m, and this train brakes in less; plan "
+                    "without --trip"
+                )
             raise ValueError(
                 f"the train stops at km {position / 1e3:.2f}: the grade is too steep; permit more traction"
             )
