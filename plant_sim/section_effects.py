@@ -50,19 +50,21 @@ def has_tunnel_air(line: Line, consist: Consist) -> bool:
     return bool(narrow) and known
 
 
-def pantograph_range(consist: Consist) -> tuple[float, float]:
-    """Return the distances of the first and the last pantograph from the front [m]; that of the train without one."""
-    at = [
-        consist.offsets[fed] for vehicle, fed in zip(consist.vehicles, consist.supplies, strict=True)
-        if (vehicle.traction or vehicle.brake) and not vehicle.independent_power
-    ]  # fmt: skip
-    return min(at, default=0.0), max(at, default=0.0)
+def places_without_power(
+    line: Line, consist: Consist, behind: Sequence[float] | None = None
+) -> dict[int, list[tuple[float, float]]]:
+    """Return begin and end of every neutral section [m] for every pantograph that feeds a power unit, by its vehicle.
 
-
-def places_without_power(line: Line, consist: Consist, fed: int) -> list[tuple[float, float]]:
-    """Return begin and end of every neutral section [m] for the pantograph on a vehicle."""
-    around = pantograph_range(consist)
-    return [entry.without_power(consist.offsets[fed], *around) for entry in line.neutral_sections]
+    Parameters
+    ----------
+    behind
+        Distance of every vehicle from the front [m], as of a train without length; None: that of the train.
+    """
+    at, vehicles, supplies = behind or consist.offsets, consist.vehicles, consist.supplies
+    fed = [supplies[unit] for unit in consist.power_units if not vehicles[unit].independent_power]
+    around = min((at[each] for each in fed), default=0.0), max((at[each] for each in fed), default=0.0)
+    every = {supplies[unit] for unit in consist.power_units}
+    return {each: [entry.without_power(at[each], *around) for entry in line.neutral_sections] for each in every}
 
 
 class SectionZones:
@@ -72,8 +74,10 @@ class SectionZones:
     ----------
     breaks : Array, shape (m,)
         Limits of the zones [m], rising; zone i is before break i, zone m beyond the last one.
+    dead : dict of list of tuple
+        Begin and end of every neutral section [m], by the number of the vehicle with the pantograph.
     neutral, electric_brake_off : dict of list of bool, length m + 1
-        No traction, no electric brake, by the number of the vehicle with the pantograph.
+        No traction, no electric brake, by the same number.
     power : list of float, length m + 1
         Largest power of the train at the wheels [W]; infinite without a limit.
     adhesion : list of float, length m + 1
@@ -82,11 +86,11 @@ class SectionZones:
         Cross section of the narrowest tunnel [m²]; infinite outside.
     """
 
-    def __init__(self, line: Line, consist: Consist) -> None:
+    def __init__(self, line: Line, consist: Consist, behind: Sequence[float] | None = None) -> None:
         tunnels = [entry for entry in line.tunnels if entry.cross_section is not None]
         listed: tuple[LineSection | Tunnel, ...] = (*line.power_limits, *line.adhesion, *tunnels)
         ends = {place for entry in listed for place in (entry.begin, entry.end)}
-        dead = {fed: places_without_power(line, consist, fed) for fed in set(consist.supplies)}
+        self.dead = dead = places_without_power(line, consist, behind)
         ends |= {place for extents in dead.values() for extent in extents for place in extent}
         self.breaks: Array = np.array(sorted(ends))
         begins = [-math.inf, *self.breaks.tolist()]

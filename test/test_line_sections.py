@@ -22,7 +22,7 @@ from plant_sim.input_error import build_model
 from plant_sim.library import line_names, load_consist, load_line
 from plant_sim.line import Line, reversed_line
 from plant_sim.plant_setup import PlantSetup
-from plant_sim.section_effects import limited_segments
+from plant_sim.section_effects import SectionZones, limited_segments
 from plant_sim.states import Array
 from plant_sim.track import Track
 from train_ato.cli.info import _place
@@ -119,6 +119,8 @@ def test_boards_switch_all_units_off_and_on_together() -> None:
         position[:, 0].copy(), np.full(len(position), 25.0)
     )[1]
     assert ((ahead == 0.0).all(axis=1) == inside).mean() > 0.99 and ((ahead == 0.0).any(axis=1) == inside).mean() > 0.99
+    assert SectionZones(line, load_consist("hxd1_c80_105")).breaks.size == 2, "wagons have no limits of their own"
+    assert SectionZones(line, railcar(), [0.0, 0.0]).breaks.tolist() == [75, 150], "a train without length"
     far = {key: value for key, value in section.items() if key not in ("begin", "end")}
     longer = plain_line(
         speed_limits=[{"at": 0, "speed_kmh": 100}], neutral_sections=[far | {"begin": 1000, "end": 1100}]

@@ -18,7 +18,7 @@ from plant_sim.consist import Consist, VehicleType
 from plant_sim.line import Line, LineSection
 from plant_sim.packing import NO_LIMIT, Integers
 from plant_sim.railway import MIN_POWER_SPEED, adhesion_by_speed
-from plant_sim.section_effects import SectionZones, has_tunnel_air, places_without_power
+from plant_sim.section_effects import SectionZones, has_tunnel_air
 from plant_sim.track import Track
 from plant_sim.traction import Envelope
 from train_ato.messages.types import Array
@@ -232,7 +232,7 @@ class PlaceLimits:
     """Reserved fractions of traction and brakes of a train, by the place of its front."""
 
     def __init__(self, line: Line, consist: Consist, train: TrainTables) -> None:
-        self._zones, self._line = SectionZones(line, consist), line
+        self._zones, self._line = SectionZones(line, consist, train.behind.tolist()), line
         self._train, self._consist = train, consist
         self._vehicles, self._supplies = consist.vehicles, consist.supplies
         self._has_adhesion = bool(line.adhesion)
@@ -251,7 +251,7 @@ class PlaceLimits:
         units = np.array([bool(v.brake if brakes else v.traction) and not v.independent_power for v in self._vehicles])
         supplies = np.array(self._supplies)[units].tolist()
         fed = places[supplies]
-        dead = np.array([places_without_power(line, self._consist, vehicle) for vehicle in supplies])
+        dead = np.array([self._zones.dead[vehicle] for vehicle in supplies])
         acting: list[tuple[str, LineSection, NDArray[np.bool_]]] = [
             ("neutral section", entry, (fed >= dead[:, number, 0]) & (fed < dead[:, number, 1]))
             for number, entry in enumerate(line.neutral_sections if supplies else ())

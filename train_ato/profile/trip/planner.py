@@ -25,7 +25,7 @@ import numpy as np
 from plant_sim.consist import Consist
 from plant_sim.elementary import plain_sum
 from plant_sim.line import Line
-from plant_sim.section_effects import pantograph_range
+from plant_sim.section_effects import places_without_power
 from train_ato.control.air_brake.trip_policy import PlannedApplication
 from train_ato.control.force_distribution import DisplacementAt, SharesAt
 from train_ato.control.train_model import TrainModel
@@ -177,13 +177,14 @@ def check_final_part(model: TrainModel, begin: float, stop: float) -> None:
         With the key of the line and the place of the first section without electric brake.
     """
     line, vehicles, offsets = model.line, model.consist.vehicles, model.consist.offsets
-    around = pantograph_range(model.consist)
+    dead = places_without_power(line, model.consist)
     for unit in model.units:
-        offset = offsets[model.consist.supplies[unit]]
+        fed = model.consist.supplies[unit]
+        offset = offsets[fed]
         for number, section in enumerate(line.neutral_sections):
             if section.electric_brake or vehicles[unit].independent_power:
                 continue
-            first, last = section.without_power(offset, *around)
+            first, last = dead[fed][number]
             if first < stop - offset and last > begin - offset:
                 raise ValueError(
                     f"line '{line.name}': neutral_sections[{number}]: km {section.begin / 1e3:.3f} to km "
