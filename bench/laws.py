@@ -88,11 +88,7 @@ def recorded(ride: Ride) -> tuple[Any, list[LawInput]]:
     scenario, path = load_scenario(ride.scenario, changes=ride.changes)
     period = scenario.control_period or scenario.tick
     parameters = scenario.laws.get(ride.law, {})
-    changes = {
-        "law": name,
-        "laws": {name: parameters},
-        "duration": min(scenario.duration, STEPS * period),
-    }
+    changes = {"law": name, "laws": {name: parameters}, "duration": min(scenario.duration, STEPS * period)}
     setup = prepare(scenario.model_copy(update=changes), path)
     outcome = run_engine(setup)
     if outcome.failure:

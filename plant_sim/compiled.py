@@ -12,13 +12,7 @@ from numba.extending import register_jitable
 from plant_sim.kernel_cache import KernelCache
 
 
-def compiled(
-    function: Any = None,
-    *,
-    into_caller: bool = False,
-    allocates: bool = True,
-    alone: bool = True,
-) -> Any:
+def compiled(function: Any = None, *, into_caller: bool = False, allocates: bool = True, alone: bool = True) -> Any:
     """Compile a function without fast-math, so that every run on one machine gives the same bits.
 
     The compiled form is kept in the cache folder of the user (``NUMBA_CACHE_DIR`` sets another), see

@@ -318,8 +318,7 @@ class Line(SiModel):
     )
     speed_limits: tuple[SpeedLimit, ...] = Field((), description="speed limits in the order of their places")
     category_limits: tuple[CategoryLimits, ...] = Field(
-        (),
-        description="speed limits by category or figures of a train; the first of its categories decides",
+        (), description="speed limits by category or figures of a train; the first of its categories decides"
     )
     temporary_restrictions: tuple[TemporaryRestriction, ...] = ()
     neutral_sections: tuple[NeutralSection, ...] = ()

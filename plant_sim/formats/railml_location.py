@@ -55,11 +55,7 @@ class Location:
     """
 
     def __init__(
-        self,
-        elements: dict[str, NetElement],
-        network: Network,
-        higher: Collection[str],
-        units: dict[str, float],
+        self, elements: dict[str, NetElement], network: Network, higher: Collection[str], units: dict[str, float]
     ) -> None:
         self._elements, self._higher, self._units, self.place = elements, higher, units, network.place
         self._collections = Collections(elements, network)

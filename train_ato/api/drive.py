@@ -12,13 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from train_ato.api.progress import progress_bar
 from train_ato.api.run import Run, RunRecord
-from train_ato.api.scenario_choice import (
-    Changes,
-    GivenScenario,
-    choose_scenario,
-    given_objects,
-    put_components,
-)
+from train_ato.api.scenario_choice import Changes, GivenScenario, choose_scenario, given_objects, put_components
 from train_ato.judge.result import RunResult
 from train_ato.log.compression import DEFAULT
 from train_ato.log.run_folder import RunFolder, next_beside
@@ -131,11 +125,7 @@ def run(
     run_mode.check()
     choice = choose_scenario(scenario).changed(set, seed)
     checked = put_components(
-        choice.checked,
-        law=law,
-        observer=observer,
-        compensation=compensation,
-        importable=mode == "processes",
+        choice.checked, law=law, observer=observer, compensation=compensation, importable=mode == "processes"
     )
     objects = given_objects(checked, law=law, observer=observer, compensation=compensation)
     if objects and mode == "processes":

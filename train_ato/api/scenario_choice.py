@@ -53,11 +53,7 @@ class ScenarioChoice:
     """
 
     def __init__(
-        self,
-        name: str | Mapping[str, Any],
-        path: Path,
-        data: dict[str, Any],
-        changes: tuple[tuple[str, Any], ...] = (),
+        self, name: str | Mapping[str, Any], path: Path, data: dict[str, Any], changes: tuple[tuple[str, Any], ...] = ()
     ) -> None:
         self._given = name
         self._data = data

@@ -70,12 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"layout of the recorder, its titles, notches and units: a file, or {', '.join(layout_names())}",
     )
     parser.add_argument(
-        "--rename",
-        nargs="+",
-        action="extend",
-        default=[],
-        metavar="A:=B",
-        help="read column A as column B",
+        "--rename", nargs="+", action="extend", default=[], metavar="A:=B", help="read column A as column B"
     )
     parser.add_argument("--ignore", nargs="+", action="extend", default=[], metavar="COLUMN", help="ignore columns")
     parser.add_argument(

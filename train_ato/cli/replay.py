@@ -91,9 +91,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(publishing=publishing)
     law = parser.add_argument_group("evaluation of a law on the recorded inputs (no publishing)")
     law.add_argument(
-        "--law",
-        metavar="NAME",
-        help="law to evaluate; a single MCAP file needs the scenario as an attachment",
+        "--law", metavar="NAME", help="law to evaluate; a single MCAP file needs the scenario as an attachment"
     )
     law.add_argument(
         "--set", action="append", default=[], metavar="A.B=V", help="change a key of the scenario; may be repeated"

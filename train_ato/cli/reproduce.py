@@ -47,10 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     place = parser.add_mutually_exclusive_group()
     place.add_argument("--out", type=Path, metavar="DIR", help="new folder (default: runs/reproduce-N)")
     place.add_argument(
-        "--resume",
-        type=Path,
-        metavar="DIR",
-        help="folder of an interrupted command; judged papers are not run again",
+        "--resume", type=Path, metavar="DIR", help="folder of an interrupted command; judged papers are not run again"
     )
 
 

@@ -18,11 +18,7 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``scene``."""
     parser.add_argument(
-        "run",
-        type=Path,
-        nargs="?",
-        metavar="RUN",
-        help="run or log of a replay (default: the running simulation)",
+        "run", type=Path, nargs="?", metavar="RUN", help="run or log of a replay (default: the running simulation)"
     )
     add_train(parser)
     parser.add_argument(

@@ -218,15 +218,7 @@ class Parameter:
     choices: tuple[str, ...] = ()
 
 
-def parameter(
-    default: Any,
-    unit: str,
-    low: float,
-    high: float,
-    meaning: str,
-    *,
-    choices: tuple[str, ...] = (),
-) -> Any:
+def parameter(default: Any, unit: str, low: float, high: float, meaning: str, *, choices: tuple[str, ...] = ()) -> Any:
     """Declare one field of a parameter dataclass.
 
     Parameters

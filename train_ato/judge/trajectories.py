@@ -2,10 +2,7 @@
 
 import numpy as np
 
-from train_ato.messages.types import (
-    Array,
-    Trajectory,
-)
+from train_ato.messages.types import Array, Trajectory
 from train_ato.profile.profile import Profile
 from train_ato.scenario.setup import RunSetup
 

@@ -126,10 +126,7 @@ class AtoMode:
         if self.assurance is not None and speeds is not None and self.assurance.step(speeds):
             self.changed, self.returned = True, not self.assurance.brakes
         return AtoReport(
-            stamp,
-            measurement.position[:1] + self._offset,
-            measurement.velocity[:1],
-            np.array([float(machine.state)]),
+            stamp, measurement.position[:1] + self._offset, measurement.velocity[:1], np.array([float(machine.state)])
         )
 
     def _take_request(self, stamp: int) -> None:

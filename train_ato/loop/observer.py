@@ -18,11 +18,7 @@ from train_ato.loop.inputs import StageInputs
 from train_ato.loop.stage_messages import ObserverMessages, diagnostics_due, stamped
 from train_ato.messages.links import MessageLink
 from train_ato.messages.topics import Role
-from train_ato.messages.types import (
-    Diagnostic,
-    DisturbanceEstimate,
-    Measurement,
-)
+from train_ato.messages.types import Diagnostic, DisturbanceEstimate, Measurement
 from train_ato.program.interrupt import ComponentCall
 from train_ato.scenario.changes import GIVEN, Changes, changes_to_json
 from train_ato.scenario.setup import RunSetup

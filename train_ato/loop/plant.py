@@ -329,9 +329,7 @@ class PlantStage:
         demand: Array = self.link.window(stamp, self._substeps)
         before = protection.level
         level = protection.step(
-            stamp,
-            standstill=protection.awaits_standstill and self.standstill,
-            separated=self.train.separation_noticed,
+            stamp, standstill=protection.awaits_standstill and self.standstill, separated=self.train.separation_noticed
         )
         if level is not Protection.NONE:
             pressure = self._brake(level, demand, pressure)

@@ -277,10 +277,7 @@ class CompiledSpans:
     """
 
     def __init__(
-        self,
-        stages: Stages,
-        recording: RecordingBuilder,
-        publish: Callable[[TickBlock], None] | None,
+        self, stages: Stages, recording: RecordingBuilder, publish: Callable[[TickBlock], None] | None
     ) -> None:
         self.stages, self._recording, self._publish = stages, recording, publish
         self._forecast: Forecast | None = None

@@ -50,8 +50,7 @@ class Reference:
     velocity: float = field(metadata=described("speed", "m/s"))
     acceleration: float = field(metadata=described("acceleration", "m/s²"))
     planned: int = field(
-        default=0,
-        metadata=described("planned", "s", "simulation time of the planning of its profile"),
+        default=0, metadata=described("planned", "s", "simulation time of the planning of its profile")
     )
 
 

@@ -239,12 +239,7 @@ def printed_forms_table(forms: Sequence[PrintedForm]) -> CaseTable:
 
     def rows(results: Results) -> list[tuple[str, ...]]:
         return [
-            (
-                form.text,
-                errors(results[form.case], form.begin),
-                form.here,
-                errors(results[form.default], form.begin),
-            )
+            (form.text, errors(results[form.case], form.begin), form.here, errors(results[form.default], form.begin))
             for form in forms
         ]
 

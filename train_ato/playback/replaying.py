@@ -98,11 +98,7 @@ def replay(
 
 
 def setup_with_law(
-    recorded: RunSetup,
-    run: Path,
-    law: Any,
-    change: Callable[[ScenarioChoice], ScenarioChoice],
-    option: str = "--set",
+    recorded: RunSetup, run: Path, law: Any, change: Callable[[ScenarioChoice], ScenarioChoice], option: str = "--set"
 ) -> RunSetup:
     """Return the setup of a recorded run with another law and changed keys; its own law keeps its planned changes."""
     import yaml

@@ -96,12 +96,7 @@ class DriverForce:
 
 
 def simulate_driver(
-    consist: Consist,
-    line: Line,
-    until: float,
-    driver: Driver,
-    *,
-    report: Callable[[float], None] | None = None,
+    consist: Consist, line: Line, until: float, driver: Driver, *, report: Callable[[float], None] | None = None
 ) -> DrivenRun:
     """Simulate the nominal train from rest at the begin of the line until vehicle 0 reaches ``until`` [m].
 

@@ -235,11 +235,7 @@ def heat_figure(linked: Linked, picture: HeatMap, heat: Heat, largest: float | N
     cell = CustomJSHover(args={"unit": picture.unit}, code="return value < -127 ? '–' : (value * unit).toFixed(1)")
     plot.add_tools(
         HoverTool(
-            tooltips=[
-                ("time", "$x{custom}"),
-                (heat.rows, "$y{custom}"),
-                (heat.words, shown_name("@image{custom} kN")),
-            ],
+            tooltips=[("time", "$x{custom}"), (heat.rows, "$y{custom}"), (heat.words, shown_name("@image{custom} kN"))],
             formatters={
                 "$x": linked.clock(),
                 "$y": CustomJSHover(code="return String(Math.round(value))"),

@@ -175,9 +175,7 @@ class ProfileSpec(SiModel):
             return from_steps(self.steps, self.until, start, period)
         if self.driver is not None:
             return simulate_actions(self.driver, consist, line, period, start, *begun)
-        from train_ato.profile.planner.planner import (
-            plan_profile,  # a late import: it compiles kernels
-        )
+        from train_ato.profile.planner.planner import plan_profile  # a late import: it compiles kernels
 
         assert self.plan is not None
         return plan_profile(line, consist, self.plan, period=period, reduction=reduction, ceiling=ceiling).profile

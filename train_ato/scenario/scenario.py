@@ -80,10 +80,7 @@ class ModelBlock(SiModel):
         None, description="delay of commands below 0 in the model; default: as in the links", examples=[0.5]
     )
     lag: Annotated[Time | None, Usual(1e-3, 60)] = Field(
-        None,
-        ge=0,
-        description="time constant of the actuators in the model; default: as in the plant",
-        examples=[0.3],
+        None, ge=0, description="time constant of the actuators in the model; default: as in the plant", examples=[0.3]
     )
     learned: str | LearnedResistance | None = Field(
         None,

@@ -346,10 +346,7 @@ def release_location(target: Target, arcs: Records[Arc], speed: float, error: fl
 
 
 def trip_location(
-    eoa: float,
-    reference: float,
-    motion: MotionEstimate = EXACT_MOTION,
-    balise_accuracy: float = 0.0,
+    eoa: float, reference: float, motion: MotionEstimate = EXACT_MOTION, balise_accuracy: float = 0.0
 ) -> float:
     """Return the largest front position at the trip of an end of authority, ``d_tripEOA`` [m]: 3.13.9.4.8.2, level 2.
 

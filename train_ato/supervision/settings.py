@@ -59,9 +59,7 @@ class SupervisionSpec(SiModel):
         0.5, ge=0, description="distance from the permitted speed at which the law takes over again"
     )
     plan_margin: Speed | None = Field(
-        0.5,
-        ge=0,
-        description="least distance of a plan from the warning speed; null: the plan does not use the limits",
+        0.5, ge=0, description="least distance of a plan from the warning speed; null: the plan does not use the limits"
     )
     failsafe: FailsafeSpec = FailsafeSpec()
 

@@ -180,11 +180,7 @@ class Panel:
                 for widget in self._widgets.get(name, ()):
                     _follow_value(widget, tunable)
                     _explain(widget, tunable)
-        fixed = (
-            (self._law, "controller", "law"),
-            (self._rate, "plant", "rate"),
-            (self._pause, "plant", "paused"),
-        )
+        fixed = ((self._law, "controller", "law"), (self._rate, "plant", "rate"), (self._pause, "plant", "paused"))
         for widget, owner, name in fixed:
             if name in tunables[owner]:
                 _explain(widget, tunables[owner][name])

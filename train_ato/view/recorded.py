@@ -245,11 +245,7 @@ def _cars(recording: Recording) -> TopicSamples:
     ValueError
         If the log has neither.
     """
-    cars, measured, setup = (
-        recording.topics.get(TRUTH),
-        recording.topics.get(MEASUREMENT),
-        recording.setup,
-    )
+    cars, measured, setup = (recording.topics.get(TRUTH), recording.topics.get(MEASUREMENT), recording.setup)
     if cars is not None:
         return cars
     if setup is None or measured is None or not {"position", "velocity"} <= measured.values.keys():

@@ -183,9 +183,7 @@ def write_rerun(
     _send_scene(rerun, recording, run, setup, rate=rate, progress=lambda share: progress(0.7 * share, "scene"))
     for number, (name, times, values) in enumerate(curves):
         recording.send_columns(
-            name,
-            indexes=[rerun.TimeColumn(TIMELINE, duration=times)],
-            columns=rerun.Scalars.columns(scalars=values),
+            name, indexes=[rerun.TimeColumn(TIMELINE, duration=times)], columns=rerun.Scalars.columns(scalars=values)
         )
         progress(0.7 + 0.3 * (number + 1) / len(curves), name)
     with writing(path):

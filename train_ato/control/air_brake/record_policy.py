@@ -134,11 +134,7 @@ class BrakePolicy:
     form: ClassVar[PolicyForm]
 
     def __init__(
-        self,
-        charged: float,
-        rules: Any,
-        rows: Sequence[tuple[float, ...]] = (),
-        model: TrainModel | None = None,
+        self, charged: float, rules: Any, rows: Sequence[tuple[float, ...]] = (), model: TrainModel | None = None
     ) -> None:
         self.charged = charged
         self.constants, self.state = zeros(self.form.constants, 1), zeros(self.form.state, 1)

@@ -117,11 +117,7 @@ class FunnelParameters:
     bias_rate: float = parameter(0.3, "1/s²", 0.0, 100.0, "gamma_eps, learning rate of the bias of the network")
     rbf_centers: int = parameter(11, "1", 1, 101, "number of centres of the network")
     max_speed: float = parameter(
-        100.0,
-        "m/s",
-        1.0,
-        200.0,
-        "speed of the last centre; the width is the distance of the centres",
+        100.0, "m/s", 1.0, 200.0, "speed of the last centre; the width is the distance of the centres"
     )
     weight_limit: float = parameter(2.0, "m/s²", 0.0, 100.0, "largest magnitude of a weight")
 

@@ -157,11 +157,7 @@ def stepped(update: Any) -> Any:
 
 CASCADES = {
     name: stepped(update)
-    for name, update in (
-        ("implicit", implicit_cascade),
-        ("levant", levant_cascade),
-        ("explicit", explicit_cascade),
-    )
+    for name, update in (("implicit", implicit_cascade), ("levant", levant_cascade), ("explicit", explicit_cascade))
 }
 """Steps of the cascades by method."""
 

@@ -152,10 +152,7 @@ def pid_band(results: Results) -> Judgement:
 
 
 @CLAIMS.judged_by(
-    "RBFNN-SMC tracks best, SMC second, PID worst",
-    "order",
-    ("pid", "smc", "rbf", "rbf_ndo", "rbf_ks", "smc_ks"),
-    THREE,
+    "RBFNN-SMC tracks best, SMC second, PID worst", "order", ("pid", "smc", "rbf", "rbf_ndo", "rbf_ks", "smc_ks"), THREE
 )
 def ranking(results: Results) -> Judgement:
     """Judge the order RBFNN-SMC, SMC, PID."""

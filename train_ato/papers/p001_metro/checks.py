@@ -301,11 +301,7 @@ def ideal_figures(results: Results) -> Judgement:
 )
 def literal(results: Results) -> Judgement:
     """Judge the learning of the networks as printed."""
-    labels = {
-        "ideal literal": "ideal",
-        "ideal literal disturbed": "ideal, disturbed",
-        "literal nominal": "lag, delay",
-    }
+    labels = {"ideal literal": "ideal", "ideal literal disturbed": "ideal, disturbed", "literal nominal": "lag, delay"}
     drifts = {key: float(results[key].summary.get("position_error_max_m", math.inf)) for key in labels}
     parts = [f"{label} {results[key].failure or f'{drifts[key]:.0f} m'}" for key, label in labels.items()]
     failed = any(results[key].failure for key in labels)
@@ -408,12 +404,7 @@ def goal_nominal(results: Results) -> Judgement:
 @CLAIMS.judged_by(
     "goal: delays up to 1.0 s",
     "rms <= 0.05 m/s",
-    (
-        *(f"sweep {delay}" for delay in SWEEP),
-        "tanh_predictor disturbed",
-        "tanh_predictor long_delay",
-        "rbf long_delay",
-    ),
+    (*(f"sweep {delay}" for delay in SWEEP), "tanh_predictor disturbed", "tanh_predictor long_delay", "rbf long_delay"),
 )
 def goal_delay(results: Results) -> Judgement:
     """Judge rms <= 0.05 m/s up to a delay of 1.0 s."""

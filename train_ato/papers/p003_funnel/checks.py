@@ -375,11 +375,7 @@ def recovery(results: Results) -> Judgement:
     )
 
 
-@CLAIMS.judged_by(
-    "the speed recovers far sooner than the time of (38)",
-    "far sooner",
-    ("printed long saturated",),
-)
+@CLAIMS.judged_by("the speed recovers far sooner than the time of (38)", "far sooner", ("printed long saturated",))
 def bounded_recovery(results: Results) -> Judgement:
     """Judge the recovery of the speed to 1 cm/s against (38)."""
     recording = series_of(results["printed long saturated"])

@@ -149,9 +149,7 @@ PAPER = Paper(
             _rows,
         ),
         CaseTable(
-            "more runs (rms and speed only where v_ref > 1 m/s)",
-            ("run", "e1 max", "e1 rms", "speed error max"),
-            _extra,
+            "more runs (rms and speed only where v_ref > 1 m/s)", ("run", "e1 max", "e1 rms", "speed error max"), _extra
         ),
         printed_forms_table(PRINTED_FORMS),
     ),

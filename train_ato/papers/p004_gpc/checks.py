@@ -161,10 +161,7 @@ def network(results: Results) -> Judgement:
 
 
 @CLAIMS.judged_by(
-    "multivariable: one law for each of the three units",
-    "stable",
-    ("per unit", "per unit, free", "gpc normal"),
-    THREE,
+    "multivariable: one law for each of the three units", "stable", ("per unit", "per unit, free", "gpc normal"), THREE
 )
 def coupled(results: Results) -> Judgement:
     """Judge three independent laws on a coupled train."""

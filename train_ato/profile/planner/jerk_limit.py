@@ -12,12 +12,7 @@ import numpy as np
 from train_ato.messages.types import Array
 from train_ato.profile.planner.accelerations import acceleration_table
 from train_ato.profile.planner.driving_strategy import MINIMUM_TIME, DrivingStrategy, SectionKnots
-from train_ato.profile.planner.section import (
-    STEP_FACTOR,
-    PlanSection,
-    acceleration_excess,
-    largest_acceleration_change,
-)
+from train_ato.profile.planner.section import STEP_FACTOR, PlanSection, acceleration_excess, largest_acceleration_change
 
 MAX_ROUNDS = 25
 """Rounds of the search for window and reserves of the moving average."""

@@ -30,13 +30,7 @@ import numpy as np
 
 from plant_sim.elementary import plain_sum
 from train_ato.messages.types import Measurement
-from train_ato.profile.planner.plan_from_state import (
-    TrainState,
-    catch_up,
-    replan,
-    scheduled_points,
-    timetable_points,
-)
+from train_ato.profile.planner.plan_from_state import TrainState, catch_up, replan, scheduled_points, timetable_points
 from train_ato.profile.planner.settings import PlanSettings, ReplanSpec
 from train_ato.profile.planner.timing_points import TimingPoint
 from train_ato.profile.planner.train_tables import AvailableForce

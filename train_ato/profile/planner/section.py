@@ -84,12 +84,7 @@ def time_history(
 def _integrals_at(run: Array, piece: int, time: float, origin: float) -> tuple[float, float, float, float]:
     s = time - run[0, piece]
     x, v, a = run[2, piece] - origin, run[3, piece], run[4, piece]
-    return (
-        run[1, piece] + s * (x + s * (v / 2.0 + s * a / 6.0)),
-        x + s * (v + s * a / 2.0),
-        v + s * a,
-        a,
-    )
+    return (run[1, piece] + s * (x + s * (v / 2.0 + s * a / 6.0)), x + s * (v + s * a / 2.0), v + s * a, a)
 
 
 @compiled

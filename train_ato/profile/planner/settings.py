@@ -138,8 +138,7 @@ class ReplanSpec(SiModel):
         None, gt=0, description="time after which the full traction is assumed again; default: never", examples=[120.0]
     )
     catch_up: bool = Field(
-        False,
-        description="return to the timetable at the least net energy; false: never faster than the first profile",
+        False, description="return to the timetable at the least net energy; false: never faster than the first profile"
     )
     lateness: Time | None = Field(
         None,

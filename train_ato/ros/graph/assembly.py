@@ -185,13 +185,7 @@ def make_node(
     for topic in topics_of(setup.layout):
         if topic.recorded and table_name(found := resolved(topic.name)) != topic.name:
             endpoints.note(f"{topic.name} is {found} in this graph; the log has it as {log_name(topic)}")
-    log = RunLog(
-        folder,
-        topics_of(setup.layout),
-        resolved,
-        attachments=attached,
-        compression=compression,
-    )
+    log = RunLog(folder, topics_of(setup.layout), resolved, attachments=attached, compression=compression)
     last_due = {}
     if endpoints.external is Role.PLANT:
         last_due = {

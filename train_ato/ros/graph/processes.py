@@ -161,11 +161,7 @@ def _arguments(role: Role, scenario: Path, folder: Path, options: GraphOptions) 
     if role is Role.RECORDER:
         arguments += ["--out", str(folder.resolve()), "--compression", options.compression]
     if role is Role.PLANT:
-        arguments += [
-            "--recorded",
-            "--timeout",
-            repr(options.patience),
-        ]
+        arguments += ["--recorded", "--timeout", repr(options.patience)]
         arguments += ["--rate", repr(options.rate)] if options.rate else []
         arguments += [] if options.lockstep else ["--no-lockstep"]
         arguments += ["--followed"] if options.followed else []

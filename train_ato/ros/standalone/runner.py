@@ -409,10 +409,7 @@ class StandaloneRunner:
         """Fail the run by the name of the silent node if an answer is overdue, or of a plant that was suspended."""
         overdue = self.node.check_overdue()
         if self._continued.is_set() and self.node.answer_watch.suspended > LEASE_S:
-            self.endpoints.watch.fail(
-                self.role.value,
-                SUSPENDED.format(self.node.answer_watch.suspended),
-            )
+            self.endpoints.watch.fail(self.role.value, SUSPENDED.format(self.node.answer_watch.suspended))
         elif overdue:
             assert self._discovery is not None
             last, awaited = self._discovery.progress(lambda: self._executor.spin_once(timeout_sec=TURN_S))

@@ -230,11 +230,7 @@ KINDS = {
     "law": ComponentKind("a law", LAWS, ("on_missed_sample",), LawRig, LAW_TESTS),
     "observer": ComponentKind("an observer", OBSERVERS, (), ObserverRig, OBSERVER_TESTS),
     "compensation": ComponentKind(
-        "a compensation",
-        COMPENSATIONS,
-        ("set_brake_policy", "on_command_sent"),
-        CompensationRig,
-        COMPENSATION_TESTS,
+        "a compensation", COMPENSATIONS, ("set_brake_policy", "on_command_sent"), CompensationRig, COMPENSATION_TESTS
     ),
 }
 """Kinds of component; ``train-ato check-KIND`` tests one."""

@@ -388,12 +388,7 @@ def sweep(
 
 
 def prepare_sweep(
-    spec: SweepSpec,
-    *,
-    jobs: int | None = None,
-    scheduler: str | None = None,
-    dashboard: bool = False,
-    dash: str = "",
+    spec: SweepSpec, *, jobs: int | None = None, scheduler: str | None = None, dashboard: bool = False, dash: str = ""
 ) -> "PreparedSweep":
     """Return a sweep with its points, all values checked; ``dash`` precedes names of options in messages."""
     if jobs is not None and not 1 <= jobs <= MAX_JOBS:

@@ -9,13 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from train_ato.api.progress import Report, share_bar
-from train_ato.api.scenario_choice import (
-    Changes,
-    GivenScenario,
-    ScenarioChoice,
-    choose_component,
-    choose_scenario,
-)
+from train_ato.api.scenario_choice import Changes, GivenScenario, ScenarioChoice, choose_component, choose_scenario
 from train_ato.api.search_runs import RunAll, search_runs
 from train_ato.api.series_folder import KeptRuns, SearchFolder
 from train_ato.control.registry import LAWS
