@@ -27,7 +27,7 @@ from planted_faults import BASE, FAULTS
 import train_ato as ta
 from train_ato.studies.falsify.search import FalsificationSearch
 from train_ato.studies.falsify.study import FalsificationStudy, prepare_study
-from train_ato.studies.falsify.target import TargetRun, run_target
+from train_ato.studies.falsify.study import TargetRun, run_target
 
 POOL = 400
 """Number of random points of every fault."""

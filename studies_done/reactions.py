@@ -19,7 +19,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parent.parent / "bench"))
 from figures import Goal, judge
 
-from msgs_docs.generate.fault_runs import BASES
+from msgs_docs.generate.fault_page import BASES
 from plant_sim.train import compile_kernel
 from train_ato.judge.protection_record import state_spans
 from train_ato.scenario.setup import prepare

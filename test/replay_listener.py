@@ -7,8 +7,7 @@ from pathlib import Path
 from waiting import wait_for
 
 from train_ato.playback.log import ReplayOptions
-from train_ato.playback.player import NODE
-from train_ato.playback.publishing import Replayed, publish_run
+from train_ato.playback.publishing import NODE, Replayed, publish_run
 
 
 class Listener:

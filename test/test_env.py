@@ -16,8 +16,8 @@ import train_ato as ta
 from train_ato.api.env.observation import COSTS, DISTANCES
 from train_ato.cli.main import main
 from train_ato.report.page_data import page_data
+from train_ato.report.page_sections import run_sections
 from train_ato.report.quantities import traces_of
-from train_ato.report.run_page import run_sections
 
 FREE = {"supervision.enabled": False}
 RUNS: dict[str, tuple[str, dict[str, Any]]] = {

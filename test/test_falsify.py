@@ -19,8 +19,7 @@ from train_ato.cli import main
 from train_ato.scenario.dimensions import read_dimensions
 from train_ato.studies.falsify import study
 from train_ato.studies.falsify.search import FalsificationSearch, GaussianProcess, SearchSpace, search_space
-from train_ato.studies.falsify.study import RUNS_TABLE, Falsification, write_study
-from train_ato.studies.falsify.target import TargetRun, requirement_target
+from train_ato.studies.falsify.study import RUNS_TABLE, Falsification, TargetRun, requirement_target, write_study
 
 MASS = {"plant.mismatch.mass_scale": {"from": 0.9, "to": 1.3}}
 DELAY = {"links.command.delay": {"from": 0.0, "to": 0.8}}

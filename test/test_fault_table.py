@@ -11,8 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 
-from msgs_docs.generate.fault_page import MEASURED
-from msgs_docs.generate.fault_runs import BASES, NOTHING, ROWS, STANDSTILL, run_row
+from msgs_docs.generate.fault_page import BASES, MEASURED, NOTHING, ROWS, STANDSTILL, run_row
 from msgs_docs.generate.rows import read_rows
 from train_ato.cli import main
 from train_ato.log.difference import compare_logs

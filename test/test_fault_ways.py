@@ -14,8 +14,7 @@ import numpy as np
 from remains import check_nothing_left
 from waiting import LIMIT_S
 
-from msgs_docs.generate.fault_page import RECORDER_ROWS, ends_process, ways_of
-from msgs_docs.generate.fault_runs import ROWS, STANDSTILL, FaultRun, setup_of
+from msgs_docs.generate.fault_page import RECORDER_ROWS, ROWS, STANDSTILL, FaultRun, ends_process, setup_of, ways_of
 from train_ato.log.difference import compare_logs
 from train_ato.log.reading import iter_raw
 from train_ato.log.recover import recover

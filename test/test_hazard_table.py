@@ -10,7 +10,7 @@ import pytest
 from case_costs import stored_costs
 from test_architecture import MODULES, imports, tree
 
-from msgs_docs.generate.fault_runs import ROWS as FAULT_ROWS
+from msgs_docs.generate.fault_page import ROWS as FAULT_ROWS
 from msgs_docs.generate.hazard_page import (
     ACTIONS,
     GUIDES,

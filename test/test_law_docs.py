@@ -19,9 +19,16 @@ from msgs_docs.generate import __main__ as command_line
 from msgs_docs.generate import any_law_page as table
 from msgs_docs.generate.__main__ import LAWS as FOLDER
 from msgs_docs.generate.__main__ import chosen, law_pages, main, stale, unmeasured
-from msgs_docs.generate.law_pages.demo_runs import DEMO_RUNS, DemoRun, demo_of
 from msgs_docs.generate.law_pages.measure import command, measure
-from msgs_docs.generate.law_pages.pages import Component, components, parameter_table, sections
+from msgs_docs.generate.law_pages.pages import (
+    DEMO_RUNS,
+    Component,
+    DemoRun,
+    components,
+    demo_of,
+    parameter_table,
+    sections,
+)
 from msgs_docs.generate.rows import read_rows
 from train_ato.cli import run as run_command
 from train_ato.cli.scenario_options import prepare_from

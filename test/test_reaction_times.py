@@ -2,7 +2,7 @@
 
 import pytest
 
-from msgs_docs.generate.fault_runs import BASES
+from msgs_docs.generate.fault_page import BASES
 from train_ato.judge.protection_record import state_spans
 from train_ato.loop.engine import run_engine
 from train_ato.scenario.scenario import load_scenario

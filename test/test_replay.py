@@ -14,7 +14,7 @@ from waiting import LIMIT_S
 from train_ato.log.reading import iter_raw
 from train_ato.messages.codec import stamp_of
 from train_ato.playback.log import ReplayOptions
-from train_ato.playback.player import REPLAY_PROFILE
+from train_ato.playback.publishing import REPLAY_PROFILE
 
 SECONDS = 15
 TICKS = SECONDS * 10
@@ -75,7 +75,7 @@ def test_a_listener_that_waits_already_hears_every_message_as_it_was_recorded(ru
 def test_a_participant_that_is_not_discovered_yet_is_awaited(run, listen, domain):
     """Fails if a reader that a loaded machine discovers late loses the first messages: its socket is there before."""
     from train_ato.playback.log import ReplayLog, chosen_topics
-    from train_ato.playback.player import Player
+    from train_ato.playback.publishing import Player
     from train_ato.ros.graph.assembly import executor_of
 
     listen({COMMAND: COMMAND})

@@ -21,7 +21,7 @@ from train_ato.cli.main import main
 from train_ato.cli.replay import KEYS, pressed
 from train_ato.messages.codec import stamp_of
 from train_ato.messages.topics import EPOCH_NS
-from train_ato.playback.player import NODE
+from train_ato.playback.publishing import NODE
 
 COMMAND_LINE = [sys.executable, "-m", "train_ato", "replay"]
 

@@ -26,13 +26,12 @@ from train_ato.judge.tracking import time_at_force_limit
 from train_ato.log.recorded import open_recording
 from train_ato.loop.engine import run_engine
 from train_ato.messages.types import Diagnostic
-from train_ato.report.comparison_page import comparison_sections
 from train_ato.report.curves import CURVES, NotAvailable, _without_saturation, found_delay
 from train_ato.report.events import detect_events
 from train_ato.report.page_data import NO_CODE, PageData, heat_map, kept, page_data, track_shape
+from train_ato.report.page_sections import comparison_sections, run_sections
 from train_ato.report.print_figures import SHEET_SIZE, STYLE, comparison_figure, run_figure, styled, titles
 from train_ato.report.quantities import axis_range
-from train_ato.report.run_page import run_sections
 from train_ato.report.summary_rows import GROUPS, filled_groups, shown
 from train_ato.report.words import driven_laws, longer
 from train_ato.report.writing import comparison_title, write_comparison_page, write_run

@@ -14,7 +14,7 @@ from train_ato.cli.info import print_summary
 from train_ato.judge.ranking import best_value, difference_from_best, rank_of
 from train_ato.log.recorded import open_recording
 from train_ato.report.page_data import PageData, empty_page_data, page_data
-from train_ato.report.run_page import run_sections
+from train_ato.report.page_sections import run_sections
 from train_ato.report.summary_rows import best_text, criterion_cells, typeset, verdict_texts
 from train_ato.report.writing import write_comparison_page
 

@@ -12,7 +12,7 @@ from test_falsify import CHEAP
 from train_ato.api.series_folder import RUNS, KeptRuns, SearchFolder
 from train_ato.cli.main import main
 from train_ato.studies import learn
-from train_ato.studies.falsify import target
+from train_ato.studies.falsify import study
 from train_ato.studies.tune import gain_space
 
 
@@ -38,7 +38,7 @@ SEARCHES = {
     ),
     "falsify": Search(
         ("--requirement", "G speed < 1000 km/h", "--over", "over.yaml", "--runs", "5"),
-        target, "run_engine", ("runs.csv", "falsify.json"), ("--seed", "2"),
+        study, "run_engine", ("runs.csv", "falsify.json"), ("--seed", "2"),
     ),
     "learn": Search(("--runs", "4"), learn, "drive", ("",), ("--spacing", "7"), ".runs"),
 }  # fmt: skip

@@ -18,7 +18,7 @@ from jsonschema.validators import validator_for
 from pydantic import TypeAdapter, ValidationError
 
 import train_ato as ta
-from msgs_docs.generate.schemas import MODELS, schema_text
+from msgs_docs.generate.reference_pages import MODELS, schema_text
 from plant_sim.library import consist_names, consist_path, line_names, line_path
 from plant_sim.si_model import blocks_of, example_of_key
 from train_ato.program.version import VERSION

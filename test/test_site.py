@@ -8,8 +8,8 @@ from xml.etree import ElementTree
 import pytest
 
 from msgs_docs.generate import gallery_page, reference_pages, site
+from msgs_docs.generate.reference_pages import MODELS, schema_text
 from msgs_docs.generate.rows import read_rows
-from msgs_docs.generate.schemas import MODELS, schema_text
 from plant_sim.library import consist_names, line_names
 from train_ato.cli import main, new
 from train_ato.cli.main import COMMANDS

@@ -28,10 +28,9 @@ from train_ato.log.run_folder import read_summary
 from train_ato.program.interrupt import Interrupt, ending_like_ctrl_c
 from train_ato.studies.sweep import sweep as sweep_module
 from train_ato.studies.sweep.cluster import OWNER, SCRATCH, SETTINGS, _scratch_folder, sweep_client
-from train_ato.studies.sweep.folder import SweepFolder
 from train_ato.studies.sweep.groups import NotDrawable
 from train_ato.studies.sweep.rerun import run_row_again
-from train_ato.studies.sweep.result import METADATA, SweepResult, read_results, write_results
+from train_ato.studies.sweep.result import METADATA, SweepFolder, SweepResult, read_results, write_results
 from train_ato.studies.sweep.row import WALL_TIMES, run_batch
 from train_ato.studies.sweep.spec import read_sweep
 from train_ato.studies.sweep.sweep import prepare_sweep

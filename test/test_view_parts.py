@@ -25,10 +25,9 @@ from train_ato.scenario.scenario import load_scenario
 from train_ato.scenario.setup import prepare
 from train_ato.view.controls import Tunable, coerced, slider_scale
 from train_ato.view.facts import Facts, ProfileCurve, facts_of
-from train_ato.view.feed import KEPT_S, Ending, Feed, Mark, Strip, ending_of
+from train_ato.view.feed import KEPT_S, Ending, Feed, Mark, Strip, WholeRun, ending_of
+from train_ato.view.feed import MAX_POINTS as POINTS_OF_OVERVIEW
 from train_ato.view.live import WAITING_RATE
-from train_ato.view.overview import MAX_POINTS as POINTS_OF_OVERVIEW
-from train_ato.view.overview import WholeRun
 from train_ato.view.page import Along, _summary
 from train_ato.view.recorded import MAX_POINTS, RecordedFeed
 from train_ato.view.server import PageServer

@@ -26,15 +26,14 @@ from msgs_docs.generate import (
     left_out_page,
     node_page,
     random_runs,
-    schemas,
+    reference_pages,
     site,
     swap_cells,
     topic_page,
 )
 from msgs_docs.generate.equation_page import EQUATION_TABLES, problems
-from msgs_docs.generate.law_pages.demo_runs import demo_of
 from msgs_docs.generate.law_pages.measure import command, measure
-from msgs_docs.generate.law_pages.pages import Component, Measured, components, index, page
+from msgs_docs.generate.law_pages.pages import Component, Measured, components, demo_of, index, page
 from msgs_docs.generate.rows import read_rows, write_rows
 from plant_sim.input_error import close_match
 from train_ato.api.progress import share_bar
@@ -82,7 +81,7 @@ def generated() -> dict[Path, str]:
         ROOT / node_page.PAGE: node_page.page(ROOT / node_page.PAGE),
         ROOT / node_page.REQUIREMENT_PAGE: node_page.requirement_page(ROOT / node_page.REQUIREMENT_PAGE),
         **{ROOT / "config" / f"{name}.yaml": parameter_page(name) for name in ("demo", "xuzhou_metro")},
-        **{schemas.schema_path(kind): schemas.schema_text(kind) for kind in schemas.MODELS},
+        **{reference_pages.schema_path(kind): reference_pages.schema_text(kind) for kind in reference_pages.MODELS},
         **law_pages(read_rows(MEASURED)),
     }
 

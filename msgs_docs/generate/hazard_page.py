@@ -11,8 +11,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from msgs_docs.generate.fault_runs import BASES, STANDSTILL, FaultRow, FaultRun, run_row
-from msgs_docs.generate.fault_runs import ROWS as FAULT_ROWS
+from msgs_docs.generate.fault_page import BASES, STANDSTILL, FaultRow, FaultRun, run_row
+from msgs_docs.generate.fault_page import ROWS as FAULT_ROWS
 from msgs_docs.generate.rows import page_text, read_rows, table_lines, unmeasured_rows, write_rows
 from plant_sim.library import read_yaml
 from plant_sim.traction import Envelope

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from msgs_docs.generate.fault_runs import BASES, BEGIN, ROWS, STANDSTILL, FaultRow, FaultRun
+from msgs_docs.generate.fault_page import BASES, BEGIN, ROWS, STANDSTILL, FaultRow, FaultRun
 from msgs_docs.generate.rows import page_text, read_rows, row_line, write_rows
 from train_ato.api.progress import share_bar
 from train_ato.control.registry import LAWS

@@ -17,9 +17,8 @@ from typing import Any
 import yaml
 
 import train_ato as ta
-from msgs_docs.generate.reference_pages import as_cell, as_code, as_table
+from msgs_docs.generate.reference_pages import as_cell, as_code, as_table, schema_text
 from msgs_docs.generate.rows import page_text
-from msgs_docs.generate.schemas import schema_text
 from plant_sim.units import number_text
 from train_ato.judge.metric_names import METRICS
 

@@ -24,7 +24,7 @@ sys.path[:0] = [str(HERE.parent), str(HERE.parents[1])]
 from law_trains import printed  # noqa: E402
 from test_compiled_spans import CASES, COMPONENTS, SUPERVISED  # noqa: E402
 
-from msgs_docs.generate.fault_runs import BASES, ROWS  # noqa: E402
+from msgs_docs.generate.fault_page import BASES, ROWS  # noqa: E402
 from train_ato.api.scenario_choice import choose_scenario  # noqa: E402
 from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS  # noqa: E402
 from train_ato.judge.result import RunResult  # noqa: E402

@@ -172,8 +172,7 @@ def _publish(options: argparse.Namespace) -> int:
         remap=parse_remap(tuple(options.remap)),
         acknowledged_s=_acknowledgement_s(options.wait_for_all_acked),
     )
-    from train_ato.playback.player import REPLAY_PROFILE
-    from train_ato.playback.publishing import publish_run
+    from train_ato.playback.publishing import REPLAY_PROFILE, publish_run
     from train_ato.ros.graph.environment import middleware
 
     os.environ.update(middleware(REPLAY_PROFILE))

@@ -12,8 +12,7 @@ from train_ato.cli.screen import note_compilation, print_json, print_table
 from train_ato.program.errors import RunFailed
 
 if TYPE_CHECKING:
-    from train_ato.studies.sweep.folder import SweepFolder
-    from train_ato.studies.sweep.result import SweepResult
+    from train_ato.studies.sweep.result import SweepFolder, SweepResult
 
 COLUMNS = ("runs", "done", "tracked", "passed", "median", "largest")
 
@@ -61,7 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(options: argparse.Namespace) -> int:
     """Run the sweep, or one row of it again."""
     from train_ato.api.progress import activity
-    from train_ato.studies.sweep.folder import SweepFolder
+    from train_ato.studies.sweep.result import SweepFolder
     from train_ato.studies.sweep.spec import read_sweep
     from train_ato.studies.sweep.sweep import prepare_sweep
 

@@ -87,7 +87,7 @@ def labels_of(places: list[Path]) -> tuple[str, ...]:
 def write_run(data: PageData, path: Path) -> int:
     """Write the page of one run and return its size in bytes."""
     from train_ato.report.page import ReportPage, render
-    from train_ato.report.run_page import run_sections
+    from train_ato.report.page_sections import run_sections
 
     sections, linked = run_sections(data)
     summary = data.summary
@@ -155,9 +155,9 @@ def _protection_warning(summary: dict[str, Any]) -> list[str]:
 
 def write_comparison_page(pages: list[PageData], path: Path) -> int:
     """Write the page of several runs side by side and return its size in bytes."""
-    from train_ato.report.comparison_page import comparison_sections
     from train_ato.report.page import ReportPage, render
     from train_ato.report.page_data import motion_differences
+    from train_ato.report.page_sections import comparison_sections
 
     sections, linked = comparison_sections(pages)
     drawn = [data for data in pages if data.curves]

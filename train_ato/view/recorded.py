@@ -31,9 +31,8 @@ from train_ato.messages.topic import TrainLayout
 from train_ato.messages.types import Array
 from train_ato.report.events import Event, detect_events
 from train_ato.view.facts import Facts, ProfileCurve, facts_of, plan_of_row
-from train_ato.view.feed import FRAMES_PER_SECOND, REPORT_PAGE, Ending, Feed, Mark, protection_history
-from train_ato.view.overview import MAX_POINTS as POINTS_OF_OVERVIEW
-from train_ato.view.overview import WholeRun
+from train_ato.view.feed import FRAMES_PER_SECOND, REPORT_PAGE, Ending, Feed, Mark, WholeRun, protection_history
+from train_ato.view.feed import MAX_POINTS as POINTS_OF_OVERVIEW
 from train_ato.view.snapshot import STRIP, Snapshot
 
 MAX_POINTS = 1500

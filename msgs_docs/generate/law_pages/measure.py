@@ -12,8 +12,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from msgs_docs.generate.any_law_page import summary_figures, verdict
-from msgs_docs.generate.law_pages.demo_runs import DemoRun, demo_of
-from msgs_docs.generate.law_pages.pages import Component
+from msgs_docs.generate.law_pages.pages import Component, DemoRun, demo_of
 from train_ato.control.gains import PRINTED, has_gains
 from train_ato.control.registry import LAWS
 from train_ato.judge.recording import Recording

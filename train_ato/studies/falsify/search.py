@@ -8,7 +8,7 @@ method was chosen by measurement against CMA-ES, cross-entropy and random search
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydantic import BaseModel
@@ -20,7 +20,6 @@ from train_ato.api.scenario_choice import ScenarioChoice
 from train_ato.messages.types import Array
 from train_ato.scenario.dimensions import Dimension, read_dimensions
 from train_ato.scenario.overlays import keys_of
-from train_ato.studies.falsify.target import TargetRun
 
 
 @dataclass(frozen=True)
@@ -337,6 +336,18 @@ def _candidates(best: Array, nominal: Array, stream: np.random.Generator) -> Arr
     faces = np.where(choice < 0.6, corners, np.where(choice < 0.8, nominal, stream.random((CANDIDATES, size))))
     around = np.clip(best + stream.normal(scale=NEAR, size=(CANDIDATES, size)), 0.0, 1.0)
     return np.vstack([anywhere, faces, around])
+
+
+class TargetRun(NamedTuple):
+    """Robustness of one run, NaN if unknown, and the reason of a refused or failed run, else ""."""
+
+    robustness: float
+    problem: str = ""
+
+    @property
+    def breaks(self) -> bool:
+        """Return True if the run breaks the requirement."""
+        return self.robustness < 0.0
 
 
 RunAll = Callable[[Sequence[dict[str, Any]]], Iterable[TargetRun]]

@@ -12,8 +12,7 @@ from train_ato.api.scenario_choice import ScenarioChoice
 from train_ato.log.run_folder import next_free
 from train_ato.program.errors import RunFailed, RunInterrupted
 from train_ato.scenario.setup import RunSetup
-from train_ato.studies.sweep.folder import SweepFolder
-from train_ato.studies.sweep.result import FIRST, LAST, read_results
+from train_ato.studies.sweep.result import FIRST, LAST, SweepFolder, read_results
 from train_ato.studies.sweep.row import Row, code_of_process, one_line, row_metrics, scenario_hash
 from train_ato.studies.sweep.spec import read_sweep
 from train_ato.studies.sweep.sweep import sweep_base

@@ -1,4 +1,8 @@
-"""Result of a sweep: table, figures, counts of the ends of its runs."""
+"""Folder and result of a sweep: table, figures, counts of the ends of its runs.
+
+``sweep.json`` has the specification and the versions, ``runs.jsonl`` the finished runs
+(:mod:`train_ato.api.series_folder`).
+"""
 
 from __future__ import annotations
 
@@ -9,15 +13,47 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from train_ato.api.series_folder import SeriesFolder
 from train_ato.judge.summary_table import verdict_html
+from train_ato.log.versions import versions
 from train_ato.program.errors import check_packages, refusing
 from train_ato.studies.sweep.groups import ERROR_METRIC, NotDrawable
-from train_ato.studies.sweep.row import Row
-from train_ato.studies.sweep.spec import SweepSpec
+from train_ato.studies.sweep.row import Row, SweepBase, data_hash
+from train_ato.studies.sweep.spec import SweepSpec, read_sweep
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
+
+
+RESULTS = "results.parquet"
+
+
+def sweep_identity(spec: SweepSpec, base: SweepBase) -> dict[str, Any]:
+    """Return specification, hashes of scenario and code, and versions of a sweep."""
+    return {
+        "schema": SweepFolder.schema(),
+        "spec": {**spec.data, "scenario": spec.scenario},
+        "scenario": data_hash([base.data, spec.data], base.path.parent),
+        "code": base.source,
+        "versions": versions(),
+    }
+
+
+class SweepFolder(SeriesFolder):
+    """Folder of a sweep."""
+
+    command = "sweep"
+    file = "sweep.json"
+
+    @property
+    def results(self) -> Path:
+        """File of the table."""
+        return self.path / RESULTS
+
+    def spec(self) -> SweepSpec:
+        """Return the specification of the sweep."""
+        return read_sweep(self.identity()["spec"], str(self.path / self.file))
 
 
 METADATA = b"train_ato.sweep"

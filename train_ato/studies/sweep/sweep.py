@@ -18,8 +18,7 @@ from train_ato.program.interrupt import uninterrupted
 from train_ato.scenario.dimensions import Dimension
 from train_ato.scenario.scenario_data import PartCache
 from train_ato.studies.sweep.cluster import MAX_JOBS, sweep_client
-from train_ato.studies.sweep.folder import SweepFolder, sweep_identity
-from train_ato.studies.sweep.result import SweepResult, sweep_table, write_results
+from train_ato.studies.sweep.result import SweepFolder, SweepResult, sweep_identity, sweep_table, write_results
 from train_ato.studies.sweep.row import TIMES, Batch, Row, SweepBase, one_line, run_batch
 from train_ato.studies.sweep.spec import Point, SweepSpec, design_points, read_sweep
 
