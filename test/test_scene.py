@@ -29,7 +29,6 @@ from train_ato.view.train_scene import (
     STATIC,
     TRACK,
     TRANSFORMS,
-    SceneSampler,
     TrainScene,
     force_color,
     larger_coupler_force,
@@ -151,7 +150,7 @@ def test_a_line_with_coordinates_gives_a_position_fix() -> None:
 
 def test_the_rate_is_kept(run: Path, setup: RunSetup) -> None:
     """Breaks if the scene has a message for every tick, or loses its first one."""
-    sampler = SceneSampler(setup, 2.0)
+    sampler = TrainScene(setup, rate=2.0)
     stamps = [stamp for _, stamp, data in iter_raw(run, ("train/vehicles",)) if sampler.take(data)]
     assert stamps == [number * 500_000_000 for number in range(41)]
 
@@ -226,7 +225,7 @@ def test_a_live_graph_publishes_the_scene(run: Path, setup: RunSetup, space: str
     with claim_domain(None) as domain, executor_of(domain, []) as (context, _):
         node = Node("scene", context=context, namespace=space, enable_rosout=False)
         plant = Node("plant", context=context, namespace=space, enable_rosout=False)
-        scene = SceneNode(node, SceneSampler(setup))
+        scene = SceneNode(node, TrainScene(setup))
         other = Node("other", context=context, enable_rosout=False)
         other.create_publisher(JointState, "/t9/train/vehicles", 10)
         awaited = f"a publisher of {space}/train/vehicles; --namespace /t9 has one"

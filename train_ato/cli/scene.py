@@ -33,7 +33,7 @@ def execute(options: argparse.Namespace) -> int:
     from train_ato.ros import require_ros
     from train_ato.ros.graph.environment import applied, variables
     from train_ato.ros.graph.remote import resolve_domain
-    from train_ato.view.train_scene import SceneSampler, check_rate
+    from train_ato.view.train_scene import TrainScene, check_rate
 
     check_rate(options.rate)
     if options.run is not None and options.domain is None:
@@ -41,7 +41,7 @@ def execute(options: argparse.Namespace) -> int:
     setup = read_run_folder(options.run)[0] if options.run is not None else None
     require_ros()
     domain = options.domain if setup is not None else resolve_domain(options.domain, options.namespace)
-    sampler = SceneSampler(setup or _running(domain, options.namespace), options.rate)
+    scene = TrainScene(setup or _running(domain, options.namespace), rate=options.rate)
     with (
         tempfile.TemporaryDirectory(prefix="train_ato_scene_", ignore_cleanup_errors=True) as scratch,
         applied(variables(domain, Path(scratch))),
@@ -49,7 +49,7 @@ def execute(options: argparse.Namespace) -> int:
     ):
         from train_ato.view.scene_node import publish_scene
 
-        counts = publish_scene(sampler, domain, lambda: interrupt.asked, options.namespace)
+        counts = publish_scene(scene, domain, lambda: interrupt.asked, options.namespace)
     if options.json:
         print_json({"domain": domain, "rate": options.rate, "messages": counts})
     else:

@@ -12,31 +12,10 @@ from plant_sim.units import KMH
 from train_ato.control.contract import LawPlan
 from train_ato.report.page import time_formatter, time_ticker
 from train_ato.report.page_data import after_jump
+from train_ato.view import style
 from train_ato.view.facts import Facts, ProfileCurve, is_current, plan_columns
 from train_ato.view.feed import Mark
 from train_ato.view.snapshot import DIAL_BEGIN, DIAL_SWEEP, LIMIT_NAMES, STRIP, angle
-from train_ato.view.style import (
-    APPLIED,
-    BUFF,
-    DEMAND,
-    DOWNHILL,
-    DRAFT,
-    EDGE,
-    EMERGENCY,
-    FAINT,
-    LIMIT,
-    MARK,
-    PANE,
-    PERMITTED,
-    PROFILE,
-    SERVICE,
-    SOFT,
-    STOP,
-    TEXT,
-    TRAIN,
-    UPHILL,
-    WARNING,
-)
 
 _CLOCK = """
 const s = Math.abs(value), h = Math.floor(s / 3600), m = Math.floor(s / 60) % 60;
@@ -97,21 +76,23 @@ class Ahead:
         self._planned: LawPlan | None = None
         self.heights = Range1d(0.0, 100.0)
         speed = figure(x_range=self.span, y_range=self.heights, y_axis_label="km/h", name="ahead", **tools)
-        speed.varea(x="place", y1=0, y2="speed", source=self._profile, fill_color=PROFILE, fill_alpha=0.10)
-        profile = speed.line("place", "speed", source=self._profile, line_color=PROFILE, line_width=2.4)
+        speed.varea(x="place", y1=0, y2="speed", source=self._profile, fill_color=style.PROFILE, fill_alpha=0.10)
+        profile = speed.line("place", "speed", source=self._profile, line_color=style.PROFILE, line_width=2.4)
         add_hover(speed, profile, [("front", "@place{0.000} km"), ("profile", "@speed{0.0} km/h")])
-        speed.step("place", "speed", source=self._limit, mode="after", line_color=LIMIT, line_width=2.2)
-        plan = speed.line("place", "speed", source=self._plan, line_color=DEMAND, line_width=2, line_dash=[5, 3])
+        speed.step("place", "speed", source=self._limit, mode="after", line_color=style.LIMIT, line_width=2.2)
+        plan = speed.line("place", "speed", source=self._plan, line_color=style.DEMAND, line_width=2, line_dash=[5, 3])
         add_hover(speed, plan, [("plan of the law", "@speed{0.0} km/h")])
-        speed.line("place", "speed", source=strip, line_color=TRAIN, line_width=1.6)
-        speed.vspan(x="stop", source=now, line_color=STOP, line_width=3)
+        speed.line("place", "speed", source=strip, line_color=style.TRAIN, line_width=1.6)
+        speed.vspan(x="stop", source=now, line_color=style.STOP, line_width=3)
         speed.text(
             x="stop", y=0, text={"value": "STOP"}, source=now, x_offset=-6, y_offset=-4, text_align="right",
-            text_color=STOP, text_font_size="12px", text_font_style="bold",
+            text_color=style.STOP, text_font_size="12px", text_font_style="bold",
         )  # fmt: skip
-        speed.vspan(x="place", source=now, line_color=TRAIN, line_width=1, line_dash=[2, 3])
-        speed.segment(x0="rear", x1="place", y0=0, y1=0, source=now, line_color=TRAIN, line_width=9)
-        speed.scatter("place", "speed", source=now, marker="circle", size=11, fill_color=TRAIN, line_color=TEXT)
+        speed.vspan(x="place", source=now, line_color=style.TRAIN, line_width=1, line_dash=[2, 3])
+        speed.segment(x0="rear", x1="place", y0=0, y1=0, source=now, line_color=style.TRAIN, line_width=9)
+        speed.scatter(
+            "place", "speed", source=now, marker="circle", size=11, fill_color=style.TRAIN, line_color=style.TEXT
+        )
         speed.xaxis.visible = False
         self.figures = (speed, _grade(self.span, facts, now, tools))
         self.show_limits(facts)
@@ -154,7 +135,7 @@ def _grade(span: Range1d, facts: Facts, now: ColumnDataSource, tools: dict[str, 
             "end": ends,
             "grade": grades,
             "middle": (begins + np.minimum(ends, begins + 2.0)) / 2,
-            "colour": [UPHILL if grade > 0 else DOWNHILL for grade in grades],
+            "colour": [style.UPHILL if grade > 0 else style.DOWNHILL for grade in grades],
             "text": [f"{grade:+.1f}".replace("+0.0", "0").replace("-0.0", "0") for grade in grades],
         }
     )
@@ -175,11 +156,11 @@ def _grade(span: Range1d, facts: Facts, now: ColumnDataSource, tools: dict[str, 
     add_hover(plot, steps, [("from", "@begin{0.000} km"), ("grade", "@grade{+0.0} ‰")], across=False)
     plot.text(
         x="middle", y=plot.y_range.end, text="text", source=source, y_offset=3, text_align="center",
-        text_baseline="top", text_font_size="10px", text_color=TEXT,
+        text_baseline="top", text_font_size="10px", text_color=style.TEXT,
     )  # fmt: skip
-    plot.segment(x0="rear", x1="place", y0=0, y1=0, source=now, line_color=TRAIN, line_width=5)
-    plot.vspan(x="stop", source=now, line_color=STOP, line_width=3)
-    plot.hspan(y=0, line_color=SOFT, line_width=1)
+    plot.segment(x0="rear", x1="place", y0=0, y1=0, source=now, line_color=style.TRAIN, line_width=5)
+    plot.vspan(x="stop", source=now, line_color=style.STOP, line_width=3)
+    plot.hspan(y=0, line_color=style.SOFT, line_width=1)
     return plot
 
 
@@ -212,25 +193,25 @@ class Strips:
         self._hours = hours
         self._tools = tools
         speed = self._chart("km/h", "strip_speed")
-        speed.line("time", "profile", source=self.source, line_color=PROFILE, line_width=3.2, line_alpha=0.7)
-        speed.line("time", "limit", source=self.source, line_color=LIMIT, line_width=1.4, line_dash=[6, 4])
+        speed.line("time", "profile", source=self.source, line_color=style.PROFILE, line_width=3.2, line_alpha=0.7)
+        speed.line("time", "limit", source=self.source, line_color=style.LIMIT, line_width=1.4, line_dash=[6, 4])
         if supervised:
-            for name, colour in (("permitted", PERMITTED), ("emergency", EMERGENCY)):
+            for name, colour in (("permitted", style.PERMITTED), ("emergency", style.EMERGENCY)):
                 speed.line("time", name, source=self.source, line_color=colour, line_width=1.2)
-        train = speed.line("time", "speed", source=self.source, line_color=TRAIN, line_width=1.6)
+        train = speed.line("time", "speed", source=self.source, line_color=style.TRAIN, line_width=1.6)
         # The labels have their own range: otherwise the range of the speed would include them.
         speed.extra_y_ranges = {"labels": Range1d(0.0, 1.0)}
         speed.text(
             x="time", y=1.0, y_range_name="labels", text="label", source=self.marks, x_offset=4, y_offset="drop",
-            text_color=MARK, text_font_size="11px", text_baseline="top",
+            text_color=style.MARK, text_font_size="11px", text_baseline="top",
         )  # fmt: skip
         error = self._chart("error km/h", "strip_error")
-        error.hspan(y=0, line_color=SOFT, line_width=1)
-        deviation = error.line("time", "error", source=self.source, line_color=TRAIN, line_width=1.4)
+        error.hspan(y=0, line_color=style.SOFT, line_width=1)
+        deviation = error.line("time", "error", source=self.source, line_color=style.TRAIN, line_width=1.4)
         force = self._chart("force kN", "strip_force")
-        force.varea("time", "least", "most", source=self.source, fill_color=FAINT, fill_alpha=0.7)
-        force.line("time", "demand", source=self.source, line_color=DEMAND, line_width=1.2)
-        applied = force.line("time", "applied", source=self.source, line_color=APPLIED, line_width=1.5)
+        force.varea("time", "least", "most", source=self.source, fill_color=style.FAINT, fill_alpha=0.7)
+        force.line("time", "demand", source=self.source, line_color=style.DEMAND, line_width=1.2)
+        applied = force.line("time", "applied", source=self.source, line_color=style.APPLIED, line_width=1.5)
         self.figures = [speed, error, force]
         limits = [("permitted", "@permitted{0.0} km/h"), ("EBI", "@emergency{0.0} km/h")] if supervised else []
         place = ("front", "@place{0.000} km")
@@ -240,10 +221,10 @@ class Strips:
         add_hover(force, applied, [("command", "@demand{0} kN"), ("applied", "@applied{0} kN")], clock="time")
         if several:
             coupler = self._chart("couplers kN", "strip_coupler")
-            coupler.varea("time", "buff", "draft", source=self.source, fill_color=SOFT, fill_alpha=0.10)
-            draft = coupler.line("time", "draft", source=self.source, line_color=DRAFT, line_width=1.3)
-            coupler.line("time", "buff", source=self.source, line_color=BUFF, line_width=1.3)
-            coupler.hspan(y=0, line_color=SOFT, line_width=1)
+            coupler.varea("time", "buff", "draft", source=self.source, fill_color=style.SOFT, fill_alpha=0.10)
+            draft = coupler.line("time", "draft", source=self.source, line_color=style.DRAFT, line_width=1.3)
+            coupler.line("time", "buff", source=self.source, line_color=style.BUFF, line_width=1.3)
+            coupler.hspan(y=0, line_color=style.SOFT, line_width=1)
             self.figures.append(coupler)
             add_hover(coupler, draft, [("draft", "@draft{0} kN"), ("buff", "@buff{0} kN")], clock="time")
         for plot in self.figures[:-1]:
@@ -272,8 +253,8 @@ class Strips:
         plot.xaxis.formatter = time_formatter(hours=self._hours)
         plot.yaxis.formatter = BasicTickFormatter(use_scientific=False)
         plot.yaxis.ticker.desired_num_ticks = 4
-        plot.vspan(x="time", source=self.marks, line_color=MARK, line_width=1.2, line_dash=[4, 3])
-        plot.vspan(x="time", source=self._now, line_color=SOFT, line_width=1)
+        plot.vspan(x="time", source=self.marks, line_color=style.MARK, line_width=1.2, line_dash=[4, 3])
+        plot.vspan(x="time", source=self._now, line_color=style.SOFT, line_width=1)
         return plot
 
 
@@ -321,37 +302,40 @@ def dial(now: ColumnDataSource, ticks: ColumnDataSource, *, supervised: bool = F
         line_alpha="hooked",
     )  # fmt: skip
     plot.ray(
-        x=0, y=0, length=1.07, angle="limit_angle", source=now, line_color=LIMIT, line_width=3, line_alpha="limited",
+        x=0, y=0, length=1.07, angle="limit_angle", source=now, line_color=style.LIMIT, line_width=3,
+        line_alpha="limited",
     )  # fmt: skip
     if supervised:
         _add_limits_of_supervisor(plot, ring)
-    plot.circle(x=0, y=0, radius=0.87, fill_color=PANE, line_color=None)
+    plot.circle(x=0, y=0, radius=0.87, fill_color=style.PANE, line_color=None)
     plot.annular_wedge(
-        inner_radius=0.835, outer_radius=0.855, start_angle="profile_angle", end_angle=DIAL_BEGIN, fill_color=PROFILE,
-        **ring,
+        inner_radius=0.835, outer_radius=0.855, start_angle="profile_angle", end_angle=DIAL_BEGIN,
+        fill_color=style.PROFILE, **ring,
     )  # fmt: skip
-    plot.segment("x0", "y0", "x1", "y1", source=ticks, line_color=SOFT, line_width="width")
+    plot.segment("x0", "y0", "x1", "y1", source=ticks, line_color=style.SOFT, line_width="width")
     plot.text(
         "x", "y", "text", source=ticks, text_align="center", text_baseline="middle", text_font_size="13px",
-        text_color=TEXT,
+        text_color=style.TEXT,
     )  # fmt: skip
     plot.ray(x=0, y=0, length=0.66, angle="speed_angle", source=now, line_color="needle", line_width=9)
     plot.ray(x=0, y=0, length=0.91, angle="speed_angle", source=now, line_color="needle", line_width=3)
-    plot.circle(x=0, y=0, radius=0.38, fill_color="#182838", line_color=EDGE, line_width=2)
+    plot.circle(x=0, y=0, radius=0.38, fill_color="#182838", line_color=style.EDGE, line_width=2)
     plot.text(
         x=0, y=0.03, text="speed_text", source=now, text_align="center", text_baseline="middle",
         text_font_size="44px", text_font_style="bold", text_color="needle",
     )  # fmt: skip
     plot.text(
         x=0, y=-0.235, text={"value": "km/h"}, text_align="center", text_baseline="middle", text_font_size="12px",
-        text_color=SOFT,
+        text_color=style.SOFT,
     )  # fmt: skip
     return plot
 
 
 def _add_limits_of_supervisor(plot: Any, ring: dict[str, Any]) -> None:
     """Add a ring outside the dial from the permitted speed over warning and service brake to the emergency brake."""
-    for low, high, colour in zip(LIMIT_NAMES, LIMIT_NAMES[1:], (WARNING, SERVICE, EMERGENCY), strict=False):
+    for low, high, colour in zip(
+        LIMIT_NAMES, LIMIT_NAMES[1:], (style.WARNING, style.SERVICE, style.EMERGENCY), strict=False
+    ):
         plot.annular_wedge(
             inner_radius=1.015, outer_radius=1.075, start_angle=f"{high}_angle", end_angle=f"{low}_angle",
             fill_color=colour, **ring,
@@ -394,10 +378,10 @@ def force_bar(now: ColumnDataSource, most: float, least: float) -> Any:
     )
     plot.left, plot.center = [], []
     plot.xaxis.ticker.desired_num_ticks = 6
-    plot.hbar(y=0, left="least", right="most", height=1.5, source=now, fill_color=FAINT, line_color=EDGE)
-    plot.hbar(y=0, left=0, right="applied", height=1.0, source=now, fill_color=APPLIED, line_color=None)
+    plot.hbar(y=0, left="least", right="most", height=1.5, source=now, fill_color=style.FAINT, line_color=style.EDGE)
+    plot.hbar(y=0, left=0, right="applied", height=1.0, source=now, fill_color=style.APPLIED, line_color=None)
     plot.segment(
-        x0="demand", x1="demand", y0=-0.95, y1=0.95, source=now, line_color=DEMAND, line_width=4,
+        x0="demand", x1="demand", y0=-0.95, y1=0.95, source=now, line_color=style.DEMAND, line_width=4,
     )  # fmt: skip
-    plot.segment(x0=0, x1=0, y0=-1, y1=1, line_color=SOFT, line_width=1)
+    plot.segment(x0=0, x1=0, y0=-1, y1=1, line_color=style.SOFT, line_width=1)
     return plot

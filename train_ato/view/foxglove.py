@@ -8,7 +8,7 @@ import contextlib
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator
-from typing import Any, Protocol, cast
+from typing import Any, cast
 
 import foxglove
 from foxglove import Capability, Channel, Context, Schema
@@ -24,7 +24,7 @@ from train_ato.view.live import LiveFeed
 from train_ato.view.origin_gate import LOOPBACK, OriginGate, hidden_address
 from train_ato.view.reader import Copied
 from train_ato.view.recorded import RecordedFeed
-from train_ato.view.train_scene import VEHICLES, SceneSampler
+from train_ato.view.train_scene import VEHICLES, TrainScene
 
 MAX_AT_ONCE = 20_000
 """Messages of a recorded run sent in one period; the rest of a longer interval is skipped."""
@@ -34,22 +34,76 @@ Send = Callable[[str, int, bytes], None]
 """Callback for a message: topic of the table, ns since 1970, bytes."""
 
 
-class Source(Protocol):
-    """Source of the messages.
+class _Newest:
+    """Messages of a live run, from the thread of the feed; ``types`` by topic are those of the table."""
 
-    Attributes
-    ----------
-    types : dict
-        ROS types by topic that are known from the messages.
-    """
-
-    types: dict[str, str]
+    def __init__(self, feed: LiveFeed) -> None:
+        self.types: dict[str, str] = {}
+        self._feed = feed
+        self._copies: deque[Copied] | None = None
 
     def poll(self, send: Send | None) -> int | None:
         """Pass new messages to ``send`` if given; return the present time [ns since 1970], None if unknown."""
+        if send is None:
+            self.close()
+        elif self._copies is None:
+            self._copies = self._feed.subscribe()
+        while self._copies and send is not None:
+            send(*self._copies.popleft())
+        frame = self._feed.frame
+        return None if frame is None else EPOCH_NS + round(frame.moment.time * 1e9)
 
     def close(self) -> None:
-        """Close the source."""
+        if self._copies is not None:
+            self._feed.unsubscribe(self._copies)
+            self._copies = None
+
+
+class _Played:
+    """Messages of a recorded run up to the time of the feed; ``types`` by topic are those of the log."""
+
+    def __init__(self, feed: RecordedFeed, topics: list[str]) -> None:
+        self._feed = feed
+        self._log = ReplayLog(feed.recording.path)
+        self._names = {name: table_name(name) for name in self._log.topics if table_name(name) in topics}
+        kinds = {str(topic): self._log.topics[name].type for name, topic in self._names.items()}
+        self.types = {topic: kind for topic, kind in kinds.items() if topic_of(topic, kind)}  # also former ones
+        self._depths = {name: 1 for name in self._names if BY_NAME[str(self._names[name])].latched}
+        self._messages: Iterator[RawMessage] = iter(())
+        self._ahead: RawMessage | None = None
+        self._time = -1
+
+    def poll(self, send: Send | None) -> int:
+        """Pass the messages up to the time of the feed to ``send`` if given; return this time [ns since 1970]."""
+        self._feed.advance()
+        now = EPOCH_NS + round(self._feed.time * 1e9)
+        if send is None:
+            self._time = -1
+            return now
+        step = now - self._time
+        if self._time < 0 or step < 0 or step > 2_000_000_000 * max(1.0, self._feed.speed / FRAMES_PER_SECOND):
+            self._enter(now, send)
+        self._time = now
+        for _ in range(MAX_AT_ONCE):
+            message = self._ahead or next(self._messages, None)
+            self._ahead = message
+            if message is None or message.publish_ns > now:
+                return now
+            self._ahead = None
+            send(str(self._names[message.channel.topic]), message.publish_ns, bytes(message.data))
+        self._enter(now, send)
+        return now
+
+    def _enter(self, now: int, send: Send) -> None:
+        """Continue from another time; send the latched messages in force there."""
+        for message in self._log.standing(self._depths, now):
+            send(str(self._names[message.channel.topic]), message.publish_ns, bytes(message.data))
+        tick = round(self._feed.tick * 1e9)
+        self._messages = self._log.messages([*self._names], now - tick + 1)
+        self._ahead = None
+
+    def close(self) -> None:
+        self._log.close()
 
 
 class FoxgloveServer:
@@ -80,20 +134,16 @@ class FoxgloveServer:
         self._context = context = Context()
         topics = [topic for topic in topics_of(feed.facts.layout) if topic.recorded]
         names = [topic.name for topic in topics]
-        self._source: Source = (
-            _Newest(cast("LiveFeed", feed)) if feed.live else _Played(cast("RecordedFeed", feed), names)
-        )
+        self._source = _Newest(cast("LiveFeed", feed)) if feed.live else _Played(cast("RecordedFeed", feed), names)
         types = {topic.name: self._source.types.get(topic.name, topic.type) for topic in topics}
         self._channels = {topic.name: _channel(log_name(topic), types[topic.name], context) for topic in topics}
         self._latched = {topic.name for topic in topics if topic.latched}
-        self._sampler = None if feed.facts.setup is None else SceneSampler(feed.facts.setup)
+        self._drawn = None if feed.facts.setup is None else TrainScene(feed.facts.setup)
         self._scene: dict[str, Channel] = {}
         self._kept: dict[str, tuple[bytes, int]] = {}
-        if self._sampler is not None:
-            self._scene = {
-                topic.name: _channel(topic.name, topic.type, context) for topic in self._sampler.scene.topics
-            }
-            self._kept = {topic.name: (data, EPOCH_NS) for topic, data in self._sampler.scene.begin()}
+        if self._drawn is not None:
+            self._scene = {topic.name: _channel(topic.name, topic.type, context) for topic in self._drawn.topics}
+            self._kept = {topic.name: (data, EPOCH_NS) for topic, data in self._drawn.begin()}
         self._stopping = threading.Event()
         capabilities = [Capability.Time]
         span = None
@@ -135,8 +185,8 @@ class FoxgloveServer:
         if topic in self._latched:
             self._kept[topic] = (data, moment_ns)
         self._channels[topic].log(data, log_time=moment_ns)
-        if topic == VEHICLES and self._sampler is not None and any(c.has_sinks() for c in self._scene.values()):
-            for part, content in self._sampler.take(data):
+        if topic == VEHICLES and self._drawn is not None and any(c.has_sinks() for c in self._scene.values()):
+            for part, content in self._drawn.take(data):
                 self._scene[part.name].log(content, log_time=moment_ns)
 
     def greet(self, topic: str) -> None:
@@ -194,76 +244,6 @@ class _Listener(ServerListener):
             did_seek=request.seek_time is not None,
             request_id=request.request_id,
         )
-
-
-class _Newest:
-    """Messages of a live run, from the thread of the feed."""
-
-    def __init__(self, feed: LiveFeed) -> None:
-        self.types: dict[str, str] = {}
-        self._feed = feed
-        self._copies: deque[Copied] | None = None
-
-    def poll(self, send: Send | None) -> int | None:
-        if send is None:
-            self.close()
-        elif self._copies is None:
-            self._copies = self._feed.subscribe()
-        while self._copies and send is not None:
-            send(*self._copies.popleft())
-        frame = self._feed.frame
-        return None if frame is None else EPOCH_NS + round(frame.moment.time * 1e9)
-
-    def close(self) -> None:
-        if self._copies is not None:
-            self._feed.unsubscribe(self._copies)
-            self._copies = None
-
-
-class _Played:
-    """Messages of a recorded run up to the time of the feed."""
-
-    def __init__(self, feed: RecordedFeed, topics: list[str]) -> None:
-        self._feed = feed
-        self._log = ReplayLog(feed.recording.path)
-        self._names = {name: table_name(name) for name in self._log.topics if table_name(name) in topics}
-        kinds = {str(topic): self._log.topics[name].type for name, topic in self._names.items()}
-        self.types = {topic: kind for topic, kind in kinds.items() if topic_of(topic, kind)}  # also former ones
-        self._depths = {name: 1 for name in self._names if BY_NAME[str(self._names[name])].latched}
-        self._messages: Iterator[RawMessage] = iter(())
-        self._ahead: RawMessage | None = None
-        self._time = -1
-
-    def poll(self, send: Send | None) -> int | None:
-        self._feed.advance()
-        now = EPOCH_NS + round(self._feed.time * 1e9)
-        if send is None:
-            self._time = -1
-            return now
-        step = now - self._time
-        if self._time < 0 or step < 0 or step > 2_000_000_000 * max(1.0, self._feed.speed / FRAMES_PER_SECOND):
-            self._enter(now, send)
-        self._time = now
-        for _ in range(MAX_AT_ONCE):
-            message = self._ahead or next(self._messages, None)
-            self._ahead = message
-            if message is None or message.publish_ns > now:
-                return now
-            self._ahead = None
-            send(str(self._names[message.channel.topic]), message.publish_ns, bytes(message.data))
-        self._enter(now, send)
-        return now
-
-    def _enter(self, now: int, send: Send) -> None:
-        """Continue from another time; send the latched messages in force there."""
-        for message in self._log.standing(self._depths, now):
-            send(str(self._names[message.channel.topic]), message.publish_ns, bytes(message.data))
-        tick = round(self._feed.tick * 1e9)
-        self._messages = self._log.messages([*self._names], now - tick + 1)
-        self._ahead = None
-
-    def close(self) -> None:
-        self._log.close()
 
 
 def _channel(name: str, kind: str, context: Context) -> Channel:

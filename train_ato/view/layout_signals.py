@@ -12,7 +12,7 @@ import numpy as np
 
 from plant_sim.units import KMH
 from train_ato.log.bag_layout import table_name
-from train_ato.log.mcap_records import MAX_TIME_NS, RawMessage, stream
+from train_ato.log.mcap_records import RawMessage, stream
 from train_ato.log.reading import log_file
 from train_ato.messages.cdr import typestore
 from train_ato.messages.topic import FIXED_NAMES, JOINT_STATE, Owner
@@ -58,8 +58,6 @@ class LogSignals:
     ----------
     path : Path
         The log.
-    begin_ns, end_ns : int
-        Publish time of the first and the last message [ns since 1970].
     names : dict
         Topics in the log, by their names in the table.
     joints : dict
@@ -77,8 +75,6 @@ class LogSignals:
     """
 
     path: Path
-    begin_ns: int
-    end_ns: int
     names: dict[str, str]
     joints: dict[str, tuple[str, ...]]
     states: dict[str, dict[str, Signal]]
@@ -86,11 +82,6 @@ class LogSignals:
     statuses: dict[str, tuple[str, str]]
     scene: bool
     top_speed: float
-
-    @property
-    def duration(self) -> float:
-        """Time from the first message to the last [s]."""
-        return (self.end_ns - self.begin_ns) * 1e-9
 
     def joint(self, topic: str, name: str, field: str) -> Signal | None:
         """Return an entry of a JointState by its name; None if the log does not have it."""
@@ -127,14 +118,13 @@ def read_signals(run: Path) -> LogSignals:
     states: dict[str, dict[str, Signal]] = {}
     reports: dict[str, dict[str, str]] = {}
     statuses: dict[str, tuple[str, str]] = {}
-    begin, end, speed, scene = MAX_TIME_NS, 0, 0.0, False
+    speed, scene = 0.0, False
     for number, message in enumerate(stream(path)):
         scene = scene or message.channel.topic == MARKERS.name
         topic = table_name(message.channel.topic)
         entry = None if topic is None else topic_of(topic, message.schema.name)
         if topic is None or entry is None:
             continue
-        begin, end = min(begin, message.publish_ns), max(end, message.publish_ns)
         if names.setdefault(topic, message.channel.topic) != message.channel.topic:
             continue  # another train of the same log
         if topic == DIAGNOSTICS:
@@ -149,7 +139,7 @@ def read_signals(run: Path) -> LogSignals:
             states[topic] = _states(message)
     if not names:
         raise ValueError(f"{path}: has no message of a run; name the log of a run of train_ato")
-    return LogSignals(path, begin, end, names, joints, states, reports, statuses, scene, speed)
+    return LogSignals(path, names, joints, states, reports, statuses, scene, speed)
 
 
 def _content(message: RawMessage) -> Any:

@@ -28,8 +28,8 @@ from train_ato.view.train_scene import (
     MIN_SCALE,
     VEHICLES,
     WIDTH,
-    SceneSampler,
     SceneTopic,
+    TrainScene,
     force_color,
     larger_coupler_force,
 )
@@ -85,14 +85,14 @@ def write_scene_log(
     path = log_file(run)
     force, worst = largest_force(run, setup)
     force = max(force, MIN_SCALE)
-    sampler = SceneSampler(setup, rate, force)
+    drawn = TrainScene(setup, force, rate)
     wall_time = read_wall_time(path)
     log = LogFile(folder, attachments(path), wall_time=wall_time)
     numbers: dict[int, int] = {}
-    scene = {topic.name: scene_channel(log, topic) for topic in sampler.scene.topics}
+    scene = {topic.name: scene_channel(log, topic) for topic in drawn.topics}
     count = 0
     try:
-        for topic, data in sampler.scene.begin():
+        for topic, data in drawn.begin():
             log.write(scene[topic.name], EPOCH_NS, EPOCH_NS, data)
             count += 1
         for message in stream(path, progress=progress):
@@ -101,7 +101,7 @@ def write_scene_log(
                 numbers[number] = log.copy(message.channel, message.schema)
             log.write(numbers[number], message.publish_ns, message.publish_ns, message.data)
             if table_name(message.channel.topic) == VEHICLES:
-                for topic, data in sampler.take(message.data):
+                for topic, data in drawn.take(message.data):
                     log.write(scene[topic.name], message.publish_ns, message.publish_ns, data)
                     count += 1
     finally:

@@ -19,7 +19,7 @@ from train_ato.ros.graph.assembly import executor_of
 from train_ato.ros.graph.wait_note import WaitNote
 from train_ato.ros.nodes.endpoints import message_class, placed
 from train_ato.view.reader import taker
-from train_ato.view.train_scene import VEHICLES, SceneMessages, SceneSampler, SceneTopic
+from train_ato.view.train_scene import VEHICLES, SceneMessages, SceneTopic, TrainScene
 
 TURN_S = 0.05
 """Period of reading the queue [s of wall time]."""
@@ -34,7 +34,7 @@ class SceneNode:
     ----------
     node
         rclpy node without an executor.
-    sampler
+    scene
         Scene of the run.
 
     Attributes
@@ -45,16 +45,16 @@ class SceneNode:
         Topics whose message package is not installed.
     """
 
-    def __init__(self, node: Any, sampler: SceneSampler) -> None:
-        self._node, self._sampler = node, sampler
+    def __init__(self, node: Any, scene: TrainScene) -> None:
+        self._node, self._scene = node, scene
         self._take = taker(node, VEHICLES, DEPTH, reliable=False)
-        topics = sampler.scene.topics
+        topics = scene.topics
         self._names = {topic.name: str(node.resolve_topic_name(placed(node, topic.name))) for topic in topics}
         self._publishers = {topic.name: _publisher(node, topic) for topic in topics}
         self.left_out = tuple(self._names[name] for name, publisher in self._publishers.items() if publisher is None)
         self.counts = {name: 0 for name in self._names.values() if name not in self.left_out}
         self._met = False
-        self._publish(sampler.scene.begin())
+        self._publish(scene.begin())
 
     def poll(self) -> None:
         """Publish the scene for the newest state in the queue, if its period has none yet."""
@@ -62,7 +62,7 @@ class SceneNode:
         while (found := self._take()) is not None:
             newest = found[0]
         if newest is not None:
-            self._publish(self._sampler.take(newest))
+            self._publish(self._scene.take(newest))
 
     def _publish(self, messages: SceneMessages) -> None:
         for topic, data in messages:
@@ -102,21 +102,21 @@ def _publisher(node: Any, topic: SceneTopic) -> Any:
 
 
 def publish_scene(
-    sampler: SceneSampler, domain: int, interrupted: Callable[[], bool], namespace: str = ""
+    scene: TrainScene, domain: int, interrupted: Callable[[], bool], namespace: str = ""
 ) -> dict[str, int]:
     """Publish the scene of the train in a namespace until the publisher of its states leaves, or Ctrl-C."""
     with executor_of(domain, []) as (context, _):
         node = Node("scene", context=context, namespace=namespace, enable_rosout=False, start_parameter_services=False)
         try:
-            scene = SceneNode(node, sampler)
-            if scene.left_out:
-                sys.stderr.write(f"scene: without {', '.join(scene.left_out)}: tf2_msgs is not installed\n")
+            running = SceneNode(node, scene)
+            if running.left_out:
+                sys.stderr.write(f"scene: without {', '.join(running.left_out)}: tf2_msgs is not installed\n")
             note = WaitNote()
-            while not interrupted() and not scene.left:
-                if awaited := scene.awaited:
+            while not interrupted() and not running.left:
+                if awaited := running.awaited:
                     note(awaited)
-                scene.poll()
+                running.poll()
                 time.sleep(TURN_S)
-            return scene.counts
+            return running.counts
         finally:
             node.destroy_node()

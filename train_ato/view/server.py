@@ -25,7 +25,7 @@ from tornado.web import OutputTransform, RequestHandler
 
 from train_ato.report.words import REPORT
 from train_ato.view.feed import REPORT_PAGE, Feed
-from train_ato.view.origin_gate import LOCAL_IPV6, LOOPBACK, host_of
+from train_ato.view.origin_gate import LOCAL_IPV6, LOOPBACK, end_connections, host_of
 from train_ato.view.page import MARK_PATH, ViewPage
 
 ANYWHERE = ("0.0.0.0", "::", "")
@@ -77,7 +77,7 @@ class PageServer:
         self.url = f"http://{f'[{host}]' if ':' in host else host}:{self.port}/"
         application = _Guarded(
             {"/": Application(FunctionHandler(self._fill))},
-            extra_patterns=[(REPORT_PAGE, ReportHandler, {"feed": feed}), (MARK_PATH, _Mark, {"feed": feed})],
+            extra_patterns=[(REPORT_PAGE, ReportHandler, {"feed": feed}), (MARK_PATH, _Text, {"text": feed.mark})],
             extra_websocket_origins=[f"{name}:{self.port}" for name in _names(address)],
             absolute_url=self.url,
             websocket_max_message_size_bytes=MAX_MESSAGE,
@@ -114,16 +114,9 @@ class PageServer:
             looking.stop()  # it would end the loop again while the connections are closed
             self._server.unlisten()
             self._server.stop()
-            self._loop.run_sync(self._settle)
+            self._loop.run_sync(end_connections)
             self._loop.close(all_fds=True)
             asyncio.set_event_loop(None)
-
-    async def _settle(self) -> None:
-        """Close the open connections."""
-        others = [task for task in asyncio.all_tasks() if task is not asyncio.current_task()]
-        for task in others:
-            task.cancel()
-        await asyncio.gather(*others, return_exceptions=True)
 
 
 class _Page(DocHandler):  # type: ignore[misc]  # bokeh has no types
@@ -147,19 +140,6 @@ class _Page(DocHandler):  # type: ignore[misc]  # bokeh has no types
             name, app.secret_key, app.sign_sessions, extra_payload=given, expiration=app.session_token_expiration
         )
         self.finish(token.join(app.page))
-
-
-class _Mark(RequestHandler):
-    """Handler that returns the mark of the served run."""
-
-    def initialize(self, feed: Feed) -> None:
-        """Store the feed."""
-        self._feed = feed
-
-    def get(self) -> None:
-        """Answer with the mark as text."""
-        self.set_header("Content-Type", "text/plain")
-        self.finish(self._feed.mark)
 
 
 class _NoFrames(OutputTransform):
@@ -190,21 +170,21 @@ class _Guarded(BokehTornado):  # type: ignore[misc]  # bokeh has no types
         if host_of(request.headers.get("Host", "")) in {*self.hosts, reached}:
             return super().find_handler(request, **more)
         message = "403: the host name is not that of this server; open the printed address\n"
-        return self.get_handler_delegate(request, _Refused, {"message": message})
+        return self.get_handler_delegate(request, _Text, {"text": message, "status": 403})
 
 
-class _Refused(RequestHandler):
-    """Handler that refuses every request."""
+class _Text(RequestHandler):
+    """Handler that answers every request with one text."""
 
-    def initialize(self, message: str) -> None:
-        """Store the message."""
-        self._message = message
+    def initialize(self, text: str, status: int = 200) -> None:
+        """Store text and status."""
+        self._text, self._status = text, status
 
     def prepare(self) -> None:
-        """Answer with status 403."""
-        self.set_status(403)
+        """Answer."""
+        self.set_status(self._status)
         self.set_header("Content-Type", "text/plain")
-        self.finish(self._message)
+        self.finish(self._text)
 
 
 def _names(address: str) -> list[str]:

@@ -7,7 +7,7 @@ every target.
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -197,7 +197,6 @@ class Snapshot:
     law: str = ""
     state: str = "running"
     factor: float = math.nan
-    notes: dict[str, str] = field(default_factory=dict)
     limits: Array | None = None
     states: ProtectionStates = ProtectionStates()
     plan: LawPlan | None = None

@@ -60,9 +60,14 @@ class TrainScene:
         Train and line.
     full_force
         Coupler force with the full colour [N]; None: the largest one so far.
+    rate
+        Messages per simulated second; states come at most once per tick.
     """
 
-    def __init__(self, setup: RunSetup, full_force: float | None = None) -> None:
+    def __init__(self, setup: RunSetup, full_force: float | None = None, rate: float = DEFAULT_RATE) -> None:
+        self._wire = Wire(setup.layout)
+        self._period = round(SECOND / check_rate(rate))
+        self._last = -1
         self._line, self._lengths = setup.line, [vehicle.length for vehicle in setup.consist.vehicles]
         self._alignment = Alignment(setup.line)
         self._full, self._fixed = max(full_force or 0.0, MIN_SCALE), full_force is not None
@@ -108,6 +113,14 @@ class TrainScene:
             latitude, longitude = coordinates
             found.append((FIX, self._fix.encode(stamp, {"latitude": latitude, "longitude": longitude})))
         return found
+
+    def take(self, data: bytes) -> SceneMessages:
+        """Return the messages for a state of the vehicles; none if its period has some already."""
+        number = stamp_of(data) // self._period
+        if number == self._last:
+            return []
+        self._last = number
+        return self.at(self._wire.decode(VEHICLES, data))
 
     def _marked(self, stamp: int, pose: TrackPose, force: Array) -> bytes:
         """Return one box per vehicle in the colour of its larger coupler force."""
@@ -259,31 +272,3 @@ def check_rate(rate: float) -> float:
     if not 0 < rate <= 1000:
         raise ValueError(f"rate {rate:g}: is not above 0 and at most 1000; give messages per simulated second")
     return rate
-
-
-class SceneSampler:
-    """Scene for every first state of a period.
-
-    Parameters
-    ----------
-    setup
-        Train and line.
-    rate
-        Messages per simulated second; states come at most once per tick.
-    full_force
-        Coupler force with the full colour [N]; None: the largest one so far.
-    """
-
-    def __init__(self, setup: RunSetup, rate: float = DEFAULT_RATE, full_force: float | None = None) -> None:
-        self.scene = TrainScene(setup, full_force)
-        self._wire = Wire(setup.layout)
-        self._period = round(SECOND / check_rate(rate))
-        self._last = -1
-
-    def take(self, data: bytes) -> SceneMessages:
-        """Return the messages for a state of the vehicles; none if its period has some already."""
-        number = stamp_of(data) // self._period
-        if number == self._last:
-            return []
-        self._last = number
-        return self.scene.at(self._wire.decode(VEHICLES, data))
