@@ -1,16 +1,20 @@
 """Sequence of a replay: messages of a log at their times, and the service calls that change it.
 
-This module does not use ROS; an :class:`Outlet` sends the messages and processes the service calls.
+This module does not use ROS; a :class:`~train_ato.playback.publishing.Player` sends the messages and processes the
+service calls.
 """
 
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 from train_ato.log.mcap_records import RawMessage
 from train_ato.playback.log import DISORDER_NS, LogTopic, ReplayLog, ReplayOptions
+
+if TYPE_CHECKING:
+    from train_ato.playback.publishing import Player
 
 
 class ReplayClock:
@@ -28,27 +32,17 @@ class ReplayClock:
 
     def __init__(self, rate: float, *, paused: bool, steady: Callable[[], float] = time.monotonic) -> None:
         self._steady = steady
-        self._rate = rate
-        self._paused = paused
+        self.rate = rate
+        self.paused = paused
         self._place = 0.0
         self._since = steady()
 
     @property
-    def rate(self) -> float:
-        """Simulated seconds per second of wall time."""
-        return self._rate
-
-    @property
-    def paused(self) -> bool:
-        """Clock is paused."""
-        return self._paused
-
-    @property
     def now(self) -> float:
         """Time of the log [s]."""
-        if self._paused or math.isinf(self._rate):
+        if self.paused or math.isinf(self.rate):
             return self._place
-        return self._place + max(0.0, self._steady() - self._since) * self._rate
+        return self._place + max(0.0, self._steady() - self._since) * self.rate
 
     def jump(self, place: float, delay: float = 0.0) -> None:
         """Set the time of the log [s]; it is constant for a delay [s of wall time]."""
@@ -57,7 +51,7 @@ class ReplayClock:
 
     def reached(self, place: float) -> None:
         """Set the time of the log to that of a sent message [s], in a pause or at an infinite rate."""
-        if self._paused or math.isinf(self._rate):
+        if self.paused or math.isinf(self.rate):
             self._place = place
 
     def set_rate(self, rate: float) -> None:
@@ -71,12 +65,12 @@ class ReplayClock:
         if not rate > 0:
             raise ValueError(f"rate {rate:g}: give a number above 0, 1 for real time")
         self._settle()
-        self._rate = rate
+        self.rate = rate
 
     def set_paused(self, paused: bool) -> None:
         """Pause or resume the clock."""
         self._settle()
-        self._paused = paused
+        self.paused = paused
 
     def _settle(self) -> None:
         """Restart the time count at the present time; a running delay continues."""
@@ -84,31 +78,18 @@ class ReplayClock:
 
     def until(self, place: float) -> float:
         """Return the wall time until a time of the log [s]; infinite in a pause."""
-        if self._paused:
+        if self.paused:
             return math.inf
         delay = max(0.0, self._since - self._steady())
-        if math.isinf(self._rate):
+        if math.isinf(self.rate):
             return delay
-        return delay + max(0.0, (place - self.now) / self._rate)
+        return delay + max(0.0, (place - self.now) / self.rate)
 
 
 TURN_S = 0.1
 """Longest time between two checks for service calls [s]."""
 BUSY_S = 0.005
 """Longest such time while messages are sent without a wait [s]."""
-
-
-class Outlet(Protocol):
-    """Destination of the messages."""
-
-    def publish(self, message: RawMessage) -> None:
-        """Send a message."""
-
-    def ready(self) -> bool:
-        """Return True if the readers can receive another message, after a short wait."""
-
-    def turn(self, seconds: float, moment_ns: int) -> None:
-        """Process service calls for a time [s] at most; ``moment_ns`` is the time of the log for ``/clock``."""
 
 
 @dataclass(frozen=True)
@@ -143,7 +124,7 @@ class Playback:
         log: ReplayLog,
         topics: Mapping[str, LogTopic],
         options: ReplayOptions,
-        outlet: Outlet,
+        outlet: "Player",
         *,
         interrupted: Callable[[], bool],
         progress: Callable[[ReplayState], None] | None = None,
@@ -164,15 +145,10 @@ class Playback:
         self.stopped = False
 
     @property
-    def length(self) -> float:
-        """Time from the first message of the log to the last [s]."""
-        return self._log.length
-
-    @property
     def state(self) -> ReplayState:
         """State of the replay."""
-        moment = min(self._clock.now, self.length)
-        return ReplayState(moment, self.length, self._clock.rate, self._clock.paused)
+        moment = min(self._clock.now, self._log.length)
+        return ReplayState(moment, self._log.length, self._clock.rate, self._clock.paused)
 
     def place_of(self, moment_ns: int) -> float:
         """Return an absolute time of the log [ns since 1970] as seconds from its first message."""

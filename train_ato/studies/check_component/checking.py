@@ -22,7 +22,6 @@ from train_ato.control.observers.contract import ObserverInput
 from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS, Registry, in_contract_form, load_class
 from train_ato.messages.types import Array
 from train_ato.studies.check_component.common import (
-    HOSTILE,
     TOO_SLOW,
     Make,
     Rig,
@@ -50,8 +49,10 @@ TOLERANCE = 0.2
 """Largest relative error of an estimate that counts as found."""
 
 
-class ObserverRig:
+class ObserverRig(Rig):
     """An observer on one train, driven by `pid` against a constant disturbance."""
+
+    guaranteed = COMPUTED
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -66,9 +67,6 @@ class ObserverRig:
         train = RigidTrain(self.model, *self.bench.profile.at(0.0)[:2], self.disturbance)
         samples = self.bench.samples(law, train=train)
         return [ObserverInput.of(sample.state.measurement) for sample in samples]
-
-    def prepare(self, observer: Any) -> None:
-        """Do nothing: an observer is ready after its constructor."""
 
     def inputs(self, step: int, observer: Any, speed_error: float = 0.0) -> ObserverInput:
         """Return the input of a step, with a change of the speed [m/s]."""
@@ -87,12 +85,6 @@ class ObserverRig:
         """Return the fault of an estimate; empty for none."""
         wrong = array_fault("the estimate", output, given.velocity.shape)
         return wrong or ("" if np.isfinite(output).all() else f"not finite: {output}")
-
-    fault_of_hostile = fault
-
-    def hostile_values(self, path: str) -> tuple[float, ...]:
-        """Return the invalid values of an input: the loop passes on every measurement."""
-        return () if path in COMPUTED else HOSTILE
 
 
 def _convergence(make: Make, rig: ObserverRig) -> tuple[bool | None, str]:
@@ -127,16 +119,15 @@ OBSERVER_TESTS: dict[str, Test] = {
 """Contract tests, in this order."""
 
 
-class LawRig:
+class LawRig(Rig):
     """A law on one train."""
+
+    guaranteed = ("force_min", "force_max")
 
     def __init__(self, name: str) -> None:
         self.name = name
         self.bench = Bench(name)
         self.model = self.bench.model
-
-    def prepare(self, law: Any) -> None:
-        """Do nothing: a law is ready after its constructor."""
 
     def inputs(self, step: int, law: Any, speed_error: float = 0.0) -> LawInput:
         """Return the input in a step on the profile, with a speed error [m/s]."""
@@ -158,12 +149,6 @@ class LawRig:
             return f"{force} N is outside {given.force_min} ... {given.force_max} N"
         pipe = getattr(output, "brake_pipe", None)
         return "" if pipe is None or math.isfinite(pipe) else f"brake pipe pressure {pipe}"
-
-    fault_of_hostile = fault
-
-    def hostile_values(self, path: str) -> tuple[float, ...]:
-        """Return the invalid values of an input; limits are not varied, because the loop always computes valid ones."""
-        return () if path in ("force_min", "force_max") else HOSTILE
 
 
 def _law_recovery(make: Make, rig: LawRig) -> tuple[bool, str]:

@@ -25,18 +25,24 @@ TOO_SLOW = "slower than the control period"
 
 
 class Rig(Protocol):
-    """Inputs and outputs of one kind of component on one train."""
+    """Inputs and outputs of one kind of component on one train.
 
-    @property
-    def name(self) -> str:
-        """Name of the train."""
+    Attributes
+    ----------
+    name
+        Name of the train.
+    model
+        Its model.
+    guaranteed
+        Inputs that the loop guarantees to be valid.
+    """
 
-    @property
-    def model(self) -> TrainModel:
-        """Model of the train."""
+    name: str
+    model: TrainModel
+    guaranteed: tuple[str, ...]
 
     def prepare(self, component: Any) -> None:
-        """Apply the settings of a new component: profile and brake policy of a compensation."""
+        """Apply the settings of a new component; by default it is ready after its constructor."""
 
     def inputs(self, step: int, component: Any, speed_error: float = 0.0) -> Any:
         """Return a valid input of a step, with a speed error [m/s]."""
@@ -49,9 +55,11 @@ class Rig(Protocol):
 
     def fault_of_hostile(self, output: Any, given: Any) -> str:
         """Return the fault of an output for an invalid input; empty for none."""
+        return self.fault(output, given)
 
     def hostile_values(self, path: str) -> tuple[float, ...]:
         """Return the values that the loop may give to an input; empty for an input that it guarantees."""
+        return () if path in self.guaranteed else HOSTILE
 
 
 Make = Callable[..., Any]

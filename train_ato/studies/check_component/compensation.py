@@ -14,9 +14,9 @@ from train_ato.control.laws.pid import Pid
 from train_ato.messages.types import Array
 from train_ato.messages.validity import MAX_FORCE, MAX_POSITION, MAX_SPEED
 from train_ato.studies.check_component.common import (
-    HOSTILE,
     STEPS,
     Make,
+    Rig,
     Test,
     array_fault,
     determinism,
@@ -63,7 +63,7 @@ class PreviewPid(Pid):
     horizon = HORIZON
 
 
-class CompensationRig:
+class CompensationRig(Rig):
     """A compensation on one train, with `pid` as law.
 
     Parameters
@@ -75,6 +75,8 @@ class CompensationRig:
     brake
         Use of the air brake, if there is one.
     """
+
+    guaranteed = COMPUTED
 
     def __init__(self, name: str, delay: float = DELAY, lag: float = LAG, brake: BrakeSpec = BRAKING) -> None:
         compile_kernel()  # as before a run: a simulated train inside a compensation uses the kernel
@@ -137,10 +139,8 @@ class CompensationRig:
 
     def hostile_values(self, path: str) -> tuple[float, ...]:
         """Return the largest values of the inputs that the loop checks, and invalid values of the others."""
-        if path in COMPUTED:
-            return ()
         largest = MAX_MAGNITUDES.get(path)
-        return HOSTILE if largest is None else (largest, -largest)
+        return super().hostile_values(path) if largest is None else (largest, -largest)
 
     def _policy(self) -> Any:
         return make_brake_policy(self._brake if self._air_brake else BrakeSpec(), self.model, self.model.line)

@@ -4,7 +4,7 @@ import dataclasses
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -46,24 +46,6 @@ class TrainSample:
     given: LawInput
     force: Array
     speed_error: float
-
-
-class MovingTrain(Protocol):
-    """Simulated train."""
-
-    @property
-    def position(self) -> Array:
-        """Position of every unit [m], shape (units,)."""
-
-    @property
-    def velocity(self) -> Array:
-        """Speed of every unit [m/s], shape (units,)."""
-
-    def sensor_force(self, applied: float) -> Array:
-        """Return the force of the couplers with a sensor for the force on the train [N], shape (sensors,)."""
-
-    def advance(self, force: Array) -> None:
-        """Advance by a control period with the mean force of every unit [N], shape (units,)."""
 
 
 class RigidTrain:
@@ -135,6 +117,9 @@ class CoupledTrain:
     def advance(self, force: Array) -> None:
         """Advance by a control period with the mean force of every unit [N], shape (units,)."""
         self._train.advance(np.broadcast_to(force, (self._train.substeps, force.size)))
+
+
+MovingTrain = RigidTrain | CoupledTrain
 
 
 class Bench:

@@ -369,6 +369,11 @@ class SearchRow:
     run: TargetRun
 
 
+def smallest_break(rows: Iterable[SearchRow]) -> SearchRow | None:
+    """Return the run that breaks the requirement with the smallest departure; None without a break."""
+    return min((row for row in rows if row.run.breaks), key=lambda row: row.departure, default=None)
+
+
 class FalsificationSearch:
     """Search with a limited number of runs.
 
@@ -399,8 +404,7 @@ class FalsificationSearch:
     @property
     def smallest(self) -> SearchRow | None:
         """Run that breaks the requirement with the smallest departure; None without a break."""
-        broken = [row for row in self.rows if row.run.breaks]
-        return min(broken, key=lambda row: row.departure) if broken else None
+        return smallest_break(self.rows)
 
     @property
     def left(self) -> int:

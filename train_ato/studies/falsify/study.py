@@ -37,6 +37,7 @@ from train_ato.studies.falsify.search import (
     TargetRun,
     read_spec,
     search_space,
+    smallest_break,
 )
 
 if TYPE_CHECKING:
@@ -182,8 +183,7 @@ class Falsification:
     @property
     def smallest(self) -> SearchRow | None:
         """Run that breaks the requirement with the smallest departure; None without a break."""
-        broken = [row for row in self.rows if row.run.breaks]
-        return min(broken, key=lambda row: row.departure) if broken else None
+        return smallest_break(self.rows)
 
     @property
     def found(self) -> bool:
@@ -207,13 +207,34 @@ class Falsification:
         """Table of all runs: number, phase, values by key, departure, robustness, problem."""
         import pandas as pd
 
-        return pd.DataFrame([row_of(self.space, row) for row in self.rows])
+        rows = [
+            {
+                "run": row.number, "phase": row.phase, **self.space.values(row.point), "departure": row.departure,
+                "robustness": row.run.robustness, "problem": row.run.problem,
+            }
+            for row in self.rows
+        ]  # fmt: skip
+        return pd.DataFrame(rows)
 
     @property
     def yaml(self) -> str:
-        """Complete scenario that reproduces the break, with the requirement; "" without a break."""
-        row = self.smallest
-        return "" if row is None else counterexample(self.scenario, self.target, self.space, row)
+        """Complete scenario that reproduces the break, with the requirement and all files; "" without a break."""
+        row, choice, target = self.smallest, self.scenario, self.target
+        if row is None:
+            return ""
+        data = yaml.safe_load(choice.with_(self.space.values(row.point)).prepare().resolved_yaml())
+        data["name"] = f"{choice.name}.falsified"[-100:]
+        if target.formula is not None:
+            requirements = data.setdefault("criteria", {}).setdefault("requirements", {})
+            requirements[target.name] = target.formula
+        unit = f" {target.unit}" if target.unit else ""
+        head = [
+            f"breaks {target.name}{'' if target.formula is None else f': {target.formula}'}",
+            f"robustness {row.run.robustness:.6g}{unit}, departure {row.departure:.6g}, of {choice.name} with",
+            *(f"  {key}: {value}" for key, value in self.changes.items()),
+        ]
+        text = "".join(f"# {line.translate(ONE_LINE)}\n" for line in head)
+        return text + yaml.dump(data, Dumper=TextDumper, sort_keys=False, allow_unicode=True, width=120)
 
     def _repr_html_(self) -> str:
         return verdict_html(self.line()) + str(self.table.to_html(max_rows=20))
@@ -237,34 +258,6 @@ class Falsification:
 
 def _text(value: Any) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
-
-
-def row_of(space: SearchSpace, row: SearchRow) -> dict[str, Any]:
-    """Return a run as a row of the table."""
-    values = space.values(row.point)
-    return {
-        "run": row.number, "phase": row.phase, **values, "departure": row.departure,
-        "robustness": row.run.robustness, "problem": row.run.problem,
-    }  # fmt: skip
-
-
-def counterexample(choice: ScenarioChoice, target: RequirementTarget, space: SearchSpace, row: SearchRow) -> str:
-    """Return the scenario of a run as YAML with the content of all its files, and with the requirement."""
-    changed = choice.with_(space.values(row.point))
-    data = yaml.safe_load(changed.prepare().resolved_yaml())
-    data["name"] = f"{choice.name}.falsified"[-100:]
-    if target.formula is not None:
-        requirements = data.setdefault("criteria", {}).setdefault("requirements", {})
-        requirements[target.name] = target.formula
-    steps = {key: value for key, value in space.values(row.point).items() if value != space.nominal_values[key]}
-    unit = f" {target.unit}" if target.unit else ""
-    head = [
-        f"breaks {target.name}{'' if target.formula is None else f': {target.formula}'}",
-        f"robustness {row.run.robustness:.6g}{unit}, departure {row.departure:.6g}, of {choice.name} with",
-        *(f"  {key}: {value}" for key, value in steps.items()),
-    ]
-    text = "".join(f"# {line.translate(ONE_LINE)}\n" for line in head)
-    return text + yaml.dump(data, Dumper=TextDumper, sort_keys=False, allow_unicode=True, width=120)
 
 
 def falsify(
