@@ -33,7 +33,7 @@ from train_ato.studies.sweep.rerun import run_row_again
 from train_ato.studies.sweep.result import METADATA, SweepFolder, SweepResult, read_results, write_results
 from train_ato.studies.sweep.row import WALL_TIMES, run_batch
 from train_ato.studies.sweep.spec import read_sweep
-from train_ato.studies.sweep.sweep import prepare_sweep
+from train_ato.studies.sweep.sweep import PreparedSweep
 
 ROOT = Path(__file__).resolve().parents[1]
 LAWS = '''
@@ -349,7 +349,7 @@ def test_the_run_of_a_frozen_worker_is_named_and_runs_again(tmp_path: Path, monk
     monkeypatch.setattr("train_ato.studies.sweep.sweep.SILENT_S", 0.0)
     spec = {"scenario": "demo", "over": {"law": ["pid", "own_laws:Freezes"]}, "set": {"duration": 20}}
     said: list[str] = []
-    found = sweep_module.prepare_sweep(read_sweep(spec), jobs=2).run(announce=said.append)
+    found = sweep_module.PreparedSweep(read_sweep(spec), jobs=2).run(announce=said.append)
     assert (tmp_path / "frozen").exists()
     assert found.table["status"].tolist() == ["done", "failed"]
     assert "broken on purpose" in found.table["reason"][1]
@@ -367,7 +367,7 @@ def test_a_run_that_does_not_end_is_a_row(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr(sweep_module, "END_BATCHES", 0.0)
     spec = {"scenario": "demo", "over": {"law": ["pid", "own_laws:Sleeps", "smc"]}, "set": {"duration": 2}}
     said: list[str] = []
-    found = sweep_module.prepare_sweep(read_sweep(spec), jobs=1).run(announce=said.append)
+    found = sweep_module.PreparedSweep(read_sweep(spec), jobs=1).run(announce=said.append)
     assert found.table["status"].tolist() == ["done", "failed", "done"]
     assert re.fullmatch(r"did not end within \d+ s, twice; its worker was ended", found.table["reason"][1])
     assert re.fullmatch(r"run 2 did not end within \d+ s; once more at the end, alone", said[0])
@@ -451,7 +451,7 @@ def test_a_sweep_does_not_go_on_with_other_files(changed: str, tmp_path: Path, m
         if changed:
             with (tmp_path / changed).open("a") as file:
                 file.write(more)
-        identities.append(prepare_sweep(spec).identity)
+        identities.append(PreparedSweep(spec).identity)
     folder = SweepFolder.opened(tmp_path / "out")
     folder.begin(identities[0])
     folder.begin(identities[0])

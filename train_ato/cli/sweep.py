@@ -62,7 +62,7 @@ def execute(options: argparse.Namespace) -> int:
     from train_ato.api.progress import activity
     from train_ato.studies.sweep.result import SweepFolder
     from train_ato.studies.sweep.spec import read_sweep
-    from train_ato.studies.sweep.sweep import prepare_sweep
+    from train_ato.studies.sweep.sweep import PreparedSweep
 
     if options.row is not None:
         return _run_row(options)
@@ -73,7 +73,7 @@ def execute(options: argparse.Namespace) -> int:
         folder = SweepFolder(options.sweep)
     spec = read_sweep(options.sweep) if folder is None else folder.spec()
     note_compilation()
-    prepared = prepare_sweep(
+    prepared = PreparedSweep(
         spec, jobs=options.jobs, scheduler=options.scheduler, dashboard=options.dashboard, dash="--"
     )
     folder = folder or SweepFolder.opened(options.out)

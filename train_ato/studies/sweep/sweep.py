@@ -382,51 +382,48 @@ def sweep(
     >>> result.table[["run", "law", "seed"]].values.tolist()
     [[1, 'pid', 1], [2, 'pid', 2], [3, 'smc', 1], [4, 'smc', 2]]
     """
-    prepared = prepare_sweep(read_sweep(spec), jobs=jobs, scheduler=scheduler, dashboard=dashboard)
+    prepared = PreparedSweep(read_sweep(spec), jobs=jobs, scheduler=scheduler, dashboard=dashboard)
     return prepared.run(None if out is None else SweepFolder.opened(Path(out), "out"), shown=progress)
 
 
-def prepare_sweep(
-    spec: SweepSpec, *, jobs: int | None = None, scheduler: str | None = None, dashboard: bool = False, dash: str = ""
-) -> "PreparedSweep":
-    """Return a sweep with its points, all values checked; ``dash`` precedes names of options in messages."""
-    if jobs is not None and not 1 <= jobs <= MAX_JOBS:
-        raise ValueError(f"{dash}jobs {jobs}: out of range; give 1 to {MAX_JOBS}")
-    if jobs is not None and scheduler is not None:
-        raise ValueError(f"{dash}jobs {jobs}: the scheduler has its own workers; remove it or {dash}scheduler")
-    if dashboard and scheduler is not None:
-        raise ValueError(f"{dash}dashboard: the scheduler has its own; remove it or {dash}scheduler")
-    base = sweep_base(spec)
-    points = design_points(spec)
-    with activity("checking the values"):
-        check_values(spec, base, points)
-    return PreparedSweep(spec, base, points, jobs, scheduler=scheduler, dashboard=dashboard)
-
-
 class PreparedSweep:
-    """Checked sweep.
+    """Sweep with its points, all values checked.
 
     Parameters
     ----------
-    spec, base, points
-        Specification, scenario with the fixed keys, values of the runs.
+    spec
+        Specification.
     jobs, scheduler, dashboard
         As for :func:`sweep`.
+    dash
+        Begin of the names of options in messages.
+
+    Raises
+    ------
+    ValueError
+        Bad input.
     """
 
     def __init__(
         self,
         spec: SweepSpec,
-        base: SweepBase,
-        points: list[Point],
-        jobs: int | None,
         *,
-        scheduler: str | None,
+        jobs: int | None = None,
+        scheduler: str | None = None,
         dashboard: bool = False,
+        dash: str = "",
     ) -> None:
-        self.spec, self.base, self.points = spec, base, points
+        if jobs is not None and not 1 <= jobs <= MAX_JOBS:
+            raise ValueError(f"{dash}jobs {jobs}: out of range; give 1 to {MAX_JOBS}")
+        if jobs is not None and scheduler is not None:
+            raise ValueError(f"{dash}jobs {jobs}: the scheduler has its own workers; remove it or {dash}scheduler")
+        if dashboard and scheduler is not None:
+            raise ValueError(f"{dash}dashboard: the scheduler has its own; remove it or {dash}scheduler")
         self._jobs, self._scheduler, self._dashboard = jobs, scheduler, dashboard
-        self.identity = sweep_identity(spec, base)
+        self.spec, self.base, self.points = spec, sweep_base(spec), design_points(spec)
+        with activity("checking the values"):
+            check_values(spec, self.base, self.points)
+        self.identity = sweep_identity(spec, self.base)
 
     def run(
         self,

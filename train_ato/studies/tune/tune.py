@@ -139,11 +139,10 @@ MAX_JOBS = 64
 """Largest number of worker processes."""
 
 
-@dataclass
 class TunePlan:
-    """Checked tuning.
+    """Checked tuning; every run is prepared once for a check.
 
-    Attributes
+    Parameters
     ----------
     tasks
         All runs of one set of gains, those of the search first.
@@ -151,69 +150,46 @@ class TunePlan:
         Scenario of the overlay.
     weights
         Weight of every term of the score.
-    space
-        Varied parameters.
-    generations
-        Number of generations.
-    settings
-        Settings for the result.
-    runner
-        Runs of this process, with the prepared tasks.
+    parameters, spec, runs
+        Names of the varied parameters, their ranges, and the number of runs, as for :func:`tune`.
+
+    Raises
+    ------
+    ValueError
+        For a law that does not fit a train, a wrong search space, or too few runs.
     """
 
-    tasks: list[GainTask]
-    choice: ScenarioChoice
-    weights: dict[str, float]
-    space: GainSpace
-    generations: int
-    settings: dict[str, Any]
-    runner: GainRunner
-    _rows: list[dict[str, Any]] = field(default_factory=list)
-
-    @classmethod
-    def of(
-        cls,
+    def __init__(
+        self,
         tasks: list[GainTask],
         choice: ScenarioChoice,
         weights: dict[str, float],
         parameters: Sequence[str] | None,
         spec: TuneSpec,
         runs: int,
-    ) -> TunePlan:
-        """Return the plan of a tuning; every run is prepared once for a check.
-
-        Raises
-        ------
-        ValueError
-            For a law that does not fit a train, a wrong search space, or too few runs.
-        """
-        runner = GainRunner(tasks)
-        setups = [runner.setup(index) for index in range(len(tasks))]
+    ) -> None:
+        self.tasks, self.choice, self.weights = tasks, choice, weights
+        self.runner = GainRunner(tasks)
+        setups = [self.runner.setup(index) for index in range(len(tasks))]
         law = setups[0].controller
-        values = setups[0].gains(law).values
-        space = gain_space(law, values, parameters, spec)
-        searched = sum(task.part == SEARCHED for task in tasks)
+        self.space = space = gain_space(law, setups[0].gains(law).values, parameters, spec)
+        searched = len(self.numbers(SEARCHED))
         smallest = POPULATION * searched
         if runs < smallest:
             each = f"{searched} runs" if searched > 1 else "one run"
             raise ValueError(
                 f"runs {runs}: a generation has {POPULATION} candidates with {each} each; give {smallest} or more"
             )
-        settings: dict[str, Any] = {
+        self.generations = runs // smallest
+        self.settings: dict[str, Any] = {
             "law": law,
             "ranges": dict.fromkeys(space.fixed, "fixed")
             | {entry.key: range_text(entry) for entry in space.dimensions},
             "weights": weights,
-            "candidates": 1 + POPULATION * (runs // smallest),
-            "runs": runs // smallest * smallest,
+            "candidates": 1 + POPULATION * self.generations,
+            "runs": self.generations * smallest,
         }
-        return cls(tasks, choice, weights, space, runs // smallest, settings, runner)
-
-    @staticmethod
-    def check_jobs(jobs: int) -> None:
-        """Refuse a number of processes out of range."""
-        if not 1 <= jobs <= MAX_JOBS:
-            raise ValueError(f"jobs {jobs}: out of range; give 1 to {MAX_JOBS}")
+        self._rows: list[dict[str, Any]] = []
 
     def numbers(self, part: str) -> list[int]:
         """Return the numbers of the tasks of a part."""
@@ -474,8 +450,9 @@ def tune(
     if jobs > 1:
         choose_component(LAWS, law).check_importable()
     checked = read_weights([f"{key}={weight}" for key, weight in (weights or {}).items()], "weights")
-    plan = TunePlan.of(tasks, choices[0], checked, parameters, spec, runs)
-    plan.check_jobs(jobs)
+    plan = TunePlan(tasks, choices[0], checked, parameters, spec, runs)
+    if not 1 <= jobs <= MAX_JOBS:
+        raise ValueError(f"jobs {jobs}: out of range; give 1 to {MAX_JOBS}")
     if out is None:
         return plan.execute(optimizer, search_seed, jobs, progress)
     folder = SearchFolder.opened(Path(out), "out")
