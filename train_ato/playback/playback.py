@@ -8,13 +8,10 @@ import math
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any
 
 from train_ato.log.mcap_records import RawMessage
 from train_ato.playback.log import DISORDER_NS, LogTopic, ReplayLog, ReplayOptions
-
-if TYPE_CHECKING:
-    from train_ato.playback.publishing import Player
 
 
 class ReplayClock:
@@ -112,7 +109,7 @@ class Playback:
     log, topics, options
         Log, published topics by their name in the log, and options.
     outlet
-        Destination of the messages.
+        Destination of the messages, a ``Player``: its methods ``publish``, ``ready`` and ``turn``.
     interrupted
         Returns True if the replay must end at once.
     progress
@@ -124,7 +121,7 @@ class Playback:
         log: ReplayLog,
         topics: Mapping[str, LogTopic],
         options: ReplayOptions,
-        outlet: "Player",
+        outlet: Any,
         *,
         interrupted: Callable[[], bool],
         progress: Callable[[ReplayState], None] | None = None,

@@ -289,7 +289,8 @@ def _over_distance(linked: Linked, data: PageData, sources: dict[str, ColumnData
     columns = [column for column in ("speed", "measured_speed") if column in speed.data]
     caption = "The profile is complete, also beyond the distance of the run."
     places = [data.curves["speed"].columns["position_km"], *(profile[0] for profile in data.profiles)]
-    return [_line_section(linked, [(speed, traces_of(columns))], places, data, data.profiles, (caption, ""))]
+    tables = [(speed, traces_of(columns))]
+    return [_line_section(linked, tables, places, data, profiles=data.profiles, captions=(caption, ""))]
 
 
 def _line_section(
@@ -297,6 +298,7 @@ def _line_section(
     tables: Sequence[Table],
     places: Sequence[Array],
     data: PageData,
+    *,
     profiles: Sequence[tuple[Array, Array]],
     captions: tuple[str, str],
 ) -> PageSection:
@@ -442,7 +444,7 @@ def _runs_over_distance(linked: Linked, runs: Sequence[ColouredRun]) -> list[Pag
         return []
     first = next(data for data, _ in runs if "speed" in data.curves)
     captions = (f"Profile and limits are those of {first.label}.", f"Line of {first.label}.")
-    return [_line_section(linked, tables, places, first, first.profiles[:1], captions)]
+    return [_line_section(linked, tables, places, first, profiles=first.profiles[:1], captions=captions)]
 
 
 DIFFERENCES: tuple[tuple[str, str, str, str], ...] = (
