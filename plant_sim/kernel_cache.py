@@ -27,6 +27,7 @@ from numba.core.bytecode import FunctionIdentity
 from numba.core.caching import _Cache
 from numba.core.compiler import CompileResult
 from numba.core.dispatcher import Dispatcher
+from numba.core.runtime.nrt import rtsys
 from numba.core.serialize import dumps
 from numba.misc.appdirs import AppDirs
 
@@ -40,6 +41,9 @@ _CHECKSUM = 32
 """Length of the checksum at the begin of a file [bytes]."""
 _FORM = 2
 """Form of the kernels: 1 had numbers of functions that two processes could share."""
+_HASHES = b"_numba_hashsecret"
+"""Symbol of machine code that hashes texts.  Other machine code needs only the memory manager of numba, not the modules
+with which numba compiles; these take 0.2 s."""
 FunctionIdentity._unique_ids = iter(partial(secrets.randbits, 60), None)
 """Numbers in the names of machine code.  numba counts functions and records from 1 in every process, so kernels of two
 processes can have one name for different records, and a third process would call the first it has loaded for both."""
@@ -99,9 +103,12 @@ class KernelCache(_Cache):  # type: ignore[misc]
 
     def load_overload(self, sig: Any, target_context: Any) -> CompileResult | None:
         """Return the kernel of a signature, or None."""
-        target_context.refresh()
         name = self._file_name(sig, target_context.codegen())
         content = name and next(filter(None, (_read(folder / name) for folder in cache_folders())), None)
+        if content and _HASHES not in content:
+            rtsys.initialize(target_context)
+        else:
+            target_context.refresh()
         try:
             return CompileResult._rebuild(target_context, *pickle.loads(content)) if content else None
         except (ImportError, AttributeError):  # a type that an earlier version had in another module

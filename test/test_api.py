@@ -435,11 +435,13 @@ def test_a_scenario_is_changed_without_changing_it():
 
 
 def test_importing_the_package_is_light():
-    """Breaks if `import train_ato` loads a library, or dir() is incomplete."""
+    """Breaks if `import train_ato` loads a library, a run loads pandas, or dir() is incomplete."""
     code = (
         "import sys, train_ato as ta\n"
         "heavy = {'numpy', 'numba', 'matplotlib', 'pydantic', 'rclpy', 'pandas', 'rich', 'yaml'} & set(sys.modules)\n"
         "assert not heavy, heavy\n"
+        "import train_ato.api.drive\n"
+        "assert not {'pandas', 'matplotlib', 'rclpy'} & set(sys.modules)\n"
         "assert set(ta.__all__) <= set(dir(ta)) and all(getattr(ta, name) is not None for name in ta.__all__)\n"
         "assert 'rclpy' not in sys.modules and callable(ta.scenario)\n"
         "import train_ato.scenario.scenario\n"

@@ -104,6 +104,21 @@ def test_a_type_in_another_module_is_compiled_again(tmp_path: Path, kernels: Pat
     assert law_of(tmp_path, places=kind, callee=new, caller=caller) == (5.0, True)
 
 
+@pytest.mark.parametrize(("value", "part"), [(1.5, "value + 1"), ("brake", "hash(value)")])
+def test_a_kernel_that_is_loaded_needs_no_compiler(tmp_path: Path, kernels: Path, value: Any, part: str) -> None:
+    """Breaks if a process that finds its kernels loads the modules that compile them (0.2 s), or cannot hash a text."""
+    law_of(tmp_path, value, callee=PACKAGE["callee"].replace("value + 1", part))
+    code = f"""
+import sys
+sys.path.insert(0, {str(tmp_path)!r})
+from kernel_package.caller import law
+value = {value!r}
+print(law(value) == 2.0 * ({part}), *{{"numba.np.arraymath", "scipy.linalg"}} & sys.modules.keys())
+"""
+    found = run(["-c", code], NUMBA_CACHE_DIR=str(kernels)).stdout.split()
+    assert found[:1] == ["True"] and (found == ["True"] or value == "brake")
+
+
 STEPS = "\n".join(f"    x = {k} - x / (own.value + {k})" for k in range(1, 60))
 """Code of a function that is too long for a copy in its callers."""
 RECORDS = f"""

@@ -76,9 +76,18 @@ def stands(velocity: Array) -> bool:
 
 
 @compiled
+def _pulls_nowhere(force: Array) -> bool:
+    """Return True if no demand is positive; ``max`` of an array would load scipy with the kernel, 0.1 s."""
+    none = True
+    for demand in force:
+        none &= demand <= 0.0
+    return none
+
+
+@compiled
 def command_at_standstill(force: Array, velocity: Array, rests: bool, departs: bool) -> None:
     """Change the command of every unit [N] at standstill: 0 if the profile rests, a positive one if it departs."""
-    if (rests or (departs and force.max() <= 0.0)) and stands(velocity):
+    if (rests or (departs and _pulls_nowhere(force))) and stands(velocity):
         force[:] = 0.0 if rests else RELEASE_FORCE
 
 

@@ -3,13 +3,14 @@
 Tables of topics with messages of variable length: profiles, speed limits, diagnostics.
 """
 
+from __future__ import annotations
+
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from plant_sim.units import unit_suffix
 from train_ato.judge.series import seconds
@@ -19,6 +20,7 @@ from train_ato.messages.types import Diagnostic, Trajectory
 from train_ato.messages.variable_codec import STATES, decode_diagnostic, decode_trajectory, message_key
 
 if TYPE_CHECKING:
+    import pandas as pd
     import xarray
 
 OWNED = re.compile(r"(unit|vehicle|coupler)_(\d+)_(.+)")
@@ -83,11 +85,15 @@ def trajectory_table(topic: str, payloads: Sequence[bytes]) -> pd.DataFrame:
     ValueError
         For bytes that are not a trajectory.
     """
+    import pandas as pd
+
     tables = [_knots(BY_NAME[topic], decode_trajectory(payload)) for payload in payloads]
     return tables[0] if len(tables) == 1 else pd.concat(tables)
 
 
 def _knots(topic: Topic, trajectory: Trajectory) -> pd.DataFrame:
+    import pandas as pd
+
     columns: dict[str, Any] = {}
     for place in topic.places:
         if place.field == "stamp":
@@ -105,6 +111,8 @@ def states_table(topic: str, payloads: Sequence[bytes]) -> pd.DataFrame:
     ValueError
         For bytes that have no such states.
     """
+    import pandas as pd
+
     entry, messages = BY_NAME[topic], list(map(STATES[topic].decode, payloads))
     columns: dict[str, Any] = {}
     for place in entry.places:
@@ -131,6 +139,8 @@ def diagnostic_table(payloads: Sequence[bytes]) -> pd.DataFrame:
 
 def diagnostic_texts(messages: Iterable[Diagnostic]) -> pd.DataFrame:
     """Return one row per message in the order of stamp and node, with the values of all keys as texts."""
+    import pandas as pd
+
     rows = sorted(filter(attrgetter("node"), messages), key=diagnostic_order)
     keys: dict[str, None] = {key: None for row in rows for key in row.values}
     columns: dict[str, Any] = {
@@ -157,7 +167,7 @@ def numbers_or_texts(texts: Sequence[str | None]) -> Any:
         return texts
 
 
-def dataset_of(tables: Mapping[str, pd.DataFrame], about: Mapping[str, Any]) -> "xarray.Dataset":
+def dataset_of(tables: Mapping[str, pd.DataFrame], about: Mapping[str, Any]) -> xarray.Dataset:
     """Return the numbers of all tables as one dataset; see :meth:`train_ato.api.run.Run.to_xarray`."""
     try:
         import xarray

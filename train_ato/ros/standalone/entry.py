@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import ctypes
+import gc
 import os
 import signal
 import sys
@@ -147,7 +148,11 @@ def _plan_end(role: Role, setup: RunSetup, endpoints: NodeEndpoints, joined: int
 def _run(
     role: Role, options: argparse.Namespace, stopped: EndOrder, notices: Notices, completed: Completed | None
 ) -> int:
-    """Create and run the node; imports are late because rclpy reads the environment at import."""
+    """Create and run the node; imports are late because rclpy reads the environment at import.
+
+    The objects up to the run live until the end of the process: the runner takes them out of the garbage collection.
+    """
+    gc.disable()
     from train_ato.messages.codec import Wire
     from train_ato.program.errors import FirstFailure
     from train_ato.ros.graph.assembly import check_arguments, executor_of, make_node

@@ -132,8 +132,8 @@ class StandaloneRunner:
 
     def run(self) -> int:
         """Run the node; return the exit status."""
-        gc.collect()
         gc.freeze()
+        gc.enable()
         signal.signal(signal.SIGCONT, lambda *_: self._continued.set())
         {Role.PLANT: self._drive, Role.RECORDER: self._record}.get(self.role, self._follow)()
         if self.role is Role.PLANT:
