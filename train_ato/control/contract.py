@@ -26,7 +26,7 @@ from train_ato.messages.types import Array
 
 __all__ = [
     "NO_LOOKAHEAD", "Array", "Law", "LawInput", "LawOutput", "LawPlan", "Lookahead", "NoParameters", "Parameter",
-    "Preview", "parameter", "parameters_of",
+    "Preview", "choice", "flag", "parameter", "parameters_of",
 ]  # fmt: skip
 
 
@@ -242,6 +242,16 @@ def parameter(default: Any, unit: str, low: float, high: float, meaning: str, *,
     """
     declared = Parameter("", default, unit, low, high, meaning, choices)
     return field(default=default, metadata={"parameter": declared})
+
+
+def choice(meaning: str, *choices: str, default: str = "") -> Any:
+    """Declare one field of a parameter dataclass that is one of some words, by default the first one."""
+    return parameter(default or choices[0], "", 0, 0, meaning, choices=choices)
+
+
+def flag(meaning: str, *, default: bool) -> Any:
+    """Declare one field of a parameter dataclass that is true or false."""
+    return parameter(default, "", 0, 1, meaning)
 
 
 def parameters_of(dataclass_type: type) -> tuple[Parameter, ...]:

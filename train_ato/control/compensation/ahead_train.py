@@ -41,7 +41,7 @@ from plant_sim.plant_setup import Jump
 from train_ato.control.algorithms.train_identification import WEAR
 from train_ato.control.compensation.nominal_train import nominal_copy
 from train_ato.control.compensation.preview import PreviewParameters
-from train_ato.control.contract import parameter
+from train_ato.control.contract import flag, parameter
 
 if TYPE_CHECKING:
     from plant_sim.train import Train
@@ -166,7 +166,7 @@ class TwinParameters(PreviewParameters):
 
     period: float = parameter(0.05, "s", 0.001, 1.0, "control period of the twin")
     step: float = parameter(0.005, "s", 1e-4, 0.1, "integration step of the twin")
-    identify: bool = parameter(False, "", 0, 1, "estimate mass, resistance, air brake and draft gears")
+    identify: bool = flag("estimate mass, resistance, air brake and draft gears", default=False)
 
 
 class AheadTrain:

@@ -37,7 +37,7 @@ from train_ato.control.command_history import newest_arrived
 from train_ato.control.compensation.base import Actuator, UnitState
 from train_ato.control.compensation.contract import CompensationInput
 from train_ato.control.compensation.preview import PreviewFeedforward, PreviewParameters, mean_delay
-from train_ato.control.contract import LawInput, parameter
+from train_ato.control.contract import LawInput, choice, flag, parameter
 from train_ato.control.law import LawNow, LawUnit, TrainConstants, train_resistance
 from train_ato.control.parameters import RefusedParameter
 from train_ato.messages.types import Array
@@ -114,10 +114,10 @@ class DelayEstimate:
 class PredictorParameters(PreviewParameters):
     """Parameters of :class:`Predictor`."""
 
-    train: str = parameter("rigid", "", 0, 0, "one rigid mass, or units coupled by springs", choices=("rigid", "chain"))
-    delay: str = parameter("model", "", 0, 0, "delay of the model, or estimated", choices=("model", "estimated"))
+    train: str = choice("one rigid mass, or units coupled by springs", "rigid", "chain")
+    delay: str = choice("delay of the model, or estimated", "model", "estimated")
     longest: float = parameter(2.0, "s", 0.0, 10.0, "largest estimated delay")
-    disturbance: bool = parameter(True, "", 0, 1, "use the estimate of the observer in the prediction")
+    disturbance: bool = flag("use the estimate of the observer in the prediction", default=True)
 
 
 @dataclass(frozen=True)

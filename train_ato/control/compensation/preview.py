@@ -25,7 +25,7 @@ from plant_sim.compiled import compiled
 from plant_sim.record import Records
 from train_ato.control.compensation.base import Actuator, CompensationBase
 from train_ato.control.compensation.contract import CompensationInput
-from train_ato.control.contract import LawInput, parameter
+from train_ato.control.contract import LawInput, flag, parameter
 from train_ato.messages.types import Array
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 class PreviewParameters:
     """Parameters of :class:`PreviewFeedforward`."""
 
-    lag: bool = parameter(True, "", 0, 1, "compensate the lag of the actuators as well as the delay")
+    lag: bool = flag("compensate the lag of the actuators as well as the delay", default=True)
     delay_factor: float = parameter(1.0, "1", 0.0, 10.0, "factor on the delay of the model")
 
 

@@ -54,7 +54,7 @@ from train_ato.control.algorithms.couplers import UnitCouplers
 from train_ato.control.algorithms.loop_gains import LoopGains
 from train_ato.control.algorithms.luenberger import Tracked, luenberger_gains, unknown_rate
 from train_ato.control.algorithms.sliding import sig
-from train_ato.control.contract import LawInput, parameter
+from train_ato.control.contract import LawInput, choice, flag, parameter
 from train_ato.control.gains import gains_choice
 from train_ato.control.guard import is_valid
 from train_ato.control.law import LawForm, LawNow, LawUnit, RecordLaw
@@ -79,16 +79,14 @@ class FixedTimeSmcParameters:
     gains: str = gains_choice()
     surface: float = parameter(0.3, "1/s", 0.0, 1e3, "alpha1 = beta1, gain of the surface; 50 in the paper")
     reaching: float = parameter(0.3, "1/s", 0.0, 1e3, "alpha2 = beta2, gain of the reaching law; 50 in the paper")
-    unmatched: bool = parameter(False, "", 0, 1, "estimate the speed offset d1 between position and speed")
-    states: str = parameter(
-        "measured", "", 0, 0, "x and v of (36): measured, or estimates of the cascade as in the paper",
-        choices=("measured", "estimated"),
-    )  # fmt: skip
+    unmatched: bool = flag("estimate the speed offset d1 between position and speed", default=False)
+    states: str = choice(
+        "x and v of (36): measured, or estimates of the cascade as in the paper", "measured", "estimated"
+    )
     offset_bandwidth: float = parameter(10.0, "1/s", 1e-3, 1e6, "bandwidth of the estimate of d1")
-    equivalent: str = parameter(
-        "measured", "", 0, 0, "equivalent control from couplers and resistance, or from the feed-forward",
-        choices=("measured", "feedforward"),
-    )  # fmt: skip
+    equivalent: str = choice(
+        "equivalent control from couplers and resistance, or from the feed-forward", "measured", "feedforward"
+    )
 
 
 @dataclass(frozen=True)

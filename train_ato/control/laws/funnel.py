@@ -59,7 +59,7 @@ from plant_sim.elementary import libm_exp, libm_pow
 from plant_sim.record import Records, quantity
 from train_ato.control.algorithms.loop_gains import LoopGains
 from train_ato.control.algorithms.sliding import clamped
-from train_ato.control.contract import LawInput, parameter
+from train_ato.control.contract import LawInput, choice, flag, parameter
 from train_ato.control.gains import gains_choice
 from train_ato.control.guard import is_valid
 from train_ato.control.law import LawForm, LawNow, LawUnit, RecordLaw, TrainConstants, train_resistance
@@ -83,35 +83,24 @@ class FunnelParameters:
     """Parameters of :class:`Funnel`."""
 
     gains: str = gains_choice()
-    variant: str = parameter(
-        "corrected", "", 0, 0, "corrected, or as printed in the paper", choices=("corrected", "printed")
+    variant: str = choice("corrected, or as printed in the paper", "corrected", "printed")
+    funnel: str = choice(
+        "funnels widen in saturation, narrow regardless, or are constant", "dynamic", "prescribed", "fixed"
     )
-    funnel: str = parameter(
-        "dynamic", "", 0, 0, "funnels widen in saturation, narrow regardless, or are constant",
-        choices=("dynamic", "prescribed", "fixed"),
-    )  # fmt: skip
-    resistance: str = parameter(
-        "network", "", 0, 0, "f from the network, from the model, or both", choices=("network", "model", "both")
-    )
-    feedforward: bool = parameter(
-        False, "", 0, 1, "take f and m v_d' from the feed-forward of the compensation, without the delay state"
+    resistance: str = choice("f from the network, from the model, or both", "network", "model", "both")
+    feedforward: bool = flag(
+        "take f and m v_d' from the feed-forward of the compensation, without the delay state", default=False
     )
     k10: float = parameter(0.3, "1/s", 0.0, 100.0, "gain on the position error; 1 in variant printed")
     k20: float = parameter(0.7, "1/s", 0.0, 100.0, "gain on the speed error; 1 in variant printed")
     lam_h: float = parameter(5.0, "1/s", 0.0, 1e3, "leak of the delay state; .5/tau for an uncertain delay")
-    delay_state: bool = parameter(True, "", 0, 1, "use the delay state h; not needed with a predictor")
+    delay_state: bool = flag("use the delay state h; not needed with a predictor", default=True)
     beta2: float = parameter(1e-4, "m/s²", 0.0, 1.0, "floor of the speed funnel times a2, corrected variant")
     phi1: float = parameter(0.5, "m", 1e-6, MAX_FUNNEL, "initial position funnel")
     phi2: float = parameter(0.1, "m/s", 1e-6, MAX_FUNNEL, "initial speed funnel")
-    outside_funnel: str = parameter(
-        "clip", "", 0, 0, "outside the funnel: clip e²/phi², or negative k_i as printed",
-        choices=("clip", "printed"),
-    )  # fmt: skip
+    outside_funnel: str = choice("outside the funnel: clip e²/phi², or negative k_i as printed", "clip", "printed")
     clip: float = parameter(0.5, "1", 0.0, 0.999, "largest e²/phi²")
-    kappa: str = parameter(
-        "present", "", 0, 0, "excess of (8): |u - sat u|, or |u - sat u(t - tau)| as printed in (9)",
-        choices=("present", "printed"),
-    )  # fmt: skip
+    kappa: str = choice("excess of (8): |u - sat u|, or |u - sat u(t - tau)| as printed in (9)", "present", "printed")
     delta: float = parameter(1e-3, "m/s", 1e-9, 10.0, "smallest |e2| in (8)")
     gamma_w: float = parameter(0.05, "1/s²", 0.0, 100.0, "learning rate of the network")
     bias_rate: float = parameter(0.3, "1/s²", 0.0, 100.0, "gamma_eps, learning rate of the bias of the network")

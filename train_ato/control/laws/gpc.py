@@ -59,7 +59,7 @@ from plant_sim.elementary import dot_of, plain_sum
 from train_ato.control.algorithms.identification import Increments, ResidualNetwork
 from train_ato.control.algorithms.loop_gains import Complex, LoopGains, Response
 from train_ato.control.algorithms.predictive_law import LinearLaw, linear_law, sampled_actuator
-from train_ato.control.contract import LawInput, parameter
+from train_ato.control.contract import LawInput, choice, flag, parameter
 from train_ato.control.gains import gains_choice
 from train_ato.control.guard import GuardedLaw, is_valid
 from train_ato.messages.types import Array
@@ -86,25 +86,17 @@ class GpcParameters:
     n: int = parameter(3, "1", 1, 200, "N, prediction horizon")
     nu: int = parameter(2, "1", 1, 200, "Nu, control horizon")
     command_weight: float = parameter(0.1, "s²", 0.0, 1e6, "lam, weight of the command")
-    beyond_horizon: str = parameter("zero", "", 0, 0, "command beyond the control horizon", choices=("zero", "hold"))
-    structure: str = parameter(
-        "mean", "", 0, 0, "one loop on the mean speed, or one per unit", choices=("mean", "unit")
-    )
-    delay: str = parameter("model", "", 0, 0, "delay in the model of the law", choices=("model", "none"))
-    identify: str = parameter(
-        "increments", "", 0, 0, "recursive identification", choices=("none", "increments", "absolute")
-    )
+    beyond_horizon: str = choice("command beyond the control horizon", "zero", "hold")
+    structure: str = choice("one loop on the mean speed, or one per unit", "mean", "unit")
+    delay: str = choice("delay in the model of the law", "model", "none")
+    identify: str = choice("recursive identification", "none", "increments", "absolute", default="increments")
     dead_zone: float = parameter(0.02, "m/s", 0.0, 10.0, "Delta, largest error that counts as noise")
-    use_network: bool = parameter(True, "", 0, 1, "estimate xi by the network")
-    resistance_feedforward: bool = parameter(
-        False, "", 0, 1, "add the force for the nominal resistance; false in the paper"
+    use_network: bool = flag("estimate xi by the network", default=True)
+    resistance_feedforward: bool = flag("add the force for the nominal resistance; false in the paper", default=False)
+    feedforward: bool = flag(
+        "control the deviations from the reference; the feed-forward of the compensation is added", default=False
     )
-    feedforward: bool = parameter(
-        False, "", 0, 1, "control the deviations from the reference; the feed-forward of the compensation is added"
-    )
-    residual_gain: str = parameter(
-        "horizon", "", 0, 0, "Lc from the horizon, or Lc = Hc(1)/B(1) by (21)", choices=("horizon", "stationary")
-    )
+    residual_gain: str = choice("Lc from the horizon, or Lc = Hc(1)/B(1) by (21)", "horizon", "stationary")
     deviation_limit: float = parameter(
         0.5, "1", 0.0, 1e9, "largest deviation of the identified parameters over the norm of B; no limit in the paper"
     )

@@ -37,7 +37,7 @@ from plant_sim.compiled import compiled
 from plant_sim.record import Records, quantity
 from train_ato.control.algorithms.couplers import UnitCouplers
 from train_ato.control.algorithms.loop_gains import Complex, LoopGains, Response
-from train_ato.control.contract import parameter
+from train_ato.control.contract import choice, parameter
 from train_ato.control.gains import gains_choice
 from train_ato.control.law import LawForm, LawNow, LawUnit, RecordLaw, TrainConstants, train_resistance
 
@@ -55,7 +55,7 @@ class LagSmcParameters:
     k: float = parameter(0.05, "m/s³", 0.0, 100.0, "gain of the smooth switching term")
     phi: float = parameter(0.1, "m/s²", 1e-6, 100.0, "width of the smooth switching term")
     k_i: float = parameter(0.4, "1/s", 0.0, 100.0, "linear reaching gain")
-    command: str = parameter("unit", "", 0, 0, "one loop per unit, or one for the train", choices=("unit", "common"))
+    command: str = choice("one loop per unit, or one for the train", "unit", "common")
     damping: float = parameter(
         0.2, "1/s", 0.0, 10.0, "differential damping between the units, only for a common command"
     )

@@ -44,7 +44,7 @@ from plant_sim.elementary import mean_over_units, plain_sum, total_of_units
 from train_ato.control.algorithms.coupler_modes import bandwidth_text
 from train_ato.control.algorithms.limits_ahead import limits_force, within_units
 from train_ato.control.algorithms.train_constants import default_bandwidth, train_class
-from train_ato.control.contract import LawInput, LawPlan, parameter
+from train_ato.control.contract import LawInput, LawPlan, flag, parameter
 from train_ato.control.gains import model_choice
 from train_ato.control.guard import GuardedLaw, is_valid
 from train_ato.control.mpc.actuator_identification import WRONG_MISFIT, ActuatorIdentification
@@ -85,7 +85,7 @@ class MpcParameters:
     nodes: int = parameter(32, "1", 4, 60, "nodes of the decision over the horizon")
     jerk: float = parameter(1.0, "m/s³", 0.01, 1e6, "largest change of the demanded acceleration")
     overspeed: float = parameter(0.1, "m/s", 0.0, 10.0, "permitted excess of a speed limit")
-    identify: bool = parameter(True, "", 0, 1, "estimate gain and delay of the actuators")
+    identify: bool = flag("estimate gain and delay of the actuators", default=True)
     coupler_limit: float = parameter(
         0.0, "N", 0.0, 1e8, "largest coupler force of the plan for a train without waves; 0: no limit"
     )

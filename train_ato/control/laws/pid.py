@@ -45,7 +45,7 @@ from plant_sim.compiled import compiled
 from plant_sim.record import Records, quantity
 from train_ato.control.algorithms.loop_gains import LoopGains
 from train_ato.control.algorithms.sliding import clamped
-from train_ato.control.contract import LawInput, parameter
+from train_ato.control.contract import LawInput, choice, flag, parameter
 from train_ato.control.gains import gains_choice
 from train_ato.control.law import INVALID, LawForm, LawNow, LawUnit, RecordLaw
 from train_ato.messages.types import Array
@@ -62,20 +62,13 @@ class PidParameters:
     kp: float = parameter(0.05, "1/s or N/(m/s)", 0.0, 1e9, "gain on the speed error")
     ki: float = parameter(0.001, "1/s² or N/m", 0.0, 1e9, "gain on the integral of the speed error")
     kd: float = parameter(0.0, "1 or N s²/m", 0.0, 1e9, "gain on the derivative of the speed error")
-    per_mass: bool = parameter(True, "", 0, 1, "kp, ki, kd are multiplied by the inertia of the train")
-    integral: str = parameter(
-        "position",
-        "",
-        0,
-        0,
-        "integral: the measured position error, or the sum of the speed error",
-        choices=("position", "speed"),
-    )
+    per_mass: bool = flag("kp, ki, kd are multiplied by the inertia of the train", default=True)
+    integral: str = choice("integral: the measured position error, or the sum of the speed error", "position", "speed")
     integral_limit: float = parameter(20.0, "m", 0.0, 1e6, "largest magnitude of the integral")
     filter_time: float = parameter(0.0, "s", 0.0, 60.0, "time constant of the low-pass filter of the speed error")
     derivative_time: float = parameter(0.1, "s", 0.0, 60.0, "time constant of the filter of the derivative")
-    feedforward: bool = parameter(True, "", 0, 1, "add the feed-forward force of the nominal train")
-    disturbance: bool = parameter(True, "", 0, 1, "subtract the estimate of the observer")
+    feedforward: bool = flag("add the feed-forward force of the nominal train", default=True)
+    disturbance: bool = flag("subtract the estimate of the observer", default=True)
 
 
 @dataclass(frozen=True)

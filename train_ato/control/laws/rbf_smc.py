@@ -40,7 +40,7 @@ from plant_sim.elementary import libm_exp
 from plant_sim.record import Records, quantity
 from train_ato.control.algorithms.rbf import RBF_CENTERS
 from train_ato.control.algorithms.sliding import clamped
-from train_ato.control.contract import parameter
+from train_ato.control.contract import flag, parameter
 from train_ato.control.law import LawForm, LawNow, LawUnit
 from train_ato.control.laws.smc import Smc, SmcConstants, SmcParameters, SmcUnit, equivalent, integral_surface, reaching
 from train_ato.messages.types import Array
@@ -56,7 +56,7 @@ class RbfSmcParameters(SmcParameters):
     gamma: float = parameter(0.01, "1/s", 0.0, 100.0, "learning rate of the weights")
     spread: float = parameter(0.01, "m, m/s", 1e-6, 100.0, "outermost of the five centres")
     width: float = parameter(0.005, "m, m/s", 1e-6, 100.0, "b, width of the Gaussian functions")
-    clip: bool = parameter(True, "", 0, 1, "clip the inputs to the outermost centres; false in the paper")
+    clip: bool = flag("clip the inputs to the outermost centres; false in the paper", default=True)
     ndo_omega: float = parameter(
         0.0, "1/s", 0.0, 1e6, "bandwidth of the observer if its known part has delta_hat, as in the paper"
     )

@@ -58,7 +58,7 @@ from train_ato.control.algorithms.loop_gains import LoopGains
 from train_ato.control.algorithms.rbf import RBF_CENTERS, move_weights, weighted
 from train_ato.control.algorithms.sliding import clamped, saturation
 from train_ato.control.compensation.pade import pade_coefficients
-from train_ato.control.contract import parameter
+from train_ato.control.contract import choice, flag, parameter
 from train_ato.control.gains import gains_choice
 from train_ato.control.law import LawForm, LawNow, LawUnit, RecordLaw, TrainConstants
 from train_ato.messages.types import Array
@@ -90,34 +90,19 @@ class RbfSwitchingSmcParameters:
     c: float = parameter(0.4, "1/s", 0.0, 100.0, "weight of the position error in the surface")
     k_w: float = parameter(1.40, "m/s²", 0.0, 100.0, "switching gain")
     phi: float = parameter(2.0, "m/s", 1e-6, 1e3, "surface from which the input of the network is clipped")
-    switching: str = parameter(
-        "rbf", "", 0, 0, "switching term: learnt, smooth, or a relay", choices=("rbf", "tanh", "sign")
-    )
-    objective: str = parameter(
-        "surface",
-        "",
-        0,
-        0,
-        "objective of the learning; printed_acceleration drifts",
-        choices=("surface", "printed_acceleration"),
-    )
+    switching: str = choice("switching term: learnt, smooth, or a relay", "rbf", "tanh", "sign")
+    objective: str = choice("objective of the learning; printed_acceleration drifts", "surface", "printed_acceleration")
     width: float = parameter(0.5, "1", 1e-3, 100.0, "d, width of the Gaussian functions of RBFC")
     eta: float = parameter(0.05, "1/s²", 0.0, 1e3, "learning rate of RBFC; times Tc per sample")
     alpha: float = parameter(0.05, "1", 0.0, 0.99, "momentum of both networks")
-    identify: bool = parameter(True, "", 0, 1, "take the sign of ds/du from RBFI")
-    clip: bool = parameter(True, "", 0, 1, "clip inputs and target of the networks to +-1; false in the paper")
-    anti_windup: bool = parameter(True, "", 0, 1, "hold the weights while the force is at a limit; false in the paper")
-    sensitivity: str = parameter(
-        "sign", "", 0, 0, "slope by RBFI in (13): its sign, or its value as in the paper", choices=("sign", "value")
+    identify: bool = flag("take the sign of ds/du from RBFI", default=True)
+    clip: bool = flag("clip inputs and target of the networks to +-1; false in the paper", default=True)
+    anti_windup: bool = flag("hold the weights while the force is at a limit; false in the paper", default=True)
+    sensitivity: str = choice("slope by RBFI in (13): its sign, or its value as in the paper", "sign", "value")
+    derivatives: str = choice("derivatives in u_eq: of the profile, or measured as in the paper", "profile", "measured")
+    rbfi_input: str = choice(
+        "first input of RBFI: the switching term, or u(l-1) as in the paper", "switching", "command"
     )
-    derivatives: str = parameter(
-        "profile", "", 0, 0, "derivatives in u_eq: of the profile, or measured as in the paper",
-        choices=("profile", "measured"),
-    )  # fmt: skip
-    rbfi_input: str = parameter(
-        "switching", "", 0, 0, "first input of RBFI: the switching term, or u(l-1) as in the paper",
-        choices=("switching", "command"),
-    )  # fmt: skip
     eta_v: float = parameter(0.05, "1", 0.0, 1.0, "learning rate of RBFI, per sample")
     weight_limit: float = parameter(3.0, "m/s²", 0.0, 1e3, "largest magnitude of a weight")
 

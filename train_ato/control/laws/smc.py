@@ -49,7 +49,7 @@ from plant_sim.record import Records, quantity
 from train_ato.control.algorithms.couplers import UnitCouplers
 from train_ato.control.algorithms.loop_gains import LoopGains
 from train_ato.control.algorithms.sliding import clamped, saturation, sig
-from train_ato.control.contract import parameter
+from train_ato.control.contract import choice, flag, parameter
 from train_ato.control.gains import gains_choice
 from train_ato.control.law import LawForm, LawNow, LawUnit, RecordLaw
 from train_ato.control.parameters import RefusedParameter
@@ -74,14 +74,9 @@ class SmcParameters:
     integral_limit: float = parameter(
         100.0, "m s", 0.0, 1e12, "largest magnitude of the integral of the position error; no limit in the paper"
     )
-    anti_windup: bool = parameter(True, "", 0, 1, "hold the integral while the force is at a limit; false in the paper")
-    equivalent: str = parameter(
-        "measured",
-        "",
-        0,
-        0,
-        "equivalent control from the coupler sensors, or from the feed-forward",
-        choices=("measured", "feedforward"),
+    anti_windup: bool = flag("hold the integral while the force is at a limit; false in the paper", default=True)
+    equivalent: str = choice(
+        "equivalent control from the coupler sensors, or from the feed-forward", "measured", "feedforward"
     )
 
 

@@ -26,7 +26,7 @@ from plant_sim.compiled import compiled
 from plant_sim.elementary import libm_pow
 from plant_sim.record import fill, quantity, zeros
 from train_ato.control.algorithms.sliding import clamped, saturation
-from train_ato.control.contract import parameter
+from train_ato.control.contract import choice, flag, parameter
 from train_ato.control.observers.force_balance import BalanceConstants, ForceBalance
 from train_ato.control.observers.record_observer import Body, ObserverForm, RecordObserver
 
@@ -38,13 +38,8 @@ if TYPE_CHECKING:
 class CascadedParameters:
     """Parameters of :class:`Cascaded`."""
 
-    method: str = parameter(
-        "implicit",
-        "",
-        0,
-        0,
-        "implicit signs, Levant's differentiators, or explicit signs as in the paper",
-        choices=("implicit", "levant", "explicit"),
+    method: str = choice(
+        "implicit signs, Levant's differentiators, or explicit signs as in the paper", "implicit", "levant", "explicit"
     )
     k1: float = parameter(20.0, "m/s", 0.0, 1e4, "gain of the position channel")
     k2: float = parameter(20.0, "m/s²", 0.0, 1e4, "gain of the speed channel")
@@ -53,7 +48,7 @@ class CascadedParameters:
     filter_time: float = parameter(0.02, "s", 0.0, 10.0, "low-pass filter of the switching signals")
     jerk_offset: float = parameter(100.0, "m/s³", 1e-6, 1e6, "bound of |d1''|, levant only")
     jerk: float = parameter(30.0, "m/s³", 1e-6, 1e6, "bound of |d2'|, levant only")
-    unmatched: bool = parameter(True, "", 0, 1, "estimate the speed offset d1 as well")
+    unmatched: bool = flag("estimate the speed offset d1 as well", default=True)
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from plant_sim.elementary import plain_sum
 from plant_sim.railway import fading_resistance
 from plant_sim.record import Records, quantity, zeros
 from train_ato.control.algorithms.couplers import UnitCouplers
-from train_ato.control.contract import parameter
+from train_ato.control.contract import choice
 from train_ato.control.guard import all_within
 from train_ato.control.law import LawNow, LawUnit
 from train_ato.control.observers.contract import ObserverInput
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 def scope() -> Any:
     """Declare the parameter ``scope`` of an observer with a force balance."""
     meaning = "balance of every unit's vehicle, of the train, or vehicle if the coupler forces are available"
-    return parameter("auto", "", 0, 0, meaning, choices=("auto", "vehicle", "train"))
+    return choice(meaning, "auto", "vehicle", "train")
 
 
 class BalanceState(NamedTuple):
