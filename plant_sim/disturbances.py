@@ -394,13 +394,7 @@ class OutsideForces:
         self.mean = np.zeros((2, len(listed)))
 
     def add(self, gust: Gust) -> None:
-        """Add a gust that is not in the scenario; it is removed after its end.
-
-        Raises
-        ------
-        ValueError
-            If it lists a vehicle outside the train.
-        """
+        """Add a gust that is not in the scenario; it is removed after its end."""
         gust.listed(len(self._mass))
         self._added_gusts.append(gust)
         self._arrange()
@@ -436,11 +430,7 @@ class OutsideForces:
         """
         if not self.acts:
             return self._sum
-        index = (stamp - self._block_begin) // self._tick_ns
-        if self._planned and not 0 <= index < len(self._block):
-            index = 0
-            self._buffer[:] = 0.0
-            self._keep(stamp, *self._block_from(stamp, self._buffer))
+        index = self._index_at(stamp) if self._planned else 0
         if not (self._gusts or self._cubes.size):
             self.mean = self._means[index]
             block: Array = self._block[index]
@@ -464,11 +454,7 @@ class OutsideForces:
         """
         if not self.acts:
             return np.broadcast_to(self._sum, (count, *self._sum.shape))
-        index = (stamp - self._block_begin) // self._tick_ns
-        if not 0 <= index < len(self._block):
-            index = 0
-            self._buffer[:] = 0.0
-            self._keep(stamp, *self._block_from(stamp, self._buffer))
+        index = self._index_at(stamp)
         block: Array = self._block[index : index + count]
         self.mean = self._means[index + len(block) - 1]
         return block
@@ -495,13 +481,10 @@ class OutsideForces:
         if not self.acts:
             none = np.zeros((count, self._steps, 0))
             return np.zeros((count, *self._sum.shape)), none, np.zeros((count, 2, 0))
-        index = (stamp - self._block_begin) // self._tick_ns
-        if not 0 <= index < len(self._block):
-            index = 0
-            self._keep(stamp, *self._block_from(stamp, self._empty_block()))
+        index = self._index_at(stamp)
         while index + count > len(self._block):
             kept = (self._block[index:], self._means[index:], self._cubes[index:])
-            more = self._block_from(stamp + len(kept[0]) * self._tick_ns, self._empty_block())
+            more = self._block_from(stamp + len(kept[0]) * self._tick_ns, np.zeros(self._buffer.shape))
             self._keep(stamp, *(np.concatenate(parts) for parts in zip(kept, more, strict=True)))
             index = 0
         part = slice(index, index + count)
@@ -511,8 +494,14 @@ class OutsideForces:
     def _keep(self, begin: int, block: Array, means: Array, cubes: Array) -> None:
         self._block_begin, self._block, self._means, self._cubes = begin, block, means, cubes
 
-    def _empty_block(self) -> Array:
-        return np.zeros(self._buffer.shape)
+    def _index_at(self, stamp: int) -> int:
+        """Return the number of the tick from a stamp on in the block; without it the next block is computed."""
+        index = (stamp - self._block_begin) // self._tick_ns
+        if 0 <= index < len(self._block):
+            return index
+        self._buffer[:] = 0.0
+        self._keep(stamp, *self._block_from(stamp, self._buffer))
+        return 0
 
     def _block_from(self, begin: int, block: Array) -> tuple[Array, Array, Array]:
         """Return forces, their means, and cubes of the scenario for :data:`BLOCK` ticks from a stamp [ns] on.

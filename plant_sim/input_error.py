@@ -238,6 +238,8 @@ def _walk(model: type[BaseModel], path: tuple[int | str, ...]) -> tuple[list[str
 
     The path has also the name of the type in a union, or the value of its discriminator, for example ``kill``.
     """
+    from plant_sim.si_model import blocks_of
+
     keys: list[str] = []
     owners = current = {model}
     for part in path:
@@ -245,7 +247,7 @@ def _walk(model: type[BaseModel], path: tuple[int | str, ...]) -> tuple[list[str
             found
             for entry in current
             if str(part) in entry.model_fields
-            for found in _models_in(entry.model_fields[str(part)].annotation)
+            for found in blocks_of(entry.model_fields[str(part)].annotation)
         }
         chosen = {entry for entry in current if _has_value(entry, part)}
         if chosen and not below:
@@ -271,14 +273,3 @@ def _keys_of(models: set[type[BaseModel]]) -> set[str]:
         if issubclass(entry, SiModel):
             keys |= set(entry.suffixed_keys())
     return keys
-
-
-def _models_in(annotation: Any) -> set[type[BaseModel]]:
-    from pydantic import BaseModel
-
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return {annotation}
-    found: set[type[BaseModel]] = set()
-    for argument in get_args(annotation):
-        found |= _models_in(argument)
-    return found

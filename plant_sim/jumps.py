@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant_sim import kernel as k
-from plant_sim.brake_events import BrakeEvents
+from plant_sim.air_brake import BrakeEvents
 from plant_sim.consist import Consist
 from plant_sim.input_error import one_of
 from plant_sim.packing import NO_LIMIT, Arrays, lag_decay

@@ -35,24 +35,12 @@ def line_names() -> tuple[str, ...]:
 
 
 def consist_path(name: str) -> Path:
-    """Return the file of a train by name or path.
-
-    Raises
-    ------
-    ValueError
-        If neither a shipped train nor a file has that name.
-    """
+    """Return the file of a train by name or path."""
     return _path("consists", "train", name)
 
 
 def line_path(name: str) -> Path:
-    """Return the file of a line by name or path.
-
-    Raises
-    ------
-    ValueError
-        If neither a shipped line nor a file has that name.
-    """
+    """Return the file of a line by name or path."""
     return _path("lines", "line", name)
 
 
@@ -70,13 +58,7 @@ def _path(kind: str, what: str, name: str) -> Path:
 
 
 def read_yaml(path: Path) -> Any:
-    """Read a YAML file safely.
-
-    Raises
-    ------
-    ValueError
-        One line with file, line and reason.
-    """
+    """Read a YAML file safely."""
     try:
         text = path.read_text(encoding="utf-8")
     except OSError as error:
@@ -96,11 +78,6 @@ def load_consist(name: str, *, point_mass: bool = False) -> Consist:
     ----------
     name, point_mass
         See :func:`named_train`.
-
-    Raises
-    ------
-    ValueError
-        One line with file, key, value and remedy.
     """
     if name in consist_names():
         path = consist_path(name)
@@ -133,11 +110,6 @@ def named_train(name: str, *, point_mass: bool = False) -> ReadConsist:
         Shipped name or file; of a file with several trains with ``:NAME`` after it.
     point_mass
         Accept a train without a length.
-
-    Raises
-    ------
-    ValueError
-        One line with file, key, value and remedy.
     """
     stem, selection = split_name(name)
     return read_train(consist_path(stem), point_mass=point_mass, selection=selection.removeprefix(":"))
@@ -152,11 +124,6 @@ def named_line(name: str) -> ReadLine:
         Shipped name or file. ``:FROM..TO`` after a network selects the path between two tracks or stations. ``:NAME``
         selects a path of a file with several paths. ``:reverse`` at the end gives the line for a train in the other
         direction.
-
-    Raises
-    ------
-    ValueError
-        One line with file, key, value and remedy.
     """
     stem, selection = split_name(name)
     against = selection.endswith(f":{AGAINST}")
@@ -165,13 +132,7 @@ def named_line(name: str) -> ReadLine:
 
 
 def load_line(name: str) -> Line:
-    """Return a line by name or path, see :func:`named_line`; lost keys are noted on stderr.
-
-    Raises
-    ------
-    ValueError
-        One line with file, key, value and remedy.
-    """
+    """Return a line by name or path, see :func:`named_line`; lost keys are noted on stderr."""
     if name in line_names():
         path = line_path(name)
         return build_model(Line, read_yaml(path), str(path))

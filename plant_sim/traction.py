@@ -50,7 +50,7 @@ class FullServiceBrake:
 
     The demand is the largest force of the brake envelope. The plant limits it by the envelope, the adhesion and the
     force limit at the present speed. The drives follow it with their lag and rate, and without a drive there is no
-    brake. The emergency brake has a path of its own (:mod:`plant_sim.brake_events`). With ``reversing`` a negative
+    brake. The emergency brake has a path of its own (:mod:`plant_sim.air_brake`). With ``reversing`` a negative
     force also drives backwards. Then the demand decreases with the speed and is 0 below the holding speed, where the
     holding brake acts.
     """

@@ -5,15 +5,14 @@ import math
 import numpy as np
 
 from plant_sim import kernel as k
-from plant_sim.air_brake import PipePressure
-from plant_sim.brake_events import PipeEvents, friction_brake_events
+from plant_sim.air_brake import PipeEvents, PipePressure, friction_brake_events
 from plant_sim.consist import Consist
 from plant_sim.disturbances import Gust, OutsideForces
 from plant_sim.elementary import random_stream
 from plant_sim.jumps import Jumps, PartedCouplers
 from plant_sim.kernel_cache import kernels_are_kept
 from plant_sim.line import Line
-from plant_sim.packing import Arrays, pack
+from plant_sim.packing import pack
 from plant_sim.plant_setup import Jump, PlantSetup
 from plant_sim.section_effects import MANY_TICKS, SectionEffects, with_adhesion_of
 from plant_sim.sensors import SensorSet
@@ -21,19 +20,81 @@ from plant_sim.states import Array, BrakeShoes, Observation, Pipe, VehicleStates
 from plant_sim.totals import Totals, kinetic_energy, kinetic_energy_of_each, total_numbers, totals_of
 
 
-class KernelState:
-    """Present state of a train.
+class Train:
+    """Multi-mass train on a line.
 
     Parameters
     ----------
-    arrays
+    consist, line, setup
+        Data of train, line and plant, with mismatch, disturbances and jumps.
+    step_ns, tick_ns : int
+        Plant step and tick [ns]; the tick is a multiple of the step.
+    seed : int
+        Seed of all random numbers.
+
+    Attributes
+    ----------
+    arrays : Arrays
         Arrays of the kernel; every call of the kernel changes them.
-    n
+    n : int
         Number of vehicles.
+    units : tuple of int
+        Numbers of the vehicles that are power units, front first.
+    sensors : tuple of int
+        Numbers of the vehicles with a coupler sensor behind them.
+    sensor_set : SensorSet
+        Sensors of power units and couplers.
+    substeps : int
+        Plant steps per tick.
+    stamp : int
+        Time of the present state since the start [ns].
+
+    Raises
+    ------
+    ValueError
+        If steps, setup and train do not match.
     """
 
-    def __init__(self, arrays: Arrays, n: int) -> None:
-        self.arrays, self.n = arrays, n
+    def __init__(
+        self, consist: Consist, line: Line, setup: PlantSetup, *, step_ns: int, tick_ns: int, seed: int = 0
+    ) -> None:
+        if step_ns <= 0 or tick_ns <= 0 or tick_ns % step_ns:
+            raise ValueError(
+                f"tick {tick_ns} ns is not a positive multiple of the plant step {step_ns} ns; correct one of them"
+            )
+        setup = with_adhesion_of(line, setup)
+        self.consist, self.line, self.setup = consist, line, setup
+        self.units = consist.power_units
+        self.sensors = setup.sensors.couplers
+        self.step_ns, self.tick_ns, self.substeps = step_ns, tick_ns, tick_ns // step_ns
+        self.stamp = 0
+        self.step = step_ns * 1e-9
+        self.arrays, self.n = pack(consist, line, setup, self.step), len(consist.vehicles)
+        self._sections = SectionEffects(consist, line, setup, self.arrays)
+        self.brake = friction_brake_events(consist)
+        self.pipe = self.brake if isinstance(self.brake, PipeEvents) else None
+        self._pressure = (
+            None if consist.air_brake is None else PipePressure(consist.air_brake, self.arrays.vehicle, (0, self.n - 1))
+        )
+        self.sensor_set = SensorSet(setup.sensors, self.units, self.arrays.vehicle[k.GAP], tick_ns * 1e-9, seed)
+        sources = [random_stream(seed, f"disturbance/{i}") for i in range(len(setup.disturbances))]
+        masses = self.arrays.vehicle[k.MASS]
+        self.outside = OutsideForces(setup.disturbances, masses, step_ns, tick_ns, sources)
+        self.arrays.setting[k.HAS_DRIFT] = float(self.outside.has_drift)
+        if self.outside.has_drift and len(self.arrays.body) - 1 < self.n:
+            raise ValueError(
+                "disturbance paper002: drift speeds cannot act on rigidly joined vehicles; choose other draft gears"
+            )
+        self.parted = PartedCouplers(consist, self.arrays, self.brake)
+        self.jumps = Jumps(setup, consist, self.arrays, self.parted, step_ns=step_ns, tick_ns=tick_ns)
+        self._kinetic_start = self.kinetic_energy
+        self._outside_force = np.zeros(self.n)
+        self.has_added_gusts = False
+
+    @property
+    def time(self) -> float:
+        """Time of the present state [s]."""
+        return self.stamp * 1e-9
 
     @property
     def position(self) -> Array:
@@ -69,81 +130,6 @@ class KernelState:
     def momentum(self) -> float:
         """Momentum, rotating masses included [kg m/s]."""
         return float((self.arrays.vehicle[k.MASS] * self.arrays.state[k.V, : self.n]).sum())
-
-
-class Train(KernelState):
-    """Multi-mass train on a line.
-
-    Parameters
-    ----------
-    consist, line, setup
-        Data of train, line and plant, with mismatch, disturbances and jumps.
-    step_ns, tick_ns : int
-        Plant step and tick [ns]; the tick is a multiple of the step.
-    seed : int
-        Seed of all random numbers.
-
-    Attributes
-    ----------
-    n : int
-        Number of vehicles.
-    units : tuple of int
-        Numbers of the vehicles that are power units, front first.
-    sensors : tuple of int
-        Numbers of the vehicles with a coupler sensor behind them.
-    sensor_set : SensorSet
-        Sensors of power units and couplers.
-    substeps : int
-        Plant steps per tick.
-    stamp : int
-        Time of the present state since the start [ns].
-
-    Raises
-    ------
-    ValueError
-        If steps, setup and train do not match.
-    """
-
-    def __init__(
-        self, consist: Consist, line: Line, setup: PlantSetup, *, step_ns: int, tick_ns: int, seed: int = 0
-    ) -> None:
-        if step_ns <= 0 or tick_ns <= 0 or tick_ns % step_ns:
-            raise ValueError(
-                f"tick {tick_ns} ns is not a positive multiple of the plant step {step_ns} ns; correct one of them"
-            )
-        setup = with_adhesion_of(line, setup)
-        self.consist, self.line, self.setup = consist, line, setup
-        self.units = consist.power_units
-        self.sensors = setup.sensors.couplers
-        self.step_ns, self.tick_ns, self.substeps = step_ns, tick_ns, tick_ns // step_ns
-        self.stamp = 0
-        self.step = step_ns * 1e-9
-        super().__init__(pack(consist, line, setup, self.step), len(consist.vehicles))
-        self._sections = SectionEffects(consist, line, setup, self.arrays)
-        self.brake = friction_brake_events(consist)
-        self.pipe = self.brake if isinstance(self.brake, PipeEvents) else None
-        self._pressure = (
-            None if consist.air_brake is None else PipePressure(consist.air_brake, self.arrays.vehicle, (0, self.n - 1))
-        )
-        self.sensor_set = SensorSet(setup.sensors, self.units, self.arrays.vehicle[k.GAP], tick_ns * 1e-9, seed)
-        sources = [random_stream(seed, f"disturbance/{i}") for i in range(len(setup.disturbances))]
-        masses = self.arrays.vehicle[k.MASS]
-        self.outside = OutsideForces(setup.disturbances, masses, step_ns, tick_ns, sources)
-        self.arrays.setting[k.HAS_DRIFT] = float(self.outside.has_drift)
-        if self.outside.has_drift and len(self.arrays.body) - 1 < self.n:
-            raise ValueError(
-                "disturbance paper002: drift speeds cannot act on rigidly joined vehicles; choose other draft gears"
-            )
-        self.parted = PartedCouplers(consist, self.arrays, self.brake)
-        self.jumps = Jumps(setup, consist, self.arrays, self.parted, step_ns=step_ns, tick_ns=tick_ns)
-        self._kinetic_start = self.kinetic_energy
-        self._outside_force = np.zeros(self.n)
-        self.has_added_gusts = False
-
-    @property
-    def time(self) -> float:
-        """Time of the present state [s]."""
-        return self.stamp * 1e-9
 
     @property
     def outside_force(self) -> Array:
@@ -258,29 +244,13 @@ class Train(KernelState):
         return len(outside)
 
     def add_gust(self, gust: Gust) -> None:
-        """Add a gust that is not in the setup, from the next tick on.
-
-        Raises
-        ------
-        ValueError
-            If it lists a vehicle outside the train.
-        """
+        """Add a gust that is not in the setup, from the next tick on."""
         self.outside.add(gust)
         self.has_added_gusts = True
 
     def add_jump(self, jump: Jump) -> None:
-        """Add a jump that is not in the setup.
-
-        Raises
-        ------
-        ValueError
-            If the train lacks the part that it changes.
-        """
+        """Add a jump that is not in the setup."""
         self.jumps.add(jump)
-
-    def freeze_measurement(self, begin: float, end: float) -> None:
-        """Freeze the measured positions and speeds of all units from a time to another one [s]."""
-        self.sensor_set.freeze(begin, end)
 
     def _drop_gusts(self) -> None:
         """Remove gusts that have ended, and their forces on vehicles without another disturbance."""
@@ -299,11 +269,6 @@ class Train(KernelState):
     def release_emergency_brake(self) -> None:
         """Close vent or loop; a brake pipe gets the pressure demanded last. No effect on a train that has parted."""
         self.brake.release_emergency(self.time)
-
-    @property
-    def separation_noticed(self) -> bool:
-        """True if the train has parted, and its head has the emergency brake for this reason."""
-        return self.parted.noticed(self.time)
 
     def _integrate(self, demand: Array, outside: Array, begin: int, end: int) -> None:
         if end <= begin:

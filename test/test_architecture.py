@@ -17,7 +17,7 @@ LAYERS = (
 )  # fmt: skip
 """Layers from lowest to highest; CONTRIBUTING.md describes them."""
 CONTROL_LAYERS = (
-    ("contract", "command_history", "component_fault", "parameters", "learned_resistance", "train_model", "gains",
+    ("contract", "command_history", "component_fault", "learned_resistance", "train_model", "gains",
      "plan_text", "rows_by_place"),
     ("guard",),
     ("algorithms",),

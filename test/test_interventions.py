@@ -14,7 +14,7 @@ from waiting import LIMIT_S, reserved_domain, wait_for
 
 import train_ato
 from plant_sim import kernel as k
-from plant_sim.brake_events import ATMOSPHERE
+from plant_sim.air_brake import ATMOSPHERE
 from plant_sim.disturbances import Gust, OutsideForces
 from train_ato.judge.trajectories import profile_of
 from train_ato.log.reading import read_log

@@ -20,8 +20,7 @@ from train_ato.control.algorithms.train_constants import (
 )  # fmt: skip
 from train_ato.control.mpc.actuator_identification import ActuatorIdentification
 from train_ato.control.mpc.force_plan import horizon_model, node_times, ramp_response, responses
-from train_ato.control.mpc.motion_filters import RAMP_TIME, motion_by_rate
-from train_ato.control.mpc.motion_observer import MotionObserver
+from train_ato.control.mpc.motion_observer import RAMP_TIME, MotionObserver, motion_by_rate
 from train_ato.control.mpc.predictive_plan import decide, free_motion, go_on, node_values
 from train_ato.control.mpc.unit_deviations import UnitDeviations, filter_gain, regulator_gain
 from train_ato.control.observers.force_balance import lag_weight

@@ -7,8 +7,14 @@ from hypothesis import strategies as st
 from law_trains import FIVE, HILLY, SINGLE, inputs, model, printed_law
 
 from train_ato.control.algorithms.coupled_units import matrix_exponential
-from train_ato.control.algorithms.identification import Increments, ResidualNetwork
-from train_ato.control.algorithms.predictive_law import diophantine, linear_law, response_and_past, sampled_actuator
+from train_ato.control.algorithms.predictive_law import (
+    Increments,
+    ResidualNetwork,
+    diophantine,
+    linear_law,
+    response_and_past,
+    sampled_actuator,
+)
 from train_ato.control.contract import Preview
 from train_ato.control.laws.gpc import Gpc, GpcParameters
 

@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from law_trains import FIVE, HAULED, HILLY, LEVEL, SINGLE, asked, inputs, measured, model, printed_law, profile, stack
 
-from train_ato.control.algorithms.rbf import RBF_CENTERS, move_weights, weighted
-from train_ato.control.algorithms.sliding import sig
+from train_ato.control.algorithms.sliding import RBF_CENTERS, move_weights, sig, weighted
 from train_ato.control.compensation.pade import pade_coefficients
 from train_ato.control.laws.fixed_time_smc import alternating
 from train_ato.control.laws.funnel import widen

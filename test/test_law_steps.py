@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 from law_trains import FIVE, HAULED, HILLY, PUSHED, SINGLE, inputs, model, printed_law
 
-from train_ato.control.contract import parameter, parameters_of
+from train_ato.control.contract import make_parameters, parameter, parameters_of
 from train_ato.control.laws.pid import Pid
-from train_ato.control.parameters import make_parameters
 from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS, Registry
 from train_ato.scenario.scenario import load_scenario
 from train_ato.scenario.setup import prepare

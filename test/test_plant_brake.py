@@ -230,8 +230,8 @@ def test_forecast_force_and_rest() -> None:
     forecast = BrakeForecast(load_consist("hxd1_c80_105"))
     assert forecast.idle
     forecast.demand(0.0, APPLIED)
-    assert forecast.force(100.0, 70 / 3.6) == pytest.approx(743e3, rel=1e-3)
-    assert forecast.force(0.0, 70 / 3.6) == 0.0
+    assert forecast.forces(100.0, 70 / 3.6).sum() == pytest.approx(743e3, rel=1e-3)
+    assert forecast.forces(0.0, 70 / 3.6).sum() == 0.0
     forecast.demand(100.0, CHARGED)
     forecast.commit(300.0)
     assert forecast.idle

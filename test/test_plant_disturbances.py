@@ -13,7 +13,7 @@ from plant_trains import CLIP, GEARS, LINEAR, RIGID, chain, drive, heavy, plain_
 from pydantic import TypeAdapter, ValidationError
 
 from plant_sim import kernel as k
-from plant_sim.brake_events import ATMOSPHERE
+from plant_sim.air_brake import ATMOSPHERE
 from plant_sim.disturbances import DisturbanceSource
 from plant_sim.elementary import random_stream
 from plant_sim.library import consist_names, load_consist

@@ -8,8 +8,8 @@ import pytest
 from plant_trains import CLIP, LINEAR, RIGID, chain, drive, heavy, train
 
 from plant_sim import kernel as k
+from plant_sim.air_brake import ATMOSPHERE
 from plant_sim.brake_data import EmergencyBrake
-from plant_sim.brake_events import ATMOSPHERE
 from plant_sim.consist import Consist
 from plant_sim.library import consist_names, load_consist
 from plant_sim.traction import FullServiceBrake

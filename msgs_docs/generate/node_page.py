@@ -53,7 +53,7 @@ def page(written: Path = PAGE) -> str:
 
 def requirement_page(written: Path = REQUIREMENT_PAGE) -> str:
     """Return the page of the requirements: the text above the mark, and below it signals and units."""
-    rows = ((f"`{one.name}`", one.unit, one.meaning, one.needs or "-") for one in SIGNALS.values())
+    rows = ((f"`{one.name}`", one.unit, one.meaning, one.needs.text or "-") for one in SIGNALS.values())
     lines = ["", "## Signals", "", *table_lines(("signal", "unit", "meaning", "needs"), rows)]
     return _below_mark(written, [*lines, "", "## Units", "", ", ".join(f"`{unit}`" for unit in UNITS) + "."])
 

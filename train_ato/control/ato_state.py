@@ -16,6 +16,12 @@ from train_ato.messages.types import AtoState
 
 TAKEOVER_TIME = 5.0
 """Time for the driver to take over after the end of the engagement [s]; then the train brakes: SUBSET-125, 6.3."""
+TRANSITIONS = {
+    "engage": (AtoState.READY, AtoState.ENGAGED, "request"),
+    "disengage": (AtoState.ENGAGED, AtoState.DISENGAGING, "request"),
+    "reset": (AtoState.FAILURE, AtoState.NOT_AVAILABLE, "reset"),
+}
+"""State that a request needs, state that follows, and its reason."""
 
 
 class AtoStateMachine:
@@ -82,7 +88,7 @@ class AtoStateMachine:
         ValueError
             With the reason of the refusal.
         """
-        needed = {"engage": AtoState.READY, "disengage": AtoState.ENGAGED, "reset": AtoState.FAILURE}[request]
+        needed = TRANSITIONS[request][0]
         if self.state is not needed:
             raise ValueError(f"{request}: the ATO is {self.state.text}, not {needed.text}; wait for this state")
         if request == "reset" and not standstill:
@@ -91,12 +97,7 @@ class AtoStateMachine:
     def request(self, stamp: int, request: str, *, standstill: bool) -> None:
         """Apply a request; errors as :meth:`check`."""
         self.check(request, standstill=standstill)
-        if request == "engage":
-            self._change(stamp, AtoState.ENGAGED, "request")
-        elif request == "disengage":
-            self._change(stamp, AtoState.DISENGAGING, "request")
-        else:
-            self._change(stamp, AtoState.NOT_AVAILABLE, "reset")
+        self._change(stamp, *TRANSITIONS[request][1:])
 
     def brakes(self, stamp: int) -> bool:
         """Return True if the ATO brakes to a stop: after a failure, and after the takeover time."""

@@ -37,26 +37,14 @@ class Caller:
         self.force: Array | None = None
 
     def bind(self, model: Any, period: float) -> None:
-        """Take the number of units and the control period [s].
-
-        Raises
-        ------
-        ValueError
-            For a text that is not one of recorded forces of this train.
-        """
+        """Take the number of units and the control period [s]."""
         self.model, self._period, self._recorded = model, period, _forces_of(self.forces, model.n_units)
 
     def reset(self) -> None:
         """Keep the force: the caller has already given that of the step in which a law begins after a takeover."""
 
     def step(self, inputs: LawInput) -> LawOutput:
-        """Return the force of the caller, or the recorded one.
-
-        Raises
-        ------
-        ValueError
-            Without a caller, and after the recorded forces.
-        """
+        """Return the force of the caller, or the recorded one."""
         if self.force is not None:
             return LawOutput(self.force)
         step = round(inputs.t / self._period)

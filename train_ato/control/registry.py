@@ -25,9 +25,8 @@ from typing import Any
 
 from plant_sim.input_error import close_match
 from train_ato.control.component_fault import place_of, refused_at_start
-from train_ato.control.contract import Parameter, parameter, parameters_of
+from train_ato.control.contract import Parameter, RefusedParameter, make_parameters, parameter, parameters_of
 from train_ato.control.gains import Gains, gains_of
-from train_ato.control.parameters import RefusedParameter, make_parameters
 
 _KINDS = {"bool": bool, "int": int, "float": float, "str": str}
 
@@ -169,13 +168,7 @@ class Registry:
         self._unregistered: dict[str, Any] = {}
 
     def register(self, name: str, target: str | type) -> None:
-        """Add a component under a new name: a class, or ``module:Class``.
-
-        Raises
-        ------
-        ValueError
-            If the name is in use.
-        """
+        """Add a component under a new name: a class, or ``module:Class``."""
         if name in self._targets or name in self._loaded:
             raise ValueError(f"{self.kind} '{name}' is registered already; choose another name")
         if isinstance(target, str):
@@ -187,11 +180,6 @@ class Registry:
         """Return the name of a class; one that is not registered can be used as ``module:Class`` from then on.
 
         The last class of a ``module:Class`` counts, as after a second run of a notebook's cell.
-
-        Raises
-        ------
-        ValueError
-            If it is not a law, observer or compensation.
         """
         target = f"{block.__module__}:{block.__qualname__}"
         for name, loaded in self._loaded.items():
@@ -256,13 +244,7 @@ class Registry:
         return (self.get(name).__doc__ or "").strip().partition("\n")[0]
 
     def check_parameters(self, name: str, values: Mapping[str, Any]) -> None:
-        """Check parameters without making the component.
-
-        Raises
-        ------
-        ValueError
-            For an unknown component or a wrong parameter.
-        """
+        """Check parameters without making the component."""
         make_parameters(self.get(name).Parameters, values, name)
 
     def make(self, name: str, values: Mapping[str, Any], *arguments: Any) -> Any:
@@ -301,23 +283,11 @@ class LawRegistry(Registry):
     """Laws by name; the parameters that are not given follow from the train (:mod:`train_ato.control.gains`)."""
 
     def gains(self, name: str, values: Mapping[str, Any], model: Any, period: float) -> Gains:
-        """Return the parameters of a law for a train.
-
-        Raises
-        ------
-        ValueError
-            For an unknown law.
-        """
+        """Return the parameters of a law for a train."""
         return gains_of(name, self.get(name), values, model, period)
 
     def make(self, name: str, values: Mapping[str, Any], *arguments: Any) -> Any:
-        """Return a new law for a train and a period: the second and the third argument.
-
-        Raises
-        ------
-        ValueError
-            As for every component.
-        """
+        """Return a new law for a train and a period: the second and the third argument."""
         return super().make(name, self.gains(name, values, *arguments).values, *arguments)
 
 
@@ -336,13 +306,7 @@ def _changed_at(folder: Path) -> int:
 
 
 def load_class(target: str) -> type:
-    """Import the class ``module:Class`` (or ``module.Class``); the current folder is searched last.
-
-    Raises
-    ------
-    ValueError
-        If the module or the class does not exist.
-    """
+    """Import the class ``module:Class`` (or ``module.Class``); the current folder is searched last."""
     module_name, _, attribute = target.partition(":") if ":" in target else target.rpartition(".")
     if target.endswith(".py"):
         module_name, attribute = target, "CLASS"

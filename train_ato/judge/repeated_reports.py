@@ -9,10 +9,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from train_ato.messages.types import Diagnostic
-from train_ato.scenario import ato_requests, changes, interventions
+from train_ato.scenario import changes, interventions
 
 Column = Sequence[float]
-EVENTS = frozenset((changes.KEY, interventions.KEY, ato_requests.KEY))
+EVENTS = frozenset((changes.KEY, interventions.KEY, interventions.REQUEST_KEY))
 """Keys of changes during a run: a message with one of them stays a message."""
 KINDS: dict[type, str] = {int: "q", float: "d"}
 """Kind of the numbers of a column, and code of its array."""

@@ -8,7 +8,7 @@ from train_ato.control.guard import is_valid_state
 from train_ato.control.plausibility import MeasurementCheck
 from train_ato.messages.topic import FIXED_NAMES, Owner
 from train_ato.messages.types import Array, AtoReport, AtoState, Measurement, ProtectionState, SupervisedSpeeds
-from train_ato.scenario.ato_requests import KEY, AtoRequest, Request
+from train_ato.scenario.interventions import REQUEST_KEY, AtoRequest, Request
 from train_ato.scenario.setup import RunSetup
 from train_ato.supervision.supervisor import STANDSTILL_SPEED
 
@@ -169,7 +169,7 @@ class AtoMode:
             values["takeovers"] = str(self.assurance.takeovers)
             if self.assurance.brakes:
                 values["takeover"] = self.assurance.reason
-        return {**values, KEY: self._accepted} if self._accepted else values
+        return {**values, REQUEST_KEY: self._accepted} if self._accepted else values
 
 
 def _lock(protection: ProtectionState | None, speeds: SupervisedSpeeds | None) -> str:

@@ -138,7 +138,7 @@ class TrainInterventions:
         elif isinstance(intervention, MessageLossNow):
             self._inputs.add(DropFault(topic=intervention.topic, begin=now, end=now + intervention.duration))
         elif intervention.topic == "train/measurement":
-            train.freeze_measurement(now, now + intervention.duration)
+            train.sensor_set.freeze(now, now + intervention.duration)
         else:
             self._inputs.add(FreezeFault(topic=intervention.topic, begin=now, end=now + intervention.duration))
 
@@ -329,7 +329,9 @@ class PlantStage:
         demand: Array = self.link.window(stamp, self._substeps)
         before = protection.level
         level = protection.step(
-            stamp, standstill=protection.awaits_standstill and self.standstill, separated=self.train.separation_noticed
+            stamp,
+            standstill=protection.awaits_standstill and self.standstill,
+            separated=self.train.parted.noticed(self.train.time),
         )
         if level is not Protection.NONE:
             pressure = self._brake(level, demand, pressure)

@@ -10,7 +10,7 @@ import numpy as np
 from numba import typeof
 from numpy.typing import NDArray
 
-from plant_sim.brake_events import PipeEvents
+from plant_sim.air_brake import PipeEvents
 from plant_sim.compiled import direct_call
 from plant_sim.record import zeros
 from train_ato.control.air_brake.predictive_policy import PredictiveBrake

@@ -14,38 +14,30 @@ class Owner(Enum):
     """Parts of a train with one value each in a message.
 
     The enum value of numbered parts is the prefix of their names (``unit_0``); :data:`FIXED_NAMES` has the others.
+    ``meaning`` is meaning and order of the parts, as text.
     """
 
-    VEHICLE = "vehicle"
-    UNIT = "unit"
-    FEED_FORWARD = "feed_forward"
-    FEEDBACK = "feedback"
-    ESTIMATE = "estimate"
-    COUPLER = "coupler"
-    ODOMETER = "odometer"
-    SINCE_BALISE = "since_balise"
-    BRAKE_LINE = "brake_line"
-    SUPERVISED_SPEED = "supervised_speed"
-    ATO = "ato"
-    TRAIN_END = "train_end"
+    _value_: str
+    meaning: str
 
-    @property
-    def meaning(self) -> str:
-        """Meaning and order of the parts, as text."""
-        return {
-            Owner.VEHICLE: "every vehicle, front first",
-            Owner.UNIT: "every power unit, front first",
-            Owner.FEED_FORWARD: "force of the nominal model on the reference; 0 for a law that does not use it",
-            Owner.FEEDBACK: "rest of the command: law, limits, change of the law",
-            Owner.ESTIMATE: "force against the estimate of the observer",
-            Owner.COUPLER: "the coupler behind vehicle I where a sensor is fitted",
-            Owner.ODOMETER: "the odometers of the supervisor",
-            Owner.SINCE_BALISE: "the distances that they have counted since the last balise",
-            Owner.BRAKE_LINE: "traction and brakes that the supervisor releases",
-            Owner.SUPERVISED_SPEED: "estimated speed and limits of the supervisor",
-            Owner.ATO: "the ATO",
-            Owner.TRAIN_END: "both ends of a train, and its shortest stop",
-        }[self]
+    def __new__(cls, value: str, meaning: str) -> "Owner":
+        """Return a kind of parts with its meaning."""
+        found = object.__new__(cls)
+        found._value_, found.meaning = value, meaning
+        return found
+
+    VEHICLE = "vehicle", "every vehicle, front first"
+    UNIT = "unit", "every power unit, front first"
+    FEED_FORWARD = "feed_forward", "force of the nominal model on the reference; 0 for a law that does not use it"
+    FEEDBACK = "feedback", "rest of the command: law, limits, change of the law"
+    ESTIMATE = "estimate", "force against the estimate of the observer"
+    COUPLER = "coupler", "the coupler behind vehicle I where a sensor is fitted"
+    ODOMETER = "odometer", "the odometers of the supervisor"
+    SINCE_BALISE = "since_balise", "the distances that they have counted since the last balise"
+    BRAKE_LINE = "brake_line", "traction and brakes that the supervisor releases"
+    SUPERVISED_SPEED = "supervised_speed", "estimated speed and limits of the supervisor"
+    ATO = "ato", "the ATO"
+    TRAIN_END = "train_end", "both ends of a train, and its shortest stop"
 
 
 FIXED_NAMES: dict[Owner, tuple[str, ...]] = {

@@ -13,9 +13,15 @@ from typing import Any
 
 from plant_sim.data_text import parse_json
 from train_ato.messages.types import Diagnostic
-from train_ato.scenario import ato_requests, interventions
-from train_ato.scenario.ato_requests import AtoRequest, Request, request_from_text
-from train_ato.scenario.interventions import Intervention, due_stamp, planned_for
+from train_ato.scenario import interventions
+from train_ato.scenario.interventions import (
+    AtoRequest,
+    Intervention,
+    Request,
+    due_stamp,
+    planned_for,
+    request_from_text,
+)
 from train_ato.scenario.scenario import LawChange, Scenario
 
 KEY = "changed"
@@ -116,8 +122,8 @@ class RunChanges:
         if message.node == "controller":
             if KEY in message.values:
                 self.laws.append((message.stamp, changes_from_json(message.values[KEY])))
-            if ato_requests.KEY in message.values:
-                self.requests.append((message.stamp, request_from_text(message.values[ato_requests.KEY])))
+            if interventions.REQUEST_KEY in message.values:
+                self.requests.append((message.stamp, request_from_text(message.values[interventions.REQUEST_KEY])))
         elif message.node == "plant" and interventions.KEY in message.values:
             entries = interventions.interventions_from_json(message.values[interventions.KEY])
             self.done += [(message.stamp, entry) for entry in entries]
@@ -137,7 +143,7 @@ class RunChanges:
             values = entry.model_dump(exclude={"at", "do"})
             listed.append({"at_s": stamp / SECOND, "name": entry.do, "value": values, "planned": in_scenario})
         for stamp, request, in_scenario in self._matched_requests(scenario)[0]:
-            row = {"at_s": stamp / SECOND, "name": ato_requests.KEY, "value": request, "planned": in_scenario}
+            row = {"at_s": stamp / SECOND, "name": interventions.REQUEST_KEY, "value": request, "planned": in_scenario}
             listed.append(row)
         return sorted(listed, key=lambda row: float(row["at_s"]))
 
@@ -146,7 +152,7 @@ class RunChanges:
         rows: list[tuple[int, str, Any]] = [
             (stamp, name, value) for stamp, changes in self.laws for name, value in changes.items()
         ]
-        rows += [(stamp, ato_requests.KEY, request) for stamp, request in self.requests]
+        rows += [(stamp, interventions.REQUEST_KEY, request) for stamp, request in self.requests]
         rows += [(stamp, entry.do, entry.model_dump(exclude={"at", "do"})) for stamp, entry in self.done]
         rows.sort(key=lambda row: row[0])
         return [{"at_s": stamp / SECOND, "name": name, "value": value} for stamp, name, value in rows]

@@ -120,13 +120,7 @@ class FollowingFile:
     assignments: tuple[str, ...] = ()
 
     def scenario_of(self, number: int) -> dict[str, Any]:
-        """Return the scenario of a train as an overlay of its base.
-
-        Raises
-        ------
-        ValueError
-            If its base cannot be read: key, value, problem; fix.
-        """
+        """Return the scenario of a train as an overlay of its base."""
         train = self.spec.trains[number]
         stem, variants = split_name(train.scenario)
         beside = self.path.parent / stem
@@ -183,11 +177,6 @@ def load_following(path: Path, assignments: tuple[str, ...] = (), seed: int | No
         ``TRAIN.a.b=value`` or ``all.a.b=value``, as for ``--set``.
     seed
         Seed in place of that of the file.
-
-    Raises
-    ------
-    ValueError
-        One line: file or option, train, key, value, problem; fix.
     """
     data = read_yaml(path)
     try:

@@ -3,11 +3,14 @@
 A scenario plans them, or a service call of the node ``plant`` requests them during the run.  Each takes effect at a
 tick; the plant's diagnostics of that tick contain it as JSON under the key ``interventions``.  The run can therefore be
 repeated from its log.
+
+Requests to the ATO (engage, disengage, reset) are planned, or made by a service of the node ``controller``, in the same
+way. The diagnostics of the controller contain each accepted request.
 """
 
 import json
 from collections.abc import Iterable
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import Field, TypeAdapter, ValidationError
 
@@ -151,3 +154,30 @@ def due_stamp(intervention: Intervention, tick_ns: int) -> int:
 def planned_for(stamp: int, intervention: Intervention) -> Intervention:
     """Return an intervention with a stamp [ns] as its planned time."""
     return intervention.model_copy(update={"at": stamp / SECOND})
+
+
+REQUEST_KEY = "ato_request"
+"""Key of the controller's diagnostics that contains an accepted request."""
+Request = Literal["engage", "disengage", "reset"]
+REQUESTS: tuple[Request, ...] = get_args(Request)
+
+
+class AtoRequest(SiModel):
+    """One request; an engagement waits until the ATO is ready."""
+
+    at: Time = Field(ge=0, description="time of the request", examples=[60.0])
+    do: Request = Field(description="requested action")
+
+
+def request_from_text(text: str) -> Request:
+    """Return the accepted request in the diagnostics of the controller.
+
+    Raises
+    ------
+    ValueError
+        If the text is not a request of this version.
+    """
+    for request in REQUESTS:
+        if request == text:
+            return request
+    raise ValueError(f"{REQUEST_KEY} '{text[:60]}': not written by this version; open the run with its own version")

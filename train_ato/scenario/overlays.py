@@ -51,13 +51,7 @@ def with_absolute_files(data: dict[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def assign(data: dict[str, Any], text: str) -> None:
-    """Apply one ``--set a.b=value`` to a raw scenario, the value written as YAML.
-
-    Raises
-    ------
-    ValueError
-        If the text is not an assignment, or a part of the key is not a mapping.
-    """
+    """Apply one ``--set a.b=value`` to a raw scenario, the value written as YAML."""
     key, equals, value = text.partition("=")
     if not equals or not key:
         raise ValueError(f"--set {text}: not an assignment; write key.key=value, for example --set plant.lag=0.4")
@@ -68,11 +62,6 @@ def put(data: dict[str, Any], key: str, value: Any, option: str) -> None:
     """Set one key ``a.b.c`` of a raw scenario; messages begin with ``option``.
 
     An entry of a list has its number from 0 as key: ``interventions.0.at``.
-
-    Raises
-    ------
-    ValueError
-        If a part of the key is not a mapping, or a list has no such entry.
     """
     keys = keys_of(key)
     place: Any = data

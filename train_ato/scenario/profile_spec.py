@@ -118,11 +118,6 @@ class ProfileSpec(SiModel):
             Places of the front [m], increasing, and speeds [m/s] of an additional speed limit of a plan.
         begun
             Duration of a driver's run [s] and speed at its begin [m/s].
-
-        Raises
-        ------
-        ValueError
-            One line: problem; fix.
         """
         profile = self._build_source(
             consist, line, period, folder=folder or Path(), reduction=reduction, ceiling=ceiling, begun=begun
@@ -204,13 +199,7 @@ def _append(
 
 
 def check_on_line(profile: Profile, consist: Consist, line: Line, remedy: str = "") -> None:
-    """Check that the front of the train stays on the line; ``remedy`` is that of a profile from elsewhere.
-
-    Raises
-    ------
-    ValueError
-        With place and time.
-    """
+    """Check that the front of the train stays on the line; ``remedy`` is that of a profile from elsewhere."""
     front = profile.position + consist.vehicles[0].length / 2
     far, near = int(front.argmax()), int(front.argmin())
     if front[far] > line.end + 1e-3:

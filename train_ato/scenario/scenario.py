@@ -29,9 +29,8 @@ from train_ato.control.learned_resistance import LearnedResistance
 from train_ato.messages.faults import Fault
 from train_ato.messages.links import LinkSpec
 from train_ato.profile.planner.settings import ReplanSpec
-from train_ato.scenario.ato_requests import AtoRequest
 from train_ato.scenario.criteria import Criteria, Expectation
-from train_ato.scenario.interventions import Intervention
+from train_ato.scenario.interventions import AtoRequest, Intervention
 from train_ato.scenario.leader import LeaderSpec
 from train_ato.scenario.overlays import assign, caused_by, overlay, with_absolute_files
 from train_ato.scenario.profile_spec import ProfileSpec

@@ -15,10 +15,9 @@ from plant_sim.line import Line
 from train_ato.control.air_brake.policy import BrakeSpec
 from train_ato.control.algorithms.train_constants import dead_time
 from train_ato.control.compensation.contract import check_compatible
-from train_ato.control.contract import Law
+from train_ato.control.contract import Law, RefusedParameter
 from train_ato.control.learned_resistance import LearnedResistance, model_hash, read_learned
 from train_ato.control.open_loop import actions_text, driver_reductions
-from train_ato.control.parameters import RefusedParameter
 from train_ato.control.registry import COMPENSATIONS, LAWS
 from train_ato.control.train_model import LineForceTable, TrainModel
 from train_ato.messages.topic import TrainLayout
@@ -130,11 +129,6 @@ def nominal_model(
     """Return the nominal model of a scenario; without a block ``model`` it has the data of plant and links.
 
     ``parts`` has the tables of the line force of former models.
-
-    Raises
-    ------
-    ValueError
-        For a learned resistance of another line or train: file, key, value, problem; fix.
     """
     parts = parts or PartCache()
     block = scenario.model
@@ -207,13 +201,7 @@ OPEN_LOOP = "train_ato.control.open_loop:OpenLoopDriver"
 
 
 def with_driver(scenario: Scenario) -> Scenario:
-    """Return the scenario of a driver's run with its notches and reductions in the place of a law and a brake policy.
-
-    Raises
-    ------
-    ValueError
-        If the scenario has a law, a component of one, changes of it, re-planning or a brake policy beside the driver.
-    """
+    """Return the scenario of a driver's run with its notches and reductions in place of law and brake policy."""
     actions = scenario.profile.driver
     if actions is None or scenario.law == OPEN_LOOP:
         return scenario
@@ -286,11 +274,6 @@ def fitting_law(name: str, values: Mapping[str, Any], model: TrainModel, period:
         Period of the law [s].
     compensation
         Name of the delay compensation.
-
-    Raises
-    ------
-    ValueError
-        For an unknown name or parameter, or a train or compensation that does not fit the law.
     """
     if not model.n_units:
         raise ValueError(f"law '{name}': no vehicle of the train has traction or brake; add an envelope")
@@ -320,11 +303,6 @@ def line_supervisor(scenario: Scenario, consist: Consist, line: Line, profile: P
         Scenario with the train and the line of its plant, and its profile.
     reaction
         Largest time from a motion of the train to the demand at its brakes [s].
-
-    Raises
-    ------
-    ValueError
-        If the emergency brake is weaker than a grade before a target.
     """
     spec = scenario.supervision
     front = consist.vehicles[0].length / 2.0

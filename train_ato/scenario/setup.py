@@ -78,17 +78,6 @@ def resolved_data(scenario: Scenario, folder: Path, consist: Consist, line: Line
     return data
 
 
-def resolved_text(data: dict[str, Any]) -> str:
-    """Return the data of a resolved scenario as YAML."""
-    return "".join(_block_yaml(key, value) for key, value in data.items())
-
-
-def key_hashes(data: dict[str, Any]) -> dict[str, str]:
-    """Return a hash of every top-level key of a resolved scenario."""
-    texts = {key: json.dumps(value, sort_keys=True) for key, value in data.items()}
-    return {key: hashlib.sha256(text.encode()).hexdigest()[:8] for key, text in texts.items()}
-
-
 def _block_yaml(key: str, value: Any) -> str:
     """Return a top-level key of a resolved scenario with its value as YAML."""
     if not isinstance(value, dict) or not value:
@@ -99,12 +88,12 @@ def _block_yaml(key: str, value: Any) -> str:
 
 def _yaml_of(value: dict[str, Any]) -> str:
     """Return plain data as YAML, without anchors for shared parts."""
-    return _texts.get(value, lambda: _dumped(json.loads(json.dumps(value))))
 
+    def dumped() -> str:
+        plain = json.loads(json.dumps(value))
+        return str(yaml.dump(plain, Dumper=TextDumper, sort_keys=False, allow_unicode=True, width=120))
 
-def _dumped(value: dict[str, Any]) -> str:
-    text: str = yaml.dump(value, Dumper=TextDumper, sort_keys=False, allow_unicode=True, width=120)
-    return text
+    return _texts.get(value, dumped)
 
 
 def check_replan(scenario: Scenario, layout: TrainLayout) -> None:
@@ -270,13 +259,7 @@ class RunSetup:
         return bool(self.scenario.faults or self.scenario.interventions)
 
     def component(self, registry: Registry, name: str, values: Mapping[str, Any], period: float) -> Any:
-        """Return a component of this run at its start: an object given to :func:`train_ato.run`, otherwise a new one.
-
-        Raises
-        ------
-        ValueError
-            As :meth:`Registry.make`.
-        """
+        """Return a component at the start of the run: an object given to :func:`train_ato.run`, or a new one."""
         given = self.given.get(registry.kind)
         if given is not None and given.name == name and given.values == values:
             with refused_at_start(registry.kind, name, given.component):
@@ -290,13 +273,7 @@ class RunSetup:
 
     @cached_property
     def leader_reports(self) -> tuple[TrainReport, ...]:
-        """Reports of the train ahead; none for those that come live.
-
-        Raises
-        ------
-        ValueError
-            As :func:`train_ato.supervision.train_report.parse_reports`.
-        """
+        """Reports of the train ahead; none for those that come live."""
         spec = self.scenario.leader
         return () if spec is None or spec.train else parse_reports(spec.reports)
 
@@ -326,25 +303,13 @@ class RunSetup:
         return self.scenario.control_period or self.tick
 
     def law(self, name: str, values: Mapping[str, Any] | None = None) -> Law:
-        """Return a law of this run with the parameters of the scenario, or with others.
-
-        Raises
-        ------
-        ValueError
-            For an unknown name or parameter, or a train or compensation that does not fit the law.
-        """
+        """Return a law of this run with the parameters of the scenario, or with others."""
         if values is None:
             values = self.controller_parameters.get(name, {})
         return fitting_law(name, values, self.model, self.control_period, self.compensation)
 
     def gains(self, name: str, values: Mapping[str, Any] | None = None) -> Gains:
-        """Return the parameters of a law in this run, with those of the scenario or with others given.
-
-        Raises
-        ------
-        ValueError
-            For an unknown law.
-        """
+        """Return the parameters of a law in this run, with those of the scenario or with others given."""
         if values is None:
             values = self.controller_parameters.get(name, {})
         return LAWS.gains(name, values, self.model, self.control_period)
@@ -358,11 +323,6 @@ class RunSetup:
 
         Default: the law at the start with the parameters of the scenario. For a driver's run: the first action that it
         does not reach in time.
-
-        Raises
-        ------
-        ValueError
-            As :meth:`law`.
         """
         if name is None and self.scenario.profile.driver is not None:
             return late_action(self.scenario.profile.driver, self.scenario.duration)
@@ -384,13 +344,7 @@ class RunSetup:
             raise ValueError(f"plant: {error}") from None
 
     def check_intervention(self, intervention: Intervention) -> None:
-        """Check an intervention for this train and its topics.
-
-        Raises
-        ------
-        ValueError
-            If the run lacks the topic or the part of the train.
-        """
+        """Check an intervention for this train and its topics."""
         topic = getattr(intervention, "topic", None)
         if topic is not None and not BY_NAME[topic].exists(self.layout):
             raise ValueError(f"{intervention.do}: this run has no {topic}; use another topic")
@@ -412,13 +366,7 @@ class RunSetup:
         return None if planned is None else PlannedDisplacement(planned, self.model.n_units)
 
     def supervisor(self) -> Supervisor:
-        """Return the supervisor of the train on its line, up to the stop at the end of the profile.
-
-        Raises
-        ------
-        ValueError
-            If the emergency brake is weaker than a grade before a target.
-        """
+        """Return the supervisor of the train on its line, up to the stop at the end of the profile."""
         reaction = (self.supervision_ticks + 1) * self.tick + self.links.brake_release.longest
         return line_supervisor(self.scenario, self.consist, self.line, self.profile, reaction)
 
@@ -439,11 +387,12 @@ class RunSetup:
 
     def fingerprint(self) -> dict[str, str]:
         """Return a hash of every top-level key of the resolved scenario; equal runs have equal hashes."""
-        return key_hashes(self._resolved_data)
+        texts = {key: json.dumps(value, sort_keys=True) for key, value in self._resolved_data.items()}
+        return {key: hashlib.sha256(text.encode()).hexdigest()[:8] for key, text in texts.items()}
 
     @cached_property
     def _resolved_text(self) -> str:
-        return resolved_text(self._resolved_data)
+        return "".join(_block_yaml(key, value) for key, value in self._resolved_data.items())
 
     def _all_values(self, law: str) -> dict[str, Any]:
         """Return every parameter of a law with a choice of gains, otherwise those that are given."""

@@ -9,6 +9,14 @@ from train_ato.messages.topic import TrainLayout
 
 
 @dataclass(frozen=True)
+class Need:
+    """Condition of a signal, as text and as a predicate."""
+
+    text: str = ""
+    holds: Callable[[TrainLayout, Line], bool] = lambda layout, line: True
+
+
+@dataclass(frozen=True)
 class RequirementSignal:
     """Signal of a run, one sample per tick.
 
@@ -21,7 +29,7 @@ class RequirementSignal:
     meaning
         Definition.
     needs
-        Condition under which a run has the signal; "" for every run.
+        Condition under which a run has the signal.
     by_unit
         True: ``NAME_I`` is the signal of power unit I.
     """
@@ -29,11 +37,15 @@ class RequirementSignal:
     name: str
     unit: str
     meaning: str
-    needs: str = ""
+    needs: Need = Need()
     by_unit: bool = False
 
 
-_BRAKE, _LIMITS, _SUPERVISOR = "an air brake", "a line with speed limits", "a supervisor"
+_BRAKE = Need("an air brake", lambda layout, line: layout.air_brake)
+_LIMITS = Need("a line with speed limits", lambda layout, line: bool(line.speed_limits))
+_SUPERVISOR = Need("a supervisor", lambda layout, line: layout.supervised)
+_UNIT = Need("a power unit", lambda layout, line: layout.n_units > 0)
+_COUPLER = Need("more than one vehicle", lambda layout, line: layout.n_vehicles > 1)
 SIGNALS: dict[str, RequirementSignal] = {
     signal.name: signal
     for signal in (
@@ -51,12 +63,12 @@ SIGNALS: dict[str, RequirementSignal] = {
         RequirementSignal("reference_position", "m", "position of the profile"),
         RequirementSignal("position_error", "m", "position minus reference position, of vehicle 0"),
         RequirementSignal("distance_to_stop", "m", "distance to the next stop or the end of the profile, < 0 beyond"),
-        RequirementSignal("command", "N", "command of all power units; `command_I`: of unit I", "a power unit", True),
+        RequirementSignal("command", "N", "command of all power units; `command_I`: of unit I", _UNIT, True),
         RequirementSignal(
-            "effort", "N", "applied force of all power units, measured; `effort_I`: of unit I", "a power unit", True
+            "effort", "N", "applied force of all power units, measured; `effort_I`: of unit I", _UNIT, True
         ),
-        RequirementSignal("coupler_draft", "N", "largest draft along the train at the tick", "more than one vehicle"),
-        RequirementSignal("coupler_buff", "N", "largest buff along the train, < 0", "more than one vehicle"),
+        RequirementSignal("coupler_draft", "N", "largest draft along the train at the tick", _COUPLER),
+        RequirementSignal("coupler_buff", "N", "largest buff along the train, < 0", _COUPLER),
         RequirementSignal("pipe_pressure", "Pa", "brake-pipe pressure at the head", _BRAKE),
         RequirementSignal("pipe_pressure_tail", "Pa", "brake-pipe pressure at the tail", _BRAKE),
         RequirementSignal("shoe_force", "N", "force of all brake shoes", _BRAKE),
@@ -75,26 +87,14 @@ def find_signal(name: str) -> tuple[RequirementSignal, int | None] | None:
     return (signal, int(parts[2])) if parts and signal is not None and signal.by_unit else None
 
 
-_SEVERAL = "coupler_draft", "coupler_buff"
-_AIR_BRAKE = "pipe_pressure", "pipe_pressure_tail", "shoe_force"
-_AVAILABLE: dict[str, Callable[[TrainLayout, Line], bool]] = {
-    "limit": lambda layout, line: bool(line.speed_limits),
-    **dict.fromkeys(("permitted_speed", "emergency_brake_speed"), lambda layout, line: layout.supervised),
-    **dict.fromkeys(("command", "effort"), lambda layout, line: layout.n_units > 0),
-    **dict.fromkeys(_SEVERAL, lambda layout, line: layout.n_vehicles > 1),
-    **dict.fromkeys(_AIR_BRAKE, lambda layout, line: layout.air_brake),
-}
-"""Condition of the signals that have one."""
-
-
 def unavailable_signal(names: Iterable[str], layout: TrainLayout, line: Line) -> str:
     """Return the reason and remedy for the first signal that a run does not have, "" if it has all."""
     for name in names:
         found = find_signal(name)
         assert found is not None, name
         signal, unit = found
-        if signal.name in _AVAILABLE and not _AVAILABLE[signal.name](layout, line):
-            return f"signal '{name}': the run needs {signal.needs}; use another signal"
+        if not signal.needs.holds(layout, line):
+            return f"signal '{name}': the run needs {signal.needs.text}; use another signal"
         if unit is not None and unit >= layout.n_units:
             last = layout.n_units - 1
             units = f"{signal.name}_0 to {signal.name}_{last}" if last else f"{signal.name}_0"

@@ -276,13 +276,7 @@ class TargetLimits:
         return self.emergency(speed, motion) - speed * self.times.bs2
 
     def service_from_sbd(self, speed: float) -> float:
-        """Return the location of the service-brake intervention from the SBD, SBI1 [m]: 3.13.9.3.3.1.
-
-        Raises
-        ------
-        ValueError
-            If the train has no service deceleration.
-        """
+        """Return the location of the service-brake intervention from the SBD, SBI1 [m]: 3.13.9.3.3.1."""
         curve = self.service_curve() if self.sbd is None else self.sbd
         return curve.location(speed) - speed * self.times.bs1
 

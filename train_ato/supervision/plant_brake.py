@@ -1,6 +1,6 @@
 """Brake model of a train of the plant, from the parameters of its own brakes.
 
-The emergency brake of the plant has a path of its own (:mod:`plant_sim.brake_events`): shoes by the vented brake pipe,
+The emergency brake of the plant has a path of its own (:mod:`plant_sim.air_brake`): shoes by the vented brake pipe,
 or the friction emergency brake. The service brake is the full electric brake with the largest reduction. The model
 has, as a gamma train,
 
@@ -19,7 +19,7 @@ from collections import Counter
 
 import numpy as np
 
-from plant_sim.brake_events import FULL_LEVEL
+from plant_sim.air_brake import FULL_LEVEL
 from plant_sim.consist import Consist, VehicleType
 from plant_sim.elementary import plain_sum
 from plant_sim.packing import pipe_distances

@@ -26,7 +26,7 @@ from train_ato.supervision.limits import (
 )
 from train_ato.supervision.odometry import EXACT_MOTION, MotionEstimate, odometer_error, speed_measurement_error
 from train_ato.supervision.settings import FixedValues
-from train_ato.supervision.step_function import StepFunction, SupervisionSpeeds, ceiling_speeds, gradient_acceleration
+from train_ato.supervision.step_function import SupervisionSpeeds, ceiling_speeds, gradient_acceleration
 from train_ato.supervision.train_model import SupervisedTrain
 
 WIDEST_ACCELERATION, WIDEST_SPEED_ERROR, WIDEST_POSITION_ERROR = 0.5, 3.0, 2500.0
@@ -247,13 +247,7 @@ class TrackSupervision:
         return last.location if last is not None and last.kind == "EOA" else inf
 
     def move_end(self, end: BrakingTarget | None) -> None:
-        """Replace the end of authority; the limits of the line remain, those beyond it do not hold.
-
-        Raises
-        ------
-        ValueError
-            If the brake is weaker than the gradient in front of a target.
-        """
+        """Replace the end of authority; the limits of the line remain, those beyond it do not hold."""
         self.targets, previous = [], self.train.max_speed
         for place, speed in self._limits_by_place:
             if speed < previous and (end is None or place < end.location):
@@ -264,24 +258,16 @@ class TrackSupervision:
             previous = speed
         self.without_service_curve = None
         if end is not None:
-            self.targets.append(self._end_limits(end, self._gradient, self._fixed))
+            self.targets.append(self._end_limits(end))
         arcs = zeros(Arc, sum(limits.arcs.size for limits in self.targets))
         self.records = LineLimits(self._ceilings, zeros(Target, len(self.targets)), arcs)
-        self._join_targets(float(self._ceilings["emergency"][0]), self._release)
+        self._join_targets()
 
-    def _join_targets(self, top: float, release: float) -> None:
-        """Fill the records of the targets; a begin is the smallest one of this target and all later ones [m].
-
-        Parameters
-        ----------
-        top
-            Speed at which the indication begins [m/s].
-        release
-            Release speed near an end of authority [m/s]; infinite: none.
-        """
+    def _join_targets(self) -> None:
+        """Fill the records of the targets; a begin is the smallest one of this target and all later ones [m]."""
         targets: Any = self.records.targets
         arcs: Any = self.records.arcs
-        end, begin = arcs.size, inf
+        end, begin, top = arcs.size, inf, float(self._ceilings["emergency"][0])
         for index, limits in reversed(list(enumerate(self.targets))):
             first = end - limits.arcs.size
             arcs[first:end] = limits.arcs
@@ -293,12 +279,12 @@ class TrackSupervision:
             record = targets[index]
             for name in ("ebd_first", "ebd_end", "sbd_first", "sbd_end"):
                 record[name] += first
-            record["begin"], record["release"] = begin, release if record["is_end"] else inf
+            record["begin"], record["release"] = begin, self._release if record["is_end"] else inf
             end = first
 
-    def _end_limits(self, end: BrakingTarget, gradient: StepFunction, fixed: FixedValues) -> TargetLimits:
+    def _end_limits(self, end: BrakingTarget) -> TargetLimits:
         """Return the limits of the end of authority; without SBD if the service brake is missing or too weak."""
-        train = self.train
+        train, gradient, fixed = self.train, self._gradient, self._fixed
         if train.brake.service is None:
             self.without_service_curve = "the train has no service deceleration"
             return TargetLimits(train, end, gradient, fixed)

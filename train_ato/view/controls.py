@@ -15,7 +15,7 @@ from rclpy.parameter_client import AsyncParameterClient
 from std_srvs.srv import SetBool, Trigger
 
 from train_ato.ros.nodes.publishers import in_place_of
-from train_ato.scenario.ato_requests import REQUESTS
+from train_ato.scenario.interventions import REQUESTS
 
 WIDE = 50.0
 """Ratio of range to value above which the slider covers a part of the range."""

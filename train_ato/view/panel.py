@@ -7,7 +7,7 @@ from typing import Any
 from bokeh.models import Button, Checkbox, Column, CustomJSTickFormatter, Div, Row, Select, Slider, Spinner, Widget
 
 from train_ato.loop.train_protection import REQUESTED
-from train_ato.scenario.ato_requests import REQUESTS
+from train_ato.scenario.interventions import REQUESTS
 from train_ato.view.controls import Tunable, slider_scale
 from train_ato.view.live import LiveFeed
 from train_ato.view.style import SOFT, WIDGETS

@@ -22,9 +22,8 @@ from plant_sim.line import Line
 from plant_sim.record import Records, quantity
 from plant_sim.si_model import SiModel
 from plant_sim.units import Place, Ratio, Reduction, Slope, Speed, Time, Usual
-from train_ato.control.air_brake.predictive_policy import PredictiveBrake, SpeedProfile
+from train_ato.control.air_brake.predictive_policy import PredictiveBrake, PredictiveRules, SpeedProfile
 from train_ato.control.air_brake.record_policy import BrakeNow, BrakePolicy, NoRules, PolicyForm, lasts, used_share
-from train_ato.control.air_brake.schedule_forecast import PredictiveRules
 from train_ato.control.air_brake.trip_policy import PlannedApplication, TripBrake, TripRules
 from train_ato.control.train_model import STANDSTILL_SPEED, TrainModel
 

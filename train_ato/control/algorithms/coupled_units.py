@@ -8,7 +8,7 @@ import numpy as np
 
 from plant_sim.elementary import matrix_product
 from plant_sim.gears import LinearGear
-from train_ato.control.parameters import RefusedParameter
+from train_ato.control.contract import RefusedParameter
 from train_ato.messages.types import Array
 
 if TYPE_CHECKING:

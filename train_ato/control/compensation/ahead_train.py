@@ -37,17 +37,40 @@ from plant_sim import kernel as k
 from plant_sim.elementary import mean_over_units, total_of_units
 from plant_sim.gears import DraftGear, LinearGear, RigidGear, TableGear
 from plant_sim.packing import pack_gears
-from plant_sim.plant_setup import Jump
+from plant_sim.plant_setup import Jump, PlantSetup
+from plant_sim.train import Train
 from train_ato.control.algorithms.train_identification import WEAR
-from train_ato.control.compensation.nominal_train import nominal_copy
 from train_ato.control.compensation.preview import PreviewParameters
 from train_ato.control.contract import flag, parameter
 
 if TYPE_CHECKING:
-    from plant_sim.train import Train
     from train_ato.control.air_brake.record_policy import BrakePolicy
     from train_ato.control.compensation.rigid import ProfileLike
     from train_ato.control.train_model import TrainModel
+
+
+def nominal_copy(model: TrainModel, profile: ProfileLike, t: float, period: float, step: float) -> Train:
+    """Return a train on the profile, couplers unstretched, with ideal actuators.
+
+    Parameters
+    ----------
+    model
+        The nominal train and line.
+    profile
+        Profile that gives position and speed.
+    t
+        Time of the initial state on the profile [s].
+    period
+        Period of the commands [s].
+    step
+        Smallest integration step [s]; the step used is the next longer one that divides the period.
+    """
+    place, speed, _, _ = profile.at(t)
+    tick_ns = round(period * 1e9)
+    most = max(1, round(period / step))
+    step_ns = next(tick_ns // count for count in range(most, 0, -1) if tick_ns % count == 0)
+    setup = PlantSetup.model_validate({"start": {"position": place, "speed": speed}})
+    return Train(model.consist, model.line, setup, step_ns=step_ns, tick_ns=tick_ns)
 
 
 CONSTANTS = (k.HALF_SLACK, k.STIFFNESS, k.F0, k.A1, k.A2, k.RATIO)

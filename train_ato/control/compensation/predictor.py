@@ -37,9 +37,8 @@ from train_ato.control.command_history import newest_arrived
 from train_ato.control.compensation.base import Actuator, UnitState
 from train_ato.control.compensation.contract import CompensationInput
 from train_ato.control.compensation.preview import PreviewFeedforward, PreviewParameters, mean_delay
-from train_ato.control.contract import LawInput, choice, flag, parameter
+from train_ato.control.contract import LawInput, RefusedParameter, choice, flag, parameter
 from train_ato.control.law import LawNow, LawUnit, TrainConstants, train_resistance
-from train_ato.control.parameters import RefusedParameter
 from train_ato.messages.types import Array
 
 if TYPE_CHECKING:

@@ -92,10 +92,6 @@ class RigidForce:
         last = self.forces.size - 1
         self.spacing = float(profile.time[-1] - profile.time[0]) / last if last else 1.0
 
-    def totals(self, t: Array) -> Array:
-        """Return the total force at many times [s] in N, shape (times,)."""
-        return self.aheads(t, 0.0)
-
     def aheads(self, t: Array, lag: float) -> Array:
         """Return :meth:`ahead` at many times [s] in N, shape (times,)."""
         return np.asarray(demands_ahead(self.forces, self.begin, self.spacing, lag, t))

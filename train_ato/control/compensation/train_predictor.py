@@ -26,9 +26,9 @@ import numpy as np
 from plant_sim.elementary import total_of_units
 from plant_sim.train import Train
 from train_ato.control.air_brake.shoes import ShoeForces
+from train_ato.control.compensation.ahead_train import nominal_copy
 from train_ato.control.compensation.base import CompensationBase, UnitState
 from train_ato.control.compensation.contract import CompensationInput
-from train_ato.control.compensation.nominal_train import nominal_copy
 from train_ato.control.compensation.preview import PreviewParameters
 from train_ato.control.contract import LawInput, parameter
 from train_ato.messages.types import Array

@@ -54,12 +54,11 @@ from train_ato.control.algorithms.couplers import UnitCouplers
 from train_ato.control.algorithms.loop_gains import LoopGains
 from train_ato.control.algorithms.luenberger import Tracked, luenberger_gains, unknown_rate
 from train_ato.control.algorithms.sliding import sig
-from train_ato.control.contract import LawInput, choice, flag, parameter
+from train_ato.control.contract import LawInput, RefusedParameter, choice, flag, parameter
 from train_ato.control.gains import gains_choice
 from train_ato.control.guard import is_valid
 from train_ato.control.law import LawForm, LawNow, LawUnit, RecordLaw
 from train_ato.control.observers.cascaded import Cascade, CascadedParameters
-from train_ato.control.parameters import RefusedParameter
 
 if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel

@@ -56,9 +56,14 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from plant_sim.elementary import dot_of, plain_sum
-from train_ato.control.algorithms.identification import Increments, ResidualNetwork
 from train_ato.control.algorithms.loop_gains import Complex, LoopGains, Response
-from train_ato.control.algorithms.predictive_law import LinearLaw, linear_law, sampled_actuator
+from train_ato.control.algorithms.predictive_law import (
+    Increments,
+    LinearLaw,
+    ResidualNetwork,
+    linear_law,
+    sampled_actuator,
+)
 from train_ato.control.contract import LawInput, choice, flag, parameter
 from train_ato.control.gains import gains_choice
 from train_ato.control.guard import GuardedLaw, is_valid

@@ -50,8 +50,7 @@ from train_ato.control.guard import GuardedLaw, is_valid
 from train_ato.control.mpc.actuator_identification import WRONG_MISFIT, ActuatorIdentification
 from train_ato.control.mpc.force_plan import PARTS, ForcePlan, PlanStart
 from train_ato.control.mpc.measured_motion import SIMULATED_SHARE, MeasuredMotion, follow_simulation
-from train_ato.control.mpc.motion_filters import motion_by_rate
-from train_ato.control.mpc.motion_observer import SPEED_PRIOR
+from train_ato.control.mpc.motion_observer import SPEED_PRIOR, motion_by_rate
 from train_ato.control.mpc.predictive_plan import free_errors, free_motion
 from train_ato.control.mpc.standstill_force import StandstillForce
 from train_ato.control.mpc.unit_deviations import UnitDeviations

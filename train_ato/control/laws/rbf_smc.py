@@ -38,8 +38,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from plant_sim.compiled import compiled
 from plant_sim.elementary import libm_exp
 from plant_sim.record import Records, quantity
-from train_ato.control.algorithms.rbf import RBF_CENTERS
-from train_ato.control.algorithms.sliding import clamped
+from train_ato.control.algorithms.sliding import RBF_CENTERS, clamped
 from train_ato.control.contract import flag, parameter
 from train_ato.control.law import LawForm, LawNow, LawUnit
 from train_ato.control.laws.smc import Smc, SmcConstants, SmcParameters, SmcUnit, equivalent, integral_surface, reaching

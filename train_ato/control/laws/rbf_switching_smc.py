@@ -55,8 +55,7 @@ from plant_sim.elementary import libm_exp, libm_tanh, plain_sum
 from plant_sim.railway import fading_resistance
 from plant_sim.record import Records, quantity
 from train_ato.control.algorithms.loop_gains import LoopGains
-from train_ato.control.algorithms.rbf import RBF_CENTERS, move_weights, weighted
-from train_ato.control.algorithms.sliding import clamped, saturation
+from train_ato.control.algorithms.sliding import RBF_CENTERS, clamped, move_weights, saturation, weighted
 from train_ato.control.compensation.pade import pade_coefficients
 from train_ato.control.contract import choice, flag, parameter
 from train_ato.control.gains import gains_choice

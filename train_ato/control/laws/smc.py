@@ -49,10 +49,9 @@ from plant_sim.record import Records, quantity
 from train_ato.control.algorithms.couplers import UnitCouplers
 from train_ato.control.algorithms.loop_gains import LoopGains
 from train_ato.control.algorithms.sliding import clamped, saturation, sig
-from train_ato.control.contract import choice, flag, parameter
+from train_ato.control.contract import RefusedParameter, choice, flag, parameter
 from train_ato.control.gains import gains_choice
 from train_ato.control.law import LawForm, LawNow, LawUnit, RecordLaw
-from train_ato.control.parameters import RefusedParameter
 
 if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel

@@ -25,8 +25,16 @@ from train_ato.control.algorithms.train_constants import (
     train_class,
     wave_time,
 )  # fmt: skip
-from train_ato.control.mpc.motion_filters import correct, disturbance_drift, match, mix, weigh
-from train_ato.control.mpc.motion_observer import DISTURBANCE_PRIOR, SPEED_PRIOR, MotionObserver
+from train_ato.control.mpc.motion_observer import (
+    DISTURBANCE_PRIOR,
+    SPEED_PRIOR,
+    MotionObserver,
+    correct,
+    disturbance_drift,
+    match,
+    mix,
+    weigh,
+)
 from train_ato.control.train_model import STANDSTILL_SPEED
 from train_ato.messages.types import Array
 

@@ -1,18 +1,252 @@
 """Kalman filters of motion, disturbance, mass and noise of a train as one mass; `msgs_docs/mpc_derivation.md`."""
 
+# mypy: allow-untyped-defs
+
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from train_ato.control.mpc.motion_filters import (
-    NOISE_FLOOR,
-    SPEED_FLOOR,
-    STATES,
-    DisturbanceFilters,
-    filter_step,
-    match,
-)
+from plant_sim.compiled import compiled
+from plant_sim.elementary import libm_exp
+from train_ato.messages.types import Array
+
+SPEED_FLOOR = 0.01
+"""Standard deviation of the speed up to which the bandwidth is that at the smallest noise [m/s]."""
+NOISE_FLOOR = 0.002
+"""Smallest standard deviation of the speed [m/s]."""
+POSITION_FLOOR = 0.0002
+"""Smallest standard deviation of the position [m]: the force changes at an unknown time of a tick."""
+MAX_NOISE = 1.0
+"""Largest standard deviation [m, m/s]."""
+MAX_MASS_ERROR = 0.35
+"""Largest error of the mass."""
+STATES = 5
+"""States of a filter."""
+SHARES = (1.0, 0.25, 0.0625)
+"""Bandwidths of the random walks over omega_o."""
+STAY_TIME = 20.0
+"""Mean time for which one of the random walks is right [s]."""
+RATE_SHARE = 0.2
+"""Bandwidth of the rate of the disturbance over omega_o."""
+RAMP_TIME = 3.0
+"""T_r, time constant of the rate of the disturbance [s]; 118 m of a metro train have 6 s at 20 m/s."""
+GUST_TIME, CALM_TIME = 1.0, 20.0
+"""Mean times for which the filter of a gust and that of a steady rate are right [s]."""
+COUPLED_FLOOR, FREE_FLOOR = 0.5, 0.05
+"""Smallest standard deviation of the position over that of the speed, up to that of ``SPEED_FLOOR`` [s]: 5 mm with
+couplers, which move a unit in its train, and .5 mm without. More noise of the position is measured."""
+COUPLED_PRIOR, FREE_PRIOR = 0.05, 0.0025
+"""Standard deviation of the position at the start [m]; a larger one is measured within seconds. ``FREE_PRIOR`` has the
+later ratio to that of the speed: with .05 m a fast filter takes an error of the speed of 2 mm/s for motion."""
+
+
+@dataclass(frozen=True)
+class DisturbanceFilters:
+    """Filters of the disturbance.
+
+    Attributes
+    ----------
+    walks : Array, shape (filters,)
+        Squares of the bandwidths of the random walks [rad²/s²]; 0: the disturbance changes by its rate only.
+    rates : Array, shape (filters,)
+        Sixth powers of the bandwidths of the rates [rad⁶/s⁶]; 0: no rate.
+    chain : Array, shape (filters, filters)
+        Probability of a change in a period, from filter to filter.
+    position_floor
+        Smallest standard deviation of the position over that of the speed [s].
+    position_prior
+        Standard deviation of the position at the start [m].
+    """
+
+    walks: Array
+    rates: Array
+    chain: Array
+    position_floor: float
+    position_prior: float
+
+    @classmethod
+    def coupled(cls, period: float, bandwidth: float) -> "DisturbanceFilters":
+        """Return random walks for a period [s] and a bandwidth omega_o [rad/s]."""
+        count = len(SHARES)
+        leave = min(0.5, period / STAY_TIME) / (count - 1)
+        chain = np.full((count, count), leave)
+        chain[np.arange(count), np.arange(count)] = 1.0 - leave * (count - 1)
+        return cls((bandwidth * np.array(SHARES)) ** 2, np.zeros(count), chain, COUPLED_FLOOR, COUPLED_PRIOR)
+
+    @classmethod
+    def free(cls, period: float, bandwidth: float) -> "DisturbanceFilters":
+        """Return the filters of a gust and of a steady rate for a period [s] and a bandwidth omega_o [rad/s]."""
+        ends, begins = (min(0.5, period / time) for time in (GUST_TIME, CALM_TIME))
+        chain = np.array([[1.0 - ends, ends], [begins, 1.0 - begins]])
+        rates = np.full(2, (RATE_SHARE * bandwidth) ** 6)
+        return cls(np.array([bandwidth**2, 0.0]), rates, chain, FREE_FLOOR, FREE_PRIOR)
+
+
+def motion_by_rate(rate: float, later: float) -> tuple[float, float, float, float]:
+    """Return position [m], speed [m/s], disturbance [m/s²] and rate [m/s³] after a time [s] by the rate now alone."""
+    fade = math.exp(-later / RAMP_TIME)
+    risen = RAMP_TIME * (1.0 - fade)
+    speed = RAMP_TIME * (later - risen)
+    position = RAMP_TIME * (0.5 * later * later - speed)
+    return rate * position, rate * speed, rate * risen, rate * fade
+
+
+@compiled
+def mix(states, covariances, chances, chain):
+    """Mix states and covariances of the filters for a change from one to another; return nothing.
+
+    The states are position error [m], speed error [m/s], disturbance [m/s²], and others; here error of the mass and
+    rate of the disturbance [m/s³]. ``chances`` receives the probabilities of the filters before the next measurement.
+    ``chain`` is the probability of a change in a period, from filter to filter.
+    """
+    count, size = states.shape
+    former_states, former, before = states.copy(), covariances.copy(), chances.copy()
+    for j in range(count):
+        total = 0.0
+        for i in range(count):
+            total += before[i] * chain[i, j]
+        chances[j] = total
+        for a in range(size):
+            states[j, a] = 0.0
+            for i in range(count):
+                weight = before[i] * chain[i, j] / total
+                states[j, a] += weight * former_states[i, a]
+        covariances[j] = 0.0
+        for i in range(count):
+            weight = before[i] * chain[i, j] / total
+            for a in range(size):
+                for b in range(size):
+                    spread = (former_states[i, a] - states[j, a]) * (former_states[i, b] - states[j, b])
+                    covariances[j, a, b] += weight * (former[i, a, b] + spread)
+
+
+@compiled
+def predict_motion(state, p, drifts, period, pull, regressor):
+    """Advance state and covariance of one filter by a period; arguments as in :func:`filter_step`."""
+    h = period
+    fade = libm_exp(-h / RAMP_TIME)
+    kept = RAMP_TIME * (1.0 - fade)
+    risen = kept * state[4]
+    total = pull + state[2] + 0.5 * risen + state[3] * regressor
+    state[0] += (state[1] + 0.5 * total * h) * h
+    state[1] += total * h
+    state[2] += risen
+    state[4] *= fade
+    for j in range(STATES):
+        risen = kept * p[4, j]
+        gained = h * (p[2, j] + 0.5 * risen + regressor * p[3, j])
+        p[0, j] += h * (p[1, j] + 0.5 * gained)
+        p[1, j] += gained
+        p[2, j] += risen
+        p[4, j] *= fade
+    for i in range(STATES):
+        risen = kept * p[i, 4]
+        gained = h * (p[i, 2] + 0.5 * risen + regressor * p[i, 3])
+        p[i, 0] += h * (p[i, 1] + 0.5 * gained)
+        p[i, 1] += gained
+        p[i, 2] += risen
+        p[i, 4] *= fade
+    for i in range(STATES - 1):
+        p[i + 1, i + 1] += drifts[i]
+
+
+@compiled
+def correct(state, p, noise, miss_position, miss_speed):
+    """Correct one filter by its innovations; return half of their squared size and the root of their determinant."""
+    a, b, c = p[0, 0] + noise[0], p[0, 1], p[1, 1] + noise[1]
+    size = a * c - b * b
+    row0, row1 = p[0].copy(), p[1].copy()
+    for i in range(state.size):
+        first = (row0[i] * c - row1[i] * b) / size
+        second = (row1[i] * a - row0[i] * b) / size
+        state[i] += first * miss_position + second * miss_speed
+        for j in range(state.size):
+            p[i, j] -= first * row0[j] + second * row1[j]
+    for i in range(state.size):
+        for j in range(i):
+            p[i, j] = p[j, i]
+    squared = (c * miss_position - 2.0 * b * miss_speed) * miss_position + a * miss_speed * miss_speed
+    return 0.5 * squared / size, math.sqrt(size)
+
+
+@compiled
+def weigh(states, chances, exponents, roots, mean):
+    """Multiply the probabilities by the likelihoods of the innovations; ``mean`` receives the mean of the states."""
+    least = 1e300
+    for j in range(chances.size):
+        least = min(least, exponents[j])
+    total = 0.0
+    for j in range(chances.size):
+        chances[j] *= libm_exp(max(least - exponents[j], -100.0)) / roots[j]
+        total += chances[j]
+    mean[:] = 0.0
+    for j in range(chances.size):
+        chances[j] /= total
+        for a in range(mean.size):
+            mean[a] += chances[j] * states[j, a]
+
+
+@compiled
+def disturbance_drift(walk, changes):
+    """Return the variance of the change of the disturbance in a period [m²/s⁴].
+
+    ``walk`` is the square of the bandwidth of the random walk [rad²/s²]. ``changes`` are variances in a period: of the
+    change of the speed, of its part by waves [m²/s²], and of the measured speed over a period [m²].
+    """
+    return walk * (walk * changes[2] + changes[1])
+
+
+@compiled
+def filter_step(
+    states, covariances, chances, noise, before, drifts, chain, period, weight, position, speed, pull, regressor, mean,
+    floor_ratio, changes, walks, rates,
+):  # fmt: skip
+    """Advance all filters by a period [s] and correct them.
+
+    ``states`` and ``covariances`` are as in :func:`mix`, before them those of the filter of the mass. ``noise`` are the
+    variances of the measurements, ``before`` the last innovations, ``weight`` is that of the newest sample in the
+    noise, ``floor_ratio`` the smallest standard deviation of the position over that of the speed [s]. ``drifts``, shape
+    (1 + filters, 4), are variances of the change of speed, disturbance, error of the mass and rate in a period: only
+    those of the filter of the mass but the first are an input. ``changes`` as in :func:`disturbance_drift`, ``walks``
+    and ``rates`` of :class:`DisturbanceFilters`. ``position`` and ``speed`` are the measured errors [m, m/s], ``pull``
+    and ``regressor`` the modelled relative acceleration and x [m/s²]; ``mean``, shape (5,), is the result.
+    """
+    mix(states[1:], covariances[1:], chances, chain)
+    count = chances.size
+    drifts[:, 0] = changes[0]
+    for j in range(count):
+        drifts[1 + j, 1] = disturbance_drift(walks[j], changes)
+        drifts[1 + j, 3] = rates[j] * changes[2]
+    predict_motion(states[0], covariances[0], drifts[0], period, pull, regressor)
+    correct(states[0], covariances[0], noise, position - states[0, 0], speed - states[0, 1])
+    states[0, 3] = min(max(states[0, 3], -MAX_MASS_ERROR), MAX_MASS_ERROR)
+    states[1:, 3] = states[0, 3]
+    exponents, roots = np.empty(count), np.empty(count)
+    mean_position, mean_speed = 0.0, 0.0
+    for j in range(count):
+        state, covariance = states[1 + j], covariances[1 + j]
+        predict_motion(state, covariance, drifts[1 + j], period, pull, regressor)
+        miss_position, miss_speed = position - state[0], speed - state[1]
+        mean_position += chances[j] * miss_position
+        mean_speed += chances[j] * miss_speed
+        exponents[j], roots[j] = correct(state, covariance, noise, miss_position, miss_speed)
+    weigh(states[1:], chances, exponents, roots, mean)
+    match(noise, before, weight, mean_position, mean_speed, floor_ratio)
+
+
+@compiled
+def match(noise, before, weight, miss_position, miss_speed, floor_ratio):
+    """Add a pair of innovations [m, m/s] to the variances of the noise."""
+    for i in range(2):
+        miss = miss_speed if i == 0 else miss_position
+        place = 1 - i
+        change = miss - before[place]
+        found = noise[place] + weight * (0.5 * change * change - noise[place])
+        floor = NOISE_FLOOR if i == 0 else max(floor_ratio * min(math.sqrt(noise[1]), SPEED_FLOOR), POSITION_FLOOR)
+        noise[place] = min(max(found, floor * floor), MAX_NOISE * MAX_NOISE)
+        before[place] = miss
+
 
 NOISE_TIME = 20.0
 """Time over which the noise is averaged [s]."""

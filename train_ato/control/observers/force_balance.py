@@ -11,11 +11,10 @@ from plant_sim.elementary import plain_sum
 from plant_sim.railway import fading_resistance
 from plant_sim.record import Records, quantity, zeros
 from train_ato.control.algorithms.couplers import UnitCouplers
-from train_ato.control.contract import choice
+from train_ato.control.contract import RefusedParameter, choice
 from train_ato.control.guard import all_within
 from train_ato.control.law import LawNow, LawUnit
 from train_ato.control.observers.contract import ObserverInput
-from train_ato.control.parameters import RefusedParameter
 from train_ato.messages.validity import MAX_POSITION
 
 if TYPE_CHECKING:
@@ -146,17 +145,10 @@ class ForceBalance:
             for i, mass in enumerate(self.mass)
         ]
 
-    def mean_drive(self, before: float, now: float) -> float:
-        """Return the mean of an applied acceleration over a tick from its values at both ends [m/s²].
-
-        Exact for a first-order lag with a constant demand over the tick; without lag the value of the end acts over
-        the whole tick.
-        """
-        return self._weight * before + (1.0 - self._weight) * now
-
     def known_rate(self, before: BalanceState, now: BalanceState) -> float:
-        """Return the mean modelled acceleration over a tick [m/s²]."""
-        return self.mean_drive(before.drive, now.drive) - 0.5 * (before.resistance + now.resistance)
+        """Return the mean modelled acceleration over a tick [m/s²], exact for a first-order lag: :func:`lag_weight`."""
+        drive = self._weight * before.drive + (1.0 - self._weight) * now.drive
+        return drive - 0.5 * (before.resistance + now.resistance)
 
     def forces(self, accelerations: list[float]) -> list[float]:
         """Return the force of every unit for the accelerations that the model does not explain [N]."""

@@ -17,7 +17,7 @@ from numba import carray
 
 from plant_sim.compiled import compiled
 from plant_sim.record import Records, dtype_of, fill, quantity, zeros
-from train_ato.control.guard import all_within, is_valid_state
+from train_ato.control.guard import all_within
 from train_ato.control.law import INVALID, NOT_FINITE, STEPPED, LawNow, LawUnit
 from train_ato.control.observers.contract import ObserverInput
 from train_ato.control.observers.force_balance import BalanceConstants, ForceBalance, balanced
@@ -31,9 +31,9 @@ if TYPE_CHECKING:
 def is_valid_observer_input(inputs: ObserverInput) -> bool:
     """Return True if all inputs of an observer are finite and physically possible."""
     return (
-        is_valid_state(inputs)
-        and all_within(inputs.coupler_force, MAX_FORCE)
-        and all_within(inputs.shoe_force, MAX_FORCE)
+        all_within(inputs.position, MAX_POSITION)
+        and all_within(inputs.velocity, MAX_SPEED)
+        and all(all_within(force, MAX_FORCE) for force in (inputs.applied, inputs.coupler_force, inputs.shoe_force))
         and -MAX_FORCE <= inputs.train_shoe_force <= MAX_FORCE
     )
 

@@ -21,8 +21,8 @@ from train_ato.messages.topics import AHEAD, FORCE_PARTS, Role
 from train_ato.messages.types import Command
 from train_ato.ros.nodes.endpoints import NodeEndpoints
 from train_ato.ros.nodes.parameters import Declared, block_parameters, declare
-from train_ato.scenario.ato_requests import REQUESTS, Request
 from train_ato.scenario.changes import LAW, Changes
+from train_ato.scenario.interventions import REQUESTS, Request
 
 KINDS = {
     "profile": "ato/profile", "measurement": "train/measurement", "reference": "ato/reference",

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from plant_sim.library import load_consist, load_line
+from train_ato.control.compensation.ahead_train import nominal_copy
 from train_ato.control.compensation.contract import CompensationInput
-from train_ato.control.compensation.nominal_train import nominal_copy
 from train_ato.control.compensation.none import NoCompensation
 from train_ato.control.compensation.rigid import RigidForce
 from train_ato.control.contract import LawInput, NoParameters
