@@ -1,6 +1,7 @@
 """Runs of the engine for tests, in the folder of the command ``run`` without its figure."""
 
 from pathlib import Path
+from typing import Any
 
 from train_ato.log.run_folder import RunFolder
 from train_ato.loop.engine import run_engine
@@ -8,9 +9,9 @@ from train_ato.scenario.scenario import load_scenario
 from train_ato.scenario.setup import RunSetup, prepare
 
 
-def setup_of(name: str = "demo", *assignments: str) -> RunSetup:
-    """Return the prepared run of a scenario with assignments of `--set`."""
-    return prepare(*load_scenario(name, assignments))
+def setup_of(name: str = "demo", *assignments: str, changes: dict[str, Any] | None = None) -> RunSetup:
+    """Return the prepared run of a scenario with assignments of `--set` and with changes."""
+    return prepare(*load_scenario(name, assignments, changes))
 
 
 def record_run(setup: RunSetup, path: Path) -> Path:

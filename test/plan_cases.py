@@ -10,6 +10,19 @@ from train_ato.profile.planner.planner import Plan
 from train_ato.profile.planner.settings import PlanSettings
 
 
+def line_of(end: float, **keys: Any) -> Line:
+    """Return a line from 0 m on, with further keys."""
+    return Line.model_validate({"schema": "train_ato/line/1", "name": "own", "end": end, **keys})
+
+
+def train_of(types: dict[str, Any], *counts: int, **keys: Any) -> Consist:
+    """Return a train of vehicle types in their order, with rigid couplers or with other keys."""
+    parts = [{"type": name, "count": count} for name, count in zip(types, counts, strict=False) if count]
+    data = {"schema": "train_ato/consist/1", "name": "own", "vehicle_types": types, "train": parts}
+    gears = {"draft_gears": {"rigid": {"kind": "rigid"}}, "default_gear": "rigid"}
+    return Consist.model_validate({**data, **gears, **keys})
+
+
 def random_train(rng: np.random.Generator, vehicles: int) -> tuple[Consist, float]:
     """Return a train and its acceleration at low speed [m/s²]."""
     top, mass = float(rng.uniform(15, 90)), float(rng.uniform(20, 100)) * 1e3
@@ -27,14 +40,7 @@ def random_train(rng: np.random.Generator, vehicles: int) -> tuple[Consist, floa
         "brake": [*fading, {"to": 1.1 * top, "force": pull * 1.1}],
     }  # fmt: skip
     wagon = {"mass": mass, "length": float(rng.uniform(10, 28)), "resistance": {"n_per_kn_kmh": [1.0, 0.005, 0.0003]}}
-    train: list[dict[str, Any]] = [{"type": "engine"}]
-    if vehicles > 1:
-        train.append({"type": "wagon", "count": vehicles - 1})
-    data = {
-        "schema": "train_ato/consist/1", "name": "random", "vehicle_types": {"engine": engine, "wagon": wagon},
-        "train": train, "draft_gears": {"rigid": {"kind": "rigid"}}, "default_gear": "rigid",
-    }  # fmt: skip
-    return Consist.model_validate(data), start
+    return train_of({"engine": engine, "wagon": wagon}, 1, vehicles - 1), start
 
 
 def random_line(rng: np.random.Generator, steepest: float) -> Line:
@@ -45,19 +51,16 @@ def random_line(rng: np.random.Generator, steepest: float) -> Line:
     grades = np.sort(rng.uniform(0, length, int(rng.integers(1, 15))))
     stops = np.unique(np.round([0, *rng.uniform(0, length, int(rng.integers(0, 4))), length], 1))
     stops = stops[np.concatenate(([True], np.diff(stops) > 5))]
-    data = {
-        "schema": "train_ato/line/1",
-        "name": "random",
-        "end": length + 1,
-        "grades": [{"at": float(at), "grade": float(rng.uniform(-steepest, steepest))} for at in grades],
-        "curves": [
+    return line_of(
+        length + 1,
+        grades=[{"at": float(at), "grade": float(rng.uniform(-steepest, steepest))} for at in grades],
+        curves=[
             {"begin": float(at), "end": float(at + rng.uniform(20, 500)), "radius": float(rng.uniform(150, 2000))}
             for at in rng.uniform(0, length, 3)
         ],
-        "speed_limits": [{"at": float(at), "speed": float(rng.uniform(4, 80))} for at in limits],
-        "stops": [{"at": float(at), "dwell": float(rng.uniform(0, 30))} for at in stops],
-    }
-    return Line.model_validate(data)
+        speed_limits=[{"at": float(at), "speed": float(rng.uniform(4, 80))} for at in limits],
+        stops=[{"at": float(at), "dwell": float(rng.uniform(0, 30))} for at in stops],
+    )
 
 
 def random_case(seed: int) -> tuple[Line, Consist, PlanSettings]:
@@ -105,29 +108,21 @@ def resistance_by_hand(line: Line, consist: Consist, front: float, speed: float)
 
 def broken_promises(line: Line, consist: Consist, settings: PlanSettings, plan: Plan, period: float) -> list[str]:
     """Return the violated properties of a plan."""
-    profile, train = plan.profile, plan.train
-    speed, front = profile.velocity, plan.front
-    traction, electric, air = train.forces_at(speed)
-    keep, moving = 1 - settings.force_margin, speed > 0.05
-    broken = []
-    if np.any((plan.force - keep * traction)[moving] > 1e-5 * traction.max()):
-        broken.append("traction less its margin")
-    if np.any((-plan.force - keep * (electric + air))[moving] > 1e-5 * (electric + air).max()):
-        broken.append("brake less its margin")
-    if np.any(speed > plan.limit + 1e-4):
-        broken.append("limit")
-    if settings.jerk and np.abs(np.diff(profile.acceleration)).max() > settings.jerk * period * (1 + 1e-5):
-        broken.append("jerk")
-    if profile.acceleration.max() > (settings.acceleration or np.inf) * (1 + 1e-6):
-        broken.append("acceleration")
-    hardest = int(np.argmin(profile.acceleration))
+    speed, acceleration = plan.profile.velocity, plan.profile.acceleration
+    traction, electric, air = plan.train.forces_at(speed)
+    keep, moving, braking = 1 - settings.force_margin, speed > 0.05, electric + air
+    hardest = int(np.argmin(acceleration))
     braked = plan.force[hardest] < -1  # uphill a train may slow down faster by itself
-    if braked and -profile.acceleration[hardest] > (settings.deceleration or np.inf) * (1 + 1e-6):
-        broken.append("deceleration")
+    found = {
+        "traction less its margin": np.any((plan.force - keep * traction)[moving] > 1e-5 * traction.max()),
+        "brake less its margin": np.any((-plan.force - keep * braking)[moving] > 1e-5 * braking.max()),
+        "limit": np.any(speed > plan.limit + 1e-4),
+        "jerk": settings.jerk and np.abs(np.diff(acceleration)).max() > settings.jerk * period * (1 + 1e-5),
+        "acceleration": acceleration.max() > (settings.acceleration or np.inf) * (1 + 1e-6),
+        "deceleration": braked and -acceleration[hardest] > (settings.deceleration or np.inf) * (1 + 1e-6),
+        "rest at the end": speed[-1] != 0 or speed.min() < 0,
+    }
     for place, arrival, departure in plan.arrivals[1:]:
         knot = int(np.ceil(arrival / period - 1e-9))
-        if knot * period <= departure and abs(front[knot] - place) > 1e-6:
-            broken.append(f"stop at {place}")
-    if speed[-1] != 0 or speed.min() < 0:
-        broken.append("rest at the end")
-    return broken
+        found[f"stop at {place}"] = knot * period <= departure and abs(plan.front[knot] - place) > 1e-6
+    return [name for name, broken in found.items() if broken]

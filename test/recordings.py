@@ -23,9 +23,12 @@ PLACES = {
 """Series of a recording at the ticks, and their samples."""
 
 
-def recording_of(time: np.ndarray, **series: Any) -> Recording:
-    """Return a recording with these series, shape (k,) or (k, n), at these times [s]."""
-    return with_series(Recording({topic: TopicSamples(time, {}) for topic, _ in PLACES.values()}), **series)
+def recording_of(time: np.ndarray, units: int = 0, **series: Any) -> Recording:
+    """Return a recording with these series at these times [s]; for a number of units, all others are 0."""
+    found = Recording({topic: TopicSamples(time, {}) for topic, _ in PLACES.values()})
+    own = ("position", "velocity", "applied", "command", "estimate", "disturbance")
+    zeros = {name: np.zeros((time.size, units if name in own else 1)) for name in PLACES if units}
+    return with_series(found, **{**zeros, **series})
 
 
 def with_series(recording: Recording, **series: Any) -> Recording:
@@ -42,8 +45,7 @@ def with_series(recording: Recording, **series: Any) -> Recording:
 
 def with_final(recording: Recording, position: float, velocity: float) -> Recording:
     """Return the recording with a last state of vehicle 0 [m, m/s] that no command follows."""
-    truth = recording.topics[TRUTH]
-    last = {"front_position": position, "front_velocity": velocity}
+    truth, last = recording.topics[TRUTH], {"front_position": position, "front_velocity": velocity}
     values = {
         name: np.concatenate((rows, np.full_like(rows[-1:], last.get(name, rows[-1, 0]))))
         for name, rows in truth.values.items()

@@ -32,17 +32,7 @@ def setup_of(name: str, changes: dict[str, Any]) -> RunSetup:
 
 
 class Both:
-    """One case in Python and in compiled spans, each driven once with messages and recording.
-
-    Attributes
-    ----------
-    python, compiled
-        Topic, stamp and content of all messages, in order.
-    recording
-        Recording of the ticks in Python.
-    part
-        Part of the ticks that are compiled.
-    """
+    """One case in Python and in compiled spans, each driven once: all messages, recording of Python, compiled part."""
 
     def __init__(self, setup: RunSetup) -> None:
         self.python, self._one, _ = _driven(setup, compiled=False)
@@ -53,7 +43,9 @@ class Both:
 
     def assert_equal(self, least: float = 0.0) -> None:
         """Compare messages and recordings; at least this part of the ticks must be compiled."""
-        assert_same_messages(self.python, self.compiled)
+        first = next((pair for pair in zip(self.python, self.compiled, strict=False) if pair[0] != pair[1]), None)
+        assert first is None, first
+        assert len(self.python) == len(self.compiled), (len(self.python), len(self.compiled))
         assert_same_recording(self._one, self._other)
         assert self.part >= least
 
@@ -81,28 +73,24 @@ def call_of_same_types(spans: CompiledSpans, arguments: tuple[Any, ...]) -> int:
     return _CALL(spans, arguments)
 
 
-def compiled_part(setup: RunSetup) -> float:
-    """Return the part of the ticks of a run that are compiled."""
-    loop = TickLoop(setup, None, compiled=True)
+def finished_loop(setup: RunSetup, *, compiled: bool) -> TickLoop:
+    """Return the ticks of a run after their end."""
+    loop = TickLoop(setup, None, compiled=compiled)
     loop.start()
     while not loop.plant.finished:
         loop.advance()
-    assert loop._spans is not None
-    return loop._spans.ticks / loop.ticks
+    return loop
+
+
+def compiled_part(setup: RunSetup) -> float:
+    """Return the part of the ticks of a run that are compiled."""
+    loop = finished_loop(setup, compiled=True)
+    return loop._spans.ticks / loop.ticks if loop._spans is not None else 0.0
 
 
 def messages_of(setup: RunSetup, *, compiled: bool) -> list[tuple[str, int, bytes]]:
     """Return topic, stamp and content of all messages of a run in order."""
-    sink = Messages(setup)
-    failure = run_engine(setup, sink=sink, compiled=compiled).failure
-    assert failure is None, failure
-    return sink.rows
-
-
-def assert_same_messages(one: list[tuple[str, int, bytes]], other: list[tuple[str, int, bytes]]) -> None:
-    first = next((pair for pair in zip(one, other, strict=False) if pair[0] != pair[1]), None)
-    assert first is None, first
-    assert len(one) == len(other), (len(one), len(other))
+    return _driven(setup, compiled=compiled)[0]
 
 
 def assert_same_recording(one: RunResult, other: RunResult) -> None:

@@ -1,6 +1,5 @@
 """Figures and criteria of a run against hand calculations."""
 
-import dataclasses
 from dataclasses import replace
 from typing import Any
 
@@ -8,9 +7,10 @@ import numpy as np
 import pytest
 import yaml
 from engine_runs import setup_of
+from plan_cases import line_of
 from recordings import recording_of, with_final, with_series
 
-from plant_sim.line import Line, SpeedLimit
+from plant_sim.line import SpeedLimit
 from train_ato.judge.metrics import (
     differences,
     evaluated_ticks,
@@ -34,32 +34,21 @@ from train_ato.scenario.setup import RunSetup
 
 def recording(**series: object) -> Recording:
     """Ten ticks at 10 m/s on the reference, except for the given series."""
-    k = 10
-    time = 0.1 * np.arange(k)
-    ten = np.full(k, 10.0)
-    base = {
-        "position": (10 * time)[:, None], "velocity": ten[:, None], "front_position": 10 * time,
-        "front_velocity": ten, "coupler_draft_max": ten, "coupler_buff_max": -ten,
-        "applied": np.zeros((k, 1)), "command": np.zeros((k, 1)), "estimate": np.zeros((k, 1)),
-        "disturbance": np.zeros((k, 1)),
-        "reference_position": 10 * time, "reference_velocity": ten, "reference_acceleration": np.zeros(k),
-    }  # fmt: skip
-    return recording_of(time, **{**base, **series})
+    time, ten = 0.1 * np.arange(10), np.full(10, 10.0)
+    speeds = dict.fromkeys(("velocity", "front_velocity", "reference_velocity", "coupler_draft_max"), ten)
+    places = dict.fromkeys(("position", "front_position", "reference_position"), 10 * time)
+    return recording_of(time, 1, **{**speeds, **places, "coupler_buff_max": -ten, **series})
 
 
 def by_hand() -> Recording:
     """Return six ticks of 0.1 s with figures by hand calculation; the train moves from the third on."""
     speed, reference = np.array([0.0, 0.0, 1.0, 3.0, 4.0, 4.0]), np.array([0.0, 0.0, 2.0, 3.0, 3.0, 6.0])
-    place_error = np.array([9.0, 9.0, 3.0, 0.0, -4.0, 0.0])
     reference_place = np.array([0.0, 0.0, 0.1, 0.4, 0.7, 1.1])
-    command = 1e3 * np.array([0.0, 2.0, 5.0, 5.0, -1.0, 3.0])
-    zeros = np.zeros((6, 1))
+    place = reference_place + np.array([9.0, 9.0, 3.0, 0.0, -4.0, 0.0])
     six = recording_of(
-        0.1 * np.arange(6), position=(reference_place + place_error)[:, None], velocity=speed[:, None],
-        front_position=reference_place + place_error, front_velocity=speed,
-        coupler_draft_max=np.zeros(6), coupler_buff_max=np.zeros(6),
-        applied=zeros, command=command[:, None], estimate=zeros, disturbance=zeros,
-        reference_position=reference_place, reference_velocity=reference, reference_acceleration=np.zeros(6),
+        0.1 * np.arange(6), 1, position=place, velocity=speed, front_position=place, front_velocity=speed,
+        command=1e3 * np.array([0.0, 2.0, 5.0, 5.0, -1.0, 3.0]), reference_position=reference_place,
+        reference_velocity=reference,
     )  # fmt: skip
     totals = {
         "plant": {
@@ -71,7 +60,7 @@ def by_hand() -> Recording:
     }  # fmt: skip
     reports = tuple(Diagnostic(0, node, 0, "", values) for node, values in totals.items())
     end = float(setup_of().profile.position[-1]) - 1.25
-    return dataclasses.replace(with_final(six, end, 0.0), kept_reports=reports)
+    return replace(with_final(six, end, 0.0), kept_reports=reports)
 
 
 BY_HAND = {
@@ -166,12 +155,8 @@ def test_jerk_is_taken_over_a_tenth_of_a_second_whatever_the_tick(tick: float) -
 
 def test_limit_holds_until_the_rear_has_left_it() -> None:
     """Breaks if the limit is looked up at the front alone."""
-    line = Line.model_validate(
-        {
-            "schema": "train_ato/line/1", "name": "l", "end": 5000,
-            "speed_limits": [{"at": 0, "speed": 20}, {"at": 1000, "speed": 10}, {"at": 2000, "speed": 30}],
-        }
-    )  # fmt: skip
+    limits = [{"at": 0, "speed": 20}, {"at": 1000, "speed": 10}, {"at": 2000, "speed": 30}]
+    line = line_of(5000, speed_limits=limits)
     front = np.array([999.0, 1000.0, 1999.0, 2300.0, 2499.0, 2501.0])
     assert limit_over_train(line, front, 500.0).tolist() == [20, 10, 10, 10, 10, 30]
 
@@ -190,15 +175,14 @@ def test_stop_error_only_of_a_train_that_stands() -> None:
 
 
 def test_summary_has_every_key_of_the_design() -> None:
-    outcome = run_engine(setup_of("demo", "duration=5"))
+    summary = run_engine(setup_of("demo", "duration=5")).summary
     wanted = """
         scenario controller observer compensation seed ticks simulated_s wall_s real_time_factor speed_rmse_kmh
         speed_error_max_kmh position_error_max_m position_rmse_m stop_error_m overspeed_max_kmh coupler_draft_max_kn
         coupler_buff_max_kn acceleration_max jerk_max command_variation_kn_per_s energy_traction_kwh
         energy_regenerated_kwh saturated_s step_time_us_median step_time_us_p99 version
     """
-    assert set(wanted.split()) <= set(outcome.summary)
-    assert outcome.summary["ticks"] == 50
+    assert set(wanted.split()) <= set(summary) and summary["ticks"] == 50
 
 
 STOP = [{"km": 3.7, "planned_s": 766.0, "arrival_s": 768.0, "delay_s": 2.0, "beyond_m": -0.23}]
@@ -228,15 +212,12 @@ def on_profile(setup: RunSetup, late: float, beyond: float) -> Recording:
     """Return a run on its profile ``late`` seconds later and, from the first stop on, ``beyond`` metres ahead."""
     time = setup.tick * np.arange(setup.ticks)
     states, on_time = (np.array([setup.profile.at(max(0.0, t - shift)) for t in time]) for shift in (late, 0.0))
-    position = states[:, 0] + np.where(states[:, 0] > 0.99 * planned_stops(setup.profile)[0].position, beyond, 0.0)
-    zeros = np.zeros((time.size, 1))
+    place = states[:, 0] + np.where(states[:, 0] > 0.99 * planned_stops(setup.profile)[0].position, beyond, 0.0)
     found = recording_of(
-        time, position=position[:, None], velocity=states[:, 1:2], front_position=position, front_velocity=states[:, 1],
-        coupler_draft_max=zeros[:, 0], coupler_buff_max=zeros[:, 0], applied=zeros, command=zeros, estimate=zeros,
-        disturbance=zeros, reference_position=on_time[:, 0], reference_velocity=on_time[:, 1],
-        reference_acceleration=on_time[:, 2],
+        time, 1, position=place, velocity=states[:, 1], front_position=place, front_velocity=states[:, 1],
+        reference_position=on_time[:, 0], reference_velocity=on_time[:, 1], reference_acceleration=on_time[:, 2],
     )  # fmt: skip
-    return with_final(found, float(position[-1]), 0.0)
+    return with_final(found, float(place[-1]), 0.0)
 
 
 @pytest.mark.parametrize("criterion", CRITERIA, ids=lambda entry: entry.key)
@@ -330,17 +311,13 @@ def worst_of(limits: str, **series: Any) -> dict[str, tuple[float | None, float 
     units, even = setup.layout.n_units, np.full(200, 10.0)
     given: dict[str, Any] = {
         "front_position": 10.0 * time - setup.consist.vehicles[0].length / 2, "front_velocity": even,
-        "velocity": np.repeat(even[:, None], units, axis=1), "reference_position": np.zeros(200),
-        "position": np.zeros((200, units)) - setup.model.offsets, "reference_velocity": even,
-        "coupler_draft_max": np.zeros(200), "coupler_buff_max": np.zeros(200), "applied": np.zeros((200, units)),
-        "command": np.zeros((200, units)), "estimate": np.zeros((200, units)), "disturbance": np.zeros((200, units)),
-        "reference_acceleration": np.zeros(200),
+        "velocity": np.repeat(even[:, None], units, axis=1), "position": np.zeros((200, units)) - setup.model.offsets,
+        "reference_velocity": even,
     }  # fmt: skip
-    run = with_final(recording_of(time, **{**given, **series}), 0.0, 10.0)
+    run = with_final(recording_of(time, units, **{**given, **series}), 0.0, 10.0)
     metrics = summarise(setup, run)
     rows = judge_run(setup.scenario.criteria, metrics, places=worst_places(setup, run, metrics))["criteria"]
-    found = {row["criterion"]: (row["at_s"], row["km"]) for row in rows}
-    return {key: place for key, place in found.items() if place != (None, None)}
+    return {row["criterion"]: (row["at_s"], row["km"]) for row in rows if (row["at_s"], row["km"]) != (None, None)}
 
 
 def pulse(tick: int, height: float) -> np.ndarray:
@@ -410,11 +387,8 @@ def test_overspeed_begins_with_the_front_and_ends_with_the_rear() -> None:
 @pytest.mark.parametrize(("until", "ticks"), [(2.0, 21), (1.99, 20), (0.3, 4), (0.7, 8)])
 def test_an_evaluation_ends_with_the_tick_at_its_time(until: float, ticks: int) -> None:
     """Breaks if the tick exactly at ``until_time`` is left out, or lost to the rounding of 0.1 s: 3 x 0.1 > 0.3."""
-    setup = two_stops(f"evaluation.until_time={until}")
-    moving = recording_of(
-        0.1 * np.arange(50), front_velocity=np.ones(50), front_position=np.zeros(50), reference_velocity=np.ones(50)
-    )
-    assert evaluated_ticks(setup, moving) == slice(0, ticks)
+    moving = recording_of(0.1 * np.arange(50), 1, front_velocity=np.ones(50), reference_velocity=np.ones(50))
+    assert evaluated_ticks(two_stops(f"evaluation.until_time={until}"), moving) == slice(0, ticks)
 
 
 def test_errors_of_the_run_include_the_braking_behind_the_evaluation() -> None:

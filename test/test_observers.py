@@ -39,15 +39,19 @@ def test_exact_for_any_bandwidth(omega, period, push):
     assert found == pytest.approx(expected, rel=1e-6, abs=1e-6 * 80e3 + 1e-9 * 80e3 / period)
 
 
-def test_train_scope_is_shared_over_the_units():
-    """400 t at 0.1 m/s²: 40 kN in total, 8 kN per unit; breaks if every unit gets the total."""
-    of = model(FIVE)
-    observer = OBSERVERS.make("ndo", {"scope": "train", "omega": 50.0}, of, 0.1)
-    for k in range(20):
+@pytest.mark.parametrize(
+    ("train", "name", "parameters", "rel"),
+    [(FIVE, "ndo", {"scope": "train", "omega": 50.0}, 1e-3), (PUSHED, "eso", {"omega": 20.0}, 0.01)],
+)
+def test_the_balance_of_a_train_is_shared_over_the_units(train, name, parameters, rel):
+    """400 t at 0.1 m/s² with the scope of the train, and two locomotives with wagons between: the total is shared."""
+    of = model(train)
+    observer = OBSERVERS.make(name, parameters, of, 0.1)
+    for k in range(40):
         speed = 10.0 + 0.01 * k
-        total = of.running_resistance(speed)
-        out = observer.step(ObserverInput.of(measured(of, k * 100_000_000, 0.0, speed, total / 5)))
-    assert out == pytest.approx(np.full(5, 8e3), rel=1e-3)
+        force = of.running_resistance(speed) / of.n_units
+        out = observer.step(ObserverInput.of(measured(of, k * 100_000_000, 0.0, speed, force)))
+    assert out == pytest.approx(np.full(of.n_units, of.inertia * 0.1 / of.n_units), rel=rel)
 
 
 def test_vehicle_scope_uses_the_coupler():
@@ -57,10 +61,8 @@ def test_vehicle_scope_uses_the_coupler():
     own = float(of.own_resistance(np.array([10.0]), np.array([500.0]))[0])
     for k in range(10):
         seen = measured(of, k * 100_000_000, 500.0, 10.0, 200e3 + own)
-        known = ObserverInput(
-            seen.stamp * 1e-9, seen.position, seen.velocity, seen.applied, np.array([200e3]), np.zeros(1)
-        )
-        out = observer.step(known)
+        forces = seen.applied, np.array([200e3]), np.zeros(1)
+        out = observer.step(ObserverInput(seen.stamp * 1e-9, seen.position, seen.velocity, *forces))
     assert abs(out[0]) < 1e-6
 
 
@@ -136,10 +138,8 @@ def test_eso_error_is_the_closed_form(omega, period, push):
     speeds, force = [20.0], [0.0]
     for _ in range(count - 1):
         speeds.append(speeds[-1] + push * period)
-        own = of.own_resistance(np.array(speeds[-2:-1]), np.zeros(1)) + of.own_resistance(
-            np.array(speeds[-1:]), np.zeros(1)
-        )
-        force.append(0.5 * float(own[0]))
+        own = [of.own_resistance(np.array([speed]), np.zeros(1))[0] for speed in speeds[-2:]]
+        force.append(0.5 * float(own[0] + own[1]))
     seen = [measured(of, round(k * period * 1e9), 0.0, speeds[k], force[k]) for k in range(count)]
     found = [eso.step(ObserverInput.of(sample))[0] / 80e3 for sample in seen]
     b, k = math.exp(-omega * period), np.arange(count)
@@ -154,13 +154,10 @@ def test_every_estimate_is_finite(name, values):
     of = model(FIVE)
     observer = OBSERVERS.make(name, {}, of, 0.1)
 
+    seen = [measured(of, k * 100_000_000, value, 10.0 if k % 2 else value, value) for k, value in enumerate(values)]
+
     def run():
-        return np.array(
-            [
-                observer.step(ObserverInput.of(measured(of, k * 100_000_000, value, 10.0 if k % 2 else value, value)))
-                for k, value in enumerate(values)
-            ]
-        )
+        return np.array([observer.step(ObserverInput.of(sample)) for sample in seen])
 
     first = run()
     assert np.isfinite(first).all()
@@ -180,16 +177,6 @@ def test_coupler_forces_between_units_are_no_disturbance(name):
         seen = measured(of, k * 100_000_000, place + k * 1.0, 10.0, applied)
         out = observer.step(ObserverInput.of(seen))
     assert np.abs(out).max() < 1.0
-
-
-def test_trains_without_coupler_forces_use_the_train_balance():
-    """Two locomotives with wagons between them: balance of the train, split by the shares."""
-    of = model(PUSHED)
-    eso = OBSERVERS.make("eso", {"omega": 20.0}, of, 0.1)
-    for k in range(40):
-        speed = 10.0 + 0.01 * k
-        out = eso.step(ObserverInput.of(measured(of, k * 100_000_000, 0.0, speed, of.running_resistance(speed) / 2)))
-    assert out == pytest.approx(np.full(2, of.inertia * 0.1 / 2), rel=0.01)
 
 
 @given(period=st.floats(0.005, 1.0), lag=st.floats(0.01, 5.0), start=st.floats(-1, 1), aim=st.floats(-1, 1))

@@ -1,9 +1,4 @@
-"""Planner results against closed forms, hand calculations and published numbers.
-
-``train-ato plan``: inputs in several formats, files out, bad input in one line.
-
-Timetables: plans exist, need less energy with more time, and coast within the deceleration limit.
-"""
+"""Planner against closed forms, hand calculations and published numbers; ``train-ato plan``; timetables."""
 
 from __future__ import annotations
 
@@ -16,7 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 from case_costs import sampled
-from plan_cases import broken_promises, random_case
+from engine_runs import setup_of
+from plan_cases import broken_promises, random_case, train_of
+from plan_cases import line_of as line
 
 import train_ato as ta
 from plant_sim.consist import Consist
@@ -30,27 +27,18 @@ from train_ato.profile.planner.planner import Plan, plan_profile, supplements
 from train_ato.profile.planner.settings import PlanSettings, find_line, find_train
 from train_ato.profile.planner.train_tables import balancing_speed, holding_force, steepest_start
 from train_ato.scenario.profile_spec import ProfileSpec
-from train_ato.scenario.scenario import load_scenario
-from train_ato.scenario.setup import prepare
 
 BARE = {"jerk": None, "acceleration": None, "deceleration": None, "force_margin": 0}
 
 
 def train(**vehicle: Any) -> Consist:
-    base = {"mass": 1000, "length": 1, "resistance": {"n": [0, 0, 0]}}
-    data = {
-        "schema": "train_ato/consist/1", "name": "t", "vehicle_types": {"t": base | vehicle}, "train": [{"type": "t"}],
-    }  # fmt: skip
-    return Consist.model_validate(data)
+    return train_of({"t": {"mass": 1000, "length": 1, "resistance": {"n": [0, 0, 0]}} | vehicle}, 1)
 
 
-def line(end: float, **parts: Any) -> Line:
-    return Line.model_validate({"schema": "train_ato/line/1", "name": "l", "end": end} | parts)
-
-
-STRONG = train(
-    mass=100e3, length=100, traction=[{"to": 40, "force": 150e3}], brake=[{"to": 44, "force": 150e3}]
-)  # fmt: skip
+STRONG = train(mass=100e3, length=100, traction=[{"to": 40, "force": 150e3}], brake=[{"to": 44, "force": 150e3}])
+EXAMPLE = Path(__file__).parent.parent / "examples" / "metro"
+LINE_AND_TRAIN = EXAMPLE / "line.yaml", EXAMPLE / "train.yaml"
+METRO = ("xuzhou_metro_test", "xuzhou_metro_3")
 
 
 def test_closed_form_of_constant_power() -> None:
@@ -81,13 +69,10 @@ def test_railtoolkit_running_times(open_data: Path, name: str, published: float,
     assert time == pytest.approx(fine, rel=0.001)
 
 
-@pytest.mark.parametrize(("grade", "kmh"), [(0, 110.0), (1, 94.0), (2, 79.9), (4, 52.5)])
-def test_balancing_speeds_of_the_heavy_haul_train(grade: float, kmh: float) -> None:
-    assert 3.6 * balancing_speed(load_consist("hxd1_c80_105"), grade / 1e3) == pytest.approx(kmh, abs=0.2)
-
-
-def test_steepest_start_and_the_descent_that_needs_air() -> None:
+def test_balancing_speeds_steepest_start_and_the_descent_of_the_heavy_haul_train_that_needs_air() -> None:
     consist = load_consist("hxd1_c80_105")
+    for grade, kmh in ((0, 110.0), (1, 94.0), (2, 79.9), (4, 52.5)):
+        assert 3.6 * balancing_speed(consist, grade / 1e3) == pytest.approx(kmh, abs=0.2)
     assert 1e3 * steepest_start(consist) == pytest.approx(6.3, abs=0.05)
     assert holding_force(consist, 70 / 3.6, -0.012) == pytest.approx(-1060e3, abs=5e3)
 
@@ -104,23 +89,10 @@ def test_a_limit_holds_until_the_tail_has_left() -> None:
 
 def test_grade_counts_where_every_vehicle_is() -> None:
     """Two equal vehicles 100 m apart: with one of them on 10 per mille the train has a mean grade of 5."""
-    consist = Consist.model_validate(
-        {
-            "schema": "train_ato/consist/1",
-            "name": "pair",
-            "vehicle_types": {
-                "unit": {
-                    "mass": 50e3, "length": 100, "resistance": {"n": [0, 0, 0]},
-                    "traction": [{"to": 30, "force": 50e3}], "brake": [{"to": 30, "force": 50e3}],
-                }
-            },
-            "train": [{"type": "unit", "count": 2}],
-            "draft_gears": {"rigid": {"kind": "rigid"}},
-            "default_gear": "rigid",
-        }
-    )  # fmt: skip
+    force = [{"to": 30, "force": 50e3}]
+    unit = {"mass": 50e3, "length": 100, "resistance": {"n": [0, 0, 0]}, "traction": force, "brake": force}
     path = line(2000, grades=[{"at": 1000, "grade": 0.01}], speed_limits=[{"at": 0, "speed": 10}])
-    result = plan_profile(path, consist, PlanSettings())
+    result = plan_profile(path, train_of({"unit": unit}, 2), PlanSettings())
     for front, grade in ((1040, 0), (1060, 0.005), (1140, 0.005), (1160, 0.01)):
         knot = int(np.searchsorted(result.front, front))
         assert result.force[knot] == pytest.approx(100e3 * 9.81 * grade, abs=1.0)
@@ -185,8 +157,8 @@ def test_grades_are_averaged_over_the_vehicle_length_on_request() -> None:
              "speed_limits": [{"at": 0, "speed": 30}, {"at": 1000, "speed": 8}]},
             {}, r"cannot brake for the limit of 29 km/h at km \d\.\d+",
         ),
-        ({}, {"end": 2500}, r"end of the plan at km 2\.500 lies beyond line 'l'"),
-        ({"stops": [{"at": 2400, "name": "far"}]}, {}, r"stop 'far' at km 2\.400 lies beyond line 'l'"),
+        ({}, {"end": 2500}, r"end of the plan at km 2\.500 lies beyond line 'own'"),
+        ({"stops": [{"at": 2400, "name": "far"}]}, {}, r"stop 'far' at km 2\.400 lies beyond line 'own'"),
         ({}, {"time": 30}, r"timetable too tight: .* at least \d+\.\d s are needed"),
         ({}, {"begin_speed": 30, "end": 100}, r"begin_speed 108\.0 km/h at km 0\.000 is too high"),
         ({}, {"begin": 1999.99}, "has no length"),
@@ -198,9 +170,19 @@ def test_an_impossible_plan_is_refused_with_place_and_reason(parts, asked, messa
     assert "\n" not in str(caught.value)
 
 
-def test_a_train_without_brakes_is_refused() -> None:
-    with pytest.raises(ValueError, match="neither an electric brake nor an air brake"):
-        plan_profile(line(1000), train(traction=[{"to": 20, "force": 1000}]))
+@pytest.mark.parametrize(
+    ("asked", "message"),
+    [
+        (lambda: plan_profile(line(1000), train(traction=[{"to": 20, "force": 1000}])), "neither an electric brake"),
+        (lambda: PlanSettings(point_mass=True, grade_over_length=True), "grade_over_length = true with point_mass = t"),
+        (lambda: ta.plan(*LINE_AND_TRAIN, time=480, allowance=[{"share": 0.05}]), "allowance with time"),
+        (lambda: ta.plan(*LINE_AND_TRAIN, allowance=[{"share": 0.05, "begin_km": 9}]), "km 9.000 ... 5.200 lies outs"),
+    ],
+)
+def test_a_contradiction_is_refused(asked, message):
+    """Breaks if a train without brakes is planned, or one of two options or running times is ignored."""
+    with pytest.raises(ValueError, match=message):
+        asked()
 
 
 def test_the_same_request_gives_the_same_bits() -> None:
@@ -211,16 +193,12 @@ def test_the_same_request_gives_the_same_bits() -> None:
 
 def test_the_maximum_speed_is_below_the_end_of_the_brakes() -> None:
     """Breaks if a plan uses the full envelope: at 0.1 km/h of overspeed the tram has no brake force."""
-    ends = {"traction": [{"to_kmh": 80, "force_kn": 50}], "brake": [{"to_kmh": 80, "force_kn": 60}]}
-    tram = {"mass_t": 38, "length": 30, "resistance": {"n": [600, 20, 5]}}
-    data = {"schema": "train_ato/consist/1", "name": "tram", "train": [{"type": "tram"}]}
-    line = load_line("level")
     fastest = []
     for brake_to in (80, 100):
-        ends["brake"] = [{"to_kmh": brake_to, "force_kn": 60}]
-        consist = Consist.model_validate(data | {"vehicle_types": {"tram": tram | ends}})
-        fastest.append(3.6 * plan_profile(line, consist, PlanSettings(end=line.begin + 3000)).profile.velocity.max())
-        assert 3.6 * balancing_speed(consist, 0.0) == pytest.approx(80.0, abs=0.1)
+        ends = {"traction": [{"to_kmh": 80, "force_kn": 50}], "brake": [{"to_kmh": brake_to, "force_kn": 60}]}
+        tram = train(mass=38e3, length=30, resistance={"n": [600, 20, 5]}, **ends)
+        fastest.append(3.6 * plan_profile(load_line("level"), tram, PlanSettings(end=3000.0)).profile.velocity.max())
+        assert 3.6 * balancing_speed(tram, 0.0) == pytest.approx(80.0, abs=0.1)
     assert fastest == pytest.approx([0.98 * 80, 80], abs=0.05)
 
 
@@ -241,15 +219,14 @@ def options(*words: str) -> argparse.Namespace:
     return parser.parse_args(words)
 
 
-METRO = ("xuzhou_metro_test", "xuzhou_metro_3")
-
-
-def test_json_has_the_promised_figures(capsys: pytest.CaptureFixture[str]) -> None:
+def test_json_has_the_promised_figures_and_the_table_names_them(capsys: pytest.CaptureFixture[str]) -> None:
     assert execute(options(*METRO, "--from-km", "0.5", "--to-km", "3", "--json")) == 0
     result = json.loads(capsys.readouterr().out)
     assert result["distance_m"] == 2500.0
     assert 125 < result["running_time_s"] < 150 and 5 < result["energy_kwh"] < 40
     assert result["speed_max_kmh"] == pytest.approx(80, abs=0.1)
+    assert execute(options(*METRO, "--to-km", "1")) == 0
+    assert "running_time_s" in capsys.readouterr().out
 
 
 def test_a_limit_in_another_unit_is_noted(capsys: pytest.CaptureFixture[str]) -> None:
@@ -265,45 +242,28 @@ def test_times_and_places_of_a_plan_in_another_unit_are_noted(capsys: pytest.Cap
     """Breaks if 5 per cent as a share of 5, minutes per 100 km, or an end in kilometres is taken without a word."""
     asked = {"allowance": [{"share": 5, "per_100km": 1.5, "per_stop": 0.2}], "dwell": 0.5}
     with pytest.raises(ValueError, match="lies beyond line"):
-        ta.plan("xuzhou_metro_test", "xuzhou_metro_3", end=2e5, **asked)
+        ta.plan(*METRO, end=2e5, **asked)
     told = capsys.readouterr().err
-    for text in (
-        "share = 5: usual are 0.001 to 1",
-        "per_100km = 1.5: ",
-        "per_stop = 0.2: ",
-        "dwell = 0.5: usual are 2",
-    ):
-        assert text in told
-    ta.plan("xuzhou_metro_test", "xuzhou_metro_3", end=2)
+    wanted = ("share = 5: usual are 0.001 to 1", "per_100km = 1.5:", "per_stop = 0.2:", "dwell = 0.5: usual are 2")
+    assert all(text in told for text in wanted)
+    ta.plan(*METRO, end=2)
     assert "begin and end of the plan are 2 m apart; check their unit" in capsys.readouterr().err
-
-
-def test_the_table_names_them_too(capsys: pytest.CaptureFixture[str]) -> None:
-    assert execute(options(*METRO, "--to-km", "1")) == 0
-    assert "running_time_s" in capsys.readouterr().out
 
 
 def test_files_hold_the_profile_and_a_figure(tmp_path: Path) -> None:
     names = [tmp_path / name for name in ("run.csv", "run.yaml", "run.png")]
-    result = plan_from_options(
-        options(*METRO, "--to-km", "2", *(word for name in names for word in ("--out", str(name))))
-    )
-    first, second = read_profile(names[0]), read_profile(names[1])
-    assert first == second
-    assert first.position[-1] + 59 == pytest.approx(2000)
-    assert names[2].read_bytes()[:4] == b"\x89PNG" and names[2].stat().st_size > 20_000
-    assert result["files"] == [str(name) for name in names]
+    result = plan_from_options(options(*METRO, "--to-km", "2", *(f"--out={name}" for name in names)))
+    first, figure = read_profile(names[0]), names[2].read_bytes()
+    assert first == read_profile(names[1]) and first.position[-1] + 59 == pytest.approx(2000)
+    assert figure[:4] == b"\x89PNG" and len(figure) > 20_000
+    assert result["files"] == list(map(str, names))
 
 
 def test_options_reach_the_plan() -> None:
-    slow = plan_from_options(options(*METRO, "--to-km", "2", "--time", "150"))
+    asked = ("--time=150", "--jerk=none --force-margin=0 --acceleration=none", "", "--max-speed-kmh=50")
+    slow, free, usual, capped = (plan_from_options(options(*METRO, "--to-km", "2", *more.split())) for more in asked)
     assert slow["running_time_s"] == pytest.approx(150, abs=0.1)
-    free = plan_from_options(
-        options(*METRO, "--to-km", "2", "--jerk", "none", "--force-margin", "0", "--acceleration", "none")
-    )
-    usual = plan_from_options(options(*METRO, "--to-km", "2"))
     assert free["running_time_s"] < usual["running_time_s"] < slow["running_time_s"]
-    capped = plan_from_options(options(*METRO, "--to-km", "2", "--max-speed-kmh", "50"))
     assert capped["speed_max_kmh"] == pytest.approx(50, abs=0.1)
 
 
@@ -322,30 +282,8 @@ def test_a_scenario_can_ask_for_a_plan() -> None:
     assert ProfileSpec.model_validate(block.inlined()) == block
 
 
-SLOW_GRADES = ((0, 20.0854), (140.006, -26.5103), (393.181, -19.196), (453.659, 18.6779), (581.36, 29.1787))
-"""Place [m] and grade [per mille] of a short line with 15.87 km/h."""
 ENERGY_STEP = 1e-4
 """Resolution of an energy in the summary [kWh]."""
-SHORT_LINE = 800.0
-"""Longest line of the many random ones [m]."""
-
-
-def slow_line() -> Line:
-    grades = [{"at": at, "grade_permille": grade} for at, grade in SLOW_GRADES]
-    limits = [{"at": 0, "speed": 4.40799}]
-    return Line.model_validate(
-        {"schema": "train_ato/line/1", "name": "slow", "end": 628.874, "grades": grades, "speed_limits": limits}
-    )
-
-
-def slow_train() -> Consist:
-    vehicle = {
-        "mass": 328471, "length": 90.25, "rotating_mass_factor": 1.06074,
-        "resistance": {"n_per_kn_kmh": [0.9708, 0.0216232, 0.00138097]},
-        "traction": [{"to": 40.0812, "force": 122571}], "brake": [{"to": 44.0893, "force": 252851}],
-    }  # fmt: skip
-    data = {"schema": "train_ato/consist/1", "name": "slow", "vehicle_types": {"car": vehicle}}
-    return Consist.model_validate(data | {"train": [{"type": "car"}]})
 
 
 def energies(line: Line, consist: Consist, settings: PlanSettings, times: list[float]) -> list[float]:
@@ -360,8 +298,17 @@ def energies(line: Line, consist: Consist, settings: PlanSettings, times: list[f
 
 def test_more_time_needs_less_energy_on_the_slow_line() -> None:
     """Breaks if a switching curve near 0 stops the train at its start: 204.3 s then needs more than 182.3 s."""
-    found = energies(slow_line(), slow_train(), PlanSettings(), [182.3, 204.3])
-    assert np.diff(found).max() <= ENERGY_STEP
+    grades = ((0, 20.0854), (140.006, -26.5103), (393.181, -19.196), (453.659, 18.6779), (581.36, 29.1787))
+    slow = line(
+        628.874, grades=[{"at": at, "grade_permille": grade} for at, grade in grades],
+        speed_limits=[{"at": 0, "speed": 4.40799}],
+    )  # fmt: skip
+    car = train(
+        mass=328471, length=90.25, rotating_mass_factor=1.06074,
+        resistance={"n_per_kn_kmh": [0.9708, 0.0216232, 0.00138097]},
+        traction=[{"to": 40.0812, "force": 122571}], brake=[{"to": 44.0893, "force": 252851}],
+    )  # fmt: skip
+    assert np.diff(energies(slow, car, PlanSettings(), [182.3, 204.3])).max() <= ENERGY_STEP
 
 
 @pytest.mark.parametrize("seed", [0, 3, 12])
@@ -389,7 +336,7 @@ def test_more_time_needs_less_energy_on_short_random_lines() -> None:
     factors = (1.01, 1.05, 1.12, 1.25, 1.5)
     for seed in range(230):
         line, consist, settings = random_case(seed)
-        if line.end > SHORT_LINE:
+        if line.end > 800.0:
             continue
         try:
             least = plan_profile(line, consist, settings).running_time
@@ -402,16 +349,12 @@ def test_more_time_needs_less_energy_on_short_random_lines() -> None:
 @pytest.mark.parametrize("time", sampled([1000.0, 600.0, 900.0, 1500.0], every=4))
 def test_a_fall_with_a_level_start_is_driven_in_any_time(time: float) -> None:
     """Breaks if the cut-off is 0 where the front of the train is already on the fall: 1000 s "cannot start"."""
-    line = Line.model_validate(
-        {"schema": "train_ato/line/1", "name": "fall", "end_km": 10, "grades": [{"at": 0, "grade_permille": -20}]}
-    )
-    vehicle = {
-        "mass_t": 40, "length": 18, "resistance": {"n_per_kn_kmh": [1.3, 0.002, 0.00125]},
-        "traction": [{"to_kmh": 117, "force_kn": 20}], "brake": [{"to_kmh": 129, "force_kn": 21}],
-    }  # fmt: skip
-    data = {"schema": "train_ato/consist/1", "name": "car117", "vehicle_types": {"car": vehicle}}
-    consist = Consist.model_validate(data | {"train": [{"type": "car"}]})
-    assert plan_profile(line, consist, PlanSettings(time=time)).running_time == pytest.approx(time, abs=0.1)
+    car = train(
+        mass=40e3, length=18, resistance={"n_per_kn_kmh": [1.3, 0.002, 0.00125]},
+        traction=[{"to_kmh": 117, "force_kn": 20}], brake=[{"to_kmh": 129, "force_kn": 21}],
+    )  # fmt: skip
+    fall = line(10e3, grades=[{"at": 0, "grade_permille": -20}])
+    assert plan_profile(fall, car, PlanSettings(time=time)).running_time == pytest.approx(time, abs=0.1)
 
 
 @pytest.mark.parametrize("seed", sampled([1, 3, 7, 21], every=4))
@@ -424,19 +367,10 @@ def test_coasting_uphill_keeps_the_deceleration_limit(seed: int) -> None:
     assert result.profile.acceleration.min() >= -0.07 * (1 + 1e-9)
 
 
-def test_a_point_mass_has_no_length_to_average_over() -> None:
-    """Breaks if both options are accepted: the grades of a point mass were averaged."""
-    with pytest.raises(ValueError, match="grade_over_length = true with point_mass = true"):
-        PlanSettings(point_mass=True, grade_over_length=True)
-
-
-EXAMPLE = Path(__file__).parent.parent / "examples" / "metro"
-
-
 @pytest.fixture(scope="module")
 def fastest() -> ta.Plan:
     """Return the plan of least time on the metro line, with sections of 1.2, 1.2, 1.3 and 1.3 km."""
-    return ta.plan(EXAMPLE / "line.yaml", EXAMPLE / "train.yaml")
+    return ta.plan(*LINE_AND_TRAIN)
 
 
 def runs_of(plan: ta.Plan) -> list[float]:
@@ -446,9 +380,7 @@ def runs_of(plan: ta.Plan) -> list[float]:
 
 def test_every_section_has_its_own_supplement(fastest: ta.Plan) -> None:
     """Breaks if a supplement is taken from the whole run: the planner then shifts it between the stops."""
-    found = ta.plan(
-        EXAMPLE / "line.yaml", EXAMPLE / "train.yaml", end_km=2.6, allowance=[parse_allowance("5%+3s/stop")]
-    )
+    found = ta.plan(*LINE_AND_TRAIN, end_km=2.6, allowance=[parse_allowance("5%+3s/stop")])
     wanted = [0.05 * time + 3.0 for time in runs_of(fastest)[:2]]
     assert found.allowances == pytest.approx(wanted, abs=0.11)
     assert max(a - b for a, b in zip(found.allowances, wanted, strict=True)) <= 0.03
@@ -495,18 +427,10 @@ def test_a_text_that_is_no_supplement_is_refused(text: str) -> None:
     assert str(refusal.value).startswith(f"'{text}': ")
 
 
-def test_supplements_and_a_running_time_exclude_each_other() -> None:
-    """Breaks if one of two running times is ignored."""
-    with pytest.raises(ValueError, match="allowance with time"):
-        ta.plan(EXAMPLE / "line.yaml", EXAMPLE / "train.yaml", time=480, allowance=[{"share": 0.05}])
-    with pytest.raises(ValueError, match=r"km 9.000 ... 5.200 lies outside the plan"):
-        ta.plan(EXAMPLE / "line.yaml", EXAMPLE / "train.yaml", allowance=[{"share": 0.05, "begin_km": 9}])
-
-
 def test_the_supplements_of_the_example_reach_the_run(fastest: ta.Plan, tmp_path: Path) -> None:
     """Breaks if a run, its catching up or its profile file lose the scheduled times."""
     changes = ("replan={catch_up: true}", "profile.plan.begin=2600")
-    setup = prepare(*load_scenario(str(EXAMPLE / "allowances.yaml"), changes))
+    setup = setup_of(str(EXAMPLE / "allowances.yaml"), *changes)
     points = scheduled_points(setup.profile, setup.consist.vehicles[0].length / 2)
     assert [point.at for point in points] == pytest.approx([2600, 3900, 5200])
     runs = [(before.departure, after.arrival) for before, after in pairwise(points)]
@@ -520,5 +444,5 @@ def test_the_supplements_of_the_example_reach_the_run(fastest: ta.Plan, tmp_path
 def test_an_allowance_without_a_unit_is_refused_with_its_spelling(capsys: pytest.CaptureFixture[str]) -> None:
     """Breaks if a supplement of time is taken in an unknown unit."""
     with pytest.raises(SystemExit):
-        options(str(EXAMPLE / "line.yaml"), str(EXAMPLE / "train.yaml"), "--allowance", "5")
+        options(*map(str, LINE_AND_TRAIN), "--allowance", "5")
     assert "write 5%" in capsys.readouterr().err

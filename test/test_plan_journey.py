@@ -1,11 +1,4 @@
-"""Journeys: every window kept at the least energy, or the first lost one is named; late trains catch up.
-
-Jerk limit of the planner: the reserve of forces belongs to its place.
-
-Property tests of the planner over random lines and trains.
-
-Tracking of plans by the plant with lag, delay and couplers, nearly without saturation.
-"""
+"""Journeys: windows kept at the least energy; late trains; jerk limit; random plans; plans tracked by the plant."""
 
 from __future__ import annotations
 
@@ -15,9 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from engine_runs import setup_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from plan_cases import broken_promises, limit_by_hand, random_case, resistance_by_hand
+from plan_cases import broken_promises, limit_by_hand, line_of, random_case, resistance_by_hand, train_of
 from test_plan_checks import options
 from test_plan_energy import hills, metro
 
@@ -33,7 +27,7 @@ from train_ato.profile.planner.section import ForceReserve
 from train_ato.profile.planner.settings import PlanSettings, find_train
 from train_ato.profile.planner.timing_points import SpeedWindow, TimeWindow, TimingPoint, check_points, read_journey
 from train_ato.profile.planner.train_tables import AvailableForce
-from train_ato.scenario.scenario import check_scenario, load_scenario
+from train_ato.scenario.scenario import check_scenario
 from train_ato.scenario.setup import prepare
 
 KEPT = 0.06
@@ -198,7 +192,7 @@ def test_a_run_returns_to_its_timetable_after_low_adhesion() -> None:
     for catching in ("false", "true"):
         changes = (low, back, "profile={plan: {end_km: 2, time: 150}}", "duration=200",
                    f"replan={{retry: 10, catch_up: {catching}}}")  # fmt: skip
-        outcome = run_engine(prepare(*load_scenario("xuzhou_metro", changes)))
+        outcome = run_engine(setup_of("xuzhou_metro", *changes))
         assert outcome.failure is None and abs(outcome.summary["stop_error_m"]) < 0.05
         late.append(outcome.summary["running_time_s"] - 150.0)
     assert late[1] < 1.0 < late[0] - 3.0
@@ -206,8 +200,7 @@ def test_a_run_returns_to_its_timetable_after_low_adhesion() -> None:
 
 def test_a_late_train_starts_a_plan_without_a_lack_of_force() -> None:
     """Breaks if ``lateness`` is not compared: no decision at 5 s, or already one at 2 s; 150 s are kept again."""
-    changes = ("profile={plan: {end_km: 2, time: 150}}", "replan={catch_up: true, lateness: 3}")
-    setup = prepare(*load_scenario("xuzhou_metro", changes))
+    setup = setup_of("xuzhou_metro", "profile={plan: {end_km: 2, time: 150}}", "replan={catch_up: true, lateness: 3}")
     model, profile = setup.model, setup.profile
     place, speed, acceleration, _ = profile.at(20.0)
     force = model.rigid_force(place, speed, acceleration) / model.n_units
@@ -235,8 +228,7 @@ def car(top_kmh: float, force_kn: float = 47.8) -> Consist:
         "mass_t": 43.5, "length": 18.4, "resistance": {"n_per_kn_kmh": [2.4, 0.0225, 0.00072]},
         "traction": [{"to_kmh": top_kmh, "force_kn": force_kn}], "brake": [{"to_kmh": 2 * top_kmh, "force_kn": 55}],
     }  # fmt: skip
-    data = {"schema": "train_ato/consist/1", "name": "car", "vehicle_types": {"car": vehicle}}
-    return Consist.model_validate(data | {"train": [{"type": "car"}]})
+    return train_of({"car": vehicle}, 1, name="car")
 
 
 def climb(at_km: float, permille: float, length_km: float = 12.0, end_km: float = 12.0) -> Line:
@@ -244,7 +236,7 @@ def climb(at_km: float, permille: float, length_km: float = 12.0, end_km: float 
     grades = [{"at": 0, "grade": 0}, {"at_km": at_km, "grade_permille": permille}]
     if length_km + at_km < end_km:
         grades.append({"at_km": at_km + length_km, "grade": 0})
-    return Line.model_validate({"schema": "train_ato/line/1", "name": "climb", "end_km": end_km, "grades": grades})
+    return line_of(1e3 * end_km, grades=grades)
 
 
 @pytest.mark.parametrize("top_kmh", [42, 43, 44, 45, 52, 53, 54, 61, 62, 72])
@@ -270,8 +262,7 @@ def test_random_climbs_at_random_top_speeds() -> None:
 def test_traction_above_its_envelope_on_a_descent_before_a_climb() -> None:
     """Breaks if a step of the pass crosses the balancing speed: a train faster than its traction then climbs."""
     grades = [{"at": 0, "grade": 0}, {"at_km": 2, "grade_permille": -25}, {"at_km": 4, "grade_permille": 20}]
-    line = Line.model_validate({"schema": "train_ato/line/1", "name": "dip", "end_km": 10, "grades": grades})
-    asked = PlanSettings(speed_max=25)
+    line, asked = line_of(10e3, grades=grades), PlanSettings(speed_max=25)
     result = plan_profile(line, car(62), asked)
     assert broken_promises(line, car(62), asked, result, 0.1) == []
     fastest = plan_profile(line, car(62), asked.model_copy(update={"jerk": None})).running_time
@@ -283,17 +274,14 @@ def test_traction_above_its_envelope_on_a_descent_before_a_climb() -> None:
 )
 def test_a_largest_speed_of_another_unit_is_noted(kmh: float, told: str, capsys: pytest.CaptureFixture[str]) -> None:
     """Breaks if ``speed_max: 80`` m/s of a metro, which has no effect, is taken without a word."""
-    limits = [{"at": 0, "speed_kmh": 40}]
-    line = Line.model_validate({"schema": "train_ato/line/1", "name": "slow", "end": 900, "speed_limits": limits})
+    line = line_of(900, name="slow", speed_limits=[{"at": 0, "speed_kmh": 40}])
     plan_profile(line, car(150), PlanSettings(speed_max=30))
     assert capsys.readouterr().err == ""
     plan_profile(line, car(150), PlanSettings(speed_max=kmh / 3.6))
     assert f"speed_max = {kmh / 3.6:g}: {kmh} km/h, {told}" in capsys.readouterr().err
-    fast = Line.model_validate({**line.model_dump(by_alias=True), "speed_limits": [{"at": 0, "speed": kmh}]})
-    plan_profile(fast, car(150), PlanSettings())
-    assert (
-        f"lowest speed limit of line 'slow' = {kmh}: {3.6 * kmh:g} km/h, train 'car' permits" in capsys.readouterr().err
-    )
+    plan_profile(line_of(900, name="slow", speed_limits=[{"at": 0, "speed": kmh}]), car(150), PlanSettings())
+    told = f"lowest speed limit of line 'slow' = {kmh}: {3.6 * kmh:g} km/h, train 'car' permits"
+    assert told in capsys.readouterr().err
 
 
 def times_over_jerk(line: Line, consist: Consist, settings: PlanSettings) -> list[float]:

@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from plan_cases import limit_by_hand, random_case
+from plan_cases import limit_by_hand, random_case, train_of
+from plan_cases import line_of as own_line
 
 from plant_sim.consist import Consist
 from plant_sim.library import load_consist, load_line
@@ -50,19 +51,10 @@ def metro(power: float, *between: dict[str, float]) -> Consist:
     return train_of({"motor": motor, "trailer": {"mass": 32000, "length": 20, "resistance": resistance}}, 4, 2)
 
 
-def train_of(types: dict[str, Any], *counts: int) -> Consist:
-    """Return a train of vehicle types with rigid couplers."""
-    parts = [{"type": name, "count": count} for name, count in zip(types, counts, strict=True)]
-    data = {"schema": "train_ato/consist/1", "name": "own", "vehicle_types": types, "train": parts}
-    return Consist.model_validate({**data, "draft_gears": {"rigid": {"kind": "rigid"}}, "default_gear": "rigid"})
-
-
-def line_of(**keys: Any) -> Line:
-    """Return a line of 12 km with a limit of 80 km/h and two stops, changed by keys."""
-    data: dict[str, Any] = {
-        "schema": "train_ato/line/1", "name": "own", "end_km": 12, "stops": [{"at": 200}, {"at": 8000}],
-    }  # fmt: skip
-    return Line.model_validate({**data, "speed_limits": [{"at": 0, "speed_kmh": 80}], **keys})
+def line_of(end: float = 12e3, **keys: Any) -> Line:
+    """Return a line with a limit of 80 km/h and two stops, changed by keys."""
+    usual = {"stops": [{"at": 200}, {"at": 8000}], "speed_limits": [{"at": 0, "speed_kmh": 80}]}
+    return own_line(end, **usual | keys)
 
 
 def never_slower(line: Line, trains: list[Consist], settings: PlanSettings) -> list[float]:
@@ -102,7 +94,7 @@ def test_much_power_after_a_dead_section_makes_no_train_slower(
     end: float, begin: float, to: float, largest: float
 ) -> None:
     """Breaks if the window of the whole run follows the change of force at one place: .11 and .34 % slower."""
-    line = line_of(end_km=end, stops=[{"at": 200}, {"at": 1e3 * end}], neutral_sections=[{"begin": begin, "end": to}])
+    line = line_of(1e3 * end, stops=[{"at": 200}, {"at": 1e3 * end}], neutral_sections=[{"begin": begin, "end": to}])
     times = [plan_profile(line, metro(660e3 * factor), PlanSettings()).running_time for factor in (1, 3, 10)]
     assert times[2] <= times[1] * (1 + largest) < times[0]
 
@@ -172,11 +164,9 @@ def railcar(*traction: dict[str, float], **more: Any) -> dict[str, Any]:
 
 
 def shortest_time(line: Line, car: dict[str, Any], cars: int, service: tuple[float, float], step: float = 0.5) -> float:
-    """Return the shortest running time between the stops of a level line [s], by two passes of its own.
-
-    Every car has its own place; the train is a list of equal motor cars, its front starts and ends at rest.
-    The adhesion and the power have one section each at most.
-    """
+    """Return the shortest running time between the stops of a level line [s], by two passes over the places."""
+    # Every car has its own place; the train is a list of equal motor cars, its front starts and ends at rest.
+    # The adhesion and the power have one section each at most.
     begin, end = (stop.at for stop in line.stops)
     edges = np.linspace(begin, end, int((end - begin) / step) + 1)
     step = float(edges[1] - edges[0])
@@ -301,7 +291,7 @@ def test_a_stall_at_the_end_of_a_dead_section_names_it() -> None:
         permille = (passes + stalls) / 2
         grades = [{"at": 0, "grade_permille": 0}, {"at": 2800, "grade_permille": permille}]
         dead = [{"begin": 2800, "end": 3000}]
-        line = line_of(grades=grades, neutral_sections=dead, end_km=4, stops=[{"at": 2600}, {"at": 3300}])
+        line = line_of(4e3, grades=grades, neutral_sections=dead, stops=[{"at": 2600}, {"at": 3300}])
         try:
             plan_profile(line, train_of({"car": railcar()}, 1), PlanSettings(speed_max=3.0))
             passes = permille

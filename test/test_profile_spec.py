@@ -8,32 +8,20 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from plan_cases import line_of, train_of
 from pydantic import ValidationError
+from refusals import one_line
 
-from plant_sim.consist import Consist
-from plant_sim.line import Line
 from train_ato.profile.file import read_profile, write_profile
 from train_ato.profile.profile import Profile
 from train_ato.scenario.profile_spec import ProfileSpec
 
-CONSIST = Consist.model_validate(
-    {
-        "schema": "train_ato/consist/1",
-        "name": "unit",
-        "vehicle_types": {
-            "unit": {
-                "mass_t": 200,
-                "length": 120,
-                "rotating_mass_factor": 1.05,
-                "resistance": {"n_per_kn_kmh": [1.2, 0.01, 0.0005]},
-                "traction": [{"to_kmh": 40, "force_kn": 210}, {"to_kmh": 120, "power_kw": 2333.333}],
-                "brake": [{"to_kmh": 120, "force_kn": 250}],
-            }
-        },
-        "train": [{"type": "unit"}],
-    }
-)
-LINE = Line.model_validate({"schema": "train_ato/line/1", "name": "flat", "end_km": 10})
+CONSIST = train_of({"unit": {
+    "mass_t": 200, "length": 120, "rotating_mass_factor": 1.05, "resistance": {"n_per_kn_kmh": [1.2, 0.01, 0.0005]},
+    "traction": [{"to_kmh": 40, "force_kn": 210}, {"to_kmh": 120, "power_kw": 2333.333}],
+    "brake": [{"to_kmh": 120, "force_kn": 250}],
+}}, 1)  # fmt: skip
+LINE = line_of(10e3, name="flat")
 
 
 def build(period: float = 0.05, **block: Any) -> Profile:
@@ -74,9 +62,9 @@ def test_phases_keep_every_limit(speeds: list[float], jerk: float, up: float, do
         phases += [{"accelerate_to" if speed >= now else "brake_to": speed}, {"cruise_for": 3.0}]
         now = speed
     limits = {"jerk": jerk, "acceleration": up, "deceleration": down, "traction_fraction": 0.9}
-    profile = build(limits=limits, phases=phases) if sum(speeds) < 80 else None
-    if profile is None:
+    if sum(speeds) >= 80:
         return
+    profile = build(limits=limits, phases=phases)
     v = np.maximum(profile.velocity, 1e-9)
     force = np.where(v <= 40 / 3.6, 210e3, 2333.333e3 / v) * 0.9
     weight = 200e3 * 9.81e-3
@@ -96,20 +84,17 @@ def test_phases_keep_every_limit(speeds: list[float], jerk: float, up: float, do
     ],
 )
 def test_the_front_stops_exactly_at_the_place(phases: list[dict[str, float]], place: float) -> None:
-    assert build(phases=phases).position[-1] + 60 == pytest.approx(place, abs=1e-9)
-
-
-def test_a_speed_is_reached_at_its_place() -> None:
-    profile = build(0.01, phases=[{"accelerate_to_kmh": 80}, {"brake_to_kmh": 30, "at_km": 2}, {"stop_at": 2500}])
-    knot = int(np.searchsorted(profile.position, 2000 - 60))
-    assert profile.velocity[knot] == pytest.approx(30 / 3.6, abs=1e-3)
-    assert profile.velocity[knot - 100] > 30 / 3.6 + 0.05
+    profile = build(0.01, phases=phases)
+    assert profile.position[-1] + 60 == pytest.approx(place, abs=1e-9)
+    if place == 2500.0:  # a speed is reached at its place too
+        knot = int(np.searchsorted(profile.position, 2000 - 60))
+        assert profile.velocity[knot] == pytest.approx(30 / 3.6, abs=1e-3)
+        assert profile.velocity[knot - 100] > 30 / 3.6 + 0.05
 
 
 def test_running_backwards_passes_through_rest() -> None:
     profile = build(start=2000, phases=[{"accelerate_to": 12}, {"accelerate_to": -12}, {"brake_to": 0}])
-    assert profile.velocity.min() == pytest.approx(-12, abs=0.01)
-    assert profile.velocity.max() == pytest.approx(12, abs=0.01)
+    assert (profile.velocity.min(), profile.velocity.max()) == pytest.approx((-12, 12), abs=0.01)
 
 
 def test_points_keep_distance_and_jerk() -> None:
@@ -123,9 +108,7 @@ def test_points_keep_distance_and_jerk() -> None:
 
 def test_points_over_places_stop_there() -> None:
     points = [{"place": s, "speed": v} for s, v in ((60, 0), (400, 20), (2000, 20), (2300, 0))]
-    profile = build(points=points)
-    assert profile.position[0] == 0.0
-    assert profile.position[-1] == pytest.approx(2300 - 60, abs=1e-6)
+    assert build(points=points).position[[0, -1]] == pytest.approx([0.0, 2300 - 60], abs=1e-6)
 
 
 def test_steps_are_the_reference_of_paper_002() -> None:
@@ -191,16 +174,10 @@ def test_a_wrong_block_is_refused_by_its_model(block: dict[str, Any], message: s
     ("block", "message"),
     [
         ({"phases": [{"accelerate_to_kmh": 80}, {"stop_at_km": 12}]}, r"km 12\.000 .* beyond the end of line 'flat'"),
-        (
-            {"phases": [{"accelerate_to_kmh": 80}, {"stop_at": 200}]},
-            r"phase 1: stop_at = km 0\.200 .* earliest place is km",
-        ),
+        ({"phases": [{"accelerate_to_kmh": 80}, {"stop_at": 200}]}, r"phase 1: stop_at = km 0\.200 .* earliest place"),
         ({"phases": [{"accelerate_to_kmh": 80}]}, "ends rolling"),
         ({"phases": [{"accelerate_to_kmh": 50}, {"accelerate_to_kmh": 20}]}, "phase 1: accelerate_to is below"),
-        (
-            {"phases": [{"cruise_for": 9}, {"cruise_until": 5}]},
-            r"phase 1: cruise_until = 5 s is before the begin of the phase at 9\.00",
-        ),
+        ({"phases": [{"cruise_for": 9}, {"cruise_until": 5}]}, r"cruise_until = 5 s is before the begin .* at 9\.00"),
         ({"phases": [{"accelerate_to_kmh": 150}, {"brake_to": 0}], "limits": {"traction_fraction": 0.8}}, "150.0 km/h"),
         ({"start": 100, "phases": [{"accelerate_to": -9}, {"cruise_for": 60}, {"brake_to": 0}]}, "before the begin"),
         ({"points": [{"time": 0, "speed": 1}, {"time": 0, "speed": 0}]}, "number 1"),
@@ -217,9 +194,8 @@ def test_a_wrong_block_is_refused_by_its_model(block: dict[str, Any], message: s
     ],
 )
 def test_an_impossible_profile_is_refused_in_one_line(block: dict[str, Any], message: str) -> None:
-    with pytest.raises(ValueError, match=message) as caught:
+    with one_line(message):
         ProfileSpec.model_validate(block).build(CONSIST, LINE, 0.1, folder=Path())
-    assert "\n" not in str(caught.value)
 
 
 @given(st.binary(max_size=200))
@@ -345,6 +321,5 @@ def test_joined_profile_changes_at_the_start_of_the_second() -> None:
     ],
 )
 def test_bad_knots_are_refused_in_one_line(columns: tuple[list[float], ...], message: str) -> None:
-    with pytest.raises(ValueError, match=message) as caught:
+    with one_line(message):
         Profile(*(np.array(column, dtype=float) for column in columns))
-    assert "\n" not in str(caught.value)

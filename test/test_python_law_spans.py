@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from case_costs import sampled
-from span_runs import Both, compiled_part, setup_of
+from span_runs import Both, compiled_part, finished_loop, setup_of
 from test_compiled_spans import CASES as LAWS
 from test_compiled_spans import COMPONENTS
 
@@ -15,6 +15,7 @@ from train_ato.control.compensation.contract import CompensationInput
 from train_ato.control.contract import LawInput, LawOutput, parameter
 from train_ato.control.observers.contract import ObserverInput
 from train_ato.control.observers.record_observer import GuardedObserver
+from train_ato.control.stack import ControlStack
 from train_ato.loop import python_law, span
 from train_ato.loop.engine import TickLoop, run_engine
 from train_ato.studies.sweep.row import WALL_TIMES
@@ -176,33 +177,25 @@ def test_a_control_stack_is_called_as_a_whole(case: str) -> None:
 
 def test_the_case_of_replanning_has_a_new_profile() -> None:
     """Breaks if the comparison above has no decision of re-planning in it."""
-    result = run_engine(setup_of(*WHOLE["re-planning"]), compiled=True)
-    assert result.summary["replans"] == 1
+    assert run_engine(setup_of(*WHOLE["re-planning"]), compiled=True).summary["replans"] == 1
 
 
 def test_an_error_of_an_observer_brakes_as_in_python() -> None:
     """Breaks if compiled ticks drop the exception of an observer, or call it again."""
     name = f"{HERE}:Filtered"
     changes = {**DEMO, "observer": name, f"observers.{name}.fails_at": 20.0}
-    results = [run_engine(setup_of("demo", changes), compiled=chosen) for chosen in (False, True)]
-    assert results[0].failure == results[1].failure
-    assert results[0].failure is not None and "no estimate at this time" in results[0].failure
-    python, compiled = (
-        {key: value for key, value in each.summary.items() if key not in WALL_TIMES} for each in results
-    )
-    assert python == compiled
+    python, compiled = (run_engine(setup_of("demo", changes), compiled=chosen) for chosen in (False, True))
+    assert python.failure == compiled.failure and "no estimate at this time" in (python.failure or "")
+    one, other = ({**each.summary, **dict.fromkeys(WALL_TIMES)} for each in (python, compiled))
+    assert one == other
 
 
-def _received(name: str, changes: dict[str, Any], *, compiled: bool) -> Observed:
-    loop = TickLoop(setup_of(name, {**changes, "law": f"{HERE}:Observed"}), None, compiled=compiled)
-    loop.start()
-    while not loop.plant.finished:
-        loop.advance()
+def _driven(changes: dict[str, Any], name: str = "demo", *, compiled: bool) -> ControlStack:
+    """Return the control stack after a run, of which compiled spans have at least two fifths of the ticks."""
+    loop = finished_loop(setup_of(name, changes), compiled=compiled)
     assert not compiled or (loop._spans is not None and loop._spans.ticks > 0.4 * loop.ticks)
     assert loop.controller.stack is not None
-    law: Any = loop.controller.stack.law
-    assert isinstance(law, Observed)
-    return law
+    return loop.controller.stack
 
 
 @pytest.mark.parametrize(("name", "changes"), [
@@ -215,7 +208,8 @@ def _received(name: str, changes: dict[str, Any], *, compiled: bool) -> Observed
 ], ids=["none", "preview", "twin", "predictor", "air brake"])  # fmt: skip
 def test_the_law_receives_the_inputs_of_python(name: str, changes: dict[str, Any]) -> None:
     """Breaks if an input differs in value, type or shape, or if an input that a law keeps changes later."""
-    python, compiled = (_received(name, changes, compiled=chosen) for chosen in (False, True))
+    changes = {**changes, "law": f"{HERE}:Observed"}
+    python, compiled = (_driven(changes, name, compiled=chosen).law for chosen in (False, True))
     assert len(python.received) == len(compiled.received)
     for expected, found in zip(python.copies, compiled.copies, strict=True):
         assert _as_bytes(expected) == _as_bytes(found), expected.t
@@ -239,17 +233,8 @@ def test_an_own_compensation_is_called_as_in_python(unusual: str) -> None:
     if unusual == "slow":
         law = {"law": "smc", "control_period": 0.3}
     changes = {**FREE, **law, "duration": 30, "compensation": f"{HERE}:Counted"}
-    seen = []
-    for chosen in (False, True):
-        loop = TickLoop(setup_of("demo", changes), None, compiled=chosen)
-        loop.start()
-        while not loop.plant.finished:
-            loop.advance()
-        assert not chosen or (loop._spans is not None and loop._spans.ticks > 0.4 * loop.ticks)
-        assert loop.controller.stack is not None
-        compensation: Any = loop.controller.stack.compensation
-        seen.append(compensation.calls)
-    assert seen[0] == seen[1]
+    python, compiled = (_driven(changes, compiled=chosen).compensation for chosen in (False, True))
+    assert python.calls == compiled.calls
 
 
 @pytest.mark.parametrize(
@@ -263,9 +248,8 @@ def test_an_own_compensation_is_called_as_in_python(unusual: str) -> None:
 def test_an_error_of_a_compensation_or_a_law_names_it(changes: dict[str, Any], reason: str) -> None:
     """Breaks if compiled ticks drop the exception, or name another part of the loop."""
     setup = setup_of("demo", {**FREE, "duration": 60, **changes})
-    failures = [run_engine(setup, compiled=chosen).failure for chosen in (False, True)]
-    assert failures[0] == failures[1]
-    assert failures[0] is not None and reason in failures[0]
+    python, compiled = (run_engine(setup, compiled=chosen).failure for chosen in (False, True))
+    assert python == compiled and reason in (python or "")
 
 
 def test_a_slow_law_ends_the_span(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -280,12 +264,8 @@ def test_a_slow_law_ends_the_span(monkeypatch: pytest.MonkeyPatch) -> None:
         assert loop.ticks == before + 1
 
 
-def test_a_law_in_python_has_its_step_time() -> None:
-    """Breaks if the time of the law is lost in compiled ticks."""
+def test_a_law_in_python_has_its_step_time_and_gpc_compiled_ticks() -> None:
+    """Breaks if the time of the law is lost in compiled ticks, or laws without a compiled step leave them to Python."""
     result = run_engine(setup_of("demo", {**DEMO, "law": f"{HERE}:Observed"}), compiled=True)
     assert result.summary["step_time_us_median"] > 0.0
-
-
-def test_gpc_is_called_in_compiled_ticks() -> None:
-    """Breaks if the shipped laws without a compiled step leave their ticks to Python."""
     assert compiled_part(setup_of("xuzhou_metro", {"law": "gpc", "compensation": "none", "duration": 40})) > 0.8

@@ -1,12 +1,11 @@
 """Reaction times from the loss of a message to the demand of the train, at 10 and 50 Hz."""
 
 import pytest
+from engine_runs import setup_of
 
 from msgs_docs.generate.fault_page import BASES
 from train_ato.judge.protection_record import state_spans
 from train_ato.loop.engine import run_engine
-from train_ato.scenario.scenario import load_scenario
-from train_ato.scenario.setup import prepare
 
 NAME, *METRO = BASES["metro"]
 LOSS = 20.0
@@ -16,7 +15,7 @@ LOSS = 20.0
 def reactions_of(topic: str, *sets: str) -> tuple[dict[str, float], float, float]:
     """Return the times from the loss to the reactions of the train, the largest delay of the command, the tick [s]."""
     fault = f"faults=[{{do: drop, topic: {topic}, begin: {LOSS}}}]"
-    setup = prepare(*load_scenario(NAME, (*METRO, "duration=40", fault, *sets)))
+    setup = setup_of(NAME, *METRO, "duration=40", fault, *sets)
     recording = run_engine(setup).recording
     assert recording is not None
     times = {span.state: span.begin - LOSS for span in reversed(state_spans(recording.reports, "plant"))}

@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
+from engine_runs import setup_of
 
 from train_ato.cli import main
 from train_ato.judge.result import RunResult
@@ -18,13 +20,12 @@ from train_ato.loop.stamp_synchronizer import StampSynchronizer
 from train_ato.messages.codec import Wire
 from train_ato.messages.types import DisturbanceEstimate, Measurement, Reference, Trajectory
 from train_ato.playback.open_loop import replay_open_loop
-from train_ato.profile.planner.replanner import Sample, Shortfall, ShortfallDetector, _regression_end
-from train_ato.scenario.scenario import check_scenario, load_scenario
-from train_ato.scenario.setup import RunSetup, prepare
+from train_ato.profile.planner.replanner import Sample, ShortfallDetector, _regression_end
+from train_ato.scenario.scenario import check_scenario
+from train_ato.scenario.setup import RunSetup
 
 SLIPPERY = ("plant.adhesion={kind: constant, coefficient: 0.3}", "plant.jumps=[{at: 10, what: adhesion, factor: 0.2}]")
 """Adhesion of 6 % of the weight from 10 s on: 107 kN instead of 192 kN of traction and 231 kN of brake."""
-FAULT = ("plant.jumps=[{at: 10, what: gain, factor: 0.6}]", "law=smc", "observer=eso")
 WEAK_LOCOMOTIVE = (
     "plant.adhesion={kind: curtius_kniffler}",
     "plant.jumps=[{at: 50, what: adhesion, factor: 0.4}]",
@@ -38,8 +39,6 @@ LAST_57_KM = (
     "profile.phases=[{cruise_for: 5}, {accelerate_to_kmh: 300}, {stop_at_km: 286.203}]",
     "duration=1000",
 )
-KNOWN = (*LAST_57_KM, "replan={speed_error: 0.1, position_error: 0.3, plan: {jerk: 0.2, force_margin: 0.03}}")
-"""A profile above the envelopes of the model."""
 
 
 class Notes(Sink):
@@ -57,18 +56,26 @@ class Notes(Sink):
 
 
 def drive(name: str, *assignments: str) -> tuple[RunSetup, RunResult, Notes]:
-    setup, notes = prepare(*load_scenario(name, assignments)), Notes()
+    setup, notes = setup_of(name, *assignments), Notes()
     outcome = run_engine(setup, sink=notes)
     assert outcome.failure is None
     return setup, outcome, notes
 
 
+def _watch() -> ShortfallDetector:
+    return ShortfallDetector(setup_of("xuzhou_metro", "tick=0.1", "step=0.005").model, 0.2, 1.0, 1.0)
+
+
 CASES = [
     ("xuzhou_metro", (*SLIPPERY, "replan={}"), 0.7, 0.6, 0.02),
-    ("xuzhou_metro", (*FAULT, "replan={}"), 2.0, 0.8, 0.05),
+    ("xuzhou_metro", ("plant.jumps=[{at: 10, what: gain, factor: 0.6}]", "law=smc", "observer=eso", "replan={}"),
+     2.0, 0.8, 0.05),
     pytest.param("crh380a_funnel:replanned", LAST_57_KM, 0.6, 0.2, 0.05, marks=pytest.mark.campaign),
     pytest.param("crh380a_funnel:replanned", (), 0.6, 0.2, 0.05, marks=pytest.mark.campaign),
-    pytest.param("crh380a_funnel:saturated", KNOWN, 0.6, 0.2, 0.05, marks=pytest.mark.campaign),
+    pytest.param(  # a profile above the envelopes of the model
+        "crh380a_funnel:saturated", (*LAST_57_KM, "replan={speed_error: 0.1, position_error: 0.3, plan: {jerk: 0.2, "
+        "force_margin: 0.03}}"), 0.6, 0.2, 0.05, marks=pytest.mark.campaign
+    ),
     pytest.param("demo", (*WEAK_LOCOMOTIVE, HEAVY), 4.0, 0.4, 0.05, marks=pytest.mark.campaign),
     pytest.param(
         "demo", (*WEAK_LOCOMOTIVE, HEAVY, "compensation=twin"), 10.0, 0.8, 0.05, marks=pytest.mark.campaign
@@ -96,8 +103,7 @@ def test_a_shortfall_is_planned_and_the_stop_is_reached(name, changes, position,
 
 def test_disturbances_without_a_shortfall_start_no_plan() -> None:
     """Breaks if gusts, grades outside the model or noise count as a shortfall."""
-    _, outcome, _ = drive("xuzhou_metro:disturbed", "replan={}")
-    assert outcome.summary["replans"] == 0
+    assert drive("xuzhou_metro:disturbed", "replan={}")[1].summary["replans"] == 0
 
 
 def test_an_impossible_stop_is_reported_and_the_old_profile_stays() -> None:
@@ -123,26 +129,6 @@ def test_traction_that_returns_is_used_again() -> None:
     assert ends[1] < ends[0] - 1.0
 
 
-def _watch(period: float = 0.1) -> ShortfallDetector:
-    return ShortfallDetector(
-        prepare(*load_scenario("xuzhou_metro", (f"tick={period}", "step=0.005"))).model, 0.2, 1.0, 1.0
-    )
-
-
-def _feed(
-    watch: ShortfallDetector, force: Any, growth: float, needed: float = 150e3, noise: float = 0.0
-) -> Shortfall | None:
-    """Feed 4 s of a growing error; ``force`` is a function of time."""
-    random = np.random.default_rng(5)
-    for k in range(40):
-        t = 0.1 * k
-        error = growth * t + noise * float(random.normal())
-        found = watch.step(Sample(0.5 * growth * t * t, error, 8.0, float(force(t)), needed, (192e3, 230e3)))
-        if found is not None:
-            return found
-    return None
-
-
 FORCES = [
     ("sits below the need", lambda t: 100e3, -0.2, 100e3),
     ("the same with noise", lambda t: 100e3, -0.2, 100e3),
@@ -159,7 +145,11 @@ FORCES = [
 def test_only_a_force_that_does_not_follow_the_error_is_a_limit(case, force, growth, level):
     """Breaks if a reacting law counts as a shortfall, or a shortfall as a reacting law."""
     needed = -150e3 if growth > 0 else 150e3
-    found = _feed(_watch(), force, growth, needed, 0.05 if "noise" in case else 0.0)
+    random, watch, found = np.random.default_rng(5), _watch(), None
+    for t in 0.1 * np.arange(40):  # 4 s of a growing error
+        error = growth * t + (0.05 if "noise" in case else 0.0) * float(random.normal())
+        sample = Sample(0.5 * growth * t * t, error, 8.0, float(force(t)), needed, (192e3, 230e3))
+        found = found or watch.step(sample)
     assert (None if found is None else found.level) == level
     if found is not None:
         assert found.direction == (-1 if growth > 0 else 1)
@@ -179,11 +169,9 @@ def test_the_error_is_that_of_the_regression_at_the_last_sample() -> None:
 
 def _inputs(stamp: int, planned: int) -> dict[str, Any]:
     none = np.zeros(0)
-    return {
-        "measurement": Measurement(stamp, *(none,) * 6),
-        "reference": Reference(stamp, 0.0, 0.0, 0.0, planned),
-        "estimate": DisturbanceEstimate(stamp, none),
-    }
+    reference = Reference(stamp, 0.0, 0.0, 0.0, planned)
+    measured, estimate = Measurement(stamp, *(none,) * 6), DisturbanceEstimate(stamp, none)
+    return {"measurement": measured, "reference": reference, "estimate": estimate}
 
 
 def _trajectory(planned: int) -> Trajectory:
@@ -252,14 +240,9 @@ def test_a_recorded_run_with_two_profiles_is_replayed_through_the_law(engine_run
 
 
 def test_settings_that_are_null_survive_the_resolved_scenario() -> None:
-    """Breaks if ``jerk: null`` (no limit) is lost in the resolved scenario."""
-    import yaml
-
-    setup = prepare(*load_scenario("xuzhou_metro", ("replan={plan: {jerk: null, force_margin: 0.2}, retry: 60}",)))
+    """Breaks if ``jerk: null`` (no limit) is lost in the resolved scenario, or a run without the block replans."""
+    setup = setup_of("xuzhou_metro", "replan={plan: {jerk: null, force_margin: 0.2}, retry: 60}")
     again = check_scenario(yaml.safe_load(setup.resolved_yaml()), "resolved")
     assert again.replan == setup.scenario.replan
     assert again.replan is not None and again.replan.plan is not None and again.replan.plan.jerk is None
-
-
-def test_no_replanner_without_a_replan_block() -> None:
-    assert ProfileStage(prepare(*load_scenario("demo", ("duration=1",))))._replanner is None
+    assert ProfileStage(setup_of("demo", "duration=1"))._replanner is None

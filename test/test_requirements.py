@@ -1,7 +1,4 @@
-"""Requirements: grammar with units, robustness beside rtamt and the definition, verdict of run, log and live page.
-
-Random formulas with their text in this grammar and in that of rtamt, and the textbook definition of robustness.
-"""
+"""Requirements: grammar with units, robustness beside rtamt and the definition, verdict of run, log and live page."""
 
 from __future__ import annotations
 
@@ -233,8 +230,6 @@ def test_a_quantity_is_a_root_of_the_tree() -> None:
 
 TICK = 0.1
 SIZE, LONGEST = 40, 15
-TOLERANCE = 1e-9
-"""Demanded agreement; the order of the operations is that of the definition, so that only minima and maxima differ."""
 
 
 def samples(stream: np.random.Generator, size: int = SIZE) -> dict[str, np.ndarray]:
@@ -249,9 +244,10 @@ def evaluated(node: Node, signals: dict[str, np.ndarray]) -> np.ndarray:
 
 
 def assert_equal(found: np.ndarray, wanted: np.ndarray, text: str) -> None:
+    """Require agreement but for rounding: the order of the operations is that of the definition."""
     finite = np.isfinite(wanted)
     assert np.array_equal(found[~finite], wanted[~finite]), text
-    assert np.abs(found[finite] - wanted[finite]).max(initial=0.0) <= TOLERANCE, text
+    assert np.abs(found[finite] - wanted[finite]).max(initial=0.0) <= 1e-9, text
 
 
 def test_500_random_formulas_equal_rtamt() -> None:
@@ -315,10 +311,8 @@ def test_values_by_hand(text: str, wanted: float) -> None:
 
 def test_a_quotient_by_zero_is_not_evaluated_as_passed() -> None:
     """Breaks if a division by zero raises a warning, or counts as fulfilled."""
-    found = robustness_series(
-        parse_formula("G position / speed <= 3 s"), {"speed": np.zeros(3), "position": np.zeros(3)}, TICK
-    )
-    assert np.isnan(found[0])
+    signals = {"speed": np.zeros(3), "position": np.zeros(3)}
+    assert np.isnan(robustness_series(parse_formula("G position / speed <= 3 s"), signals, TICK)[0])
 
 
 FORMULAS = (
@@ -330,29 +324,19 @@ FORMULAS = (
 
 def snapshots(setup: RunSetup, recording: Recording) -> list[Snapshot]:
     """Return a snapshot of every tick."""
-    held = recording.of("atp/speeds", "speed")
-    pipe = recording.of("train/brake_pipe", "pressure")
+    held, pipe = recording.of("atp/speeds", "speed"), recording.of("train/brake_pipe", "pressure")[1]
     rows = np.searchsorted(held[0], recording.time, side="right") - 1
+    r = recording
     return [
         Snapshot(
-            time=float(stamp),
-            position=np.array([recording.front_position[row]]),
-            velocity=np.array([recording.front_velocity[row]]),
-            coupler=np.array([recording.coupler_draft_max[row], recording.coupler_buff_max[row]]),
-            shoe=None,
-            applied=recording.applied[row],
-            command=recording.command[row],
-            estimate=recording.estimate[row],
-            reference=(
-                float(recording.reference_position[row]),
-                float(recording.reference_velocity[row]),
-                float(recording.reference_acceleration[row]),
-            ),
-            pipe=float(pipe[1][row, 0]),
-            limits=held[1][rows[row], 1:],
+            time=float(stamp), position=r.front_position[[row]], velocity=r.front_velocity[[row]], shoe=None,
+            coupler=np.array([r.coupler_draft_max[row], r.coupler_buff_max[row]]), applied=r.applied[row],
+            command=r.command[row], estimate=r.estimate[row], pipe=float(pipe[row, 0]), limits=held[1][rows[row], 1:],
+            reference=tuple(float(part[row]) for part in
+                            (r.reference_position, r.reference_velocity, r.reference_acceleration)),
         )
         for row, stamp in enumerate(recording.time)
-    ]
+    ]  # fmt: skip
 
 
 def test_the_live_values_are_those_of_the_recording_and_never_contradict_it() -> None:
@@ -396,15 +380,11 @@ def test_a_far_stamp_is_not_a_tick_of_the_run() -> None:
     """Breaks if one foreign message makes the page sample the run up to its stamp, or ends the evaluation."""
     setup = setup_of("demo", "duration=20", f"criteria.requirements={FORMULAS}")
     recording = run_engine(setup).recording
-    assert recording is not None
-    live = LiveRequirements(setup)
-    moments = snapshots(setup, recording)
+    live, moments = LiveRequirements(setup), snapshots(setup, recording)
     for moment in [*moments[:100], replace(moments[0], time=1e9), *moments[100:]]:
         live.add(moment)
-    found = live.evaluate()
-    assert {name: part.passed for name, part in found.items()} == {
-        row["criterion"]: row["passed"] for row in requirement_rows(setup, recording)
-    }
+    wanted = {row["criterion"]: row["passed"] for row in requirement_rows(setup, recording)}
+    assert {name: part.passed for name, part in live.evaluate().items()} == wanted
 
 
 DRAWN = ("speed", "limit", "reference_speed")
@@ -442,9 +422,9 @@ def random_term(stream: np.random.Generator, depth: int) -> Node:
         return Node("number", (round(float(stream.normal()), 3),))
     if kind == "abs":
         return Node("abs", (random_term(stream, depth - 1),))
-    if kind == "*":
-        return Node("*", (Node("factor", (round(float(stream.uniform(0.1, 3.0)), 3),)), random_term(stream, depth - 1)))
-    return Node(kind, (random_term(stream, depth - 1), random_term(stream, depth - 1)))
+    scaled = kind == "*"
+    first = Node("factor", (round(float(stream.uniform(0.1, 3)), 3),)) if scaled else random_term(stream, depth - 1)
+    return Node(kind, (first, random_term(stream, depth - 1)))
 
 
 def text_of(node: Node, rtamt: bool = False) -> str:

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from engine_runs import setup_of
 from two_hosts import HOSTS, two_hosts  # noqa: F401
 from waiting import LIMIT_S, pause, wait_for
 
@@ -30,8 +31,6 @@ from train_ato.log.recover import recover
 from train_ato.log.run_folder import RunFolder, read_summary
 from train_ato.loop.engine import Sink, run_engine
 from train_ato.messages.types import Diagnostic
-from train_ato.scenario.scenario import load_scenario
-from train_ato.scenario.setup import prepare
 
 ROLES = ("recorder", "supervisor", "profile", "observer", "controller", "plant")
 DURATION = 60
@@ -59,8 +58,15 @@ def test_a_run_with_fewer_ticks_than_planned_is_never_done(ticks, failure, inter
 
 @pytest.fixture(scope="module")
 def whole():
-    setup = prepare(*load_scenario("demo", ("duration=20",)))
+    setup = setup_of("demo", "duration=20")
     return setup, run_engine(setup).recording
+
+
+def cut_of(recording, topics, keep):
+    """Return the recording without the messages of topics outside of ``keep``."""
+    for topic in topics:
+        recording = cut(recording, topic, keep)
+    return recording
 
 
 def cut(recording, topic, keep):
@@ -101,9 +107,7 @@ def test_a_pause_of_the_commands_is_no_tracked_run(whole):
     found = tracking_summary(setup, pause)["tracking_findings"]
     assert (found[0]["outcome"], found[0]["value"]) == ("no command", pytest.approx(1.1))
     assert found[0]["text"] == "none for 1.1 s from 5.00 s on; 189 of 200 ticks had one"
-    hole = pause
-    for topic in (MEASUREMENT, TRUTH, REFERENCE):
-        hole = cut(hole, topic, lambda time: (time < 4.95) | (time > 6.05))
+    hole = cut_of(pause, (MEASUREMENT, TRUTH, REFERENCE), lambda time: (time < 4.95) | (time > 6.05))
     assert hole.time.size == 189
     assert tracking_summary(setup, hole)["tracking_findings"] == found
     short = cut(recording, COMMAND, lambda time: (time < 4.95) | (time > 5.15))
@@ -115,9 +119,8 @@ def test_a_pause_of_the_commands_is_no_tracked_run(whole):
 @pytest.mark.parametrize("ticks", [1, 200])
 def test_a_run_that_failed_or_was_interrupted_is_not_tracked(whole, end, ticks):
     """Breaks if a run without a deviation is tracked although it failed at its end, or after its first tick."""
-    setup, part = whole
-    for topic in part.topics:
-        part = cut(part, topic, lambda time: time < 0.1 * ticks - 0.05)
+    setup, recording = whole
+    part = cut_of(recording, recording.topics, lambda time: time < 0.1 * ticks - 0.05)
     assert part.time.size == ticks
     status = "failed" if "failure" in end else "interrupted"
     end = {"failure": None, "interrupted": status == "interrupted", **end}
@@ -149,15 +152,13 @@ def test_a_held_tick_holds_the_command_and_a_missing_reference_is_that_of_the_pr
 
 def test_the_last_incomplete_tick_does_not_count(whole):
     """Breaks if a tick that the plant has begun, but not integrated, counts as one."""
-    _, recording = whole
-    short = cut(cut(recording, TRUTH, lambda time: time < 5.05), MEASUREMENT, lambda time: time < 5.05)
-    short = cut(short, COMMAND, lambda time: time < 4.95)
-    assert short.time.size == 50
+    short = cut_of(whole[1], (TRUTH, MEASUREMENT), lambda time: time < 5.05)
+    assert cut(short, COMMAND, lambda time: time < 4.95).time.size == 50
 
 
 def test_a_topic_that_ends_before_the_log_has_a_gap(tmp_path):
     """Breaks if the gaps of a topic are only those between two of its messages."""
-    setup = prepare(*load_scenario("demo", ("duration=20",)))
+    setup = setup_of("demo", "duration=20")
     folder = RunFolder.make(tmp_path / "run", "run")
 
     class Lossy(Sink):
@@ -178,31 +179,17 @@ def test_a_topic_that_ends_before_the_log_has_a_gap(tmp_path):
 
 
 class Case(NamedTuple):
-    """A way to end a run.
+    """Way to end a run, options, the node, ``run`` or ``link`` that is struck and how, and the expected end."""
 
-    Attributes
-    ----------
-    way
-        ``hand``: a process for every node, without a runner; ``hosts``: the same, the recorder and the plant on one
-        host, the others on another; ``processes``, ``composed``, ``engine``: modes of ``train-ato run``; ``python``:
-        :func:`train_ato.run` in a script.
-    options
-        Of the plant by hand, or of the command.
-    victim
-        Node, ``run`` or ``link`` that is struck, after the first commands.
-    strike
-        Signal, or an action for the process of the victim and the folder.
-    status, reason, code
-        Expected status; begin of the expected reason; exit status of the plant by hand, or of the command.
-    """
-
+    # ``hand``: a process for every node, without a runner; ``hosts``: the same, the recorder and the plant on one host,
+    # the others on another; ``processes``, ``composed``, ``engine``: modes of ``train-ato run``; ``python``: a script.
     way: str
-    options: tuple[str, ...]
+    options: tuple[str, ...]  # of the plant by hand, or of the command
     victim: str
-    strike: signal.Signals | Callable[[int, Path], None]
+    strike: signal.Signals | Callable[[int, Path], None]  # for the process of the victim and the folder
     status: str
-    reason: str
-    code: int
+    reason: str  # its begin
+    code: int  # of the plant by hand, or of the command
 
     def __str__(self) -> str:
         name = self.strike.name if isinstance(self.strike, signal.Signals) else self.strike.__name__
@@ -293,12 +280,6 @@ CASES = [
     Case("hosts", PACED, "link", cut_15_s, "failed", "node ", 1),
     *(Case("hosts", options, "link", cut_1_s, "done", "", 0) for options in (PACED, FREE)),
 ]  # fmt: skip
-OUTCOMES = {
-    "done": {"tracked", "disengaged", "no command"}, "failed": {"failed", "no command"},
-    "interrupted": {"interrupted", "disengaged", "no command"},
-}  # fmt: skip
-"""Outcomes of tracking by the status; otherwise it is the status."""
-
 SCRIPT = """
 import sys
 import train_ato as ta
@@ -421,7 +402,10 @@ def check_end(case: Case, out: Path, code: int, said: str) -> None:
     assert reason.startswith(case.reason), reason
     assert reason in said or case.way == "hand"  # the node that has ended says it, not the plant
     assert "Traceback" not in said
-    assert summary["tracking"] in OUTCOMES.get(case.status, {case.status}), summary["tracking_findings"]
+    others = {"killed": (), "done": ("tracked", "disengaged", "no command"), "failed": ("no command",),
+              "interrupted": ("disengaged", "no command")}[case.status]  # fmt: skip
+    expected = others if case.status == "done" else (case.status, *others)
+    assert summary["tracking"] in expected, summary["tracking_findings"]
     if broken:
         assert ("node recorder failed: " if case.strike is KILL or case.way == "hand" else "writing failed") in said
     if case.strike is wrong_stamps:

@@ -2,21 +2,19 @@
 
 from collections.abc import Iterable
 from functools import cache
-from typing import Any
 
 import numpy as np
 import pytest
+from engine_runs import setup_of
 from pydantic import ValidationError
 
 from train_ato.messages.types import Odometry
-from train_ato.scenario.scenario import load_scenario
-from train_ato.scenario.setup import RunSetup, prepare
+from train_ato.scenario.setup import RunSetup
 from train_ato.supervision.settings import MIN_INDICATION_TIME, FailsafeSpec, SupervisionSpec
 from train_ato.supervision.step_function import ceiling_speeds
 from train_ato.supervision.supervisor import SupervisionDecision, SupervisionState, Supervisor
 from train_ato.supervision.track_supervision import TrackSupervision
 
-PERIOD = 400_000_000
 PERMITTED, WARNING, SERVICE, EMERGENCY = ceiling_speeds(80 / 3.6)
 PLACE = 1000.0
 STANDSTILL, REPEATED = 0.1, 50.0
@@ -26,7 +24,7 @@ State = SupervisionState
 
 @cache
 def metro() -> RunSetup:
-    return prepare(*load_scenario("xuzhou_metro:disturbed", ()))
+    return setup_of("xuzhou_metro:disturbed")
 
 
 @cache
@@ -47,7 +45,7 @@ def supervisor() -> Supervisor:
 def steps(supervisor: Supervisor, moves: Iterable[tuple[float, float]], first: int = 0) -> list[SupervisionDecision]:
     """Return the decisions at places [m] and speeds [m/s], one per period from a first one on."""
     return [
-        supervisor.step(Odometry((first + index) * PERIOD, np.full(2, place), np.full(2, speed), np.zeros(2)))
+        supervisor.step(Odometry((first + index) * 400_000_000, np.full(2, place), np.full(2, speed), np.zeros(2)))
         for index, (place, speed) in enumerate(moves)
     ]
 
@@ -204,12 +202,6 @@ def test_the_first_movement_backwards_counts_from_its_first_period(supervisor: S
     assert [one.state for one in found] == [State.NORMAL] * 6 + [State.EMERGENCY_BRAKE]
 
 
-DEFAULTS: dict[str, Any] = {
-    "enabled": None, "period": 0.4, "overlap": 100.0, "kdry": 0.8, "service_brake": True, "service_curve": False,
-    "roll_away": 2.0, "speed_difference": 2.0, "position_difference": 20.0, "confirmation": 1.0, "assurance": True,
-    "assurance_limit": "warning", "assurance_margin": 0.5, "plan_margin": 0.5,
-    "failsafe": {"hold": 0.5, "coast": 1.0, "service": 5.0, "release": None},
-}  # fmt: skip
 RANGES = [
     # model, key, smallest and largest accepted value (None: no bound), refused values
     (SupervisionSpec, "period", (0.001, 2.0), (0.0009, 2.001)),
@@ -227,7 +219,12 @@ RANGES = [
 
 def test_defaults() -> None:
     """Breaks if a default is changed without its entry here: the figures of every shipped run depend on it."""
-    assert SupervisionSpec().model_dump() == DEFAULTS
+    assert SupervisionSpec().model_dump() == {
+        "enabled": None, "period": 0.4, "overlap": 100.0, "kdry": 0.8, "service_brake": True, "service_curve": False,
+        "roll_away": 2.0, "speed_difference": 2.0, "position_difference": 20.0, "confirmation": 1.0, "assurance": True,
+        "assurance_limit": "warning", "assurance_margin": 0.5, "plan_margin": 0.5,
+        "failsafe": {"hold": 0.5, "coast": 1.0, "service": 5.0, "release": None},
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize(("model", "key", "accepted", "refused"), RANGES, ids=[row[1] for row in RANGES])

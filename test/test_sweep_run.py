@@ -110,22 +110,14 @@ def rows_in(folder: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in lines[:-1] if line]
 
 
-def worker_of(process: subprocess.Popen[str]) -> psutil.Process:
-    """Return the child that has worked most: a Dask worker."""
-    children = psutil.Process(process.pid).children(recursive=True)
-    return max(children, key=lambda child: child.cpu_times().user)
-
-
-def listening(process: subprocess.Popen[str]) -> set[str]:
-    """Return the addresses on which a process and its children listen."""
-    me = psutil.Process(process.pid)
+def listening(pid: int) -> set[tuple[str, int]]:
+    """Return the addresses and ports on which a process and its children listen."""
+    me = psutil.Process(pid)
     found = [entry for part in (me, *me.children(recursive=True)) for entry in part.net_connections("inet")]
-    return {entry.laddr.ip for entry in found if entry.status == psutil.CONN_LISTEN}
+    return {(entry.laddr.ip, entry.laddr.port) for entry in found if entry.status == psutil.CONN_LISTEN}
 
 
 TIMED = ["wall_s", "evaluation_s", "overhead_s"]
-DASK_DASHBOARD = 8787
-"""Port that Dask takes first for the pages of a scheduler."""
 
 
 @pytest.fixture(scope="module")
@@ -134,13 +126,14 @@ def swept(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, set[str], str
     folder = tmp_path_factory.mktemp("sweep")
     (folder / "spec.yaml").write_text(yaml.safe_dump(SPEC))
     with socket.socket() as other:
-        with suppress(OSError):  # the dashboard of another cluster on this machine, or this one in its place
-            other.bind(("127.0.0.1", DASK_DASHBOARD))
+        with suppress(OSError):  # the port that Dask takes first for its pages: of another cluster, or this one
+            other.bind(("127.0.0.1", 8787))
             other.listen()
         process = start(folder, "spec.yaml", "--out", "out", "--jobs", "2", "--json")
         wait_for(lambda: len(rows_in(folder / "out")) >= 2 or process.poll() is not None, "two rows")
-        addresses = listening(process)
-        worker_of(process).kill()
+        addresses = {address for address, _ in listening(process.pid)}
+        children = psutil.Process(process.pid).children(recursive=True)
+        max(children, key=lambda child: child.cpu_times().user).kill()  # a Dask worker
         output, error = process.communicate()
     assert process.returncode == 0, error
     return folder / "out", addresses, output, error
@@ -215,15 +208,8 @@ def test_only_the_folders_of_ended_sweeps_are_removed(tmp_path: Path, monkeypatc
 def test_without_a_dashboard_nothing_answers_http() -> None:
     """Breaks if the pages of scheduler or workers are served without a dashboard."""
     with sweep_client(None, 1) as client:
-        me = psutil.Process()
-        ports = {
-            entry.laddr.port
-            for part in (me, *me.children(recursive=True))
-            for entry in part.net_connections("inet")
-            if entry.status == psutil.CONN_LISTEN
-        }
         assert client.submit(os.getpid).result(timeout=60)
-        for port in ports:
+        for _, port in listening(os.getpid()):
             for path in ("/", "/status", "/info/main/workers.html", "/health", "/metrics"):
                 connection = HTTPConnection("127.0.0.1", port, timeout=60)
                 try:
@@ -242,12 +228,9 @@ def test_rows_are_those_of_runs_alone(whole: Path) -> None:
     for index in (0, 11, 23):
         row = table.iloc[index]
         run = ta.run(ta.scenario("demo").with_(SPEC["set"]), set=json.loads(row["point"]))
-        numbers = {
-            key: value
-            for key, value in run.metrics.items()
-            if type(value) in (int, float) and key not in (*WALL_TIMES, "seed")
-        }
-        assert {key: row[key] for key in numbers} == numbers
+        kept = [key for key, value in run.metrics.items() if type(value) in (int, float)]
+        kept = [key for key in kept if key not in (*WALL_TIMES, "seed")]
+        assert [row[key] for key in kept] == [run.metrics[key] for key in kept]
         assert (row["verdict"], row["tracking"]) == (run.metrics.get("verdict"), run.metrics["tracking"])
 
 
@@ -338,12 +321,17 @@ def test_only_the_figures_of_the_design_are_drawn(whole: Path, tmp_path: Path) -
     assert SweepResult(read_sweep(SPEC), lost).plot_map() is not None
 
 
-@pytest.mark.graph
-def test_the_run_of_a_frozen_worker_is_named_and_runs_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Breaks if a sweep waits for ever for a frozen worker, or does not say which run it waits for."""
+@pytest.fixture
+def own_laws(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Write a module with laws for this process and its workers."""
     (tmp_path / "own_laws.py").write_text(LAWS)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+
+
+@pytest.mark.graph
+def test_the_run_of_a_frozen_worker_is_named_and_runs_again(tmp_path, own_laws, monkeypatch) -> None:
+    """Breaks if a sweep waits for ever for a frozen worker, or does not say which run it waits for."""
     monkeypatch.setenv("FROZEN", str(tmp_path / "frozen"))
     monkeypatch.setitem(SETTINGS, "distributed.scheduler.worker-ttl", "15s")
     monkeypatch.setattr("train_ato.studies.sweep.sweep.SILENT_S", 0.0)
@@ -357,11 +345,8 @@ def test_the_run_of_a_frozen_worker_is_named_and_runs_again(tmp_path: Path, monk
 
 
 @pytest.mark.graph
-def test_a_run_that_does_not_end_is_a_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_that_does_not_end_is_a_row(own_laws: None, monkeypatch: pytest.MonkeyPatch) -> None:
     """Breaks if a run that never ends in a living worker keeps its sweep from its end, or costs the rows of others."""
-    (tmp_path / "own_laws.py").write_text(LAWS)
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     monkeypatch.setattr(sweep_module, "LOOK_S", 1.0)
     monkeypatch.setattr(sweep_module, "END_S", 40.0)
     monkeypatch.setattr(sweep_module, "END_BATCHES", 0.0)

@@ -1,7 +1,4 @@
-"""Specification, designs and checks of a sweep, without workers.
-
-Preparation with parts of former runs: the same run, bit for bit, and new parts for other values.
-"""
+"""Specification, designs and checks of a sweep, without workers; preparation with parts of former runs."""
 
 from pathlib import Path
 from typing import Any
@@ -104,12 +101,10 @@ def test_a_grid_has_every_combination_once() -> None:
 
 @pytest.mark.parametrize("design", ["random", "latin_hypercube", "sobol"])
 def test_a_design_is_reproducible_and_inside(design: str) -> None:
-    """Breaks if the seed has no effect, a value is outside of its range, or a design does not fill the range.
-
-    A Latin hypercube has exactly one of n points in each n-th of the range, a scrambled Sobol sequence of 2^k points
-    as well; 32 uniform numbers all miss some of 4 quarters with a probability of 4 (3/4)^32 = 4e-4, and the seed is
-    fixed.
-    """
+    """Breaks if the seed has no effect, a value is outside of its range, or a design does not fill the range."""
+    # A Latin hypercube has exactly one of n points in each n-th of the range, a scrambled Sobol sequence of 2^k points
+    # as well; 32 uniform numbers all miss some of 4 quarters with a probability of 4 (3/4)^32 = 4e-4, and the seed is
+    # fixed.
     over: dict[str, Any] = {"law": ["pid", "smc"], "plant.lag": {"from": 0.01, "to": 1.0, "scale": "log"}, **{
         "links.command.delay": {"from": 0.0, "to": 2.0}, "seed": {"from": 1, "to": 9}}}  # fmt: skip
     data = {"scenario": "demo", "design": design, "runs": 32, "seed": 5, "over": over}
@@ -148,15 +143,12 @@ def test_columns_of_mixed_values_are_json() -> None:
 
 def test_the_pareto_front_is_the_set_without_a_better_run() -> None:
     """Breaks if a beaten run is on the front or an unbeaten one is not; compared with all pairs."""
-    generator = np.random.default_rng(4)
-    first, second = generator.integers(0, 12, 60).astype(float), generator.integers(0, 12, 60).astype(float)
+    first, second = np.random.default_rng(4).integers(0, 12, (2, 60)).astype(float)
     front = pareto_front(first, second)
     values = set(zip(first.tolist(), second.tolist(), strict=True))
-    unbeaten = {
-        (a, b) for a, b in values if not any((c <= a and d <= b) and (c, d) != (a, b) for c, d in values)
-    }  # fmt: skip
-    assert set(zip(first[front].tolist(), second[front].tolist(), strict=True)) == unbeaten
-    assert len(front) == len(unbeaten) and (np.diff(first[front]) > 0).all()
+    beaten = {(a, b) for a, b in values for c, d in values if c <= a and d <= b and (c, d) != (a, b)}
+    assert set(zip(first[front].tolist(), second[front].tolist(), strict=True)) == values - beaten
+    assert len(front) == len(values - beaten) and (np.diff(first[front]) > 0).all()
 
 
 def test_a_place_of_the_map_is_stable_if_all_its_runs_are() -> None:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from engine_runs import setup_of
 from recordings import recording_of, with_final, with_series
 
 from train_ato.cli import main
@@ -16,7 +17,7 @@ from train_ato.judge.verdict import is_tracked, outcomes_text, tracking_text, un
 from train_ato.loop.engine import run_engine
 from train_ato.messages.types import AtoState, Diagnostic
 from train_ato.scenario.scenario import load_scenario
-from train_ato.scenario.setup import RunSetup, prepare
+from train_ato.scenario.setup import RunSetup
 
 SECOND = 1_000_000_000
 PLAIN = ("supervision.enabled=false",)
@@ -24,15 +25,12 @@ PLAIN = ("supervision.enabled=false",)
 
 @functools.cache
 def demo(*assignments: str) -> RunSetup:
-    return prepare(*load_scenario("demo", (*PLAIN, *assignments)))
+    return setup_of("demo", *PLAIN, *assignments)
 
 
 def run_of(setup: RunSetup, until: float | None = None, **off: Any) -> Recording:
-    """Return a run on its profile up to a time [s], with differences from the profile.
-
-    ``position`` [m] and ``speed`` [m/s], which also changes the position, are errors of the train, ``command`` is a
-    share of the largest traction force; each is a number or a function of the time.
-    """
+    """Return a run on its profile up to a time [s], off it in ``position`` [m], ``speed`` [m/s] and ``command``."""
+    # Each is a number or a function of the time; the speed changes the position, the command is a share of the force.
     time = setup.tick * np.arange(setup.ticks if until is None else round(until / setup.tick))
     wanted = np.array([setup.profile.at(t) for t in time])
     errors = {
@@ -41,13 +39,10 @@ def run_of(setup: RunSetup, until: float | None = None, **off: Any) -> Recording
     }
     front = wanted[:, 0] + errors["position"] + setup.tick * np.cumsum(errors["speed"])
     speed = wanted[:, 1] + errors["speed"]
-    force = errors["command"] * setup.model.traction[0].largest()
-    zeros = np.zeros((time.size, 1))
     found = recording_of(
-        time, position=front[:, None], velocity=speed[:, None], front_position=front, front_velocity=speed,
-        coupler_draft_max=zeros[:, 0], coupler_buff_max=zeros[:, 0], applied=zeros, command=force[:, None],
-        estimate=zeros, disturbance=zeros, reference_position=wanted[:, 0], reference_velocity=wanted[:, 1],
-        reference_acceleration=np.zeros(time.size),
+        time, 1, position=front, velocity=speed, front_position=front, front_velocity=speed,
+        command=errors["command"] * setup.model.traction[0].largest(), reference_position=wanted[:, 0],
+        reference_velocity=wanted[:, 1],
     )  # fmt: skip
     return with_final(found, float(front[-1]), float(speed[-1]))
 
@@ -107,7 +102,7 @@ def test_a_position_error_on_the_way_is_lost_beyond_that_of_the_start(start: flo
 
 
 def test_the_largest_position_error_of_several_units_counts() -> None:
-    setup = prepare(*load_scenario("crh380a_gpc:short", ("plant.consist=crh380a_three_units", *PLAIN)))
+    setup = setup_of("crh380a_gpc:short", "plant.consist=crh380a_three_units", *PLAIN)
     one = run_of(setup, 60.0)
     limit = 10.0 * top_speed(setup)
     for error, found in ((1.01 * limit, "lost"), (0.99 * limit, TRACKED)):
@@ -134,10 +129,9 @@ def test_a_speed_error_at_the_end_beyond_the_emergency_margin_is_lost(kmh: float
 @pytest.mark.parametrize(("kmh", "share", "found"), [(7.6, 0.56, "lost"), (7.6, 0.48, TRACKED), (7.4, 1.0, TRACKED)])
 def test_a_speed_error_in_half_of_the_time_is_lost(kmh: float, share: float, found: str) -> None:
     """A speed that swings about its reference; breaks if a train near its position, but never at its speed, passes."""
-    setup = demo()
     swing = kmh / 3.6 * (-1.0) ** np.arange(60).repeat(50)
-    summary = tracking_summary(setup, run_of(setup, 300.0, speed=lambda t: np.where(t < share * 300.0, swing, 0.0)))
-    assert summary["tracking"] == found
+    swinging = run_of(demo(), 300.0, speed=lambda t: np.where(t < share * 300.0, swing, 0.0))
+    assert outcome(demo(), swinging) == found
 
 
 @pytest.mark.parametrize(("seconds", "found"), [(20.3, "never departed"), (19.7, TRACKED)])
@@ -146,11 +140,8 @@ def test_a_train_at_rest_behind_a_moving_reference_never_departed(seconds: float
     setup = demo("criteria.tracking.position_time=100")
     moving = np.flatnonzero(setup.profile.velocity >= 0.05)[0] * setup.profile.period
     still = run_of(setup, moving + seconds)
-    rest = replace(still, topics=dict(still.topics))
-    truth = rest.topics["train/vehicles"]
-    zeros = {name: np.zeros_like(rows) for name, rows in truth.values.items() if "velocity" in name}
-    rest.topics["train/vehicles"] = TopicSamples(truth.time, {**truth.values, **zeros})
-    summary = tracking_summary(setup, rest)
+    zeros = np.zeros(still.time.size)
+    summary = tracking_summary(setup, with_series(still, velocity=zeros, front_velocity=zeros))
     assert summary["tracking"] == found
     if found != TRACKED:
         assert "while the reference moved" in summary["tracking_findings"][0]["text"]
@@ -186,13 +177,6 @@ def test_a_sustained_oscillation_of_the_command_is_a_limit_cycle(amplitude, peri
         assert f"period of {period:.3g} s" in row["text"]
 
 
-def test_alternating_steps_are_a_limit_cycle() -> None:
-    """Breaks if a command that switches at every tick is not found."""
-    setup = demo()
-    switching = run_of(setup, 400.0, command=lambda t: 0.3 * (-1.0) ** np.arange(t.size))
-    assert outcome(setup, switching) == "limit cycle"
-
-
 def noise_of(seed: int, smooth: int, count: int = 4000) -> np.ndarray:
     """Return the sliding mean of white noise over some ticks, with the standard deviation 0.3."""
     white = np.random.default_rng(seed).standard_normal(count + smooth)
@@ -223,14 +207,19 @@ def test_a_limit_cycle_between_noise_is_found() -> None:
     assert "period of 5 s" in summary["tracking_findings"][0]["text"]
 
 
-def test_steps_and_decaying_oscillations_are_no_limit_cycle() -> None:
-    """Breaks if the phases of a profile, or an oscillation that dies out, count as sustained."""
+@pytest.mark.parametrize(
+    ("command", "found"),
+    [
+        (lambda t, period: 0.3 * (-1.0) ** np.arange(t.size), "limit cycle"),
+        (lambda t, period: 0.5 * np.sign(np.sin(2 * np.pi * t / 100.0)), TRACKED),
+        (lambda t, period: np.exp(-t / (2 * period)) * np.sin(2 * np.pi * t / period), TRACKED),
+    ],
+    ids=["switching at every tick", "phases", "decaying"],
+)
+def test_steps_and_decaying_oscillations_are_no_limit_cycle(command: Any, found: str) -> None:
+    """Breaks if the phases of a profile, or an oscillation that dies out, count as sustained, or switching does not."""
     setup = demo()
-    steps = run_of(setup, 400.0, command=lambda t: 0.5 * np.sign(np.sin(2 * np.pi * t / 100.0)))
-    assert outcome(setup, steps) == TRACKED
-    period = 5 * dead_time(setup)
-    decaying = run_of(setup, 400.0, command=lambda t: np.exp(-t / (2 * period)) * np.sin(2 * np.pi * t / period))
-    assert outcome(setup, decaying) == TRACKED
+    assert outcome(setup, run_of(setup, 400.0, command=lambda t: command(t, 5 * dead_time(setup)))) == found
 
 
 def test_an_oscillating_reference_is_no_limit_cycle() -> None:
@@ -238,12 +227,9 @@ def test_an_oscillating_reference_is_no_limit_cycle() -> None:
     setup = demo()
     acceleration = 0.3 * setup.model.traction[0].largest() / setup.model.inertia
     found = run_of(setup, 400.0, command=wave(0.3, 5 * dead_time(setup)))
-    topics = dict(found.topics)
-    reference = topics["ato/reference"]
     same = acceleration * wave(1.0, 5 * dead_time(setup))(found.time)
-    topics["ato/reference"] = TopicSamples(reference.time, {**reference.values, "acceleration": same[:, None]})
     assert outcome(setup, found) == "limit cycle"
-    assert outcome(setup, replace(found, topics=topics)) == TRACKED
+    assert outcome(setup, with_series(found, reference_acceleration=same)) == TRACKED
 
 
 @pytest.mark.parametrize(
@@ -262,11 +248,10 @@ def test_the_answer_to_a_periodic_disturbance_is_no_limit_cycle(strength: float,
 
 def test_turbulence_is_not_the_cause_of_a_limit_cycle() -> None:
     """Breaks if random forces that have any period count as the cause."""
-    setup = demo()
-    cycle = run_of(setup, 400.0, command=wave(-0.3, 5 * dead_time(setup)))
+    cycle = run_of(demo(), 400.0, command=wave(-0.3, 5 * dead_time(demo())))
     for seed in range(12):
-        forces = 1e5 * noise_of(seed, 20)
-        assert outcome(setup, with_series(cycle, disturbance=forces)) == "limit cycle", seed
+        windy = with_series(cycle, disturbance=1e5 * noise_of(seed, 20))
+        assert outcome(demo(), windy) == "limit cycle", seed
 
 
 @pytest.mark.parametrize(
@@ -360,10 +345,8 @@ def test_the_worst_outcome_is_the_first() -> None:
 )  # fmt: skip
 def test_the_limits_are_keys_of_a_scenario(key: str, value: float) -> None:
     """Breaks if a key is not read, or not checked like every other one."""
-    assert (
-        load_scenario("demo", (f"criteria.tracking.{key}={value}",))[0].criteria.tracking
-        != load_scenario("demo")[0].criteria.tracking
-    )
+    found, usual = (load_scenario("demo", more)[0].criteria for more in ((f"criteria.tracking.{key}={value}",), ()))
+    assert found.tracking != usual.tracking
     with pytest.raises(ValueError, match=key.removesuffix("_kmh")):
         load_scenario("demo", (f"criteria.tracking.{key}=-1",))
 
@@ -408,7 +391,7 @@ def test_a_strict_run_that_is_not_tracked_has_exit_status_1(tmp_path: Any, capsy
 )  # fmt: skip
 def test_driven_runs_have_the_outcome_that_their_figures_show(scenario, changes, found):
     """Breaks if a law that loses the train is called tracked, or the answer to the waves of paper 002 a limit cycle."""
-    summary = run_engine(prepare(*load_scenario(scenario, (), changes))).summary
+    summary = run_engine(setup_of(scenario, changes=changes)).summary
     rows = summary["tracking_findings"]
     assert summary["tracking"] == found[0]
     assert found == [TRACKED] if not rows else {row["outcome"] for row in rows} <= set(found)

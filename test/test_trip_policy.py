@@ -1,15 +1,12 @@
-"""Policy of a planned trip: places of the plan, and their moves by the measured electric brake.
-
-Trips of a train with two power units: shares by place, coupler forces in the search.
-
-Planned motion of the power units: input of the law, feed-forward of the planned force, written scenario.
-"""
+"""Trips: moves of the planned places by the measured electric brake, shares and displacements of two power units."""
 
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from engine_runs import setup_of
+from plan_cases import line_of
 
 from plant_sim.consist import Consist
 from plant_sim.library import load_consist, load_line
@@ -27,8 +24,7 @@ from train_ato.profile.trip.journey import Journey, JourneySearch
 from train_ato.profile.trip.planner import TripPlan, TripPlanner
 from train_ato.profile.trip.reduced_train import coupler_tables, nominal_train_model, reduced_train
 from train_ato.profile.trip.settings import TripSettings
-from train_ato.scenario.scenario import load_scenario, raw_scenario
-from train_ato.scenario.setup import prepare
+from train_ato.scenario.scenario import raw_scenario
 from train_ato.scenario.trip_scenario import write_trip
 
 CHARGED, APPLIED = 600e3, 550e3
@@ -64,9 +60,21 @@ def places(model: TrainModel, shares: list[tuple[float, float]], speed: float = 
     return found
 
 
-def test_the_nominal_train_brakes_at_the_planned_places(model: TrainModel) -> None:
-    """Breaks if a place moves although the electric brake is used as planned."""
-    assert places(model, [(0.0, 0.4), (6000.0, 0.3)]) == [APPLY, RELEASE]
+@pytest.mark.parametrize(
+    ("shares", "speed", "change", "place"),
+    [
+        # as planned; a train with more resistance than planned waits; one without a reserve releases later
+        ([(0.0, 0.4), (6000.0, 0.3)], 18.0, 0, APPLY), ([(0.0, 0.4), (6000.0, 0.3)], 18.0, 1, RELEASE),
+        ([(0.0, 0.1), (6000.0, 0.3)], 18.0, 0, APPLY + SHIFT), ([(0.0, 0.1), (5100.0, 0.3)], 18.0, 0, 5100.0),
+        ([(0.0, 0.4), (6000.0, 0.6)], 18.0, 1, RELEASE + SHIFT),
+        ([(0.0, 0.4), (6000.0, 0.6), (8100.0, 0.3)], 18.0, 1, 8100.0),
+        # a release is before the minimum speed
+        ([(0.0, 0.4), (6000.0, 0.3)], 35.3 / 3.6, 1, RELEASE - SHIFT),
+    ],
+)  # fmt: skip
+def test_a_place_moves_with_the_share_of_the_electric_brake(shares, speed, change, place, model) -> None:
+    """Breaks if a place moves although the brake is used as planned, or does not where it is spared or strained."""
+    assert places(model, shares, speed=speed)[change] == place
 
 
 def test_a_full_electric_brake_makes_the_application_earlier(model: TrainModel) -> None:
@@ -77,30 +85,11 @@ def test_a_full_electric_brake_makes_the_application_earlier(model: TrainModel) 
     assert early[0] == pytest.approx(1000.0 + 4.0 * 18.0, abs=4.0), "an unplanned application"
 
 
-def test_a_spared_electric_brake_makes_the_application_later(model: TrainModel) -> None:
-    """Breaks if a train with more resistance than planned brakes at the planned place, or never."""
-    assert places(model, [(0.0, 0.1), (6000.0, 0.3)])[0] == APPLY + SHIFT
-    assert places(model, [(0.0, 0.1), (5100.0, 0.3)])[0] == 5100.0
-
-
-def test_a_strained_electric_brake_makes_the_release_later(model: TrainModel) -> None:
-    """Breaks if the shoes release while the electric brake has no reserve for the planned speed."""
-    assert places(model, [(0.0, 0.4), (6000.0, 0.6)])[1] == RELEASE + SHIFT
-    assert places(model, [(0.0, 0.4), (6000.0, 0.6), (8100.0, 0.3)])[1] == 8100.0
-
-
 def test_drives_that_pull_make_the_release_earlier(model: TrainModel) -> None:
-    """Breaks if drives pull against the shoes up to the planned place, or a release is far from it."""
+    """Breaks if drives pull against the shoes up to the planned place, or a release is below the minimum speed."""
     _, release = places(model, [(0.0, 0.4), (6000.0, -0.05)])
     assert RELEASE - SHIFT <= release <= RELEASE - SHIFT + 4.0
-
-
-def test_a_release_is_before_the_minimum_speed_and_never_below_it(model: TrainModel) -> None:
-    """Breaks if a slow train keeps its planned release place and then cannot release, or releases below the minimum."""
-    slow = 35.3 / 3.6
-    assert places(model, [(0.0, 0.4), (6000.0, 0.3)], speed=slow)[1] == RELEASE - SHIFT
-    below = 34.9 / 3.6
-    assert len(places(model, [(0.0, 0.4), (6000.0, 0.3)], speed=below)) == 1
+    assert len(places(model, [(0.0, 0.4), (6000.0, 0.3)], speed=34.9 / 3.6)) == 1
 
 
 def test_a_departure_releases(model: TrainModel) -> None:
@@ -197,27 +186,26 @@ def equal_run(two_units: TrainModel, settings: TripSettings, journey: Journey) -
     return follow_journey(two_units, settings, journey, journey.applications)
 
 
-def test_shares_change_linearly_and_keep_the_total() -> None:
-    """Breaks if the shares jump at a place, or the total differs from that of the law."""
-    distribution = two_shares((100.0, 0.2), (200.0, 0.8))
-    limits = [-900.0, -900.0], [900.0, 900.0]
-    assert distribution.forces(150.0, [300.0, 100.0], *limits) == pytest.approx([200.0, 200.0])
-    assert distribution.forces(0.0, [-300.0, -100.0], *limits) == pytest.approx([-80.0, -320.0])
-    assert distribution.forces(999.0, [500.0, 0.0], *limits) == pytest.approx([400.0, 100.0])
-
-
-def test_a_unit_at_its_limit_leaves_the_rest_to_the_other() -> None:
-    distribution = two_shares((0.0, 0.9))
-    assert distribution.forces(0.0, [300.0, 300.0], [-400.0] * 2, [400.0] * 2) == pytest.approx([400.0, 200.0])
-    assert distribution.forces(0.0, [-300.0, -300.0], [-400.0] * 2, [400.0] * 2) == pytest.approx([-400.0, -200.0])
-    assert distribution.forces(0.0, [400.0, 400.0], [-400.0] * 2, [400.0] * 2) == pytest.approx([400.0, 400.0])
+@pytest.mark.parametrize(
+    ("entries", "place", "asked", "given"),
+    [
+        (((100.0, 0.2), (200.0, 0.8)), 150.0, [300.0, 100.0], [200.0, 200.0]),
+        (((100.0, 0.2), (200.0, 0.8)), 0.0, [-300.0, -100.0], [-80.0, -320.0]),
+        (((100.0, 0.2), (200.0, 0.8)), 999.0, [350.0, 0.0], [280.0, 70.0]),
+        (((0.0, 0.9),), 0.0, [300.0, 300.0], [400.0, 200.0]), (((0.0, 0.9),), 0.0, [-300.0, -300.0], [-400.0, -200.0]),
+        (((0.0, 0.9),), 0.0, [400.0, 400.0], [400.0, 400.0]),
+    ],
+)  # fmt: skip
+def test_shares_change_linearly_and_keep_the_total(entries, place, asked, given) -> None:
+    """Breaks if the shares jump at a place, the total differs from the law's, or a unit at its limit loses the rest."""
+    assert two_shares(*entries).forces(place, asked, [-400.0] * 2, [400.0] * 2) == pytest.approx(given)
 
 
 def test_a_run_commands_the_shares_of_its_scenario() -> None:
     """Breaks if the shares of a scenario do not reach the commands of the power units."""
     shares = [{"at": -1e4, "shares": [0.5, 0.5, 0.0]}]
     changes = {"duration": 20.0, "law": "pid", "force_shares": shares}
-    command = run_engine(prepare(*load_scenario("crh380a_gpc", changes=changes))).recording.command
+    command = run_engine(setup_of("crh380a_gpc", changes=changes)).recording.command
     total = command.sum(axis=1)
     pulling = command[(total > 1e3) & (total < 100e3)]  # above 60 kN of a unit the third one has the rest
     assert len(pulling) and np.allclose(pulling[:, 0], pulling[:, 1]) and not pulling[:, 2].any()
@@ -233,9 +221,7 @@ def test_the_shares_of_a_run_lower_the_forces_between_the_units(two_units, setti
 
 def test_quasi_static_forces_are_those_of_rest(train_of_two: Consist) -> None:
     """Breaks if a sum over the vehicles in front misses one: at rest on a grade a coupler holds all behind it."""
-    line = Line.model_validate(
-        {"schema": "train_ato/line/1", "name": "climb", "end_km": 9, "grades": [{"at": -2e3, "grade_permille": 10}]}
-    )
+    line = line_of(9e3, grades=[{"at": -2e3, "grade_permille": 10}])
     tables = coupler_tables(nominal_train_model(train_of_two, line), np.array([5_000.0]))
     weights = 9.81 * 0.01 * np.array([vehicle.mass for vehicle in train_of_two.vehicles]).cumsum()
     assert tables.line_force[:, 0] == pytest.approx(weights[list(tables.numbers)], rel=1e-3)
@@ -296,7 +282,7 @@ def test_a_run_follows_the_displaced_places() -> None:
     ahead = [{"at": -1e4, "displacement": [2.0] * 3}]
     changes = {"duration": 120.0, "law": "pid", "laws": {"pid": {"kp": 0.5, "ki": 0.05}}}
     places = [
-        run_engine(prepare(*load_scenario("crh380a_gpc", changes={**changes, **more}))).recording.front_position[-1]
+        run_engine(setup_of("crh380a_gpc", changes={**changes, **more})).recording.front_position[-1]
         for more in ({}, {"unit_displacements": ahead})
     ]
     assert places[1] - places[0] == pytest.approx(2.0, abs=0.2)
@@ -305,7 +291,7 @@ def test_a_run_follows_the_displaced_places() -> None:
 def test_an_observer_of_place_and_speed_follows_the_plan() -> None:
     """Breaks if displaced place and speed do not agree: mpc finds a false -.28 m/s² and pulls with 1.5 MN."""
     changes = {"duration": 95.0, "law": "mpc", "compensation": "none"}
-    setup = prepare(*load_scenario("daqin_two_locomotives", changes=changes))
+    setup = setup_of("daqin_two_locomotives", changes=changes)
     metrics = summarise(setup, run_engine(setup).recording)
     assert metrics["speed_error_max_kmh"] <= 0.6 and metrics["saturated_s"] == 0.0
 
@@ -328,25 +314,8 @@ def test_the_written_scenario_runs_as_planned(plan: tuple[TripPlan, dict[str, An
     assert len(raw_scenario(str(path))[1]["unit_displacements"]) == len(found.displacements) > 100
     energy = []
     for changes in ({}, {"unit_displacements": None}):
-        setup = prepare(*load_scenario(str(path), changes=changes))
+        setup = setup_of(str(path), changes=changes)
         metrics = summarise(setup, run_engine(setup).recording)
         energy.append(metrics["energy_traction_kwh"])
     planned = found.summary()["energy_kwh"]
     assert energy[0] == pytest.approx(planned, rel=0.01) and energy[1] > 1.015 * planned
-
-
-@pytest.mark.campaign
-@pytest.mark.parametrize(
-    "mismatch", [{}, {"mass_scale": 1.03}, {"mass_scale": 0.97}, {"brake_scale": 0.92}, {"resistance_scale": 1.15}]
-)
-def test_the_shipped_trip_of_two_locomotives_reaches_its_goals(mismatch: dict[str, float]) -> None:
-    """Breaks if the law converts the motion of the couplings to force: 644 kN and 747 kWh without displacements."""
-    changes = {"plant": {"mismatch": mismatch}} if mismatch else {}
-    setup = prepare(*load_scenario("daqin_two_locomotives", changes=changes))
-    metrics = summarise(setup, run_engine(setup).recording)
-    assert metrics["overspeed_max_kmh"] == 0.0
-    assert metrics["coupler_draft_max_kn"] <= 600 and metrics["coupler_buff_max_kn"] >= -600
-    assert metrics["speed_rmse_kmh"] <= 0.2
-    assert abs(metrics["stop_error_m"]) <= 0.3
-    if "resistance_scale" not in mismatch:  # 15 % more resistance need 510 kWh more
-        assert metrics["energy_traction_kwh"] <= 660

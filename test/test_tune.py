@@ -14,17 +14,8 @@ from train_ato.cli.main import main
 from train_ato.judge.tracking import OUTCOMES
 from train_ato.scenario.criteria import Criteria
 from train_ato.scenario.scenario import load_scenario
+from train_ato.studies.tune import objective
 from train_ato.studies.tune.gain_space import SEARCHED, GainRunner, gain_space, gain_tasks, read_tune_spec
-from train_ato.studies.tune.objective import (
-    MAX_FEASIBLE,
-    NOT_TRACKED,
-    TERMS,
-    CmaOptimizer,
-    GainScore,
-    read_weights,
-    scales_of,
-    score_of_run,
-)
 from train_ato.studies.tune.tune import GainSearch
 
 SHORT = {"duration": 10}
@@ -33,11 +24,7 @@ DONE: dict[str, Any] = {
     "status": "done", "speed_rmse_kmh": 0.2, "stop_error_max_m": 0.1, "command_variation_kn_per_s": 6.0,
     "coupler_draft_max_kn": 30.0, "coupler_buff_max_kn": -50.0, "overspeed_max_kmh": 0.0, "tracking_findings": [],
 }  # fmt: skip
-ONES = {term.key: 1.0 for term in TERMS}
-
-
-def not_tracked(outcome: str, value: float, limit: float) -> dict[str, Any]:
-    return {**DONE, "tracking_findings": [{"outcome": outcome, "value": value, "limit": limit}]}
+ONES = {term.key: 1.0 for term in objective.TERMS}
 
 
 def test_score_is_the_weighted_mean_of_metrics_over_their_scales() -> None:
@@ -45,53 +32,55 @@ def test_score_is_the_weighted_mean_of_metrics_over_their_scales() -> None:
     scales = {"speed": 0.4, "stop": 0.5, "command": 3.0, "coupler": 100.0, "overspeed": 0.5}
     weights = {"speed": 2.0, "stop": 1.0, "command": 1.0, "coupler": 1.0, "overspeed": 1.0}
     expected = (2 * 0.2 / 0.4 + 0.1 / 0.5 + 6.0 / 3.0 + 50.0 / 100.0 + 0.0) / 6
-    assert score_of_run(DONE, scales, weights) == pytest.approx(expected)
+    assert objective.score_of_run(DONE, scales, weights) == pytest.approx(expected)
     without_stop = {key: value for key, value in DONE.items() if key != "stop_error_max_m"}
-    assert score_of_run(without_stop, scales, weights) == pytest.approx((1.0 + 2.0 + 0.5) / 5)
+    assert objective.score_of_run(without_stop, scales, weights) == pytest.approx((1.0 + 2.0 + 0.5) / 5)
 
 
 def test_scale_is_the_limit_of_the_criterion_or_the_reference_run() -> None:
     """Breaks if a limit in SI is used as km/h or kN, or if a tiny reference makes a term infinite."""
     criteria = Criteria(overspeed=0.5, coupler_draft=2e5, coupler_buff=1e5)
-    scales = scales_of(criteria, {**DONE, "stop_error_max_m": -0.001})
+    scales = objective.scales_of(criteria, {**DONE, "stop_error_max_m": -0.001})
     assert scales == pytest.approx({"speed": 0.2, "stop": 0.1, "command": 6.0, "coupler": 100.0, "overspeed": 1.8})
 
 
 def test_a_failed_criterion_costs_more_than_its_metric() -> None:
     """Breaks if the verdict has no effect on the score."""
     row = {"criterion": "jerk", "metric": "jerk_1s_max", "value": 0.9, "limit": 0.6, "passed": False}
-    passed = score_of_run({**DONE, "criteria": [{**row, "passed": True}]}, ONES, ONES)
-    assert score_of_run({**DONE, "criteria": [row]}, ONES, ONES) == pytest.approx(passed + 1.5)
+    passed = objective.score_of_run({**DONE, "criteria": [{**row, "passed": True}]}, ONES, ONES)
+    assert objective.score_of_run({**DONE, "criteria": [row]}, ONES, ONES) == pytest.approx(passed + 1.5)
 
 
 def test_runs_that_are_not_tracked_rank_below_every_tracked_run() -> None:
     """Breaks if an infeasible run can win, or if the search has no direction among infeasible runs."""
-    scores = [score_of_run({**DONE, "speed_rmse_kmh": 1e9}, ONES, ONES)]
+    scores = [objective.score_of_run({**DONE, "speed_rmse_kmh": 1e9}, ONES, ONES)]
     for outcome in reversed(OUTCOMES[:-1]):
-        scores += [score_of_run(not_tracked(outcome, value, 2.0), ONES, ONES) for value in (2.1, -40.0)]
-    scores += [score_of_run({"status": status}, ONES, ONES) for status in ("failed", "refused")]
+        for value in (2.1, -40.0):
+            found = [{"outcome": outcome, "value": value, "limit": 2.0}]
+            scores.append(objective.score_of_run({**DONE, "tracking_findings": found}, ONES, ONES))
+    scores += [objective.score_of_run({"status": status}, ONES, ONES) for status in ("failed", "refused")]
     assert scores == sorted(scores) and len(set(scores)) == len(scores)
-    assert scores[0] == MAX_FEASIBLE < NOT_TRACKED < scores[1]
+    assert scores[0] == objective.MAX_FEASIBLE < objective.NOT_TRACKED < scores[1]
 
 
 def test_objective_counts_the_worst_run() -> None:
     """Breaks if gains that fail in one run of many pass as feasible."""
-    score = GainScore.of([1.0, 2.0, 103.0])
+    score = objective.GainScore.of([1.0, 2.0, 103.0])
     assert score.objective == pytest.approx((106 / 3 + 103.0) / 2)
-    assert not score.feasible and GainScore.of([1.0, 99.0]).feasible
+    assert not score.feasible and objective.GainScore.of([1.0, 99.0]).feasible
 
 
 @pytest.mark.parametrize(
     ("texts", "words"),
     [
         (["sped=1"], "unknown term 'sped'"), (["speed=-1"], "not a weight"), (["speed"], "not a weight"),
-        (["speed=nan"], "not a weight"), ([f"{term.key}=0" for term in TERMS], "every weight is 0"),
+        (["speed=nan"], "not a weight"), ([f"{term.key}=0" for term in objective.TERMS], "every weight is 0"),
     ],
 )  # fmt: skip
 def test_bad_weights_are_refused(texts: list[str], words: str) -> None:
     """Breaks if a misspelt criterion is ignored."""
     with pytest.raises(ValueError, match=words):
-        read_weights(texts)
+        objective.read_weights(texts)
 
 
 def test_ranges_are_a_factor_of_ten_within_the_declared_bounds() -> None:
@@ -167,14 +156,14 @@ def test_optimizer_finds_the_minimum_of_a_known_function() -> None:
     # Hundred times the squared distance from (0.3, 0.6): 20 generations of 6 points reduce it from 29 at the start to
     # less than 1, a distance of 0.1, for both seeds; points drawn at random reach it only near the target.
     for seed in (1, 2):
-        optimizer = CmaOptimizer([0.8, 0.8], seed, 6)
+        optimizer = objective.CmaOptimizer([0.8, 0.8], seed, 6)
         for _ in range(20):
             points = optimizer.ask()
             assert all(0.0 <= share <= 1.0 for point in points for share in point)
             scores = [100 * ((x - 0.3) ** 2 + (y - 0.6) ** 2) for x, y in points]
             optimizer.tell(points, scores)
         assert max(scores) < 1.0
-    assert all(len(point) == 1 for point in CmaOptimizer([0.5], 1, 6).ask())
+    assert all(len(point) == 1 for point in objective.CmaOptimizer([0.5], 1, 6).ask())
 
 
 def test_equal_candidates_are_run_once() -> None:
@@ -223,19 +212,14 @@ def test_tuned_gains_are_better_and_held_out_runs_are_beside(tuned: tuple[Any, P
     assert len({row["speed_rmse_kmh"] for row in result.rows}) == len(result.rows), "seeds without effect"
 
 
-def test_overlay_reproduces_the_tuned_run(tuned: tuple[Any, Path]) -> None:
-    """Breaks if the file lacks the gains, the law or the changes of --set, or holds other digits than the runs."""
+def test_overlay_reproduces_the_tuned_run_beside_its_tables(tuned: tuple[Any, Path]) -> None:
+    """Breaks if the file lacks gains, law or changes of --set, or a candidate is missing from the history."""
     result, out = tuned
     row = next(row for row in result.rows if row["gains"] == "tuned")
     run = ta.run(out / "tuned.yaml", seed=1)
     assert run.metrics["controller"] == "pid" and run.metrics["simulated_s"] == 10
     assert run.metrics["speed_rmse_kmh"] == row["speed_rmse_kmh"]
     assert yaml.safe_load((out / "tuned.yaml").read_text())["base"] == "xuzhou_metro"
-
-
-def test_files_of_the_folder(tuned: tuple[Any, Path]) -> None:
-    """Breaks if a candidate is missing from the history or the table from the folder."""
-    result, out = tuned
     with (out / "history.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [int(row["candidate"]) for row in rows] == list(range(1 + 6))
@@ -279,6 +263,5 @@ def test_command_prints_one_json_value(tmp_path: Path, capsys: pytest.CaptureFix
 def test_missing_optimizer_is_one_line(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setitem(sys.modules, "cma", None)
     assert main(["tune", "demo", "--law", "pid"]) == 2
-    assert capsys.readouterr().err == (
-        "train-ato: tune: the package 'cma' is not installed; install it: pip install cma\n"
-    )
+    said = "train-ato: tune: the package 'cma' is not installed; install it: pip install cma\n"
+    assert capsys.readouterr().err == said
