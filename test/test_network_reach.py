@@ -49,13 +49,9 @@ class Drive:
         self.domain = reserved_domain()
         self.out = folder / "run"
         words = ["run", "demo", "--set=duration=3600", "--rate=20", f"--domain={self.domain}", f"--out={self.out}"]
-        self.process = subprocess.Popen(
-            [*host, sys.executable, "-m", "train_ato", *words, *options],
-            env=environment(**variables),
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
+        words = [*host, sys.executable, "-m", "train_ato", *words, *options]
+        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+        self.process = subprocess.Popen(words, env=environment(**variables), **pipes)
 
     def wait(self) -> None:
         """Wait until the train moves."""
@@ -88,14 +84,6 @@ def drive(tmp_path: Path) -> Iterator[type[Drive]]:
         run.end()
 
 
-def udp_sockets(parent: int) -> list[str]:
-    """Return the local addresses of the UDP sockets of a process and its children, as `ss` lists them."""
-    children = Path(f"/proc/{parent}/task/{parent}/children").read_text().split()
-    listed = subprocess.run(["ss", "-lnupH"], capture_output=True, text=True, check=True).stdout.splitlines()
-    pids = {str(parent), *children}
-    return [line.split()[3] for line in listed if pids & set(re.findall(r"pid=(\d+)", line))]
-
-
 @pytest.mark.parametrize(
     ("options", "variables", "loopback"),
     [
@@ -109,7 +97,10 @@ def udp_sockets(parent: int) -> list[str]:
 def test_sockets_of_a_run(options, variables, loopback, drive):
     """Fails if a socket of a default run is open to a network: one on all interfaces, or in a multicast group."""
     run = drive(*options, **variables)
-    sockets = udp_sockets(run.process.pid)
+    parent = str(run.process.pid)
+    pids = {parent, *Path(f"/proc/{parent}/task/{parent}/children").read_text().split()}
+    listed = subprocess.run(["ss", "-lnupH"], capture_output=True, text=True, check=True).stdout.splitlines()
+    sockets = [line.split()[3] for line in listed if pids & set(re.findall(r"pid=(\d+)", line))]
     assert len(sockets) >= (10 if options else 2)
     outside = [address for address in sockets if not address.startswith("127.0.0.1:")]
     assert (outside == []) is loopback, sockets

@@ -1,7 +1,6 @@
-"""Lines from networks of tracks: OSRD and railML 3.
+"""Lines from networks of tracks in the layouts of OSRD and railML; all figures but those of TD0 are chosen here.
 
-The files are written here in the layouts of the two formats. Length and gradients of the track TD0 are those of
-``tests/data/infras/etcs_infra`` of OSRD (Open Rail Association, LGPL-3.0), 25 km; all other figures are chosen here.
+Length and gradients of TD0 are those of ``tests/data/infras/etcs_infra`` of OSRD (Open Rail Association, LGPL-3.0).
 """
 
 import json
@@ -11,6 +10,8 @@ from typing import Any
 
 import pytest
 import yaml
+from engine_runs import setup_of
+from refusals import one_line
 
 from plant_sim.formats import osrd
 from plant_sim.library import load_consist, load_line, named_line
@@ -18,17 +19,13 @@ from plant_sim.line import Rating, line_for, reversed_line
 from train_ato.api.converting import convert
 from train_ato.api.planning import plan
 from train_ato.cli.main import main
-from train_ato.scenario.scenario import load_scenario
-from train_ato.scenario.setup import prepare
 
 
 def ends(*names: str) -> dict[str, Any]:
     """Return ports A, B, ... of a switch: ``track/END``."""
-    found = {}
-    for port, name in zip(("A", "B1", "B2") if len(names) > 2 else ("A", "B"), names, strict=True):
-        track, endpoint = name.split("/")
-        found[port] = {"track": track, "endpoint": endpoint}
-    return found
+    ports = ("A", "B1", "B2") if len(names) > 2 else ("A", "B")
+    parts = (name.partition("/") for name in names)
+    return {port: {"track": part[0], "endpoint": part[2]} for port, part in zip(ports, parts, strict=True)}
 
 
 def track(name: str, length: float, slopes: Any = (), curves: Any = ()) -> dict[str, Any]:
@@ -131,8 +128,7 @@ def test_a_plan_and_a_run_have_the_limits_of_the_category(tmp_path: Path) -> Non
             "profile": {"phases": [{"cruise_for": 2}, {"accelerate_to": 2}, {"brake_to": 0}]},
         }  # fmt: skip
         (tmp_path / "s.yaml").write_text(yaml.safe_dump(scenario))
-        setup = prepare(*load_scenario(str(tmp_path / "s.yaml")))
-        assert setup.line.speed_limits[0].speed == limit
+        assert setup_of(str(tmp_path / "s.yaml")).line.speed_limits[0].speed == limit
     assert times["any"] < times["light"] < 160 and times["freight"] > 2000 / 5
 
 
@@ -150,8 +146,7 @@ def test_tracks_without_electrification_have_no_traction_power(infra: Path, caps
 def test_the_path_back_is_the_reversed_line_of_what_holds_in_both_directions(infra: Path) -> None:
     """Breaks if the direction of the path changes more than the directed entries."""
     there, back = load_line(f"{infra}:East..TA"), reversed_line(load_line(f"{infra}:TA..East"))
-    assert [(e.at, e.grade) for e in there.grades] == [(e.at, e.grade) for e in back.grades]
-    assert there.curves == back.curves and there.stops == back.stops
+    assert (there.grades, there.curves, there.stops) == (back.grades, back.curves, back.stops)
     assert (22500, 10) in [(e.at, e.speed) for e in there.speed_limits] and there.neutral_sections == ()
 
 
@@ -211,32 +206,14 @@ def test_a_line_as_railml_and_back(infra: Path, railml: Path, tmp_path: Path) ->
     ("selection", "message"),
     [
         ("", "a network of 4 tracks with branches; name the line as FILE:FROM..TO"),
-        ("TA..North", "'North' is no track or station; it has West, East, TA"),
-        ("TA..TB", "no path between these tracks"),
-        ("TA", "write FROM..TO"),
+        (":TA..North", "'North' is no track or station; it has West, East, TA"),
+        (":TA..TB", "no path between these tracks"), (":TA", "write FROM..TO"),
     ],
-)
+)  # fmt: skip
 def test_a_wrong_selection_is_refused_with_the_names(infra: Path, selection: str, message: str) -> None:
     """Breaks if a train could turn back at a switch, or a wrong name ends in a traceback."""
-    with pytest.raises(ValueError, match=message) as caught:
-        load_line(f"{infra}:{selection}" if selection else str(infra))
-    assert "\n" not in str(caught.value) and str(infra) in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("key", "value", "message"),
-    [
-        ("switches", [{"id": "x", "switch_type": "turntable", "ports": {}}], "type = 'turntable': must be one of link"),
-        ("switches", [{"id": "x", "switch_type": "link", "ports": ends("TX/END", "TA/END")}], "not an end of a track"),
-        ("track_sections", [{"id": "TA"}], "length: this key is missing"),
-        ("operational_points", [station("A", ("TX", 0))], "track 'TX' is not in track_sections"),
-    ],
-)
-def test_a_faulty_network_is_refused_in_one_line(key: str, value: Any, message: str) -> None:
-    """Breaks if a fault is a traceback, or names neither file nor key."""
-    with pytest.raises(ValueError, match=message) as caught:
-        osrd.osrd_line(INFRA | {key: value}, "infra.json", "TA..East")
-    assert "\n" not in str(caught.value) and str(caught.value).startswith("infra.json: ")
+    with one_line(message, str(infra)):
+        load_line(f"{infra}{selection}")
 
 
 def net_element(name: str, begin: float, end: float, length: str = "") -> str:
@@ -305,36 +282,36 @@ def railml(tmp_path: Path) -> Path:
     return file
 
 
-def test_railml_limits_of_speed_profiles_are_those_of_categories(tmp_path, capsys):
+def with_profile(text: str, values: str, figures: str, *sections: str) -> str:
+    """Return a file with a speed profile s1 named x, and speed sections of which the last is that of the profile."""
+    own = sections[-1].replace("<linear", '<validForSpeedProfile ref="s1"/><linear', 1)
+    profile = f'<speedProfile id="s1" {values}><name name="x" language="en"/>{figures}</speedProfile>'
+    speeds = "".join((*sections[:-1], own))
+    text = text.replace("<infra", f"<common><speedProfiles>{profile}</speedProfiles></common><infra", 1)
+    return text.replace("</speeds>", f"{speeds}</speeds>")
+
+
+def test_railml_limits_of_speed_profiles_are_those_of_categories(railml, capsys):
     """Breaks if a section of one profile slows all trains, or a train without a profile has no limit anywhere."""
-    profiles = (
-        '<common><speedProfiles><speedProfile id="s1"><name name="tilting"/></speedProfile></speedProfiles></common>'
-    )
     whole = located(
         "speedSection", 'vMax="80"', measured("n3", 600, 700), measured("n4", 700, 4300), direction="normal"
     )
     tilting = located("speedSection", 'maxSpeed="100" trainRelation="headOfTrain"', measured("n4", 1000, 2000))
-    tilting = tilting.replace("<linear", '<validForSpeedProfile ref="s1"/><linear', 1)
-    text = RAILML.replace("<infrastructure id", f"{profiles}<infrastructure id").replace(whole, whole + tilting)
-    file = tmp_path / "profiles.railml"
-    file.write_text(text)
-    line = load_line(f"{file}:Alder..Birch")
+    text = with_profile(RAILML, "", "", tilting)
+    railml.write_text(text)
+    line = load_line(f"{railml}:Alder..Birch")
     (category,) = line.category_limits
-    assert category.category == "tilting"
     limits = [(e.at, round(3.6 * e.speed)) for e in category.speed_limits]
-    assert limits == [(0, 80), (1000, 100), (2000, 80)]
+    assert (category.category, limits) == ("x", [(0, 80), (1000, 100), (2000, 80)])
     assert {round(3.6 * e.speed) for e in line.speed_limits} == {80}
-    assert (
-        "trainRelation = 'headOfTrain': the part of the train that the speed holds for; here it holds for its whole"
-        in capsys.readouterr().err
-    )
-    file.write_text(text.replace(whole, ""))
-    line = load_line(f"{file}:Alder..Birch")
-    assert {round(3.6 * e.speed) for e in line.speed_limits} == {100}
+    told = "trainRelation = 'headOfTrain': the part of the train that the speed holds for; here it holds for its whole"
+    assert told in capsys.readouterr().err
+    railml.write_text(text.replace(whole, ""))
+    assert {round(3.6 * e.speed) for e in load_line(f"{railml}:Alder..Birch").speed_limits} == {100}
     assert "some only for speed profiles; other trains have the lowest of them there" in capsys.readouterr().err
-    file.write_text(text.replace('ref="s1"', 'ref="s2"'))
+    railml.write_text(text.replace('ref="s1"', 'ref="s2"'))
     with pytest.raises(ValueError, match="validForSpeedProfile: ref = 's2': not in the file"):
-        load_line(f"{file}:Alder..Birch")
+        load_line(f"{railml}:Alder..Birch")
 
 
 @pytest.mark.parametrize(
@@ -349,16 +326,11 @@ def test_railml_limits_of_speed_profiles_are_those_of_categories(tmp_path, capsy
 )  # fmt: skip
 def test_figures_of_a_speed_profile_are_those_that_a_train_needs(values, profile, kmh, of, told, tmp_path, capsys):
     """Breaks if a train without the axle load or the brakes of a profile has its speed, or a lower one spares it."""
-    common = f'<speedProfiles><speedProfile id="s1" {values}><name name="x"/>{profile}</speedProfile></speedProfiles>'
-    whole = located("speedSection", 'vMax="80"', 'netElementRef="n4">')
-    section = located("speedSection", f'maxSpeed="{kmh}"', 'netElementRef="n4">')
-    section = section.replace("<linear", '<validForSpeedProfile ref="s1"/><linear', 1)
-    geometry(tmp_path / "a.railml", "")
-    text = (tmp_path / "a.railml").read_text().replace("<infra", f"<common>{common}</common><infra").replace(
-        "</infra", f"<functionalInfrastructure><speeds>{whole}{section}</speeds></functionalInfrastructure></infra"
-    ).replace('"n4"', '"e"')  # fmt: skip
-    (tmp_path / "a.railml").write_text(text)
-    line = load_line(str(tmp_path / "a.railml"))
+    sections = [located("speedSection", f'maxSpeed="{speed}"', 'netElementRef="e">') for speed in (80, kmh)]
+    speeds = "<functionalInfrastructure><speeds></speeds></functionalInfrastructure></infra"
+    file = Path(geometry(tmp_path / "a.railml", ""))
+    file.write_text(with_profile(file.read_text().replace("</infra", speeds), values, profile, *sections))
+    line = load_line(str(file))
     trains = {"light": Rating(axle_load=16e3), "heavy": Rating(axle_load=20e3), "x": Rating(axle_load=9e3)}
     for name, speed in of.items():
         found = line_for(line, [name], trains[name]).speed_limits
@@ -444,27 +416,19 @@ def test_the_track_of_a_station_with_several_is_named(infra: Path, capsys: pytes
     assert "infra.json: 'East' is on the tracks TD0, TE; the path ends on TD0" in capsys.readouterr().err
 
 
-def test_a_chain_of_tracks_needs_no_selection(tmp_path: Path) -> None:
+def test_a_chain_of_tracks_needs_no_selection(infra: Path) -> None:
     """Breaks if a network without branches is refused, or its tracks are not in order."""
-    chain = INFRA | {"switches": [{"id": "l", "switch_type": "link", "ports": ends("TD0/END", "TE/END")}]}
-    chain["track_sections"] = INFRA["track_sections"][2:]
-    chain["operational_points"] = []
-    chain["speed_sections"] = [
+    limits = [
         {"id": "s", "speed_limit": 30.0, "track_ranges": [part("TD0", 0, 25000), part("TE", 0, 1500)]},
         {"id": "t", "speed_limit": 9.0, "track_ranges": [part("TE", 0, 100, "START_TO_STOP")]},
     ]
-    file = tmp_path / "chain.json"
-    file.write_text(json.dumps(chain))
-    there, back = load_line(str(file)), load_line(f"{file}:reverse")
+    chain = {"track_sections": INFRA["track_sections"][2:], "operational_points": [], "speed_sections": limits}
+    infra.write_text(json.dumps(INFRA | chain | {"switches": INFRA["switches"][1:]}))
+    there, back = load_line(str(infra)), load_line(f"{infra}:reverse")
     assert there.end == 26500 and [(e.at, e.speed) for e in there.speed_limits] == [(0, 30)]
     assert back.end == 26500 and [(e.at, e.speed) for e in back.speed_limits] == [(0, 9), (100, 30)]
 
 
-LOOP_LIMITS = [
-    {"id": "v", "speed_limit": 20, "track_ranges": [part("A", 0, 1000), part("C", 0, 2000), part("L", 0, 800)]},
-    {"id": "slow", "speed_limit": 8, "track_ranges": [part("C", 0, 300)]},
-    {"id": "out", "speed_limit": 5, "track_ranges": [part("C", 1000, 1100, "START_TO_STOP")]},
-]
 LOOP: dict[str, Any] = {
     "version": "3.5.0",
     "track_sections": [
@@ -475,7 +439,11 @@ LOOP: dict[str, Any] = {
         {"id": "s1", "switch_type": "link", "ports": ends("A/END", "C/BEGIN")},
         {"id": "s2", "switch_type": "point_switch", "ports": ends("C/END", "L/BEGIN", "L/END")},
     ],
-    "speed_sections": LOOP_LIMITS,
+    "speed_sections": [
+        {"id": "v", "speed_limit": 20, "track_ranges": [part("A", 0, 1000), part("C", 0, 2000), part("L", 0, 800)]},
+        {"id": "slow", "speed_limit": 8, "track_ranges": [part("C", 0, 300)]},
+        {"id": "out", "speed_limit": 5, "track_ranges": [part("C", 1000, 1100, "START_TO_STOP")]},
+    ],
     "neutral_sections": [{"id": "n", "track_ranges": [part("C", 700, 750)]}],
     "operational_points": [station("West", ("A", 500)), station("Mid", ("C", 400))],
 }  # fmt: skip
@@ -529,27 +497,17 @@ def located_2(name: str, rows: str, kind: str) -> str:
     return f"<{kind}s>{text}</{kind}s>"
 
 
+SPEEDS = '100 dir="up" vMax="72"; 400 dir="up" vMax="36"; 500 dir="up" vMax="end"; 1100 dir="down" vMax="54"'
+WIRES = '100 type="overhead"; 800 type="overhead" isolatedSection="true"; 850 type="overhead"'
 RAIL_2 = f"""<railml xmlns="https://www.railml.org/schemas/2021" version="2.5"><infrastructure id="is"><tracks>
 <track id="t1" name="main"><trackTopology><trackBegin id="b1" pos="100" absPos="5100"><macroscopicNode ocpRef="w"/>
 </trackBegin><trackEnd id="e1" pos="1100"><connection id="c1" ref="c3"/></trackEnd><connections>
 <switch id="s1" pos="700"><connection id="cs" ref="c2" orientation="outgoing" course="left"/></switch></connections>
 <crossSections><crossSection id="x" pos="300" ocpRef="m"/></crossSections></trackTopology><trackElements>
-{
-    located_2(
-        "v",
-        '100 dir="up" vMax="72"; 400 dir="up" vMax="36"; 500 dir="up" vMax="end"; 1100 dir="down" vMax="54"',
-        "speedChange",
-    )
-}
+{located_2("v", SPEEDS, "speedChange")}
 {located_2("g", '100 slope="5"; 600 slope="-8"; 900 slope="0"', "gradientChange")}
 {located_2("r", '200 radius="0"; 300 radius="-500"; 500 radius="0"', "radiusChange")}
-{
-    located_2(
-        "e",
-        '100 type="overhead"; 800 type="overhead" isolatedSection="true"; 850 type="overhead"',
-        "electrificationChange",
-    )
-}
+{located_2("e", WIRES, "electrificationChange")}
 <tunnels><tunnel id="u" pos="950" length="100" crossSection="40"/></tunnels></trackElements></track>
 <track id="t2"><trackTopology><trackBegin id="b2" pos="0"><connection id="c2" ref="cs"/></trackBegin>
 <trackEnd id="e2" pos="400"><bufferStop id="bs"/></trackEnd></trackTopology><trackElements>
@@ -649,14 +607,12 @@ def test_a_net_element_that_the_path_passes_twice_is_whole_at_both_passages(rail
         assert [(e.at, e.name) for e in line.stops] == [(1400, "Mid"), (5400, "Mid")]
 
 
-@pytest.mark.parametrize("selection", ["TA..East", "East..TB", "West..East"])
-def test_the_reversed_path_is_the_path_read_anew(infra: Path, railml: Path, selection: str) -> None:
+def test_the_reversed_path_is_the_path_read_anew(infra: Path, railml: Path) -> None:
     """Breaks if ``:reverse`` of a network mirrors limits or neutral sections that hold in one direction."""
-    first, _, last = selection.partition("..")
-    pairs = [(f"{infra}:{selection}:reverse", f"{infra}:{last}..{first}")]
-    pairs.append((f"{railml}:Alder..Birch:reverse", f"{railml}:Birch..Alder"))
-    for one, other in pairs:
-        assert load_line(one).model_dump(exclude={"name"}) == load_line(other).model_dump(exclude={"name"})
+    paths = (infra, "TA", "East"), (infra, "East", "TB"), (infra, "West", "East"), (railml, "Alder", "Birch")
+    for file, first, last in paths:
+        one, other = load_line(f"{file}:{first}..{last}:reverse"), load_line(f"{file}:{last}..{first}")
+        assert one.model_dump(exclude={"name"}) == other.model_dump(exclude={"name"})
 
 
 def test_a_one_way_relation_is_run_in_its_direction_only(railml: Path) -> None:
@@ -676,10 +632,8 @@ def test_measures_have_the_unit_of_their_system(railml: Path, unit: str, length:
     """Breaks if a measure in kilometres is read in metres: a line of 12.5 m in place of 12.5 km."""
     system = f'<common><positioning><linearPositioningSystem id="lps" units="{unit}"/></positioning></common>'
     text = RAILML.replace("<infrastructure", f"{system}<infrastructure", 1).replace(' length="3600.0"', "")
-    railml.write_text(
-        text.replace("posBegin", "xBegin").replace("posEnd", "xEnd").replace(' pos="', ' intrinsicCoord="0')
-    )
-    railml.write_text(railml.read_text().replace("03500.0", "0.5"))
+    text = text.replace("posBegin", "xBegin").replace("posEnd", "xEnd").replace(' pos="', ' intrinsicCoord="0')
+    railml.write_text(text.replace("03500.0", "0.5"))
     line = load_line(f"{railml}:n1..n4")
     assert line.end == pytest.approx(length)
     assert line.temporary_restrictions[0].begin == pytest.approx(length * 2400 / 4300)
@@ -706,12 +660,8 @@ def test_arcs_of_gradient_and_transition_curves_are_linear_between_their_neighbo
     """Breaks if an arc is level, as it was, or a chain of arcs, a direction or the height at its end is wrong."""
     arc = 'curveType="arc" deltaGradient="{}"'
     sag = curves("gradientCurve", ('gradient="-4"', 0, 500), (arc.format(10), 500, 540), (arc.format(-2), 540, 560))
-    name = geometry(
-        railml,
-        sag + curves("gradientCurve", ('gradient="4"', 560, 2000)),
-        curves("horizontalCurve", ('curveType="clothoid"', 100, 140), ('radius="-500"', 140, 300)),
-    )
-    line = load_line(name)
+    bends = curves("horizontalCurve", ('curveType="clothoid"', 100, 140), ('radius="-500"', 140, 300))
+    line = load_line(name := geometry(railml, sag + curves("gradientCurve", ('gradient="4"', 560, 2000)), bends))
     expected = [(0, -4), (500, -1.5), (520, 3.5), (540, 5), (560, 4)]
     assert [(e.at, round(1e3 * e.grade, 9)) for e in line.grades] == expected
     back = load_line(f"{name}:reverse")
@@ -740,6 +690,10 @@ def sections(*rows: tuple[float, Any]) -> dict[str, Any]:
     return {"speed_sections": [{"id": "s", "speed_limit": speed, "track_ranges": [where]} for speed, where in rows]}
 
 
+def other_a(slopes: Any, curves: Any = ()) -> dict[str, Any]:
+    return {"track_sections": [track("A", 1000, slopes, curves), *LOOP["track_sections"][1:]]}
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -752,15 +706,13 @@ def sections(*rows: tuple[float, Any]) -> dict[str, Any]:
         ({"neutral_sections": [{"track_ranges": [part("C", 0, 9000)]}]}, "beyond the track C of 2000 m"),
         ({"operational_points": [station("Far", ("A", 4000))]}, "position = 4000: must lie between 0 and"),
         ({"track_sections": [track("A", 1000), track("A", 900)]}, "id = 'A': two tracks have this id"),
-        ({"track_sections": [track("A", 1000, [(5, 500, 2000)]), *LOOP["track_sections"][1:]]},
-         r"slopes\[0\]: from 500"),
-        ({"track_sections": [track("A", 1000, [(5, 0, 600), (-5, 500, 900)]), *LOOP["track_sections"][1:]]},
+        (other_a([(5, 500, 2000)]), r"slopes\[0\]: from 500"),
+        (other_a([(5, 0, 600), (-5, 500, 900)]),
          r"two grades from 500 to 600 m of the path, 0.005 and -0.005 .* correct one of them"),
-        ({"track_sections": [track("A", 1000, (), [(300, 0, 900), (-400, 50, 100)]), *LOOP["track_sections"][1:]]},
+        (other_a((), [(300, 0, 900), (-400, 50, 100)]),
          r"curves\[1\]: two radii from 50 to 100 m of the path, 300 and -400"),
-        ({"track_sections": [track("A", 1000, (), [(300, 0, 900), (0, 50, 100)]), *LOOP["track_sections"][1:]]},
-         r"curves\[1\]: two radii from 50 to 100 m of the path, 300 and 0"),
-        ({"track_sections": [track("A", 1000, (), [(-0.4, 0, 900)]), *LOOP["track_sections"][1:]]},
+        (other_a((), [(300, 0, 900), (0, 50, 100)]), r"curves\[1\]: two radii from 50 to 100 m of the path, 300 and 0"),
+        (other_a((), [(-0.4, 0, 900)]),
          r"track_sections\[0\]: curves\[0\]: radius = -0.4: below 5 m; correct its unit"),
         ({"speed_sections": [{"speed_limit": 8}]}, r"speed_sections\[0\]: track_ranges: none, so its place is not"),
         ({"speed_sections": [{"speed_limit": 8, "track_ranges": []}]}, "track_ranges: none"),
@@ -768,13 +720,17 @@ def sections(*rows: tuple[float, Any]) -> dict[str, Any]:
         ({"operational_points": [station("Far", ("A", 1001.5))]}, "position = 1001.5: must lie between 0 and 1000"),
         ({"speed_sections": {}}, "speed_sections = {}: must be a list$"),
         ({"track_sections": []}, "track_sections: empty; add the tracks"),
+        ({"switches": [{"id": "x", "switch_type": "turntable", "ports": {}}]},
+         "type = 'turntable': must be one of link"),
+        ({"switches": [{"id": "x", "switch_type": "link", "ports": ends("TX/END", "A/END")}]}, "not an end of a track"),
+        ({"track_sections": [{"id": "A"}]}, "length: this key is missing"),
+        ({"operational_points": [station("A", ("TX", 0))]}, "track 'TX' is not in track_sections"),
     ],
 )  # fmt: skip
 def test_an_entry_that_cannot_be_placed_is_refused(change: dict[str, Any], message: str) -> None:
     """Breaks if an entry vanishes, runs on over the next track, or one of two values wins without a word."""
-    with pytest.raises(ValueError, match=message) as caught:
+    with one_line(f"^loop.json: .*{message}"):
         osrd.osrd_line(LOOP | change, "loop.json", "A..L")
-    assert "\n" not in str(caught.value) and str(caught.value).startswith("loop.json: ")
 
 
 @pytest.mark.parametrize(
@@ -813,9 +769,8 @@ def test_a_railml_entry_that_cannot_be_placed_is_refused(railml: Path, before: s
     """Breaks if an entity is expanded, a fault is a traceback, or a contradiction is left out in silence."""
     assert before in RAILML
     railml.write_text(RAILML.replace(before, after))
-    with pytest.raises(ValueError, match=message) as caught:
+    with one_line(message, str(railml)):
         load_line(f"{railml}:n1..n4")
-    assert "\n" not in str(caught.value) and str(railml) in str(caught.value)
 
 
 def collection(name: str, order: str, *parts: str, ordered: bool = True) -> str:
@@ -827,17 +782,13 @@ def collection(name: str, order: str, *parts: str, ordered: bool = True) -> str:
 
 def with_collection(railml: Path, where: str, direction: str = "both", element: str = "") -> str:
     """Return the line n1..n4 (500, 200 and 3600 m) with a limit of 30 km/h and a grade of 8 per mille on a location."""
-    added = element or collection("g2", "1", "n3", "n4") + collection("g3", "1", "n4", "g4") + collection(
-        "g4", "1", "n3"
-    )
-    text = RAILML.replace("</netElements>", f"{added}</netElements>")
+    parts = (("g2", "n3", "n4"), ("g3", "n4", "g4"), ("g4", "n3"))
+    added = element or "".join(collection(name, "1", *names) for name, *names in parts)
     limit = located("speedSection", 'maxSpeed="30" isTemporary="true"', where, direction=direction)
-    text = text.replace("</speeds>", f"{limit}</speeds>")
-    railml.write_text(
-        text.replace(
-            "</gradientCurves>", located("gradientCurve", 'gradient="8"', where) + "</gradientCurves>"
-        ).replace('netElementRef="n4" posBegin="300" posEnd="900"', 'netElementRef="n2"')
-    )
+    grade = located("gradientCurve", 'gradient="8"', where)
+    text = RAILML.replace("</netElements>", f"{added}</netElements>").replace("</speeds>", f"{limit}</speeds>")
+    text = text.replace("</gradientCurves>", f"{grade}</gradientCurves>")
+    railml.write_text(text.replace('netElementRef="n4" posBegin="300" posEnd="900"', 'netElementRef="n2"'))
     return f"{railml}:n1..n4"
 
 
@@ -847,28 +798,25 @@ def with_collection(railml: Path, where: str, direction: str = "both", element: 
         ('netElementRef="g2" posBegin="100" posEnd="300">', 600, 800, 1),
         ('netElementRef="g3" posBegin="3500" posEnd="3700">', 600, 800, -1),
         ('netElementRef="g2" keepsOrientation="false" intrinsicCoordBegin="0.5">', 2400, 4300, -1),
-        ('netElementRef="g2">', 500, 4300, 1),
-        (measured("g2", 650, 1000), 650, 1000, 1),
+        ('netElementRef="g2">', 500, 4300, 1), (measured("g2", 650, 1000), 650, 1000, 1),
         (measured("g1", 100, 400), 100, 400, 1),
     ],
 )  # fmt: skip
 def test_an_entry_on_a_collection_holds_on_its_parts(railml, where, begin, end, sign):
     """Breaks if an entry on net elements of a higher level vanishes, is moved, or has the wrong direction."""
-    name = with_collection(railml, where)
-    line = load_line(name)
+    line = load_line(with_collection(railml, where))
     slow = [(e.begin, e.end) for e in line.temporary_restrictions if e.speed == pytest.approx(30 / 3.6)]
     assert (slow[0][0], slow[-1][1]) == (begin, end) and all(a[1] == b[0] for a, b in pairwise(slow))
     slopes = [(e.at, e.grade) for e in line.grades if e.at <= end]
     assert (begin, pytest.approx(sign * 0.008)) in slopes and (end == 4300 or slopes[-1] == (end, 0))
 
 
-@pytest.mark.parametrize(("direction", "runs"), [("normal", True), ("reverse", False)])
-def test_a_limit_of_one_direction_of_a_collection(railml: Path, direction: str, runs: bool) -> None:
+def test_a_limit_of_one_direction_of_a_collection(railml: Path) -> None:
     """Breaks if the direction of a limit is that of the part, where the collection runs against it."""
-    name = with_collection(railml, 'netElementRef="g3" posBegin="0" posEnd="1000">', direction)
-    lines = [load_line(f"{name}{turned}") for turned in (":reverse", "")]
-    slow = [any(e.speed == pytest.approx(30 / 3.6) for e in line.temporary_restrictions) for line in lines]
-    assert slow == [runs, not runs]
+    for direction, runs in (("normal", True), ("reverse", False)):
+        name = with_collection(railml, 'netElementRef="g3" posBegin="0" posEnd="1000">', direction)
+        for line, slow in ((load_line(f"{name}:reverse"), runs), (load_line(name), not runs)):
+            assert any(e.speed == pytest.approx(30 / 3.6) for e in line.temporary_restrictions) == slow
 
 
 @pytest.mark.parametrize(
@@ -889,9 +837,8 @@ def test_a_limit_of_one_direction_of_a_collection(railml: Path, direction: str, 
 )  # fmt: skip
 def test_an_entry_on_a_collection_that_cannot_be_placed_is_refused(railml, where, element, message):
     """Breaks if the reason is not the true one, or the entry is placed somewhere."""
-    with pytest.raises(ValueError, match=message) as caught:
+    with one_line(message, str(railml)):
         load_line(with_collection(railml, where, element=element))
-    assert "\n" not in str(caught.value) and str(caught.value).startswith(str(railml))
 
 
 def test_the_length_of_a_net_element_may_be_that_of_its_track(railml: Path) -> None:

@@ -8,9 +8,6 @@ import train_ato as ta
 from train_ato.cli.main import main
 from train_ato.cli.new import CODE_KINDS
 
-LINE_STOPS = 4
-"""Stops of the example after its departure."""
-
 
 @pytest.fixture(autouse=True)
 def in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -41,7 +38,7 @@ def test_a_new_scenario_stops_within_a_tenth_of_a_metre(law: str) -> None:
     run = ta.run("mine.yaml", law=law, progress=False)
     assert run.metrics["verdict"] == "passed", run.metrics["criteria"]
     errors = [stop["beyond_m"] for stop in run.metrics["stops"]]
-    assert len(errors) == LINE_STOPS and max(map(abs, errors)) < 0.1
+    assert len(errors) == 4 and max(map(abs, errors)) < 0.1
 
 
 def test_a_scenario_like_a_shipped_one_has_its_profile() -> None:

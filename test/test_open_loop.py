@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from engine_runs import setup_of
 
 import train_ato as ta
 from plant_sim.consist import Consist, Notches
@@ -16,8 +17,6 @@ from train_ato.cli import main
 from train_ato.control.open_loop import NotchHandle
 from train_ato.judge.recording import TRUTH, Recording
 from train_ato.messages.types import Array
-from train_ato.scenario.scenario import load_scenario
-from train_ato.scenario.setup import prepare
 
 EXAMPLE = str(Path(__file__).parent.parent / "examples" / "driver" / "scenario.yaml")
 NOTCHES = {
@@ -33,10 +32,8 @@ AIR_BRAKE = {"charged_kpa": 600, "reduction_kpa": [0, 50, 150], "braking_factor"
 def engine(mass_t: float = 100, **changes: Any) -> dict[str, Any]:
     """Return a train of one locomotive without resistance."""
     vehicle = {"mass_t": mass_t, "length": 20, "resistance": {"n": [0, 0, 0]}, "notches": NOTCHES} | changes
-    return {
-        "schema": "train_ato/consist/1", "name": "engine", "vehicle_types": {"engine": vehicle},
-        "train": [{"type": "engine"}],
-    }  # fmt: skip
+    parts = {"vehicle_types": {"engine": vehicle}, "train": [{"type": "engine"}]}
+    return {"schema": "train_ato/consist/1", "name": "engine", **parts}
 
 
 def scenario(driver: list[dict[str, Any]], consist: dict[str, Any] | None = None, **changes: Any) -> dict[str, Any]:
@@ -138,11 +135,10 @@ def test_a_notch_against_the_air_brake_at_standstill_acts() -> None:
 def test_a_schedule_that_does_not_fit_is_refused(changes: dict[str, Any], problem: str, tmp_path: Path) -> None:
     """Breaks if a law and a driver fight, or a missing notch is left out in silence."""
     path = tmp_path / "driven.yaml"
-    path.write_text(
-        yaml.safe_dump({"schema": "train_ato/scenario/1", **scenario([{"time": 0, "notch": 1}]), **changes})
-    )
+    data = scenario([{"time": 0, "notch": 1}]) | changes
+    path.write_text(yaml.safe_dump({"schema": "train_ato/scenario/1", **data}))
     with pytest.raises(ValueError, match=problem):
-        prepare(*load_scenario(str(path)))
+        setup_of(str(path))
 
 
 def test_the_recorded_scenario_repeats_the_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -167,20 +163,16 @@ def forces() -> dict[str, tuple[Recording, Array]]:
         assert run.recording is not None
         kept = run.recording.of(TRUTH, "coupler_force")
         assert kept is not None
-        rows = run.metrics["couplers"]
-        assert [row["draft_max_kn"] for row in rows] == pytest.approx(
-            np.maximum(kept[1][:, :-1].max(axis=0), 0) / 1e3, abs=1e-3
-        )
+        drafts = np.maximum(kept[1][:, :-1].max(axis=0), 0) / 1e3
+        assert [row["draft_max_kn"] for row in run.metrics["couplers"]] == pytest.approx(drafts, abs=1e-3)
         count = run.recording.time.size
         found[case] = run.recording, kept[1][:count, :-1]
     return found
 
 
 def test_the_four_trains_behave_as_the_published_ones(forces: dict[str, tuple[Recording, Array]]) -> None:
-    """Breaks if waves last, or the forces along the train are not those of the locomotives and masses.
-
-    Wu et al. 2018: the largest force decreases from the first wagon to the tail, and in-train forces do not ring.
-    """
+    """Breaks if waves last, or the forces along the train are not those of the locomotives and masses."""
+    # Wu et al. 2018: the largest force decreases from the first wagon to the tail, and in-train forces do not ring.
     recording, head = forces["head_end"]
     draft = head.max(axis=0)[2:]  # behind the third locomotive
     assert np.all(np.diff(draft) < 0.0) and draft[-1] < 0.15 * draft[0]
@@ -199,7 +191,7 @@ def test_the_four_trains_behave_as_the_published_ones(forces: dict[str, tuple[Re
 def test_the_example_is_a_run_without_a_law() -> None:
     """Breaks if a variant of the example loses its train, or the run gets a law."""
     for case, vehicles in zip(CASES, (83, 83, 83, 124), strict=True):
-        setup = prepare(*load_scenario(f"{EXAMPLE}:{case}", ("duration=10",)))
+        setup = setup_of(f"{EXAMPLE}:{case}", "duration=10")
         assert len(setup.consist.vehicles) == vehicles and "open_loop" in setup.controller
         assert not setup.layout.supervised
         assert setup.advice().startswith("profile.driver.1: the run ends at 10 s, before the action at 30 s; ")

@@ -18,11 +18,14 @@ from plant_sim.train import Train
 APPLIED, CHARGED = 550e3, 600e3
 
 
-def fine(consist: Consist | None = None, **start: Any) -> Train:
-    """Return the heavy train with a tick of one step of 5 ms."""
-    begin = {"speed_kmh": 70, **start}
-    where = plain_line(begin_km=-10)
-    return train(heavy(RIGID) if consist is None else consist, where, tick_ns=5_000_000, start=begin)
+def fine(consist: Consist | None = None, *pipe: tuple[float, float]) -> Train:
+    """Return the heavy train at 70 km/h with a tick of one step of 5 ms, after pipe demands [Pa] and waits [s]."""
+    where, start = plain_line(begin_km=-10), {"speed_kmh": 70}
+    plant = train(heavy(RIGID) if consist is None else consist, where, tick_ns=5_000_000, start=start)
+    for pressure, seconds in pipe:
+        plant.advance(np.zeros((1, len(plant.units))), pressure)
+        drive(plant, seconds)
+    return plant
 
 
 def arrivals(plant: Train, seconds: float, braking: bool) -> Array:
@@ -42,51 +45,40 @@ def arrivals(plant: Train, seconds: float, braking: bool) -> Array:
 
 def test_waves_reach_the_last_vehicle() -> None:
     """Paper 000: 6.36 s at 200 m/s, 35.32 s at 36 m/s over 1271.6 m, to within a step of 5 ms."""
-    plant = fine()
-    plant.advance(np.zeros((1, 1)), APPLIED)
+    plant = fine(None, (APPLIED, 0.0))
     applied = arrivals(plant, 7.0, True) + 5e-3
-    assert applied[-1] == pytest.approx(6.36, abs=0.005 + 1e-9)
-    assert applied[1] == pytest.approx(23.611 / 200, abs=0.005 + 1e-9)
+    assert applied[[-1, 1]] == pytest.approx([6.36, 23.611 / 200], abs=0.005 + 1e-9)
     drive(plant, 30.0)
     plant.advance(np.zeros((1, 1)), CHARGED)
     released = arrivals(plant, 36.0, False) + 5e-3
-    assert released[-1] == pytest.approx(35.32, abs=0.005 + 1e-9)
-    assert released[53] == pytest.approx((23.611 + 52 * 12) / 36, abs=0.005 + 1e-9)
+    assert released[[-1, 53]] == pytest.approx([35.32, (23.611 + 52 * 12) / 36], abs=0.005 + 1e-9)
 
 
 def test_shoe_forces_by_hand() -> None:
     """743 kN on the whole train at 70 km/h and 50 kPa; 4 s to 63 %, 6 s to release 63 %."""
     # One wagon: 0.17 x 8 x 16.18 kN x .481 x (216.18/264.72) x (290/360) = 6.962 kN.
-    plant = fine()
-    plant.advance(np.zeros((1, 1)), APPLIED)
-    drive(plant, 4.0)
+    plant = fine(None, (APPLIED, 4.0))
     assert plant.arrays.state[k.CYLINDER, 0] == pytest.approx(0.17 * (1 - np.exp(-1.0)), rel=2e-3)
     drive(plant, 60.0)
     plant.arrays.state[k.V] = 70 / 3.6
-    drive(plant, 0.005)
-    shoe = plant.shoe_force
-    assert shoe.sum() == pytest.approx(743e3, rel=1e-3)
-    assert shoe[50] == pytest.approx(6.962e3, rel=1e-3)
+    shoe = drive(plant, 0.005).shoe_force
+    assert (shoe.sum(), shoe[50]) == (pytest.approx(743e3, rel=1e-3), pytest.approx(6.962e3, rel=1e-3))
     plant.advance(np.zeros((1, 1)), CHARGED)
-    drive(plant, 6.0)
-    assert plant.arrays.state[k.CYLINDER, 0] == pytest.approx(0.17 * np.exp(-1.0), rel=2e-3)
+    assert drive(plant, 6.0).arrays.state[k.CYLINDER, 0] == pytest.approx(0.17 * np.exp(-1.0), rel=2e-3)
 
 
 def test_a_new_application_cancels_a_propagating_release() -> None:
-    """The newest event counts: released at 60 s and applied again at 70 s, the rear does not release."""
-    plant = fine()
-    plant.advance(np.zeros((1, 1)), APPLIED)
-    drive(plant, 60.0)
-    plant.advance(np.zeros((1, 1)), CHARGED)
-    drive(plant, 10.0)
+    """The newest event counts: released at 60 s, applied again at 70 s, neither rear nor tail of the pipe release."""
+    plant = fine(None, (APPLIED, 60.0), (CHARGED, 10.0))
     front, rear = plant.arrays.state[k.CYLINDER, [0, 105]]
     assert front < 0.04
     plant.advance(np.zeros((1, 1)), APPLIED)
-    lowest = rear
-    for _ in range(8000):
-        drive(plant, 0.005)
-        lowest = min(lowest, plant.arrays.state[k.CYLINDER, 105])
-    assert lowest == rear, "the overtaken release still reached the last wagon"
+    for _ in range(40):
+        for _ in range(200):
+            drive(plant, 0.005)
+            assert plant.arrays.state[k.CYLINDER, 105] >= rear, "the overtaken release still reached the last wagon"
+        assert pressures(plant)[1] == APPLIED
+    assert pressures(plant)[0] == APPLIED
     assert plant.arrays.state[k.CYLINDER, 0] > 0.16
 
 
@@ -94,12 +86,8 @@ def test_factor_table_and_pressure() -> None:
     """Half the reduction gives half the factor; constant beyond the table."""
     brake = load_consist("hxd1_c80_105").air_brake
     assert brake is not None
-    assert braking_factor(brake, 575e3) == pytest.approx(0.085)
-    assert braking_factor(brake, 500e3) == 0.17
-    plant = fine()
-    plant.advance(np.zeros((1, 1)), 575e3)
-    drive(plant, 60.0)
-    np.testing.assert_allclose(plant.arrays.state[k.CYLINDER, :106], 0.085, rtol=1e-3)
+    assert (braking_factor(brake, 575e3), braking_factor(brake, 500e3)) == (pytest.approx(0.085), 0.17)
+    np.testing.assert_allclose(fine(None, (575e3, 60.0)).arrays.state[k.CYLINDER, :106], 0.085, rtol=1e-3)
 
 
 def pressures(plant: Train) -> tuple[float, float]:
@@ -114,35 +102,13 @@ def test_pipe_pressure_falls_and_rises_as_in_a_pipe() -> None:
     plant = fine()
     assert pressures(plant) == (CHARGED, CHARGED)
     plant.advance(np.zeros((1, 1)), APPLIED)
-    drive(plant, 1.995)
-    head, tail = pressures(plant)
-    assert head == pytest.approx(APPLIED + 50e3 * np.exp(-2.0 / 2.0))
-    assert tail == CHARGED
-    drive(plant, 6.0)
-    assert pressures(plant)[1] == pytest.approx(APPLIED + 50e3 * np.exp(-(8.0 - 1271.611 / 200) / 2.0))
-    drive(plant, 60.0)
-    assert pressures(plant) == (APPLIED, APPLIED)
+    assert pressures(drive(plant, 1.995)) == (pytest.approx(APPLIED + 50e3 * np.exp(-2.0 / 2.0)), CHARGED)
+    tail = APPLIED + 50e3 * np.exp(-(8.0 - 1271.611 / 200) / 2.0)
+    assert pressures(drive(plant, 6.0))[1] == pytest.approx(tail)
+    assert pressures(drive(plant, 60.0)) == (APPLIED, APPLIED)
     plant.advance(np.zeros((1, 1)), CHARGED)
-    drive(plant, 35.0)
-    head, tail = pressures(plant)
-    assert head == pytest.approx(CHARGED - 50e3 * np.exp(-35.005 / 6.0))
-    assert tail == APPLIED
-    drive(plant, 100.0)
-    assert pressures(plant) == (CHARGED, CHARGED)
-
-
-def test_tail_pressure_follows_the_newest_wave() -> None:
-    """Breaks if a release that a later application has overtaken charges the tail, while its brake stays applied."""
-    plant = fine()
-    plant.advance(np.zeros((1, 1)), APPLIED)
-    drive(plant, 60.0)
-    plant.advance(np.zeros((1, 1)), CHARGED)
-    drive(plant, 10.0)
-    plant.advance(np.zeros((1, 1)), APPLIED)
-    for _ in range(40):
-        drive(plant, 1.0)
-        assert pressures(plant)[1] == APPLIED
-    assert pressures(plant)[0] == APPLIED
+    assert pressures(drive(plant, 35.0)) == (pytest.approx(CHARGED - 50e3 * np.exp(-35.005 / 6.0)), APPLIED)
+    assert pressures(drive(plant, 100.0)) == (CHARGED, CHARGED)
 
 
 def test_pressure_does_not_depend_on_the_reading_times() -> None:
@@ -163,14 +129,9 @@ def test_pressure_does_not_depend_on_the_reading_times() -> None:
 
 def test_second_locomotive_vents_the_pipe_too() -> None:
     """With a second locomotive in the middle the wave starts at both, so the longest distance is half the train."""
-    plant = fine(load_consist("hxd1_c80_210"))
-    plant.advance(np.zeros((1, 1 * 2)), APPLIED)
+    plant = fine(load_consist("hxd1_c80_210"), (APPLIED, 7.0))
     distance = plant.arrays.vehicle[k.PIPE_DISTANCE]
-    assert distance[[0, 106]].tolist() == [0.0, 0.0]
-    assert distance[211] == pytest.approx(1271.611)
-    assert distance[105] == pytest.approx(23.611)
-    for _ in range(1400):
-        plant.advance(np.zeros((1, 2)))
+    assert distance[[0, 105, 106, 211]] == pytest.approx([0.0, 23.611, 0.0, 1271.611])
     assert plant.arrays.state[k.CYLINDER, :212].min() > 0.0
 
 
@@ -242,12 +203,9 @@ def test_forecast_force_and_rest() -> None:
 def test_many_propagating_events() -> None:
     """A new pressure in every tick makes hundreds of waves; all are kept and the last one counts."""
     plant = train(heavy(RIGID), plain_line(begin_km=-10), start={"speed_kmh": 70})
-    for tick in range(200):
-        drive(plant, 0.1, 0.0, 600e3 - 250.0 * tick)
-    for tick in range(200):
-        drive(plant, 0.1, 0.0, 550e3 + 250.0 * (tick + 1))
-    drive(plant, 120.0)
-    assert not plant.shoe_force.any()
+    for pipe in (*(600e3 - 250.0 * np.arange(200)), *(550e3 + 250.0 * np.arange(1, 201))):
+        drive(plant, 0.1, 0.0, float(pipe))
+    assert not drive(plant, 120.0).shoe_force.any()
 
 
 def test_air_brake_needs_shoes_to_act() -> None:
@@ -259,51 +217,43 @@ def test_air_brake_needs_shoes_to_act() -> None:
     assert not plant.shoe_force.any()
 
 
-def level_after(consist: Consist, reductions_kpa: list[float]) -> float:
-    """Return the cylinder level of a wagon after each reduction of 20 s in turn."""
+HALF = with_brake(
+    reservoir_use=0.5, recharge_time=600.0, reduction=(0.0, 50e3, 100e3, 170e3), braking_factor=(0, 0.17, 0.34, 0.6)
+)
+MOST = with_brake(reservoir_use=0.8, recharge_time=60.0, reduction=(0.0, 100e3, 170e3), braking_factor=(0, 0.34, 0.6))
+
+
+@pytest.mark.parametrize(
+    ("consist", "reductions_kpa", "level"),
+    [
+        (HALF, [170], 0.6), (HALF, [50, 100, 170], 0.6), (HALF, [50, 60], 0.204), (HALF, [170, 100], 0.34),
+        (MOST, [170, 100, 170], 0.34 + (1.0 - 0.8) / (0.8 / 0.6)), (MOST, [170, 100, 170, 100, 170], 0.34),
+    ],
+)  # fmt: skip
+def test_each_rise_uses_its_part_of_the_supply(consist: Consist, reductions_kpa: list[float], level: float) -> None:
+    """Breaks if the supply is scaled by the first step (28 % less), or rises without a release find air for ever."""
     plant = train(consist, plain_line(begin_km=-10), start={"speed_kmh": 100})
     for reduction in reductions_kpa:
         drive(plant, 20.0, 0.0, CHARGED - 1e3 * reduction)
-    return float(plant.arrays.state[k.TARGET, 5])
-
-
-def test_braking_in_steps_reaches_what_one_application_reaches() -> None:
-    """Breaks if the supply is scaled by the first step (28 % less), or a step down does not reduce the level."""
-    consist = with_brake(
-        reservoir_use=0.5, recharge_time=600.0, reduction=(0.0, 50e3, 100e3, 170e3), braking_factor=(0, 0.17, 0.34, 0.6)
-    )
-    assert level_after(consist, [170]) == pytest.approx(0.6)
-    assert level_after(consist, [50, 100, 170]) == pytest.approx(0.6)
-    assert level_after(consist, [50, 60]) == pytest.approx(0.204)
-    assert level_after(consist, [170, 100]) == pytest.approx(0.34)
-
-
-def test_no_brake_without_air() -> None:
-    """Each rise uses its part; repeated rises without a release end with an empty reservoir."""
-    consist = with_brake(
-        reservoir_use=0.8, recharge_time=60.0, reduction=(0.0, 100e3, 170e3), braking_factor=(0, 0.34, 0.6)
-    )
-    left = 1.0 - 0.8
-    assert level_after(consist, [170, 100, 170]) == pytest.approx(0.34 + left / (0.8 / 0.6))
-    assert level_after(consist, [170, 100, 170, 100, 170]) == pytest.approx(0.34)
+    assert plant.arrays.state[k.TARGET, 5] == pytest.approx(level)
 
 
 @pytest.mark.parametrize("electric", [0.0, 20e3])
 def test_rails_limit_the_shoes(electric: float) -> None:
     """Shoe forces are limited by adhesion times weight, less the electric brake of a locomotive."""
     # Empty wagons of 20 t at 70 km/h: shoes of 30 kN, adhesion limit 3.9 kN.
-    data = load_consist("hxd1_c80_105").model_dump(by_alias=True, exclude_none=True)
+    data = heavy(wagons=10).model_dump(by_alias=True, exclude_none=True)
     data["vehicle_types"]["c80"]["mass"] = 20e3
     data["air_brake"]["braking_factor"] = (0, 0.6)
-    data["train"] = [{"type": "hxd1"}, {"type": "c80", "count": 10}]
-    rails = {"kind": "constant", "coefficient": 0.02}
-    plant = train(Consist.model_validate(data), plain_line(begin_km=-10), adhesion=rails, start={"speed_kmh": 70})
-    drive(plant, 15.0, -electric, APPLIED)
+
+    def braked(rails: dict[str, Any], force: float) -> Train:
+        light, where, start = Consist.model_validate(data), plain_line(begin_km=-10), {"speed_kmh": 70}
+        return drive(train(light, where, adhesion=rails, start=start), 15.0, force, APPLIED)
+
+    plant = braked({"kind": "constant", "coefficient": 0.02}, -electric)
     assert plant.shoe_force[1:] == pytest.approx(np.full(10, 0.02 * 20e3 * 9.81))
     assert plant.shoe_force[0] == pytest.approx(0.02 * 184e3 * 9.81 - electric)
-    by_speed = {"kind": "curtius_kniffler", "factor": 0.2}
-    plant = train(Consist.model_validate(data), plain_line(begin_km=-10), adhesion=by_speed, start={"speed_kmh": 70})
-    drive(plant, 15.0, 0.0, APPLIED)
+    plant = braked({"kind": "curtius_kniffler", "factor": 0.2}, 0.0)
     rail = 0.2 * (0.161 + 7.5 / (3.6 * plant.velocity[3] + 44.0)) * 20e3 * 9.81
     assert plant.shoe_force[3] == pytest.approx(rail, rel=1e-3)
 

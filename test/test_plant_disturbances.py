@@ -1,7 +1,4 @@
-"""Disturbances and sensors: values by hand, seeds, independent random streams.
-
-Faults of the plant during a run: train separation, a dead unit, brake fade, slippery rails.
-"""
+"""Disturbances and sensors: values by hand, seeds; faults of the plant: parted trains, dead units, slippery rails."""
 
 from pathlib import Path
 from typing import Any
@@ -9,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from plant_trains import CLIP, GEARS, LINEAR, RIGID, chain, drive, heavy, plain_line, train
-from pydantic import TypeAdapter, ValidationError
+from plant_trains import CLIP, GEARS, LINEAR, RIGID, STEP_NS, chain, drive, heavy, plain_line, train
+from pydantic import TypeAdapter
 
 from plant_sim import kernel as k
 from plant_sim.air_brake import ATMOSPHERE
@@ -46,18 +43,16 @@ def test_equation_40_by_hand() -> None:
 
 def test_equation_40_as_printed() -> None:
     """The third power of the speed: a rigid train gains the impulse of 1 s; 1 % of (40), almost constant speed."""
-    gained = []
-    for power in (1, 3):
-        disturbance = {"kind": "eq40", "speed_power": power, "scale": 0.01, "vehicles": [0, 1, 2, 3]}
-        plant = train(heavy(RIGID, 3), LEVEL, start={"speed": 20}, disturbances=[disturbance])
-        still = train(heavy(RIGID, 3), LEVEL, start={"speed": 20})
-        for each in (plant, still):
-            drive(each, 1.0)
-        gained.append(plant.velocity[0] - still.velocity[0])
     t = np.arange(200) / 200  # begins of the plant steps
     steady, growing = 0.002 + 0.001 * np.sin(t + 1), 0.0003 * (np.sin(2 * t + 2) + np.cos(3 * t + 1))
-    for power, gain in zip((1, 3), gained, strict=True):
+    for power in (1, 3):
+        disturbance = {"kind": "eq40", "speed_power": power, "scale": 0.01, "vehicles": [0, 1, 2, 3]}
+        plant, still = (
+            drive(train(heavy(RIGID, 3), LEVEL, start={"speed": 20}, disturbances=found), 1.0)
+            for found in ([disturbance], [])
+        )
         part = 0.01 * growing.mean() * 20**power
+        gain = plant.velocity[0] - still.velocity[0]
         assert gain == pytest.approx(0.01 * steady.mean() + part, abs=0.01 * abs(part))
 
 
@@ -117,47 +112,40 @@ def test_drift_moves_without_speed() -> None:
 
 def test_unmodelled_grade_is_line() -> None:
     """An extra grade adds to that of the line under every vehicle, in its section only."""
-    pieces = [{"begin": 0, "end": 100, "grade_permille": 10}]
-    on = train(heavy(wagons=0), LEVEL, start={"position": 50}, disturbances=[{"kind": "grade", "pieces": pieces}])
-    off = train(heavy(wagons=0), LEVEL, start={"position": 150}, disturbances=[{"kind": "grade", "pieces": pieces}])
-    assert on.arrays.state[7, 0] == pytest.approx(-0.01 * 184e3 * 9.81)
-    assert off.arrays.state[7, 0] == 0.0
+    grade = {"kind": "grade", "pieces": [{"begin": 0, "end": 100, "grade_permille": 10}]}
+    for place, force in ((50, -0.01 * 184e3 * 9.81), (150, 0.0)):
+        plant = train(heavy(wagons=0), LEVEL, start={"position": place}, disturbances=[grade])
+        assert plant.arrays.state[7, 0] == pytest.approx(force)
 
 
 def test_turbulence() -> None:
     """Random wind has the configured rms and correlation time, and depends on the seed of the run."""
     wind = {"kind": "turbulence", "acceleration_rms": 0.05, "correlation": 2.0, "vehicles": [0]}
     plant = train(heavy(RIGID, 3), LEVEL, disturbances=[wind], start={"speed": 20})
-    seen = []
-    for _ in range(3000):
-        drive(plant, 0.1)
-        seen.append(plant.outside_force[0] / 184e3)
-    values = np.array(seen)
+    values = np.array([drive(plant, 0.1).outside_force[0] / 184e3 for _ in range(3000)])
     assert values.std() == pytest.approx(0.05, rel=0.2)
     assert np.corrcoef(values[:-20], values[20:])[0, 1] == pytest.approx(np.exp(-1.0), abs=0.15)
 
 
-def test_a_disturbance_on_a_missing_vehicle_is_refused() -> None:
-    """A disturbance of vehicle 100 in a train of 6 is rejected, and a gust with its end before its begin."""
-    with pytest.raises(ValueError, match="lists vehicle 10"):
-        train(heavy(wagons=5), disturbances=[{"kind": "eq40"}])
-    with pytest.raises(ValidationError, match="gust: end 2 s must be after begin 3 s"):
-        _SOURCE.validate_python({"kind": "gust", "begin": 3, "end": 2})
-
-
-def test_a_vehicle_listed_twice_is_refused() -> None:
-    """Breaks if the force would act once."""
-    twice = {"kind": "gust", "begin": 0, "end": 5, "force": 1e3, "vehicles": [1, 1]}
-    with pytest.raises(ValueError, match="lists a vehicle twice"):
-        train(heavy(wagons=3), disturbances=[twice])
+@pytest.mark.parametrize(
+    ("disturbance", "message"),
+    [
+        ({"kind": "eq40"}, "lists vehicle 10"),
+        ({"kind": "gust", "begin": 3, "end": 2}, "gust: end 2 s must be after begin 3 s"),
+        ({"kind": "gust", "begin": 0, "end": 5, "force": 1e3, "vehicles": [1, 1]}, "lists a vehicle twice"),
+    ],
+)
+def test_a_disturbance_of_no_vehicle_or_time_is_refused(disturbance: dict[str, Any], message: str) -> None:
+    """Breaks if a disturbance of vehicle 10 in a train of 6 is accepted, or acts once on a vehicle listed twice."""
+    with pytest.raises(ValueError, match=message):
+        train(heavy(wagons=5), disturbances=[disturbance])
 
 
 def test_streams_are_named_and_seeded() -> None:
     """Key (seed, crc32(name)): equal for equal, different for another name or seed."""
-    first = random_stream(3, "sensor/position").standard_normal(4)
-    assert (random_stream(3, "sensor/position").standard_normal(4) == first).all()
-    assert (random_stream(4, "sensor/position").standard_normal(4) != first).any()
-    assert (random_stream(3, "sensor/velocity").standard_normal(4) != first).any()
+    keys = ((3, "sensor/position"), (3, "sensor/position"), (4, "sensor/position"), (3, "sensor/velocity"))
+    first, same, *others = (random_stream(*key).standard_normal(4) for key in keys)
+    assert (same == first).all() and all((other != first).any() for other in others)
 
 
 def measured(ticks: int, **sensors: Any) -> tuple[Train, Array, Array]:
@@ -221,7 +209,6 @@ def test_coupler_sensors() -> None:
             train(heavy(wagons=4), LEVEL, sensors=wrong)
 
 
-STEP_NS = 5_000_000
 PARTS_AT = 2.0
 
 
@@ -248,27 +235,26 @@ def first_levels(plant: Train, seconds: float) -> Array:
 @pytest.mark.parametrize("gear", [name for name in GEARS if name != "rigid"])
 def test_a_parted_coupler_has_no_force_and_energies_close(gear: str) -> None:
     """Breaks if any kind of draft gear still transmits a force, or the run before the parting changes in any bit."""
-    plants = [
-        train(heavy(GEARS[gear], 6), start={"position": 1000, "speed_kmh": 20}, jumps=jumps)
-        for jumps in ([], [parts(2)])
-    ]
-    for plant in plants:
-        drive(plant, PARTS_AT, 300e3)
-    np.testing.assert_array_equal(plants[0].arrays.state, plants[1].arrays.state)
-    assert abs(plants[0].coupler_force[2]) > 1e3
-    for plant in plants:
-        drive(plant, 3.0, 300e3)
-    assert plants[1].coupler_force[2] == 0.0
-    assert abs(plants[1].totals.balance) < 1e-9 * plants[1].kinetic_energy
+    start = {"position": 1000, "speed_kmh": 20}
+    whole, parted = (
+        drive(train(heavy(GEARS[gear], 6), start=start, jumps=jumps), PARTS_AT, 300e3) for jumps in ([], [parts(2)])
+    )
+    np.testing.assert_array_equal(whole.arrays.state, parted.arrays.state)
+    assert abs(whole.coupler_force[2]) > 1e3 and drive(parted, 3.0, 300e3).coupler_force[2] == 0.0
+    assert abs(parted.totals.balance) < 1e-9 * parted.kinetic_energy
+
+
+def ways(plant: Train, *gaps: tuple[int, float]) -> Array:
+    """Return the time of the first wave at every vehicle [s], from the gaps behind vehicles after a time each."""
+    offsets = np.array(plant.consist.offsets)
+    return np.min([np.abs(offsets - offsets[i] - 6.0) / 200.0 + later for i, later in gaps], axis=0)
 
 
 def test_the_wave_runs_from_the_gap_in_both_directions() -> None:
     """Breaks if the wave starts at the locomotive, at the wrong end of the vehicle, or at one part only."""
     plant = parting("hxd1_c80_105", parts(40))
     first = first_levels(plant, 8.0) - PARTS_AT
-    offsets = np.array(plant.consist.offsets)
-    gap = offsets[40] + 6.0
-    np.testing.assert_allclose(first, np.abs(offsets - gap) / 200.0 + 0.005, atol=0.0051)
+    np.testing.assert_allclose(first, ways(plant, (40, 0.0)) + 0.005, atol=0.0051)
     assert np.nanargmin(first) in (40, 41)
 
 
@@ -276,9 +262,7 @@ def test_a_second_gap_shortens_the_way_of_the_wave() -> None:
     """Breaks if a second gap has no wave, moves the first one, or a vehicle that is reached is forgotten."""
     plant = parting("hxd1_c80_105", parts(10), parts(90, at=PARTS_AT + 1.0))
     first = first_levels(plant, 8.0) - PARTS_AT
-    offsets = np.array(plant.consist.offsets)
-    ways = [np.abs(offsets - offsets[i] - 6.0) / 200.0 + later for i, later in ((10, 0.0), (90, 1.0))]
-    np.testing.assert_allclose(first, np.minimum(*ways) + 0.005, atol=0.0051)
+    np.testing.assert_allclose(first, ways(plant, (10, 0.0), (90, 1.0)) + 0.005, atol=0.0051)
 
 
 def test_the_vent_of_the_locomotive_adds_to_the_gap() -> None:
@@ -286,12 +270,10 @@ def test_the_vent_of_the_locomotive_adds_to_the_gap() -> None:
     plant = parting("hxd1_c80_105", parts(100))
     drive(plant, PARTS_AT + 0.5)
     plant.apply_emergency_brake()
-    offsets = np.array(plant.consist.offsets)
     first = first_levels(plant, 6.0) - PARTS_AT
-    gap = np.abs(offsets - offsets[100] - 6.0) / 200.0
-    fresh = np.minimum(gap, offsets / 200.0 + 0.5) > 0.51
-    expected = np.minimum(gap, offsets / 200.0 + 0.5) + 0.005
-    np.testing.assert_allclose(first[fresh], expected[fresh], atol=0.0051)
+    expected = np.minimum(ways(plant, (100, 0.0)), np.array(plant.consist.offsets) / 200.0 + 0.5)
+    fresh = expected > 0.51
+    np.testing.assert_allclose(first[fresh], expected[fresh] + 0.005, atol=0.0051)
     drive(plant, 30.0)
     assert plant.arrays.state[k.CYLINDER, : plant.n].min() > 0.99
 
@@ -381,40 +363,27 @@ def test_couplers_that_cannot_part_are_refused(consist: Any, vehicles: list[int]
 def test_a_run_with_a_separation(tmp_path: Path, without_figure: None) -> None:
     """Breaks if a scenario cannot part a train."""
     jump = "plant.jumps=[{at: 5, what: coupler, vehicles: [20]}]"
-    words = ["run", "demo", "--engine", "--set", "duration=30", "--set"]
-    assert main([*words, jump, "--out", str(tmp_path / "parted")]) == 0
-
-
-PAGE = Path(__file__).resolve().parents[1] / "msgs_docs" / "plant.md"
-
-
-def documented() -> list[dict[str, Any]]:
-    """Return the jumps of the example in plant.md."""
-    (block,) = [part for part in PAGE.read_text().split("```yaml\n")[1:] if "what: coupler" in part]
-    plant = yaml.safe_load(block.split("```")[0])["plant"]
-    return list(PlantSetup.model_validate(plant).model_dump(exclude_none=True)["jumps"])
+    assert main(["run", "demo", "--engine", "--set=duration=30", f"--set={jump}", f"--out={tmp_path / 'parted'}"]) == 0
 
 
 @pytest.mark.parametrize("name", consist_names())
 @pytest.mark.parametrize("what", ["gain", "brake", "adhesion", "coupler"])
 def test_every_documented_fault_acts_on_every_train(name: str, what: str) -> None:
-    """Breaks if a fault of the page is refused for a train with the part concerned, or has no effect during the run."""
+    """Breaks if a fault of plant.md is refused for a train with the part concerned, or has no effect during the run."""
     consist = load_consist(name)
     if what == "coupler" and len(consist.vehicles) == 1:
         pytest.skip("one vehicle has no coupler")
-    (jump,) = [entry for entry in documented() if entry["what"] == what]
-    jump["at"] = 1.0
-    if what == "coupler":
-        jump["vehicles"] = [1]
-    rails = {"kind": "constant", "coefficient": 0.1}
-    speeds = []
+    page = Path(__file__).resolve().parents[1] / "msgs_docs" / "plant.md"
+    (block,) = [part for part in page.read_text().split("```yaml\n")[1:] if "what: coupler" in part]
+    setup = PlantSetup.model_validate(yaml.safe_load(block.split("```")[0])["plant"])
+    (jump,) = [entry for entry in setup.model_dump(exclude_none=True)["jumps"] if entry["what"] == what]
+    jump |= {"at": 1.0} | ({"vehicles": [1]} if what == "coupler" else {})
+    rails, braking, speeds = {"kind": "constant", "coefficient": 0.1}, what in ("brake", "adhesion"), []
     for jumps in ([], [jump]):
         plant = train(consist, start={"position": 4000, "speed_kmh": 60}, adhesion=rails, jumps=jumps)
         drive(plant, 1.0)
-        braking = what in ("brake", "adhesion")
         if braking:
             plant.apply_emergency_brake()
-        drive(plant, 15.0, 0.0 if braking else 200e3)
-        speeds.append(plant.velocity)
+        speeds.append(drive(plant, 15.0, 0.0 if braking else 200e3).velocity)
     difference = np.abs(speeds[1] - speeds[0]).max()
     assert difference > 0.05, f"{what} has no effect: {difference:g} m/s"

@@ -1,6 +1,5 @@
 """Emergency brake: a path of its own beside drives, commands and brake-pipe demands, on every train."""
 
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -30,18 +29,14 @@ def emergency_stop(plant: Train) -> float:
 
 
 def slowed(brake: EmergencyBrake, consist: Consist, speed: float) -> float:
-    """Return the stopping distance [m] of a point mass with the friction emergency brake: Runge-Kutta, 1 ms.
-
-    An implementation of its own: build-up, friction over the speed and running resistance from the data file.
-    """
+    """Return the stopping distance [m] of a point mass with the friction emergency brake: own Runge-Kutta of 1 ms."""
     inertia = sum(v.mass * v.rotating_mass_factor for v in consist.vehicles)
     polynomials = [v.resistance.polynomial(v.mass, consist.gravity) for v in consist.vehicles]
     c0, c1, c2 = (sum(p[i] for p in polynomials) / inertia for i in range(3))
 
     def rate(t: float, v: float) -> float:
         built = 1.0 - np.exp(-max(t - brake.delay, 0.0) / brake.time_constant)
-        kmh = 3.6 * v
-        shoes = (2.0 * kmh + 150.0) / (3.0 * kmh + 150.0)
+        shoes = (2.0 * 3.6 * v + 150.0) / (3.0 * 3.6 * v + 150.0)
         return float(-(brake.deceleration * built * shoes + c0 + c1 * v + c2 * v * v))
 
     t, v, x, h = 0.0, speed, 0.0, 1e-3
@@ -63,13 +58,10 @@ def test_dead_drives_stop_and_release(name: str) -> None:
     start = plant.kinetic_energy
     emergency_stop(plant)
     totals = plant.totals
-    assert totals.regenerated == totals.traction == 0.0
-    assert totals.air_brake < -0.5 * start
-    assert abs(totals.balance) < 1e-9 * start
-    assert (plant.shoe_force > 0.0).all()
+    assert totals.regenerated == totals.traction == 0.0 and totals.air_brake < -0.5 * start
+    assert abs(totals.balance) < 1e-9 * start and (plant.shoe_force > 0.0).all()
     plant.release_emergency_brake()
-    drive(plant, 200.0)
-    assert not plant.shoe_force.any()
+    assert not drive(plant, 200.0).shoe_force.any()
 
 
 def test_a_train_without_a_block_has_the_documented_default() -> None:
@@ -121,26 +113,18 @@ def test_vented_shoes_of_a_stop_without_drives() -> None:
 
 
 def test_force_begins_after_the_delay_and_fades_without_one() -> None:
-    """Breaks if the delay is not that of the data, or acts on the release too."""
+    """Breaks if the delay is not that of the data, or acts on the release too, or a waiting application survives it."""
     plant = train(load_consist("crh380a_one_mass"), start={"speed": 30.0}, tick_ns=5_000_000)
-    plant.apply_emergency_brake()
-    drive(plant, 1.0)
-    assert not plant.shoe_force.any()
-    drive(plant, 0.8)
-    assert plant.arrays.state[k.CYLINDER, 0] == pytest.approx(1.0 - np.exp(-1.0), abs=0.01)
-    plant.release_emergency_brake()
-    drive(plant, 1.0)
-    assert plant.arrays.state[k.CYLINDER, 0] == pytest.approx((1.0 - np.exp(-1.0)) * np.exp(-1.0), abs=0.01)
-
-
-def test_a_release_during_the_delay_cancels_the_application() -> None:
-    """Breaks if an application that is still waiting acts after a newer release."""
-    plant = train(load_consist("crh380a_one_mass"), start={"speed": 30.0})
     plant.apply_emergency_brake()
     drive(plant, 0.5)
     plant.release_emergency_brake()
-    drive(plant, 5.0)
-    assert not plant.shoe_force.any()
+    assert not drive(plant, 5.0).shoe_force.any()
+    plant.apply_emergency_brake()
+    assert not drive(plant, 1.0).shoe_force.any()
+    assert drive(plant, 0.8).arrays.state[k.CYLINDER, 0] == pytest.approx(1.0 - np.exp(-1.0), abs=0.01)
+    plant.release_emergency_brake()
+    faded = (1.0 - np.exp(-1.0)) * np.exp(-1.0)
+    assert drive(plant, 1.0).arrays.state[k.CYLINDER, 0] == pytest.approx(faded, abs=0.01)
 
 
 def test_brake_fade_and_rails_limit_the_emergency_brake() -> None:
@@ -177,32 +161,27 @@ def test_a_demand_has_no_effect_on_a_vented_pipe() -> None:
 @pytest.mark.parametrize("name", ["xuzhou_metro_3", "hxd1_c80_105", "freight_five"])
 def test_a_run_without_application_is_unchanged_bit_by_bit(name: str) -> None:
     """Breaks if the data of the emergency brake, or a release without application, changes any number of a run."""
-    consist = load_consist(name)
-    strong = {"deceleration": 3.0, "delay": 0.1, "time_constant": 0.1, "release_time": 0.1}
-    other = consist
+    consist = other = load_consist(name)
     if consist.air_brake is None:
-        other = consist.model_copy(update={"emergency_brake": EmergencyBrake(**strong)})
-    plants = [train(one, start={"position": 4000, "speed_kmh": 30}, lag=0.4) for one in (consist, other)]
-    for plant in plants:
-        if plant is plants[1]:
-            plant.release_emergency_brake()
-        drive(plant, 20.0, 30e3)
-        drive(plant, 20.0, -30e3)
+        strong = EmergencyBrake(deceleration=3.0, delay=0.1, time_constant=0.1, release_time=0.1)
+        other = consist.model_copy(update={"emergency_brake": strong})
+    one, released = (train(made, start={"position": 4000, "speed_kmh": 30}, lag=0.4) for made in (consist, other))
+    released.release_emergency_brake()
+    for plant in (one, released):
+        drive(drive(plant, 20.0, 30e3), 20.0, -30e3)
     for row in ("state", "unit", "gear"):
-        np.testing.assert_array_equal(getattr(plants[0].arrays, row), getattr(plants[1].arrays, row))
+        np.testing.assert_array_equal(getattr(one.arrays, row), getattr(released.arrays, row))
 
 
 def test_a_second_application_changes_nothing() -> None:
     """Breaks if a repeated application starts the build-up again."""
     runs = [train(load_consist("freight_five"), start={"position": 4000, "speed_kmh": 60}) for _ in range(2)]
-    for plant in runs:
-        plant.apply_emergency_brake()
-        for _ in range(40):
-            if plant is runs[1]:
-                plant.apply_emergency_brake()
+    for tick in range(40):
+        for plant in runs[: 2 if tick == 0 else 1]:
+            plant.apply_emergency_brake()
+        for plant in runs:
             drive(plant, 0.1)
-    for one, other in pairwise(plant.velocity for plant in runs):
-        np.testing.assert_array_equal(one, other)
+    np.testing.assert_array_equal(runs[0].velocity, runs[1].velocity)
 
 
 def test_one_emergency_brake_per_train() -> None:
@@ -219,10 +198,8 @@ def test_full_service_brake_is_that_of_the_envelopes() -> None:
     assert FullServiceBrake(locomotive.consist, locomotive.setup).demand(np.array([20.0]))[0] == pytest.approx(-461e3)
     plant = train(load_consist("freight_five"), start={"position": 4000, "speed": 15.0}, reversing=True, lag=0.3)
     brake = FullServiceBrake(plant.consist, plant.setup)
-    assert (brake.demand(np.full(5, 20.0)) == -64e3).all()
-    assert (brake.demand(np.full(5, 0.1)) == -80e3 * 0.1).all()
-    assert (brake.demand(np.full(5, -0.1)) == 80e3 * 0.1).all()
-    assert (brake.demand(np.full(5, 0.01)) == 0.0).all()
+    for speed, force in ((20.0, -64e3), (0.1, -80e3 * 0.1), (-0.1, 80e3 * 0.1), (0.01, 0.0)):
+        assert (brake.demand(np.full(5, speed)) == force).all()
     wagons = train(chain(2, LINEAR))
     assert FullServiceBrake(wagons.consist, wagons.setup).demand(np.zeros(0)).shape == (0,)
 
@@ -230,10 +207,6 @@ def test_full_service_brake_is_that_of_the_envelopes() -> None:
 def test_a_service_stop_of_a_reversing_train_never_drives_it_back() -> None:
     """Breaks if the full brake force of a drive that can reverse continues at standstill."""
     plant = train(load_consist("freight_five"), start={"position": 4000, "speed": 15.0}, reversing=True, lag=0.1)
-    brake = FullServiceBrake(plant.consist, plant.setup)
-    lowest = 0.0
-    for _ in range(600):
-        drive(plant, 0.1, brake.demand(plant.velocity[list(plant.units)]))
-        lowest = min(lowest, float(plant.velocity.min()))
-    assert np.abs(plant.velocity).max() < 1e-3
-    assert lowest > -0.05
+    brake, units = FullServiceBrake(plant.consist, plant.setup), list(plant.units)
+    lowest = min(float(drive(plant, 0.1, brake.demand(plant.velocity[units])).velocity.min()) for _ in range(600))
+    assert np.abs(plant.velocity).max() < 1e-3 and lowest > -0.05
