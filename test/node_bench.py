@@ -7,7 +7,7 @@ from waiting import LOOK_S, wait_for
 from train_ato.messages.codec import Wire
 from train_ato.messages.topics import BY_NAME
 from train_ato.ros.graph.assembly import executor_of, make_node
-from train_ato.ros.nodes.endpoints import ROLES, FirstFailure, NodeEndpoints, quality_of_service
+from train_ato.ros.nodes.endpoints import ROLES, FirstFailure, NodeEndpoints, message_class, quality_of_service
 
 
 class Bench:
@@ -31,18 +31,14 @@ class Bench:
     def listen(self, *names):
         for name in names:
             self.heard[name] = []
-            kind = __import__(BY_NAME[name].type.split("/")[0], fromlist=["msg"])
-            message_type = getattr(__import__(f"{kind.__name__}.msg", fromlist=["x"]), BY_NAME[name].type.split("/")[2])
             self.other.create_subscription(
-                message_type, name, lambda data, name=name: self.heard[name].append(self.wire.decode(name, data)),
-                quality_of_service(BY_NAME[name]), raw=True,
+                message_class(BY_NAME[name].type), name, qos_profile=quality_of_service(BY_NAME[name]), raw=True,
+                callback=lambda data, name=name: self.heard[name].append(self.wire.decode(name, data)),
             )  # fmt: skip
 
     def speaker(self, name, node=None):
-        message_type = getattr(
-            __import__(f"{BY_NAME[name].type.split('/')[0]}.msg", fromlist=["x"]), BY_NAME[name].type.split("/")[2]
-        )
-        publisher = (node or self.other).create_publisher(message_type, name, quality_of_service(BY_NAME[name]))
+        topic = BY_NAME[name]
+        publisher = (node or self.other).create_publisher(message_class(topic.type), name, quality_of_service(topic))
         self.until(lambda: publisher.get_subscription_count() > 0)
         return publisher
 

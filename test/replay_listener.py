@@ -33,12 +33,8 @@ class Listener:
         from train_ato.ros.nodes.endpoints import message_class
 
         topic = BY_NAME[source]
-        qos = QoSProfile(
-            history=HistoryPolicy.KEEP_ALL,
-            reliability=ReliabilityPolicy.RELIABLE,
-            durability=DurabilityPolicy.TRANSIENT_LOCAL if topic.latched else DurabilityPolicy.VOLATILE,
-        )
-
+        kept = DurabilityPolicy.TRANSIENT_LOCAL if topic.latched else DurabilityPolicy.VOLATILE
+        qos = QoSProfile(history=HistoryPolicy.KEEP_ALL, reliability=ReliabilityPolicy.RELIABLE, durability=kept)
         self.heard[name], self.came_at[name] = [], []
 
         def receive(data):

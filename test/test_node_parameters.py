@@ -4,6 +4,7 @@ import gc
 from contextlib import ExitStack
 
 import pytest
+from engine_runs import setup_of
 
 pytest.importorskip("rclpy")
 
@@ -17,13 +18,11 @@ from waiting import LOOK_S, wait_for
 from train_ato.messages.topics import Role
 from train_ato.ros.graph.assembly import check_arguments, executor_of, make_node
 from train_ato.ros.nodes.endpoints import FirstFailure, NodeEndpoints
-from train_ato.scenario.scenario import load_scenario
-from train_ato.scenario.setup import prepare
 
 
 @pytest.fixture(scope="module")
 def setup():
-    return prepare(*load_scenario("demo", ("duration=12",)))
+    return setup_of("demo", "duration=12")
 
 
 @pytest.fixture
@@ -233,6 +232,6 @@ def test_the_observer_can_be_chosen_at_its_start_and_not_later(make):
 )
 def test_a_request_to_the_ato_is_answered(make, changes, request_name, success, says):
     """Breaks if a service is missing in a run without supervision, or a refusal has no reason."""
-    bench = make(Role.CONTROLLER, setup=prepare(*load_scenario("demo", ("duration=12", *changes))))
+    bench = make(Role.CONTROLLER, setup=setup_of("demo", "duration=12", *changes))
     answer = bench.call(Trigger, f"controller/{request_name}")
     assert (answer.success, says in answer.message) == (success, True), answer.message

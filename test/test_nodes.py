@@ -12,6 +12,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from engine_runs import setup_of
 from foreign_node import ForeignNode
 from lifecycle_msgs.srv import ChangeState, GetAvailableTransitions, GetState
 from node_bench import Bench, set_parameter
@@ -36,13 +37,11 @@ from train_ato.ros.graph.assembly import executor_of
 from train_ato.ros.graph.remote import graph_client
 from train_ato.ros.nodes.answer_watch import CHECK_S, SUSPENDED_S, silent_node
 from train_ato.ros.nodes.endpoints import ROSOUT, NodeEndpoints
-from train_ato.ros.nodes.plant import LEAD, PlantNode
+from train_ato.ros.nodes.plant import LEAD
 from train_ato.ros.nodes.plant_requests import NO_RESET
 from train_ato.ros.nodes.recorder import RecorderNode
 from train_ato.ros.nodes.simulation_services import ABSENT
 from train_ato.ros.nodes.tick_answers import TickAnswers
-from train_ato.scenario.scenario import load_scenario
-from train_ato.scenario.setup import prepare
 from train_ato.view.controls import Controls, Tunable
 
 TICK = 100_000_000
@@ -50,7 +49,7 @@ TICK = 100_000_000
 
 def _unsupervised(duration):
     """Return a demo of ``duration`` s whose plant waits for the command alone."""
-    return prepare(*load_scenario("demo", (f"duration={duration}", "supervision.enabled=false")))
+    return setup_of("demo", f"duration={duration}", "supervision.enabled=false")
 
 
 @pytest.fixture(scope="module")
@@ -214,13 +213,19 @@ def _answer_brake_pipe(bench, stamp):
         bench.pipe.publish(bench.wire.encode("ato/brake_pipe_command", Pipe(stamp, 600e3)))
 
 
+def _commanding(bench, *topics):
+    """Listen to topics; return the publisher of commands, the answers of which the plant waits for."""
+    bench.listen("train/measurement", *topics)
+    command, bench.pipe = bench.speaker("ato/command"), bench.speaker("ato/brake_pipe_command")
+    bench.until(lambda: bench.endpoints._publishers["train/measurement"].get_subscription_count() == 1)
+    return command
+
+
 @pytest.fixture
-def plant(make, setup):
+def plant(make):
     """Give a plant with a hand-made controller: the bench and the publisher of commands."""
     bench = make(Role.PLANT)
-    bench.listen("train/measurement", "/diagnostics", "train/vehicles")
-    command = bench.speaker("ato/command")
-    bench.pipe = bench.speaker("ato/brake_pipe_command")
+    command = _commanding(bench, "/diagnostics", "train/vehicles")
     bench.until(lambda: bench.endpoints._publishers["train/vehicles"].get_subscription_count() == 1)
     return bench, command
 
@@ -263,9 +268,7 @@ def test_a_program_without_a_first_answer_is_told_what_to_wait_for(wrong, plant)
 def test_only_an_answer_that_is_due_feeds_the_watchdog(rate, make):
     """Fails if an unexpected command hides the missing valid one."""
     bench = make(Role.PLANT, rate=rate)
-    bench.listen("train/measurement")
-    command, bench.pipe = bench.speaker("ato/command"), bench.speaker("ato/brake_pipe_command")
-    bench.until(lambda: bench.endpoints._publishers["train/measurement"].get_subscription_count() == 1)
+    command = _commanding(bench)
     bench.node.begin()
 
     def unanswered() -> bool:
@@ -389,10 +392,8 @@ def test_an_answer_with_a_wrong_stamp_is_named(stamp, shown):
     answers = TickAnswers(_unsupervised(2))
     assert answers.unused_of(Role.CONTROLLER) == ""
     assert not answers.take(Command(stamp, np.zeros(1)), expected=False)
-    assert (
-        answers.unused_of(Role.CONTROLLER) == f"; a command stamped {shown} came; echo the stamp of train/measurement"
-    )
-    assert answers.unused_of(Role.SUPERVISOR) == ""
+    said = f"; a command stamped {shown} came; echo the stamp of train/measurement"
+    assert (answers.unused_of(Role.CONTROLLER), answers.unused_of(Role.SUPERVISOR)) == (said, "")
 
 
 @pytest.mark.parametrize(("stamp", "shown"), [(-EPOCH_NS, "0"), (5 * TICK, "0.500 s"), (TICK // 2, "0.050 s")])
@@ -559,10 +560,7 @@ def _report(wire, node, second):
 
 @pytest.mark.parametrize(("external", "first"), [(None, 3), (Role.CONTROLLER, 3), (Role.CONTROLLER, 0)])
 def test_commands_lost_before_the_first_recorded_one_are_said(recording, domain, setup, external, first):
-    """Breaks if a log without its first commands is complete, or those of a program for an earlier run count as lost.
-
-    The recorder must not be named for a node that came early.
-    """
+    """Breaks if a log without its first commands is complete, those of an earlier run count, or an early node is it."""
     encode, measured = Wire(setup.layout).encode, PlantStage(setup).observe().measurement
     with ForeignNode(domain, "plant") as plant, ForeignNode(domain, "my_controller") as controller:
         command = controller.publisher("ato/command")
@@ -613,9 +611,8 @@ def test_diagnostics_under_the_name_of_a_node_are_those_of_one_publisher(recordi
         recorder.poll_until(lambda: recorder.notes or foreign.publish("/diagnostics", _report(wire, "lidar", 3)))
         text = "node intruder publishes /diagnostics too; only messages of the run's nodes are recorded"
         assert (recorder.notes, counts()) == ([text], 3)
-        with pytest.raises(
-            NodeFault, match="/diagnostics: it sends under the name of node controller; end it"
-        ) as found:
+        said = "/diagnostics: it sends under the name of node controller; end it"
+        with pytest.raises(NodeFault, match=said) as found:
             recorder.poll_until(lambda: foreign.publish("/diagnostics", _report(wire, "controller", 3)[:60]))
         assert (found.value.node, counts()) == ("intruder", 3)
         own.publish("/diagnostics", _report(wire, "controller", 3))
@@ -636,9 +633,8 @@ def test_lost_diagnostics_are_no_false_name(recording, domain):
         assert senders.take(report, 5, lossy=True) and senders.fault is None
         assert senders.take(report, 6)
         assert senders.take(report, 9)
-        assert str(senders.fault).startswith(
-            "/diagnostics: message 9 of node controller came after message 6; messages"
-        )
+        said = "/diagnostics: message 9 of node controller came after message 6; messages"
+        assert str(senders.fault).startswith(said)
         assert senders.take(report, 10)
         assert not senders.take(report, 10)
 
@@ -658,10 +654,7 @@ def test_a_repeated_clock_is_not_recorded(recording, domain):
 def test_the_plant_never_runs_away_from_the_recorder(make):
     """With queues of 1000 messages a lead of 400 ticks never loses a message, at any speed of the recorder."""
     bench = make(Role.PLANT, setup=_unsupervised(60), recorded=True)
-    bench.listen("train/measurement")
-    command, bench.pipe = bench.speaker("ato/command"), bench.speaker("ato/brake_pipe_command")
-    written = bench.speaker("recorder/progress")
-    bench.until(lambda: bench.endpoints._publishers["train/measurement"].get_subscription_count() == 1)
+    written, command = bench.speaker("recorder/progress"), _commanding(bench)
     heard, answered = bench.heard["train/measurement"], 0
     bench.node.begin()
     while not bench.node.blocked:
@@ -681,9 +674,7 @@ def test_the_plant_never_runs_away_from_the_recorder(make):
 def test_paced_runs_hold_the_last_command_and_count_late_ones(make):
     """No response in the second tick: the train continues, and the silence is detected."""
     bench = make(Role.PLANT, setup=_unsupervised(600), rate=10.0)
-    bench.listen("train/measurement", "/diagnostics")
-    command, bench.pipe = bench.speaker("ato/command"), bench.speaker("ato/brake_pipe_command")
-    bench.until(lambda: bench.endpoints._publishers["train/measurement"].get_subscription_count() == 1)
+    command = _commanding(bench, "/diagnostics")
     node = bench.node
     node.begin()
     bench.until(lambda: node.held >= 3)
@@ -731,64 +722,38 @@ def test_stages_publish_what_their_topics_carry(setup):
     """Breaks if a stage publishes a message that its topic cannot contain, an error only in the graph."""
     wire, plant = Wire(setup.layout), PlantStage(setup)
     for topic, message in plant.observe().published() + ProfileStage(setup).start().published():
-        assert dataclasses.is_dataclass(message)
-        assert wire.encode(topic, message)
+        assert dataclasses.is_dataclass(message) and wire.encode(topic, message)
         assert Role.PLANT in BY_NAME[topic].publishers or Role.PROFILE in BY_NAME[topic].publishers
-    assert isinstance(PlantNode, type)
 
 
-def test_a_new_publisher_is_accepted_only_after_the_notice_of_a_restart(make):
-    """Breaks if a restarted node is refused, or one more publisher after it is accepted."""
+def _speak(bench, name):
+    """Send an estimate from a new node, and return it."""
+    node = Node(name, context=bench.context, enable_rosout=False, start_parameter_services=False)
+    publisher = bench.speaker("ato/estimate", node)
+    estimate = DisturbanceEstimate(0, np.zeros(bench.wire.layout.n_units))
+    publisher.publish(bench.wire.encode("ato/estimate", estimate))
+    assert publisher.wait_for_all_acked(Duration(seconds=LIMIT_S))
+    bench.settle()
+    return node
+
+
+@pytest.mark.parametrize(
+    ("name", "leaves", "renewed", "text"),
+    [("observer", True, True, ""), ("observer", True, False, ""), ("mine", False, False, ": a second node mine too;")],
+)
+def test_a_new_publisher_is_accepted_only_after_the_notice_of_a_restart(name, leaves, renewed, text, make):
+    """Breaks if a restarted node is refused, any other publisher accepted, or a program has the name of its role."""
     bench = make(Role.CONTROLLER)
-    estimate = bench.wire.encode("ato/estimate", DisturbanceEstimate(0, np.zeros(bench.wire.layout.n_units)))
-
-    def speak(name):
-        node = Node(name, context=bench.context, enable_rosout=False, start_parameter_services=False)
-        publisher = bench.speaker("ato/estimate", node)
-        publisher.publish(estimate)
-        assert publisher.wait_for_all_acked(Duration(seconds=LIMIT_S))
-        bench.settle()
-        return node
-
-    old = speak("observer")
-    old.destroy_node()
-    bench.until(lambda: bench.endpoints.left(Role.OBSERVER))
-    bench.endpoints.renew(Role.OBSERVER)
-    new = speak("observer")
-    assert bench.watch.failure is None
-    third = speak("observer")
+    nodes = [_speak(bench, name)]
+    if leaves:
+        nodes.pop().destroy_node()
+        bench.until(lambda: bench.endpoints.left(Role.OBSERVER))
+    if renewed:
+        bench.endpoints.renew(Role.OBSERVER)
+        nodes.append(_speak(bench, name))
+        assert bench.watch.failure is None
+    nodes.append(_speak(bench, name))
     bench.until(lambda: bench.watch.failure is not None)
-    assert "ato/estimate has more than one publisher" in bench.watch.failure
-    for node in (new, third):
-        node.destroy_node()
-
-
-def test_a_new_publisher_without_the_notice_is_refused(make):
-    """Breaks if every publisher of a node that has left may be replaced."""
-    bench = make(Role.CONTROLLER)
-    estimate = bench.wire.encode("ato/estimate", DisturbanceEstimate(0, np.zeros(bench.wire.layout.n_units)))
-    for last in (False, True):
-        node = Node("observer", context=bench.context, enable_rosout=False, start_parameter_services=False)
-        bench.speaker("ato/estimate", node).publish(estimate)
-        bench.settle()
-        if not last:
-            node.destroy_node()
-            bench.until(lambda: bench.endpoints.left(Role.OBSERVER))
-    bench.until(lambda: bench.watch.failure is not None)
-    assert "ato/estimate has more than one publisher" in bench.watch.failure
-    node.destroy_node()
-
-
-def test_a_program_that_is_started_again_is_named(make):
-    """Breaks if the line about a replaced program names its first process, or its role."""
-    bench = make(Role.CONTROLLER)
-    estimate = bench.wire.encode("ato/estimate", DisturbanceEstimate(0, np.zeros(bench.wire.layout.n_units)))
-    nodes = []
-    for _ in range(2):
-        nodes.append(Node("mine", context=bench.context, enable_rosout=False, start_parameter_services=False))
-        bench.speaker("ato/estimate", nodes[-1]).publish(estimate)
-        bench.settle()
-    bench.until(lambda: bench.watch.failure is not None)
-    assert "ato/estimate has more than one publisher: a second node mine too; end it" in bench.watch.failure
+    assert f"ato/estimate has more than one publisher{text}" in bench.watch.failure
     for node in nodes:
         node.destroy_node()

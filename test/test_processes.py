@@ -14,6 +14,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from engine_runs import setup_of
 
 pytest.importorskip("rclpy")
 
@@ -35,8 +36,6 @@ from train_ato.ros.graph.restarts import Restarts
 from train_ato.ros.graph.runner import run_graph
 from train_ato.ros.nodes.answer_watch import LEASE_S
 from train_ato.ros.nodes.endpoints import ROLES
-from train_ato.scenario.scenario import load_scenario
-from train_ato.scenario.setup import prepare
 
 ROOT = Path(__file__).resolve().parents[1]
 PACED = 20.0
@@ -44,7 +43,7 @@ PACED = 20.0
 
 @pytest.fixture(scope="module")
 def setup():
-    return prepare(*load_scenario("demo", ("duration=600",)))
+    return setup_of("demo", "duration=600")
 
 
 def commands_in(log: Path) -> int:
@@ -196,6 +195,22 @@ def test_a_node_that_cannot_start_is_named(role, setup, tmp_path, monkeypatch):
     wait_for(lambda: not shared_memory.abandoned())
 
 
+@pytest.fixture
+def hanging(tmp_path, monkeypatch):
+    """Give the function that starts a node whose process hangs after the counts that it prints."""
+    program = tmp_path / "hangs"
+
+    def start(prints, role):
+        program.write_text(f"#!/bin/sh\necho {prints}\nexec sleep 600\n")
+        program.chmod(0o755)
+        monkeypatch.setattr(sys, "executable", str(program))
+        node = NodeProcess(role, [], 1, tmp_path)
+        wait_for(lambda: node.counts)
+        return node
+
+    return start
+
+
 @pytest.mark.parametrize(
     ("prints", "failure"),
     [
@@ -205,14 +220,9 @@ def test_a_node_that_cannot_start_is_named(role, setup, tmp_path, monkeypatch):
         ("ignored:0; echo node observer failed: late >&2", "node observer failed: late"),
     ],
 )
-def test_a_process_that_hangs_after_its_last_count_fails_no_run(prints, failure, tmp_path, monkeypatch):
+def test_a_process_that_hangs_after_its_last_count_fails_no_run(prints, failure, hanging):
     """Breaks if a complete run fails for a middleware that does not shut down, or a node without counts passes."""
-    program = tmp_path / "hangs"
-    program.write_text(f"#!/bin/sh\necho {prints}\nexec sleep 600\n")
-    program.chmod(0o755)
-    monkeypatch.setattr(sys, "executable", str(program))
-    node = NodeProcess(Role.PLANT, [], 1, tmp_path)
-    wait_for(lambda: node.counts)
+    node = hanging(prints, Role.PLANT)
     assert node.failure is None
     node.release()
     node.end(0.1)
@@ -220,16 +230,11 @@ def test_a_process_that_hangs_after_its_last_count_fails_no_run(prints, failure,
     assert node.process.returncode == -signal.SIGKILL
 
 
-def test_a_plant_that_hangs_after_its_last_count_fails_no_run(tmp_path, monkeypatch):
+def test_a_plant_that_hangs_after_its_last_count_fails_no_run(hanging, monkeypatch):
     """Breaks if the entry waits for the end of the plant's process: a complete run fails by `its process hangs`."""
-    program = tmp_path / "hangs"
-    program.write_text("#!/bin/sh\necho ignored:0\nexec sleep 600\n")
-    program.chmod(0o755)
-    monkeypatch.setattr(sys, "executable", str(program))
     monkeypatch.setattr(processes, "_CLOSING_S", 0.1)
     monkeypatch.setattr(processes, "LEAVING_S", 0.1)
-    nodes = {role: NodeProcess(role, [], 1, tmp_path) for role in (Role.RECORDER, Role.PLANT)}
-    wait_for(lambda: all(node.counts for node in nodes.values()))
+    nodes = {role: hanging("ignored:0", role) for role in (Role.RECORDER, Role.PLANT)}
     restarts = Restarts(nodes, lambda role, number: nodes[role], 0)
     assert processes._supervise(nodes, Interrupt(), None, 0.0, 0.0, None, restarts) is None
     assert nodes[Role.PLANT].process.returncode == -signal.SIGKILL
@@ -246,14 +251,8 @@ def test_a_node_ends_while_its_middleware_holds_the_lock_of_the_interpreter():
 def _command_line(folder: Path, *options: str) -> subprocess.Popen[str]:
     code = "import sys; from train_ato.cli.main import main; sys.exit(main())"
     command = [sys.executable, "-c", code, "run", "demo", "--set=duration=600", f"--out={folder}", *options]
-    return subprocess.Popen(
-        command,
-        cwd=ROOT,
-        stderr=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    return subprocess.Popen(command, cwd=ROOT, env={**os.environ, "PYTHONPATH": str(ROOT)}, **pipes)
 
 
 @pytest.mark.parametrize(
@@ -318,7 +317,7 @@ def test_a_law_is_swapped_from_another_process_without_a_jump(setup, tmp_path):
     from train_ato.ros.graph.processes import run_processes
 
     # In lockstep a loaded machine cannot delay the law; the run is slow until the law is set.
-    long = prepare(*load_scenario("daqin_heavy_haul", ("duration=280",)))
+    long = setup_of("daqin_heavy_haul", "duration=280")
     slow = GraphOptions(rate=2.0, timeout=LIMIT_S)
     ends: queue.Queue = queue.Queue()
     with claim_domain() as domain, applied(variables(domain, tmp_path / "log")):
@@ -327,19 +326,14 @@ def test_a_law_is_swapped_from_another_process_without_a_jump(setup, tmp_path):
         with executor_of(domain) as (context, executor):
             node = Node("driver_desk", context=context, enable_rosout=False)
             executor.add_node(node)
-            clients = {
-                name: node.create_client(SetParameters, f"{name}/set_parameters") for name in ("controller", "plant")
-            }
-            results = {}
             turn = functools.partial(executor.spin_once, timeout_sec=LOOK_S)
-            for client in clients.values():
-                wait_for(client.service_is_ready, "the nodes", turn)
+            clients, results = {}, {}
+            for name in ("controller", "plant"):
+                clients[name] = node.create_client(SetParameters, f"{name}/set_parameters")
+                wait_for(clients[name].service_is_ready, "the nodes", turn)
             wait_for(lambda: commands_in(tmp_path / "run.mcap.partial") > 100)  # the train has set off
-            for name, key, value in (
-                ("controller", "law", "nosuch"),
-                ("controller", "law", "smc"),
-                ("plant", "rate", 0.0),
-            ):
+            asked = ("controller", "law", "nosuch"), ("controller", "law", "smc"), ("plant", "rate", 0.0)
+            for name, key, value in asked:
                 request = SetParameters.Request(parameters=[Parameter(key, value=value).to_parameter_msg()])
                 future = clients[name].call_async(request)
                 wait_for(future.done, "an answer", turn)
@@ -347,15 +341,12 @@ def test_a_law_is_swapped_from_another_process_without_a_jump(setup, tmp_path):
         run.join(timeout=LIMIT_S)
     end = ends.get_nowait()
     assert end.failure is None
-    assert not results["nosuch"].successful
-    assert "nosuch" in results["nosuch"].reason
+    assert not results["nosuch"].successful and "nosuch" in results["nosuch"].reason
     assert results["smc"].successful
     decode = Wire(long.layout).decode
-    laws = [
-        m.values["controller"] for _, _, m in read_log(tmp_path, decode, ("/diagnostics",)) if m.node == "controller"
-    ]
-    assert laws[0] == "pid"
-    assert laws[-1] == "smc"
+    reports = [message for _, _, message in read_log(tmp_path, decode, ("/diagnostics",))]
+    laws = [report.values["controller"] for report in reports if report.node == "controller"]
+    assert (laws[0], laws[-1]) == ("pid", "smc")
     force = np.array([m.force[0] for _, _, m in read_log(tmp_path, decode, ("ato/command",))])
     first = laws.index("smc") * 10
     # The swap is at most ten ticks before the diagnostics; the bound is the jerk limit of the scenario, 0.002 m/s³.
@@ -363,22 +354,20 @@ def test_a_law_is_swapped_from_another_process_without_a_jump(setup, tmp_path):
     assert np.abs(np.diff(force[first - 12 : first + 20])).max() <= bound * (1 + 1e-6)
 
 
-def test_a_domain_is_held_by_one_run_alone():
+def test_a_domain_is_held_by_one_run_alone(setup, tmp_path):
+    """Breaks if two runs share a domain, or the refused one leaves its folder."""
+    folder = tmp_path / "run"
+    folder.mkdir()
     with claim_domain() as held:
         with pytest.raises(ValueError, match=f"--domain {held}: another run holds it"), claim_domain(held):
             pass
+        with pytest.raises(ValueError, match="another run holds it"):
+            run_graph(setup, folder, mode="processes", domain=held)
         with claim_domain() as other:
             assert other != held
+    assert not folder.exists()
     with claim_domain(held) as again:
         assert again == held
     for wrong in (233, -1):
         with pytest.raises(ValueError, match="from 0 to 232"), claim_domain(wrong):
             pass
-
-
-def test_a_held_domain_leaves_no_folder(setup, tmp_path):
-    folder = tmp_path / "run"
-    folder.mkdir()
-    with claim_domain() as held, pytest.raises(ValueError, match="another run holds it"):
-        run_graph(setup, folder, mode="processes", domain=held)
-    assert not folder.exists()

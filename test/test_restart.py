@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from engine_runs import setup_of
 
 pytest.importorskip("rclpy")
 
@@ -24,18 +25,15 @@ from train_ato.messages.types import AtoState
 from train_ato.report.events import detect_events
 from train_ato.ros.graph import shared_memory
 from train_ato.ros.graph.runner import run_graph
-from train_ato.scenario.scenario import load_scenario
-from train_ato.scenario.setup import RunSetup, prepare
+from train_ato.scenario.setup import RunSetup
 
 STRUCK_S, BRAKED_S = 30.0, 5.0
 """Simulated time of the kill, and time after the takeover in which the applied force is checked [s]."""
 RATE = 40.0
-COASTING = ("supervision.failsafe.coast=600", "supervision.failsafe.service=600")
-"""A train that coasts until the node returns, however long its process takes to start on a loaded machine."""
 
 
 def metro(*changes: str) -> RunSetup:
-    return prepare(*load_scenario("xuzhou_metro:disturbed", changes))
+    return setup_of("xuzhou_metro:disturbed", *changes)
 
 
 def struck(setup: RunSetup, folder: Path, victims: tuple[str, ...], restarts: int = 3) -> RunResult:
@@ -60,23 +58,12 @@ def messages(folder: Path, setup: RunSetup, topic: str) -> list:
     return [message for _, _, message in read_log(folder, Wire(setup.layout).decode, (topic,))]
 
 
-def of_plant(folder: Path, setup: RunSetup) -> dict[str, list[int]]:
-    """Return the stamps of the topics of the plant with a message per tick."""
-    names = {topic.name for topic in published_by(Role.PLANT)} & set(tick_topics(setup.layout))
-    stamps: dict[str, list[int]] = {name: [] for name in names}
-    for topic, stamp, _ in iter_raw(folder, stamps):
-        stamps[topic].append(stamp)
-    return stamps
-
-
 def takeover(folder: Path, setup: RunSetup) -> tuple[float, float, float]:
-    """Return the largest step of the demand after the takeover, that from the applied force to it, and their limit [N].
-
-    The limit is a tick of the largest jerk of the profile.  The demand that acts is found from the applied force and
-    the lag.  It is that of coasting, 0, until the first command acts, then it must lie between the applied force at the
-    begin and the commands sent so far: a loaded machine delays commands, and their steps act at once.  With a node away
-    the commands lack one period or more: on a loaded machine the plant makes few ticks until the node returns.
-    """
+    """Return the largest step of the demand after the takeover, the one from the applied force, and their limit [N]."""
+    # The limit is a tick of the largest jerk of the profile. The demand that acts follows from the applied force and
+    # the lag. It is that of coasting, 0, until the first command acts. Then it lies between the applied force at the
+    # begin and the commands sent so far: a loaded machine delays commands, and their steps act at once. With a node
+    # away the commands lack one period or more, because the plant makes few ticks until the node returns.
     measured = messages(folder, setup, "train/measurement")
     commands = messages(folder, setup, "ato/command")
     sent = np.array([command.stamp for command in commands])
@@ -86,7 +73,6 @@ def takeover(folder: Path, setup: RunSetup) -> tuple[float, float, float]:
     applied = np.array([measurement.applied.sum() for measurement in measured])
     model = setup.model
     limit = float(np.abs(setup.profile.jerk()).max()) * model.inertia * setup.tick
-    begin = float(commands[gap + 1].force.sum()) - applied[first]
     demand = np.array([command.force.sum() for command in commands])[gap + 1 :]
     ramp = demand[: int(demand.argmin()) + 1]
     assert ramp.size > 10, "the train was at standstill at the takeover"
@@ -98,19 +84,24 @@ def takeover(folder: Path, setup: RunSetup) -> tuple[float, float, float]:
     highest = np.maximum.accumulate(np.maximum(demand, around[0]))[latest]
     acts = int(np.argmax(np.abs(acting) > 1e-3))
     assert (acting[acts:] >= lowest[acts:] - 1e-3).all() and (acting[acts:] <= highest[acts:] + 1e-3).all()
-    return float(np.abs(np.diff(ramp)).max()), abs(begin), limit
+    return float(np.abs(np.diff(ramp)).max()), abs(float(demand[0]) - applied[first]), limit
 
 
 @pytest.mark.graph
 @pytest.mark.parametrize("victim", ["controller", "observer", "profile"])
 def test_a_killed_node_takes_over_without_a_jump(victim: str, tmp_path: Path) -> None:
     """Breaks if the run fails, the force jumps at the takeover, a message of the plant is lost or the ATO drives on."""
-    setup = metro("duration=300", *COASTING)
+    # The train coasts until the node returns, however long its process takes to start on a loaded machine.
+    setup = metro("duration=300", "supervision.failsafe.coast=600", "supervision.failsafe.service=600")
     outcome = struck(setup, tmp_path, (victim,))
     assert outcome.failure is None
     assert (outcome.summary["status"], outcome.summary["restarts"]) == ("done", {victim: 1})
     assert outcome.summary["ato_disengaged"].startswith(f"node {victim} restarted")
-    for topic, stamps in of_plant(tmp_path, setup).items():
+    names = {topic.name for topic in published_by(Role.PLANT)} & set(tick_topics(setup.layout))
+    found: dict[str, list[int]] = {name: [] for name in names}
+    for topic, stamp, _ in iter_raw(tmp_path, found):
+        found[topic].append(stamp)
+    for topic, stamps in found.items():
         count = setup.ticks + (topic != "train/measurement")
         assert stamps == [tick * setup.tick_ns for tick in range(count)], topic
     step, begin, limit = takeover(tmp_path, setup)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from engine_runs import setup_of
 from report_runs import drive
 from rosbags.rosbag2 import Reader
 
@@ -18,21 +19,8 @@ from train_ato.messages.cdr import typestore
 from train_ato.messages.codec import Wire
 from train_ato.messages.topics import BY_NAME, EPOCH_NS
 from train_ato.messages.types import VehicleStates
-from train_ato.scenario.scenario import load_scenario
-from train_ato.scenario.setup import RunSetup, prepare
-from train_ato.view.train_scene import (
-    BUFF,
-    DRAFT,
-    FIX,
-    MARKERS,
-    POSES,
-    STATIC,
-    TRACK,
-    TRANSFORMS,
-    TrainScene,
-    force_color,
-    larger_coupler_force,
-)
+from train_ato.scenario.setup import RunSetup
+from train_ato.view import train_scene as scene
 
 
 @pytest.fixture(scope="module")
@@ -73,7 +61,7 @@ def rotated(rotation, vector) -> np.ndarray:
 def test_every_vehicle_is_on_the_track_and_looks_along_it(setup: RunSetup) -> None:
     """Breaks if a vehicle is beside the track, turned to the wrong side, or nose down on a rising grade (REP 103)."""
     head = setup.line.curves[3].end + 300.0  # the train, 1284 m long, is in the curve and behind it
-    found = decoded(TrainScene(setup).at(states(setup, head)))
+    found = decoded(scene.TrainScene(setup).at(states(setup, head)))
     ahead = Alignment(setup.line).at(states(setup, head + 1.0).position)
     here = Alignment(setup.line).at(states(setup, head).position)
     for number, transform in enumerate(found["/tf"].transforms[:-1]):
@@ -98,7 +86,7 @@ def test_every_vehicle_is_on_the_track_and_looks_along_it(setup: RunSetup) -> No
 def test_a_place_of_the_profile_is_on_the_track_by_the_frame_of_its_message(setup: RunSetup) -> None:
     """Fails if `line` has no transform, or a place of `ato/reference` is drawn away from the train."""
     head = setup.line.curves[3].end - 100.0
-    first, *_, line = decoded(TrainScene(setup).at(states(setup, head)))["/tf"].transforms
+    first, *_, line = decoded(scene.TrainScene(setup).at(states(setup, head)))["/tf"].transforms
     frame = BY_NAME["ato/reference"].frame_id(setup.layout)
     assert (line.header.frame_id, line.child_frame_id) == (first.child_frame_id, frame)
     for place in (head, head + 20.0):
@@ -111,19 +99,19 @@ def test_a_place_of_the_profile_is_on_the_track_by_the_frame_of_its_message(setu
 
 def test_markers_have_the_colour_of_the_coupler_force(setup: RunSetup) -> None:
     """Breaks if draft and buff are exchanged, or the colours are those of another coupler."""
-    for force, color in ((300e3, DRAFT), (-300e3, BUFF)):
-        boxes = decoded(TrainScene(setup, 300e3).at(states(setup, 11_000.0, force)))["/scene/markers"].markers
+    for force, color in ((300e3, scene.DRAFT), (-300e3, scene.BUFF)):
+        boxes = decoded(scene.TrainScene(setup, 300e3).at(states(setup, 11_000.0, force)))["/scene/markers"].markers
         assert (boxes[0].color.r, boxes[0].color.g, boxes[0].color.b) == pytest.approx(color)
         assert boxes[0].color.a == 1.0
-    assert larger_coupler_force(np.array([1.0, -3.0, 2.0, 0.0])).tolist() == [1.0, -3.0, -3.0, 2.0]
-    half = force_color(np.array([150e3, 0.0]), 300e3)
-    np.testing.assert_allclose(half[0], (np.array(DRAFT) + 0.85) / 2)
+    assert scene.larger_coupler_force(np.array([1.0, -3.0, 2.0, 0.0])).tolist() == [1.0, -3.0, -3.0, 2.0]
+    half = scene.force_color(np.array([150e3, 0.0]), 300e3)
+    np.testing.assert_allclose(half[0], (np.array(scene.DRAFT) + 0.85) / 2)
     np.testing.assert_allclose(half[1], 0.85)
 
 
 def test_line_and_base_are_static_frames(setup: RunSetup) -> None:
     """Breaks if a stop, an end of the line or the base of the train has no frame, or the track is no path."""
-    found = decoded(TrainScene(setup).begin())
+    found = decoded(scene.TrainScene(setup).begin())
     frames = {entry.child_frame_id: entry for entry in found["/tf_static"].transforms}
     assert {"line_begin", "line_end", "base_link"} <= set(frames)
     assert sum(name.startswith("stop_") for name in frames) == len(setup.line.stops)
@@ -137,20 +125,20 @@ def test_line_and_base_are_static_frames(setup: RunSetup) -> None:
 
 def test_a_line_with_coordinates_gives_a_position_fix() -> None:
     """Breaks if latitude and longitude are exchanged, or a line without coordinates has a fix."""
-    plain = prepare(*load_scenario("demo"))
-    assert FIX not in TrainScene(plain).topics
+    plain = setup_of()
+    assert scene.FIX not in scene.TrainScene(plain).topics
     line = plain.line.model_dump(by_alias=True) | {
         "coordinates": [{"at": 0, "latitude": 40, "longitude": 113}, {"at": 50_000, "latitude": 40, "longitude": 113.5}]
     }
-    located = prepare(*load_scenario("demo", changes={"plant": {"line": line}}))
-    fix = decoded(TrainScene(located).at(states(located, 25_000.0)))["/scene/fix"]
+    located = setup_of("demo", changes={"plant": {"line": line}})
+    fix = decoded(scene.TrainScene(located).at(states(located, 25_000.0)))["/scene/fix"]
     assert (fix.latitude, fix.longitude) == pytest.approx((40.0, 113.25))
     assert fix.header.frame_id == "vehicle_0" and np.isnan(fix.altitude)
 
 
 def test_the_rate_is_kept(run: Path, setup: RunSetup) -> None:
     """Breaks if the scene has a message for every tick, or loses its first one."""
-    sampler = TrainScene(setup, rate=2.0)
+    sampler = scene.TrainScene(setup, rate=2.0)
     stamps = [stamp for _, stamp, data in iter_raw(run, ("train/vehicles",)) if sampler.take(data)]
     assert stamps == [number * 500_000_000 for number in range(41)]
 
@@ -163,13 +151,13 @@ def test_the_exported_log_has_all_of_the_run_and_the_scene(run: Path, setup: Run
     with Reader(out) as bag:
         counts = {connection.topic: connection.msgcount for connection in bag.connections}
         assert bag.start_time == EPOCH_NS and bag.duration - 1 == 20 * 10**9
-    assert {name: counts[name] for name in (TRANSFORMS.name, POSES.name, MARKERS.name)} == {
+    assert {name: counts[name] for name in (scene.TRANSFORMS.name, scene.POSES.name, scene.MARKERS.name)} == {
         "/tf": 101, "/scene/vehicles": 101, "/scene/markers": 101,
     }  # fmt: skip
-    assert counts[STATIC.name] == counts[TRACK.name] == 1
+    assert counts[scene.STATIC.name] == counts[scene.TRACK.name] == 1
     assert told["messages"] == 3 * 101 + 2
-    scene = {TRANSFORMS.name, STATIC.name, POSES.name, MARKERS.name, TRACK.name}
-    kept = [(m.channel.topic, m.publish_ns, m.data) for m in stream(out / "run.mcap") if m.channel.topic not in scene]
+    added = {scene.TRANSFORMS.name, scene.STATIC.name, scene.POSES.name, scene.MARKERS.name, scene.TRACK.name}
+    kept = [(m.channel.topic, m.publish_ns, m.data) for m in stream(out / "run.mcap") if m.channel.topic not in added]
     assert kept == [(m.channel.topic, m.publish_ns, m.data) for m in stream(run / "run.mcap")]
     assert figure.read_bytes()[:4] == b"\x89PNG"
     layout = tmp_path / "layout.json"
@@ -207,7 +195,8 @@ def test_foxglove_receives_the_scene_of_a_recorded_run(run: Path) -> None:
     with serve_foxglove(feed, 0) as server:
         client = asyncio.run(look(server))
     _, data = client.messages["/tf"][0]
-    assert len(typestore().deserialize_cdr(data, TRANSFORMS.type).transforms) == 106 + 1  # the vehicles and `line`
+    sent = typestore().deserialize_cdr(data, scene.TRANSFORMS.type).transforms
+    assert len(sent) == 106 + 1, "the vehicles and `line`"
 
 
 @pytest.mark.parametrize("space", ["", "/t2"])
@@ -225,25 +214,25 @@ def test_a_live_graph_publishes_the_scene(run: Path, setup: RunSetup, space: str
     with claim_domain(None) as domain, executor_of(domain, []) as (context, _):
         node = Node("scene", context=context, namespace=space, enable_rosout=False)
         plant = Node("plant", context=context, namespace=space, enable_rosout=False)
-        scene = SceneNode(node, TrainScene(setup))
+        live = SceneNode(node, scene.TrainScene(setup))
         other = Node("other", context=context, enable_rosout=False)
         other.create_publisher(JointState, "/t9/train/vehicles", 10)
         awaited = f"a publisher of {space}/train/vehicles; --namespace /t9 has one"
-        wait_for(lambda: scene.awaited == awaited)
+        wait_for(lambda: live.awaited == awaited)
         sent = plant.create_publisher(JointState, "train/vehicles", 10)
         data = Wire(setup.layout).encode("train/vehicles", states(setup, 11_000.0))
         wait_for(lambda: sent.get_subscription_count() > 0)
 
         def published() -> bool:
             sent.publish(data)
-            scene.poll()
-            return scene.counts[f"{space}/scene/markers"] > 0
+            live.poll()
+            return live.counts[f"{space}/scene/markers"] > 0
 
         wait_for(published)
-        assert set(scene.left_out) <= {f"{space}/tf", f"{space}/tf_static"}
-        assert scene.counts[f"{space}/scene/track"] == 1
+        assert set(live.left_out) <= {f"{space}/tf", f"{space}/tf_static"}
+        assert live.counts[f"{space}/scene/track"] == 1
         shown = {place.topic_name for place in node.publishers} - {"/parameter_events"}
-        assert shown == set(scene.counts)
-        assert not scene.left and scene.awaited == ""
+        assert shown == set(live.counts)
+        assert not live.left and live.awaited == ""
         for used in (node, plant, other):
             used.destroy_node()

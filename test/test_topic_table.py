@@ -6,6 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
+from engine_runs import setup_of
 
 import train_ato
 from msgs_docs.generate.topic_page import examples, page
@@ -18,8 +19,6 @@ from train_ato.messages.codec import Wire
 from train_ato.messages.topic import AIR_BRAKE, Condition, Owner, Place, Role, Topic, TrainLayout, joint_states
 from train_ato.messages.topics import BY_NAME, TOPICS, topics_of
 from train_ato.messages.types import Array, Diagnostic
-from train_ato.scenario.scenario import load_scenario
-from train_ato.scenario.setup import prepare
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +83,7 @@ def table(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_new_topic_is_recorded_and_opens_as_a_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Breaks if codec, engine, log or tables have a list of topics of their own."""
     monkeypatch.setattr(engine, "PlantStage", WarmPlant)
-    setup = prepare(*load_scenario("demo", ("duration=5",)))
+    setup = setup_of("demo", "duration=5")
     folder = RunFolder.make(tmp_path / "run", "warm")
     with folder.sink(setup) as sink:
         outcome = engine.run_engine(setup, sink=sink)
@@ -101,19 +100,13 @@ def test_a_new_topic_is_recorded_and_opens_as_a_table(tmp_path: Path, monkeypatc
 
 
 @pytest.mark.usefixtures("table")
-def test_a_new_topic_is_on_the_page() -> None:
-    """Breaks if the page has a list of its own, or omits units, meaning or condition."""
+def test_a_new_topic_is_on_the_page_and_exists_where_its_condition_holds() -> None:
+    """Breaks if the page has a list of its own, omits units, meaning or condition, or that is evaluated elsewhere."""
     text = page()
     assert "| `unit_I_temperature_k` | K | of the winding |" in text
     assert "| `unit_I_slip_m_s` | m/s | rim less train speed |" in text
     assert "Air of the driver's cabin (only with a power unit)." in text
-
-
-@pytest.mark.usefixtures("table")
-def test_a_new_topic_exists_where_its_condition_holds() -> None:
-    """Breaks if the condition of a topic is evaluated elsewhere."""
-    assert MOTORS in topics_of(TrainLayout(3, 0))
-    assert CABIN not in topics_of(TrainLayout(3, 0))
+    assert MOTORS in topics_of(TrainLayout(3, 0)) and CABIN not in topics_of(TrainLayout(3, 0))
     with pytest.raises(KeyError):
         Wire(TrainLayout(3, 0)).encode(CABIN.name, Cabin(0, 293.0))
 
@@ -137,29 +130,17 @@ def test_an_entry_that_does_not_fit_is_refused(changes: dict[str, object], probl
         Wire(TrainLayout(3, 2))
 
 
-WITHOUT_UNIT = {
-    ("train/protection", "active"),
-    ("atp/brake_release", "released"),
-    ("atp/brake_release", "alive"),
-    ("ato/state", "state"),
-}
-"""Topics and fields of states and counters: numbers without a unit."""
-
-
 def test_every_entry_describes_its_numbers() -> None:
-    """Breaks if a number of the table has no unit, or a text or a state has one."""
+    """Breaks if a number of the table has no unit, or a text, a state or a counter has one."""
+    without = {"train/protection.active", "atp/brake_release.released", "atp/brake_release.alive", "ato/state.state"}
     for topic in BY_NAME.values():
         for place in topic.places:
-            texts = (topic.name, place.field) in WITHOUT_UNIT or topic.message is Diagnostic
+            texts = f"{topic.name}.{place.field}" in without or topic.message is Diagnostic
             assert bool(topic.description(place).unit) != texts, (topic.name, place.path)
     assert BY_NAME["train/brake_shoes"].condition is AIR_BRAKE
 
 
 def test_every_topic_has_an_example() -> None:
-    """Breaks if the runs of the examples do not publish a topic."""
+    """Breaks if a run of the examples misses a topic, or a program must publish a topic that no node reads."""
     assert examples().keys() >= {topic.name for topic in TOPICS}
-
-
-def test_what_no_node_reads_may_be_left_out() -> None:
-    """Breaks if a program in place of the plant must publish the truth, which it may not have."""
     assert [topic.name for topic in TOPICS if not (topic.readers or topic.optional)] == ["/diagnostics"]

@@ -7,6 +7,7 @@ import struct
 import time
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -87,13 +88,9 @@ def test_a_recorded_run_goes_to_foxglove_as_it_was_recorded(run):
         client = await Client.connect(server.url)
         await client.until(lambda: "/train/vehicles" in client.channels)
         cars = client.channels["/train/vehicles"]
-        assert (cars["encoding"], cars["schemaName"], cars["schemaEncoding"]) == (
-            "cdr",
-            "sensor_msgs/msg/JointState",
-            "ros2msg",
-        )
-        assert "float64[] effort" in cars["schema"]
-        assert "MSG: std_msgs/Header" in cars["schema"]
+        kind = "sensor_msgs/msg/JointState"
+        assert (cars["encoding"], cars["schemaName"], cars["schemaEncoding"]) == ("cdr", kind, "ros2msg")
+        assert "float64[] effort" in cars["schema"] and "MSG: std_msgs/Header" in cars["schema"]
         await client.subscribe("/train/vehicles", "/ato/profile")
         await client.until(lambda: client.messages.get("/ato/profile") and client.messages.get("/train/vehicles"))
         feed.speed = 20.0
@@ -141,19 +138,12 @@ def test_foxgloves_player_moves_the_time_of_the_page(run):
 
         from foxglove.websocket import PlaybackCommand
 
-        class Asked:
-            playback_command = PlaybackCommand.Play
-            playback_speed = 5.0
-            seek_time = EPOCH_NS + 12 * 10**9
-            request_id = "1"
-
-        state = server.listener.on_playback_control_request(Asked())
-        assert feed.playing
-        assert feed.speed == 5.0
-        assert feed.time >= 12.0
-        assert state.did_seek
-        Asked.playback_command, Asked.seek_time = PlaybackCommand.Pause, None
-        server.listener.on_playback_control_request(Asked())
+        asked = SimpleNamespace(playback_command=PlaybackCommand.Play, playback_speed=5.0, request_id="1")
+        asked.seek_time = EPOCH_NS + 12 * 10**9
+        state = server.listener.on_playback_control_request(asked)
+        assert feed.playing and feed.speed == 5.0 and feed.time >= 12.0 and state.did_seek
+        asked.playback_command, asked.seek_time = PlaybackCommand.Pause, None
+        server.listener.on_playback_control_request(asked)
         assert not feed.playing
 
 
@@ -163,10 +153,8 @@ def test_a_port_in_use_is_refused_in_one_line(run):
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
-        with (
-            pytest.raises(ValueError, match=f"--foxglove {port}: .*give another port"),
-            serve_foxglove(RecordedFeed(run), port),
-        ):
+        refused = pytest.raises(ValueError, match=f"--foxglove {port}: .*give another port")
+        with refused, serve_foxglove(RecordedFeed(run), port):
             pass
 
 

@@ -57,16 +57,10 @@ def test_the_curve_of_the_plan_is_the_permitted_speed_before_a_stop() -> None:
 
 def test_states_follow_the_speed() -> None:
     """Breaks if an indication comes after the overspeed, or a state is skipped."""
-    curve = plan()
-    permitted = guidance(LINE, curve, 700.0, 0.0, limits=None, state="").permitted
-    states = [
-        guidance(LINE, curve, 700.0, speed, limits=None, state="").state
-        for speed in (1.0, permitted - 0.1, permitted + 0.5, 25.0)
-    ]
-    assert states == [
-        SupervisionState.NORMAL, SupervisionState.INDICATION, SupervisionState.OVERSPEED,
-        SupervisionState.SERVICE_BRAKE,
-    ]  # fmt: skip
+    permitted = guidance(LINE, plan(), 700.0, 0.0, limits=None, state="").permitted
+    speeds = (1.0, permitted - 0.1, permitted + 0.5, 25.0)
+    states = [guidance(LINE, plan(), 700.0, speed, limits=None, state="").state.name for speed in speeds]
+    assert states == ["NORMAL", "INDICATION", "OVERSPEED", "SERVICE_BRAKE"]
 
 
 def test_the_supervisor_replaces_limits_and_plan() -> None:

@@ -8,7 +8,7 @@ import sys
 
 import numpy as np
 import pytest
-from engine_runs import record_run
+from engine_runs import record_run, setup_of
 from waiting import wait_for
 
 from train_ato.cli import main
@@ -21,8 +21,7 @@ from train_ato.program.errors import RunFailed
 from train_ato.program.interrupt import Interrupt
 from train_ato.ros.graph.environment import applied, variables
 from train_ato.scenario.interventions import EmergencyBrakeNow, GustNow, planned_for
-from train_ato.scenario.scenario import load_scenario
-from train_ato.scenario.setup import prepare
+from train_ato.view import snapshot
 from train_ato.view.controls import Tunable, coerced, slider_scale
 from train_ato.view.facts import Facts, ProfileCurve, facts_of
 from train_ato.view.feed import KEPT_S, Ending, Feed, Mark, Strip, WholeRun, ending_of
@@ -31,18 +30,6 @@ from train_ato.view.live import WAITING_RATE
 from train_ato.view.page import Along, _summary
 from train_ato.view.recorded import MAX_POINTS, RecordedFeed
 from train_ato.view.server import PageServer
-from train_ato.view.snapshot import (
-    DIAL_BEGIN,
-    DIAL_SWEEP,
-    STRIP,
-    Snapshot,
-    angle,
-    delay_text,
-    distance,
-    full_clock,
-    now,
-    strip_row,
-)
 
 LINE = Facts(
     "two limits", TrainLayout(3, 1), nose=10.0, length=60.0, limit_places=np.array([0.0, 1000.0, 1500.0]),
@@ -58,7 +45,7 @@ def moment(front, speed=15.0, **more):
         "applied": np.array([-45e3]), "command": np.array([-50e3]), "estimate": np.array([0.0]),
         "reference": (front - 12.5, 14.5, 0.0),
     }  # fmt: skip
-    return Snapshot(**{**values, **more})
+    return snapshot.Snapshot(**{**values, **more})
 
 
 @pytest.mark.parametrize(
@@ -67,13 +54,13 @@ def moment(front, speed=15.0, **more):
 def test_the_delay_ends_with_the_arrival(front: float, speed: float, text: str) -> None:
     """Breaks if the delay grows at the last stop, or a train that is short of the stop window has arrived."""
     timetable = ProfileCurve(np.array([0.0, 398.0, 400.0]), np.array([0.0, 199.0, 200.0]), np.array([1.0, 1.0, 0.0]))
-    assert delay_text(timetable, moment(front, speed), 0.5) == text
+    assert snapshot.delay_text(timetable, moment(front, speed), 0.5) == text
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     """Record 90 s of the demo with a gust and an emergency brake."""
-    setup = prepare(*load_scenario("demo", ("duration=90", "law_changes=[{at: 50, law: smc}]")))
+    setup = setup_of("demo", "duration=90", "law_changes=[{at: 50, law: smc}]")
     done = (GustNow(acceleration=-0.03, duration=10.0), EmergencyBrakeNow())
     planned = tuple(planned_for(at * 1_000_000_000, entry) for at, entry in zip((40, 70), done, strict=True))
     scenario = setup.scenario.model_copy(update={"interventions": planned})
@@ -81,66 +68,46 @@ def run(tmp_path_factory):
     return record_run(setup, tmp_path_factory.mktemp("view") / "run")
 
 
-def test_a_limit_holds_for_the_whole_train():
-    """Breaks if the limit rises with the front past the end of a slow section and the rear still in it."""
-    assert LINE.limit_now(999.0) == 20.0
-    assert LINE.limit_now(1000.0) == 10.0
-    assert LINE.limit_now(1550.0) == 10.0
-    assert LINE.limit_now(1561.0) == 25.0
+def test_a_limit_holds_for_the_whole_train_and_a_lower_one_is_braked_for():
+    """Breaks if the limit rises with the rear still in a slow section, or the next lower one is a higher one."""
+    assert [LINE.limit_now(front) for front in (999.0, 1000.0, 1550.0, 1561.0)] == [20.0, 10.0, 10.0, 25.0]
     assert Facts("none", TrainLayout(1, 1)).limit_now(5.0) == math.inf
-
-
-def test_the_next_lower_limit_is_the_one_to_brake_for():
-    """Breaks if a higher limit ahead or the present limit is shown as the next lower one."""
-    assert LINE.next_lower_limit(300.0) == (1000.0, 10.0)
-    assert LINE.next_lower_limit(1200.0) is None
+    assert (LINE.next_lower_limit(300.0), LINE.next_lower_limit(1200.0)) == ((1000.0, 10.0), None)
 
 
 def test_what_the_driver_reads():
-    """Breaks if a sign, a unit or a reference point of the display is wrong."""
-    row = {name: value[0] for name, value in now(moment(300.0), LINE, PROFILE, 100.0).items()}
-    assert row["speed_text"] == "54"
-    assert row["profile_text"] == "52.2"
-    assert row["error_text"] == "+1.80"
-    assert row["position_error_text"] == "+2.5"
-    assert row["limit_text"] == "72"
-    assert row["target_text"] == "36 in 700 m"
-    assert row["stop_text"] == "1.71 km"
-    assert row["place_text"] == "0.300"
-    assert row["applied_text"] == "-45"
-    assert row["draft_text"] == "12 @ 0"
-    assert row["buff_text"] == "340 @ 1"
-    assert row["pipe_text"] == "–"
-    assert row["clock_text"] == "1:02:05.0"
-
-
-def test_an_overspeed_changes_the_needle():
-    """Breaks if a speed within the tolerance is shown as overspeed, or a higher one is not."""
-    needles = [now(moment(300.0, speed), LINE, None, 100.0)["needle"][0] for speed in (20.2, 20.4)]
+    """Breaks if a sign, a unit or a reference point of the display is wrong, or an overspeed leaves the needle."""
+    row = {name: value[0] for name, value in snapshot.now(moment(300.0), LINE, PROFILE, 100.0).items()}
+    read = "speed 54, profile 52.2, error +1.80, position_error +2.5, limit 72, target 36 in 700 m, stop 1.71 km, "
+    read += "place 0.300, applied -45, draft 12 @ 0, buff 340 @ 1, pipe –, clock 1:02:05.0"
+    for name, _, text in (part.partition(" ") for part in read.split(", ")):
+        assert row[f"{name}_text"] == text
+    needles = [snapshot.now(moment(300.0, speed), LINE, None, 100.0)["needle"][0] for speed in (20.2, 20.4)]
     assert needles[0] != needles[1]
 
 
 def test_the_dial_goes_clockwise_from_its_begin_to_its_end():
     """Breaks if the needle turns in the wrong direction or leaves the dial."""
-    assert angle(50.0, 100.0) == pytest.approx(DIAL_BEGIN - DIAL_SWEEP / 2)
-    assert DIAL_BEGIN - DIAL_SWEEP < angle(1e9, 100.0) < angle(10.0, 100.0) < angle(-5.0, 100.0) < DIAL_BEGIN
+    begin, end = snapshot.DIAL_BEGIN, snapshot.DIAL_BEGIN - snapshot.DIAL_SWEEP
+    most, more, middle, little, back = (snapshot.angle(speed, 100.0) for speed in (1e9, 80.0, 50.0, 10.0, -5.0))
+    assert middle == pytest.approx((begin + end) / 2)
+    assert end < most < more < middle < little < back < begin
     assert LINE.scale(PROFILE) == 100
     assert Facts("fast", TrainLayout(1, 1)).scale(ProfileCurve(np.zeros(2), np.zeros(2), np.array([0.0, 80.0]))) == 350
 
 
 @pytest.mark.parametrize(
-    ("value", "text"),
-    [(1523.0, "1.52 km"), (999.6, "1.00 km"), (420.4, "420 m"), (3.456, "3.46 m"), (-0.12, "-0.12 m"), (math.nan, "–")],
+    ("value", "text"), [(1523, "1.52 km"), (999.6, "1.00 km"), (420.4, "420 m"), (3.456, "3.46 m"), (-0.12, "-0.12 m")]
 )
 def test_distances_in_words(value, text):
     """Breaks if the last metres before a stop have no decimals."""
-    assert distance(value) == text
+    assert (snapshot.distance(value), snapshot.distance(math.nan)) == (text, "–")
 
 
 def test_the_clock_carries():
     """Breaks if 59.96 s are shown as 60 s."""
-    assert full_clock(59.96) == "0:01:00.0"
-    assert full_clock(3599.99) == "1:00:00.0"
+    assert snapshot.full_clock(59.96) == "0:01:00.0"
+    assert snapshot.full_clock(3599.99) == "1:00:00.0"
 
 
 def test_strips_keep_the_newest_rows_and_give_each_browser_what_it_lacks():
@@ -148,7 +115,7 @@ def test_strips_keep_the_newest_rows_and_give_each_browser_what_it_lacks():
     strip = Strip(rows=10)
     seen, number = [], 0
     for time in range(57):
-        strip.add((float(time), *[0.0] * (len(STRIP) - 1)))
+        strip.add((float(time), *[0.0] * (len(snapshot.STRIP) - 1)))
         if time % 4 == 0:
             seen += strip.since(number)["time"].tolist()
             number = strip.added
@@ -159,12 +126,9 @@ def test_strips_keep_the_newest_rows_and_give_each_browser_what_it_lacks():
 
 def test_a_strip_row_is_in_the_units_of_its_columns():
     """Breaks if two columns are exchanged."""
-    row = dict(zip(STRIP, strip_row(moment(300.0), LINE), strict=True))
-    assert row["speed"] == pytest.approx(54.0)
-    assert row["profile"] == pytest.approx(52.2)
-    assert row["limit"] == pytest.approx(72.0)
-    assert (row["applied"], row["demand"], row["draft"], row["buff"]) == (-45.0, -50.0, 12.0, -340.0)
-    assert row["place"] == pytest.approx(0.3)
+    row = dict(zip(snapshot.STRIP, snapshot.strip_row(moment(300.0), LINE), strict=True))
+    names = ("speed", "profile", "limit", "place", "applied", "demand", "draft", "buff")
+    assert [row[name] for name in names] == pytest.approx([54.0, 52.2, 72.0, 0.3, -45.0, -50.0, 12.0, -340.0])
     assert math.isnan(row["most"])
 
 
@@ -226,8 +190,7 @@ def test_another_run_has_a_free_folder_beside_the_first(tmp_path):
     """Breaks if the next run of a page overwrites the last one, or its name grows with every run."""
     assert next_beside(tmp_path / "run") == tmp_path / "run-2"
     (tmp_path / "run-2").mkdir()
-    assert next_beside(tmp_path / "run") == tmp_path / "run-3"
-    assert next_beside(tmp_path / "run-2") == tmp_path / "run-3"
+    assert next_beside(tmp_path / "run") == next_beside(tmp_path / "run-2") == tmp_path / "run-3"
 
 
 @pytest.mark.parametrize(
@@ -250,28 +213,24 @@ def test_a_slider_covers_a_sensible_part_of_the_range(tunable, expected):
 
 
 def test_widgets_give_back_the_parameters_own_type():
-    """Breaks if an int is sent for a double, which the node rejects."""
-    assert isinstance(coerced(Tunable("a.b", 1.0), 2), float)
-    assert isinstance(coerced(Tunable("a.b", 1), 2.0), int)
+    """Breaks if an int is sent for a double, which the node rejects, or a title has the unit 1."""
+    assert isinstance(coerced(Tunable("a.b", 1.0), 2), float) and isinstance(coerced(Tunable("a.b", 1), 2.0), int)
     assert coerced(Tunable("a.b", True), [0]) is True
-    assert Tunable("pid.ki", 0.1, "gain [1/s²]").title == "ki in 1/s²"
+    texts = ("gain [1/s²]", "ki in 1/s²"), ("exponent [1]", "ki"), ("gain [1/s]", "ki in 1/s")
+    assert [Tunable("pid.ki", 0.1, text).title for text, _ in texts] == [title for _, title in texts]
 
 
 def test_facts_come_from_the_scenario():
     """Breaks if grades, limits or the envelope of the display are not those of the run."""
-    setup = prepare(*load_scenario("demo"))
+    setup = setup_of()
     facts = facts_of(setup)
     assert facts.layout.n_vehicles == 106
     assert facts.length == pytest.approx(1295.0, abs=1.0)
-    assert facts.envelope(0.0)[1] == pytest.approx(760e3)
-    assert facts.envelope(50 / 3.6)[0] == pytest.approx(-461e3)
+    assert (facts.envelope(0.0)[1], facts.envelope(50 / 3.6)[0]) == pytest.approx((760e3, -461e3))
     assert facts.limit_now(500.0) == pytest.approx(80 / 3.6)
     inside = np.flatnonzero(facts.grade_places <= 2000.0)[-1]
-    assert facts.grades[inside] == pytest.approx(1e3 * grade_at(setup.line, 2000.0))
-
-
-def grade_at(line, place):
-    return [entry.grade for entry in line.grades if entry.at <= place][-1]
+    there = [entry.grade for entry in setup.line.grades if entry.at <= 2000.0][-1]
+    assert facts.grades[inside] == pytest.approx(1e3 * there)
 
 
 def test_a_recorded_run_shows_any_moment(run):
@@ -280,13 +239,11 @@ def test_a_recorded_run_shows_any_moment(run):
     assert feed.span == (0.0, 90.0)
     assert [mark.time for mark in feed.marks if "gust" in mark.text] == [40.0]
     feed.seek(45.03)
-    assert feed.frame.moment.time == pytest.approx(45.0)
-    assert feed.frame.moment.law == "pid"
+    assert (feed.frame.moment.time, feed.frame.moment.law) == (pytest.approx(45.0), "pid")
     feed.step(1)
     assert feed.frame.moment.time == pytest.approx(45.1)
     feed.seek(71.0)
-    assert feed.frame.moment.law == "smc"
-    assert feed.frame.moment.state == "emergency brake"
+    assert (feed.frame.moment.law, feed.frame.moment.state) == ("smc", "emergency brake")
     feed.seek(82.0)
     assert feed.frame.now["pipe_text"] == ["101"]
     feed.seek(1e9)
@@ -312,18 +269,15 @@ def test_the_overview_has_the_whole_run_and_the_page_opens_at_its_event(run):
 
 
 def test_a_live_run_fills_its_overview(run):
-    feed = Feed(RecordedFeed(run).facts)
     source = RecordedFeed(run)
+    feed = Feed(source.facts)
     for at in (10.0, 20.0, 71.0):
         source.seek(at)
         feed.show(source.frame.moment)
     feed.marks = [Mark(20.0, "gust", "a gust"), Mark(30.0, "", "not in the charts")]
     found = feed.whole()
-    assert [time for time, _, _ in found["points"]] == [10.0, 20.0, 71.0] and found["law"] == [
-        [10.0, "pid"],
-        [71.0, "smc"],
-    ]
-    assert found["marks"] == [[20.0, "a gust", 0]]
+    assert [time for time, _, _ in found["points"]] == [10.0, 20.0, 71.0]
+    assert (found["law"], found["marks"]) == ([[10.0, "pid"], [71.0, "smc"]], [[20.0, "a gust", 0]])
 
 
 def test_playing_goes_on_until_the_end_and_begins_again(run, monkeypatch):
@@ -350,11 +304,11 @@ def test_the_strip_of_a_recorded_run_is_that_of_the_log(run):
     feed = RecordedFeed(run)
     part = feed.part(20.0, 30.0)
     assert part["time"][0] == pytest.approx(20.0)
-    assert set(part) == set(STRIP)
+    assert set(part) == set(snapshot.STRIP)
     feed.seek(25.0)
     row = int(np.searchsorted(part["time"], 25.0 - 1e-6))
-    live = dict(zip(STRIP, strip_row(feed.frame.moment, feed.facts), strict=True))
-    for name in STRIP:
+    live = dict(zip(snapshot.STRIP, snapshot.strip_row(feed.frame.moment, feed.facts), strict=True))
+    for name in snapshot.STRIP:
         assert part[name][row] == pytest.approx(live[name], rel=1e-3, abs=1e-3), name
     assert feed.part(-1e9, 1e9)["time"].size <= MAX_POINTS
 
@@ -402,18 +356,18 @@ def test_a_note_of_a_started_run_is_not_its_error(capfd):
         done.check()
 
 
-def test_a_started_run_has_no_limit_of_its_start(capsys):
+def test_a_started_run_has_no_limit_of_its_start():
     """Breaks if a run started by view fails after 30 s of discovery on a slow machine."""
     parser = command_line()
-    options = parser.parse_args(["view", "--scenario", "demo", "--rate", "5", "--law", "smc", "--foxglove"])
-    words = _command(options, 42)[3:]
-    run = parser.parse_args(words)
+
+    def started(*words):
+        return parser.parse_args(_command(parser.parse_args(["view", "--scenario", "demo", *words]), 42)[3:])
+
+    run = started("--rate", "5", "--law", "smc", "--foxglove")
     assert (run.start_limit, run.rate, run.law, run.domain) == (math.inf, 5.0, "smc", 42)
-    fastest = parser.parse_args(["view", "--scenario", "demo", "--rate", "max", "--foxglove"])
-    assert rate_of(parser.parse_args(_command(fastest, 42)[3:])) is None
-    for first in (["view", "--scenario", "demo", *rate] for rate in ([], ["--rate", "max"], ["--rate", "5"])):
-        run = parser.parse_args(_command(parser.parse_args(first), 42)[3:])
-        assert run.rate == WAITING_RATE, "the run waits for its first page"
+    assert rate_of(started("--rate", "max", "--foxglove")) is None
+    for rate in ([], ["--rate", "max"], ["--rate", "5"]):
+        assert started(*rate).rate == WAITING_RATE, "the run waits for its first page"
 
 
 class Enough(Exception):

@@ -5,30 +5,26 @@ import json
 from pathlib import Path
 
 import pytest
+from engine_runs import setup_of
 
 pytest.importorskip("rclpy")
 
 from chromium import browser
-from view_browser import answer, click, number, opened, said_wrong, strangers, text, viewing
+from test_view_page import LONG
+from view_browser import answer, click, number, opened, strangers, text, viewing
 from waiting import wait_for
 
 from train_ato.loop.engine import run_engine
 from train_ato.messages.types import Diagnostic
-from train_ato.scenario.scenario import load_scenario
-from train_ato.scenario.setup import prepare
 from train_ato.view.feed import protection_history, states_after
 from train_ato.view.recorded import RecordedFeed
 from train_ato.view.snapshot import LIMIT_NAMES, ProtectionStates, now
 
-SECOND = 1_000_000_000
-BLOWN = ("duration=280", "interventions=[{at: 150, do: gust, acceleration: 0.5, duration: 60}]")
-"""A gust accelerates the demo train beyond its speed limit."""
-LONG = ("duration=4000", "profile.phases=[{cruise_for: 5}, {accelerate_to_kmh: 30}, {cruise_for: 3000}, {brake_to: 0}]")
-
 
 @pytest.fixture(scope="module")
 def braked(demo_run) -> Path:
-    return demo_run(*BLOWN)
+    """Record a gust that accelerates the demo train beyond its speed limit."""
+    return demo_run("duration=280", "interventions=[{at: 150, do: gust, acceleration: 0.5, duration: 60}]")
 
 
 @pytest.fixture(scope="module")
@@ -36,8 +32,8 @@ def plain(demo_run) -> Path:
     return demo_run("duration=5", "supervision.enabled=false")
 
 
-def told(time: float, node: str, message: str, **values: str) -> Diagnostic:
-    return Diagnostic(round(time * SECOND), node, 0, message, values)
+def told(time: int, node: str, message: str, **values: str) -> Diagnostic:
+    return Diagnostic(time * 10**9, node, 0, message, values)
 
 
 def test_states_follow_the_diagnostics() -> None:
@@ -61,22 +57,18 @@ def test_states_follow_the_diagnostics() -> None:
 
 def test_gains_that_do_not_fit_are_a_message_of_the_page() -> None:
     """Breaks if the page says nothing after a change of law, or repeats the advice every second."""
-    poor = {"controller": "smc", "advice": "smc: printed gains; try --set laws.smc.gains=model"}
-    values = [{"controller": "pid"}, poor, poor, {"controller": "pid"}, poor]
-    _, _, marks = protection_history(
-        [Diagnostic(second * 10**9, "controller", 0, "engaged", value) for second, value in enumerate(values)]
-    )
-    assert [(mark.time, mark.text, mark.acknowledge) for mark in marks] == [
-        (1.0, poor["advice"], False),
-        (4.0, poor["advice"], False),
-    ]
+    fits, poor = {"controller": "pid"}, {"controller": "smc", "advice": "smc: printed gains; try --set laws"}
+    reports = [told(at, "controller", "engaged", **value) for at, value in enumerate((fits, poor, poor, fits, poor))]
+    _, _, marks = protection_history(reports)
+    found = [(mark.time, mark.text, mark.acknowledge) for mark in marks]
+    assert found == [(1.0, poor["advice"], False), (4.0, poor["advice"], False)]
 
 
 def test_a_run_reports_the_advice_of_a_change_of_law_and_of_a_gain_to_the_page() -> None:
     """Breaks if the controller reports only the advice of the start, or keeps it after gains that fit."""
     changes = "{at: 2, law: smc, laws: {smc: {gains: printed}}}, {at: 4, laws: {smc: {gains: model}}}"
     again = "{at: 6, laws: {smc: {gains: printed}}}"
-    setup = prepare(*load_scenario("demo", [f"law_changes=[{changes}, {again}]", "duration=8"]))
+    setup = setup_of("demo", f"law_changes=[{changes}, {again}]", "duration=8")
     recording = run_engine(setup).recording
     assert recording is not None
     _, _, marks = protection_history(recording.reports)
@@ -131,13 +123,13 @@ def test_the_page_of_a_braked_run(braked: Path, plain: Path, tmp_path: Path) -> 
         assert drawn < page.evaluate("model('now').data.permitted_angle[0]")
         rings = page.evaluate("model('dial').renderers.length")
         page.screenshot(tmp_path / "braked.png")
-        assert said_wrong(page) == []
+        assert page.console == []
         assert view.end() == 0
     with browser() as page, viewing(str(plain)) as view:
         opened(page, view.url, frames=1)
         assert page.evaluate("document.querySelector('.protection')") is None
         assert rings - page.evaluate("model('dial').renderers.length") == len(LIMIT_NAMES) - 1
-        assert said_wrong(page) == []
+        assert page.console == []
 
 
 @pytest.mark.graph
@@ -167,7 +159,7 @@ def test_the_ato_is_disengaged_and_engaged_by_buttons(tmp_path: Path) -> None:
         answer(page, "emergency brake applied")
         page.wait_for("!!deep(e => e.tagName == 'BUTTON' && e.textContent.trim() == 'release the emergency brake')")
         page.screenshot(tmp_path / "live.png")
-        assert said_wrong(page) == []
+        assert page.console == []
         assert strangers(page, view.url) == []
         assert view.end() == 0
     rows = json.loads((folder / "summary.json").read_text())["changes"]

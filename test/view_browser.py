@@ -29,19 +29,10 @@ true
 
 
 class View:
-    """A running ``train-ato view``.
-
-    Attributes
-    ----------
-    url : str
-        Address in its output.
-    process : subprocess.Popen
-    """
+    """A running ``train-ato view`` with the lines of its output, the first of which is its address."""
 
     def __init__(self, process: subprocess.Popen[str], lines: list[str]) -> None:
-        self.process = process
-        self.lines = lines
-        self.url = lines[0]
+        self.process, self.lines, self.url = process, lines, lines[0]
 
     def end(self) -> int:
         """Send Ctrl-C and return the exit status; errors of the command are printed."""
@@ -58,8 +49,6 @@ def viewing(*arguments: str, lines: int = 1) -> Iterator[View]:
     command = [sys.executable, "-m", "train_ato", "view", *arguments, "--port", "0", "--no-browser"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
-        assert process.stdout is not None
-        assert process.stderr is not None
         os.set_blocking(process.stdout.fileno(), False)
         printed, last = "", time.monotonic() + LIMIT_S
         while printed.count("\n") < lines:
@@ -77,9 +66,8 @@ def viewing(*arguments: str, lines: int = 1) -> Iterator[View]:
                 process.wait(timeout=LIMIT_S)
             except subprocess.TimeoutExpired:
                 process.kill()
-        for stream in (process.stdout, process.stderr):
-            if stream is not None:
-                stream.close()
+        process.stdout.close()
+        process.stderr.close()
 
 
 def opened(page: Page, url: str, frames: int = 3) -> None:
@@ -113,13 +101,8 @@ def click(page: Page, label: str) -> None:
 def choose(page: Page, option: str) -> None:
     """Select an option in its list."""
     wanted = json.dumps(option)
-    page.evaluate(
-        f"""(() => {{
-            const list = deep(e => e.tagName == "SELECT" && [...e.options].some(o => o.value == {wanted}));
-            list.value = {wanted};
-            list.dispatchEvent(new Event("change"));
-        }})()"""
-    )
+    found = f'deep(e => e.tagName == "SELECT" && [...e.options].some(o => o.value == {wanted}))'
+    page.evaluate(f'(list => {{ list.value = {wanted}; list.dispatchEvent(new Event("change")); }})({found})')
 
 
 def answer(page: Page, part: str) -> str:
@@ -128,16 +111,6 @@ def answer(page: Page, part: str) -> str:
     return str(page.evaluate('document.getElementById("answer").textContent'))
 
 
-def said_wrong(page: Page) -> list[str]:
-    """Return the errors of the page."""
-    return list(page.console)
-
-
 def strangers(page: Page, url: str) -> list[str]:
     """Return the addresses requested by the page from other servers."""
     return [asked for asked in page.requests if not asked.startswith((url, "data:", "blob:"))]
-
-
-__all__: list[str] = [
-    "View", "answer", "choose", "click", "number", "opened", "said_wrong", "strangers", "text", "viewing",
-]  # fmt: skip
