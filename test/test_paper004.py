@@ -16,13 +16,9 @@ from train_ato.scenario.scenario import load_scenario
 from train_ato.scenario.setup import prepare
 
 
-def moving(speed: float, place: float = 0.1, **more: float) -> Result:
-    return tracked(place, speed, until=100.0, **more)
-
-
 def test_largest_speed_error_leaves_the_standstill_out() -> None:
     """Breaks if the last cm/s under the holding brake count as tracking."""
-    result = moving(0.5)
+    result = tracked(0.1, 0.5, until=100.0)
     assert result.recording is not None
     halted = with_series(result.recording, reference_velocity=np.zeros(result.recording.time.size))
     assert largest_speed_error(result) == pytest.approx(0.5)
@@ -47,9 +43,8 @@ def test_oscillation_of_the_command_is_measured_at_constant_speed() -> None:
 
 def drive(key: str, duration: float) -> Result:
     case = CASES[key]
-    outcome = run_engine(
-        prepare(*printed(*load_scenario(case.scenario, changes={**case.changes, "duration": duration})))
-    )
+    scenario = printed(*load_scenario(case.scenario, changes={**case.changes, "duration": duration}))
+    outcome = run_engine(prepare(*scenario))
     return Result(outcome.summary, outcome.recording, outcome.failure)
 
 

@@ -13,13 +13,9 @@ from train_ato.messages.types import Diagnostic
 
 pytestmark = pytest.mark.usefixtures("without_figure")
 
-SECOND = 1_000_000_000
-BLOWN = "interventions=[{at: 150, do: gust, acceleration: 0.5, duration: 60}]"
-"""A gust that accelerates the demo train beyond its speed limit."""
-
 
 def report(time: float, node: str, message: str, **values: str) -> Diagnostic:
-    return Diagnostic(round(time * SECOND), node, 0, message, values)
+    return Diagnostic(round(time * 1e9), node, 0, message, values)
 
 
 def supervised(*states: tuple[float, str, str]) -> list[Diagnostic]:
@@ -58,9 +54,8 @@ def test_an_intervention_ends_with_the_release(states: list[tuple[float, str, st
     """Breaks if a rising reaction counts twice, a warning counts, or a second intervention is left out."""
     found = protection_summary(supervised(*states))
     assert (found["brake_interventions"], found["first_intervention_s"]) == (count, first)
-    assert found["first_intervention"] == next(
-        (f"{state}: {why}" for _, state, why in states if "brake" in state), None
-    )
+    reasons = [f"{state}: {why}" for _, state, why in states if "brake" in state]
+    assert found["first_intervention"] == (reasons[0] if reasons else None)
 
 
 def test_the_end_of_the_last_engagement_counts() -> None:
@@ -77,7 +72,8 @@ def test_the_end_of_the_last_engagement_counts() -> None:
 def test_a_braked_run_has_the_reason_in_summary_table_and_line(tmp_path, capsys):
     """Breaks if an intervention is not counted, the strongest reaction is that of the end, or the line is missing."""
     folder = tmp_path / "run"
-    assert main(["run", "demo", "--engine", "--set=duration=280", f"--set={BLOWN}", "--out", str(folder)]) == 0
+    gust = "--set=interventions=[{at: 150, do: gust, acceleration: 0.5, duration: 60}]"  # faster than the limit
+    assert main(["run", "demo", "--engine", "--set=duration=280", gust, "--out", str(folder)]) == 0
     printed = capsys.readouterr()
     summary = json.loads((folder / "summary.json").read_text())
     assert summary["brake_interventions"] == 1
@@ -101,16 +97,12 @@ def test_a_run_without_events_has_no_line(tmp_path: Path, capsys: pytest.Capture
     printed = capsys.readouterr()
     assert "train-ato: " not in printed.err
     summary = json.loads(printed.out)
-    assert (summary["brake_interventions"], summary["strongest_reaction"], summary["ato_state"]) == (
-        0, "none", "engaged",
-    )  # fmt: skip
+    new = {"brake_interventions": 0, "strongest_reaction": "none", "ato_state": "engaged"}
+    assert new.items() <= summary.items()
     assert main([*options, "--set=supervision.enabled=false", "--out", str(tmp_path / "b")]) == 0
     plain = json.loads(capsys.readouterr().out)
-    new = {"brake_interventions", "first_intervention", "first_intervention_s", "strongest_reaction", "takeovers",
-           "first_takeover", "first_takeover_s",
-           "ato_state", "ato_disengaged", "ato_disengaged_s"}  # fmt: skip
-    assert set(summary) - set(plain) == new
-    assert new <= set(summary)
+    others = "first_intervention first_intervention_s takeovers first_takeover first_takeover_s ato_disengaged"
+    assert set(summary) - set(plain) == {*new, *others.split(), "ato_disengaged_s"}
 
 
 def test_a_comparison_names_the_braked_law(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

@@ -106,9 +106,8 @@ def test_metadata_says_what_the_log_holds(tmp_path):
     assert information["relative_file_paths"] == ["run.mcap"]
     counts = {e["topic_metadata"]["name"]: e["message_count"] for e in information["topics_with_message_count"]}
     assert counts == message_counts(tmp_path)
-    assert {name.lstrip("/"): count for name, count in counts.items()} == {
-        name.lstrip("/"): count for name, count in log.counts.items()
-    }
+    plain, own = ({name.lstrip("/"): count for name, count in each.items()} for each in (counts, log.counts))
+    assert plain == own
 
 
 def _sections(text):
@@ -170,14 +169,14 @@ def test_a_killed_run_is_recovered(tmp_path, cut):
 
 
 def test_recover_refuses_what_it_cannot_help(tmp_path):
-    with pytest.raises(ValueError, match="no such file"):
-        recover(tmp_path)
-    (tmp_path / "run.mcap.partial").write_bytes(b"rubbish")
-    with pytest.raises(ValueError, match="nothing can be recovered"):
-        recover(tmp_path)
-    (tmp_path / "run.mcap").write_bytes(b"")
-    with pytest.raises(ValueError, match="exists already"):
-        recover(tmp_path)
+    for name, content, text in (
+        ("", b"", "no such file"), ("run.mcap.partial", b"rubbish", "nothing can be recovered"),
+        ("run.mcap", b"", "exists already"),
+    ):  # fmt: skip
+        if name:
+            (tmp_path / name).write_bytes(content)
+        with pytest.raises(ValueError, match=text):
+            recover(tmp_path)
 
 
 def test_damage_is_an_error_of_one_line(tmp_path):
@@ -211,17 +210,11 @@ class FullDisk:
 def test_after_a_failed_write_nothing_more_is_written(tmp_path):
     """Breaks if a second attempt on a full disk leaves an incomplete file that looks complete."""
     log = RunLog(tmp_path, topics_of(LONG))
-    disk = FullDisk(log._raw, 40_000)
-    log._writer._stream = disk
-    data = WIRE.encode("train/vehicles", message("train/vehicles", LONG, 0))
+    log._writer._stream = disk = FullDisk(log._raw, 40_000)
     with pytest.raises(OSError, match=r"writing failed .No space left"):
         for tick in range(5000):
-            log.add(
-                "train/vehicles",
-                tick,
-                tick,
-                WIRE.encode("train/vehicles", message("train/vehicles", LONG, tick, seed=tick)),
-            )
+            data = WIRE.encode("train/vehicles", message("train/vehicles", LONG, tick, seed=tick))
+            log.add("train/vehicles", tick, tick, data)
     for _ in range(3):
         with pytest.raises(OSError, match="writing failed"):
             log.add("train/vehicles", 0, 0, data)
@@ -231,17 +224,13 @@ def test_after_a_failed_write_nothing_more_is_written(tmp_path):
     assert "train-ato recover" in log.failure
 
 
-def test_an_existing_log_is_never_overwritten(tmp_path):
+def test_an_existing_log_is_never_overwritten_and_a_folder_that_cannot_be_written_is_named(tmp_path):
     write(tmp_path, 2)
     before = (tmp_path / "run.mcap").read_bytes()
-    with pytest.raises(ValueError, match="exists already"):
-        RunLog(tmp_path, topics_of(LONG))
+    for folder, text in ((tmp_path, "exists already"), (tmp_path / "absent", "cannot be written")):
+        with pytest.raises(ValueError, match=text):
+            RunLog(folder, topics_of(LONG))
     assert (tmp_path / "run.mcap").read_bytes() == before
-
-
-def test_a_folder_that_cannot_be_written_is_named(tmp_path):
-    with pytest.raises(ValueError, match="cannot be written"):
-        RunLog(tmp_path / "absent", topics_of(LONG))
 
 
 def whole_messages(path):

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 import yaml
-from engine_runs import record_run
+from engine_runs import record_run, setup_of
 from request_desk import beside_a_run
 
 from train_ato.cli import main
@@ -22,7 +22,7 @@ from train_ato.messages.types import Diagnostic
 from train_ato.ros.graph.recorded import complete_folder
 from train_ato.scenario.changes import GIVEN, RunChanges, change_at, changes_from_json, values_of
 from train_ato.scenario.scenario import LawChange, load_scenario
-from train_ato.scenario.setup import prepare
+from train_ato.scenario.setup import RunSetup
 
 pytestmark = pytest.mark.usefixtures("without_figure")
 
@@ -30,8 +30,14 @@ SECOND = 1_000_000_000
 
 
 def drive(folder: Path, *assignments: str) -> Path:
-    setup = prepare(*load_scenario("demo", ("duration=40", *assignments)))
-    return record_run(setup, folder)
+    return record_run(setup_of("demo", "duration=40", *assignments), folder)
+
+
+def driven_again(setup: RunSetup, folder: Path) -> Path:
+    """Return a folder with the log of a run, and nothing else."""
+    with RunFolder.make(folder, "again").sink(setup) as sink:
+        run_engine(setup, sink=sink)
+    return folder
 
 
 def test_a_planned_change_is_told_at_the_step_that_begins_to_use_it(tmp_path: Path) -> None:
@@ -56,13 +62,10 @@ def test_what_took_effect_drives_the_run_again(tmp_path: Path) -> None:
     run = drive(tmp_path / "run", planned)
     setup, _ = read_run_folder(run)
     told = read_changes(run)
-    again = told.driven(prepare(*load_scenario("demo", ("duration=40",))).scenario)
+    again = told.driven(setup_of("demo", "duration=40").scenario)
     assert [swap.at for swap in again.law_changes] == [0.0, 7.8]
-    other = RunFolder.make(tmp_path / "again", "again")
-    changed = dataclasses.replace(setup, scenario=again)
-    with other.sink(changed) as sink:
-        run_engine(changed, sink=sink)
-    assert compare_logs(run, other.path, Wire(setup.layout)).first is None
+    other = driven_again(dataclasses.replace(setup, scenario=again), tmp_path / "again")
+    assert compare_logs(run, other, Wire(setup.layout)).first is None
 
 
 def test_a_swap_at_the_start_is_the_law_of_the_start(tmp_path: Path) -> None:
@@ -78,11 +81,8 @@ def test_a_swap_at_the_start_is_the_law_of_the_start(tmp_path: Path) -> None:
 def test_steps_that_were_not_reached_stay_planned() -> None:
     scenario, _ = load_scenario("demo", ("law_changes=[{at: 5, law: smc}, {at: 700, law: pid}]",))
     told = RunChanges(laws=[(3 * SECOND, {"pid.kp": 0.5}), (5 * SECOND, {"controller": "smc"})])
-    assert [(swap.at, values_of(swap)) for swap in told.driven(scenario).law_changes] == [
-        (3.0, {"pid.kp": 0.5}),
-        (5.0, {"controller": "smc"}),
-        (700.0, {"controller": "pid"}),
-    ]
+    driven = [(swap.at, values_of(swap)) for swap in told.driven(scenario).law_changes]
+    assert driven == [(3.0, {"pid.kp": 0.5}), (5.0, {"controller": "smc"}), (700.0, {"controller": "pid"})]
     assert [row["planned"] for row in told.rows(scenario)] == [False, True]
 
 
@@ -115,29 +115,22 @@ def test_a_law_set_from_another_process_is_recorded_and_verified(way, tmp_path, 
         desk.steps(2)
         assert desk.set("law=pid").returncode == 0
     changes = summary["changes"]
-    assert [(row["name"], row["value"]) for row in changes] == [
-        ("controller", "smc"),
-        ("pid.kp", 0.05),
-        ("controller", "pid"),
-    ]
-    assert not any(row["planned"] for row in changes)
+    told = [(row["name"], row["value"], row["planned"]) for row in changes]
+    assert told == [("controller", "smc", False), ("pid.kp", 0.05, False), ("controller", "pid", False)]
     first = changes[0]["at_s"]
     assert [row["at_s"] - first for row in changes] == pytest.approx([0.0, 0.3, 0.5], abs=0.11)
     assert yaml.safe_load((run / STARTED).read_text())["law_changes"] == []
     assert len(yaml.safe_load((run / "scenario.yaml").read_text())["law_changes"]) == 3
     (run / "scenario.yaml").unlink()
-    plain = prepare(*load_scenario(str(run / STARTED)))
-    other = RunFolder.make(tmp_path / "plain", "plain")
-    with other.sink(plain) as sink:
-        run_engine(plain, sink=sink)
-    found = compare_logs(run, other.path, Wire(plain.layout))
+    plain = setup_of(str(run / STARTED))
+    found = compare_logs(run, driven_again(plain, tmp_path / "plain"), Wire(plain.layout))
     assert found.first is not None
     assert found.first.stamp == round(first * SECOND)
 
 
 def test_late_commands_of_a_paced_run_are_counted(tmp_path: Path) -> None:
     """Breaks if ``verify`` attributes an effect of the wall clock to the code: the last count of the plant is valid."""
-    setup = prepare(*load_scenario("demo"))
+    setup = setup_of()
     with RunFolder.make(tmp_path / "run", "demo").sink(setup) as sink:
         for second, late in enumerate((0, 2, 3)):
             values = {"wall_late": str(late), "wall_held": "1"}
@@ -151,18 +144,12 @@ NAMES = {"controller": "my_controller", "observer": "my_observer"}
 
 
 def record_by_hand(
-    folder: Path,
-    changed: tuple[str, ...],
-    told: dict[str, Any],
-    names: dict[str, str] = NAMES,
-    lost: dict[str, float] | None = None,
+    folder: Path, changed: tuple[str, ...], told: dict[str, Any], names: dict[str, str] = NAMES, lost: Any = None
 ) -> dict[str, Any]:
-    """Record a run with start parameters of nodes that the recorder does not have; return its summary.
-
-    ``told`` has the start parameters in the first diagnostics of a node, None for a program that sends none; ``lost``
-    the stamp from which on the link has lost all messages of a node [s].
-    """
-    driven = prepare(*load_scenario("demo", ("duration=20", *changed)))
+    """Record a run with start parameters of nodes that the recorder does not have; return its summary."""
+    # ``told`` has the start parameters in the first diagnostics of a node, None for a program that sends none; ``lost``
+    # the stamp from which on the link has lost all messages of a node [s].
+    driven = setup_of("demo", "duration=20", *changed)
 
     class Nodes(Sink):
         def __init__(self, sink: Any) -> None:
@@ -177,12 +164,11 @@ def record_by_hand(
                 message = dataclasses.replace(message, values={**message.values, GIVEN: json.dumps(given)})
             self.sink.add(topic, message, stamp)
 
-    setup = prepare(*load_scenario("demo", ("duration=20",)))
+    setup = setup_of("demo", "duration=20")
     with RunFolder.make(folder, "demo").sink(setup) as sink:
         run_engine(driven, sink=Nodes(sink))
         counts = sink.counts
-    found = complete_folder(setup, folder, counts, 1.0, names=names)
-    assert found is not None
+    assert complete_folder(setup, folder, counts, 1.0, names=names) is not None
     return json.loads((folder / "summary.json").read_text())
 
 

@@ -109,25 +109,17 @@ def test_an_unknown_compression_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", COMPRESSIONS)
 def test_a_killed_process_loses_two_chunks_at_most(name: str, tmp_path: Path) -> None:
     """Breaks if chunks accumulate before the packing thread: a kill would lose all of them."""
-    process = subprocess.Popen(
-        [sys.executable, "-c", WRITER, str(tmp_path), name],
-        stdout=subprocess.PIPE,
-        env={**os.environ, "PYTHONPATH": str(Path(train_ato.__file__).parents[1])},
-        text=True,
-    )
-    assert process.stdout is not None
-    written = 0
-    while written < 20 * CHUNK // SIZE:
-        written = int(process.stdout.readline())
-    process.kill()
-    written = max([written, *map(int, process.stdout.read().split("\n")[:-1])])
-    process.wait()
-    process.stdout.close()
+    environment = {**os.environ, "PYTHONPATH": str(Path(train_ato.__file__).parents[1])}
+    command, written = [sys.executable, "-c", WRITER, str(tmp_path), name], 0
+    with subprocess.Popen(command, stdout=subprocess.PIPE, env=environment, text=True) as process:
+        while written < 20 * CHUNK // SIZE:
+            written = int(process.stdout.readline())
+        process.kill()
+        written = max([written, *map(int, process.stdout.read().split("\n")[:-1])])
     found = recover(tmp_path)
     assert found.messages >= written - 2 * CHUNK / SIZE
-    assert [m.data for m in stream(found.path)] == [
-        count.to_bytes(8, "little") * (SIZE // 8) for count in range(found.messages)
-    ]
+    for count, message in enumerate(stream(found.path)):
+        assert message.data == count.to_bytes(8, "little") * (SIZE // 8)
 
 
 def test_a_failure_of_the_packing_thread_ends_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from engine_runs import setup_of
 from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
@@ -18,8 +19,6 @@ from train_ato.log.definitions import definition
 from train_ato.log.run_folder import RunFolder
 from train_ato.loop.engine import run_engine
 from train_ato.messages.topics import topics_of
-from train_ato.scenario.scenario import load_scenario
-from train_ato.scenario.setup import prepare
 
 GOLDEN = Path(__file__).resolve().parent / "golden" / "short_train"
 Read = tuple[str, int, Any]
@@ -48,9 +47,8 @@ def by_mcap_ros2() -> Iterator[Read]:
     from mcap_ros2.decoder import DecoderFactory
 
     with (GOLDEN / "run.mcap").open("rb") as file:
-        for _, channel, message, decoded in make_reader(
-            file, validate_crcs=True, decoder_factories=[DecoderFactory()]
-        ).iter_decoded_messages(log_time_order=False):
+        reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
+        for _, channel, message, decoded in reader.iter_decoded_messages(log_time_order=False):
             yield channel.topic, message.log_time, decoded
 
 
@@ -84,7 +82,7 @@ def test_three_readers_read_equal_values() -> None:
     assert len(reads[0]) > 4000
     for one, other, third in zip(*reads, strict=True):
         assert one == other == third
-    layout = prepare(*load_scenario(str(GOLDEN.parent / "short_train.yaml"))).layout
+    layout = setup_of(str(GOLDEN.parent / "short_train.yaml")).layout
     assert {table_name(topic) for topic, _, _ in reads[0]} == {t.name for t in topics_of(layout) if t.recorded}
 
 
@@ -123,7 +121,7 @@ def test_equal_runs_of_the_engine_give_equal_bytes(tmp_path: Path, monkeypatch: 
     # fixed and the limit of the second is not reached here.
     monkeypatch.setattr(chunk_thread, "CLOSE_AFTER_S", 60.0)
     monkeypatch.setattr(reading, "clock_ns", lambda: 10**18)
-    setup = prepare(*load_scenario("demo", ("duration=60", "observer=ndo", "law_changes=[{at: 30, law: smc}]")))
+    setup = setup_of("demo", "duration=60", "observer=ndo", "law_changes=[{at: 30, law: smc}]")
     for name in ("one", "other"):
         with RunFolder.make(tmp_path / name, "demo").sink(setup) as sink:
             run_engine(setup, sink=sink)

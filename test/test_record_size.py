@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
+from engine_runs import setup_of
 
 from train_ato.cli import main
 from train_ato.log.chunk_thread import CLOSE_AFTER_S
@@ -15,8 +16,6 @@ from train_ato.log.run_log import CHUNK, LogFile
 from train_ato.loop.engine import run_engine
 from train_ato.messages.topic import SUPERVISED
 from train_ato.messages.topics import EPOCH_NS, TOPICS
-from train_ato.scenario.scenario import load_scenario
-from train_ato.scenario.setup import prepare
 
 GOLDEN = Path(__file__).resolve().parent / "golden" / "short_train" / "run.mcap"
 
@@ -112,21 +111,14 @@ def test_a_foreign_log_counts_from_its_first_message(tmp_path: Path) -> None:
 
 BEGIN_S, END_S = 300, 400
 
-# 340 MB with names car_i; vehicle_i adds 424 bytes to each message of three topics, 36 000 times an hour.
-MEGABYTES_AN_HOUR = {"none": 340 + 3 * 424 * 36_000 / 1e6, "fast": 110, "small": 100}
-"""Largest sizes without the topics of the supervision and the pressure at the tail."""
 SUPERVISION = {f"/{topic.name}" for topic in TOPICS if topic.condition is SUPERVISED}
 TAIL = "/train/brake_pipe_tail"
-MAX_PRESSURE = 100
-"""Largest message of the pressure at the tail with its record [bytes]: stamp, frame, two numbers."""
-MAX_MESSAGE = 400
-"""Largest message of the supervision with its record [bytes]: at most 10 names of 25 characters and 15 numbers."""
 
 
 @pytest.fixture(scope="module")
 def messages(tmp_path_factory: pytest.TempPathFactory):
     """Return the messages of 106 vehicles in motion, with the truth of the disturbances and the supervision."""
-    setup = prepare(*load_scenario("daqin_heavy_haul:disturbed", (f"duration={END_S}",)))
+    setup = setup_of("daqin_heavy_haul:disturbed", f"duration={END_S}")
     folder = RunFolder.make(tmp_path_factory.mktemp("size") / "run", "size")
     with folder.sink(setup) as sink:
         assert run_engine(setup, sink=sink).failure is None
@@ -134,20 +126,15 @@ def messages(tmp_path_factory: pytest.TempPathFactory):
 
 
 @pytest.mark.campaign
-def test_the_supervision_has_five_small_messages_a_period(messages) -> None:
-    """Breaks if a topic of the supervision grows, or is recorded at every tick."""
-    found = [m for m in messages if m.channel.topic in SUPERVISION]
-    assert {m.channel.topic for m in found} == SUPERVISION
-    assert len(found) == pytest.approx(len(SUPERVISION) * (END_S - BEGIN_S) / 0.4, abs=len(SUPERVISION))
-    assert max(len(m.data) + 31 for m in found) < MAX_MESSAGE
-
-
-@pytest.mark.campaign
-def test_the_pressure_at_the_tail_is_one_small_message_a_tick(messages) -> None:
-    """Breaks if the message grows, or is recorded more often."""
-    found = [m for m in messages if m.channel.topic == TAIL]
-    assert len(found) == pytest.approx(10 * (END_S - BEGIN_S), abs=1)
-    assert max(len(m.data) + 31 for m in found) < MAX_PRESSURE
+@pytest.mark.parametrize(
+    ("topics", "a_second", "largest"), [(SUPERVISION, len(SUPERVISION) / 0.4, 400), ({TAIL}, 10, 100)]
+)
+def test_supervision_and_pressure_have_small_messages_a_period(topics, a_second, largest, messages) -> None:
+    """Breaks if a topic grows or is recorded more often: at most 10 names of 25 characters and 15 numbers, or 2."""
+    found = [m for m in messages if m.channel.topic in topics]
+    assert {m.channel.topic for m in found} == topics
+    assert len(found) == pytest.approx(a_second * (END_S - BEGIN_S), abs=len(topics))
+    assert max(len(m.data) + 31 for m in found) < largest
 
 
 @pytest.mark.campaign
@@ -169,6 +156,7 @@ def test_an_hour_of_the_long_train_keeps_its_size(paced: bool, messages, tmp_pat
             log.write(numbers[m.channel.topic], m.publish_ns, m.log_ns, m.data)
         log.close()
         sizes[compression] = log.path.stat().st_size / 1e6 * 3600 / (END_S - BEGIN_S)
-    print({name: round(size) for name, size in sizes.items()})
     assert sizes["small"] < 0.95 * sizes["fast"] < 0.4 * sizes["none"]
-    assert all(sizes[name] < MEGABYTES_AN_HOUR[name] for name in COMPRESSIONS), sizes
+    # 340 MB with names car_i; vehicle_i adds 424 bytes to each message of three topics, 36 000 times an hour.
+    largest = {"none": 340 + 3 * 424 * 36_000 / 1e6, "fast": 110, "small": 100}
+    assert all(sizes[name] < largest[name] for name in COMPRESSIONS), sizes

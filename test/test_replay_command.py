@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from recordings import message_counts
 from replay_listener import Replaying
-from test_replay import COMMAND, PROFILE, SECONDS, TICKS, domain, listen, paused, recorded, run  # noqa: F401  # noqa: F401
+from test_replay import COMMAND, PROFILE, SECONDS, TICKS, domain, listen, paused, recorded, run  # noqa: F401
 from waiting import LIMIT_S
 
 from train_ato.cli.main import main
@@ -23,14 +23,13 @@ from train_ato.messages.codec import stamp_of
 from train_ato.messages.topics import EPOCH_NS
 from train_ato.playback.publishing import NODE
 
-COMMAND_LINE = [sys.executable, "-m", "train_ato", "replay"]
-
 
 def started(log: Path, *arguments: str, **more) -> subprocess.Popen:
     """Start the command; it selects its own middleware profile."""
     environment = {key: value for key, value in os.environ.items() if key != "FASTRTPS_DEFAULT_PROFILES_FILE"}
     pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **more}
-    return subprocess.Popen([*COMMAND_LINE, str(log), *arguments], env=environment, text=True, **pipes)
+    command = [sys.executable, "-m", "train_ato", "replay", str(log), *arguments]
+    return subprocess.Popen(command, env=environment, text=True, **pipes)
 
 
 @pytest.fixture
@@ -113,30 +112,24 @@ def test_keys_of_a_terminal(run, listen, domain):  # noqa: F811
         run, "--domain", str(domain), "--start-paused", stdin=theirs, stderr=theirs, start_new_session=True,
         preexec_fn=lambda: fcntl.ioctl(theirs, termios.TIOCSCTTY, 0),
     )  # fmt: skip
-    drawn = b""
+    drawn = bytearray()
 
-    def press(key):
-        os.write(ours, key)
-
-    def draw():
-        nonlocal drawn
+    def seen(condition):
         while select.select([ours], [], [], 0)[0]:
-            drawn += os.read(ours, 65536)
+            drawn.extend(os.read(ours, 65536))
+        return condition()
 
-    def until(condition, what):
-        listener.until(lambda: (draw(), condition())[1], what)
+    def press(key, condition, what):
+        os.write(ours, key)
+        listener.until(lambda: seen(condition), what)
 
     try:
         assert listener.call("is_paused").success
-        until(lambda: b"0.0 of 15.0 s, paused" in drawn, "the progress bar")
-        press(b"\x1b[A")
-        until(lambda: listener.call("get_rate").message == "1.1", "a faster rate")
-        press(b"\x1b[B")
-        until(lambda: listener.call("get_rate").message == "1", "a slower rate")
-        press(b" ")
-        until(lambda: len(listener.heard[COMMAND]) > 2, "messages after space")
-        press(b"\x03")  # Ctrl-C on the terminal
-        until(lambda: process.poll() is not None, "the end of the process")
+        press(b"", lambda: b"0.0 of 15.0 s, paused" in drawn, "the progress bar")
+        press(b"\x1b[A", lambda: listener.call("get_rate").message == "1.1", "a faster rate")
+        press(b"\x1b[B", lambda: listener.call("get_rate").message == "1", "a slower rate")
+        press(b" ", lambda: len(listener.heard[COMMAND]) > 2, "messages after space")
+        press(b"\x03", lambda: process.poll() is not None, "the end of the process by Ctrl-C")
         assert process.returncode == 1
         assert termios.tcgetattr(theirs) == before
     finally:
@@ -206,20 +199,20 @@ def test_the_counts_are_those_of_the_log(run, domain, capfd):  # noqa: F811
 types = pytest.importorskip("rosbag2_interfaces.srv", reason="rosbag2_interfaces is not installed")
 
 
-def test_every_order_of_rosbag2(run, listen, domain):  # noqa: F811
+@pytest.fixture
+def listener(listen):  # noqa: F811
+    """Give a listener to the commands that uses the services of rosbag2."""
+    found = listen({COMMAND: COMMAND})
+    found.ask = lambda kind, service, **fields: found.answer(kind, f"/{NODE}/{service}", kind.Request(**fields))
+    return found
+
+
+def test_every_order_of_rosbag2(run, listener, domain):  # noqa: F811
     """Same names, types and answers; times are absolute times of the log, durations are relative."""
-    listener = listen({COMMAND: COMMAND})
-    expected = recorded(run, COMMAND)
+    from builtin_interfaces.msg import Time
 
-    def ask(kind, service, **fields):
-        return listener.answer(kind, f"/{NODE}/{service}", kind.Request(**fields))
-
-    def moment(seconds):
-        from builtin_interfaces.msg import Time
-
-        whole, rest = divmod(EPOCH_NS + round(seconds * 1e9), 10**9)
-        return Time(sec=whole, nanosec=rest)
-
+    ask, expected = listener.ask, recorded(run, COMMAND)
+    epoch = EPOCH_NS // 10**9
     with Replaying(run, paused(topics=(COMMAND,)), domain, listener) as replaying:
         assert ask(types.IsPaused, "is_paused").paused
         assert ask(types.GetRate, "get_rate").rate == 1.0
@@ -229,8 +222,8 @@ def test_every_order_of_rosbag2(run, listen, domain):  # noqa: F811
         assert ask(types.PlayNext, "play_next").success
         assert ask(types.Burst, "burst", num_messages=3).actually_burst == 3
         assert listener.hear(COMMAND, 4) == expected[:4]
-        assert not ask(types.Seek, "seek", time=moment(SECONDS + 1)).success
-        assert ask(types.Seek, "seek", time=moment(10.0)).success
+        assert not ask(types.Seek, "seek", time=Time(sec=epoch + SECONDS + 1)).success
+        assert ask(types.Seek, "seek", time=Time(sec=epoch + 10)).success
         assert ask(types.PlayNext, "play_next").success
         assert stamp_of(listener.hear(COMMAND, 5)[-1]) == 10 * 10**9
         assert not ask(types.Play, "play").success, "messages are left"
@@ -240,16 +233,11 @@ def test_every_order_of_rosbag2(run, listen, domain):  # noqa: F811
         assert replaying.outcome.end == "end"
 
 
-def test_pause_resume_play_and_stop(run, listen, domain):  # noqa: F811
+def test_pause_resume_play_and_stop(run, listener, domain):  # noqa: F811
     from builtin_interfaces.msg import Duration, Time
 
-    listener = listen({COMMAND: COMMAND})
-    expected = recorded(run, COMMAND)
+    ask, expected = listener.ask, recorded(run, COMMAND)
     with Replaying(run, paused(topics=(COMMAND,)), domain, listener) as replaying:
-
-        def ask(kind, service, **fields):
-            return listener.answer(kind, f"/{NODE}/{service}", kind.Request(**fields))
-
         ask(types.Resume, "resume")
         assert not ask(types.IsPaused, "is_paused").paused
         assert ask(types.Burst, "burst", num_messages=5).actually_burst == 0, "no burst without a pause"

@@ -4,10 +4,11 @@ import json
 import math
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from engine_runs import record_run
+from engine_runs import record_run, setup_of
 from matplotlib.image import imread
 from report_runs import without
 
@@ -15,15 +16,13 @@ from train_ato.cli import main
 from train_ato.playback.open_loop import replay_open_loop
 from train_ato.playback.playback import ReplayClock
 from train_ato.playback.replaying import output_names
-from train_ato.scenario.scenario import load_scenario
-from train_ato.scenario.setup import prepare
 
 SECONDS = 40
 
 
 @pytest.fixture(scope="module")
 def setup():
-    return prepare(*load_scenario("demo", (f"duration={SECONDS}",)))
+    return setup_of("demo", f"duration={SECONDS}")
 
 
 @pytest.fixture(scope="module")
@@ -43,9 +42,8 @@ def test_the_recorded_law_gives_the_recorded_outputs_bit_by_bit(setup, run):
 
 def test_the_outputs_of_a_disengaged_ato_are_equal_too(tmp_path):
     """Breaks if the states of the ATO, a takeover or a request are not repeated on the recorded inputs."""
-    changes = ("duration=40", "ato_requests=[{at: 20, do: disengage}]",
-               "interventions=[{at: 32, do: emergency_brake}]")  # fmt: skip
-    setup = prepare(*load_scenario("demo", changes))
+    disengage, brake = "ato_requests=[{at: 20, do: disengage}]", "interventions=[{at: 32, do: emergency_brake}]"
+    setup = setup_of("demo", "duration=40", disengage, brake)
     result = replay_open_loop(setup, record_run(setup, tmp_path / "run"))
     assert result.summary()["equal_ticks"] == setup.ticks
     assert (result.recorded[220:240] == 0.0).all()
@@ -54,12 +52,11 @@ def test_the_outputs_of_a_disengaged_ato_are_equal_too(tmp_path):
 def test_a_log_without_the_supervisor_is_replayed_as_driven(setup, run, tmp_path):
     """Breaks if the replay waits for messages that the log does not have, as that of a measured run."""
     cut = without(run, tmp_path / "cut", {"train/protection", "atp/speeds"})
-    result = replay_open_loop(setup, cut)
-    assert result.summary()["equal_ticks"] == setup.ticks
+    assert replay_open_loop(setup, cut).summary()["equal_ticks"] == setup.ticks
 
 
 def test_another_gain_is_seen(run):
-    changed = prepare(*load_scenario("demo", (f"duration={SECONDS}", "laws.pid={kp: 3.0e+5}")))
+    changed = setup_of("demo", f"duration={SECONDS}", "laws.pid={kp: 3.0e+5}")
     result = replay_open_loop(changed, run)
     summary = result.summary()
     assert summary["difference_max_kn"] > 0.01
@@ -79,7 +76,7 @@ def test_the_command_shows_both_outputs_and_draws_them(run, capsys):
     summary = json.loads(capsys.readouterr().out)
     assert (summary["difference_max_kn"], summary["equal_ticks"]) == (0, SECONDS * 10)
     assert summary["figure"] == str(run / "replay-pid.png")
-    setup = prepare(*load_scenario("demo", (f"duration={SECONDS}",)))
+    setup = setup_of("demo", f"duration={SECONDS}")
     swap = {"controller": "pid", "changes": [{"at_s": 614.0, "name": "controller", "value": "smc"}]}
     assert output_names(setup, swap, "mpc") == ("pid → smc at 614 s, recorded", "mpc, replayed")
     figures = [imread(run / f"replay-{name}.png") for name in ("smc", "pid")]
@@ -109,23 +106,14 @@ def test_a_log_without_a_scenario_is_refused(tmp_path, capsys):
     assert "no scenario.yaml is attached" in capsys.readouterr().err
 
 
-class Wall:
-    """Wall clock set by the test."""
-
-    def __init__(self) -> None:
-        self.now = 1000.0
-
-    def __call__(self) -> float:
-        return self.now
-
-
 @pytest.fixture
-def wall() -> Wall:
-    return Wall()
+def wall() -> SimpleNamespace:
+    """Give a wall clock that the test sets."""
+    return SimpleNamespace(now=1000.0)
 
 
 def test_time_flows_by_the_rate_and_a_change_of_it_does_not_jump(wall):
-    clock = ReplayClock(2.0, paused=False, steady=wall)
+    clock = ReplayClock(2.0, paused=False, steady=lambda: wall.now)
     wall.now += 3
     assert clock.now == 6
     assert clock.until(10) == 2
@@ -137,7 +125,7 @@ def test_time_flows_by_the_rate_and_a_change_of_it_does_not_jump(wall):
 
 
 def test_time_stands_in_a_pause_and_goes_on_from_there(wall):
-    clock = ReplayClock(1.0, paused=False, steady=wall)
+    clock = ReplayClock(1.0, paused=False, steady=lambda: wall.now)
     wall.now += 5
     clock.set_paused(True)
     wall.now += 100
@@ -152,7 +140,7 @@ def test_time_stands_in_a_pause_and_goes_on_from_there(wall):
 def test_a_jump_with_a_delay(wall):
     """The delay is in wall time, at any rate; a pause does not change it."""
     for rate in (4.0, math.inf):
-        clock = ReplayClock(rate, paused=False, steady=wall)
+        clock = ReplayClock(rate, paused=False, steady=lambda: wall.now)
         clock.jump(20, delay=3)
         wall.now += 1
         assert (clock.now, clock.until(20)) == (20, 2)
@@ -163,7 +151,7 @@ def test_a_jump_with_a_delay(wall):
 
 
 def test_as_fast_as_possible_time_follows_the_messages(wall):
-    clock = ReplayClock(math.inf, paused=False, steady=wall)
+    clock = ReplayClock(math.inf, paused=False, steady=lambda: wall.now)
     wall.now += 50
     assert (clock.now, clock.until(1e9)) == (0, 0)
     clock.reached(12)
@@ -175,7 +163,7 @@ def test_as_fast_as_possible_time_follows_the_messages(wall):
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, math.nan])
 def test_a_rate_that_is_none_is_refused(wall, rate):
-    clock = ReplayClock(1.0, paused=False, steady=wall)
+    clock = ReplayClock(1.0, paused=False, steady=lambda: wall.now)
     with pytest.raises(ValueError, match="above 0"):
         clock.set_rate(rate)
     assert clock.rate == 1.0

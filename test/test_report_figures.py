@@ -1,17 +1,16 @@
-"""Figures of a report: axes, pressure, style, reduced samples, words, and a log alone in a folder.
-
-Time at a force limit, titles of runs with changed laws, and remarks on error figures.
-"""
+"""Figures of a report: axes, pressure, style, reduced samples, words, force limits, titles, and a log alone."""
 
 import re
 import shutil
 from dataclasses import replace
+from itertools import accumulate
 from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
 import pytest
 from chromium import browser
+from engine_runs import setup_of
 from hypothesis import given
 from hypothesis import strategies as st
 from import_files import MASS, metro, recorded, take, text_of
@@ -35,8 +34,6 @@ from train_ato.report.quantities import axis_range
 from train_ato.report.summary_rows import GROUPS, filled_groups, shown
 from train_ato.report.words import driven_laws, longer
 from train_ato.report.writing import comparison_title, write_comparison_page, write_run
-from train_ato.scenario.scenario import load_scenario
-from train_ato.scenario.setup import RunSetup, prepare
 
 ROOT = Path(__file__).resolve().parents[1]
 SPEED = np.array([0.0, 20.0, 30.0])
@@ -48,24 +45,16 @@ def braked(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return drive(tmp_path_factory.mktemp("axes"), "braked", "demo", "--set=duration=60", f"--set={events}")
 
 
-def test_a_bound_far_above_the_lines_does_not_set_the_range() -> None:
-    """Breaks if a limit squashes the curve, or a near one is cut off."""
+def test_the_range_of_an_axis_is_that_of_its_lines() -> None:
+    """Breaks if a limit squashes the curve or a near one is cut off, or an axis of errors begins at zero."""
     far = axis_range("speed", [("speed", SPEED), ("limit", np.array([80.0, 80.0, 60.0]))])
     assert (far.low, far.high, far.from_zero) == (0.0, 30.0, True)
     assert far.remark("limit") == " (outside: 60 or more)" and far.remark("speed") == ""
     near = axis_range("speed", [("speed", SPEED), ("limit", np.full(3, 40.0))])
     assert (near.high, near.far, near.remark("limit")) == (40.0, {}, "")
-
-
-def test_a_bound_that_crosses_the_frame_has_no_remark() -> None:
-    """Breaks if a limit that comes down to the speed is said to be outside of the frame."""
-    found = axis_range("speed", [("speed", SPEED), ("permitted_speed", np.array([80.0, 50.0, 10.0]))])
-    assert found.far == {"permitted_speed": 10.0} and found.remark("permitted_speed") == ""
-
-
-def test_only_quantities_without_negative_values_begin_at_zero() -> None:
-    """Breaks if the speed of a train that runs backwards is cut off, or an error axis begins at zero."""
-    assert not axis_range("speed", [("speed", -SPEED)]).from_zero
+    crossing = axis_range("speed", [("speed", SPEED), ("permitted_speed", np.array([80.0, 50.0, 10.0]))])
+    assert crossing.far == {"permitted_speed": 10.0} and crossing.remark("permitted_speed") == ""
+    assert not axis_range("speed", [("speed", -SPEED)]).from_zero, "a train that runs backwards"
     assert not axis_range("speed_error", [("speed_error", SPEED)]).from_zero
     empty = axis_range("speed", [("speed", np.full(3, np.nan)), ("limit", np.full(3, 80.0))])
     assert (empty.low, empty.high, empty.far) == (0.0, 80.0, {})
@@ -140,15 +129,12 @@ def test_a_sheet_has_the_style_of_print_with_larger_text() -> None:
 @given(st.integers(1, 5), st.integers(1, 4000), st.integers(20, 300), st.integers(0, 2**32 - 1))
 def test_no_peak_of_any_column_is_lost(columns: int, count: int, rows: int, seed: int) -> None:
     """Breaks if downsampling loses an extreme, the ends or the order, or keeps too many rows."""
-    random = np.random.default_rng(seed)
-    table = [random.standard_normal(count) for _ in range(columns)]
+    table = list(np.random.default_rng(seed).standard_normal((columns, count)))
     chosen = kept(table, rows)
-    assert chosen.size <= max(rows, 2 * columns + 2)
-    assert (np.diff(chosen) > 0).all()
+    assert chosen.size <= max(rows, 2 * columns + 2) and (np.diff(chosen) > 0).all()
     assert (chosen[0], chosen[-1]) == (0, count - 1)
     for column in table:
-        assert column[chosen].max() == column.max()
-        assert column[chosen].min() == column.min()
+        assert (column[chosen].max(), column[chosen].min()) == (column.max(), column.min())
 
 
 @given(st.integers(0, 99_999))
@@ -181,10 +167,8 @@ def test_a_heat_map_keeps_every_vehicles_extreme(count: int, vehicles: int, colu
     shown = picture.codes[vehicle] * picture.unit
     # A value of the other sign may have the same code: the extreme is among the shown ones, not always the first.
     assert np.abs(shown - extreme).min() <= abs(extreme) / 127
-    for number in range(vehicles):
-        assert np.abs(picture.codes[number]).max() * picture.unit == pytest.approx(
-            np.abs(values[:, number]).max(), abs=picture.unit
-        )
+    largest = np.abs(picture.codes).max(axis=1) * picture.unit
+    assert largest == pytest.approx(np.abs(values).max(axis=0), abs=picture.unit)
 
 
 def test_a_heat_map_of_a_log_with_a_gap_is_grey_there() -> None:
@@ -230,11 +214,9 @@ def test_a_delay_is_found_to_a_part_of_a_tick(delay: float, lag: float, tick: fl
     held = np.maximum(np.floor((moments - delay) / tick + 1e-9).astype(int), 0)
     force = demand[held]
     if lag:
-        gain, state, smooth = 1 - np.exp(-tick / fine / lag), force[0], []
-        for value in force:
-            smooth.append(state)
-            state += gain * (value - state)
-        force = np.array(smooth)
+        gain = 1 - np.exp(-tick / fine / lag)
+        force = np.array(list(accumulate(force, lambda state, value: state + gain * (value - state))))
+        force = np.concatenate((force[:1], force[:-1]))
     middle, found = found_delay(time, demand, force[::fine], 4.0, lag)
     assert middle.size > 5
     assert np.isfinite(found).all()
@@ -267,13 +249,13 @@ def test_a_track_has_its_grades_heights_and_curves() -> None:
 
 
 ROWS = {row.key: row for rows in GROUPS.values() for row in rows}
-GUST = "--set=plant.disturbances=[{kind: gust, begin: 4, end: 8, acceleration: -0.02}]"
 
 
 @pytest.fixture(scope="module")
 def gusty(tmp_path_factory: pytest.TempPathFactory) -> PageData:
     """Run twelve seconds of the demo with a gust."""
-    return page_data(open_recording(drive(tmp_path_factory.mktemp("gusty"), "run", "demo", "--set=duration=12", GUST)))
+    gust = "--set=plant.disturbances=[{kind: gust, begin: 4, end: 8, acceleration: -0.02}]"
+    return page_data(open_recording(drive(tmp_path_factory.mktemp("gusty"), "run", "demo", "--set=duration=12", gust)))
 
 
 @pytest.mark.parametrize(
@@ -399,28 +381,15 @@ def test_a_train_with_an_air_brake_is_not_said_to_have_none(train, reason, tmp_p
             CURVES[name](recording)
 
 
-SECOND = 1_000_000_000
-SWAPPED = ("--set=law_changes=[{at: 10, law: smc}, {at: 20, laws: {smc: {ks: 0.5}}}]",)
-
-
-def setup_of(*assignments: str) -> RunSetup:
-    return prepare(*load_scenario("demo", ("links.command.delay=0.9", *assignments)))
-
-
 def reported(plant: list[float], controller: list[float]) -> Recording:
     """Return a run with the counts of plant [s] and controller [steps], once a second from 0 s on."""
-    reports = [Diagnostic(t * SECOND, "plant", 0, "", {"saturated": str(value)}) for t, value in enumerate(plant)]
-    reports += [
-        Diagnostic(t * SECOND, "controller", 0, "", {"saturated_steps": str(value)})
-        for t, value in enumerate(controller)
+    counts = (("plant", "saturated", plant), ("controller", "saturated_steps", controller))
+    reports = [
+        Diagnostic(t * 1_000_000_000, node, 0, "", {key: str(value)})
+        for node, key, values in counts
+        for t, value in enumerate(values)
     ]
     return Recording(kept_reports=tuple(sorted(reports, key=lambda report: report.stamp)))
-
-
-def at_limit(plant: list[float], controller: list[float]) -> float:
-    found = time_at_force_limit(setup_of(), reported(plant, controller))
-    assert found is not None
-    return float(found[1][-1])
 
 
 @pytest.mark.parametrize(
@@ -437,12 +406,13 @@ def test_a_demand_at_a_limit_counts_once_however_it_came_there(
     plant: list[float], controller: list[float], wanted: float
 ) -> None:
     """Breaks if a demand clipped by the law is missing, or one that both count is counted twice."""
-    assert at_limit(plant, controller) == pytest.approx(wanted)
+    found = time_at_force_limit(setup_of("demo", "links.command.delay=0.9"), reported(plant, controller))
+    assert found is not None and found[1][-1] == pytest.approx(wanted)
 
 
 def test_the_metric_is_at_least_the_time_of_the_commands_at_the_limits_of_the_model() -> None:
     """Breaks if the summary has the count of the plant only: 0 s of a law that clips itself."""
-    setup = prepare(*load_scenario("demo", ("duration=150", "law=smc", "laws.smc.gains=printed")))
+    setup = setup_of("demo", "duration=150", "law=smc", "laws.smc.gains=printed")
     outcome = run_engine(setup)
     assert outcome.recording is not None
     velocity = outcome.recording.topics["train/measurement"]["velocity"]
@@ -463,22 +433,16 @@ def test_lost_and_late_commands_are_metrics() -> None:
     """Breaks if a lost, missed, refused, late or absent command is not in the summary."""
     values = {"commands_lost": "3", "missed ato/command": "5", "refused ato/command": "7"}
     values |= {"wall_late": "9", "wall_held": "11"}
-    setup = setup_of("duration=2")
-    recording = run_engine(setup).recording
-    assert recording is not None
-    figures = summarise(setup, replace(recording, kept_reports=(Diagnostic(0, "plant", 0, "", values),)))
+    setup, reports = setup_of("demo", "duration=2"), (Diagnostic(0, "plant", 0, "", values),)
+    figures = summarise(setup, replace(run_engine(setup).recording, kept_reports=reports))
     names = ("commands_lost", "commands_missed", "commands_refused", "commands_late")
     assert [figures[name] for name in names] == [3, 5 + 11, 7, 9]
 
 
-@pytest.fixture(scope="module")
-def swapped(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return drive(tmp_path_factory.mktemp("swapped"), "swapped", "demo", "--set=duration=30", *SWAPPED)
-
-
-def test_a_run_with_a_changed_law_says_so_in_every_title(swapped: Path, tmp_path: Path) -> None:
+def test_a_run_with_a_changed_law_says_so_in_every_title(tmp_path: Path) -> None:
     """Breaks if a title names the first law only."""
-    data = page_data(open_recording(swapped))
+    changes = "--set=law_changes=[{at: 10, law: smc}, {at: 20, laws: {smc: {ks: 0.5}}}]"
+    data = page_data(open_recording(drive(tmp_path, "swapped", "demo", "--set=duration=30", changes)))
     laws = "pid → smc at 10 s, parameters changed"
     assert driven_laws(data.summary) == data.facts["law"] == laws
     assert laws in titles(data.summary)[0]
@@ -505,5 +469,6 @@ def test_error_figures_name_the_part_that_the_metrics_leave_out(tmp_path: Path) 
 def test_events_at_a_force_limit_include_those_of_the_law() -> None:
     """Breaks if the list of events has only the excess that the plant counts."""
     base = reported([0, 0, 0, 0, 0], [0, 10, 20, 20, 20])
-    (event,) = [found for found in detect_events(replace(base, setup=setup_of())) if found.kind == "limit"]
+    setup = setup_of("demo", "links.command.delay=0.9")
+    (event,) = [found for found in detect_events(replace(base, setup=setup)) if found.kind == "limit"]
     assert "2.0 s" in event.text

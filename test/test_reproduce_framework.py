@@ -3,11 +3,13 @@
 import json
 import multiprocessing
 import os
-from collections.abc import Iterable
+from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -34,6 +36,7 @@ from train_ato.papers.p004_gpc import cases as p004
 from train_ato.papers.page import claims_of, judge_paper, section
 from train_ato.papers.pool import Finished, carry_out, run_cases
 from train_ato.papers.session import Judged, load_paper, paper_numbers, reproduce, with_claim
+from train_ato.scenario.scenario import load_scenario
 
 SHORT = Case("demo", {"duration": 2})
 
@@ -43,6 +46,10 @@ def measure(log: str, value: float) -> tuple[dict[str, Any], dict[str, Any]]:
     with Path(log).open("a", encoding="utf-8") as file:
         file.write(f"{os.getpid()}\n")
     return {"value": value}, {"squares": [value, value**2]}
+
+
+def counted(folder: Path, value: float = 1.0, full_only: bool = False) -> Calculation:
+    return Calculation(measure, {"log": str(folder / "calls"), "value": value}, full_only=full_only)
 
 
 def die() -> tuple[dict[str, Any], dict[str, Any]]:
@@ -55,12 +62,8 @@ def _holds(results: Results) -> Judgement:
     return Judgement(f"{value}", verdict, "below 2", (Bound("value", 2.0, "", "test").check(value),))
 
 
-def _no_figures(results: Results, folder: Path) -> list[FigureFile]:
-    return []
-
-
-def _paper(cases: dict[str, Case | Calculation], *claims: Claim, **more: Any) -> Paper:
-    return Paper("999", "a paper", cases, claims, more.pop("figures", _no_figures), **more)
+def _paper(cases: Mapping[str, Case | Calculation], *claims: Claim, **more: Any) -> Paper:
+    return Paper("999", "a paper", dict(cases), claims, more.pop("figures", lambda results, folder: []), **more)
 
 
 def _run(papers: list[Paper], folder: Path, full: bool = False) -> list[Judged]:
@@ -71,8 +74,7 @@ def _run(papers: list[Paper], folder: Path, full: bool = False) -> list[Judged]:
 
 def test_equal_cases_of_several_papers_run_once(tmp_path: Path) -> None:
     """Breaks if a case is run for every claim or key that names it."""
-    log = tmp_path / "calls"
-    case = Calculation(measure, {"log": str(log), "value": 1.0})
+    log, case = tmp_path / "calls", counted(tmp_path)
     claims = [Claim("first", "1", ("a",), _holds), Claim("second", "1", ("b",), _holds)]
     done = _run([_paper({"a": case, "b": case}, *claims), _paper({"c": case})], tmp_path)
     assert len(log.read_text().split()) == 1
@@ -83,8 +85,7 @@ def test_equal_cases_of_several_papers_run_once(tmp_path: Path) -> None:
 
 def test_rows_have_the_documented_keys_and_are_written(tmp_path: Path) -> None:
     """Breaks if ``reproduce.json`` is not the list of {paper, claim, stated, measured, verdict, reason, bounds}."""
-    case = Calculation(measure, {"log": str(tmp_path / "calls"), "value": 3.0})
-    _run([_paper({"a": case}, Claim("small", "below 2", ("a",), _holds))], tmp_path)
+    _run([_paper({"a": counted(tmp_path, 3.0)}, Claim("small", "below 2", ("a",), _holds))], tmp_path)
     assert json.loads((tmp_path / "reproduce.json").read_text()) == [
         {
             "paper": "999", "claim": "small", "stated": "below 2", "measured": "3.0", "verdict": "not reproduced",
@@ -96,7 +97,7 @@ def test_rows_have_the_documented_keys_and_are_written(tmp_path: Path) -> None:
 
 def test_the_page_has_claims_counts_and_tables(tmp_path: Path) -> None:
     """Breaks if a claim, its verdict's count or a table is missing from the page, or a bar in a text breaks a row."""
-    case = Calculation(measure, {"log": str(tmp_path / "calls"), "value": 3.0})
+    case = counted(tmp_path, 3.0)
     table = CaseTable("squares", ("law", "square"), lambda results: [("pid", results["a"].summary["value"])])
     broken = CaseTable("lost", ("law",), lambda results: [(results["b"],)])
     paper = _paper({"a": case}, Claim("small | fast", "below 2", ("a",), _holds), tables=(table, broken))
@@ -108,35 +109,28 @@ def test_the_page_has_claims_counts_and_tables(tmp_path: Path) -> None:
     assert "not available: KeyError" in page
 
 
-def test_cases_run_without_supervision() -> None:
-    """Breaks if the brake of the supervisor ends the run of an inaccurate law of a paper."""
+def test_an_engine_case_brings_summary_and_series_without_supervision() -> None:
+    """Breaks if an overlay is not applied, series are lost, or the supervisor brakes an inaccurate law of a paper."""
     assert not SHORT.setup().scenario.supervision.enabled
-    assert SHORT.setup().scenario.duration == 2
-
-
-def test_an_engine_case_brings_summary_and_series() -> None:
-    """Breaks if the overlay of a case is not applied or the series are lost on the way."""
     result = carry_out(SHORT)
-    assert result.failure is None
-    assert result.summary["simulated_s"] == 2
+    assert result.failure is None and result.summary["simulated_s"] == 2
     assert result.recording is not None and result.recording.time.size == 20
 
 
 @pytest.mark.parametrize(
     ("case", "says"),
     [
-        pytest.param(Case("no_such_scenario"), "no_such_scenario", id="unknown scenario"),
-        pytest.param(Case("demo", {"duration": -1}), "duration", id="refused value"),
-        pytest.param(Case("demo", {"laws": {"pid": {"kq": 1}}}), "kq", id="unknown parameter"),
-        pytest.param(Calculation(measure, {"wrong": 1}), "TypeError", id="wrong argument"),
-        pytest.param(Calculation(die), "exit code 7", id="process that dies"),
+        (Case("no_such_scenario"), "no_such_scenario"),
+        (Case("demo", {"duration": -1}), "duration"),
+        (Case("demo", {"laws": {"pid": {"kq": 1}}}), "kq"),
+        (Calculation(measure, {"wrong": 1}), "TypeError"),
+        (Calculation(die), "exit code 7"),
     ],
 )
 def test_a_failing_case_is_not_reproduced_with_its_reason(case: Any, says: str, tmp_path: Path) -> None:
     """Breaks if a failure ends the whole reproduction, or is judged as if it had run."""
-    good = Calculation(measure, {"log": str(tmp_path / "calls"), "value": 1.0})
     claims = [Claim("bad", "-", ("bad",), _holds), Claim("good", "-", ("good",), _holds)]
-    (done,) = _run([_paper({"bad": case, "good": good}, *claims)], tmp_path)
+    (done,) = _run([_paper({"bad": case, "good": counted(tmp_path)}, *claims)], tmp_path)
     bad, fine = done.rows
     assert bad["verdict"] == "not reproduced" and says in bad["reason"]
     assert "\n" not in bad["reason"] and "Traceback" not in bad["reason"]
@@ -163,11 +157,7 @@ def test_a_judge_that_cannot_work_with_the_figures_is_no_traceback() -> None:
 
 def test_long_cases_and_their_claims_wait_for_full(tmp_path: Path) -> None:
     """Breaks if a long case is run, or a claim is judged without its case."""
-    log = str(tmp_path / "calls")
-    cases: dict[str, Case | Calculation] = {
-        "short": Calculation(measure, {"log": log, "value": 1.0}),
-        "long": Calculation(measure, {"log": log, "value": 2.0}, full_only=True),
-    }
+    cases = {"short": counted(tmp_path), "long": counted(tmp_path, 2.0, full_only=True)}
     claims = (Claim("s", "-", ("short",), _holds), Claim("l", "-", ("short", "long"), _holds))
     paper = _paper(cases, *claims)
     assert [claim.text for claim in claims_of(paper, full=False)] == ["s"]
@@ -179,10 +169,7 @@ def test_long_cases_and_their_claims_wait_for_full(tmp_path: Path) -> None:
 
 def test_one_claim_runs_its_own_cases(tmp_path: Path) -> None:
     """Breaks if ``--claim`` runs other cases, judges other claims, or accepts a text that is in no claim."""
-    log = str(tmp_path / "calls")
-    cases: dict[str, Case | Calculation] = {
-        name: Calculation(measure, {"log": log, "value": value}) for name, value in (("a", 1.0), ("b", 2.0))
-    }
+    cases = {"a": counted(tmp_path), "b": counted(tmp_path, 2.0)}
     paper = _paper(cases, Claim("tracks", "-", ("a",), _holds), Claim("stays calm", "-", ("b",), _holds))
     (done,) = _run(with_claim([paper], "CALM"), tmp_path)
     assert list(done.results) == ["b"] and [row["claim"] for row in done.rows] == ["stays calm"]
@@ -193,8 +180,7 @@ def test_one_claim_runs_its_own_cases(tmp_path: Path) -> None:
 
 def test_a_judged_paper_is_not_run_again(tmp_path: Path) -> None:
     """Breaks if a resumed command runs a judged paper again, loses its rows, or takes those of other code."""
-    log = tmp_path / "calls"
-    case = Calculation(measure, {"log": str(log), "value": 1.0})
+    log, case = tmp_path / "calls", counted(tmp_path)
     paper = _paper({"a": case}, Claim("tracks", "-", ("a",), _holds))
     other = replace(paper, number="998")
     assert len(_run([paper], tmp_path)) == 1
@@ -229,12 +215,8 @@ def test_figures_are_for_print(tmp_path: Path) -> None:
 
 def test_figures_that_cannot_be_drawn_are_a_complaint(tmp_path: Path) -> None:
     """Breaks if one failed figure loses the verdicts."""
-
-    def fails(results: Results, folder: Path) -> list[FigureFile]:
-        raise KeyError("gone")
-
-    case = Calculation(measure, {"log": str(tmp_path / "calls"), "value": 1.0})
-    (done,) = _run([_paper({"a": case}, Claim("s", "-", ("a",), _holds), figures=fails)], tmp_path)
+    fails = Mock(side_effect=KeyError("gone"))
+    (done,) = _run([_paper({"a": counted(tmp_path)}, Claim("s", "-", ("a",), _holds), figures=fails)], tmp_path)
     assert len(done.rows) == 1 and "gone" in done.complaints[0]
 
 
@@ -257,17 +239,9 @@ def test_progress_comes_while_a_case_runs() -> None:
     assert fractions and fractions == sorted(fractions) and 0 < fractions[-1] <= 1
 
 
-TABLE_CASES: dict[str, tuple[Iterable[str], Iterable[Any]]] = {
-    "002": (p002.LAWS, p002.DELAYS), "003": (p003.LAWS, ("nominal",)), "004": (p004.LAWS, p004.TRAINS)
-}  # fmt: skip
-"""Laws and columns of the table of a paper."""
-
-
 @pytest.mark.parametrize("number", paper_numbers())
 def test_every_paper_is_consistent(number: str) -> None:
     """Breaks if a claim names a missing case, a case cannot be prepared, a table has none, or a paper no claim."""
-    from train_ato.scenario.scenario import load_scenario
-
     paper = load_paper(number)
     assert paper.number == number and paper.claims and paper.title
     assert len({claim.text for claim in paper.claims}) == len(paper.claims)
@@ -279,8 +253,8 @@ def test_every_paper_is_consistent(number: str) -> None:
             scenario, _ = load_scenario(case.scenario, changes=dict(case.changes))
             assert scenario.duration > 0, key
     assert all(isinstance(table, CaseTable) for table in paper.tables)
-    laws, columns = TABLE_CASES.get(number, ((), ()))
-    assert {f"{law} {column}" for law in laws for column in columns} <= set(paper.cases)
+    columns = {"002": (p002.LAWS, p002.DELAYS), "003": (p003.LAWS, ("nominal",)), "004": (p004.LAWS, p004.TRAINS)}
+    assert {f"{law} {column}" for law, column in product(*columns.get(number, ((), ())))} <= set(paper.cases)
 
 
 def test_an_unknown_paper_is_refused_by_name() -> None:
@@ -297,7 +271,7 @@ def _command(monkeypatch: pytest.MonkeyPatch, paper: Paper, folder: Path, *optio
 
 def test_the_command_keeps_its_folder_and_prints_one_json_value(tmp_path, monkeypatch, capsys):
     """Breaks if standard output has more than the list, or the folder is removed at the end."""
-    case = Calculation(measure, {"log": str(tmp_path / "calls"), "value": 1.0})
+    case = counted(tmp_path)
     table = CaseTable("a table", ("case", "value"), lambda results: [("a", results["a"].summary["value"])])
     paper = _paper({"a": case}, Claim("[small] claim", "below 2", ("a",), _holds), tables=(table,))
     folder = tmp_path / "out"
@@ -310,11 +284,7 @@ def test_the_command_keeps_its_folder_and_prints_one_json_value(tmp_path, monkey
 
 def test_an_interrupted_command_leaves_no_empty_folder(tmp_path, monkeypatch, capsys):
     """Breaks if Ctrl-C before the first verdict leaves a folder, a traceback or exit status 0."""
-
-    def interrupted(*_: Any, **__: Any) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("train_ato.papers.session.reproduce", interrupted)
+    monkeypatch.setattr("train_ato.papers.session.reproduce", Mock(side_effect=KeyboardInterrupt))
     folder = tmp_path / "out"
     assert _command(monkeypatch, _paper({"a": SHORT}), folder) == 1
     assert capsys.readouterr().err == "train-ato: interrupted\n"

@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from engine_runs import setup_of
 
 import train_ato as ta
 from train_ato.log import difference
@@ -14,12 +15,11 @@ from train_ato.log.run_folder import RunFolder
 from train_ato.loop.engine import Sink, run_engine
 from train_ato.messages.codec import Wire
 from train_ato.messages.types import Tick
-from train_ato.scenario.scenario import load_scenario
-from train_ato.scenario.setup import RunSetup, prepare
+from train_ato.scenario.setup import RunSetup
 
 
 def short(*changes: str) -> RunSetup:
-    return prepare(*load_scenario("demo", ("duration=3", *changes)))
+    return setup_of("demo", "duration=3", *changes)
 
 
 def recorded(run: Path, *changes: str) -> Path:
