@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 from judge_trials import ABSURD, APART, BAD, ELSEWHERE, EVERY, GOOD, TRIALS, Trial
 
+from train_ato.papers import paper_packages
 from train_ato.papers.claims import CLOSE, Bound, Check, Claim, Paper, Result, Verdict
 from train_ato.papers.page import claims_of, judge_paper
-from train_ato.papers.session import load_paper, paper_numbers
+from train_ato.papers.session import load_paper
 
 ROOT = Path(__file__).resolve().parents[1]
-PAPERS = {number: load_paper(number) for number in paper_numbers()}
+PAPERS = {number: load_paper(number) for number in paper_packages()}
 
 
 CLAIMS = [

@@ -16,6 +16,7 @@ import pytest
 from PIL import Image
 
 from train_ato.cli.main import main
+from train_ato.papers import paper_packages
 from train_ato.papers.claims import (
     Bound,
     Calculation,
@@ -35,7 +36,7 @@ from train_ato.papers.p003_funnel import cases as p003
 from train_ato.papers.p004_gpc import cases as p004
 from train_ato.papers.page import claims_of, judge_paper, section
 from train_ato.papers.pool import Finished, carry_out, run_cases
-from train_ato.papers.session import Judged, load_paper, paper_numbers, reproduce, with_claim
+from train_ato.papers.session import Judged, load_paper, reproduce, with_claim
 from train_ato.scenario.scenario import load_scenario
 
 SHORT = Case("demo", {"duration": 2})
@@ -239,7 +240,7 @@ def test_progress_comes_while_a_case_runs() -> None:
     assert fractions and fractions == sorted(fractions) and 0 < fractions[-1] <= 1
 
 
-@pytest.mark.parametrize("number", paper_numbers())
+@pytest.mark.parametrize("number", paper_packages())
 def test_every_paper_is_consistent(number: str) -> None:
     """Breaks if a claim names a missing case, a case cannot be prepared, a table has none, or a paper no claim."""
     paper = load_paper(number)

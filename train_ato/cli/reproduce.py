@@ -32,9 +32,9 @@ COLOURS = {"reproduced": "green", "only in another setting": "yellow", "not repr
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``reproduce``."""
-    from train_ato.papers.session import paper_numbers
+    from train_ato.papers import paper_packages
 
-    parser.add_argument("paper", nargs="?", default="all", help=f"{', '.join(paper_numbers())} or all (default: all)")
+    parser.add_argument("paper", nargs="?", default="all", help=f"{', '.join(paper_packages())} or all (default: all)")
     parser.add_argument("--claim", metavar="TEXT", help="only claims that contain TEXT, with their cases; no figures")
     parser.add_argument("--full", action="store_true", help="include the long cases over the whole line")
     parser.add_argument(
@@ -53,12 +53,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Run the cases of the claims and judge the claims."""
-    from train_ato.judge.summary_table import format_value
-    from train_ato.papers.session import Judged, load_paper, paper_numbers, reproduce, with_claim
-
     if not 1 <= options.jobs <= 64:
         raise ValueError(f"--jobs {options.jobs}: out of range; give 1 to 64")
-    numbers = paper_numbers() if options.paper == "all" else [options.paper]
+    from train_ato.judge.summary_table import format_value
+    from train_ato.papers import paper_packages
+    from train_ato.papers.session import Judged, load_paper, reproduce, with_claim
+
+    numbers = [*paper_packages()] if options.paper == "all" else [options.paper]
     papers = [load_paper(number) for number in numbers]
     if options.claim is not None:
         papers = with_claim(papers, options.claim)

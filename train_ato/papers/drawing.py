@@ -23,21 +23,21 @@ HELD: dict[str, Any] = {"drawstyle": "steps-post"}
 """Style of a command, which is constant between samples."""
 
 
-def blank_figure(
-    caption: str, rows: int, columns: int, size: tuple[float, float], *, shared: bool
+def panel_grid(
+    caption: str, rows: int, columns: int = 1, *, height: float = 2.4, width: float = 11.0, share: bool = True
 ) -> tuple[Figure, Any]:
     """Return a figure and its (rows, columns) panels, optionally with one time axis per column.
 
-    The page has the caption; it is not drawn.
+    The page has the caption; it is not drawn. Height of a row and width of the figure are in inch.
     """
-    figure = Figure(figsize=size, layout="constrained")
+    figure = Figure(figsize=(width, 0.8 + height * rows), layout="constrained")
     figure.set_label(caption)
-    return figure, figure.subplots(rows, columns, sharex="col" if shared else False, squeeze=False)
+    return figure, figure.subplots(rows, columns, sharex="col" if share else False, squeeze=False)
 
 
 def panels(count: int, caption: str, *, height: float = 2.6, shared: bool = True) -> tuple[Figure, list[Axes]]:
     """Return a figure and its panels in one column."""
-    figure, axes = blank_figure(caption, count, 1, (11, 0.8 + height * count), shared=shared)
+    figure, axes = panel_grid(caption, count, height=height, share=shared)
     return figure, list(axes[:, 0])
 
 
@@ -111,41 +111,16 @@ def save(figure: Figure, path: Path) -> FigureFile:
     return FigureFile(path, caption[:1].upper() + caption[1:])
 
 
-class Sheet:
-    """Figure with rows and columns of panels.
-
-    Parameters
-    ----------
-    caption
-        Caption on the page.
-    rows, columns
-        Number of panels.
-    height
-        Height of a row [inch].
-    width
-        Width of the sheet [inch].
-    share
-        One time axis for all panels of a column.
-    """
-
-    def __init__(
-        self, caption: str, rows: int, columns: int = 1, *, height: float = 2.4, width: float = 11.0, share: bool = True
-    ) -> None:
-        self._figure, self.panels = blank_figure(caption, rows, columns, (width, 0.8 + height * rows), shared=share)
-
-    def panel(self, row: int, column: int = 0) -> Axes:
-        """Return one panel."""
-        found: Axes = self.panels[row, column]
-        return found
-
-    def save(self, path: Path, below: str = "time in s", *, legends: Collection[int] | None = None) -> FigureFile:
-        """Write the sheet with an axis label below and legends in the given rows (default: all); return it."""
-        for row, panels in enumerate(self.panels):
-            for panel in panels:
-                panel.margins(x=0.01)
-                if (legends is None or row in legends) and panel.get_legend_handles_labels()[0]:
-                    panel.legend(loc="best", ncols=4 if len(panels) == 1 else 2, fontsize="small")
-        for panel in self.panels[-1]:
-            if not panel.get_xlabel():
-                panel.set_xlabel(below)
-        return save(self._figure, path)
+def save_grid(
+    figure: Figure, axes: Any, path: Path, below: str = "time in s", *, legends: Collection[int] | None = None
+) -> FigureFile:
+    """Write a grid of panels with an axis label below and legends in the given rows (default: all); return it."""
+    for row, panels in enumerate(axes):
+        for panel in panels:
+            panel.margins(x=0.01)
+            if (legends is None or row in legends) and panel.get_legend_handles_labels()[0]:
+                panel.legend(loc="best", ncols=4 if len(panels) == 1 else 2, fontsize="small")
+    for panel in axes[-1]:
+        if not panel.get_xlabel():
+            panel.set_xlabel(below)
+    return save(figure, path)

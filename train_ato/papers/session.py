@@ -1,36 +1,20 @@
 """One call of ``train-ato reproduce``: papers, their runs, and the files in the output folder."""
 
-from __future__ import annotations
-
 import importlib
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from train_ato.log.versions import source_hash
 from train_ato.log.whole_file import write_whole
-
-if TYPE_CHECKING:
-    from train_ato.papers.claims import Calculation, Case, FigureFile, Paper, Result
-    from train_ato.papers.page import Row
-    from train_ato.papers.pool import Finished, Moved
-
-
-def _packages() -> dict[str, str]:
-    """Return the package of every paper by number: ``p000_heavy_haul`` ..."""
-    import pkgutil
-
-    import train_ato.papers
-
-    names = (module.name for module in pkgutil.iter_modules(train_ato.papers.__path__) if module.ispkg)
-    return {name[1:4]: name for name in sorted(names)}
-
-
-def paper_numbers() -> list[str]:
-    """Return the numbers of the papers."""
-    return list(_packages())
+from train_ato.papers import paper_packages
+from train_ato.papers.claims import Calculation, Case, FigureFile, Paper, Result
+from train_ato.papers.page import Row, cases_of, claims_of, judge_paper, papers_overview, section
+from train_ato.papers.pool import Finished, Moved, run_cases
+from train_ato.report.print_figures import SHEET_SIZE, styled
 
 
 def load_paper(number: str) -> Paper:
@@ -41,9 +25,7 @@ def load_paper(number: str) -> Paper:
     ValueError
         If no paper has this number.
     """
-    from train_ato.papers.claims import Paper
-
-    packages = _packages()
+    packages = paper_packages()
     if number not in packages:
         raise ValueError(f"paper '{number}': unknown; name one of {', '.join(packages)} or all")
     paper = importlib.import_module(f"train_ato.papers.{packages[number]}.claims").PAPER
@@ -130,40 +112,38 @@ def reproduce(
     list of str
         Numbers of the papers that were not run again.
     """
-    from train_ato.log.versions import source_hash
-    from train_ato.papers.page import claims_of, section
-    from train_ato.papers.pool import Moved, run_cases
-
     source = source_hash()
     code = {paper.number: f"{source} {len(claims_of(paper, full=full))} claims" for paper in papers}
-    kept = {number: found for number in code if (found := _kept(folder, number, code[number])) is not None}
-    pending, tasks = _plan([paper for paper in papers if paper.number not in kept], full=full)
-    rows: list[Row] = [row for found in kept.values() for row in found["rows"]]
-    sections: dict[str, str] = {number: found["section"] for number, found in kept.items()}
-    summaries: dict[str, dict[str, Any]] = {number: found["cases"] for number, found in kept.items()}
+    found = {number: kept for number in code if (kept := _kept(folder, number, code[number])) is not None}
+    again = sorted(found)
+    pending, tasks = _plan([paper for paper in papers if paper.number not in found], full=full)
     with closing(run_cases(tasks.items(), jobs)) as events:
         for event in events:
             progress(event, len(tasks))
-            if isinstance(event, Moved):
-                continue
-            for entry in [entry for entry in pending if event.key in entry.wanted.values()]:
-                entry.results |= {key: event.result for key, task in entry.wanted.items() if task == event.key}
-                if len(entry.results) == len(entry.wanted):
-                    pending.remove(entry)
-                    judged = _judge(entry, folder, full=full)
-                    rows += judged.rows
-                    summaries[entry.paper.number] = _figures_of(judged)
-                    _write(folder / "reproduce.json", sorted(rows, key=lambda row: row["paper"]))
-                    _write(folder / "cases.json", summaries)
-                    sections[judged.paper.number] = section(
-                        judged.paper, judged.rows, judged.results, judged.figures, shown
-                    )
-                    _write_page(folder, papers, rows, sections, full=full)
-                    number = judged.paper.number
-                    done_now = {"rows": judged.rows, "section": sections[number], "cases": summaries[number]}
-                    _write(_file_of(folder, number), {"code": code[number], **done_now})
-                    done(judged)
-    return sorted(kept)
+            for entry in [] if isinstance(event, Moved) else _completed(pending, event):
+                judged = _judge(entry, folder, full=full)
+                number = judged.paper.number
+                found[number] = {
+                    "code": code[number],
+                    "rows": judged.rows,
+                    "section": section(judged.paper, judged.rows, judged.results, judged.figures, shown),
+                    "cases": _figures_of(judged),
+                }
+                _write(folder / "reproduce.json", [row for key in sorted(found) for row in found[key]["rows"]])
+                _write(folder / "cases.json", {key: one["cases"] for key, one in found.items()})
+                _write_page(folder, papers, found, full=full)
+                _write(_file_of(folder, number), found[number])
+                done(judged)
+    return again
+
+
+def _completed(pending: list[_Pending], event: Finished) -> Iterator[_Pending]:
+    """Give a result to the papers that need it; yield and remove those that are complete."""
+    for entry in [entry for entry in pending if event.key in entry.wanted.values()]:
+        entry.results |= {key: event.result for key, task in entry.wanted.items() if task == event.key}
+        if len(entry.results) == len(entry.wanted):
+            pending.remove(entry)
+            yield entry
 
 
 def _file_of(folder: Path, number: str) -> Path:
@@ -182,8 +162,6 @@ def _kept(folder: Path, number: str, code: str) -> dict[str, Any] | None:
 
 def _plan(papers: list[Paper], *, full: bool) -> tuple[list[_Pending], dict[str, Case | Calculation]]:
     """Return the pending papers and the tasks; equal cases of all papers are one task."""
-    from train_ato.papers.page import cases_of
-
     pending: list[_Pending] = []
     tasks: dict[str, Case | Calculation] = {}
     for paper in papers:
@@ -197,9 +175,6 @@ def _plan(papers: list[Paper], *, full: bool) -> tuple[list[_Pending], dict[str,
 
 
 def _judge(entry: _Pending, folder: Path, *, full: bool) -> Judged:
-    from train_ato.papers.page import judge_paper
-    from train_ato.report.print_figures import SHEET_SIZE, styled
-
     paper, results = entry.paper, {key: entry.results[key] for key in entry.wanted}
     rows = judge_paper(paper, results, full=full)
     try:
@@ -210,13 +185,11 @@ def _judge(entry: _Pending, folder: Path, *, full: bool) -> Judged:
     return Judged(paper, rows, results, figures, complaints)
 
 
-def _write_page(folder: Path, papers: list[Paper], rows: list[Row], sections: dict[str, str], *, full: bool) -> None:
-    from train_ato.papers.page import papers_overview
-
-    known = {paper.number: paper for paper in papers if paper.number in sections}
-    options = (" all" if len(papers) == len(paper_numbers()) else f" {papers[0].number}") + (" --full" if full else "")
-    head = papers_overview(rows, known, options)
-    write_whole(folder / "reproduce.md", "\n".join([head, *(sections[key] for key in sorted(sections))]))
+def _write_page(folder: Path, papers: list[Paper], found: Mapping[str, Mapping[str, Any]], *, full: bool) -> None:
+    known = {paper.number: paper for paper in papers if paper.number in found}
+    options = (" all" if len(papers) == len(paper_packages()) else f" {papers[0].number}") + (" --full" if full else "")
+    head = papers_overview((row for entry in found.values() for row in entry["rows"]), known, options)
+    write_whole(folder / "reproduce.md", "\n".join([head, *(found[key]["section"] for key in sorted(found))]))
 
 
 def _figures_of(judged: Judged) -> dict[str, Any]:

@@ -44,6 +44,9 @@ from train_ato.report.quantities import (
     style_of,
 )
 
+Table = tuple[ColumnDataSource, Sequence[Trace]]
+"""Table with a horizontal column and the lines of a figure."""
+
 
 def source_of(time: Array, columns: dict[str, Array]) -> ColumnDataSource:
     """Return a table of single-precision columns; the page stores it as bytes."""
@@ -51,13 +54,14 @@ def source_of(time: Array, columns: dict[str, Array]) -> ColumnDataSource:
     return ColumnDataSource({name: np.asarray(values, dtype=np.float32) for name, values in data.items()})
 
 
+def _add_tips(plot: Figure, drawn: Any, tips: Sequence[tuple[str, str]], linked: Linked | None = None) -> None:
+    """Show values of a glyph under the pointer; ``linked`` shows ``begin`` and ``end`` as times of the run."""
+    clocks = {f"@{name}": linked.clock() for name in ("begin", "end")} if linked else {}
+    plot.add_tools(HoverTool(renderers=[drawn], tooltips=list(tips), formatters=clocks))
+
+
 def line_figure(
-    linked: Linked,
-    axis: str,
-    tables: Sequence[tuple[ColumnDataSource, Sequence[Trace]]],
-    height: int = HEIGHT,
-    *,
-    whole: bool = False,
+    linked: Linked, axis: str, tables: Sequence[Table], height: int = HEIGHT, *, whole: bool = False
 ) -> Figure:
     """Return a figure of lines.
 
@@ -78,9 +82,10 @@ def line_figure(
     for source, traces in tables:
         bands = _band(plot, source)
         items += bands
-        drawn = [_line(plot, source, trace, "time") for trace in traces]
-        items += [LegendItem(label=t.look.words, renderers=[r]) for t, r in zip(traces, drawn, strict=True)]
-        lines += [(t.column, np.asarray(source.data[t.column]), r) for t, r in zip(traces, drawn, strict=True)]
+        for trace in traces:
+            drawn = _line(plot, source, trace, "time")
+            items.append(LegendItem(label=trace.look.words, renderers=[drawn]))
+            lines.append((trace.column, np.asarray(source.data[trace.column]), drawn))
         sides = ("envelope_low", "envelope_high") if bands else ()
         lines += [(side, np.asarray(source.data[side]), bands[0].renderers[0]) for side in sides]
     add_readout(plot, tables)
@@ -128,7 +133,7 @@ def _band(plot: Figure, source: ColumnDataSource) -> list[LegendItem]:
 
 def distance_figure(
     linked: Linked,
-    tables: Sequence[tuple[ColumnDataSource, Sequence[Trace]]],
+    tables: Sequence[Table],
     profiles: Sequence[tuple[Array, Array]],
     limits: tuple[Array, Array] | None,
     axis: str = "speed",
@@ -150,8 +155,8 @@ def distance_figure(
         if index < 2:
             items.append(LegendItem(label=look.words, renderers=[drawn]))
     for source, traces in tables:
-        drawn_traces = [_line(plot, source, trace, "position_km") for trace in traces]
-        items += [LegendItem(label=t.look.words, renderers=[r]) for t, r in zip(traces, drawn_traces, strict=True)]
+        lines = ((trace, _line(plot, source, trace, "position_km")) for trace in traces)
+        items += [LegendItem(label=trace.look.words, renderers=[drawn]) for trace, drawn in lines]
     add_readout(plot, tables, "position_km")
     if axis == "speed" and all(float(np.nanmin(speed)) > -1.0 for _, speed in profiles):
         plot.y_range.start = 0.0
@@ -172,7 +177,6 @@ def mark_stations(plot: Figure, stations: Sequence[tuple[float, str]]) -> Figure
     return plot
 
 
-Table = tuple[ColumnDataSource, Sequence[Trace]]
 _SHOW = "window.trainAto?.readout(name, tables, cb_obj.x, over)"
 _HIDE = "window.trainAto?.readout(name, [], null, over)"
 
@@ -291,13 +295,7 @@ def event_figure(linked: Linked, events: Sequence[Event]) -> Figure:
         shown = [dots, bars] if moments.data["begin"] else [bars, dots]
         items.append(LegendItem(label=KINDS[kind].words, renderers=shown))
         for renderer, tips in ((dots, [("at", "@begin{custom}")]), (bars, _FROM_TO)):
-            plot.add_tools(
-                HoverTool(
-                    renderers=[renderer],
-                    tooltips=[("", "@text"), *tips],
-                    formatters={"@begin": linked.clock(), "@end": linked.clock()},
-                )
-            )
+            _add_tips(plot, renderer, [("", "@text"), *tips], linked)
     add_page_legend(plot, items)
     return plot
 
@@ -328,9 +326,7 @@ def run_events_figure(linked: Linked, runs: Sequence[tuple[str, Sequence[Event]]
             line_color=words.colour, line_width=3,
         )  # fmt: skip
         items.append(LegendItem(label=words.words, renderers=[bars]))
-        tips = [("", "@text"), ("run", "@run"), *_FROM_TO]
-        clocks = {"@begin": linked.clock(), "@end": linked.clock()}
-        plot.add_tools(HoverTool(renderers=[bars], tooltips=tips, formatters=clocks))
+        _add_tips(plot, bars, [("", "@text"), ("run", "@run"), *_FROM_TO], linked)
     add_page_legend(plot, items)
     return plot
 
@@ -402,15 +398,8 @@ def _curves(plot: Figure, shape: TrackShape) -> list[LegendItem]:
         begin, end, radius = (np.array(part) for part in zip(*shape.curves, strict=True))
         source = ColumnDataSource({"begin": begin, "end": end, "radius": radius})
         strip = plot.quad(left="begin", right="end", bottom=low - 2 * band, top=low - band, source=source, color=PURPLE)
-        plot.add_tools(
-            HoverTool(
-                renderers=[strip],
-                tooltips=[
-                    ("curve", shown_name("@begin{0.000} … @end{0.000} km")),
-                    ("radius", shown_name("@radius{0} m")),
-                ],
-            )
-        )
+        tips = [("curve", shown_name("@begin{0.000} … @end{0.000} km")), ("radius", shown_name("@radius{0} m"))]
+        _add_tips(plot, strip, tips)
         items.append(LegendItem(label="curve", renderers=[strip]))
     if shape.tunnels:
         begin, end = (np.array(part) for part in zip(*shape.tunnels, strict=True))
@@ -418,8 +407,6 @@ def _curves(plot: Figure, shape: TrackShape) -> list[LegendItem]:
         strip = plot.quad(
             left="begin", right="end", bottom=low - 3.4 * band, top=low - 2.4 * band, source=source, color=INK
         )
-        plot.add_tools(
-            HoverTool(renderers=[strip], tooltips=[("tunnel", shown_name("@begin{0.000} … @end{0.000} km"))])
-        )
+        _add_tips(plot, strip, [("tunnel", shown_name("@begin{0.000} … @end{0.000} km"))])
         items.append(LegendItem(label="tunnel", renderers=[strip]))
     return items

@@ -7,7 +7,7 @@ from typing import Any
 from train_ato.control.laws.rbf_smc import RbfSmcParameters
 from train_ato.papers.checks import largest_kmh, printed_forms_table, recording, rms_kmh, variation
 from train_ato.papers.claims import CaseTable, FigureFile, Paper, Results
-from train_ato.papers.drawing import HELD, Series, blank_figure, inset, panels, save, trace
+from train_ato.papers.drawing import HELD, Series, inset, panel_grid, panels, save, trace
 from train_ato.papers.p000_heavy_haul import checks, lag_checks
 from train_ato.papers.p000_heavy_haul.cases import (
     CASES,
@@ -75,7 +75,7 @@ def _tracking(results: Results, folder: Path, suffix: str, number: str) -> Figur
 
 def _network(results: Results, folder: Path) -> FigureFile:
     caption = "figures 7-8: network estimate of delta = f - f_hat; left the whole run, right 30 s"
-    figure, axes = blank_figure(caption, 4, 2, (15, 10), shared=True)
+    figure, axes = panel_grid(caption, 4, 2, height=2.3, width=15)
     settings = (
         ("rbf", "as printed", RbfSmcParameters(**PRINTED_NETWORK)),  # type: ignore[arg-type]
         ("rbf_ks", "with ks S, clipped inputs", RbfSmcParameters()),

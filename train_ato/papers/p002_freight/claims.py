@@ -21,7 +21,7 @@ from train_ato.papers.claims import (
     Results,
     worst,
 )
-from train_ato.papers.drawing import HELD, Sheet
+from train_ato.papers.drawing import HELD, panel_grid, save_grid
 from train_ato.papers.p002_freight import checks as judge
 from train_ato.papers.p002_freight.cases import CASES, DELAYS, LAWS, OBSERVER_TICKS, PRINTED_FORMS, RATIOS
 from train_ato.papers.p002_freight.checks import time_text
@@ -153,11 +153,13 @@ def draw(results: Results, folder: Path) -> list[FigureFile]:
 def _observers(results: Results, path: Path) -> FigureFile:
     """Draw figures 3 to 10: d1, d2 and d1' of every car."""
     series = results["observers 1 ms"].series
-    sheet = Sheet("disturbances of every car and their estimates, sampled at 1 ms", 5, 3, height=2.0, width=16)
+    figure, axes = panel_grid(
+        "disturbances of every car and their estimates, sampled at 1 ms", 5, 3, height=2.0, width=16
+    )
     heads = ("d1 in m/s", "d2 in m/s²", "d1' in m/s²")
     for car in range(5):
         for column, head in enumerate(heads):
-            panel = sheet.panel(car, column)
+            panel = axes[car, column]
             true = series["truth"][column, :, car]
             for name, colour in (("printed", COLOURS[5]), ("implicit", COLOURS[0]), ("levant", COLOURS[2])):
                 if name != "printed" or column < 2:
@@ -168,20 +170,20 @@ def _observers(results: Results, path: Path) -> FigureFile:
             room = 1.3 * float(np.abs(true).max())
             panel.set_ylim(-room, room if car else 1.7 * room)
             panel.set_ylabel(f"car {car + 1}: {head}")
-    return sheet.save(path, legends=(0,))
+    return save_grid(figure, axes, path, legends=(0,))
 
 
 def _tracking(results: Results, path: Path) -> FigureFile:
     """Draw figures 11 to 13 and the force: left the whole run, right the first three seconds."""
     recording = series_of(results["ideal"])
     t = recording.time
-    sheet = Sheet("fixed-time law, gain 1.9, cascaded observer, tick 1 ms", 5, 2, height=2.1, width=15)
+    figure, axes = panel_grid("fixed-time law, gain 1.9, cascaded observer, tick 1 ms", 5, 2, height=2.1, width=15)
     motion = np.gradient(recording.position, t, axis=0)
     stretch = -np.diff(recording.position, axis=1) - np.diff(OFFSETS)
     error = position_error(recording, OFFSETS)
     for column, until in enumerate((t[-1], 3.0)):
         part = t <= until
-        rows = [sheet.panel(row, column) for row in range(5)]
+        rows = [axes[row, column] for row in range(5)]
         rows[0].plot(
             t[part], recording.reference_velocity[part], color=COLOURS[5], lw=2.5, alpha=0.5, label="reference"
         )
@@ -208,28 +210,28 @@ def _tracking(results: Results, path: Path) -> FigureFile:
         )  # fmt: skip
         for panel, label in zip(rows, labels, strict=True):
             panel.set_ylabel(label)
-    return sheet.save(path, legends=(0, 3))
+    return save_grid(figure, axes, path, legends=(0, 3))
 
 
 def _settling(results: Results, path: Path) -> FigureFile:
     """Draw error and acceleration of the nominal error dynamics."""
-    sheet = Sheet("error dynamics of the fixed-time law without limits, from 108 m", 2)
+    figure, axes = panel_grid("error dynamics of the fixed-time law without limits, from 108 m", 2)
     for index, gain in enumerate(("1.9", "50")):
         series = results[f"gain {gain} from 108 m"].series
         later = series["time"] > 1e-9
         t = series["time"][later]
-        sheet.panel(0).loglog(t, np.abs(series["error"][later]), color=COLOURS[index], label=f"gain {gain} 1/s")
-        sheet.panel(1).loglog(t, np.abs(series["acceleration"][later]), color=COLOURS[index], label=f"gain {gain} 1/s")
-    sheet.panel(0).axhline(0.01, color=COLOURS[5], ls=":", label="settled")
-    sheet.panel(1).axhline(0.8, color=COLOURS[5], ls=":", label="a real train, 0.8 m/s²")
-    sheet.panel(0).set_ylabel("|E| in m")
-    sheet.panel(1).set_ylabel("|E''| in m/s²")
-    return sheet.save(path)
+        axes[0, 0].loglog(t, np.abs(series["error"][later]), color=COLOURS[index], label=f"gain {gain} 1/s")
+        axes[1, 0].loglog(t, np.abs(series["acceleration"][later]), color=COLOURS[index], label=f"gain {gain} 1/s")
+    axes[0, 0].axhline(0.01, color=COLOURS[5], ls=":", label="settled")
+    axes[1, 0].axhline(0.8, color=COLOURS[5], ls=":", label="a real train, 0.8 m/s²")
+    axes[0, 0].set_ylabel("|E| in m")
+    axes[1, 0].set_ylabel("|E''| in m/s²")
+    return save_grid(figure, axes, path)
 
 
 def _realistic(results: Results, path: Path) -> FigureFile:
     """Draw the realistic setting at a delay of 1 s: worst position error, mean speed error, couplers, force."""
-    sheet = Sheet("limits, lag 0.4 s, delay 1.0 s, noise, travelling load of 0.1 m/s²", 5)
+    figure, axes = panel_grid("limits, lag 0.4 s, delay 1.0 s, noise, travelling load of 0.1 m/s²", 5)
     choices = (
         ("print", "paper's law, gain 2"),
         ("scaled predicted", "gain 0.3, predictor"),
@@ -240,23 +242,23 @@ def _realistic(results: Results, path: Path) -> FigureFile:
         recording = series_of(results[f"{key} 1.0"])
         t, colour = recording.time, COLOURS[index]
         if index == 0:
-            sheet.panel(0).plot(t, recording.reference_velocity, color=COLOURS[5], lw=2.5, alpha=0.5, label="profile")
-        sheet.panel(0).plot(t, recording.front_velocity, color=colour, lw=0.9, label=label)
+            axes[0, 0].plot(t, recording.reference_velocity, color=COLOURS[5], lw=2.5, alpha=0.5, label="profile")
+        axes[0, 0].plot(t, recording.front_velocity, color=colour, lw=0.9, label=label)
         error = position_error(recording, OFFSETS)
         worst = error[np.arange(t.size), np.abs(error).argmax(axis=1)]
-        sheet.panel(1).plot(t, worst, color=colour, lw=0.9, label=label)
-        sheet.panel(2).plot(t, mean_speed_error(recording), color=colour, lw=0.9, label=label)
-        sheet.panel(3).plot(t, recording.coupler_draft_max / 1e3, color=colour, lw=0.8, label=label)
-        sheet.panel(3).plot(t, recording.coupler_buff_max / 1e3, color=colour, lw=0.8)
-        sheet.panel(4).plot(t, recording.applied.sum(axis=1) / 1e3, color=colour, lw=0.8, label=label)
-    sheet.panel(1).set_ylim(-2, 2)
-    sheet.panel(2).set_ylim(-0.5, 0.5)
-    sheet.panel(3).set_ylim(-150, 150)
+        axes[1, 0].plot(t, worst, color=colour, lw=0.9, label=label)
+        axes[2, 0].plot(t, mean_speed_error(recording), color=colour, lw=0.9, label=label)
+        axes[3, 0].plot(t, recording.coupler_draft_max / 1e3, color=colour, lw=0.8, label=label)
+        axes[3, 0].plot(t, recording.coupler_buff_max / 1e3, color=colour, lw=0.8)
+        axes[4, 0].plot(t, recording.applied.sum(axis=1) / 1e3, color=colour, lw=0.8, label=label)
+    axes[1, 0].set_ylim(-2, 2)
+    axes[2, 0].set_ylim(-0.5, 0.5)
+    axes[3, 0].set_ylim(-150, 150)
     labels = ("speed in m/s", "position error,\nworst car, in m", "mean speed error\nin m/s",
               "coupler force in kN\n(draft > 0)", "applied force\nin kN")  # fmt: skip
-    for row, label in enumerate(labels):
-        sheet.panel(row).set_ylabel(label)
-    return sheet.save(path)
+    for panel, label in zip(axes[:, 0], labels, strict=True):
+        panel.set_ylabel(label)
+    return save_grid(figure, axes, path)
 
 
 def _row(results: Results, law: str, settings: Iterable[str]) -> list[str]:

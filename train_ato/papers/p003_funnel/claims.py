@@ -11,7 +11,7 @@ from train_ato.papers.checks import largest_speed_error as speed
 from train_ato.papers.checks import position_error, printed_forms_table, speed_error, variation, written
 from train_ato.papers.checks import recording as series_of
 from train_ato.papers.claims import CaseTable, FigureFile, Paper, Results
-from train_ato.papers.drawing import Sheet, thinned
+from train_ato.papers.drawing import panel_grid, save_grid, thinned
 from train_ato.papers.p003_funnel import checks as judge
 from train_ato.papers.p003_funnel.cases import CASES, LAWS, PRINTED_FORMS, TRAINS
 from train_ato.papers.p003_funnel.checks import boundaries, off_profile
@@ -38,7 +38,7 @@ def _tracking(
     results: Results, keys: Mapping[str, str], title: str, path: Path, zoom: tuple[float, float] | None = None
 ) -> FigureFile:
     """Draw figures 1 to 5: speed, position error, speed error, force; on the right a time range [min]."""
-    sheet = Sheet(f"{title}", 4, 1 if zoom is None else 2, width=11 if zoom is None else 15)
+    figure, axes = panel_grid(title, 4, 1 if zoom is None else 2, width=11 if zoom is None else 15)
     for index, (key, label) in enumerate(keys.items()):
         recording = series_of(results[key])
         series = (
@@ -52,34 +52,36 @@ def _tracking(
             time = recording.time[part] / 60.0
             if index == 0:
                 reference = thinned(time, 3.6 * recording.reference_velocity[part])
-                sheet.panel(0, column).plot(*reference, color=COLOURS[5], lw=2.5, alpha=0.5, label="profile")
+                axes[0, column].plot(*reference, color=COLOURS[5], lw=2.5, alpha=0.5, label="profile")
             for row, values in enumerate(series):
-                sheet.panel(row, column).plot(*thinned(time, values[part]), color=COLOURS[index], lw=0.9, label=label)
+                axes[row, column].plot(*thinned(time, values[part]), color=COLOURS[index], lw=0.9, label=label)
     labels = ("speed in km/h", "position error in m", "speed error in m/s", "applied force in kN")
-    for row, label in enumerate(labels):
-        sheet.panel(row).set_ylabel(label)
-    return sheet.save(path, "time in min")
+    for panel, label in zip(axes[:, 0], labels, strict=True):
+        panel.set_ylabel(label)
+    return save_grid(figure, axes, path, "time in min")
 
 
 def _funnels(results: Results, path: Path) -> FigureFile:
     """Draw errors and funnels of the short saturated run, printed and corrected."""
-    sheet = Sheet("funnels with 200 kN (short run): printed left, corrected right", 2, 2, height=3.0, width=14)
+    figure, axes = panel_grid(
+        "funnels with 200 kN (short run): printed left, corrected right", 2, 2, height=3.0, width=14
+    )
     for column, key in enumerate(("printed saturated", "corrected saturated")):
         case, recording = CASES[key], series_of(results[key])
         phi1, phi2 = boundaries(case, recording)
         errors = (position_error(recording)[:, 0], speed_error(recording)[:, 0])
         units = ("position in m", "speed in m/s")
         for row, (error, phi, unit) in enumerate(zip(errors, (phi1, phi2), units, strict=True)):
-            panel = sheet.panel(row, column)
+            panel = axes[row, column]
             panel.semilogy(recording.time, np.maximum(np.abs(error), 1e-5), color=COLOURS[0], lw=0.9, label="|error|")
             panel.semilogy(recording.time, phi, color=COLOURS[1], lw=1.2, ls="--", label="funnel")
             panel.set_ylabel(unit)
-    return sheet.save(path)
+    return save_grid(figure, axes, path)
 
 
 def _planned(results: Results, path: Path) -> FigureFile:
     """Draw the errors to the original profile with 200 kN."""
-    sheet = Sheet("200 kN: error to the profile that needs 225.7 kN (short run)", 3)
+    figure, axes = panel_grid("200 kN: error to the profile that needs 225.7 kN (short run)", 3)
     choices = (
         ("predictor saturated", "followed"),
         ("predictor planned", "planned for beforehand"),
@@ -88,12 +90,12 @@ def _planned(results: Results, path: Path) -> FigureFile:
     for index, (key, label) in enumerate(choices):
         recording = series_of(results[key])
         off, fast = off_profile(recording, f"{LONG}:short")
-        sheet.panel(0).plot(recording.time, off, color=COLOURS[index], lw=1.0, label=label)
-        sheet.panel(1).plot(recording.time, fast, color=COLOURS[index], lw=1.0, label=label)
-        sheet.panel(2).plot(recording.time, recording.applied[:, 0] / 1e3, color=COLOURS[index], lw=0.9, label=label)
+        axes[0, 0].plot(recording.time, off, color=COLOURS[index], lw=1.0, label=label)
+        axes[1, 0].plot(recording.time, fast, color=COLOURS[index], lw=1.0, label=label)
+        axes[2, 0].plot(recording.time, recording.applied[:, 0] / 1e3, color=COLOURS[index], lw=0.9, label=label)
     for row, label in enumerate(("position error in m", "speed error in m/s", "applied force in kN")):
-        sheet.panel(row).set_ylabel(label)
-    return sheet.save(path)
+        axes[row, 0].set_ylabel(label)
+    return save_grid(figure, axes, path)
 
 
 def _rows(results: Results) -> Sequence[Sequence[Any]]:

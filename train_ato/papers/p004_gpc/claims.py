@@ -9,7 +9,7 @@ from train_ato.papers.checks import largest_speed_error as speed
 from train_ato.papers.checks import position_error, printed_forms_table, speed_error
 from train_ato.papers.checks import recording as series_of
 from train_ato.papers.claims import CaseTable, FigureFile, Paper, Results
-from train_ato.papers.drawing import Sheet
+from train_ato.papers.drawing import panel_grid, save_grid
 from train_ato.papers.p004_gpc import checks as judge
 from train_ato.papers.p004_gpc.cases import CASES, JUMP, LAWS, PRINTED_FORMS, SAMPLINGS, TRAINS, WEIGHTS
 from train_ato.papers.p004_gpc.checks import speed_rms
@@ -36,34 +36,32 @@ def draw(results: Results, folder: Path) -> list[FigureFile]:
 
 def _runs(results: Results, keys: Mapping[str, str], title: str, path: Path, *, minutes: bool = False) -> FigureFile:
     """Draw figures 5 to 8: speed, error of the first unit, position error, force, couplers."""
-    sheet = Sheet(f"{title}", 5)
+    figure, axes = panel_grid(title, 5)
     for index, (key, label) in enumerate(keys.items()):
         recording = series_of(results[key])
         t, colour = recording.time / (60.0 if minutes else 1.0), COLOURS[index]
         if index == 0:
-            sheet.panel(0).plot(
-                t, 3.6 * recording.reference_velocity, color=COLOURS[5], lw=2.5, alpha=0.5, label="profile"
-            )
-        sheet.panel(0).plot(t, 3.6 * recording.front_velocity, color=colour, lw=0.9, label=label)
-        sheet.panel(1).plot(t, speed_error(recording)[:, 0], color=colour, lw=0.9, label=label)
-        sheet.panel(2).plot(t, position_error(recording)[:, 0], color=colour, lw=0.9, label=label)
-        sheet.panel(3).plot(t, recording.applied.sum(axis=1) / 1e3, color=colour, lw=0.9, label=label)
-        sheet.panel(4).plot(t, recording.coupler_draft_max / 1e3, color=colour, lw=0.8, label=label)
-        sheet.panel(4).plot(t, recording.coupler_buff_max / 1e3, color=colour, lw=0.8)
+            axes[0, 0].plot(t, 3.6 * recording.reference_velocity, color=COLOURS[5], lw=2.5, alpha=0.5, label="profile")
+        axes[0, 0].plot(t, 3.6 * recording.front_velocity, color=colour, lw=0.9, label=label)
+        axes[1, 0].plot(t, speed_error(recording)[:, 0], color=colour, lw=0.9, label=label)
+        axes[2, 0].plot(t, position_error(recording)[:, 0], color=colour, lw=0.9, label=label)
+        axes[3, 0].plot(t, recording.applied.sum(axis=1) / 1e3, color=colour, lw=0.9, label=label)
+        axes[4, 0].plot(t, recording.coupler_draft_max / 1e3, color=colour, lw=0.8, label=label)
+        axes[4, 0].plot(t, recording.coupler_buff_max / 1e3, color=colour, lw=0.8)
         if "jump" in key and index == 0:
             for row in range(5):
-                sheet.panel(row).axvline(JUMP, color=COLOURS[5], ls=":", lw=1.2)
+                axes[row, 0].axvline(JUMP, color=COLOURS[5], ls=":", lw=1.2)
     labels = ("speed in km/h", "speed error of\nunit 1 in m/s", "position error of\nunit 1 in m",
               "applied force of\nall units in kN", "coupler force in kN\n(draft > 0)")  # fmt: skip
-    for row, label in enumerate(labels):
-        sheet.panel(row).set_ylabel(label)
-    return sheet.save(path, "time in min" if minutes else "time in s")
+    for panel, label in zip(axes[:, 0], labels, strict=True):
+        panel.set_ylabel(label)
+    return save_grid(figure, axes, path, "time in min" if minutes else "time in s")
 
 
 def _sampling(results: Results, path: Path) -> FigureFile:
     """Draw the rms speed error over the sampling period and over lambda."""
-    sheet = Sheet("N = 3, Nu = 2 (short run)", 1, 2, height=4.0, share=False)
-    left, right = sheet.panel(0, 0), sheet.panel(0, 1)
+    figure, axes = panel_grid("N = 3, Nu = 2 (short run)", 1, 2, height=4.0, share=False)
+    left, right = axes[0, 0], axes[0, 1]
     for index, (suffix, label) in enumerate((("", "U = 0 beyond Nu (printed)"), (" held", "U held beyond Nu"))):
         errors = [1e3 * speed_rms(results[f"Ts {period}{suffix}"]) for period in SAMPLINGS]
         left.semilogy(SAMPLINGS, errors, "o-", color=COLOURS[index], label=label)
@@ -75,7 +73,7 @@ def _sampling(results: Results, path: Path) -> FigureFile:
     for panel in (left, right):
         panel.axhline(1e3 * speed_rms(results["gpc normal"]), color=COLOURS[5], ls=":", label="Ts 1.2 s, lambda 0.1")
         panel.set_ylabel("speed error in mm/s rms")
-    return sheet.save(path)
+    return save_grid(figure, axes, path)
 
 
 def _rows(results: Results) -> Sequence[Sequence[Any]]:
