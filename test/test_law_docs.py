@@ -127,7 +127,7 @@ def test_the_command_beside_a_figure_drives_its_run(line: str) -> None:
     options = parser.parse_args(arguments)
     case = CASES[line]
     measured = prepare(*printed(*load_scenario(case.scenario, changes=dict(case.changes))))
-    assert driven(prepare_from(options, law=options.law)) == driven(measured)
+    assert driven(prepare_from(options)) == driven(measured)
 
 
 def driven(setup: RunSetup) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from waiting import wait_for
 
 from train_ato.cli import main
 from train_ato.cli.main import command_line
-from train_ato.cli.view import _command, _Started, _Waiting
+from train_ato.cli.view import _command, _Started, _waiting
 from train_ato.log.run_folder import next_beside
 from train_ato.messages.topic import TrainLayout
 from train_ato.program.arguments import rate_of
@@ -320,7 +320,7 @@ def test_a_run_that_starts_slowly_is_waited_for_until_it_ends(tmp_path, monkeypa
     code = f"import pathlib, sys\nwhile not pathlib.Path({str(word)!r}).exists(): pass\nsys.exit('train-ato: no room')"
     run = _Started([sys.executable, "-c", code])
     try:
-        wait = _Waiting(run.check, interrupt)
+        wait = _waiting(run.check, interrupt)
         for clock_now[0] in (0.0, 1.0, 3600.0, 5000.0, 7201.0):
             wait("the run to start")
         for clock_now[0] in (7202.0, 7206.0):

@@ -5,7 +5,7 @@ import contextlib
 import dataclasses
 import sys
 
-from train_ato.cli.screen import note_compilation, print_json
+from train_ato.cli.screen import note_compilation, print_result
 from train_ato.program.errors import RunFailed
 
 
@@ -20,7 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> None:
     """Run the tests; a failed test ends with status 1."""
     from train_ato.api.progress import share_bar
     from train_ato.studies.check_component.checking import RANDOM_TRAINS, check_component, findings_table
@@ -31,11 +31,8 @@ def execute(options: argparse.Namespace) -> int:
     # Standard output is only for the findings; the component may print too.
     with share_bar(f"checking {name}") as progress, contextlib.redirect_stdout(sys.stderr):
         findings = check_component(kind, name, progress=progress, random_trains=RANDOM_TRAINS)
-    if options.json:
-        print_json([dataclasses.asdict(finding) for finding in findings])
-    else:
-        sys.stdout.write(findings_table(findings) + "\n")
+    data = [dataclasses.asdict(finding) for finding in findings]
+    print_result(data, findings_table(findings) + "\n", as_json=options.json)
     failed = [finding.test for finding in findings if finding.passed is False]
     if failed:
         raise RunFailed(f"{name}: failed {len(failed)} of {len(findings)} tests: {', '.join(sorted(set(failed)))}")
-    return 0

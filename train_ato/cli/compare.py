@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from train_ato.cli.scenario_options import KINDS, add_change_options, check_component_name
+from train_ato.cli.scenario_options import KINDS, add_change_options, check_component_name, chosen_components, listed
 from train_ato.cli.screen import note_compilation, print_json, print_table
 from train_ato.program.errors import RunFailed, RunInterrupted, missing_packages
 
@@ -51,21 +51,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--keep", action="store_true", help="keep every run with its log in DIR/LAW")
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> None:
     """Run the scenario with every law in the engine, and compare."""
     from train_ato.api.compare import compare
     from train_ato.api.scenario_choice import choose_scenario
     from train_ato.judge.verdict import unmet_requirements
     from train_ato.log.run_folder import RunFolder
 
-    laws = None
-    if options.laws is not None:
-        laws = [name.strip() for name in options.laws.split(",") if name.strip()]
-        if not laws:
-            raise ValueError(f"--laws {options.laws}: no law; add one or remove the option")
-    for kind in KINDS[1:]:
-        if (name := getattr(options, kind)) is not None:
-            check_component_name(f"--{kind}", kind, name)
+    laws = listed(options.laws, "--laws", "law") or None
+    chosen_components(options, KINDS[1:])
     for name in laws or ():
         check_component_name("--laws", "law", name)
     if options.seeds < 1:
@@ -75,17 +69,13 @@ def execute(options: argparse.Namespace) -> int:
     ]
     note_compilation()
     if len(choices) > 1 or options.seeds > 1:
-        return _leaderboard(options, choices, laws)
+        _leaderboard(options, choices, laws)
+        return
     (choice,) = choices
     folder = RunFolder.make(options.out, f"compare-{choice.name}")
     try:
-        result = compare(
-            choice,
-            laws,
-            observer=options.observer,
-            compensation=options.compensation,
-            out=folder.path if options.keep else None,
-        )
+        components = {"observer": options.observer, "compensation": options.compensation}
+        result = compare(choice, laws, **components, out=folder.path if options.keep else None)
     except BaseException:
         folder.discard()
         raise
@@ -101,7 +91,6 @@ def execute(options: argparse.Namespace) -> int:
         failures += [f"{law.label}: {unmet}" for law in result.laws if (unmet := unmet_requirements(law.metrics))]
     if failures:
         raise RunFailed("; ".join(failures))
-    return 0
 
 
 STANDINGS: tuple[tuple[str, str], ...] = (
@@ -112,7 +101,7 @@ STANDINGS: tuple[tuple[str, str], ...] = (
 """Keys of :func:`train_ato.judge.ranking.standings` with their headings."""
 
 
-def _leaderboard(options: argparse.Namespace, choices: list[ScenarioChoice], laws: list[str] | None) -> int:
+def _leaderboard(options: argparse.Namespace, choices: list[ScenarioChoice], laws: list[str] | None) -> None:
     """Compare the laws in every scenario with every seed; print and write their standings."""
     from train_ato.api.compare import compare
     from train_ato.log.run_folder import RunFolder
@@ -144,19 +133,15 @@ def _leaderboard(options: argparse.Namespace, choices: list[ScenarioChoice], law
     else:
         print_table(lines[0], lines[2:], title, [key for key, _ in STANDINGS])
         sys.stdout.write(f"leaderboard and all metrics in {folder.path}\n")
-    ends = ("failed",) if laws is None else ("failed", "refused")
-    failures = [row for rows_of in found for row in rows_of if row["status"] in ends]
-    texts = [f"{row['scenario']}, seed {row['seed']}: {row['controller']}: {row['reason']}" for row in failures]
-    if options.strict:
-        from train_ato.judge.verdict import unmet_requirements
+    from train_ato.judge.verdict import unmet_requirements
 
-        texts += [
-            f"{row['scenario']}, seed {row['seed']}: {row['controller']}: {unmet}"
-            for rows_of in found for row in rows_of if (unmet := unmet_requirements(row))
-        ]  # fmt: skip
+    ends = ("failed",) if laws is None else ("failed", "refused")
+    runs = [(f"{row['scenario']}, seed {row['seed']}: {row['controller']}", row) for part in found for row in part]
+    texts = [f"{run}: {row['reason']}" for run, row in runs if row["status"] in ends]
+    if options.strict:
+        texts += [f"{run}: {unmet}" for run, row in runs if (unmet := unmet_requirements(row))]
     if texts:
         raise RunFailed("; ".join(texts))
-    return 0
 
 
 def _write_standings(

@@ -5,6 +5,8 @@ import os
 import shlex
 import sys
 from collections.abc import Callable, Iterable
+from importlib import import_module
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -25,14 +27,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("shell", choices=SHELLS, metavar="SHELL", help=f"one of {', '.join(SHELLS)}")
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> None:
     """Print the code for the shell."""
     try:
         import argcomplete
     except ImportError:
         raise ValueError(MISSING) from None
     sys.stdout.write(argcomplete.shellcode([PROGRAM], shell=options.shell) + "\n")
-    return 0
 
 
 def print_completions(parser: OneLineParser) -> None:
@@ -96,44 +97,23 @@ def _scenarios() -> Iterable[str]:
         yield from (f"{name}:{variant}" for variant in variants_of(path))
 
 
-def _following() -> Iterable[str]:
+def _runnable() -> Iterable[str]:
     from train_ato.scenario.scenario import shipped_following
 
-    return shipped_following()
+    return (*_scenarios(), *shipped_following())
 
 
-def _runnable() -> Iterable[str]:
-    return (*_scenarios(), *_following())
+def _called(module: str, function: str) -> Callable[[], Iterable[str]]:
+    """Return a function of names that imports its module at its call: only the completed argument needs it."""
+    return lambda: map(str, attrgetter(function)(import_module(module))())
 
 
-def _laws() -> Iterable[str]:
-    from train_ato.control.registry import LAWS
-
-    return LAWS.names()
-
-
-def _observers() -> Iterable[str]:
-    from train_ato.control.registry import OBSERVERS
-
-    return OBSERVERS.names()
-
-
-def _compensations() -> Iterable[str]:
-    from train_ato.control.registry import COMPENSATIONS
-
-    return COMPENSATIONS.names()
-
-
-def _consists() -> Iterable[str]:
-    from plant_sim.library import consist_names
-
-    return consist_names()
-
-
-def _lines() -> Iterable[str]:
-    from plant_sim.library import line_names
-
-    return line_names()
+_laws = _called("train_ato.control.registry", "LAWS.names")
+_observers = _called("train_ato.control.registry", "OBSERVERS.names")
+_compensations = _called("train_ato.control.registry", "COMPENSATIONS.names")
+_consists = _called("plant_sim.library", "consist_names")
+_lines = _called("plant_sim.library", "line_names")
+_domains = _called("train_ato.ros.graph.environment", "held_domains")
 
 
 def _listed() -> Iterable[str]:
@@ -144,12 +124,6 @@ def _listed() -> Iterable[str]:
 def _runs() -> Iterable[str]:
     """Return the run folders below ``runs``."""
     return sorted(str(path.parent) for path in Path("runs").glob("*/scenario.yaml"))
-
-
-def _domains() -> Iterable[str]:
-    from train_ato.ros.graph.environment import held_domains
-
-    return map(str, held_domains())
 
 
 NAMES: dict[str, Callable[[], Iterable[str]]] = {

@@ -25,17 +25,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> None:
     """Write the file; print the keys that it does not carry on stderr."""
     from train_ato.api.converting import convert
+    from train_ato.cli.screen import print_result
 
     result = convert(options.source, options.target)
     for key in result["left_out"]:
         sys.stderr.write(f"not carried: {options.source}: {key}\n")
-    if options.json:
-        from train_ato.cli.screen import print_json
-
-        print_json(result)
-        return 0
-    sys.stdout.write(f"{result['file']}: {result['kind']} '{result['name']}', read as {result['format']}\n")
-    return 0
+    text = f"{result['file']}: {result['kind']} '{result['name']}', read as {result['format']}\n"
+    print_result(result, text, as_json=options.json)

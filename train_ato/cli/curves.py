@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, metavar="FILE", help="figure (.png, .pdf, .svg)")
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> None:
     """Compute the curves, print them and draw the figure."""
     from train_ato.cli.screen import print_json
     from train_ato.studies.curves.curves import curves_by_case
@@ -51,7 +51,7 @@ def execute(options: argparse.Namespace) -> int:
     )  # fmt: skip
     if options.json:
         print_json(next(iter(result.values())) if bare else result)
-        return 0
+        return
     if options.deviation:
         _print_deviations({name: entry["deviation_m"] for name, entry in result.items()})
     else:
@@ -59,7 +59,6 @@ def execute(options: argparse.Namespace) -> int:
             _print_curves(name, entry)
     if options.out is not None:
         sys.stdout.write(f"{options.out}\n")
-    return 0
 
 
 def _print_curves(name: str, entry: dict[str, Any]) -> None:

@@ -4,23 +4,20 @@ import argparse
 import sys
 
 from train_ato.cli.new import data_folder
+from train_ato.cli.screen import print_result
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``docs``."""
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> None:
     """Print the entrance of the site, and open it in a browser; with ``--json`` only print it."""
     page = data_folder("site", "index.html") / "index.html"
+    print_result({"page": str(page)}, f"{page}\n", as_json=options.json)
     if options.json:
-        from train_ato.cli.screen import print_json
-
-        print_json({"page": str(page)})
-        return 0
+        return
     import webbrowser
 
-    sys.stdout.write(f"{page}\n")
     if not webbrowser.open(page.as_uri()):
         sys.stderr.write("train-ato: no browser; open this file\n")
-    return 0

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from train_ato.cli.screen import print_json
+from train_ato.cli.screen import print_result
 from train_ato.program.arguments import check_new_file
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="profile to write (.csv, .yaml)")
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> None:
     """Simulate the driver, write the profile, and print the brake events in the form of a scenario."""
     from plant_sim.library import load_consist, load_line
     from train_ato.profile.driver import Driver, averaged_profile, simulate_driver
@@ -63,17 +63,14 @@ def execute(options: argparse.Namespace) -> int:
         "speed_end_kmh": 3.6 * float(profile.velocity[-1]),
         "events": events,
     }
-    if options.json:
-        print_json(result)
-        return 0
-    sys.stdout.write(
+    text = (
         f"{profile.end:.1f} s, {result['distance_m']:.0f} m, at most {result['speed_max_kmh']:.1f} km/h, written to "
         f"{options.out}\n"
     )
     if events:
-        sys.stdout.write("brake:\n  policy: planned\n  events:\n")
-    sys.stdout.writelines(f"    - {{time: {e['time']}, reduction_kpa: {e['reduction_kpa']:g}}}\n" for e in events)
-    return 0
+        text += "brake:\n  policy: planned\n  events:\n"
+    text += "".join(f"    - {{time: {e['time']}, reduction_kpa: {e['reduction_kpa']:g}}}\n" for e in events)
+    print_result(result, text, as_json=options.json)
 
 
 def _check(options: argparse.Namespace, line: Line) -> None:

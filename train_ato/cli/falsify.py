@@ -5,13 +5,12 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from train_ato.cli.scenario_options import KINDS, add_scenario_options, check_component_name
+from train_ato.cli.scenario_options import add_scenario_options, chosen_components
 from train_ato.program.errors import RunFailed, RunInterrupted
 
 if TYPE_CHECKING:
-    from train_ato.api.scenario_choice import ScenarioChoice
     from train_ato.studies.falsify.search import SearchRow
     from train_ato.studies.falsify.study import Falsification
 
@@ -44,15 +43,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--strict", action="store_true", help="exit status 1 if the requirement was broken")
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> None:
     """Search, write the folder and print the result; imports are late, so that help and completion are fast."""
     from train_ato.api.progress import share_bar
+    from train_ato.api.scenario_choice import choose_scenario
     from train_ato.api.series_folder import SearchFolder
     from train_ato.cli.screen import note_compilation
     from train_ato.studies.falsify.study import Falsification, prepare_study, write_study
     from train_ato.studies.sweep.row import data_hash
 
-    choice = _choice(options)
+    components = chosen_components(options)
+    choice = choose_scenario(options.scenario).assigned(options.assignments).changed(components, options.seed)
     study = prepare_study(choice, options.requirement, options.over, options.runs, jobs=options.jobs, dash="--")
     note_compilation()
     folder = SearchFolder.opened(options.out, name=f"falsify-{choice.name}")
@@ -74,29 +75,16 @@ def execute(options: argparse.Namespace) -> int:
         if not result.rows:
             raise KeyboardInterrupt
         write_study(result, folder.path)
-    print_result(result, folder.path, as_json=options.json)
+    _print_study(result, folder.path, as_json=options.json)
     if result.interrupted:
         raise RunInterrupted(f"interrupted; results so far: {folder.path}")
     if options.strict and result.found:
         raise RunFailed(f"{folder.path}: {result.line()}")
-    return 0
 
 
-def _choice(options: argparse.Namespace) -> ScenarioChoice:
-    """Return the scenario of the options with its changes."""
-    from train_ato.api.scenario_choice import choose_scenario
-
-    changes: dict[str, Any] = {}
-    for kind in KINDS:
-        if (name := getattr(options, kind)) is not None:
-            check_component_name(f"--{kind}", kind, name)
-            changes[kind] = name
-    return choose_scenario(options.scenario).assigned(options.assignments).changed(changes, options.seed)
-
-
-def print_result(result: Falsification, folder: Path, *, as_json: bool) -> None:
+def _print_study(result: Falsification, folder: Path, *, as_json: bool) -> None:
     """Print the result and the names of the files."""
-    from train_ato.cli.screen import print_json
+    from train_ato.cli.screen import print_result
     from train_ato.studies.falsify.study import COUNTEREXAMPLE, RUNS_TABLE, result_data
 
     problems = [row.run.problem for row in result.rows if row.run.problem]
@@ -104,9 +92,7 @@ def print_result(result: Falsification, folder: Path, *, as_json: bool) -> None:
         sys.stderr.write(
             f"train-ato: {len(problems)} of {len(result.rows)} runs have a problem; first: {problems[0]}\n"
         )
-    if as_json:
-        print_json({**result_data(result), "folder": str(folder)})
-        return
-    sys.stdout.write(f"{result.line()}\n{len(result.rows)} runs in {folder / RUNS_TABLE}\n")
+    text = f"{result.line()}\n{len(result.rows)} runs in {folder / RUNS_TABLE}\n"
     if result.found:
-        sys.stdout.write(f"reproduce: train-ato run {folder / COUNTEREXAMPLE} --engine\n")
+        text += f"reproduce: train-ato run {folder / COUNTEREXAMPLE} --engine\n"
+    print_result({**result_data(result), "folder": str(folder)}, text, as_json=as_json)

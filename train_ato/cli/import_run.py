@@ -101,7 +101,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> None:
     """Read, check and write a measured run."""
     from train_ato.api.import_csv.table import FileRules, titles_of
     from train_ato.api.importing import read_recorder
@@ -115,7 +115,8 @@ def execute(options: argparse.Namespace) -> int:
         ignore=options.ignore, from_km=options.from_km, tick=options.tick, largest_gap=options.largest_gap,
         smooth=options.smooth, sort=options.sort, name=options.name, dash="--",
     )  # fmt: skip
-    return _write_profile(options, measured) if options.profile_only else _write_run(options, measured)
+    write = _write_profile if options.profile_only else _write_run
+    write(options, measured)
 
 
 def _renames(entries: list[str]) -> dict[str, str]:
@@ -132,7 +133,7 @@ def _renames(entries: list[str]) -> dict[str, str]:
     return renames
 
 
-def _write_profile(options: argparse.Namespace, measured: MeasuredRun) -> int:
+def _write_profile(options: argparse.Namespace, measured: MeasuredRun) -> None:
     from train_ato.api.importing import run_name
 
     path = options.out or Path(f"{run_name(options.csv)}_profile.csv")
@@ -143,13 +144,12 @@ def _write_profile(options: argparse.Namespace, measured: MeasuredRun) -> int:
     _print_notes(measured)
     if options.json:
         print_json(result)
-        return 0
+        return
     _print_rows(result, str(path))
     _print_use(measured, path)
-    return 0
 
 
-def _write_run(options: argparse.Namespace, measured: MeasuredRun) -> int:
+def _write_run(options: argparse.Namespace, measured: MeasuredRun) -> None:
     """Write the run folder with its log."""
     from train_ato.api.importing import PROFILE
 
@@ -164,12 +164,11 @@ def _write_run(options: argparse.Namespace, measured: MeasuredRun) -> int:
     _print_notes(measured)
     if options.json:
         print_json(result)
-        return 0
+        return
     _print_rows(result, measured.setup.scenario.name)
     sys.stdout.write(f"profile: {result['measured_profile']}; command: {result['measured_command']}\n")
     _print_use(measured, path / PROFILE)
     sys.stdout.write(f"recorded in {path}; a law on the same profile: train-ato run {path / 'scenario.yaml'}\n")
-    return 0
 
 
 def _profile_figures(setup: RunSetup) -> dict[str, float]:

@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> None:
     """Print summary, topics with counts, rates and gaps, changes and versions."""
     from train_ato.api.progress import share_bar
     from train_ato.log.bag_layout import LOG
@@ -70,7 +70,7 @@ def execute(options: argparse.Namespace) -> int:
     changes = summary.pop("changes", None) or found.changes.listed()
     if options.json:
         print_json({**summary, **_as_json(found), "changes": changes, "note": note, **fatigue})
-        return 0
+        return
     if summary:
         print_summary(summary, str(run))
     if fatigue:
@@ -78,7 +78,6 @@ def execute(options: argparse.Namespace) -> int:
     _print_overview(found, changes)
     if note:
         sys.stdout.write(f"{note}\n")
-    return 0
 
 
 def _summary(run: Path) -> dict[str, Any]:

@@ -4,10 +4,9 @@ It also sends requests to the ATO: engage, disengage, reset.
 """
 
 import argparse
-import sys
 from typing import NamedTuple
 
-from train_ato.cli.screen import print_json
+from train_ato.cli.screen import print_result
 from train_ato.program.arguments import add_train, parse_yaml_value
 
 
@@ -60,7 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_train(parser)
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> None:
     """Set the parameters, then call the service; a refusal is bad input with the reason of the node."""
     from train_ato.ros.graph.remote import graph_client, resolve_domain
 
@@ -75,11 +74,8 @@ def execute(options: argparse.Namespace) -> int:
         success, message = remote.call(f"{node}/{service}", data)
     if not success:
         raise ValueError(f"{options.action}: refused by the {node}: {message}")
-    if options.json:
-        print_json({"action": options.action, "domain": domain, "message": message})
-    else:
-        sys.stdout.write(f"{node} on domain {domain}: {message}\n")
-    return 0
+    result = {"action": options.action, "domain": domain, "message": message}
+    print_result(result, f"{node} on domain {domain}: {message}\n", as_json=options.json)
 
 
 def _parameter(action: str, service: str, text: str) -> tuple[str, float | str]:

@@ -1,10 +1,9 @@
 """``train-ato layout``: write a layout of a viewer for one run."""
 
 import argparse
-import sys
 from pathlib import Path
 
-from train_ato.cli.screen import print_json
+from train_ato.cli.screen import print_result
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -22,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, metavar="FILE", help="new file (default: beside the log)")
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> None:
     """Write the layout with the topics, names and sizes of the run."""
     from train_ato.log.whole_file import write_whole
     from train_ato.view.foxglove_layout import foxglove_layout
@@ -45,8 +44,5 @@ def execute(options: argparse.Namespace) -> int:
         write_whole(target, text)
     except OSError as error:
         raise ValueError(f"{target}: cannot be written ({error.strerror}); name a writable place") from None
-    if options.json:
-        print_json({"run": str(options.run), "layout": str(target), "topics": sorted(log.names.values())})
-        return 0
-    sys.stdout.write(f"{target}\n")
-    return 0
+    data = {"run": str(options.run), "layout": str(target), "topics": sorted(log.names.values())}
+    print_result(data, f"{target}\n", as_json=options.json)

@@ -43,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="learned resistance to write (.yaml)")
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> None:
     """Learn, write the file, and print the errors of the runs."""
     from train_ato.api.series_folder import SearchFolder
     from train_ato.cli.screen import print_json, print_table
@@ -70,7 +70,7 @@ def execute(options: argparse.Namespace) -> int:
             missing = next(name for name, folder in zip(options.source, folders, strict=True) if not folder.is_dir())
             raise ValueError(f"{missing}: not a folder of a run; give run folders only, or one scenario")
         options.scenario = options.source[0]
-        setup = prepare_from(options, law=options.law)
+        setup = prepare_from(options)
         runs = RUNS if options.runs is None else options.runs
         spec = {"spacing": options.spacing, "memory": options.memory, "gust_shift": options.gust_shift or 0.0}
         hashes = [scenario_hash(setup), data_hash(setup.scenario.model_dump(mode="json"), setup.folder)]
@@ -89,4 +89,3 @@ def execute(options: argparse.Namespace) -> int:
         sys.stdout.write(f"{result.learned.runs} runs; written to {options.out}; use it with `model.learned`\n")
     if result.interrupted:
         raise RunFailed(f"interrupted; {options.out} has the result of {result.learned.runs} runs")
-    return 0

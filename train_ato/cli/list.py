@@ -259,20 +259,19 @@ def catalogue() -> dict[str, dict[str, str]]:
     }
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> None:
     """Print the catalogue, or the details of one name."""
     found = catalogue() if options.name is None else _details_of(options.name)
     expected = expected_verdicts(found.get("scenarios", {}))
     if options.json:
         print_json({**found, "expected": expected} if expected else found)
-        return 0
+        return
     for kind, entries in found.items():
         if kind == "scenarios":
             rows = [(name, expected[name].partition(" ")[0], summary) for name, summary in entries.items()]
             print_names("scenarios, with expected verdict (`train-ato list NAME` has its cause)", rows)
         else:
             print_names("following trains, for `train-ato run`" if kind == "following" else kind, entries.items())
-    return 0
 
 
 def expected_verdicts(names: Iterable[str]) -> dict[str, str]:

@@ -134,7 +134,8 @@ def _executed(options: argparse.Namespace) -> int:
     """Execute the command; ``sys.exit(0)`` and ``os._exit()`` in the code of a user are failures."""
     try:
         with no_silent_exit(), displayed_in(getattr(options, "units", None)):
-            return int(options.execute(options) or DONE)
+            options.execute(options)
+        return DONE
     except SystemExit as error:
         if error.code and not isinstance(error, ProcessExit):  # rich, for a closed pipe
             raise

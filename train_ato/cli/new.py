@@ -2,7 +2,6 @@
 
 import argparse
 import re
-import sys
 from pathlib import Path
 
 YAML_KINDS = ("train", "line", "journey", "scenario")
@@ -25,8 +24,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> None:
     """Write the files, then print their names and the next command."""
+    from train_ato.cli.screen import print_result
     from train_ato.log.whole_file import write_whole
     from train_ato.program.arguments import check_new_file
 
@@ -41,13 +41,8 @@ def execute(options: argparse.Namespace) -> int:
             write_whole(path, text)
         except OSError as error:
             raise ValueError(f"{path}: cannot be written ({error.strerror}); choose another folder") from None
-    if options.json:
-        from train_ato.cli.screen import print_json
-
-        print_json({"files": [str(path) for path in texts], "next": following})
-        return 0
-    sys.stdout.write("".join(f"{path}\n" for path in texts) + f"next: {following}\n")
-    return 0
+    text = "".join(f"{path}\n" for path in texts) + f"next: {following}\n"
+    print_result({"files": [str(path) for path in texts], "next": following}, text, as_json=options.json)
 
 
 def _data(kind: str, name: str, like: str | None) -> tuple[dict[Path, str], str]:

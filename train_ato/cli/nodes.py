@@ -1,34 +1,19 @@
 """Console scripts of the standalone nodes ``plant_node``, ``profile_node`` ... for ``ros2 run train_ato NODE``."""
 
 import sys
+from functools import partial
 
 from train_ato.messages.topics import Role
 from train_ato.ros.standalone.entry import run_role
 
 
-def plant() -> int:
-    """Run the plant node."""
-    return run_role(Role.PLANT, sys.argv[1:])
+def _run(role: Role) -> int:
+    """Run a node with the command line of this process."""
+    return run_role(role, sys.argv[1:])
 
 
-def profile() -> int:
-    """Run the profile node."""
-    return run_role(Role.PROFILE, sys.argv[1:])
-
-
-def supervisor() -> int:
-    """Run the supervisor node."""
-    return run_role(Role.SUPERVISOR, sys.argv[1:])
-
-
-def observer() -> int:
-    """Run the observer node."""
-    return run_role(Role.OBSERVER, sys.argv[1:])
-
-
-def controller() -> int:
-    """Run the controller node."""
-    return run_role(Role.CONTROLLER, sys.argv[1:])
+plant, profile, supervisor = (partial(_run, role) for role in (Role.PLANT, Role.PROFILE, Role.SUPERVISOR))
+observer, controller = (partial(_run, role) for role in (Role.OBSERVER, Role.CONTROLLER))
 
 
 def recorder() -> int:

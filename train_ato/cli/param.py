@@ -3,7 +3,7 @@
 import argparse
 import sys
 
-from train_ato.cli.screen import print_json
+from train_ato.cli.screen import print_result
 from train_ato.program.arguments import add_train, parse_yaml_value
 
 
@@ -18,7 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_train(parser)
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> None:
     """Set the parameter; a refusal is bad input with the reason of the node."""
     from train_ato.ros.graph.remote import graph_client, resolve_domain
 
@@ -35,8 +35,5 @@ def execute(options: argparse.Namespace) -> int:
         raise ValueError(f"{options.node} refused {name} = {value!r}: {text}")
     if text:
         sys.stderr.write(f"train-ato: {text}\n")
-    if options.json:
-        print_json({"node": options.node, "domain": domain, name: value})
-    else:
-        sys.stdout.write(f"{options.node} on domain {domain}: {name} = {value!r}\n")
-    return 0
+    data = {"node": options.node, "domain": domain, name: value}
+    print_result(data, f"{options.node} on domain {domain}: {name} = {value!r}\n", as_json=options.json)

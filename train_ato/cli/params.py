@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import sys
 import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from train_ato.cli.scenario_options import add_scenario_options, prepare_from
-from train_ato.cli.screen import print_json
+from train_ato.cli.screen import print_result
 
 if TYPE_CHECKING:
     from train_ato.scenario.setup import RunSetup
@@ -23,14 +22,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--law", metavar="NAME", help="control law (default: as in the scenario)")
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> None:
     """Print the file, for ``--params-file`` of a node or ``params:=`` of a launch file."""
-    found = node_parameters(prepare_from(options, law=options.law))
-    if options.json:
-        print_json(found)
-    else:
-        sys.stdout.write(parameter_file(found))
-    return 0
+    found = node_parameters(prepare_from(options))
+    print_result(found, parameter_file(found), as_json=options.json)
 
 
 def parameter_file(found: dict[str, dict[str, Any]]) -> str:

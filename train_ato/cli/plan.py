@@ -7,6 +7,7 @@ import math
 import re
 import sys
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -110,28 +111,16 @@ def _write_files(options: argparse.Namespace, plan: TripPlan, line: Line, consis
     return files
 
 
-def execute_trip(options: argparse.Namespace) -> int:
-    """Compute the trip plan and print one JSON value or a table."""
-    from train_ato.api.progress import PLANNER_NOTE, activity, compilation_noted
-    from train_ato.cli.screen import print_json, print_table
-    from train_ato.judge.summary_table import format_value
+def _print_trip(result: dict[str, Any]) -> None:
+    """Print the applications of the air brake of a trip plan."""
+    from train_ato.cli.screen import print_table
 
-    with compilation_noted(PLANNER_NOTE), activity("planning the trip") as report:
-        result = trip_from_options(options, report)
-    if options.json:
-        print_json(result)
-        return 0
-    rows = [(key, format_value(value)) for key, value in result.items() if not isinstance(value, (list, dict))]
-    print_table(("", ""), rows)
     if result["applications"]:
         entries = (
             [f"{e['apply_km']:.3f}", f"{e['release_km']:.3f}", e["reduction_kpa"], e["supply"]]
             for e in result["applications"]
         )
         print_table(("apply, km", "release, km", "reduction, kPa", "reservoirs"), entries)
-    for name in result["files"]:
-        sys.stdout.write(f"{name}\n")
-    return 0
 
 
 def _check_options(options: argparse.Namespace) -> None:
@@ -270,28 +259,17 @@ def plan_from_options(options: argparse.Namespace) -> dict[str, Any]:
         check_packages("plan --time (the lower bound, left out by --no-bound)", "scipy")
     if not 1e-3 <= options.period <= 10:
         raise ValueError(f"--period {options.period:g}: out of range; give 0.001 to 10 s")
-    result = plan(
-        options.line,
-        options.consist,
-        journey=options.journey,
-        period=options.period,
-        out=options.out,
-        **_settings(options),
-    )
-    return (
-        result.summary()
-        | _certificate(result, options)
-        | {
-            "settings": result.settings.model_dump(mode="json", exclude_none=True),
-            "files": [str(path) for path in options.out],
-        }
-    )
+    given = {"journey": options.journey, "period": options.period, "out": options.out, **_settings(options)}
+    result = plan(options.line, options.consist, **given)
+    settings = result.settings.model_dump(mode="json", exclude_none=True)
+    files = [str(path) for path in options.out]
+    return {**result.summary(), **_certificate(result, options), "settings": settings, "files": files}
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> None:
     """Compute the profile or the trip plan; a refusal names the options in place of the keys of the settings."""
     try:
-        return execute_plan(options) if options.trip is None else execute_trip(options)
+        _execute(options)
     except ValueError as error:
         text = str(error)
         if not text.startswith((OPTIONS_OF_PLAN, "allowance")):  # of a file
@@ -301,41 +279,46 @@ def execute(options: argparse.Namespace) -> int:
         raise InputFaults(named) from None
 
 
-def execute_plan(options: argparse.Namespace) -> int:
-    """Compute the profile and print one JSON value or a table."""
-    from train_ato.api.progress import PLANNER_NOTE, compilation_noted
+def _execute(options: argparse.Namespace) -> None:
+    """Compute the plan and print one JSON value or tables."""
+    from train_ato.api.progress import PLANNER_NOTE, activity, compilation_noted
     from train_ato.cli.screen import print_json, print_table
     from train_ato.judge.summary_table import format_value
 
-    with compilation_noted(PLANNER_NOTE):
-        result = plan_from_options(options)
+    with compilation_noted(PLANNER_NOTE), ExitStack() as shown:
+        if options.trip is None:
+            result = plan_from_options(options)
+        else:
+            result = trip_from_options(options, shown.enter_context(activity("planning the trip")))
     if options.json:
         print_json(result)
-        return 0
+        return
     rows = [(key, format_value(value)) for key, value in result.items() if not isinstance(value, (list, dict))]
     print_table(("", ""), rows)
+    (_print_plan if options.trip is None else _print_trip)(result)
+    for name in result["files"]:
+        sys.stdout.write(f"{name}\n")
+
+
+def _print_plan(result: dict[str, Any]) -> None:
+    """Print the stops and the sections without power of a plan."""
+    from train_ato.cli.screen import print_table
+
     if len(result["stops"]) > 2:
         columns = {"arrival, s": "arrival_s", "departure, s": "departure_s"}
         columns |= {"allowance, s": "allowance_s"} if "allowance_s" in result else {}
-        stops = (
-            [stop.get("post") or f"{stop['place_m'] / 1e3:.3f}", *(stop.get(key, "") for key in columns.values())]
-            for stop in result["stops"]
-        )
+        stops = ([_km(stop), *(stop.get(key, "") for key in columns.values())] for stop in result["stops"])
         print_table(("stop, km", *columns), stops)
     if dead := result.get("without_power"):
         names = {"announced_s": "announced, s", "off_s": "power off, s", "on_s": "power on, s", "phase": "phase"}
         names = {key: name for key, name in names.items() if any(key in row for row in dead)}
-        sections = (
-            [
-                row.get("post") or f"{row['place_m'] / 1e3:.3f}",
-                *(_cell(row[key]) if key in row else "" for key in names),
-            ]
-            for row in dead
-        )
+        sections = ([_km(row), *(_cell(row[key]) if key in row else "" for key in names)] for row in dead)
         print_table(("neutral section, km", *names.values()), sections)
-    for name in result["files"]:
-        sys.stdout.write(f"{name}\n")
-    return 0
+
+
+def _km(row: dict[str, Any]) -> str:
+    """Return the post of a place, without one its kilometre."""
+    return str(row.get("post") or f"{row['place_m'] / 1e3:.3f}")
 
 
 def _cell(value: float | str) -> str:
@@ -359,15 +342,11 @@ def _certificate(result: Plan, options: argparse.Namespace) -> dict[str, float]:
 
 def _settings(options: argparse.Namespace) -> dict[str, Any]:
     """Return the given settings of the plan [SI]; None is a limit that does not apply."""
+    same = ("time", "dwell", "allowance", "force_margin", "efficiency", "recovered")
     given = {
         "begin": _in_metres(options.begin_km),
         "end": _in_metres(options.end_km),
-        "time": options.time,
-        "dwell": options.dwell,
-        "allowance": options.allowance,
-        "force_margin": options.force_margin,
-        "efficiency": options.efficiency,
-        "recovered": options.recovered,
+        **{name: getattr(options, name) for name in same},
         "auxiliary": None if options.auxiliary_kw is None else 1e3 * options.auxiliary_kw,
         "speed_max": None if options.max_speed_kmh is None else options.max_speed_kmh / 3.6,
         "calling": False if options.through else None,

@@ -1,10 +1,10 @@
 """``train-ato recover``: restore a readable log from an incomplete or damaged one."""
 
 import argparse
-import sys
+import dataclasses
 from pathlib import Path
 
-from train_ato.cli.screen import print_json
+from train_ato.cli.screen import print_result
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -12,7 +12,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("file", type=Path, metavar="FILE", help="run.mcap.partial, a damaged log, or its folder")
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> None:
     """Write the intact part of the log as a new log; the damaged file is kept beside it."""
     from train_ato.api.progress import share_bar
     from train_ato.log.bag_layout import METADATA
@@ -20,22 +20,13 @@ def execute(options: argparse.Namespace) -> int:
 
     with share_bar(f"recovering {options.file}") as progress:
         found = recover(options.file, lambda share: progress(share, ""))
-    if options.json:
-        print_json(
-            {
-                "log": str(found.path),
-                "kept": None if found.kept is None else str(found.kept),
-                "messages": found.messages,
-                "lost_chunks": found.lost_chunks,
-                "metadata_only": found.metadata_only,
-            }
-        )
-        return 0
+    paths = {"log": str(found.path), "kept": None if found.kept is None else str(found.kept)}
+    counts = {key: value for key, value in dataclasses.asdict(found).items() if key not in ("path", "kept")}
     if found.metadata_only:
         kept = f"; previous file: {found.kept}" if found.kept else ""
         again = found.path.parent / METADATA
-        sys.stdout.write(f"{found.path} is complete, {found.messages} messages; metadata written: {again}{kept}\n")
-        return 0
-    lost = f"; {found.lost_chunks} damaged or incomplete chunks omitted" if found.lost_chunks else ""
-    sys.stdout.write(f"{found.messages} messages recovered into {found.path}{lost}; previous file: {found.kept}\n")
-    return 0
+        text = f"{found.path} is complete, {found.messages} messages; metadata written: {again}{kept}\n"
+    else:
+        lost = f"; {found.lost_chunks} damaged or incomplete chunks omitted" if found.lost_chunks else ""
+        text = f"{found.messages} messages recovered into {found.path}{lost}; previous file: {found.kept}\n"
+    print_result(paths | counts, text, as_json=options.json)

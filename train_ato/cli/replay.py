@@ -140,7 +140,7 @@ def _add_publishing(add: Callable[..., None]) -> None:
     add("--domain", type=int, metavar="N", help="ROS domain (default: ROS_DOMAIN_ID or 0)")
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> None:
     """Publish a run, or compare the commands of a law with the recorded ones."""
     if options.law is not None:
         for action in options.publishing:
@@ -148,14 +148,15 @@ def execute(options: argparse.Namespace) -> int:
                 raise ValueError(
                     f"{action.option_strings[-1]}: no effect with --law, which does not publish; remove it"
                 )
-        return compare_laws(options)
+        compare_laws(options)
+        return
     for given, spelling in ((options.set, "--set"), (options.out, "--out")):
         if given:
             raise ValueError(f"{spelling}: only for the evaluation of a law; add --law NAME")
-    return _publish(options)
+    _publish(options)
 
 
-def _publish(options: argparse.Namespace) -> int:
+def _publish(options: argparse.Namespace) -> None:
     from train_ato.playback.log import ReplayOptions, parse_remap
 
     _check_domain(options.domain)
@@ -180,7 +181,6 @@ def _publish(options: argparse.Namespace) -> int:
     with keyboard(wanted=wanted) as keys, _bar(options.run.name) as progress:
         done = publish_run(options.run, chosen, domain=options.domain, progress=progress, keys=keys)
     _report(options, done)
-    return 0
 
 
 def _check_domain(given: int | None) -> None:
@@ -251,7 +251,7 @@ DIFFERENCE_ROWS: tuple[tuple[str, str], ...] = (
 )  # fmt: skip
 
 
-def compare_laws(options: argparse.Namespace) -> int:
+def compare_laws(options: argparse.Namespace) -> None:
     """Evaluate a law on the recorded inputs; the law of the run itself keeps its planned changes."""
     from train_ato.log.run_folder import read_run_folder
     from train_ato.playback.replaying import evaluated, output_names, setup_with_law
@@ -271,7 +271,6 @@ def compare_laws(options: argparse.Namespace) -> int:
         print_json(summary)
     else:
         _print(summary, output_names(recorded, recorded_summary, options.law))
-    return 0
 
 
 def _figure_path(options: argparse.Namespace) -> Path:

@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--format", choices=("png", "svg"), default="png", help="format of the figures (default: png)")
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> None:
     """Write the page, and the figures with --figures."""
     import gc
 
@@ -63,13 +63,12 @@ def execute(options: argparse.Namespace) -> int:
     result["differences"] = {label: one.line for label, one in found.items()}
     if options.json:
         print_json(result)
-        return 0
+        return
     for label, one in found.items():
         sys.stdout.write(f"{label} against {request.labels[0]}: {one.line}\n")
     sys.stdout.write(f"{request.page}: {size / 1e6:.1f} MB; open it in a browser (no network needed)\n")
     if figures:
         sys.stdout.write(f"{len(figures)} figures in {request.figures}\n")
-    return 0
 
 
 def read(request: Request, show: Callable[[str], None]) -> list[PageData]:

@@ -51,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> None:
     """Run the cases of the claims and judge the claims."""
     if not 1 <= options.jobs <= 64:
         raise ValueError(f"--jobs {options.jobs}: out of range; give 1 to 64")
@@ -99,7 +99,6 @@ def execute(options: argparse.Namespace) -> int:
         sys.stdout.write((folder.path / "reproduce.json").read_text(encoding="utf-8"))
     else:
         sys.stdout.write(f"claims, results of all cases and figures in {folder.path}\n")
-    return 0
 
 
 def _folder(options: argparse.Namespace) -> RunFolder:

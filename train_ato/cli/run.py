@@ -90,16 +90,10 @@ def restart_limit(*, wanted: bool, limit: int | None) -> int:
     return (limit or LIMIT) if wanted else 0
 
 
-def prepared(options: argparse.Namespace) -> tuple[RunSetup, RunMode, Path]:
-    """Return the checked run, its mode and its folder; imports are late, so that help and completion are fast.
-
-    Raises
-    ------
-    ValueError
-        One line that names the option or the key, the value and the remedy.
-    """
+def _run_mode(options: argparse.Namespace) -> RunMode:
+    """Return the checked mode of the options, and check their folder."""
     from train_ato.api.drive import RunMode
-    from train_ato.log.run_folder import check_free, next_free
+    from train_ato.log.run_folder import check_free
 
     mode = "engine" if options.engine else "processes" if options.processes else "composed"
     restarts = restart_limit(wanted=options.restart, limit=options.restart_limit)
@@ -110,11 +104,25 @@ def prepared(options: argparse.Namespace) -> tuple[RunSetup, RunMode, Path]:
     run_mode.check("--")
     if options.out is not None:
         check_free(options.out)
-    setup = prepare_from(options, law=options.law)
+    return run_mode
+
+
+def prepared(options: argparse.Namespace) -> tuple[RunSetup, RunMode, Path]:
+    """Return the checked run, its mode and its folder; imports are late, so that help and completion are fast.
+
+    Raises
+    ------
+    ValueError
+        One line that names the option or the key, the value and the remedy.
+    """
+    from train_ato.log.run_folder import next_free
+
+    run_mode = _run_mode(options)
+    setup = prepare_from(options)
     run_mode.check_setup(setup, "--")
     if advice := setup.advice():
         sys.stderr.write(f"train-ato: {advice}\n")
-    if mode != "engine":
+    if run_mode.mode != "engine":
         from train_ato.ros.graph.environment import opened_by
 
         if opened := opened_by():
@@ -122,12 +130,13 @@ def prepared(options: argparse.Namespace) -> tuple[RunSetup, RunMode, Path]:
     return setup, run_mode, options.out if options.out is not None else next_free(setup.scenario.name)
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> None:
     """Run one scenario, or the trains of a following file."""
     from train_ato.scenario.following import find_following
 
     if (file := find_following(options.scenario)) is not None:
-        return _execute_following(options, file)
+        _execute_following(options, file)
+        return
     if options.live:
         raise ValueError(f"--live: {options.scenario} has one train; remove it, or name following trains")
     with long_lived_objects():
@@ -141,16 +150,14 @@ def execute(options: argparse.Namespace) -> int:
         run = drive(setup, run_mode, out=out, option="--out", ended=ended)
     if options.strict and (unmet := unmet_requirements(run.metrics)):
         raise RunFailed(f"{run.path}: {unmet}")
-    return 0
 
 
-def _execute_following(options: argparse.Namespace, file: Path) -> int:
+def _execute_following(options: argparse.Namespace, file: Path) -> None:
     """Run trains behind each other."""
-    from train_ato.api.drive import RunMode
     from train_ato.api.following import run_following
     from train_ato.api.progress import COMPILE_NOTE, compilation_noted
     from train_ato.judge.verdict import unmet_requirements
-    from train_ato.log.run_folder import check_free, next_free
+    from train_ato.log.run_folder import next_free
     from train_ato.scenario.following import load_following
 
     for name in ("law", "observer", "compensation", "external"):
@@ -160,15 +167,9 @@ def _execute_following(options: argparse.Namespace, file: Path) -> int:
     for name in ("restart", "namespace", "followed"):
         if getattr(options, name):
             raise ValueError(f"--{name}: not with a following file; remove it")
-    mode = "engine" if options.engine else "processes" if options.processes else "composed"
-    run_mode = RunMode(
-        mode, rate_of(options), options.lockstep, options.domain, options.compression, 0, options.start_limit
-    )
-    run_mode.check("--")
-    if options.live and mode == "engine":
+    run_mode = _run_mode(options)
+    if options.live and options.engine:
         raise ValueError("--live: the engine has no nodes, and trains meet in a ROS domain; remove it or --engine")
-    if options.out is not None:
-        check_free(options.out)
     trains = load_following(file, tuple(options.assignments), options.seed)
     out = options.out if options.out is not None else next_free(trains.spec.name)
     with compilation_noted(COMPILE_NOTE):
@@ -177,7 +178,6 @@ def _execute_following(options: argparse.Namespace, file: Path) -> int:
     unmet = [f"{row['name']}: {text}" for row in result.summary["trains"] if (text := unmet_requirements(row))]
     if options.strict and (unmet := result.summary["broken"] or unmet):
         raise RunFailed(f"{out}: {unmet[0]}")
-    return 0
 
 
 def _run_live(trains: FollowingFile, run_mode: RunMode, out: Path) -> FollowingResult:

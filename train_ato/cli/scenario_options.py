@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -40,7 +41,7 @@ def add_change_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def prepare_from(options: argparse.Namespace, **changes: Any) -> RunSetup:
+def prepare_from(options: argparse.Namespace) -> RunSetup:
     """Load, change and check the scenario of the options.
 
     Raises
@@ -53,13 +54,9 @@ def prepare_from(options: argparse.Namespace, **changes: Any) -> RunSetup:
     from train_ato.scenario.scenario import changes_of, load_scenario
     from train_ato.scenario.setup import prepare
 
-    overlay = {
-        "observer": options.observer, "compensation": options.compensation, "seed": options.seed, **changes,
-    }  # fmt: skip
-    overlay = {key: value for key, value in overlay.items() if value is not None}
-    for kind in KINDS:
-        if kind in overlay:
-            check_component_name(f"--{kind}", kind, overlay[kind])
+    overlay: dict[str, Any] = {**chosen_components(options)}
+    if options.seed is not None:
+        overlay["seed"] = options.seed
     assignments = tuple(options.assignments)
     scenario, path = load_scenario(options.scenario, assignments, overlay)
     try:
@@ -69,19 +66,24 @@ def prepare_from(options: argparse.Namespace, **changes: Any) -> RunSetup:
         raise caused_by(error, path, changes_of(assignments, overlay)) from None
 
 
+def chosen_components(options: argparse.Namespace, kinds: Iterable[str] = KINDS) -> dict[str, str]:
+    """Return the checked names of the options ``--law``, ``--observer`` and ``--compensation`` that are given."""
+    found = {kind: name for kind in kinds if (name := getattr(options, kind)) is not None}
+    for kind, name in found.items():
+        check_component_name(f"--{kind}", kind, name)
+    return found
+
+
+def listed(text: str | None, option: str, what: str = "name") -> list[str]:
+    """Return the entries of a list with commas; [] without the option, which needs one of ``what``."""
+    found = [name.strip() for name in (text or "").split(",") if name.strip()]
+    if text is not None and not found:
+        raise ValueError(f"{option} {text}: no {what}; add one or remove the option")
+    return found
+
+
 def check_component_name(option: str, kind: str, name: str) -> None:
-    """Check the name of a component of the command line.
-
-    Parameters
-    ----------
-    option, kind, name
-        Option for the message; ``law``, ``observer`` or ``compensation``; name of the component.
-
-    Raises
-    ------
-    ValueError
-        For an unknown name; the message begins with the option.
-    """
+    """Refuse an unknown name of a law, observer or compensation with its option."""
     from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
 
     (registry,) = [entry for entry in (LAWS, OBSERVERS, COMPENSATIONS) if entry.kind == kind]

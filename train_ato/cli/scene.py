@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import sys
 import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from train_ato.cli.screen import print_json
+from train_ato.cli.screen import print_result
 from train_ato.program.arguments import add_train
 
 if TYPE_CHECKING:
@@ -26,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> None:
     """Publish /tf, /tf_static, poses, markers and track until the run ends."""
     from train_ato.log.run_folder import read_run_folder
     from train_ato.program.interrupt import interruptible
@@ -50,11 +49,8 @@ def execute(options: argparse.Namespace) -> int:
         from train_ato.view.scene_node import publish_scene
 
         counts = publish_scene(scene, domain, lambda: interrupt.asked, options.namespace)
-    if options.json:
-        print_json({"domain": domain, "rate": options.rate, "messages": counts})
-    else:
-        sys.stdout.write(f"domain {domain}: {', '.join(f'{count} {name}' for name, count in counts.items())}\n")
-    return 0
+    text = f"domain {domain}: {', '.join(f'{count} {name}' for name, count in counts.items())}\n"
+    print_result({"domain": domain, "rate": options.rate, "messages": counts}, text, as_json=options.json)
 
 
 def _running(domain: int, namespace: str) -> RunSetup:

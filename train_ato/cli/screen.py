@@ -36,6 +36,14 @@ def print_json(value: Any) -> None:
     sys.stdout.write(json.dumps(shown_data(value), indent=2, ensure_ascii=not unicode, allow_nan=False) + "\n")
 
 
+def print_result(data: Any, text: str, *, as_json: bool) -> None:
+    """Print a result on standard output: its data as one JSON value, or its text."""
+    if as_json:
+        print_json(data)
+    else:
+        sys.stdout.write(text)
+
+
 def print_names(title: str, entries: Iterable[tuple[str, ...]]) -> None:
     """Print names with their one-line summaries, and further columns, under a title."""
     from rich.table import Table

@@ -57,7 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> None:
     """Run the sweep, or one row of it again."""
     from train_ato.api.progress import activity
     from train_ato.studies.sweep.result import SweepFolder
@@ -65,7 +65,8 @@ def execute(options: argparse.Namespace) -> int:
     from train_ato.studies.sweep.sweep import PreparedSweep
 
     if options.row is not None:
-        return _run_row(options)
+        _run_row(options)
+        return
     folder = None
     if SweepFolder.holds(options.sweep):
         if options.out is not None:
@@ -86,7 +87,6 @@ def execute(options: argparse.Namespace) -> int:
         first = failed.iloc[0]
         raise RunFailed(f"{len(failed)} of {len(result.table)} runs failed; first: run {first['run']}: "
                         f"{first['reason']}")  # fmt: skip
-    return 0
 
 
 def _print(result: SweepResult, folder: SweepFolder, figures: dict[str, Path], metric: str, *, as_json: bool) -> None:
@@ -123,7 +123,7 @@ def _print(result: SweepResult, folder: SweepFolder, figures: dict[str, Path], m
     sys.stdout.write(f"{counts}: {folder.results}{drawn}\n")
 
 
-def _run_row(options: argparse.Namespace) -> int:
+def _run_row(options: argparse.Namespace) -> None:
     """Run one row again and compare it."""
     from train_ato.studies.sweep.rerun import run_row_again
 
@@ -142,4 +142,3 @@ def _run_row(options: argparse.Namespace) -> int:
         sys.stdout.write(f"row {found.run}: {found.values} values are equal, bit for bit{place}\n")
     if found.difference:
         raise RunFailed(f"row {found.run}: {found.difference}")
-    return 0

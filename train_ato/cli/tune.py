@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from train_ato.cli.scenario_options import KINDS, check_component_name
+from train_ato.cli.scenario_options import KINDS, chosen_components, listed
 from train_ato.cli.screen import note_compilation, print_json, print_table
 from train_ato.program.errors import RunFailed
 from train_ato.studies.tune.objective import TERMS
@@ -70,7 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> None:
     """Search, write the overlay scenario and print initial and tuned runs."""
     from train_ato.api.scenario_choice import choose_scenario
     from train_ato.api.series_folder import SearchFolder
@@ -79,11 +79,9 @@ def execute(options: argparse.Namespace) -> int:
     from train_ato.studies.tune.tune import tune
     from train_ato.studies.tune.tune_result import OVERLAY
 
-    for kind in KINDS:
-        if (name := getattr(options, kind)) is not None:
-            check_component_name(f"--{kind}", kind, name)
-    choices = [choose_scenario(name).assigned(options.assignments) for name in _names(options.scenario, "SCENARIO")]
-    outside = [choose_scenario(name).assigned(options.assignments) for name in _names(options.held_out, "--held-out")]
+    chosen_components(options)
+    choices = [choose_scenario(name).assigned(options.assignments) for name in listed(options.scenario, "SCENARIO")]
+    outside = [choose_scenario(name).assigned(options.assignments) for name in listed(options.held_out, "--held-out")]
     if not choices:
         raise ValueError("SCENARIO: no name; give one or more")
     weights = read_weights(options.criterion)
@@ -96,7 +94,7 @@ def execute(options: argparse.Namespace) -> int:
         options.law,
         observer=options.observer,
         compensation=options.compensation,
-        parameters=_names(options.parameters, "--parameters") or None,
+        parameters=listed(options.parameters, "--parameters") or None,
         over=options.over,
         seeds=_seeds(options.seeds, "--seeds") or None,
         held_out=outside,
@@ -113,15 +111,6 @@ def execute(options: argparse.Namespace) -> int:
         print_tuning(result, out)
     if result.interrupted:
         raise RunFailed(f"interrupted after {len(result.candidates)} candidates; the best gains are in {out / OVERLAY}")
-    return 0
-
-
-def _names(text: str | None, option: str) -> list[str]:
-    """Return the names of a list with commas; [] without the option."""
-    names = [name.strip() for name in (text or "").split(",") if name.strip()]
-    if text is not None and not names:
-        raise ValueError(f"{option} {text}: no name; add one or remove the option")
-    return names
 
 
 MAX_SEED = 18
@@ -130,7 +119,7 @@ MAX_SEED = 18
 
 def _seeds(text: str | None, option: str) -> list[int]:
     found = []
-    for name in _names(text, option):
+    for name in listed(text, option):
         if not name.isdigit() or len(name) > MAX_SEED:
             raise ValueError(f"{option} {text}: '{name}' is not a seed; give integers from 0 on, for example 1,2,3")
         found.append(int(name))

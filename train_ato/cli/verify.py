@@ -21,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> None:
     """Repeat the run in the engine and compare both logs field by field."""
     from train_ato.api.verifying import late_note, verify
 
@@ -38,4 +38,3 @@ def execute(options: argparse.Namespace) -> int:
             f"{options.run}: {found.differing} of {found.messages} messages differ; first: {found.first}"
             f"{late_note(options.run)}"
         )
-    return 0

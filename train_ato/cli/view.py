@@ -69,7 +69,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> None:
     """Serve the page until Ctrl-C; a run that is started again has the same address."""
     check_packages("view", "bokeh", "jinja2", "tornado", *(["foxglove"] if options.foxglove is not None else []))
     _check(options)
@@ -80,7 +80,6 @@ def execute(options: argparse.Namespace) -> int:
         while _serve(options, interrupt, first=first):
             first = False
             options.out = None if options.out is None else next_beside(options.out)
-    return 0
 
 
 def _serve(options: argparse.Namespace, interrupt: Interrupt, *, first: bool) -> bool:
@@ -150,28 +149,17 @@ def _check(options: argparse.Namespace) -> None:
     check_domain(options.domain)
 
 
-class _Waiting:
-    """Check during a wait: failure of the run, Ctrl-C, and notes on the awaited part.
+def _waiting(check: Callable[[], None], interrupt: Interrupt) -> Callable[[str], None]:
+    """Return the function of a wait for a part: it raises the failure of ``check`` and Ctrl-C, and notes the part."""
+    note = WaitNote()
 
-    Parameters
-    ----------
-    check
-        Function that raises if the run has failed.
-    interrupt
-        Flag of Ctrl-C.
-    """
-
-    def __init__(self, check: Callable[[], None], interrupt: Interrupt) -> None:
-        self._check = check
-        self._interrupt = interrupt
-        self._note = WaitNote()
-
-    def __call__(self, awaited: str) -> None:
-        """Check the wait for ``awaited``."""
-        self._check()
-        if self._interrupt.asked:
+    def wait(awaited: str) -> None:
+        check()
+        if interrupt.asked:
             raise KeyboardInterrupt
-        self._note(awaited)
+        note(awaited)
+
+    return wait
 
 
 @contextlib.contextmanager
@@ -200,19 +188,19 @@ def _feed(options: argparse.Namespace, interrupt: Interrupt) -> Iterator[Feed]:
 
 
 @contextlib.contextmanager
-def _run(options: argparse.Namespace, interrupt: Interrupt) -> Iterator[tuple[int, _Waiting]]:
+def _run(options: argparse.Namespace, interrupt: Interrupt) -> Iterator[tuple[int, Callable[[str], None]]]:
     """Yield the ROS domain of the run: of a running simulation, or of a run started here and ended with the page."""
     from train_ato.ros.graph.environment import claim_domain, held_domains
     from train_ato.ros.graph.remote import resolve_domain
 
     if options.scenario is None:
         domain = resolve_domain(options.domain, options.namespace)
-        yield domain, _Waiting(lambda: _check_held(domain, options.namespace), interrupt)
+        yield domain, _waiting(lambda: _check_held(domain, options.namespace), interrupt)
         return
     with claim_domain() as domain:
         pass
     run = _Started(_command(options, domain))
-    wait = _Waiting(run.check, interrupt)
+    wait = _waiting(run.check, interrupt)
     try:
         while domain not in held_domains():
             wait("the run to load its scenario and the kernels of the train")
