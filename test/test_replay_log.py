@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from mcap.writer import CompressionType, Writer
+from refusals import one_line
 from test_wire import LONG, message
 
 from train_ato.log.mcap_records import stream
@@ -15,8 +16,7 @@ from train_ato.messages.topics import EPOCH_NS, Rate, topics_of
 from train_ato.playback.log import ReplayLog, ReplayOptions, chosen_topics, parse_remap
 from train_ato.playback.publishing import note_far_stamp
 
-TICK = 100_000_000
-TICKS = 3000
+TICK, TICKS = 100_000_000, 3000
 REPLANNED = 1700
 
 
@@ -30,11 +30,7 @@ def test_a_replay_that_waits_for_a_far_stamp_is_noted(tmp_path: Path, capsys: py
 
 
 def write(folder: Path, ticks: int = TICKS, *, tiny: bool = False, only: str | None = None) -> Path:
-    """Write a run as some recorders do: log times on a wall clock that the simulation runs ahead of.
-
-    The estimate comes a tick late, as from a node of its own, and the profile is planned again on the way. With
-    ``tiny`` every message has a chunk of its own, with ``only`` there is one topic.
-    """
+    """Write a run of a slow wall clock, a late estimate and a second plan; one topic ``only``, or chunks ``tiny``."""
     wire = Wire(LONG)
     with RunLog(folder, topics_of(LONG)) as log:
         for tick in range(ticks):
@@ -140,8 +136,7 @@ def test_logs_of_others_are_entered_too(tmp_path, options):
     """Logs with and without index, chunks, statistics, checksums; times are from the first message."""
     with ReplayLog(other(tmp_path / "other.mcap", **options)) as log:
         assert log.length == 49.0
-        assert log.topics["/beat"].count == 50
-        assert not log.topics["/beat"].latched
+        assert log.topics["/beat"].count == 50 and not log.topics["/beat"].latched
         moments = [m.publish_ns - log.begin_ns for m in log.messages({"/beat"}, log.begin_ns + 30 * 10**9)]
         assert moments == [beat * 10**9 for beat in range(30, 50)]
 
@@ -157,9 +152,8 @@ def test_logs_of_others_are_entered_too(tmp_path, options):
 def test_what_is_no_log_is_refused_in_one_line(tmp_path, name, content, says):
     if content is not None:
         (tmp_path / name).write_bytes(content)
-    with pytest.raises(ValueError, match=says) as caught:
+    with one_line(says):
         ReplayLog(tmp_path / name)
-    assert "\n" not in str(caught.value)
 
 
 def test_a_log_without_messages_is_refused(tmp_path):
@@ -214,11 +208,9 @@ def test_a_changed_index_is_noticed(run, tmp_path, place):
     ],
 )  # fmt: skip
 def test_bad_options_are_one_line(log, options, says):
-    with pytest.raises(ValueError) as caught:
+    with one_line("", says):
         ReplayOptions(**options).check()
         chosen_topics(log.topics, ReplayOptions(**options))
-    assert says in str(caught.value)
-    assert "\n" not in str(caught.value)
 
 
 def test_remaps_are_read():

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -25,7 +26,6 @@ pytestmark = pytest.mark.usefixtures("without_figure")
 
 SECONDS = 20
 """Simulated duration of the runs [s]: many times their wall time, so that the two cannot be mistaken."""
-TICK_HZ = 10.0
 TICK_TOPICS = ("/clock", "/train/vehicles", "/train/measurement", "/ato/reference", "/ato/estimate", "/ato/command")
 MODES = {"engine": ["--engine"], "composed": [], "processes": ["--processes"]}
 EVERY_MODE = pytest.mark.parametrize("mode", ["engine", "composed", pytest.param("processes", marks=pytest.mark.graph)])
@@ -60,7 +60,7 @@ def test_duration_and_rates_are_those_of_the_simulation(mode: str, run: Callable
         assert bag.duration - 1 == pytest.approx(SECONDS * 10**9)
     for topic in TICK_TOPICS:
         found = times[topic]
-        assert (len(found) - 1) / (found[-1] - found[0]) * 1e9 == pytest.approx(TICK_HZ)
+        assert (len(found) - 1) / (found[-1] - found[0]) * 1e9 == pytest.approx(10.0)
         assert {late - early for early, late in itertools.pairwise(found)} == {10**8}, topic
 
 
@@ -74,24 +74,15 @@ def test_log_time_is_the_stamp_of_every_message(mode: str, run: Callable[[str], 
         last = max(last, message.log_ns)
 
 
-class OwnPublisher:
-    """Publisher of every message; also those of a topic of several nodes."""
-
-    begun, lost, fault = True, 0, None
-
-    def take(self, *message: Any, lossy: bool = False) -> bool:
-        """Accept a message."""
-        return True
-
-    def check(self) -> list[str]:
-        """Find no other publisher."""
-        return []
-
-    newcomers = check
+OWN = SimpleNamespace(begun=True, lost=0, fault=None, check=list, newcomers=list, take=lambda *_, lossy=False: True)
+"""Publisher of every message; also those of a topic of several nodes."""
 
 
 class LateQueues:
     """Queues of the recorder's topics with recorded bytes; those of one topic arrive later than the others."""
+
+    is_repeated = sent_outside = staticmethod(lambda *_: False)
+    answer_requests = publish = staticmethod(lambda *_: None)
 
     def __init__(self, folder: Path, late: str) -> None:
         setup, _ = read_run_folder(folder)
@@ -101,31 +92,16 @@ class LateQueues:
             self._queues.setdefault(message.channel.topic.removeprefix("/"), []).append(message.data)
         self.arrived = False
 
-    def taker(self, name: str) -> tuple[Callable[[], Any], OwnPublisher]:
-        """Return the function that takes the next message of a topic, and its publisher."""
+    def taker(self, name: str) -> tuple[Callable[[], Any], Any]:
         queue = iter(self._queues.get(name.removeprefix("/"), []))
 
         def take() -> tuple[bytes, dict[str, int]] | None:
             data = next(queue, None) if name != self._late or self.arrived else None
             return None if data is None else (data, {"received_timestamp": 0, "publication_sequence_number": 0})
 
-        return take, OwnPublisher()
+        return take, OWN
 
     shared_taker = taker
-
-    def is_repeated(self, name: str, data: bytes) -> bool:
-        """Return False: no message is sent again."""
-        return False
-
-    def answer_requests(self) -> None:
-        """Answer no request."""
-
-    def sent_outside(self, name: str) -> bool:
-        """Have no program in place of a node."""
-        return False
-
-    def publish(self, *messages: tuple[str, Any]) -> None:
-        """Accept the progress of the recorder."""
 
 
 @pytest.mark.parametrize("hold", [60.0, 0.0], ids=["waits", "longest wait"])
@@ -162,21 +138,16 @@ def test_wall_time_is_a_metadata_record(mode: str, run: Callable[[str], Path], c
     assert f"recorded from {found.begin}" in capsys.readouterr().out
 
 
-KILLED = """
-import sys
-from pathlib import Path
-from train_ato.log.run_log import RunLog
-log = RunLog(Path(sys.argv[1]))
-log.add("/clock", 1, 1, bytes(12))
-log.flush()
-import os
-os._exit(9)
-"""
-
-
 def test_recovery_keeps_the_begin_of_a_killed_run(tmp_path: Path) -> None:
     """Breaks if the begin is written only at the end of a run, or is not copied."""
-    subprocess.run([sys.executable, "-c", KILLED, str(tmp_path)], check=False)
+    killed = f"""
+import os, pathlib
+from train_ato.log.run_log import RunLog
+log = RunLog(pathlib.Path({str(tmp_path)!r}))
+log.add("/clock", 1, 1, bytes(12))
+log.flush()
+os._exit(9)"""
+    subprocess.run([sys.executable, "-c", killed], check=False)
     began = read_wall_time(tmp_path / "run.mcap.partial", broken=True)
     assert began is not None and began.duration_s is None
     assert recover(tmp_path).messages == 1
@@ -185,9 +156,7 @@ def test_recovery_keeps_the_begin_of_a_killed_run(tmp_path: Path) -> None:
 
 def test_a_log_without_wall_time_is_read(tmp_path: Path) -> None:
     """Breaks if logs of other recorders or of measured runs are refused."""
-    log = LogFile(tmp_path)
-    log.close()
+    LogFile(tmp_path).close()
     assert read_wall_time(tmp_path / "run.mcap") is None
-    assert WallTime.of({"begin": "yesterday", "begin_ns": "1"}) is None
-    assert WallTime.of({"begin_ns": "x"}) is None
-    assert WallTime.of({"begin": "", "begin_ns": "9" * 40}) is None
+    for record in ({"begin": "yesterday", "begin_ns": "1"}, {"begin_ns": "x"}, {"begin": "", "begin_ns": "9" * 40}):
+        assert WallTime.of(record) is None
