@@ -1,11 +1,16 @@
 """Results with chosen figures, for tests of judges."""
 
+from typing import Any
+
 import numpy as np
 from recordings import recording_of
 
 from train_ato.judge.recording import Recording
+from train_ato.loop.engine import run_engine
 from train_ato.messages.types import Array
-from train_ato.papers.claims import Claim, Paper, Result
+from train_ato.papers.claims import Claim, Paper, Result, printed
+from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.setup import prepare
 
 FIGURES = {
     "speed_rmse_kmh": 0.01, "speed_error_max_kmh": 0.05, "coupler_draft_max_kn": 500.0, "coupler_buff_max_kn": -400.0,
@@ -16,15 +21,19 @@ FIGURES = {
 
 def series(error: Array, command: Array, period: float = 0.05) -> Recording:
     """Return the series of a train at 20 m/s with this speed error [m/s] and command [N]."""
-    count = error.size
-    time = period * np.arange(count)
-    speed = np.full(count, 20.0)
+    time, speed = period * np.arange(error.size), np.full(error.size, 20.0)
+    place = 20.0 * time
     return recording_of(
-        time, position=20.0 * time, velocity=speed + error, front_position=20.0 * time, front_velocity=speed + error,
-        coupler_draft_max=np.zeros(count), coupler_buff_max=np.zeros(count), applied=command, command=command,
-        estimate=np.zeros(count), disturbance=np.zeros(count), reference_position=20.0 * time, reference_velocity=speed,
-        reference_acceleration=np.zeros(count),
+        time, position=place, velocity=speed + error, front_position=place, front_velocity=speed + error,
+        applied=command, command=command, reference_position=place, reference_velocity=speed,
     )  # fmt: skip
+
+
+def drive(name: str, **changes: Any) -> Recording:
+    """Return the recording of a run with the printed train of a paper."""
+    outcome = run_engine(prepare(*printed(*load_scenario(name, changes=changes))))
+    assert outcome.recording is not None
+    return outcome.recording
 
 
 def result(recording: Recording | None = None, **figures: float | None) -> Result:

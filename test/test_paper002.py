@@ -1,19 +1,14 @@
 """Paper 002: observers and surface against exact values."""
 
 import math
-from typing import Any
 
 import numpy as np
 import pytest
+from reproduce_results import drive
 
-from train_ato.judge.recording import Recording
-from train_ato.loop.engine import run_engine
 from train_ato.papers.checks import mean_speed_error, position_error, rms
-from train_ato.papers.claims import printed
 from train_ato.papers.p002_freight.cases import LAWS
 from train_ato.papers.p002_freight.observer_trials import fixed_time_bound, nominal_settling, observer_accuracy, truth
-from train_ato.scenario.scenario import load_scenario
-from train_ato.scenario.setup import prepare
 
 OFFSETS = 80.0 * np.arange(5)
 
@@ -62,28 +57,22 @@ def test_observers_at_the_finest_sampling_time() -> None:
     assert np.isfinite(found["printed d1"])
 
 
-def drive(name: str, duration: float, **changes: Any) -> Recording:
-    outcome = run_engine(prepare(*printed(*load_scenario(name, changes={**changes, "duration": duration}))))
-    assert outcome.recording is not None
-    return outcome.recording
-
-
 def test_ideal_train_is_in_its_place_after_two_seconds() -> None:
     """All five start 108 m ahead and are within 0.1 m from 1.7 s on, but never without the speed offset d1."""
-    recording = drive("freight_consensus", 2.5)
+    recording = drive("freight_consensus", duration=2.5)
     error = position_error(recording, OFFSETS)
     assert error[0] == pytest.approx(np.full(5, 108.0))
     assert np.abs(error[recording.time > 1.7]).max() < 0.1
-    blind = drive("freight_consensus", 2.5, laws={"fixed_time_smc": {"unmatched": False}})
+    blind = drive("freight_consensus", duration=2.5, laws={"fixed_time_smc": {"unmatched": False}})
     assert np.abs(position_error(blind, OFFSETS)[blind.time > 1.7]).max() > 0.3
 
 
 def test_realistic_train_at_a_delay_of_1_s() -> None:
     """The common command meets the goals; the law of the paper at gain 2 diverges within half a minute."""
-    recording = drive("freight_consensus:realistic+delay_1_0", 60.0, **dict(LAWS["common damped"][1]))
+    recording = drive("freight_consensus:realistic+delay_1_0", duration=60.0, **dict(LAWS["common damped"][1]))
     scored = recording.time > 5
     assert rms(position_error(recording, OFFSETS)[scored]) < 0.2
     assert rms(mean_speed_error(recording)[scored]) < 0.08
     assert max(recording.coupler_draft_max.max(), -recording.coupler_buff_max.min()) / 160e3 < 0.45
-    lost = drive("freight_consensus:realistic+delay_1_0", 60.0, **dict(LAWS["print"][1]))
+    lost = drive("freight_consensus:realistic+delay_1_0", duration=60.0, **dict(LAWS["print"][1]))
     assert rms(position_error(lost, OFFSETS)[scored]) > 5.0

@@ -1,29 +1,24 @@
 """Paper 003: series of the judges; short runs of the law with and without saturation."""
 
 import math
-from typing import Any
 
 import numpy as np
 import pytest
 from judge_results import tracked, with_command
 from recordings import with_series
-from reproduce_results import series
+from reproduce_results import drive, series
 
-from train_ato.judge.recording import Recording
-from train_ato.loop.engine import run_engine
 from train_ato.papers.checks import late_cruise, position_error, speed_error, time_within, written
-from train_ato.papers.claims import Case, printed
+from train_ato.papers.claims import printed
 from train_ato.papers.p003_funnel.cases import CASES, TRAINS
 from train_ato.papers.p003_funnel.checks import boundaries, last_saturation, off_profile, recovery_by_38
 from train_ato.scenario.scenario import load_scenario
 from train_ato.scenario.setup import prepare
 
-COUNT = 2000
-
 
 def test_last_saturation_bridges_gaps_and_takes_the_longest() -> None:
     """Breaks if a sample inside the limits splits an interval, or a short interval counts."""
-    t = 0.05 * np.arange(COUNT)
+    t = 0.05 * np.arange(2000)
     command = np.where((t > 5) & (t < 8), 200e3, 0.0) + np.where(
         (t > 30) & (t < 60) & (np.abs(t - 40) > 2), -200e3, 0.0
     )
@@ -54,24 +49,15 @@ def test_time_within_a_band_and_how_figures_are_written() -> None:
     assert time_within(time, values, 10.0) == 0.0
     assert np.isnan(time_within(time, values, 1.0))
     assert np.isnan(time_within(time, np.full((6, 1), np.nan), 10.0))
-    texts = [
-        written(0.0024, "m"), written(43.97, "m"), written(7353.0, "m"), written(float("nan"), "s"),
-        written(0.698, "m/s"),
-    ]  # fmt: skip
-    assert texts == ["2.4 mm", "44 m", "7.35 km", "never", "0.698 m/s"]
-
-
-def drive(case: Case, **changes: Any) -> Recording:
-    outcome = run_engine(prepare(*printed(*load_scenario(case.scenario, changes={**case.changes, **changes}))))
-    assert outcome.recording is not None
-    return outcome.recording
+    figures = ((0.0024, "m"), (43.97, "m"), (7353.0, "m"), (float("nan"), "s"), (0.698, "m/s"))
+    assert [written(*one) for one in figures] == ["2.4 mm", "44 m", "7.35 km", "never", "0.698 m/s"]
 
 
 def test_printed_law_carries_an_offset_and_the_corrected_one_does_not() -> None:
     """During acceleration the printed law has an offset of h/k1, centimetres; with lambda in 1/s a third of it."""
     found = {}
     for key in ("printed nominal", "corrected nominal"):
-        recording = drive(CASES[key], duration=60.0)
+        recording = drive(CASES[key].scenario, **{**CASES[key].changes, "duration": 60.0})
         found[key] = np.abs(position_error(recording)[recording.time > 30.0]).max()
     assert 0.02 < found["printed nominal"] < 0.05
     assert found["corrected nominal"] < found["printed nominal"] / 3
@@ -81,7 +67,7 @@ def test_printed_law_carries_an_offset_and_the_corrected_one_does_not() -> None:
 def test_saturation_recovers_and_its_funnels_are_wide_open() -> None:
     """An error of 44 m returns below 10 cm; the printed funnel ends far wider than the largest error."""
     case = CASES["printed saturated"]
-    recording = drive(case)
+    recording = drive(case.scenario, **case.changes)
     error = np.abs(position_error(recording)[:, 0])
     assert 43.0 < error.max() < 46.0
     assert error[-200:].max() < 0.1
@@ -95,7 +81,8 @@ def test_saturation_recovers_and_its_funnels_are_wide_open() -> None:
 @pytest.mark.campaign
 def test_planned_for_200_kn_stays_within_13_m_of_the_other_profile() -> None:
     """Breaks if the shipped variant demands more than the available force, or increases the error."""
-    recording = drive(CASES["pid planned"])
+    case = CASES["pid planned"]
+    recording = drive(case.scenario, **case.changes)
     off, fast = off_profile(recording, "crh380a_funnel:short")
     assert 5.0 < np.abs(off).max() < 13.0
     assert np.abs(fast).max() < 1.0
