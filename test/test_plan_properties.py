@@ -16,10 +16,10 @@ from train_ato.profile.planner.planner import net_energy_bound, plan_profile
 from train_ato.profile.planner.settings import PlanSettings
 from train_ato.profile.planner.train_tables import TrainTables
 
+CAR = 25.0
+"""Length of a car of the train by hand [m]."""
 REFUSED = (5, 13, 24, 26, 27, 52)
 """Random cases without a plan: a steep line, or a brake that fades."""
-STEPS = (0.6, 1.0, 1.5, 2.0, 4.0, 10.0, 1000.0)
-"""Factors on the power; with the largest the force at the border of the segments is a thousandfold."""
 ROUNDING = 1.001
 """Relative running time that counts as equal: the window of the jerk limit follows the largest acceleration."""
 
@@ -64,29 +64,26 @@ def never_slower(line: Line, trains: list[Consist], settings: PlanSettings) -> l
     return times
 
 
+def check_jerk_limit(line: Line, factors: tuple[float, ...], jerk: float) -> None:
+    """Check that more power, up to a thousandfold step, costs no time, and the jerk limit 3 % at most."""
+    trains = [metro(660e3 * factor) for factor in factors]
+    times, free = (never_slower(line, trains, PlanSettings(jerk=limit)) for limit in (jerk, None))
+    assert (np.array(times) / np.array(free) - 1.0).max() < 0.03
+
+
 @pytest.mark.parametrize("jerk", [0.2, 0.5, 3.0])
 def test_a_step_of_the_traction_envelope_makes_no_train_slower(jerk: float) -> None:
     """Breaks if the averaging takes away the force below a step: 1118 s for 665 s on a line of four sections."""
     line = line_of(grades=[{"at_km": 1, "grade_permille": 12}])
-    settings = PlanSettings(jerk=jerk)
-    times = never_slower(line, [metro(660e3 * factor) for factor in STEPS], settings)
-    free = [plan_profile(line, metro(660e3 * factor), PlanSettings(jerk=None)).running_time for factor in STEPS]
-    late = np.array(times) / np.array(free) - 1.0
-    assert late.max() < 0.03
+    check_jerk_limit(line, (0.6, 1.0, 1.5, 2.0, 4.0, 10.0, 1000.0), jerk)
 
 
 @pytest.mark.parametrize("kind", ["adhesion", "power_limits"])
 def test_a_step_of_the_envelope_takes_no_force_from_a_section_with_little(kind: str) -> None:
     """Breaks if a section takes the part of the upper side of a step from the lower side too: 135 s for 119 s."""
-    sections = {
-        "adhesion": [{"begin": 100, "end": 700, "factor": 0.5}],
-        "power_limits": [{"begin": 250, "end": 1500, "power_kw": 1500}],
-    }
-    line = line_of(stops=[{"at": 200}, {"at": 2200}], **{kind: sections[kind]})
-    trains = [metro(660e3 * factor) for factor in (0.8, 1, 1.5, 3, 10)]
-    times = never_slower(line, trains, PlanSettings(jerk=0.8))
-    free = never_slower(line, trains, PlanSettings(jerk=None))
-    assert (np.array(times) / np.array(free) - 1.0).max() < 0.03
+    begin, end, value = {"adhesion": (100, 700, {"factor": 0.5}), "power_limits": (250, 1500, {"power_kw": 1500})}[kind]
+    line = line_of(stops=[{"at": 200}, {"at": 2200}], **{kind: [{"begin": begin, "end": end, **value}]})
+    check_jerk_limit(line, (0.8, 1, 1.5, 3, 10), 0.8)
 
 
 @pytest.mark.parametrize(("end", "begin", "to", "largest"), [(2.2, 900, 1000, 1e-4), (2.44, 949, 1186, 1e-3)])
@@ -101,16 +98,14 @@ def test_much_power_after_a_dead_section_makes_no_train_slower(
 
 def test_a_segment_of_one_kmh_with_twice_the_force_is_no_obstacle() -> None:
     """Breaks if a narrow step takes away the force around it."""
-    narrow = metro(660e3, {"to_kmh": 41, "force_kn": 120})
-    never_slower(line_of(), [metro(660e3), narrow], PlanSettings())
+    never_slower(line_of(), [metro(660e3), metro(660e3, {"to_kmh": 41, "force_kn": 120})], PlanSettings())
 
 
-@pytest.mark.parametrize("factors", [(1, 1.2, 1.5, 2, 4, 8, 16)])
-def test_more_force_without_service_limits_is_never_slower(factors: tuple[float, ...]) -> None:
+def test_more_force_without_service_limits_is_never_slower() -> None:
     """Breaks if the window of the jerk limit grows with an acceleration that is of no use."""
     consist, line = load_consist("xuzhou_metro_3"), load_line("xuzhou_metro_test")
     settings = PlanSettings(acceleration=None, deceleration=None)
-    never_slower(line, [scaled(consist, factor, factor) for factor in factors], settings)
+    never_slower(line, [scaled(consist, factor, factor) for factor in (1, 1.2, 1.5, 2, 4, 8, 16)], settings)
 
 
 @pytest.mark.parametrize(
@@ -120,9 +115,8 @@ def test_a_better_train_or_line_is_never_slower(seed: int) -> None:
     """Breaks if more traction, more brake, less mass, higher limits or more jerk lengthen a random run."""
     line, consist, settings = random_case(seed)
     first = plan_profile(line, consist, settings).running_time
-    faster = line.model_copy(
-        update={"speed_limits": tuple(e.model_copy(update={"speed": 1.1 * e.speed}) for e in line.speed_limits)}
-    )
+    limits = tuple(each.model_copy(update={"speed": 1.1 * each.speed}) for each in line.speed_limits)
+    faster = line.model_copy(update={"speed_limits": limits})
     looser = settings.model_copy(update={"jerk": None if settings.jerk is None else 1.3 * settings.jerk})
     found = {
         "traction": plan_profile(line, scaled(consist, traction=1.2), settings),
@@ -131,14 +125,8 @@ def test_a_better_train_or_line_is_never_slower(seed: int) -> None:
         "limits": plan_profile(faster, consist, settings),
         "jerk": plan_profile(line, consist, looser),
     }
-    slower = {
-        key: (result.running_time, first) for key, result in found.items() if result.running_time > first * ROUNDING
-    }
-    assert not slower
-
-
-CAR = 25.0
-"""Length of a car of the train by hand [m]."""
+    times = {key: result.running_time for key, result in found.items()}
+    assert max(times.values()) <= first * ROUNDING, (times, first)
 
 
 def test_the_search_brakes_beside_a_section_where_nothing_is_recovered() -> None:
@@ -173,9 +161,8 @@ def shortest_time(line: Line, car: dict[str, Any], cars: int, service: tuple[flo
     centres = 0.5 * (edges[1:] + edges[:-1])[:, None] - CAR * (np.arange(cars) + 0.5)
 
     def within(entries: Any) -> Any:
-        return sum(((centres >= e.begin) & (centres < e.end) for e in entries), np.zeros(centres.shape, bool)).sum(
-            axis=1
-        )
+        inside = ((centres >= entry.begin) & (centres < entry.end) for entry in entries)
+        return sum(inside, np.zeros(centres.shape, bool)).sum(axis=1)
 
     alive = (cars - within(line.neutral_sections)).tolist()
     narrow = car.get("tunnel_resistance", [{"coefficient": 0.0}])[0]["coefficient"]
@@ -227,15 +214,10 @@ def obstacles(seed: int) -> tuple[Line, dict[str, Any]]:
     rng = np.random.default_rng(seed)
     at = np.sort(rng.uniform(300, 3500, 4))
     neutral = [{"begin": float(at[k]), "end": float(at[k] + rng.uniform(20, 250))} for k in (0, 2)]
-    tunnels = [
-        {"begin": float(at[k]), "end": float(at[k] + rng.uniform(200, 900)), "cross_section": 40.0} for k in (1, 3)
-    ]
-    line = line_of(
-        stops=[{"at": 200}, {"at": 4200}],
-        speed_limits=[{"at": 0, "speed_kmh": float(rng.uniform(60, 140))}],
-        neutral_sections=neutral,
-        tunnels=tunnels,
-    )
+    lengths = [(k, rng.uniform(200, 900)) for k in (1, 3)]
+    tunnels = [{"begin": at[k], "end": at[k] + length, "cross_section": 40.0} for k, length in lengths]
+    limits = [{"at": 0, "speed_kmh": rng.uniform(60, 140)}]
+    line = line_of(stops=[{"at": 200}, {"at": 4200}], speed_limits=limits, neutral_sections=neutral, tunnels=tunnels)
     low, high = sorted(rng.uniform(20, 70, 2))
     power = float(rng.uniform(0.5, 2.0)) * low / 3.6 * 50
     steps = [
@@ -260,26 +242,20 @@ def test_cars_outside_a_dead_section_draw_the_train() -> None:
     ("sections", "words"),
     [
         ({"neutral_sections": [{"begin": 5900, "end": 6100}]}, "is 0 kN in the neutral section from km 5.900 to"),
-        (
-            {"adhesion": [{"begin": 5800, "end": 6200, "factor": 0.001}]},
-            "is 1 kN in the section with low adhesion from",
-        ),
+        ({"adhesion": [{"begin": 5800, "end": 6200, "factor": 0.001}]}, "is 1 kN in the section with low adhesion"),
         ({"power_limits": [{"begin": 5800, "end": 6200, "power": 0.001}]}, "is 0 kN in the power limit from km 5.800"),
     ],
 )
 def test_a_stop_without_force_names_its_section(sections: dict[str, Any], words: str) -> None:
     """Breaks if the message has the force of the open line, or advises more traction: it needs 3 kN and has 180."""
     line = line_of(stops=[{"at": 500}, {"at": 6000}, {"at": 11000}], **sections)
-    with pytest.raises(ValueError, match=words) as refused:
+    with pytest.raises(ValueError, match=f"need 3 kN.*{words}.*; move the stop or the section$"):
         plan_profile(line, train_of({"car": railcar()}, 4))
-    assert "need 3 kN" in str(refused.value)
-    assert str(refused.value).endswith("; move the stop or the section")
 
 
 def test_a_stall_in_a_dead_section_names_it() -> None:
     """Breaks if the message of a stall has the force of the open line."""
-    grades = [{"at": 0, "grade_permille": 30}]
-    line = line_of(grades=grades, neutral_sections=[{"begin": 3000, "end": 5000}])
+    line = line_of(grades=[{"at": 0, "grade_permille": 30}], neutral_sections=[{"begin": 3000, "end": 5000}])
     with pytest.raises(ValueError, match=r"is 0 kN in the neutral section from km 3.000 to km 5.000; shorten the"):
         plan_profile(line, train_of({"car": railcar()}, 4))
 
@@ -399,10 +375,8 @@ def test_more_time_is_never_dearer(seed: int) -> None:
     line, car = obstacles(seed)
     consist = train_of({"car": car}, 4)
     fastest = plan_profile(line, consist)
-    found = [
-        plan_profile(line, consist, PlanSettings(time=factor * fastest.running_time)).energy
-        for factor in (1.05, 1.15, 1.3)
-    ]
+    times = [factor * fastest.running_time for factor in (1.05, 1.15, 1.3)]
+    found = [plan_profile(line, consist, PlanSettings(time=time)).energy for time in times]
     assert all(more <= less * ROUNDING for less, more in pairwise([fastest.energy, *found]))
 
 
@@ -411,10 +385,8 @@ def test_the_reverse_of_the_reverse_is_the_line(seed: int) -> None:
     """Breaks if a reversal moves a place by more than rounding: the plans of both lines have the same time."""
     line, car = obstacles(seed)
     twice = reversed_line(reversed_line(line))
-    consist = train_of({"car": car}, 4)
-    assert plan_profile(twice, consist).running_time == pytest.approx(
-        plan_profile(line, consist).running_time, rel=1e-6
-    )
+    times = [plan_profile(entry, train_of({"car": car}, 4)).running_time for entry in (line, twice)]
+    assert times[0] == pytest.approx(times[1], rel=1e-6)
     grids = np.linspace(200, 4200, 400)
     limits = [SpeedLimits(entry, 60.0).at(grids + 0.01, 100.0) for entry in (line, twice)]
     assert limits[0] == pytest.approx(limits[1])
