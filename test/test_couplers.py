@@ -17,7 +17,7 @@ from train_ato.cli import main
 from train_ato.control.algorithms.coupler_modes import TrainModes
 from train_ato.control.mpc.coupler_limit import CouplerLimit
 from train_ato.control.train_model import TrainModel
-from train_ato.judge.coupler_fatigue import CouplerFatigue, relative_fatigue
+from train_ato.judge.metrics import CouplerFatigue, relative_fatigue
 from train_ato.judge.recording import TRUTH, Recording
 from train_ato.log.recorded import open_recording
 from train_ato.report.page_data import page_data

@@ -16,7 +16,6 @@ import train_ato
 from plant_sim import kernel as k
 from plant_sim.air_brake import ATMOSPHERE
 from plant_sim.disturbances import Gust, OutsideForces
-from train_ato.judge.trajectories import profile_of
 from train_ato.log.reading import read_log
 from train_ato.loop.controller import ControllerStage
 from train_ato.loop.engine import run_engine
@@ -24,6 +23,7 @@ from train_ato.loop.observer import ObserverStage
 from train_ato.loop.plant import PlantStage
 from train_ato.loop.profile import ProfileStage
 from train_ato.messages.types import Command
+from train_ato.profile.profile import profile_of
 from train_ato.scenario.interventions import (
     KEY,
     DelayJumpNow,

@@ -19,7 +19,7 @@ from engine_runs import setup_of
 
 from plant_sim.library import load_line
 from plant_sim.line import Line
-from train_ato.judge.protection_note import protection_note
+from train_ato.judge.protection_record import protection_note
 from train_ato.judge.verdict import verdict_line
 from train_ato.loop.engine import run_engine
 from train_ato.scenario.scenario import check_scenario, load_scenario

@@ -7,8 +7,13 @@ import pytest
 
 import train_ato as ta
 from train_ato.cli.main import main
-from train_ato.judge.protection_note import protection_note, summary_events
-from train_ato.judge.protection_record import StateSpan, protection_summary, state_spans
+from train_ato.judge.protection_record import (
+    StateSpan,
+    protection_note,
+    protection_summary,
+    state_spans,
+    summary_events,
+)
 from train_ato.messages.types import Diagnostic
 
 pytestmark = pytest.mark.usefixtures("without_figure")

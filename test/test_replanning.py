@@ -11,7 +11,6 @@ from engine_runs import setup_of
 
 from train_ato.cli import main
 from train_ato.judge.result import RunResult
-from train_ato.judge.trajectories import profile_of
 from train_ato.log.difference import compare_logs
 from train_ato.log.run_folder import read_run_folder
 from train_ato.loop.engine import Sink, run_engine
@@ -21,6 +20,7 @@ from train_ato.messages.codec import Wire
 from train_ato.messages.types import DisturbanceEstimate, Measurement, Reference, Trajectory
 from train_ato.playback.open_loop import replay_open_loop
 from train_ato.profile.planner.replanner import Sample, ShortfallDetector, _regression_end
+from train_ato.profile.profile import profile_of
 from train_ato.scenario.scenario import check_scenario
 from train_ato.scenario.setup import RunSetup
 

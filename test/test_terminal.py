@@ -15,8 +15,7 @@ from plant_sim.units import number_text
 from train_ato.cli import main
 from train_ato.cli.main import COMMANDS, MODULES, WITHOUT_JSON
 from train_ato.cli.screen import print_names, print_table
-from train_ato.judge.metric_names import metric_heading
-from train_ato.judge.summary_table import PROTECTION, RESULTS, format_value
+from train_ato.judge.metric_names import PROTECTION, RESULTS, format_value, metric_heading
 
 ROOT = Path(__file__).resolve().parents[1]
 SHORT = ["--set=duration=2", "--set=supervision.enabled=false"]

@@ -21,9 +21,8 @@ from train_ato.api.scenario_choice import (
     put_components,
 )
 from train_ato.control.registry import LAWS
-from train_ato.judge.metric_names import metric_heading
+from train_ato.judge.metric_names import RESULTS, html_table, metric_heading
 from train_ato.judge.ranking import rank_of
-from train_ato.judge.summary_table import RESULTS, html_table
 from train_ato.program.errors import RunFailed, RunInterrupted, check_packages, refusing
 from train_ato.scenario.scenario import Scenario
 from train_ato.scenario.scenario_data import with_start

@@ -10,9 +10,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from train_ato.judge.metric_names import html_table, result_rows
 from train_ato.judge.recording import Recording
 from train_ato.judge.result import RunResult
-from train_ato.judge.summary_table import html_table, result_rows
 from train_ato.judge.typed_result import TypedResult
 from train_ato.log.compression import DEFAULT
 from train_ato.log.recorded import open_recording

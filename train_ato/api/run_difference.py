@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from train_ato.api.run import Run, open_run
+from train_ato.judge.metric_names import verdict_html
 from train_ato.judge.motion_difference import STOP_COLUMNS, DrivenMotion, motion_difference
-from train_ato.judge.summary_table import verdict_html
 
 if TYPE_CHECKING:
     import pandas as pd

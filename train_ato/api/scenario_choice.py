@@ -23,7 +23,7 @@ from train_ato.control.registry import (
     keyword_values,
     load_class,
 )
-from train_ato.judge.summary_table import verdict_html
+from train_ato.judge.metric_names import verdict_html
 from train_ato.program.errors import InputError
 from train_ato.scenario.overlays import RefusedScenario, assign, caused_by, overlay, put, with_absolute_files
 from train_ato.scenario.scenario import SCHEMA, Scenario, check_scenario, expectation_of, raw_scenario, variants_of

@@ -148,8 +148,8 @@ def _write_standings(
     folder: Path, found: list[list[dict[str, Any]]], title: str
 ) -> tuple[list[dict[str, Any]], list[list[str]]]:
     """Write leaderboard and metrics of the finished comparisons; return the standings and the rows of their table."""
+    from train_ato.judge.metric_names import format_value
     from train_ato.judge.ranking import standings
-    from train_ato.judge.summary_table import format_value
     from train_ato.log.whole_file import write_whole
 
     rows = standings(found)
@@ -181,7 +181,7 @@ def write_comparison_folder(result: Comparison, folder: Path) -> None:
 
 def print_comparison(result: Comparison, folder: Path | None, *, as_json: bool) -> None:
     """Print the table, and its folder; a run with brake interventions, or a disengaged ATO, has a line on stderr."""
-    from train_ato.judge.protection_note import summary_events
+    from train_ato.judge.protection_record import summary_events
     from train_ato.judge.verdict import is_tracked, tracking_text
 
     for law in result.laws:
@@ -220,8 +220,8 @@ def print_comparison(result: Comparison, folder: Path | None, *, as_json: bool) 
 
 def _value(key: str, row: dict[str, Any], rows: list[dict[str, Any]]) -> str:
     """Return a value as text, with ``*`` if it is the best of its column, with ``!`` if the run is not tracked."""
+    from train_ato.judge.metric_names import format_value
     from train_ato.judge.ranking import difference_from_best
-    from train_ato.judge.summary_table import format_value
     from train_ato.judge.verdict import is_tracked
 
     if key == "tracking" and not is_tracked(row):
@@ -232,8 +232,8 @@ def _value(key: str, row: dict[str, Any], rows: list[dict[str, Any]]) -> str:
 
 def _difference(key: str, row: dict[str, Any], rows: list[dict[str, Any]]) -> str:
     """Return the difference of a value from the best of its column as text."""
+    from train_ato.judge.metric_names import format_value
     from train_ato.judge.ranking import difference_from_best
-    from train_ato.judge.summary_table import format_value
 
     if key == COLUMNS[0][0]:
         return str(row[key])

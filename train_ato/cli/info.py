@@ -159,7 +159,7 @@ def fatigue_of(run: Path, other: Path | None) -> dict[str, Any]:
 
     if other is None:
         return {}
-    from train_ato.judge.coupler_fatigue import coupler_fatigue, relative_fatigue
+    from train_ato.judge.metrics import coupler_fatigue, relative_fatigue
     from train_ato.log.recorded import open_recording
 
     found = []

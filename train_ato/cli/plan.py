@@ -283,7 +283,7 @@ def _execute(options: argparse.Namespace) -> None:
     """Compute the plan and print one JSON value or tables."""
     from train_ato.api.progress import PLANNER_NOTE, activity, compilation_noted
     from train_ato.cli.screen import print_json, print_table
-    from train_ato.judge.summary_table import format_value
+    from train_ato.judge.metric_names import format_value
 
     with compilation_noted(PLANNER_NOTE), ExitStack() as shown:
         if options.trip is None:

@@ -55,7 +55,7 @@ def execute(options: argparse.Namespace) -> None:
     """Run the cases of the claims and judge the claims."""
     if not 1 <= options.jobs <= 64:
         raise ValueError(f"--jobs {options.jobs}: out of range; give 1 to 64")
-    from train_ato.judge.summary_table import format_value
+    from train_ato.judge.metric_names import format_value
     from train_ato.papers import paper_packages
     from train_ato.papers.session import Judged, load_paper, reproduce, with_claim
 
@@ -175,7 +175,7 @@ def _print(judged: Judged, *, full: bool, screen: Console) -> None:
 def _grid(table: CaseTable, judged: Judged) -> Grid:
     from rich.table import Table as Grid
 
-    from train_ato.judge.summary_table import format_value
+    from train_ato.judge.metric_names import format_value
     from train_ato.papers.page import table_rows
 
     grid = Grid(title=table.title, title_justify="left")

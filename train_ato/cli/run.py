@@ -259,8 +259,8 @@ def print_run(run: Run, *, as_json: bool, failure: str = "", expected: Expectati
     An expected verdict has a line if it is not ``passed``, or not the verdict of the run.
     """
     from train_ato.cli.screen import print_json, print_table
-    from train_ato.judge.protection_note import protection_note
-    from train_ato.judge.summary_table import result_rows
+    from train_ato.judge.metric_names import result_rows
+    from train_ato.judge.protection_record import protection_note
     from train_ato.judge.verdict import verdict_line
     from train_ato.report.words import driven_laws
 

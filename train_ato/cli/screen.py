@@ -69,7 +69,7 @@ def print_table(
     """
     from rich.table import Table
 
-    from train_ato.judge.summary_table import format_value
+    from train_ato.judge.metric_names import format_value
 
     columns, rows = shown_table(columns, rows, keys)
     result = Table(header_style="bold underline", box=None, padding=(0, 2, 0, 0))

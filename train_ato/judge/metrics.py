@@ -1,5 +1,6 @@
-"""Definition of the metrics of a run."""
+"""Definition of the metrics of a run, and of the fatigue of its couplers."""
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from train_ato.judge.recording import TRUTH, Recording
 from train_ato.judge.stops import STANDSTILL_SPEED, StopResult, running_time, stops_of_run
 from train_ato.judge.tracking import time_at_force_limit
 from train_ato.messages.types import Array
-from train_ato.profile.trip.plan import coupler_cycles, cycle_damage
+from train_ato.profile.trip.plan import SLOPE, coupler_cycles, coupler_damage, cycle_damage
 from train_ato.scenario.setup import RunSetup
 
 OF_THE_PLANT = (
@@ -106,6 +107,57 @@ def coupler_rows(recording: Recording) -> list[dict[str, float | int]]:
             "damage": float(f"{cycle_damage(cycles):.6g}"),
         })  # fmt: skip
     return rows
+
+
+FATIGUE_KEYS = ("coupler_damage", "coupler_damage_worst")
+"""Damage of all couplers and of the worst one, keys of a summary."""
+
+
+@dataclass(frozen=True)
+class CouplerFatigue:
+    """Fatigue of the couplers of a train in one run.
+
+    Attributes
+    ----------
+    damage : Array, shape (couplers,)
+        Damage after Miner; 1 per force cycle with a range of 1 MN.
+    range_max : Array, shape (couplers,)
+        Largest force of a coupler minus its smallest one [N].
+    """
+
+    damage: Array
+    range_max: Array
+
+    @property
+    def total(self) -> float:
+        """Damage of all couplers."""
+        return float(self.damage.sum())
+
+    def summary(self) -> dict[str, float | int]:
+        """Return damage of all couplers and of the worst one, its number, its range [kN] and the slope."""
+        worst = int(self.damage.argmax())
+        return {
+            FATIGUE_KEYS[0]: round(self.total, 4),
+            FATIGUE_KEYS[1]: round(float(self.damage[worst]), 4),
+            "worst_coupler": worst,
+            "range_of_worst_kn": round(float(self.range_max[worst]) / 1e3, 1),
+            "slope": SLOPE,
+        }
+
+
+def coupler_fatigue(recording: Recording) -> CouplerFatigue | None:
+    """Return the fatigue of the couplers at the ticks of a recording with vehicles; None without couplers."""
+    found = recording.of(TRUTH, "coupler_force")
+    if found is None or found[1].shape[1] < 2:
+        return None
+    force = found[1][:, :-1]
+    return CouplerFatigue(coupler_damage(force), force.max(axis=0) - force.min(axis=0))
+
+
+def relative_fatigue(run: CouplerFatigue, other: CouplerFatigue) -> dict[str, Any]:
+    """Return the damage of another run, and the ratio of a run to it; None if the other one has no damage."""
+    ratio = run.total / other.total if other.total > 0.0 else None
+    return {"other_coupler_damage": round(other.total, 4), "ratio": None if ratio is None else round(ratio, 4)}
 
 
 def stop_not_kept(recording: Recording) -> dict[str, Any]:

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from train_ato.judge.repeated_reports import Report, all_reports, changed_reports
 from train_ato.judge.series import DiagnosticSeries, TopicSamples, aligned, diagnostic_series, held
-from train_ato.judge.trajectories import profile_of
 from train_ato.messages.topic import Owner
 from train_ato.messages.topics import TOPICS, Place, Rate, Topic
 from train_ato.messages.types import Array, Diagnostic, Trajectory
+from train_ato.profile.profile import profile_of
 from train_ato.scenario.setup import RunSetup
 
 TRUTH, MEASUREMENT, DISTURBANCE = "train/vehicles", "train/measurement", "train/disturbance"

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from plant_sim.compiled import compiled
-from train_ato.judge.metrics import JERK_SPAN, limit_over_train, place_of_front
+from train_ato.judge.metrics import JERK_SPAN, front_of_train, limit_over_train, place_of_front
 from train_ato.judge.recording import BRAKE_PIPE, BRAKE_PIPE_TAIL, BRAKE_SHOES, SUPERVISED_SPEEDS, Recording
 from train_ato.judge.stops import PlannedStop, planned_stops
 from train_ato.messages.types import Array
@@ -228,12 +228,8 @@ def _known(name: str) -> tuple[str, int | None]:
     return found[0].name, found[1]
 
 
-def _front(setup: RunSetup, recording: Recording) -> Array:
-    return np.asarray(recording.front_position + setup.consist.vehicles[0].length / 2.0)
-
-
 def _limit(setup: RunSetup, recording: Recording) -> Array:
-    return limit_over_train(setup.line, _front(setup, recording), setup.consist.length)
+    return limit_over_train(setup.line, front_of_train(setup, recording), setup.consist.length)
 
 
 def _held(topic: str, name: str, column: int) -> Callable[[RunSetup, Recording], Array]:
@@ -285,7 +281,7 @@ SERIES: dict[str, Callable[[RunSetup, Recording], Array]] = {
     "acceleration": _acceleration,
     "jerk": _jerk,
     "position": lambda setup, recording: recording.front_position,
-    "front": _front,
+    "front": front_of_train,
     "reference_position": lambda setup, recording: recording.reference_position,
     "position_error": lambda setup, recording: recording.front_position - recording.reference_position,
     "distance_to_stop": _distance_to_stop,

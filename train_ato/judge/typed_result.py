@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from train_ato.judge.summary_table import html_table
+from train_ato.judge.metric_names import html_table
 from train_ato.judge.verdict import CRITERIA, unmet_requirements, verdict_line
 
 
@@ -118,14 +118,9 @@ class TypedResult:
             reason=unmet_requirements(summary) or str(summary.get("failure") or ""),
             criteria=tuple(
                 CriterionResult(
-                    row["criterion"],
-                    row["metric"],
-                    row["value"],
-                    row["limit"],
-                    row.get("unit", units.get(row["criterion"], "")),
-                    row["passed"],
-                    row.get("at_s"),
-                    row.get("km"),
+                    name=row["criterion"],
+                    unit=row.get("unit", units.get(row["criterion"], "")),
+                    **{key: row.get(key) for key in ("metric", "value", "limit", "passed", "at_s", "km")},
                 )
                 for row in summary.get("criteria") or ()
             ),

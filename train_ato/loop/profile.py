@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from train_ato.control.guard import is_valid_state
-from train_ato.judge.trajectories import limits_of, trajectory_of
 from train_ato.loop.headway import HeadwayProfile
 from train_ato.loop.inputs import StageInputs
 from train_ato.loop.stage_messages import ProfileMessages, ProfileStart, diagnostics_due
@@ -14,7 +13,7 @@ from train_ato.messages.topics import Role
 from train_ato.messages.types import AtoReport, AtoState, Diagnostic, Measurement, Reference, TrainAhead
 from train_ato.profile.planner.plan_from_state import TrainState, replan
 from train_ato.profile.planner.settings import PlanSettings
-from train_ato.profile.profile import Profile
+from train_ato.profile.profile import Profile, limits_of, trajectory_of
 from train_ato.scenario.setup import RunSetup
 
 if TYPE_CHECKING:
@@ -71,7 +70,7 @@ class ProfileStage:
 
     def start(self) -> ProfileStart:
         """Return the profile and the speed limits for latched topics."""
-        return ProfileStart(trajectory_of(self.profile), limits_of(self.setup))
+        return ProfileStart(trajectory_of(self.profile), limits_of(self.setup.line))
 
     def on_measurement(
         self, measurement: Measurement, ato: AtoReport | None = None, ahead: TrainAhead | None = None

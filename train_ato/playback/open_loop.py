@@ -16,15 +16,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from train_ato.judge.metric_names import html_table
 from train_ato.judge.result import Progress
-from train_ato.judge.summary_table import html_table
-from train_ato.judge.trajectories import profile_of
 from train_ato.log.reading import iter_raw, read_log
 from train_ato.loop.controller import ControllerStage
 from train_ato.loop.stamp_synchronizer import StampSynchronizer
 from train_ato.messages.codec import Wire
 from train_ato.messages.topics import AHEAD
 from train_ato.messages.types import Array, Command, Measurement, Pipe, Reference
+from train_ato.profile.profile import profile_of
 from train_ato.program.errors import RunFailed
 from train_ato.program.interrupt import interruptible
 from train_ato.report.print_figures import LONG_RUN_S, SHEET_SIZE, styled, write_figure

@@ -14,13 +14,17 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from plant_sim.compiled import also_compiled, compiled
 from plant_sim.units import number_text
-from train_ato.messages.types import Array
+from train_ato.messages.types import Array, Trajectory
+
+if TYPE_CHECKING:
+    from plant_sim.line import Line
 
 STEP_ACCELERATION = 20.0
 """Mean acceleration between two knots above which the change of speed is a step [m/s²]."""
@@ -355,3 +359,22 @@ class Profile:
     def __repr__(self) -> str:
         length = self.position[-1] - self.position[0]
         return f"Profile({len(self)} knots every {self.period:g} s, {self.end - self.start:g} s, {length:g} m)"
+
+
+def trajectory_of(profile: Profile, planned: int = 0) -> Trajectory:
+    """Return the message of a profile; ``planned`` is the stamp of its planning [ns]."""
+    time_ns = np.rint(profile.time * 1e9).astype(np.int64)
+    return Trajectory(planned, "train", time_ns, profile.position, profile.velocity, profile.acceleration)
+
+
+def profile_of(trajectory: Trajectory) -> Profile:
+    """Return the profile of a message, bit-identical to the sent one."""
+    time = stamps_to_seconds(trajectory.time)
+    return Profile(time, trajectory.position, trajectory.velocity, trajectory.acceleration)
+
+
+def limits_of(line: Line) -> Trajectory:
+    """Return the message of the speed limits of a line, steps over the place."""
+    limits = [(limit.at, limit.speed) for limit in line.restricted_limits]
+    place, speed = np.array(limits, dtype=np.float64).reshape(-1, 2).T.copy()
+    return Trajectory(0, "limit", np.zeros(place.size, dtype=np.int64), place, speed, np.zeros(0))

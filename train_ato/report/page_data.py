@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from plant_sim.line import Line
 from plant_sim.track import Track
 from plant_sim.units import KMH
-from train_ato.judge.coupler_fatigue import KEYS, coupler_fatigue
+from train_ato.judge.metrics import FATIGUE_KEYS, coupler_fatigue
 from train_ato.judge.motion_difference import DrivenMotion, MotionDifference, motion_difference
 from train_ato.judge.recording import BRAKE_SHOES, TRUTH, Recording
 from train_ato.judge.result import completed_summary
@@ -333,7 +333,7 @@ def page_data(recording: Recording, label: str = "", share: float = 1.0) -> Page
 def _damage(recording: Recording) -> dict[str, float | int]:
     """Return the fatigue damage of the couplers, {} without couplers."""
     fatigue = coupler_fatigue(recording)
-    return {} if fatigue is None else {key: value for key, value in fatigue.summary().items() if key in KEYS}
+    return {} if fatigue is None else {key: value for key, value in fatigue.summary().items() if key in FATIGUE_KEYS}
 
 
 def empty_page_data(label: str, summary: dict[str, Any], reason: str) -> PageData:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from train_ato.judge.motion_difference import MotionDifference
-from train_ato.judge.protection_note import summary_events
+from train_ato.judge.protection_record import summary_events
 from train_ato.judge.ranking import difference_from_best
 from train_ato.log.reading import log_file
 from train_ato.log.whole_file import write_whole

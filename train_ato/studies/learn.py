@@ -39,9 +39,9 @@ from train_ato.control.learned_resistance import (
 from train_ato.control.mpc.motion_observer import WAVE_SPEED
 from train_ato.control.observers.force_balance import lag_weight
 from train_ato.control.train_model import TrainModel
+from train_ato.judge.metric_names import html_table
 from train_ato.judge.recording import BRAKE_PIPE_COMMAND, MEASUREMENT, Recording
 from train_ato.judge.series import aligned
-from train_ato.judge.summary_table import html_table
 from train_ato.log.recorded import open_recording
 from train_ato.log.run_folder import read_run_folder
 from train_ato.log.whole_file import write_whole

@@ -25,7 +25,7 @@ from train_ato.control.contract import Parameter
 from train_ato.control.gains import TABLE
 from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS, Registry
 from train_ato.control.train_model import TrainModel
-from train_ato.judge.summary_table import format_value
+from train_ato.judge.metric_names import format_value
 from train_ato.papers.claims import Case
 
 

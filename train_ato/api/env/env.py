@@ -26,9 +26,9 @@ from train_ato.api.run import Run, RunRecord
 from train_ato.api.scenario_choice import Changes, GivenScenario, ScenarioChoice, choose_scenario
 from train_ato.control.caller import NAME, Caller, forces_text
 from train_ato.control.registry import GivenComponent
+from train_ato.judge.metric_names import html_table
 from train_ato.judge.recording_builder import RecordingBuilder
 from train_ato.judge.result import RunResult
-from train_ato.judge.summary_table import html_table
 from train_ato.messages.types import Array
 from train_ato.program.errors import FirstFailure, refusing
 from train_ato.program.version import VERSION

@@ -14,12 +14,11 @@ from train_ato.api.import_csv.series import MeasuredSeries
 from train_ato.judge.metrics import differences, summarise
 from train_ato.judge.recording_builder import RecordingBuilder
 from train_ato.judge.result import RunResult, identity
-from train_ato.judge.trajectories import limits_of, trajectory_of
 from train_ato.loop.engine import Sink
 from train_ato.loop.stage_messages import diagnostics_due
 from train_ato.messages.types import Command, Diagnostic, DisturbanceEstimate, Measurement, Pipe, Reference, Tick
 from train_ato.profile.file import csv_text
-from train_ato.profile.profile import Profile
+from train_ato.profile.profile import Profile, limits_of, trajectory_of
 from train_ato.program.version import VERSION
 from train_ato.scenario.scenario import SCHEMA, check_scenario
 from train_ato.scenario.setup import RunSetup, prepare
@@ -104,7 +103,7 @@ def write_messages(
     ``none``.
     """
     sink.add("ato/profile", trajectory_of(setup.profile), 0)
-    sink.add("ato/limits", limits_of(setup), 0)
+    sink.add("ato/limits", limits_of(setup.line), 0)
     none, estimate = np.zeros(0), np.zeros(setup.layout.n_units)
     for tick in range(setup.ticks):
         stamp = tick * setup.tick_ns

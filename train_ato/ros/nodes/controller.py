@@ -13,12 +13,12 @@ from std_srvs.srv import Trigger
 
 from train_ato.control.contract import Parameter
 from train_ato.control.registry import LAWS
-from train_ato.judge.trajectories import profile_of
 from train_ato.loop.controller import ControllerStage
 from train_ato.loop.stage_messages import diagnostics_due
 from train_ato.loop.stamp_synchronizer import StampSynchronizer
 from train_ato.messages.topics import AHEAD, FORCE_PARTS, Role
 from train_ato.messages.types import Command
+from train_ato.profile.profile import profile_of
 from train_ato.ros.nodes.endpoints import NodeEndpoints
 from train_ato.ros.nodes.parameters import Declared, block_parameters, declare
 from train_ato.scenario.changes import LAW, Changes

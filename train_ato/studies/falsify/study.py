@@ -19,9 +19,9 @@ from train_ato.api.progress import share_bar
 from train_ato.api.scenario_choice import Changes, GivenScenario, ScenarioChoice, choose_scenario
 from train_ato.api.search_runs import search_runs
 from train_ato.api.series_folder import KeptRuns
+from train_ato.judge.metric_names import verdict_html
 from train_ato.judge.requirements import evaluate_formula
 from train_ato.judge.result import RunResult
-from train_ato.judge.summary_table import verdict_html
 from train_ato.judge.verdict import CRITERIA, three_digits
 from train_ato.log.whole_file import write_whole
 from train_ato.loop.engine import run_engine

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from train_ato.api.series_folder import SeriesFolder
-from train_ato.judge.summary_table import verdict_html
+from train_ato.judge.metric_names import verdict_html
 from train_ato.log.versions import versions
 from train_ato.program.errors import check_packages, refusing
 from train_ato.studies.sweep.groups import ERROR_METRIC, NotDrawable

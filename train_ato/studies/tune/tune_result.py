@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 from plant_sim.data_text import TextDumper
-from train_ato.judge.summary_table import verdict_html
+from train_ato.judge.metric_names import verdict_html
 from train_ato.log.whole_file import write_whole
 from train_ato.studies.tune.gain_space import HELD_OUT, SEARCHED
 from train_ato.studies.tune.objective import TERMS, GainScore
