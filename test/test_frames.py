@@ -20,13 +20,14 @@ from train_ato.log.reading import read_log
 from train_ato.log.recorded import read_recording
 from train_ato.log.run_folder import RunFolder, read_run_folder
 from train_ato.log.run_log import RunLog
-from train_ato.log.table_columns import column, diagnostic_column, unit_of
+from train_ato.log.table_columns import column, unit_of
 from train_ato.loop.engine import run_engine
 from train_ato.messages.cdr import layout_of, typestore
 from train_ato.messages.codec import Wire
 from train_ato.messages.topic import SUPERVISED, Owner
 from train_ato.messages.topics import BY_NAME, EPOCH_NS, FORMER, TOPICS
 from train_ato.messages.types import Diagnostic, Trajectory
+from train_ato.messages.variable_codec import message_key
 from train_ato.scenario.scenario import load_scenario
 from train_ato.scenario.setup import prepare
 
@@ -113,7 +114,7 @@ def assert_diagnostics(table, messages) -> None:
     assert table["message"].tolist() == [m.message for m in messages]
     for (_, row), decoded in zip(table.iterrows(), messages, strict=True):
         said = {name: value for name, value in row.items() if name not in ("node", "level", "message")}
-        expected = {diagnostic_column(key): value for key, value in decoded.values.items()}
+        expected = {message_key(key): value for key, value in decoded.values.items()}
         for name, value in said.items():
             if name not in expected:
                 assert pd.isna(value), name

@@ -42,16 +42,8 @@ class Damage(Exception):
     """Damage of a file, with its description."""
 
 
-@dataclass(frozen=True)
-class McapRecord:
-    """Record with code and content."""
-
-    code: int
-    content: bytes
-
-
-def records(file: BinaryIO, size: int) -> Iterator[McapRecord]:
-    """Read the records of a file from its begin to its footer, without index records.
+def records(file: BinaryIO, size: int) -> Iterator[tuple[int, bytes]]:
+    """Yield code and content of the records of a file from its begin to its footer, without index records.
 
     Parameters
     ----------
@@ -88,7 +80,7 @@ def records(file: BinaryIO, size: int) -> Iterator[McapRecord]:
             total = zlib.crc32(content, zlib.crc32(head, total))
         place += len(head) + length
         if code not in _SKIPPED:
-            yield McapRecord(code, content)
+            yield code, content
         if code == Opcode.FOOTER:
             if file.read(len(MAGIC) + 1) != MAGIC:
                 raise Damage("it does not end like an MCAP file")
@@ -105,13 +97,7 @@ def _check(stored: bytes, found: int, what: str) -> None:
 
 
 def _parsed(kind: type[Any], content: bytes, what: str) -> Any:
-    """Return a record of the ``mcap`` package.
-
-    Raises
-    ------
-    Damage
-        If the bytes are not such a record.
-    """
+    """Return a record of the ``mcap`` package; raise :class:`Damage` if the bytes are not such a record."""
     try:
         return kind.read(ReadDataStream(BytesIO(content)))
     except Exception as error:
@@ -119,13 +105,7 @@ def _parsed(kind: type[Any], content: bytes, what: str) -> Any:
 
 
 def attachment_of(content: bytes) -> Attachment:
-    """Return an attachment after verification of its checksum.
-
-    Raises
-    ------
-    Damage
-        If the record is not an attachment, or the checksum differs.
-    """
+    """Return an attachment; raise :class:`Damage` if the record is none, or its checksum differs."""
     if len(content) < _WORD.size:
         raise Damage("an attachment cannot be read")
     _check(content[-_WORD.size :], zlib.crc32(content[: -_WORD.size]), "attachment")
@@ -134,13 +114,7 @@ def attachment_of(content: bytes) -> Attachment:
 
 
 def metadata_of(content: bytes) -> Metadata:
-    """Return a metadata record.
-
-    Raises
-    ------
-    Damage
-        If the record is not one of metadata.
-    """
+    """Return a metadata record; raise :class:`Damage` if the record is none."""
     found: Metadata = _parsed(Metadata, content, "a metadata record")
     return found
 
@@ -174,13 +148,7 @@ class Definitions:
             self.channels[channel.id] = channel
 
     def kind(self, number: int) -> tuple[Channel, Schema]:
-        """Return a channel and the schema of its messages.
-
-        Raises
-        ------
-        Damage
-            If one of them is unknown.
-        """
+        """Return a channel and the schema of its messages; raise :class:`Damage` if one of them is unknown."""
         try:
             channel = self.channels[number]
             return channel, self.schemas[channel.schema_id]
@@ -302,13 +270,7 @@ class ChunkHead:
 
 
 def chunk_head(content: bytes) -> ChunkHead:
-    """Return the head of a chunk.
-
-    Raises
-    ------
-    Damage
-        If its lengths are inconsistent.
-    """
+    """Return the head of a chunk; raise :class:`Damage` if its lengths are inconsistent."""
     try:
         _, _, uncompressed, crc, letters = _CHUNK.unpack_from(content)
         begin = _CHUNK.size + letters + _LONG.size
@@ -330,8 +292,7 @@ def chunk_content(content: bytes) -> bytes:
         If the chunk cannot be unpacked or its checksum differs.
     """
     head = chunk_head(content)
-    packed = content[head.begin :]
-    data = _unpacked(packed, head)
+    data = _unpacked(content[head.begin :], head)
     if len(data) != head.uncompressed:
         raise Damage("the length of a chunk differs from its head")
     if head.crc and zlib.crc32(data) != head.crc:
@@ -413,14 +374,14 @@ def blocks(path: Path, progress: Progress | None = None) -> Iterator[bytes]:
     """
     with path.open("rb") as file:
         size, done = max(1, path.stat().st_size), 0
-        for record in records(file, size):
-            done += len(record.content)
-            if record.code == Opcode.CHUNK:
-                yield chunk_content(record.content)
+        for code, content in records(file, size):
+            done += len(content)
+            if code == Opcode.CHUNK:
+                yield chunk_content(content)
                 if progress is not None:
                     progress(done / size)
-            elif record.code in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE):
-                yield HEAD.pack(record.code, len(record.content)) + record.content
+            elif code in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE):
+                yield HEAD.pack(code, len(content)) + content
 
 
 def stream(path: Path, *, broken: bool = False, progress: Progress | None = None) -> Iterator[RawMessage]:

@@ -92,9 +92,9 @@ def attachments(path: Path, *, broken: bool = False) -> dict[str, bytes]:
 def _parsed(path: Path, code: Opcode, parse: Callable[[bytes], Any], *, broken: bool) -> Iterator[Any]:
     """Yield the records of one kind of a log; with ``broken``, up to the first damage without an error."""
     with readable(path, broken=broken), path.open("rb") as file:
-        for record in records(file, path.stat().st_size):
-            if record.code == code:
-                yield parse(record.content)
+        for found, content in records(file, path.stat().st_size):
+            if found == code:
+                yield parse(content)
 
 
 def iter_raw(

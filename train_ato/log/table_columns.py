@@ -31,11 +31,6 @@ TIME = "time_s"
 """Name of every table's index: simulated time [s]; for a log of another tool, time since its first message."""
 
 
-def has_column(topic: Topic, path: str) -> bool:
-    """Return True if a field of the messages of a topic has columns."""
-    return any(place.path == path for place in topic.places)
-
-
 def column(topic: Topic, path: str, owner: str = "") -> str:
     """Return the name of a column, for example ``vehicle_17_coupler_force_n``; "" for a value that is there twice.
 
@@ -59,11 +54,6 @@ def column(topic: Topic, path: str, owner: str = "") -> str:
             first = next(other for other in topic.places if other.field == place.field)
             return topic.column(place, owner) if first is place else ""
     return f"{owner}_{path}" if owner else path  # of another program: the kind of the owner is unknown
-
-
-def diagnostic_column(key: str) -> str:
-    """Return the name of a column of ``/diagnostics``: the key with the suffix of its unit."""
-    return message_key(key)
 
 
 def unit_of(name: str) -> str:
@@ -141,7 +131,7 @@ def diagnostic_texts(messages: Iterable[Diagnostic]) -> pd.DataFrame:
     """Return one row per message in the order of stamp and node, with the values of all keys as texts."""
     import pandas as pd
 
-    rows = sorted(filter(attrgetter("node"), messages), key=diagnostic_order)
+    rows = sorted(filter(attrgetter("node"), messages), key=attrgetter("stamp", "node"))
     keys: dict[str, None] = {key: None for row in rows for key in row.values}
     columns: dict[str, Any] = {
         "node": [row.node for row in rows],
@@ -149,14 +139,9 @@ def diagnostic_texts(messages: Iterable[Diagnostic]) -> pd.DataFrame:
         "message": [row.message for row in rows],
     }
     for key in keys:
-        columns[diagnostic_column(key)] = np.array([row.values.get(key) for row in rows], dtype=object)
+        columns[message_key(key)] = np.array([row.values.get(key) for row in rows], dtype=object)
     index = pd.Index(seconds(np.array([row.stamp for row in rows], dtype=np.int64)), name=TIME)
     return pd.DataFrame(columns, index=index)
-
-
-def diagnostic_order(message: Diagnostic) -> tuple[int, str]:
-    """Return stamp and node, the order of the rows."""
-    return message.stamp, message.node
 
 
 def numbers_or_texts(texts: Sequence[str | None]) -> Any:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from train_ato.judge.series import seconds
 from train_ato.log.mcap_records import NO_SCHEMA, Definitions, Progress, blocks, readable
-from train_ato.log.table_columns import TIME, column, has_column
+from train_ato.log.table_columns import TIME, column
 from train_ato.messages.cdr import Layout, Leaf, Typestore, layout_of, nanoseconds, rows_of
 from train_ato.messages.topics import EPOCH_NS, Topic, topic_with
 
@@ -291,9 +291,8 @@ def check_known(topic: Topic, layout: Layout) -> None:
 
 def _columns_of(topic: Topic, layout: Layout) -> list[Leaf]:
     """Return the numbers and times of a message with columns in the table of its topic."""
-    return [
-        leaf for leaf in layout.leaves if leaf.dtype is not None and leaf.count != 0 and has_column(topic, leaf.path)
-    ]
+    known = {place.path for place in topic.places}
+    return [leaf for leaf in layout.leaves if leaf.dtype is not None and leaf.count != 0 and leaf.path in known]
 
 
 def check_foreign(layout: Layout) -> None:
