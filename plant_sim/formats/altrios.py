@@ -10,7 +10,7 @@ resistance of the cars to the locomotives too, and no drag.
 """
 
 import math
-from itertools import count, pairwise
+from itertools import count, groupby, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -269,8 +269,7 @@ def _locomotives(
     """Return the parts of the locomotives, whose types are added to ``kinds``; equal ones are one type."""
     if "loco_con" not in top:
         raise ValueError(f"{top.place}: loco_con: no locomotives; add loco_con: {{loco_vec: [...]}}")
-    rows = top.below("loco_con").each("loco_vec", 1)
-    parts: list[dict[str, Any]] = []
+    rows, names = top.below("loco_con").each("loco_vec", 1), list[str]()
     for k, loco in enumerate(rows):
         mass, force = (
             loco.number(loco.one_of(f"{key}_{unit}", key), None, 1e3, high)
@@ -288,12 +287,9 @@ def _locomotives(
         free = next(name for n in count(k) if (name := f"locomotive {n}") not in kinds)
         same = next((name for name, other in kinds.items() if other == kind), free)
         kinds[same] = kind
-        if parts and parts[-1]["type"] == same:
-            parts[-1]["count"] += 1
-        else:
-            parts.append({"type": same, "count": 1})
+        names.append(same)
     print_assumption(f"{top.place}: locomotives of {LOCOMOTIVE_LENGTH:g} m")
-    return parts
+    return [{"type": name, "count": len(list(group))} for name, group in groupby(names)]
 
 
 def _drive(loco: Fields) -> float:

@@ -12,7 +12,7 @@ Operations", 2014, chapter 4; Wende, "Fahrdynamik des Schienenverkehrs", 2003, p
 * braking at ``a_braking``, by default at -0.225 m/s² (freight) or -0.375 m/s² (passenger), on any grade.
 """
 
-from itertools import pairwise
+from itertools import groupby, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -164,12 +164,7 @@ def _assembled(train: Fields, file: str, formation: list[str], used: dict[str, _
         }
         if vehicle.powered:
             types[key] |= {"traction": vehicle.traction(), "brake": [{"to": 1.05 * speed, "force": brake}]}
-    parts: list[dict[str, Any]] = []
-    for entry in formation:
-        if parts and parts[-1]["type"] == entry:
-            parts[-1]["count"] += 1
-        else:
-            parts.append({"type": entry, "count": 1})
+    parts = [{"type": name, "count": len(list(group))} for name, group in groupby(formation)]
     source, limits = f"railtoolkit rolling stock, {Path(file).name}", {"speed": speed, "deceleration": deceleration}
     name = train.text("name")
     return rigid_train(file, name, source, gravity=GRAVITY, vehicle_types=types, train=parts, plan_limits=limits)

@@ -89,7 +89,33 @@ class _Episode:
     ended: bool = False
 
 
-class Env:
+class CallerForces:
+    """Units, period and force limits of the run of a scenario that a caller drives."""
+
+    setup: RunSetup
+    normalised: bool
+
+    @property
+    def n_units(self) -> int:
+        """Number of power units of a train."""
+        return self.setup.layout.n_units
+
+    @property
+    def period(self) -> float:
+        """Duration of a step [s]."""
+        return self.setup.control_period
+
+    @property
+    def force_bounds(self) -> tuple[Array, Array]:
+        """Smallest and largest force of a step [N], or -1 and 1, shape (units,) each."""
+        if self.normalised:
+            return -np.ones(self.n_units), np.ones(self.n_units)
+        model = self.setup.model
+        least = np.array([-envelope.largest() for envelope in model.brake])
+        return least, np.array([envelope.largest() for envelope in model.traction])
+
+
+class Env(CallerForces):
     """A run in steps: the caller gives the force of every power unit, the stack and the train do the rest.
 
     The stages, their order and the numbers are those of :func:`train_ato.run`; the supervisor protects the train as in
@@ -173,25 +199,6 @@ class Env:
         self.quantities: dict[str, Quantity] = observed(setup, self._names)
         self.setup, self._sight = setup, Sight(setup)
         self._current, self._hashes = choice, dict[str, str]()
-
-    @property
-    def n_units(self) -> int:
-        """Number of power units."""
-        return self.setup.layout.n_units
-
-    @property
-    def force_bounds(self) -> tuple[Array, Array]:
-        """Smallest and largest force of a step [N], or -1 and 1, shape (units,) each."""
-        model = self.setup.model
-        if self.normalised:
-            return -np.ones(self.n_units), np.ones(self.n_units)
-        least = np.array([-envelope.largest() for envelope in model.brake])
-        return least, np.array([envelope.largest() for envelope in model.traction])
-
-    @property
-    def period(self) -> float:
-        """Duration of a step [s]."""
-        return self.setup.control_period
 
     @refusing
     def reset(self, *, seed: int | None = None, options: Changes | None = None) -> tuple[Observation, dict[str, Any]]:

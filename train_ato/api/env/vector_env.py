@@ -11,7 +11,7 @@ from weakref import finalize
 import numpy as np
 
 from train_ato.api.env.compiled_steps import GOES_ON, GOING_ON, ROWS, TICKS, UNDONE, set_forces, step_trains
-from train_ato.api.env.env import MAX_SEED, caller_setup, checked_seed
+from train_ato.api.env.env import MAX_SEED, CallerForces, caller_setup, checked_seed
 from train_ato.api.env.observation import (
     DIRECTION,
     PER_TICK,
@@ -119,7 +119,7 @@ def _end(asleep: list[Lock], ended: Event) -> None:
     _wake(asleep)
 
 
-class VectorEnv:
+class VectorEnv(CallerForces):
     """Environments of one scenario, all of whose trains are driven by one call; as :class:`train_ato.Env` for each.
 
     Made by :func:`train_ato.vector_env`. The autoreset mode is ``NEXT_STEP``, the default of Gymnasium. The step after
@@ -252,16 +252,6 @@ class VectorEnv:
         return [known[name].part for name in names]
 
     @property
-    def n_units(self) -> int:
-        """Number of power units of a train."""
-        return self.setup.layout.n_units
-
-    @property
-    def period(self) -> float:
-        """Duration of a step [s]."""
-        return self.setup.control_period
-
-    @property
     def domains(self) -> list[dict[str, Any]]:
         """Keys drawn for the present run of every train."""
         return [train.domain for train in self._trains]
@@ -270,15 +260,6 @@ class VectorEnv:
     def seeds(self) -> list[int]:
         """Seed of the present run of every train; with its domain, :class:`train_ato.Env` repeats it."""
         return [train.setup.seed for train in self._trains]
-
-    @property
-    def force_bounds(self) -> tuple[Array, Array]:
-        """Smallest and largest force of a step [N], or -1 and 1, shape (units,) each."""
-        if self.normalised:
-            return -np.ones(self.n_units), np.ones(self.n_units)
-        model = self.setup.model
-        least = np.array([-envelope.largest() for envelope in model.brake])
-        return least, np.array([envelope.largest() for envelope in model.traction])
 
     @refusing
     def reset(

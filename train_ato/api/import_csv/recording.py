@@ -8,9 +8,8 @@ from plant_sim.chainage import places_along
 from plant_sim.line import Line
 from plant_sim.units import number_text
 from train_ato.api.import_csv.columns import MAX_GAP, QUANTITIES, Column
-from train_ato.api.import_csv.faults import FileFaults
 from train_ato.api.import_csv.samples import ColumnSamples, Rows
-from train_ato.api.import_csv.table import CsvTable
+from train_ato.api.import_csv.table import CsvTable, FileFaults
 from train_ato.messages.types import Array
 
 STANDSTILL_NOISE = 0.5 / 3.6
@@ -186,12 +185,8 @@ class _Check:
     def __init__(
         self, table: CsvTable, units: int, half: float, offsets: Array, largest_gap: float, line: Line, against: bool
     ) -> None:
-        self._table = table
-        self._units = units
-        self._half = half
-        self._offsets = offsets
-        self._line = line
-        self._against = against
+        self._table, self._units, self._half, self._offsets = table, units, half, offsets
+        self._line, self._against = line, against
         self._rows = Rows(table, largest_gap)
         self._faults = FileFaults(table.path)
 
@@ -200,11 +195,7 @@ class _Check:
         attempt = self._faults.attempt
         for column in self._table.columns.values():
             attempt(self._check_unit, column)
-        speeds = {
-            column.unit: attempt(self._speed, column)
-            for column in self._table.columns.values()
-            if column.quantity == "speed"
-        }
+        speeds = {column.unit: attempt(self._speed, column) for column in self._columns("speed")}
         if None not in speeds and 0 not in speeds:
             self._faults.add("no speed column; name one speed_kmh or speed_m_s")
         speed = speeds.get(None) or speeds.get(0)
@@ -232,6 +223,9 @@ class _Check:
             unit_position=unit_position or {},
             position=position,
         )
+
+    def _columns(self, quantity: str) -> list[Column]:
+        return [column for column in self._table.columns.values() if column.quantity == quantity]
 
     def _check_unit(self, column: Column) -> None:
         """Check the number of the power unit of a column."""
@@ -266,7 +260,7 @@ class _Check:
         return None if samples is None else self._bounded(samples)
 
     def _by_unit(self, quantity: str) -> dict[int | None, ColumnSamples]:
-        columns = [column for column in self._table.columns.values() if column.quantity == quantity]
+        columns = self._columns(quantity)
         found = {column.unit: self._rows.samples(column) for column in columns}
         if None in found and len(found) > 1:
             other = next(column for column in columns if column.unit is not None)
@@ -283,11 +277,8 @@ class _Check:
 
     def _forces(self) -> dict[int | None, ColumnSamples]:
         """Return the forces at the wheel; separate traction and brake columns are combined."""
-        whole, traction, brake = (
-            self._by_unit("force"),
-            self._rows.find("traction_force"),
-            self._rows.find("brake_force"),
-        )
+        whole = self._by_unit("force")
+        traction, brake = self._rows.find("traction_force"), self._rows.find("brake_force")
         parts = [samples for samples in (traction, brake) if samples is not None]
         if whole and parts:
             one = next(iter(whole.values())).column.title
@@ -307,7 +298,7 @@ class _Check:
         return {None: first.moved(np.asarray(values, dtype=np.float64))}
 
     def _unit_positions(self) -> dict[int, ColumnSamples]:
-        columns = [column for column in self._table.columns.values() if column.quantity == "position"]
+        columns = self._columns("position")
         found = {column.unit: self._rows.samples(column) for column in columns if column.unit is not None}
         return {unit: self._rising(samples) for unit, samples in found.items()}
 

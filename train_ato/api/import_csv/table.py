@@ -7,14 +7,15 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from plant_sim.chainage import parse_post
 from plant_sim.formats.fields import decoded
+from plant_sim.input_error import InputFaults
 from train_ato.api.import_csv.columns import NOTCH, QUANTITIES, TIMESTAMP, Column, column_of, plainly
-from train_ato.api.import_csv.faults import FileFaults
 from train_ato.messages.types import Array
 
 SYMBOLS: dict[str, tuple[str, ...]] = {
@@ -172,6 +173,55 @@ def _microseconds(text: str, first: str) -> int | None:
     return ((moment if moment.tzinfo is not None else moment.replace(tzinfo=timezone.utc)) - _ZERO) // _UNIT
 
 
+_Result = TypeVar("_Result")
+
+
+class FileFaults:
+    """Faults of one file, in the order of their discovery."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._texts: list[str] = []
+        self._kinds: dict[tuple[str, str], int] = {}
+        self._more: dict[int, int] = {}
+
+    def add(self, text: str) -> None:
+        """Add a fault: place and problem, without the file."""
+        if text not in self._texts:
+            self._texts.append(text)
+
+    def add_of_kind(self, place: str, kind: str, text: str) -> None:
+        """Add a fault of a column or the rows; further ones of its kind there are only counted."""
+        at = self._kinds.get((place, kind))
+        if at is None:
+            self._kinds[place, kind] = len(self._texts)
+            self._texts.append(text)
+        else:
+            self._more[at] = self._more.get(at, 0) + 1
+
+    def add_of_cell(self, table: "CsvTable", row: int, column: Column, kind: str, problem: str) -> None:
+        """Add a fault of a cell; further ones of its kind in the column are only counted."""
+        self.add_of_kind(column.title, kind, table.at(row, column, problem))
+
+    def attempt(self, check: Callable[..., _Result], *data: Any) -> _Result | None:
+        """Return the result of a check; None if it raises ValueError, whose text is added."""
+        try:
+            return check(*data)
+        except ValueError as error:
+            self.add(str(error).removeprefix(f"{self.path}: "))
+            return None
+
+    def refuse(self) -> None:
+        """Raise InputFaults if the file has faults."""
+        if not self._texts:
+            return
+        lines = []
+        for number, text in enumerate(self._texts):
+            more = f" (and {self._more[number]} more of this kind)" if number in self._more else ""
+            lines.append(f"{self.path}: {text}{more}")
+        raise InputFaults.of(lines, self.path)
+
+
 MAX_FILE = 512 * 2**20
 """Maximum size of a file [bytes]."""
 SEPARATORS = (";", "\t", ",")
@@ -208,10 +258,8 @@ class CsvTable:
 
     def find(self, quantity: str, unit: int | None = None) -> Column | None:
         """Return the column of a quantity, or None."""
-        for column in self.columns.values():
-            if column.quantity == quantity and column.unit == unit:
-                return column
-        return None
+        found = (column for column in self.columns.values() if (column.quantity, column.unit) == (quantity, unit))
+        return next(found, None)
 
     def at(self, row: int, column: Column, text: str) -> str:
         """Return a fault with its line and column."""
@@ -391,15 +439,12 @@ def _columns(
                 complain(f"{option} {title}: no such column; the file has {', '.join(titles)}")
     kept = []
     for place, (title, name) in enumerate(zip(titles, names, strict=True)):
-        if title in ignore:
-            continue
-        try:
-            column = _column(table, place, title, rename.get(title) or column_name(name))
-        except ValueError as error:
-            complain(str(error))
-        else:
-            table.columns[title] = column
-            kept.append(place)
+        if title not in ignore:
+            try:
+                table.columns[title] = _column(table, place, title, rename.get(title) or column_name(name))
+                kept.append(place)
+            except ValueError as error:
+                complain(str(error))
     return kept
 
 
@@ -470,15 +515,13 @@ def _numbers(
             decimals = max(decimals, 3 if column.factor > 1 else 0)
             continue
         if not _NUMBER.match(text):
-            faults.add_of_kind(
-                column.title, "number", table.at(row, column, f"'{text[:30]}' is not a number; correct it")
-            )
+            faults.add_of_cell(table, row, column, "number", f"'{text[:30]}' is not a number; correct it")
             continue
         if thousands and "," in text:
             problem = (
                 f"'{text[:30]}' may be {text.replace(',', '.')} or {text.replace(',', '')}; write it without a comma"
             )
-            faults.add_of_kind(column.title, "number", table.at(row, column, problem))
+            faults.add_of_cell(table, row, column, "number", problem)
             continue
         mark = "," if "," in text else "." if "." in text else ""
         if mark and mark not in marks:
@@ -488,7 +531,7 @@ def _numbers(
         plain = text.replace(",", ".")
         value = float(plain)
         if not math.isfinite(value):
-            faults.add_of_kind(column.title, "large", table.at(row, column, f"'{text[:30]}' is too large; correct it"))
+            faults.add_of_cell(table, row, column, "large", f"'{text[:30]}' is too large; correct it")
             continue
         values[row] = value
         if decimals >= 0:
@@ -513,8 +556,8 @@ def _notches(
     for row, text in enumerate(entries):
         if text and plain_notch(text) not in shares:
             known = ", ".join(shares) or "none; write notches in a layout"
-            problem = table.at(row, column, f"'{text[:30]}' is no notch of the layout ({known}); add it there")
-            faults.add_of_kind(column.title, "notch", problem)
+            problem = f"'{text[:30]}' is no notch of the layout ({known}); add it there"
+            faults.add_of_cell(table, row, column, "notch", problem)
         last = shares.get(plain_notch(text), last)
         values[row] = last
     table.decimals[column.title] = -1
@@ -536,8 +579,7 @@ def _moments(table: CsvTable, column: Column, entries: list[str], faults: FileFa
     for row, moment in zip(rows, moments([entries[row] for row in rows]), strict=True):
         if moment is None:
             example = "write for example 2026-03-01T08:15:30.5 or 01.03.2026 08:15:30"
-            problem = table.at(row, column, f"'{entries[row][:30]}' is not a date and time; {example}")
-            faults.add_of_kind(column.title, "date", problem)
+            faults.add_of_cell(table, row, column, "date", f"'{entries[row][:30]}' is not a date and time; {example}")
             continue
         values[row] = moment
     table.decimals[column.title] = -1
