@@ -25,9 +25,10 @@ SENTENCE = re.compile(
 )
 ANY_WORD = re.compile(
     r"[\"']\s*(Whether|Where|How)\b|\bwhether\b"
-    r"|\b(?i:tells?|told|believes?|asks?|asked|knows?|stands?|somebody|nobody|anybody|what|who)\b"
+    r"|(?<!\.)\b(?i:tells?|told|believes?|asks?|asked|knows?|stands?|somebody|nobody|anybody)\b(?!\()"
+    r"|\b(?i:(what|who)\W+(f[\"']\W*)?(is|are|was|has|it|they|no))\b"
 )
-"""A word of every pattern: a file without one has no text to be taken apart."""
+"""Words of every pattern, not as names of calls: a file without them has no text to be taken apart."""
 CODE = re.compile(r"``.*?``|`[^`\n]*`|https?://\S+", re.DOTALL)
 FENCE = re.compile(r"^(```|~~~).*?^\1|^(?: {4}|\t).*?$", re.DOTALL | re.MULTILINE)
 COMMENT = re.compile(rf"#[^\n]*(?:{SENTENCE.pattern})", re.IGNORECASE)

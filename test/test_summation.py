@@ -63,6 +63,8 @@ BOUNDS = {
     }
 }
 """Sums compared with a bound that is far from every physical value; their last bits reach no number."""
+BY_PROCESSOR = re.compile(r"np\.(dot|vdot|inner|convolve|correlate|poly|exp|sin|cos|tanh|linalg\.\w+)")
+"""Functions of numpy with other last bits on other processors."""
 ELSEWHERE = {
     "plant_sim/alignment.py": {
         "np.cos(heading + turn / 2)", "np.cos(latitude[0])", "np.sin(heading + turn / 2)", "np.sin(yaw)", "np.cos(yaw)",
@@ -112,22 +114,23 @@ def test_no_sum_of_floats_in_the_layers_of_a_run() -> None:
     """Breaks if a built-in sum() of floats is added: its last bits differ from Python 3.12 on; use plain_sum."""
     tables = (EXACT, ARRAYS, BOUNDS)
     allowed = {file: set().union(*(table.get(file, set()) for table in tables)) for file in EXACT | ARRAYS | BOUNDS}
-    found = {file: calls for file, tree in sources(r"\bsum\(", *LAYERS).items() if (calls := sums(tree))}
+    found = {file: calls for file, tree in sources(r"(?<![\w.])sum\(", *LAYERS).items() if (calls := sums(tree))}
     assert found == allowed
 
 
 def products(tree: ast.Module) -> set[str]:
     """Return the products of ``@`` and the calls of numpy whose bits depend on the processor, as text."""
-    by_processor = re.compile(r"np\.(dot|vdot|inner|convolve|correlate|poly|exp|sin|cos|tanh|linalg\.\w+)$").match
     found = {node for node in ast.walk(tree) if isinstance(node, ast.BinOp) and isinstance(node.op, ast.MatMult)}
-    calls = {node for node in ast.walk(tree) if isinstance(node, ast.Call) and by_processor(ast.unparse(node.func))}
+    called = (node for node in ast.walk(tree) if isinstance(node, ast.Call))
+    calls = {node for node in called if BY_PROCESSOR.fullmatch(ast.unparse(node.func))}
     return {ast.unparse(node) for node in found | calls}
 
 
 def test_no_product_of_the_processor_in_a_plant_or_law() -> None:
     """Breaks if a run needs OpenBLAS or a vector function of numpy: its last bits differ on another processor."""
     layers = [folder for folder in LAYERS if folder != "train_ato/profile"]  # plans are data of a run, and made once
-    found = {file: calls for file, tree in sources("numpy", *layers).items() if (calls := products(tree))}
+    named = sources(rf"{BY_PROCESSOR.pattern}|\s@\s", *layers)
+    found = {file: calls for file, tree in named.items() if (calls := products(tree))}
     assert found == ELSEWHERE
 
 
