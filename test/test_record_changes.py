@@ -12,8 +12,9 @@ from engine_runs import record_run, setup_of
 from request_desk import beside_a_run
 
 from train_ato.cli import main
+from train_ato.judge.recording import OUTSIDE_KEY
 from train_ato.log.difference import compare_logs
-from train_ato.log.recorded import OUTSIDE_KEY, OWN_KEYS, late_commands, outside_nodes, read_changes
+from train_ato.log.recorded import OWN_KEYS, late_commands, outside_nodes, read_changes
 from train_ato.log.run_folder import STARTED, RunFolder, read_run_folder
 from train_ato.loop.engine import Sink, run_engine
 from train_ato.messages.codec import Wire

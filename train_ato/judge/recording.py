@@ -29,6 +29,8 @@ SUPERVISED_SPEEDS, ATO_STATE = "atp/speeds", "ato/state"
 PROFILE, LIMITS, DIAGNOSTICS = "ato/profile", "ato/limits", "/diagnostics"
 LOST_KEY = "lost"
 """Key in the diagnostics of the plant: nodes without an answer, whose messages it does not take, and the reason."""
+OUTSIDE_KEY = "outside"
+"""Key in the diagnostics of the plant: nodes that are programs outside of this project, with spaces between them."""
 
 
 def fields_of(topic: Topic) -> dict[str, Place]:

@@ -13,7 +13,7 @@ import numpy as np
 from mcap.records import Channel, Schema
 
 from train_ato.judge.kept_samples import KeptSamples
-from train_ato.judge.recording import DIAGNOSTICS, FIELDS, LIMITS, PROFILE, Recording, fields_of
+from train_ato.judge.recording import DIAGNOSTICS, FIELDS, LIMITS, OUTSIDE_KEY, PROFILE, Recording, fields_of
 from train_ato.judge.recording_builder import reduced
 from train_ato.judge.repeated_reports import KeptReports, changed_reports
 from train_ato.judge.series import TopicSamples, seconds
@@ -202,9 +202,6 @@ OWN_KEYS = {
     Role.OBSERVER.value: "observer", Role.CONTROLLER.value: "compensation",
 }  # fmt: skip
 """Key in the diagnostics of every node of this project; a program in place of the node has others, or sends none."""
-
-OUTSIDE_KEY = "outside"
-"""Key in the diagnostics of the plant: nodes that are programs outside of this project, with spaces between them."""
 REPORT_S = 2.0
 """Simulated time of messages without any report after which a node is a program outside of this project [s]."""
 

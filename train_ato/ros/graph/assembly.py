@@ -22,10 +22,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from plant_sim.train import compile_kernel
-from train_ato.log.bag_layout import log_name, table_name
 from train_ato.log.compression import DEFAULT
-from train_ato.log.run_log import RunLog
-from train_ato.log.versions import attachments_for
 from train_ato.loop.controller import ControllerStage
 from train_ato.loop.plant import PlantStage
 from train_ato.loop.profile import ProfileStage
@@ -35,13 +32,11 @@ from train_ato.program.errors import FirstFailure, of_own_code
 from train_ato.ros.nodes.controller import ControllerNode
 from train_ato.ros.nodes.endpoints import NodeEndpoints, placed
 from train_ato.ros.nodes.plant import PlantNode
-from train_ato.ros.nodes.recorder import RecorderNode
 from train_ato.ros.nodes.stages import ObserverNode, ProfileNode, SupervisorNode
 from train_ato.scenario.setup import RunSetup
 
 if TYPE_CHECKING:
-    from train_ato.ros.nodes.endpoints import NodeEndpoints
-
+    from train_ato.ros.nodes.recorder import RecorderNode
 
 TURN_S = 0.1
 """Maximum wait of the executor for an event [s]; an unlimited wait would block Ctrl-C."""
@@ -177,6 +172,16 @@ def make_node(
         return ControllerNode(ControllerStage(setup), endpoints)
     if folder is None:
         raise ValueError("the recorder needs a folder; give --out DIR")
+    return _make_recorder(setup, endpoints, folder, compression)
+
+
+def _make_recorder(setup: RunSetup, endpoints: NodeEndpoints, folder: Path, compression: str) -> RecorderNode:
+    """Return the recorder; only its process imports the log, 0.05 s."""
+    from train_ato.log.bag_layout import log_name, table_name
+    from train_ato.log.run_log import RunLog
+    from train_ato.log.versions import attachments_for
+    from train_ato.ros.nodes.recorder import RecorderNode
+
     attached = attachments_for(setup.resolved_yaml())
 
     def resolved(name: str) -> str:

@@ -12,8 +12,8 @@ from dataclasses import replace
 import numpy as np
 from rclpy.clock import Clock, ClockType
 
+from train_ato.judge.recording import OUTSIDE_KEY
 from train_ato.judge.run_end import RunEnd
-from train_ato.log.recorded import OUTSIDE_KEY
 from train_ato.loop.plant import PlantStage
 from train_ato.loop.rate_limit import SteadyRateLimit
 from train_ato.loop.stage_messages import Published
