@@ -35,17 +35,18 @@ def without(run: Path, folder: Path, topics: Collection[str]) -> Path:
     folder.mkdir()
     for name in ("scenario.yaml", "summary.json"):
         shutil.copy(run / name, folder / name)
-    log = LogFile(folder)
-    numbers: dict[str, int] = {}
-    for message in stream(run / "run.mcap"):
-        channel, schema = message.channel, message.schema
-        if table_name(channel.topic) in topics:
-            continue
-        if channel.topic not in numbers:
-            told = channel.metadata
-            numbers[channel.topic] = log.channel(
-                channel.topic, schema.name, schema.data.decode(), told["topic_type_hash"], told["offered_qos_profiles"]
-            )
-        log.write(numbers[channel.topic], message.publish_ns, message.log_ns, message.data)
-    log.close()
+    copy_messages(run / "run.mcap", LogFile(folder), topics)
     return folder
+
+
+def copy_messages(source: Path, log: LogFile, left_out: Collection[str] = ()) -> None:
+    """Write the messages of a log, but those of some topics, into a new one, and close it."""
+    numbers: dict[str, int] = {}
+    for message in stream(source):
+        topic, schema, entries = message.channel.topic, message.schema, message.channel.metadata
+        if table_name(topic) not in left_out:
+            if topic not in numbers:
+                more = (entries["topic_type_hash"], entries["offered_qos_profiles"])
+                numbers[topic] = log.channel(topic, schema.name, schema.data.decode(), *more)
+            log.write(numbers[topic], message.publish_ns, message.log_ns, message.data)
+    log.close()

@@ -21,6 +21,7 @@ from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
+from report_runs import copy_messages
 from rosbags.rosbag2 import Reader
 
 from train_ato.cli import main
@@ -39,15 +40,8 @@ GOLDEN = Path(__file__).resolve().parent / "golden" / "short_train" / "run.mcap"
 def in_chunks() -> bytes:
     """Return the golden run as a log of several chunks."""
     with tempfile.TemporaryDirectory() as folder:
-        log, numbers = LogFile(Path(folder), attachments(GOLDEN), chunk_size=150_000), {}
-        for m in stream(GOLDEN):
-            if m.channel.topic not in numbers:
-                found, text = m.channel.metadata, m.schema.data.decode()
-                numbers[m.channel.topic] = log.channel(
-                    m.channel.topic, m.schema.name, text, found["topic_type_hash"], found["offered_qos_profiles"],
-                )  # fmt: skip
-            log.write(numbers[m.channel.topic], m.publish_ns, m.log_ns, m.data)
-        log.close()
+        log = LogFile(Path(folder), attachments(GOLDEN), chunk_size=150_000)
+        copy_messages(GOLDEN, log)
         return log.path.read_bytes()
 
 
@@ -167,15 +161,17 @@ def chunks() -> dict[int, list[tuple[str, int, int, bytes]]]:
     return found
 
 
+GROUPS = chunks()
+
+
 def read_back(folder: Path) -> list[tuple[str, int, int, bytes]]:
     return [(m.channel.topic, m.publish_ns, m.log_ns, m.data) for m in stream(folder / "run.mcap")]
 
 
 def test_one_wrong_bit_costs_one_chunk(tmp_path: Path) -> None:
     """Breaks if another chunk is lost too: the first one contains the definitions of all messages."""
-    groups = chunks()
-    assert len(groups) >= 3
-    for place in groups:
+    assert len(GROUPS) >= 3
+    for place in GROUPS:
         folder = tmp_path / str(place)
         folder.mkdir()
         data = bytearray(WHOLE)
@@ -183,32 +179,30 @@ def test_one_wrong_bit_costs_one_chunk(tmp_path: Path) -> None:
         (folder / "run.mcap").write_bytes(data)
         found = recover(folder)
         assert found.lost_chunks == 1
-        assert read_back(folder) == [entry for at, group in groups.items() if at != place for entry in group]
+        assert read_back(folder) == [entry for at, group in GROUPS.items() if at != place for entry in group]
         assert attachments(found.path) == attachments(GOLDEN)
 
 
 def test_a_chunk_that_lost_its_checksum_is_damaged(tmp_path: Path) -> None:
     """Breaks if a checksum of 0 is taken for none where the other chunks have one: nothing checks its messages."""
-    groups = chunks()
-    place = list(groups)[1]
+    place = list(GROUPS)[1]
     data = bytearray(WHOLE)
     data[place + 33 : place + 37] = bytes(4)
     (tmp_path / "run.mcap").write_bytes(data)
     assert recover(tmp_path).lost_chunks == 1
-    assert read_back(tmp_path) == [entry for at, group in groups.items() if at != place for entry in group]
+    assert read_back(tmp_path) == [entry for at, group in GROUPS.items() if at != place for entry in group]
 
 
 def test_every_closed_chunk_of_a_killed_run_comes_back(tmp_path: Path) -> None:
     """Breaks if a log without summary is lost, or an intact chunk is omitted."""
-    groups = chunks()
-    places = list(groups)
+    places = list(GROUPS)
     for number in range(1, len(places) + 1):
         folder = tmp_path / str(number)
         folder.mkdir()
         end = places[number] if number < len(places) else len(WHOLE) - 3
         (folder / "run.mcap.partial").write_bytes(WHOLE[: end + 30])
         recover(folder)
-        assert read_back(folder) == [entry for at in places[:number] for entry in groups[at]]
+        assert read_back(folder) == [entry for at in places[:number] for entry in GROUPS[at]]
 
 
 def test_a_whole_log_is_left_alone(tmp_path: Path) -> None:

@@ -17,18 +17,15 @@ from train_ato.report.events import detect_events
 from train_ato.report.page_data import page_data
 from train_ato.report.summary_rows import SUPERVISION, filled_groups, run_groups
 
-BRAKED = (
-    "--set=duration=290",
-    "--set=interventions=[{at: 150, do: gust, acceleration: 0.5, duration: 60}]",
-    "--set=ato_requests=[{at: 270, do: engage}]",
-)
-"""A gust accelerates the demo train beyond its speed limit; after its stop the ATO is engaged again."""
 LIMITS = ("permitted_speed", "warning_speed", "service_brake_speed", "emergency_brake_speed")
 
 
 @pytest.fixture(scope="module")
 def braked(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return drive(tmp_path_factory.mktemp("braked"), "run", "demo", *BRAKED)
+    """Return a run in which a gust accelerates the train beyond its limit; after its stop the ATO is engaged again."""
+    gust = "interventions=[{at: 150, do: gust, acceleration: 0.5, duration: 60}]"
+    options = (f"--set={gust}", "--set=ato_requests=[{at: 270, do: engage}]")
+    return drive(tmp_path_factory.mktemp("braked"), "run", "demo", "--set=duration=290", *options)
 
 
 def test_the_limits_of_the_supervisor_are_in_the_speed_figure(braked: Path) -> None:
@@ -49,10 +46,8 @@ def test_events_have_states_and_reasons(braked: Path) -> None:
     """Breaks if a state has another time or reason, a change of the ATO is lost, or an event is also a fault."""
     found = detect_events(open_recording(braked))
     summary = json.loads((braked / "summary.json").read_text())
-    texts = {
-        kind: [event.text for event in found if event.kind == kind]
-        for kind in ("supervision", "protection", "ato", "plan")
-    }
+    kinds = ("supervision", "protection", "ato", "plan")
+    texts = {kind: [event.text for event in found if event.kind == kind] for kind in kinds}
     states = [text.partition(" for ")[0] for text in texts["supervision"]]
     assert states == ["overspeed", "warning", "service brake", "emergency brake"]
     first = next(event for event in found if event.text.startswith("service brake for"))
@@ -70,8 +65,7 @@ def test_events_have_states_and_reasons(braked: Path) -> None:
 def test_a_profile_over_distance_begins_after_the_engagement(braked: Path) -> None:
     """Breaks if the line of the new plan jumps back from the profile before it."""
     first, again = page_data(open_recording(braked)).profiles
-    assert (np.diff(first[0]) >= 0.0).all()
-    assert (np.diff(again[0]) >= 0.0).all()
+    assert all((np.diff(places[0]) >= 0.0).all() for places in (first, again))
     assert again[0][0] == pytest.approx(open_recording(braked).front_position[2700] / 1e3, abs=0.01)
 
 
@@ -96,10 +90,8 @@ def test_page_and_print_figures_are_written(braked: Path, tmp_path: Path) -> Non
 
 def test_faults_of_the_scenario_and_their_reactions_are_events(tmp_path: Path) -> None:
     """Breaks if a fault has another interval, or the reaction of the train lacks its reason."""
-    faults = (
-        "faults=[{do: drop, topic: ato/command, begin: 20, end: 24}, {do: slow, node: observer, at: 5, delay: 0.2}]"
-    )
-    run = drive(tmp_path, "faulty", "demo", "--set=duration=30", f"--set={faults}")
+    faults = "{do: drop, topic: ato/command, begin: 20, end: 24}, {do: slow, node: observer, at: 5, delay: 0.2}"
+    run = drive(tmp_path, "faulty", "demo", "--set=duration=30", f"--set=faults=[{faults}]")
     found = detect_events(open_recording(run))
     listed = {(event.begin, event.text, event.end) for event in found if event.kind == "fault"}
     assert (20.0, "drop ato/command: probability 1.0", 24.0) in listed
