@@ -18,6 +18,7 @@ from plant_sim.formats.network_path import BEGIN, END, Network
 from plant_sim.formats.reading import read_line, read_train
 from plant_sim.formats.writing import own_yaml
 from plant_sim.input_error import build_model
+from plant_sim.library import load_line
 from plant_sim.line import Line, Rating, line_for, reversed_line
 from plant_sim.track import Track
 from plant_sim.traction import Envelope
@@ -25,7 +26,6 @@ from train_ato.api.converting import convert
 from train_ato.api.planning import plan
 from train_ato.cli.main import main
 from train_ato.profile.planner.allowance import Allowance
-from train_ato.profile.planner.settings import find_line
 
 TABLE = """\
 # our survey of 2026
@@ -44,7 +44,7 @@ def written(path: Path, text: str) -> str:
 
 def test_a_table_by_hand_and_back(tmp_path: Path) -> None:
     """Breaks if a unit, a place 12+345, an empty cell or a side is read wrongly, or the table back has other values."""
-    line = find_line(written(tmp_path / "line.csv", TABLE))
+    line = load_line(written(tmp_path / "line.csv", TABLE))
     assert (line.begin, line.end) == (12e3, 14.5e3)
     assert [(e.at, e.grade) for e in line.grades] == [(12e3, 0.005), (12.4e3, -0.0025)]
     assert [(e.at, round(3.6 * e.speed, 9)) for e in line.speed_limits] == [(12e3, 80), (13e3, 60)]
@@ -52,10 +52,10 @@ def test_a_table_by_hand_and_back(tmp_path: Path) -> None:
     assert [(e.at, e.name) for e in line.stops] == [(12e3, "West"), (13e3, "Mid"), (14.5e3, "East")]
     own, back = tmp_path / "own.yaml", tmp_path / "back.csv"
     assert main(["convert", str(tmp_path / "line.csv"), str(own)]) == 0 and main(["convert", str(own), str(back)]) == 0
-    again = find_line(str(back))
+    again = load_line(str(back))
     for key in ("begin", "end", "grades", "speed_limits", "curves", "stops"):
         assert getattr(again, key) == getattr(line, key), key
-    assert find_line(f"{tmp_path / 'line.csv'}:reverse").grades[0].grade == 0.0025
+    assert load_line(f"{tmp_path / 'line.csv'}:reverse").grades[0].grade == 0.0025
 
 
 @pytest.mark.parametrize(
@@ -70,7 +70,7 @@ def test_a_table_by_hand_and_back(tmp_path: Path) -> None:
 )
 def test_units_of_a_table(tmp_path: Path, head: str, row: str, key: str, value: list[float]) -> None:
     """Breaks if the unit of a title is not that of its numbers."""
-    line = find_line(written(tmp_path / "a.csv", f"{head}\n{row}\n"))
+    line = load_line(written(tmp_path / "a.csv", f"{head}\n{row}\n"))
     found = [entry.grade if key == "grades" else entry.speed for entry in getattr(line, key)]
     assert found == pytest.approx(value, rel=1e-12)
 
@@ -101,7 +101,7 @@ def test_units_of_a_table(tmp_path: Path, head: str, row: str, key: str, value: 
 def test_a_faulty_table_is_refused_in_one_line(tmp_path: Path, text: str, message: str) -> None:
     """Breaks if a fault is a traceback, or names neither file nor line."""
     with pytest.raises(ValueError, match=message) as caught:
-        find_line(written(tmp_path / "a.csv", text))
+        load_line(written(tmp_path / "a.csv", text))
     assert "\n" not in str(caught.value) and str(caught.value).startswith(str(tmp_path / "a.csv"))
 
 
@@ -115,24 +115,24 @@ def test_a_faulty_table_is_refused_in_one_line(tmp_path: Path, text: str, messag
 )
 def test_a_doubtful_table_is_told(tmp_path: Path, text: str, told: str, capsys: pytest.CaptureFixture[str]) -> None:
     """Breaks if a thousands separator, or heights without a begin, are read without a word."""
-    find_line(written(tmp_path / "a.csv", text))
+    load_line(written(tmp_path / "a.csv", text))
     assert told in capsys.readouterr().err
 
 
 def test_a_table_with_marks_at_the_ends_of_its_rows(tmp_path: Path) -> None:
     """Breaks if the empty last column of a spreadsheet is refused, or one with a value is dropped."""
     text = "km;speed_limit_kmh;;\r\n0;80;;\r\n1,5;60;;\r\n"
-    line = find_line(written(tmp_path / "a.csv", text))
+    line = load_line(written(tmp_path / "a.csv", text))
     assert line.end == 1500 and len(line.speed_limits) == 1
     with pytest.raises(ValueError, match="unknown column ''"):
-        find_line(written(tmp_path / "a.csv", text.replace("1,5;60;", "1,5;60;7")))
+        load_line(written(tmp_path / "a.csv", text.replace("1,5;60;", "1,5;60;7")))
 
 
 def test_tables_of_a_spreadsheet(tmp_path: Path) -> None:
     """Breaks if the line ``sep=``, UTF-16 or a line break in a cell is refused or shown."""
     text = 'sep=;\nkm;speed_limit_kmh;stop\n1;80;"A\nB"\n3;60;C\n'
     (tmp_path / "a.csv").write_bytes(text.encode("utf-16"))
-    line = find_line(str(tmp_path / "a.csv"))
+    line = load_line(str(tmp_path / "a.csv"))
     assert (line.end, [stop.name for stop in line.stops]) == (3000, ["A B", "C"])
 
 
@@ -178,7 +178,7 @@ def test_a_track_with_heights_by_hand(
     points = track(noise=noise)
     spots = {"Start": points[0][:2], "End": [points[-1][0], 48.0005], "Far": [11.0, 49.0]}
     text = gpx(points, spots) if form == "gpx" else json.dumps(geojson(points, spots))
-    line = find_line(written(tmp_path / f"way.{'gpx' if form == 'gpx' else 'json'}", text))
+    line = load_line(written(tmp_path / f"way.{'gpx' if form == 'gpx' else 'json'}", text))
     told = capsys.readouterr().err
     assert line.name == "Ours" and line.end == pytest.approx(4000, abs=0.05)
     grades = [(entry.at + 50, entry.grade) for entry in line.grades]
@@ -197,10 +197,10 @@ def test_a_track_that_passes_a_station_twice_stops_twice(tmp_path: Path, capsys:
     """Breaks if the second passage has no stop, or a track that turns back has no word."""
     points = track()
     halt = {"Halt": [points[100][0], 48.0005]}
-    line = find_line(written(tmp_path / "one.gpx", gpx(points, halt)))
+    line = load_line(written(tmp_path / "one.gpx", gpx(points, halt)))
     assert [round(stop.at) for stop in line.stops] == [2000]
     assert "turns back" not in capsys.readouterr().err
-    line = find_line(written(tmp_path / "two.gpx", gpx(points + points[-2::-1], halt)))
+    line = load_line(written(tmp_path / "two.gpx", gpx(points + points[-2::-1], halt)))
     assert [round(stop.at) for stop in line.stops] == [2000, 6000]
     assert "track 'Ours' turns back near 4000 m" in capsys.readouterr().err
 
@@ -226,9 +226,9 @@ adhesion: [{begin: 3000, end: 3200, factor: 0.6}]
 stops: [{at: 200, name: A, dwell: 30}, {at: 7900, name: C}]
 coordinates: [{at: 0, latitude: 48.0, longitude: 11.0}, {at: 8000, latitude: 48.0, longitude: 11.1}]
 """
-    line = find_line(written(tmp_path / "full.yaml", text))
+    line = load_line(written(tmp_path / "full.yaml", text))
     told = " ".join(convert(tmp_path / "full.yaml", tmp_path / f"out.{ending}")["left_out"])
-    back = find_line(str(tmp_path / f"out.{ending}"))
+    back = load_line(str(tmp_path / f"out.{ending}"))
     averaged = {"grades", "stops", "coordinates", "end"} if ending in ("gpx", "geojson") else set()
     keys = {*Line.model_fields} - {"schema_", "name", "source"} - averaged
     assert not [key for key in keys if getattr(line, key) != getattr(back, key) and key not in told]
@@ -258,12 +258,12 @@ def test_a_faulty_track_is_refused(tmp_path: Path) -> None:
         ("a.json", json.dumps({"type": "FeatureCollection", "features": []}), "0 tracks"),
     ):
         with pytest.raises(ValueError, match=message) as caught:
-            find_line(written(tmp_path / name, text))
+            load_line(written(tmp_path / name, text))
         assert "\n" not in str(caught.value)
-    assert find_line(f"{written(tmp_path / 'a.gpx', two)}:B").name == "B"
-    assert find_line(f"{written(tmp_path / 'a.gpx', two)}:2").name == "B"
+    assert load_line(f"{written(tmp_path / 'a.gpx', two)}:B").name == "B"
+    assert load_line(f"{written(tmp_path / 'a.gpx', two)}:2").name == "B"
     good["features"].append({"type": "Feature", "properties": None, "geometry": None})
-    assert find_line(written(tmp_path / "a.json", json.dumps(good))).name == "Ours"
+    assert load_line(written(tmp_path / "a.json", json.dumps(good))).name == "Ours"
 
 
 @pytest.mark.parametrize("ending", ["gpx", "geojson"])
@@ -272,13 +272,13 @@ def test_a_line_with_coordinates_as_a_track_and_back(
 ) -> None:
     """Breaks if a place, a height or a name is lost, a name is no XML, or a key that a track has not has no line."""
     spots = {"Start & <West>": track()[0][:2], "E\vnd": track()[-1][:2]}
-    data = yaml.safe_load(own_yaml(find_line(written(tmp_path / "way.json", json.dumps(geojson(track(), spots))))))
+    data = yaml.safe_load(own_yaml(load_line(written(tmp_path / "way.json", json.dumps(geojson(track(), spots))))))
     data |= {"speed_limits": [{"at": 0, "speed": 20}], "begin": 100.0}
     source, target = written(tmp_path / "own.yaml", yaml.safe_dump(data)), tmp_path / f"back.{ending}"
     assert main(["convert", source, str(target)]) == 0
     told = capsys.readouterr().err
     assert "not carried" in told and "speed_limits" in told and "begin = 100 m (now 0)" in told
-    line, back = find_line(source), find_line(str(target))
+    line, back = load_line(source), load_line(str(target))
     assert back.name == line.name and back.end == pytest.approx(line.end - 100, abs=0.05)
     assert [(round(stop.at), stop.name.replace("\v", "")) for stop in back.stops] == [(3900, "End")]
     places = np.arange(300.0, 3700.0, 100.0)
@@ -292,9 +292,9 @@ def test_a_line_with_coordinates_as_a_track_and_back(
 def test_a_gap_of_a_track_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Breaks if a part in the wrong order, or exchanged coordinates, are read without a word."""
     points = track()
-    find_line(written(tmp_path / "b.json", json.dumps(geojson([[y, x, z] for x, y, z in points], {}))))
+    load_line(written(tmp_path / "b.json", json.dumps(geojson([[y, x, z] for x, y, z in points], {}))))
     assert "[longitude, latitude]: the track begins at 11.00° N, 48.00° E" in capsys.readouterr().err
-    find_line(written(tmp_path / "a.json", json.dumps(geojson(points[100:] + points[:100], {}))))
+    load_line(written(tmp_path / "a.json", json.dumps(geojson(points[100:] + points[:100], {}))))
     assert "points 101 and 102: 4.0 km apart; straight between them" in capsys.readouterr().err
 
 
@@ -741,8 +741,8 @@ def test_curves_of_their_own_resistance_are_named_where_they_are_lost(tmp_path: 
     name = written(tmp_path / "net.yaml", yaml.safe_dump([{}, LINKS])) + ":1..4"
     own = tmp_path / "own.yaml"
     assert main(["convert", name, str(own)]) == 0
-    kept: Line = find_line(str(own))
-    assert kept.curves[0].resistance_n_per_kn == find_line(name).curves[0].resistance_n_per_kn
+    kept: Line = load_line(str(own))
+    assert kept.curves[0].resistance_n_per_kn == load_line(name).curves[0].resistance_n_per_kn
     for a, b in pairwise(("own.yaml", "own.yaml:reverse")):
-        dry = [sorted(set(np.round(Track(find_line(str(tmp_path / end))).dry, 12))) for end in (a, b)]
+        dry = [sorted(set(np.round(Track(load_line(str(tmp_path / end))).dry, 12))) for end in (a, b)]
         assert dry[0] == dry[1]

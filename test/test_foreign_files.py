@@ -22,7 +22,7 @@ from plant_sim.library import load_consist, load_line
 from plant_sim.traction import Envelope
 from train_ato.cli.main import main
 from train_ato.profile.planner.planner import plan_profile
-from train_ato.profile.planner.settings import find_line, find_train
+from train_ato.profile.planner.settings import find_train
 from train_ato.profile.planner.train_tables import TrainTables
 from train_ato.scenario.scenario import load_scenario
 from train_ato.scenario.setup import prepare
@@ -197,7 +197,7 @@ def test_a_scenario_takes_every_file_that_plan_reads(files: Path, consist: str, 
     }  # fmt: skip
     (files / "s.yaml").write_text(yaml.safe_dump(scenario))
     setup = prepare(*load_scenario(str(files / "s.yaml")))
-    assert setup.consist == find_train(str(files / consist))[0] and setup.line == find_line(str(files / line))
+    assert setup.consist == find_train(str(files / consist))[0] and setup.line == load_line(str(files / line))
     resolved = files / "resolved.yaml"
     resolved.write_text(setup.resolved_yaml())
     again = prepare(*load_scenario(str(resolved)))
@@ -206,7 +206,7 @@ def test_a_scenario_takes_every_file_that_plan_reads(files: Path, consist: str, 
 
 def test_tunnels_of_a_bench_line_are_read_and_without_train_data_named(files, capsys):
     """Breaks if tunnels are dropped silently, as they were, or a train without figures for them is not named."""
-    line = find_line(str(files / "bench.json"))
+    line = load_line(str(files / "bench.json"))
     assert [(entry.begin, entry.end, entry.cross_section) for entry in line.tunnels] == [(1000, 1500, 32)]
     arguments = ["--from-km", "0", "--to-km", "0.9", "--json"]
     assert main(["plan", str(files / "bench.json"), str(files / "train.yaml"), *arguments]) == 0
@@ -225,7 +225,7 @@ def test_convert_keeps_every_value_and_names_the_others(files, name, capsys):
     if result["kind"] == "train":
         assert load_consist(str(target)) == find_train(source)[0]
     else:
-        assert load_line(str(target)) == find_line(source)
+        assert load_line(str(target)) == load_line(source)
     raw = yaml.safe_load((files / name.partition(":")[0]).read_text())
     lost = {"unit.json": "num seats", "bench.json": "altitude", "train.yaml": "vehicles[].name"}.get(
         name, "schema_version"

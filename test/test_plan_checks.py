@@ -24,7 +24,7 @@ from train_ato.profile.file import read_profile, write_profile
 from train_ato.profile.planner.allowance import parse_allowance
 from train_ato.profile.planner.plan_from_state import scheduled_points
 from train_ato.profile.planner.planner import Plan, plan_profile, supplements
-from train_ato.profile.planner.settings import PlanSettings, find_line, find_train
+from train_ato.profile.planner.settings import PlanSettings, find_train
 from train_ato.profile.planner.train_tables import balancing_speed, holding_force, steepest_start
 from train_ato.scenario.profile_spec import ProfileSpec
 
@@ -64,7 +64,7 @@ def test_closed_form_with_limited_jerk() -> None:
 def test_railtoolkit_running_times(open_data: Path, name: str, published: float, fine: float) -> None:
     """Published times of railtoolkit, steps of 20 m: +-1 %; a 1 ms integration of the same rules: +-0.1 %."""
     consist, asked = find_train(str(open_data / f"{name}.yaml"))
-    time = plan_profile(find_line(str(open_data / "level.yaml")), consist, asked).running_time
+    time = plan_profile(load_line(str(open_data / "level.yaml")), consist, asked).running_time
     assert time == pytest.approx(published, rel=0.01)
     assert time == pytest.approx(fine, rel=0.001)
 
@@ -131,7 +131,7 @@ def test_shipped_trains_run_their_lines(consist: str, path: str) -> None:
 def test_a_timetable_saves_energy_by_coasting(open_data: Path, slack: float) -> None:
     """2, 10 and 30 % more time on St. Gallen - Wil save 25.7, 41.3 and 62.4 %; slower cruising alone 10 % at 2 %."""
     consist, _ = find_train(str(open_data / "longdistance.yaml"))
-    path = find_line(str(open_data / "stgallen_wil.json"))
+    path = load_line(str(open_data / "stgallen_wil.json"))
     fastest = plan_profile(path, consist)
     slower = plan_profile(path, consist, PlanSettings(time=slack * fastest.running_time))
     assert slower.running_time == pytest.approx(slack * fastest.running_time, abs=0.1)
@@ -405,7 +405,7 @@ def test_a_share_of_a_part_is_that_of_its_own_time(fastest: ta.Plan) -> None:
 
 def test_posts_bound_a_supplement() -> None:
     """Breaks if a post of a section is not that of the line: 16+800 is 200 m, and 14+050 is behind the jump."""
-    line = find_line(str(EXAMPLE / "posts.yaml"))
+    line = load_line(str(EXAMPLE / "posts.yaml"))
     rule = parse_allowance("5%:16+800..14+050").on(line)
     assert (rule.begin, rule.end) == (200.0, 2800.0)
     assert parse_allowance("5%:0.2..14+250").on(line).end == 2750.0
@@ -416,7 +416,7 @@ def test_posts_bound_a_supplement() -> None:
         with pytest.raises(ValueError, match=message):
             parse_allowance(text).on(line)
     with pytest.raises(ValueError, match="has no chainage"):
-        parse_allowance("5%:1+800..2+000").on(find_line(str(EXAMPLE / "line.yaml")))
+        parse_allowance("5%:1+800..2+000").on(load_line(str(EXAMPLE / "line.yaml")))
 
 
 @pytest.mark.parametrize("text", ["5", "5%+3%", "-5%", "3min", "5%:4", "5%:4..2", "0.2h/stop", "nan%", "5000%", ""])

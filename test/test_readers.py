@@ -19,7 +19,7 @@ from plant_sim.formats import railtoolkit, ttobench
 from plant_sim.input_error import build_model
 from plant_sim.library import load_consist, load_line, named_line, named_train
 from plant_sim.line import Line
-from train_ato.profile.planner.settings import find_line, find_train
+from train_ato.profile.planner.settings import find_train
 from train_ato.scenario.scenario import load_scenario
 from train_ato.scenario.scenario_data import scenario_line
 
@@ -204,7 +204,7 @@ def test_a_section_without_speed_or_resistance_has_that_before_it(capsys: pytest
 def test_a_file_of_another_kind_is_named(tmp_path, name, text, line, train):
     """Breaks if a file of another kind is called a 'str', or the remedy does not help; an empty message is the same."""
     (tmp_path / name).write_text(text)
-    for message, read in ((line, find_line), (line if train == "" else train, find_train)):
+    for message, read in ((line, load_line), (line if train == "" else train, find_train)):
         if message:
             with one_line(message, name):
                 read(str(tmp_path / name))
@@ -217,7 +217,7 @@ def test_a_stretch_without_a_limit_is_on_the_safe_side(tmp_path: Path, capsys: p
     assert [(e.at, round(3.6 * e.speed, 9)) for e in line.speed_limits] == [(0, 60), (700, 90), (2000, 60)]
     own = tmp_path / "late.yaml"
     own.write_text("{schema: train_ato/line/1, name: y, end_km: 2, speed_limits: [{at: 300, speed: 20}]}")
-    find_line(str(own))
+    load_line(str(own))
     printed = capsys.readouterr().err
     assert "late.json: no speed limit from 0 to 700 m; assumed 60 km/h there, its lowest one" in printed
     assert "speed_limits: none from 0 to 300 m; only the train limits the speed there" in printed
@@ -228,7 +228,7 @@ def test_traps_of_an_own_line_are_noted(tmp_path: Path, capsys: pytest.CaptureFi
     file = tmp_path / "km 12:300.yaml"
     text = "{schema: train_ato/line/1, name: y, end_km: 12, speed_limits: [{at: 0, speed: 300}], grades: [{at_km: 12,"
     file.write_text(f"{text} grade: 0.01}}, {{at_km: 13, grade: 0}}]}}")
-    assert find_line(f"{file}:reverse").end == 12_000
+    assert load_line(f"{file}:reverse").end == 12_000
     printed = capsys.readouterr().err
     assert "speed_limits[0]: speed 300 is 1080 km/h; write speed_kmh for km/h" in printed
     assert "grades[1]: 13000 m lies beyond the end of the line, 12000 m" in printed and "grades[0]" not in printed
@@ -298,7 +298,7 @@ def test_traps_of_every_format_are_noted(tmp_path, what, path, value, message, c
     file = tmp_path / f"trap.{'json' if what == 'bench' else 'yaml'}"
     data = changed(base, path, value)
     file.write_text(json.dumps(data) if what == "bench" else yaml.safe_dump(data))
-    (find_train if what in ("train", "consist") else find_line)(str(file))
+    (find_train if what in ("train", "consist") else load_line)(str(file))
     assert message in capsys.readouterr().err
 
 
@@ -409,7 +409,7 @@ def test_scalars_of_another_kind_are_refused_in_words(tmp_path: Path, text: str,
     end = "" if text.startswith("end") else "end_km: 12\n"
     (tmp_path / "own.yaml").write_text(f"schema: train_ato/line/1\nname: y\n{end}{text}\n")
     with pytest.raises(ValueError, match=message):
-        find_line(str(tmp_path / "own.yaml"))
+        load_line(str(tmp_path / "own.yaml"))
 
 
 def test_a_bench_line_with_curves() -> None:
@@ -427,7 +427,7 @@ def test_a_bench_line_with_curves() -> None:
 @pytest.mark.parametrize("name", ["slopes", "limit", "stgallen_wil"])
 def test_the_open_bench_lines_are_read_whole(open_data: Path, name: str) -> None:
     path = open_data / f"{name}.json"
-    raw, line = json.loads(path.read_text()), find_line(str(path))
+    raw, line = json.loads(path.read_text()), load_line(str(path))
     assert len(line.stops) == len(raw["stops"]["values"]) and len(line.grades) == len(raw["gradients"]["values"])
     speeds = [3.6 * limit.speed for limit in line.speed_limits]
     assert np.allclose(speeds, [row[1] for row in raw["speed limits"]["values"]])
@@ -489,7 +489,7 @@ def test_every_fault_is_named_with_file_key_and_value(tmp_path, what, path, valu
     data = changed(base, path, value)
     file.write_text(json.dumps(data) if what == "bench" else yaml.safe_dump(data))
     with one_line(message, "fault."):
-        (find_train if what == "train" else find_line)(str(file))
+        (find_train if what == "train" else load_line)(str(file))
 
 
 @given(st.data())
@@ -519,7 +519,7 @@ def test_random_bytes_are_refused_in_one_line(tmp_path_factory: pytest.TempPathF
     for suffix in ("yaml", "json"):
         file = tmp_path_factory.getbasetemp() / f"noise_{noise.hex()[:40]}.{suffix}"
         file.write_bytes(noise)
-        for find in (find_line, find_train):
+        for find in (load_line, find_train):
             with one_line("", file.name):
                 find(str(file))
         file.unlink()

@@ -19,17 +19,12 @@ from plant_sim.line import Line
 from train_ato.cli.plan import execute, trip_from_options
 from train_ato.loop.engine import run_engine
 from train_ato.messages.types import Array
+from train_ato.profile.driver import nominal_train_model
 from train_ato.profile.trip.driven_run import TripRun, follow_journey
 from train_ato.profile.trip.journey import Journey, JourneySearch
 from train_ato.profile.trip.plan import TripPlan, coupler_damage, reversals
 from train_ato.profile.trip.planner import TripPlanner, TripSearch, plan_trip
-from train_ato.profile.trip.reduced_train import (
-    MARGIN,
-    SectionForces,
-    nominal_train_model,
-    reduced_train,
-    shoe_response,
-)
+from train_ato.profile.trip.reduced_train import MARGIN, SectionForces, reduced_train, shoe_response
 from train_ato.profile.trip.run_profile import braking_distance, final_deceleration, stop_knots
 from train_ato.profile.trip.settings import TripSettings
 from train_ato.program.errors import RunInterrupted

@@ -18,11 +18,11 @@ from train_ato.control.train_model import TrainModel
 from train_ato.judge.metrics import summarise
 from train_ato.loop.engine import run_engine
 from train_ato.messages.types import Measurement
-from train_ato.profile.driver import average_speed
+from train_ato.profile.driver import average_speed, nominal_train_model
 from train_ato.profile.trip.driven_run import AVERAGE, TripRun, follow_journey, shares_for_run
 from train_ato.profile.trip.journey import Journey, JourneySearch
 from train_ato.profile.trip.planner import TripPlan, TripPlanner
-from train_ato.profile.trip.reduced_train import coupler_tables, nominal_train_model, reduced_train
+from train_ato.profile.trip.reduced_train import coupler_tables, reduced_train
 from train_ato.profile.trip.settings import TripSettings
 from train_ato.scenario.scenario import raw_scenario
 from train_ato.scenario.trip_scenario import write_trip

@@ -9,11 +9,12 @@ from pydantic import ValidationError
 
 from plant_sim.formats.fields import print_assumption
 from plant_sim.input_error import explain
+from plant_sim.library import load_line
 from plant_sim.line import line_for
 from plant_sim.si_model import unusual_values
 from train_ato.profile.file import write_profile
 from train_ato.profile.planner.planner import Plan, plan_profile
-from train_ato.profile.planner.settings import PlanSettings, find_line, find_train
+from train_ato.profile.planner.settings import PlanSettings, find_train
 from train_ato.profile.planner.timing_points import read_journey
 from train_ato.program.arguments import OPTIONS_OF_PLAN, check_new_file
 
@@ -74,7 +75,7 @@ def plan(
     named = {suffixed[key][0] if key in suffixed else key for key in settings}
     if journey is not None and (twice := sorted(named & {*OF_THE_JOURNEY})):
         raise ValueError(f"{', '.join(twice)} with journey: the timing points have it; remove it")
-    on = find_line(str(line))
+    on = load_line(str(line))
     consist, usual = find_train(str(train), point_mass=bool(settings.get("point_mass", False)))
     on = line_for(on, consist.categories, consist.rating)
     data = {key: value for key, value in usual.model_dump().items() if key not in named}

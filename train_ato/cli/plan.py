@@ -67,13 +67,14 @@ def trip_from_options(options: argparse.Namespace, report: Any = lambda _: None)
     RunInterrupted
         After Ctrl-C in the search; the files have the best plan so far.
     """
+    from plant_sim.library import load_line
     from plant_sim.line import line_for
-    from train_ato.profile.planner.settings import find_line, find_train
+    from train_ato.profile.planner.settings import find_train
     from train_ato.profile.trip.planner import TripInterrupted, plan_trip
 
     _check_options(options)
     consist, _ = find_train(options.consist)
-    line = line_for(find_line(options.line), consist.categories, consist.rating)
+    line = line_for(load_line(options.line), consist.categories, consist.rating)
     try:
         plan = plan_trip(line, consist, _trip_settings(options), options.period, report)
     except TripInterrupted as interruption:

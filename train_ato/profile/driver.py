@@ -29,6 +29,12 @@ MAX_STANDSTILL = 60.0
 """Standstill after which the train is unable to continue [s]."""
 
 
+def nominal_train_model(consist: Consist, line: Line, tick: float = 0.1) -> TrainModel:
+    """Return the nominal model of a train with ideal actuators."""
+    none = np.zeros(len(consist.power_units))
+    return TrainModel(consist, line, none, none, 0.0, tick)
+
+
 @dataclass(frozen=True)
 class Driver:
     """Parameters of the simulated driver.
@@ -119,8 +125,7 @@ def simulate_driver(
         If the train is at rest for 60 s before ``until``.
     """
     train = Train(consist, line, PlantSetup(), step_ns=round(STEP * 1e9), tick_ns=round(PERIOD * 1e9), seed=0)
-    no_delay = np.zeros(len(consist.power_units))
-    model = TrainModel(consist, line, no_delay, no_delay, 0.0, PERIOD)
+    model = nominal_train_model(consist, line, PERIOD)
     policy = make_brake_policy(BrakeSpec(policy="trigger" if consist.air_brake else "none"), model, line)
     control = DriverForce(driver, consist, model)
     substeps = round(PERIOD / STEP)
@@ -180,8 +185,7 @@ def simulate_actions(
     step = period / max(1, math.ceil(period / STEP - 1e-9))
     setup = PlantSetup.model_validate({"start": {"position": start, "speed": speed}})
     train = Train(consist, line, setup, step_ns=round(step * 1e9), tick_ns=round(period * 1e9), seed=0)
-    no_delay = np.zeros(len(consist.power_units))
-    model = TrainModel(consist, line, no_delay, no_delay, 0.0, period)
+    model = nominal_train_model(consist, line, period)
     driver = OpenLoopDriver(actions=actions_text(actions))
     driver.bind(model, period)
     events = driver_reductions(actions)
@@ -216,9 +220,10 @@ def averaged_profile(run: DrivenRun, driver: Driver, spacing: float) -> Profile:
 def average_speed(speed: Array, period: float, window: float) -> Array:
     """Return a speed averaged three times over a window [s]; the end values are extended."""
     width = max(1, round(window / period)) | 1
-    kernel = np.full(width, 1.0 / width)
-    result = speed
-    for _ in range(3):
-        padded = np.pad(result, width // 2, mode="edge")
-        result = np.convolve(padded, kernel, mode="valid")
-    return result
+    return window_mean(window_mean(window_mean(speed, width), width), width)
+
+
+def window_mean(values: Array, width: int) -> Array:
+    """Return the moving average over an odd number of values; the end values are extended."""
+    padded = np.pad(values, width // 2, mode="edge")
+    return np.convolve(padded, np.full(width, 1.0 / width), mode="valid")

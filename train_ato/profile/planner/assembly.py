@@ -16,8 +16,7 @@ from train_ato.messages.types import Array
 from train_ato.profile.planner.driving_strategy import DrivingStrategy, SectionInputs, SectionKnots
 from train_ato.profile.planner.jerk_limit import fit_jerk_limit
 from train_ato.profile.planner.line_tables import PlaceLimits
-from train_ato.profile.planner.net_energy import weighted_energy
-from train_ato.profile.planner.section import PlanSection
+from train_ato.profile.planner.section import PlanSection, weighted_energy
 from train_ato.profile.planner.settings import PlanSettings
 from train_ato.profile.planner.train_tables import TrainTables
 from train_ato.profile.profile import Profile, knot_count
@@ -157,7 +156,7 @@ def assemble_plan(
             start = departures(number, arrivals[-1][1])
             arrivals[-1] = (*arrivals[-1][:2], start)
         fit_jerk_limit(section, start, period, strategy)
-        history = section.history(strategy)
+        history = section.over_time(section.energy_profile(strategy))
         times, end = section.times(start, period, history)
         knots_of.append((times, section.knots(times, start, history)))
         arrivals.append((float(section.end), float(end), float(end)))

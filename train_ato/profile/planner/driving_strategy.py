@@ -9,7 +9,7 @@ from plant_sim.line import Line
 from train_ato.messages.types import Array
 from train_ato.profile.planner.line_tables import LineForce, PlaceLimits, SpeedLimits, place_limits
 from train_ato.profile.planner.settings import PlanSettings
-from train_ato.profile.planner.train_tables import TrainTables
+from train_ato.profile.planner.train_tables import AvailableForce, TrainTables
 
 MIN_CRUISE = 0.5
 """Speed up to which traction is always permitted, so that every train starts [m/s]."""
@@ -100,11 +100,17 @@ class SectionInputs:
         cls,
         line: Line,
         consist: Consist,
-        train: TrainTables,
         settings: PlanSettings,
+        *,
+        available: AvailableForce | None = None,
+        reduction: float | None = None,
         ceiling: tuple[Array, Array] | None = None,
     ) -> "SectionInputs":
-        """Return the inputs of all sections of a train on a line."""
+        """Return the inputs of all sections of a train on a line; available force and reduction as in its tables."""
+        train = TrainTables(
+            consist, settings.speed_max, air_brake=settings.air_brake, point_mass=settings.point_mass,
+            available=available, reduction=reduction,
+        )  # fmt: skip
         force = LineForce(line, train, over_length=settings.grade_over_length)
         limits = SpeedLimits(line, train.speed_max)
         return cls(train, force, limits, settings, place_limits(line, consist, train), ceiling)

@@ -28,7 +28,7 @@ The gap has three causes. The plan is not optimal. It keeps the jerk limit, whic
 And m depends only on the place, so that t(E), which is convex, counts with its mean over slow and fast runs.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,9 +36,8 @@ from numpy.typing import NDArray
 from plant_sim.elementary import plain_dot
 from train_ato.messages.types import Array
 from train_ato.profile.planner.dynamic_programming import EnergyWeights
-from train_ato.profile.planner.net_energy import energy_weights
 from train_ato.profile.planner.passes import COAST, ELECTRIC, TRACTION
-from train_ato.profile.planner.section import PlanSection
+from train_ato.profile.planner.section import PlanSection, energy_weights
 from train_ato.profile.planner.train_tables import SPEED_STEP
 
 SPEED_POINTS = 2000
@@ -136,13 +135,7 @@ def energy_lower_bound(sections: list[PlanSection], time: float) -> float:
 
 def _prepared(section: PlanSection, cells: int) -> _Bounded:
     """Return a section without the window of the jerk limit, so that no feasible run exceeds its largest E."""
-    free = PlanSection(
-        replace(section.inputs, places=None),
-        section.begin,
-        section.end,
-        begin_speed=section.begin_speed,
-        end_speed=section.end_speed,
-    )
+    free = section.without_places()
     places, fastest, table = free.grid.places, free.energy_profile(), free.tables.rates
     nodes = np.linspace(places[0], places[-1], cells + 1)
     steps = np.diff(nodes)
@@ -206,20 +199,9 @@ class _Program:
             self._cost[y : y + n] = -section.steps
             self._limits += [(0.0, MAX_MULTIPLIER)] * (n + 1) + [(0.0, None)] * (2 * n + 2) + [(None, None)] * n
             node = np.arange(n + 1)
-            self._rows.append(
-                (
-                    np.stack((m + node, w + node), axis=1),
-                    np.tile([1.0, -1.0], (n + 1, 1)),
-                    np.full(n + 1, section.weights.traction),
-                )
-            )
-            self._rows.append(
-                (
-                    np.stack((m + node, z + node), axis=1),
-                    np.tile([-1.0, -1.0], (n + 1, 1)),
-                    np.full(n + 1, -section.weights.recovered),
-                )
-            )
+            for other, sign, weight in ((w, 1.0, section.weights.traction), (z, -1.0, -section.weights.recovered)):
+                columns = np.stack((m + node, other + node), axis=1)
+                self._rows.append((columns, np.tile([sign, -1.0], (n + 1, 1)), np.full(n + 1, weight)))
             top = np.sqrt(2.0 * section.largest)
             for part in np.linspace(1.0, 1.0 / FIRST_POINTS, FIRST_POINTS):
                 self.add(number, part * top)

@@ -23,7 +23,7 @@ from train_ato.profile.planner.section import PlanSection
 from train_ato.profile.planner.settings import PlanSettings, stops_of
 from train_ato.profile.planner.time_windows import Lateness
 from train_ato.profile.planner.timing_points import TimeWindow, TimingPoint
-from train_ato.profile.planner.train_tables import AvailableForce, TrainTables
+from train_ato.profile.planner.train_tables import AvailableForce
 from train_ato.profile.profile import Profile
 
 REST_SPEED = 1e-6
@@ -90,13 +90,7 @@ def replan(
     ValueError
         If there is no solution with every limit relaxed: place, remaining speed; fix.
     """
-    settings = settings or PlanSettings()
-    kept = settings.model_copy(
-        update={
-            "time": None, "points": None, "allowance": (), "departure": state.time, "begin": None, "end": None,
-        }
-    )  # fmt: skip
-    for attempt in relaxed_settings(kept):
+    for attempt in relaxed_settings(settings or PlanSettings(), state.time):
         try:
             return _replan(state, profile, line, consist, attempt, available=available)
         except ValueError as error:
@@ -104,8 +98,13 @@ def replan(
     raise failure
 
 
-def relaxed_settings(kept: PlanSettings) -> list[PlanSettings]:
-    """Return settings with more and more limits relaxed: service deceleration and margin, then the jerk limit."""
+def relaxed_settings(settings: PlanSettings, departure: float) -> list[PlanSettings]:
+    """Return the settings of the rest of a plan from a time on [s], with more and more limits relaxed.
+
+    First service deceleration and margin are relaxed, then the jerk limit.
+    """
+    ended = {"time": None, "points": None, "allowance": (), "begin": None, "end": None}
+    kept = settings.model_copy(update=ended | {"departure": departure})
     margins = [part * kept.force_margin for part in (0.5, 0.2)] if kept.force_margin > 0 else []
     relaxations = [kept]
     relaxations += [
@@ -123,12 +122,10 @@ def _replan(
     *,
     available: AvailableForce | None,
 ) -> Plan:
-    train = TrainTables(
-        consist, settings.speed_max, air_brake=settings.air_brake, point_mass=settings.point_mass, available=available
-    )
-    inputs = SectionInputs.of_line(line, consist, train, settings)
-    front = state.position + train.half
-    legs = _remaining_legs(profile, train.half, front)
+    inputs = SectionInputs.of_line(line, consist, settings, available=available)
+    half = inputs.train.half
+    front = state.position + half
+    legs = _remaining_legs(profile, half, front)
     if not legs:
         raise ValueError(f"nothing left to plan: the front at km {front / 1000:.3f} is at the end of the profile")
     speed = max(state.velocity, 0.0)
@@ -240,13 +237,9 @@ def catch_up(
         If there is no solution: place, reason; fix.
     """
     failure = ValueError("nothing left to plan: the train is at its last timing point")
-    plain = settings.model_copy(update={"time": None, "points": None, "allowance": (), "departure": state.time})
-    for attempt in relaxed_settings(plain):
-        train = TrainTables(
-            consist, attempt.speed_max, air_brake=attempt.air_brake, point_mass=attempt.point_mass, available=available
-        )
-        inputs = SectionInputs.of_line(line, consist, train, attempt)
-        front, speed = state.position + train.half, max(state.velocity, 0.0)
+    for attempt in relaxed_settings(settings, state.time):
+        inputs = SectionInputs.of_line(line, consist, attempt, available=available)
+        front, speed = state.position + inputs.train.half, max(state.velocity, 0.0)
         ahead = tuple(point for point in points if point.at > front + STOP_TOLERANCE)
         if not ahead:
             raise failure

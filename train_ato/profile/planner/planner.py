@@ -24,14 +24,14 @@ from train_ato.profile.planner.driving_strategy import MINIMUM_TIME, DrivingStra
 from train_ato.profile.planner.journey_plan import plan_journey
 from train_ato.profile.planner.line_tables import LineForce, SpeedLimits
 from train_ato.profile.planner.section import PlanSection
-from train_ato.profile.planner.settings import PlanSettings, stops_of
+from train_ato.profile.planner.settings import PlanSettings, Stops, stops_of
 from train_ato.profile.planner.time_windows import TIME_TOLERANCE, predicted_time, spread_time_reserve
 from train_ato.profile.planner.train_tables import AvailableForce, TrainTables
 
 MAX_ROUNDS = 5
-"""Searches for the strategies, each with the times corrected by those of the previous plan."""
+"""Searches for the strategies, each with the windows, reserves and times of the previous plan."""
 UNUSED_TIME = 0.1
-"""Part of a scheduled time that may remain unused without another search [s]."""
+"""Part of a scheduled time, or of a timetable, that may remain unused without another search [s]."""
 
 
 def supplements(rules: tuple[Allowance, ...], fastest: Plan) -> list[float]:
@@ -115,10 +115,6 @@ def _running_times(plan: Plan) -> Array:
 
 __all__ = ["Plan", "net_energy_bound", "plan_profile"]
 
-MAX_TIMETABLE_ROUNDS = 5
-"""Searches for the strategies of a timetable, each with the windows and reserves of the previous plan."""
-UNUSED_TIME = 0.1
-"""Part of a timetable that may remain unused without another search [s]."""
 MAX_OF_TRAIN, MAX_OF_LINE, MAX_OF_LIMITS = 1.5, 3.0, 2.2
 """Ratios of speed_max to the speeds of train and line, and of the limits to that of the train, that are noted."""
 SHORT_PLAN = 20.0
@@ -158,24 +154,14 @@ def plan_profile(
         If there is no solution; one line: place, reason; fix.
     """
     settings = settings or PlanSettings()
-    train = TrainTables(
-        consist,
-        settings.speed_max,
-        air_brake=settings.air_brake,
-        point_mass=settings.point_mass,
-        available=available,
-        reduction=reduction,
-    )
-    _note_speeds(settings.speed_max, line, train)
-    inputs = SectionInputs.of_line(line, consist, train, settings, ceiling)
+    inputs = SectionInputs.of_line(line, consist, settings, available=available, reduction=reduction, ceiling=ceiling)
+    _note_speeds(settings.speed_max, line, inputs.train)
     if settings.points is not None:
         return plan_journey(inputs, line, settings.points, period)
     stops = stops_of(line, settings)
     if (settings.begin, settings.end) != (None, None) and (way := stops.places[-1] - stops.places[0]) < SHORT_PLAN:
         print_assumption(f"begin and end of the plan are {number_text(way)} m apart; check their unit")
-    sections = [
-        PlanSection(inputs, begin, end, begin_speed=v0, end_speed=v1) for begin, end, v0, v1 in stops.sections(settings)
-    ]
+    sections = _sections(inputs, stops)
     for section in sections:
         section.energy_profile()  # reports a place without a solution before any window is fitted
 
@@ -190,6 +176,12 @@ def plan_profile(
     if settings.allowance:
         return plan_with_allowances(sections, fastest, tuple(rule.on(line) for rule in settings.allowance), assemble)
     return fastest if settings.time is None else _plan_to_timetable(sections, fastest, settings.time, assemble)
+
+
+def _sections(inputs: SectionInputs, stops: Stops) -> list[PlanSection]:
+    """Return the sections between the stops of a plan."""
+    rows = stops.sections(inputs.settings)
+    return [PlanSection(inputs, begin, end, begin_speed=v0, end_speed=v1) for begin, end, v0, v1 in rows]
 
 
 def _note_speeds(speed: float | None, line: Line, train: TrainTables) -> None:
@@ -229,10 +221,7 @@ def net_energy_bound(result: Plan) -> float:
     inputs = SectionInputs(
         result.train, force, SpeedLimits(result.line, result.train.speed_max), settings, result.places
     )
-    stops = stops_of(result.line, settings)
-    sections = [
-        PlanSection(inputs, begin, end, begin_speed=v0, end_speed=v1) for begin, end, v0, v1 in stops.sections(settings)
-    ]
+    sections = _sections(inputs, stops_of(result.line, settings))
     dwell = plain_sum(departure - arrival for _, arrival, departure in result.arrivals[1:-1])
     time = result.running_time - dwell
     bound = max(energy_lower_bound(sections, time), value_lower_bound(sections, time))
@@ -259,7 +248,7 @@ def _plan_to_timetable(
         )
     dwell = plain_sum(departure - arrival for _, arrival, departure in fastest.arrivals[1:-1])
     bias, best = 0.0, fastest
-    for _ in range(MAX_TIMETABLE_ROUNDS):
+    for _ in range(MAX_ROUNDS):
         strategies = spread_time_reserve(sections, max(time - dwell - bias, fastest.running_time - dwell))
         found = assemble(strategies)
         late = found.running_time - time

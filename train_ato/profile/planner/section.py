@@ -10,7 +10,7 @@ a(t - T/2))/T, the same distance and the same end. No speed or acceleration exce
 Averages are differences of the integrals and therefore exact.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from train_ato.profile.planner.accelerations import (
     stall_message,
 )
 from train_ato.profile.planner.driving_strategy import MINIMUM_TIME, DrivingStrategy, SectionInputs, SectionKnots
-from train_ato.profile.planner.dynamic_programming import CoarseGrid, Resolution
+from train_ato.profile.planner.dynamic_programming import CoarseGrid, EnergyWeights, Resolution
 from train_ato.profile.planner.line_tables import PlaceGrid
 from train_ato.profile.planner.passes import (
     BRAKE,
@@ -36,6 +36,7 @@ from train_ato.profile.planner.passes import (
     forward,
     sliding_extreme,
 )
+from train_ato.profile.planner.settings import PlanSettings
 from train_ato.profile.planner.train_tables import SPEED_STEP
 
 
@@ -313,6 +314,11 @@ class PlanSection:
             flatten_peaks(energy, grid.places, self.window, float(settings.jerk or 0.0) * self.window)
         return np.asarray(energy)
 
+    def without_places(self) -> "PlanSection":
+        """Return the section without a window and without limits of forces by place."""
+        inputs = replace(self.inputs, places=None)
+        return PlanSection(inputs, self.begin, self.end, begin_speed=self.begin_speed, end_speed=self.end_speed)
+
     @property
     def _open_ceiling(self) -> Array:
         """Return the ceiling of the speed limits alone, which a search needs for thousands of strategies."""
@@ -388,12 +394,8 @@ class PlanSection:
             acceleration = np.clip(acceleration, np.minimum(least, 0.0), upper)
         return SectionKnots(place, speed, acceleration, train.inertia * acceleration + resistance)
 
-    def history(self, strategy: DrivingStrategy = MINIMUM_TIME) -> Array:
-        """Return the solution without a jerk limit over time, see :func:`.smoothing.time_history`."""
-        return self.over_time(self.energy_profile(strategy))
-
     def over_time(self, energy: Array) -> Array:
-        """Return v²/2 at the places of the grid [m²/s²] over time, see :func:`.smoothing.time_history`."""
+        """Return v²/2 at the places of the grid [m²/s²] over time, see :func:`time_history`."""
         places, window = self.grid.places, self.window
         return np.asarray(time_history(energy, places, window, self.lead_acceleration, window, 10.0 + window))
 
@@ -448,3 +450,55 @@ class PlanSection:
 
 def _or_infinite(limit: float | None) -> float:
     return np.inf if limit is None else limit
+
+
+def energy_weights(settings: PlanSettings) -> EnergyWeights:
+    """Return cost of traction work and gain of electric-brake work in the net energy [1]."""
+    return EnergyWeights(1.0 / settings.efficiency, settings.recovered)
+
+
+def weighted_energy(traction: float, electric: float, time: float, settings: PlanSettings) -> float:
+    """Return the net energy [J]: traction over its efficiency, less the recovered part, plus auxiliaries.
+
+    Parameters
+    ----------
+    traction, electric
+        Work of traction and of the electric brake [J], both >= 0.
+    time
+        Time with auxiliary power [s].
+    """
+    weights = energy_weights(settings)
+    return weights.traction * traction - weights.recovered * electric + settings.auxiliary * time
+
+
+def section_energy(section: PlanSection, energy: Array) -> float:
+    """Return the net energy of a section without a jerk limit and without auxiliaries [J].
+
+    The electric brake acts first, up to its own envelope; friction brakes do the rest and recover nothing.
+
+    Parameters
+    ----------
+    energy : Array, shape (n + 1,)
+        v²/2 at the places of the section's grid [m²/s²].
+    """
+    train, steps = section.inputs.train, section.grid.steps
+    weights = energy_weights(section.inputs.settings)
+    force = section_force(section, energy)
+    work = weights.traction * float(np.maximum(force, 0.0) @ steps)
+    if weights.recovered == 0.0:
+        return work
+    speed, columns = np.sqrt(energy[:-1] + energy[1:]), SPEED_STEP * np.arange(train.speed.size)
+    electric, braked = np.interp(speed, columns, train.electric), np.maximum(-force, 0.0)
+    if section.inputs.places is not None and (acting := braked > 0.0).any():
+        middle = 0.5 * (section.grid.places[1:] + section.grid.places[:-1])
+        electric[acting] *= section.inputs.places.electric_share(middle[acting], speed[acting])
+    return work - weights.recovered * float(np.minimum(braked, electric) @ steps)
+
+
+def section_force(section: PlanSection, energy: Array) -> Array:
+    """Return the mean own force of every cell of :func:`section_energy` [N], > 0 traction."""
+    train, tables = section.inputs.train, section.tables
+    speed = np.sqrt(energy[:-1] + energy[1:])
+    resistance = np.interp(speed, SPEED_STEP * np.arange(train.speed.size), train.resistance)
+    rate = np.diff(energy) / section.grid.steps + tables.line_mean + tables.air[1] * speed**2
+    return np.asarray(rate * train.inertia + resistance)

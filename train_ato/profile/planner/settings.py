@@ -6,7 +6,7 @@ from typing import Annotated
 from pydantic import Field, model_validator
 
 from plant_sim.consist import Consist
-from plant_sim.library import load_consist, load_line
+from plant_sim.library import load_consist
 from plant_sim.line import Line
 from plant_sim.si_model import SiModel
 from plant_sim.units import Acceleration, Jerk, Length, Number, Place, Power, Speed, Time, Usual
@@ -161,17 +161,6 @@ class ReplanSpec(SiModel):
     def settings(self, own: PlanSettings | None) -> PlanSettings:
         """Return the settings of the new plan; ``own`` are those of the scenario's plan, if there is one."""
         return self.plan or own or PlanSettings(force_margin=0.05)
-
-
-def find_line(name: str) -> Line:
-    """Return a line: by shipped name, or from a file of any supported format; with ``:reverse`` against its direction.
-
-    Raises
-    ------
-    ValueError
-        One line that names the file, the key, the value and the remedy.
-    """
-    return load_line(name)
 
 
 def find_train(name: str, *, point_mass: bool = False) -> tuple[Consist, PlanSettings]:

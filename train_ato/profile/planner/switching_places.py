@@ -12,8 +12,7 @@ import numpy as np
 
 from train_ato.messages.types import Array
 from train_ato.profile.planner.driving_strategy import DrivingStrategy
-from train_ato.profile.planner.net_energy import section_energy, section_force
-from train_ato.profile.planner.section import PlanSection
+from train_ato.profile.planner.section import PlanSection, section_energy, section_force
 
 STEPS = (32.0, 16.0, 8.0, 4.0, 2.0, 1.0)
 """Distances by which a switch is moved, one after the other [m]."""

@@ -32,9 +32,8 @@ from plant_sim.elementary import plain_sum
 from train_ato.messages.types import Array
 from train_ato.profile.planner.driving_strategy import MIN_CRUISE, MINIMUM_TIME, DrivingStrategy
 from train_ato.profile.planner.dynamic_programming import CoarseGrid, EnergyWeights, Resolution, switching_curve
-from train_ato.profile.planner.net_energy import energy_weights, section_energy
 from train_ato.profile.planner.passes import durations
-from train_ato.profile.planner.section import PlanSection
+from train_ato.profile.planner.section import PlanSection, energy_weights, section_energy
 from train_ato.profile.planner.switching_places import best_distances, moved, switches_to_coasting
 from train_ato.profile.planner.timing_points import TimeWindow, TimingPoint
 from train_ato.profile.planner.train_tables import SPEED_STEP

@@ -38,7 +38,7 @@ cache detects changes of this file only.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -47,9 +47,8 @@ from plant_sim.compiled import compiled
 from plant_sim.elementary import plain_dot, plain_sum
 from train_ato.messages.types import Array
 from train_ato.profile.planner.dynamic_programming import EnergyWeights, Resolution
-from train_ato.profile.planner.net_energy import energy_weights
 from train_ato.profile.planner.passes import BRAKE, COAST, ELECTRIC, TRACTION, durations
-from train_ato.profile.planner.section import PlanSection
+from train_ato.profile.planner.section import PlanSection, energy_weights
 from train_ato.profile.planner.train_tables import SPEED_STEP
 
 RESISTANCE, PULL, STOPPING, RECOVERING = range(4)
@@ -360,13 +359,7 @@ def _climb(bound: Callable[[float], float], price: float) -> float:
 def _slabs(section: PlanSection, size: Resolution) -> _Slabs:
     """Return a section without a jerk limit; slabs by distance, and by change of speed and time of the fastest run."""
     inputs, settings = section.inputs, section.inputs.settings
-    free = PlanSection(
-        replace(inputs, places=None),
-        section.begin,
-        section.end,
-        begin_speed=section.begin_speed,
-        end_speed=section.end_speed,
-    )
+    free = section.without_places()
     places, fastest = free.grid.places, free.energy_profile()
     shares = (free.grid.steps, np.abs(np.diff(np.sqrt(2.0 * fastest))), durations(fastest, free.grid.steps))
     share = np.concatenate(([0.0], np.cumsum([part / max(float(part.sum()), 1e-9) for part in shares], axis=1).sum(0)))

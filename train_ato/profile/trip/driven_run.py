@@ -38,6 +38,7 @@ from plant_sim.train import Train
 from train_ato.control.force_distribution import ForceDistribution, SharesAt
 from train_ato.control.train_model import TrainModel
 from train_ato.messages.types import Array
+from train_ato.profile.driver import window_mean
 from train_ato.profile.trip.journey import Application, Journey
 from train_ato.profile.trip.reduced_train import SectionForces
 from train_ato.profile.trip.search import POWER_BRAKING
@@ -102,8 +103,7 @@ class JourneyFollower:
         self._place, self._speed = journey.place, journey.speed
         middle = 0.5 * (journey.place[1:] + journey.place[:-1])
         width = max(1, round(SMOOTHING / float(journey.place[1] - journey.place[0]))) | 1
-        padded = np.pad(journey.force, width // 2, mode="edge")
-        self._force_places, self._force = middle, np.convolve(padded, np.full(width, 1.0 / width), mode="valid")
+        self._force_places, self._force = middle, window_mean(journey.force, width)
         self._sections = SectionForces(model, TOP_SPEED)
 
     def force(self, position: float, velocity: float, former: float, *, braked: bool) -> float:
@@ -223,7 +223,8 @@ def shares_for_run(model: TrainModel, run: TripRun, former: tuple[SharesAt, ...]
     """
     moving = np.concatenate(([True], np.diff(run.position) > 0.0))
     position, total = run.position[moving], run.force[moving]
-    shift = _averaged(_shifts(model, run.couplers[moving]), max(1, round(WINDOW / run.period)) | 1)
+    width = max(1, round(WINDOW / run.period)) | 1
+    shift = np.stack([window_mean(column, width) for column in _shifts(model, run.couplers[moving]).T], axis=1)
     added = np.diff(shift, axis=1, prepend=0.0, append=0.0)
     moved = added * (total / (total**2 + SMALL_FORCE**2))[:, None]
     base = _rows(model, former, position)
@@ -244,13 +245,6 @@ def _shifts(model: TrainModel, couplers: Array) -> Array:
         needed = np.minimum(BAND - draft, 0.0) + np.maximum(-BAND - buff, 0.0)
         shifts.append(np.where(draft - buff > 2 * BAND, -0.5 * (draft + buff), needed))
     return np.stack(shifts, axis=1)
-
-
-def _averaged(values: Array, width: int) -> Array:
-    """Return the moving average of columns over an odd number of rows."""
-    padded = np.pad(values, ((width // 2, width // 2), (0, 0)), mode="edge")
-    kernel = np.full(width, 1.0 / width)
-    return np.stack([np.convolve(column, kernel, mode="valid") for column in padded.T], axis=1)
 
 
 def _rows(model: TrainModel, shares: tuple[SharesAt, ...], position: Array) -> Array:

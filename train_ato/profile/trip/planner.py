@@ -29,12 +29,13 @@ from plant_sim.section_effects import places_without_power
 from train_ato.control.air_brake.trip_policy import PlannedApplication
 from train_ato.control.force_distribution import DisplacementAt, SharesAt
 from train_ato.control.train_model import TrainModel
+from train_ato.profile.driver import nominal_train_model
 from train_ato.profile.planner.line_tables import SpeedLimits
 from train_ato.profile.profile import Profile
 from train_ato.profile.trip.driven_run import TripRun, follow_journey, shares_for_run
 from train_ato.profile.trip.journey import QUASI_STATIC, Application, Journey, JourneySearch
 from train_ato.profile.trip.plan import JOULES_PER_KWH, TripPlan, coupler_damage
-from train_ato.profile.trip.reduced_train import nominal_train_model, reduced_train
+from train_ato.profile.trip.reduced_train import reduced_train
 from train_ato.profile.trip.run_profile import RunProfile
 from train_ato.profile.trip.settings import TripSettings
 
@@ -46,47 +47,6 @@ MAX_ROUNDS = 7
 """Largest number of journeys for a running time."""
 PRICE_RANGE = (0.005, 20.0)
 """Lowest and highest price of time [kWh/s]."""
-
-
-def plan_at_time(
-    at_price: Callable[[float], TripPlan], time: float, price: float, report: Callable[[TripPlan], None]
-) -> TripPlan:
-    """Return the plan with a running time [s]: secant of the logarithms of price and time.
-
-    Parameters
-    ----------
-    at_price
-        Plan for a price of time [kWh/s].
-    time
-        Running time [s].
-    price
-        First price of time [kWh/s].
-    report
-        Called with every plan of the search.
-
-    Raises
-    ------
-    ValueError
-        If the time is too short, or so long that the train would stop.
-    """
-    found: list[tuple[float, TripPlan]] = []
-    for _ in range(MAX_ROUNDS):
-        plan = at_price(price)
-        error = plan.running_time / time - 1.0
-        report(plan)
-        found.append((price, plan))
-        if abs(error) <= TIME_TOLERANCE:
-            return plan
-        price = _next_price(found, time)
-        if not PRICE_RANGE[0] <= price <= PRICE_RANGE[1]:
-            break
-    best = min((plan for _, plan in found), key=lambda plan: abs(plan.running_time - time))
-    if abs(best.running_time / time - 1.0) <= MAX_DEVIATION:
-        return best
-    raise ValueError(
-        f"time: {time:g} s: not possible with these limits, the nearest is {best.running_time:.0f} s; give a time "
-        "nearer to it, or permit more traction"
-    )
 
 
 def _next_price(found: list[tuple[float, TripPlan]], time: float) -> float:
@@ -312,7 +272,7 @@ class TripPlanner:
     def at_time(
         self, time: float, report: Callable[[TripPlan], None] = lambda _: None, price: float | None = None
     ) -> TripPlan:
-        """Return the plan with a running time [s] (:func:`.running_time.plan_at_time`).
+        """Return the plan with a running time [s]: secant of the logarithms of price and time.
 
         Parameters
         ----------
@@ -322,8 +282,30 @@ class TripPlanner:
             Called with every plan of the search.
         price
             First price of time [kWh/s]; default: ``time_weight`` of the settings.
+
+        Raises
+        ------
+        ValueError
+            If the time is too short, or so long that the train would stop.
         """
-        return plan_at_time(self.at_price, time, self._settings.time_weight if price is None else price, report)
+        price = self._settings.time_weight if price is None else price
+        found: list[tuple[float, TripPlan]] = []
+        for _ in range(MAX_ROUNDS):
+            plan = self.at_price(price)
+            report(plan)
+            found.append((price, plan))
+            if abs(plan.running_time / time - 1.0) <= TIME_TOLERANCE:
+                return plan
+            price = _next_price(found, time)
+            if not PRICE_RANGE[0] <= price <= PRICE_RANGE[1]:
+                break
+        best = min((plan for _, plan in found), key=lambda plan: abs(plan.running_time - time))
+        if abs(best.running_time / time - 1.0) <= MAX_DEVIATION:
+            return best
+        raise ValueError(
+            f"time: {time:g} s: not possible with these limits, the nearest is {best.running_time:.0f} s; give a time "
+            "nearer to it, or permit more traction"
+        )
 
 
 STEPS = (("slew", 0.5, 2), ("traction", 0.8, 3))

@@ -33,7 +33,6 @@ from numpy.typing import NDArray
 from plant_sim.air_brake import BrakeForecast, braking_factor
 from plant_sim.consist import Consist
 from plant_sim.elementary import plain_sum
-from plant_sim.line import Line
 from plant_sim.packing import pipe_distances
 from train_ato.control.train_model import GRID, LineForceTable, TrainModel
 from train_ato.messages.types import Array
@@ -204,12 +203,6 @@ SETTLED = 0.01
 """Part of the shoe force below which a release, or above whose complement an application, counts as complete."""
 UNLIMITED = 120 / 3.6
 """Speed limit of a line without limits, if the traction envelope has no end [m/s]."""
-
-
-def nominal_train_model(consist: Consist, line: Line, tick: float = 0.1) -> TrainModel:
-    """Return the nominal model of a train with ideal actuators."""
-    none = np.zeros(len(consist.power_units))
-    return TrainModel(consist, line, none, none, 0.0, tick)
 
 
 @dataclass(frozen=True)
