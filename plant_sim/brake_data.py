@@ -5,7 +5,7 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from plant_sim.si_model import SiModel
+from plant_sim.si_model import SiModel, option
 from plant_sim.units import Acceleration, Force, Number, Pressure, Ratio, Speed, Time, Usual, number_text
 
 Filling = Annotated[Time, Usual(0.2, 120)]
@@ -33,35 +33,23 @@ class Shoes(SiModel):
 class AirBrake(SiModel):
     """Brake pipe and cylinders of a train: paper 000, section 1.1.4, and values that it does not give."""
 
-    charged: Annotated[Pressure, Usual(100e3, 2e6)] = Field(
-        600e3, gt=0, description="absolute pressure of the charged brake pipe"
+    charged: Annotated[Pressure, Usual(100e3, 2e6)] = option(600e3, "absolute pressure of the charged brake pipe", gt=0)
+    apply_wave: Annotated[Speed, Usual(60, 350)] = option(200.0, "speed of the application wave along the train", gt=0)
+    release_wave: Annotated[Speed, Usual(12, 120)] = option(36.0, "speed of the release wave along the train", gt=0)
+    apply_time: Filling = option(4.0, "time constant of the cylinders filling", gt=0)
+    release_time: Filling = option(6.0, "time constant of the cylinders emptying", gt=0)
+    pipe_apply_time: Filling = option(2.0, "time constant of the falling pipe pressure, which is published only", gt=0)
+    pipe_release_time: Filling = option(6.0, "time constant of the rising pipe pressure, which is published only", gt=0)
+    pipe_vent_time: Filling = option(
+        1.0, "time constant of the pressure in an open pipe, which is published only", gt=0
     )
-    apply_wave: Annotated[Speed, Usual(60, 350)] = Field(
-        200.0, gt=0, description="speed of the application wave along the train"
+    reduction: Annotated[tuple[Pressure, ...], Usual(10e3, 1e6)] = option(
+        (0.0, 50e3), "brake-pipe reductions of the table of the braking factor"
     )
-    release_wave: Annotated[Speed, Usual(12, 120)] = Field(
-        36.0, gt=0, description="speed of the release wave along the train"
-    )
-    apply_time: Filling = Field(4.0, gt=0, description="time constant of the cylinders filling")
-    release_time: Filling = Field(6.0, gt=0, description="time constant of the cylinders emptying")
-    pipe_apply_time: Filling = Field(
-        2.0, gt=0, description="time constant of the falling pipe pressure, which is published only"
-    )
-    pipe_release_time: Filling = Field(
-        6.0, gt=0, description="time constant of the rising pipe pressure, which is published only"
-    )
-    pipe_vent_time: Filling = Field(
-        1.0, gt=0, description="time constant of the pressure in an open pipe, which is published only"
-    )
-    reduction: Annotated[tuple[Pressure, ...], Usual(10e3, 1e6)] = Field(
-        (0.0, 50e3), description="brake-pipe reductions of the table of the braking factor"
-    )
-    braking_factor: tuple[Ratio, ...] = Field((0.0, 0.17), description="braking factor at those reductions")
-    reservoir_use: Ratio = Field(
-        0.0, ge=0, le=1, description="part of a reservoir that one full application uses", examples=[0.3]
-    )
-    recharge_time: Annotated[Time, Usual(3, 3600)] = Field(
-        60.0, gt=0, description="time constant of the reservoirs recharging while released"
+    braking_factor: tuple[Ratio, ...] = option((0.0, 0.17), "braking factor at those reductions")
+    reservoir_use: Ratio = option(0.0, "part of a reservoir that one full application uses", example=0.3, ge=0, le=1)
+    recharge_time: Annotated[Time, Usual(3, 3600)] = option(
+        60.0, "time constant of the reservoirs recharging while released", gt=0
     )
 
     @model_validator(mode="after")
@@ -93,9 +81,9 @@ class EmergencyBrake(SiModel):
     0.076 = 0.83 m/s² (SUBSET-026, A.3.7.4), and a build-up of 2.3 s.
     """
 
-    deceleration: Annotated[Acceleration, Usual(0.05, 5)] = Field(
-        0.83, gt=0, le=5, description="brake force of a vehicle at standstill over its inertial mass"
+    deceleration: Annotated[Acceleration, Usual(0.05, 5)] = option(
+        0.83, "brake force of a vehicle at standstill over its inertial mass", gt=0, le=5
     )
-    delay: BuildUp = Field(0.8, ge=0, le=10, description="dead time from the application to the first force")
-    time_constant: BuildUp = Field(1.5, gt=0, le=60, description="time constant of the build-up after the delay")
-    release_time: BuildUp = Field(1.5, gt=0, le=60, description="time constant of the release, which has no delay")
+    delay: BuildUp = option(0.8, "dead time from the application to the first force", ge=0, le=10)
+    time_constant: BuildUp = option(1.5, "time constant of the build-up after the delay", gt=0, le=60)
+    release_time: BuildUp = option(1.5, "time constant of the release, which has no delay", gt=0, le=60)

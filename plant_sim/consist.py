@@ -14,7 +14,7 @@ from plant_sim.brake_data import AirBrake, EmergencyBrake, Shoes
 from plant_sim.elementary import plain_sum
 from plant_sim.gears import DraftGear
 from plant_sim.line import Rating
-from plant_sim.si_model import SiModel, Source, Summary
+from plant_sim.si_model import SiModel, Source, Summary, option
 from plant_sim.units import (
     GRAVITY,
     Acceleration,
@@ -46,11 +46,11 @@ class EnvelopeSegment(SiModel):
     """
 
     to: Annotated[Speed, Usual(0.05, 2e3)] = Field(gt=0, description="speed at which the segment ends", examples=[10.0])
-    force: Force = Field(0.0, description="constant part of the force", examples=[60e3])
-    slope_kn_per_kmh: Annotated[float, Unit("kN/(km/h)"), Usual(1e-3, 1e3)] = Field(
-        0.0, description="change of the force with speed", examples=[-0.5]
+    force: Force = option(0.0, "constant part of the force", example=60e3)
+    slope_kn_per_kmh: Annotated[float, Unit("kN/(km/h)"), Usual(1e-3, 1e3)] = option(
+        0.0, "change of the force with speed", example=-0.5
     )
-    power: Power = Field(0.0, ge=0, description="power of the part power / v of the force", examples=[600e3])
+    power: Power = option(0.0, "power of the part power / v of the force", example=600e3, ge=0)
 
     @property
     def row(self) -> tuple[float, float, float, float]:
@@ -100,10 +100,10 @@ class SupplyCurve(ForcePoints):
     """Traction under a power supply, with the conditions under which it holds."""
 
     mode: str = Field(description="kind of the supply", examples=["25000V"])
-    electric: bool = Field(True, description="power from the line; otherwise as independent_power")
-    comfort: str | None = Field(None, description="comfort of the train", examples=["AIR_CONDITIONING"])
-    electrical_level: str | None = Field(None, description="level of the supply at the train", examples=["22500V"])
-    power_restriction: str | None = Field(None, description="code of a power restriction", examples=["C1"])
+    electric: bool = option(True, "power from the line; otherwise as independent_power")
+    comfort: str | None = option(None, "comfort of the train", example="AIR_CONDITIONING")
+    electrical_level: str | None = option(None, "level of the supply at the train", example="22500V")
+    power_restriction: str | None = option(None, "code of a power restriction", example="C1")
 
 
 PLAIN_SUPPLY = {True: "electric", False: "thermal"}
@@ -132,24 +132,24 @@ EnvelopeOfForce = Annotated[
 class Notches(SiModel):
     """Notches of throttle and dynamic brake, each with its force over speed, and limits of their changes."""
 
-    traction: tuple[EnvelopeOfForce, ...] = Field(
+    traction: tuple[EnvelopeOfForce, ...] = option(
         (),
-        description="force over speed of throttle notch 1, 2, ...",
-        examples=[[[{"to": 30.0, "force": 60e3}], [{"to": 30.0, "force": 120e3}]]],
+        "force over speed of throttle notch 1, 2, ...",
+        example=[[{"to": 30.0, "force": 60e3}], [{"to": 30.0, "force": 120e3}]],
     )
-    brake: tuple[EnvelopeOfForce, ...] = Field(
+    brake: tuple[EnvelopeOfForce, ...] = option(
         (),
-        description="force over speed of dynamic-brake notch 1, 2, ..., a positive force",
-        examples=[[[{"to": 30.0, "force": 40e3}], [{"to": 30.0, "force": 80e3}]]],
+        "force over speed of dynamic-brake notch 1, 2, ..., a positive force",
+        example=[[{"to": 30.0, "force": 40e3}], [{"to": 30.0, "force": 80e3}]],
     )
-    rise: Annotated[ForceRate | None, Usual(500, 100e6)] = Field(
-        None, gt=0, description="largest growth of the force in one direction; default: no limit", examples=[20e3]
+    rise: Annotated[ForceRate | None, Usual(500, 100e6)] = option(
+        None, "largest growth of the force in one direction; default: no limit", example=20e3, gt=0
     )
-    fall: Annotated[ForceRate | None, Usual(500, 100e6)] = Field(
-        None, gt=0, description="largest decrease of the force in one direction; default: no limit", examples=[40e3]
+    fall: Annotated[ForceRate | None, Usual(500, 100e6)] = option(
+        None, "largest decrease of the force in one direction; default: no limit", example=40e3, gt=0
     )
-    notch_time: Annotated[Time, Usual(0.05, 60)] = Field(
-        0.0, ge=0, le=60, description="time from one notch to the next one; 0: any notch at once", examples=[1.0]
+    notch_time: Annotated[Time, Usual(0.05, 60)] = option(
+        0.0, "time from one notch to the next one; 0: any notch at once", example=1.0, ge=0, le=60
     )
 
     @model_validator(mode="after")
@@ -171,14 +171,14 @@ class Resistance(SiModel):
     railways have.
     """
 
-    n_per_kn_kmh: Annotated[tuple[float, float, float], Unit("N/kN")] | None = Field(
-        None, description="A, B and C of A + B V + C V² per weight, V in km/h", examples=[(1.5, 0.0, 0.0003)]
+    n_per_kn_kmh: Annotated[tuple[float, float, float], Unit("N/kN")] | None = option(
+        None, "A, B and C of A + B V + C V² per weight, V in km/h", example=(1.5, 0.0, 0.0003)
     )
-    n: Annotated[tuple[float, float, float], Unit("N")] | None = Field(
-        None, description="a, b and c of a + b v + c v², v in m/s", examples=[(560.0, 0.0, 1.4)]
+    n: Annotated[tuple[float, float, float], Unit("N")] | None = option(
+        None, "a, b and c of a + b v + c v², v in m/s", example=(560.0, 0.0, 1.4)
     )
-    n_per_kg: Annotated[tuple[float, float, float], Unit("N/kg")] | None = Field(
-        None, description="a, b and c of a + b v + c v² per mass, v in m/s", examples=[(0.0147, 0.0, 3.8e-5)]
+    n_per_kg: Annotated[tuple[float, float, float], Unit("N/kg")] | None = option(
+        None, "a, b and c of a + b v + c v² per mass, v in m/s", example=(0.0147, 0.0, 3.8e-5)
     )
 
     @model_validator(mode="after")
@@ -219,31 +219,30 @@ class VehicleType(SiModel):
 
     mass: Mass = Field(gt=0, description="mass on the rails", examples=[38e3])
     length: Length = Field(gt=0, description="length over couplers", examples=[19.5])
-    rotating_mass_factor: Number = Field(1.0, ge=1.0, description="inertial mass over mass", examples=[1.08])
+    rotating_mass_factor: Number = option(1.0, "inertial mass over mass", example=1.08, ge=1.0)
     resistance: Resistance
-    traction: EnvelopeOfForce = Field((), description="largest traction force over speed")
-    brake: EnvelopeOfForce = Field((), description="largest electric brake force over speed, a positive force")
-    electric_brake: EnvelopeOfForce = Field(
-        (), description="electric part of brake, which acts before the friction part; default: all of it"
+    traction: EnvelopeOfForce = option((), "largest traction force over speed")
+    brake: EnvelopeOfForce = option((), "largest electric brake force over speed, a positive force")
+    electric_brake: EnvelopeOfForce = option(
+        (), "electric part of brake, which acts before the friction part; default: all of it"
     )
-    notches: Notches | None = Field(
+    notches: Notches | None = option(
         None,
-        description="notches of a driver; their last ones are traction and brake where these are not given",
-        examples=[{"traction": [[{"to": 30.0, "force": 60e3}], [{"to": 30.0, "force": 120e3}]]}],
+        "notches of a driver; their last ones are traction and brake where these are not given",
+        example={"traction": [[{"to": 30.0, "force": 60e3}], [{"to": 30.0, "force": 120e3}]]},
     )
     shoes: Shoes | None = None
-    adhesive_mass: Annotated[Mass | None, Usual(500, 500e3)] = Field(
-        None, gt=0, description="mass on driven axles; default: the whole mass", examples=[20e3]
+    adhesive_mass: Annotated[Mass | None, Usual(500, 500e3)] = option(
+        None, "mass on driven axles; default: the whole mass", example=20e3, gt=0
     )
-    tunnel_resistance: tuple[TunnelResistance, ...] = Field(
-        (), description="air resistance in tunnels by rising cross section, linear between them"
+    tunnel_resistance: tuple[TunnelResistance, ...] = option(
+        (), "air resistance in tunnels by rising cross section, linear between them"
     )
-    independent_power: bool = Field(
-        False,
-        description="power without the line, as diesel or battery: neutral sections and power limits have no effect",
+    independent_power: bool = option(
+        False, "power without the line, as diesel or battery: neutral sections and power limits have no effect"
     )
-    supply_curves: tuple[SupplyCurve, ...] = Field(
-        (), description="traction by power supply; FILE:MODE takes the first curve that holds as traction"
+    supply_curves: tuple[SupplyCurve, ...] = option(
+        (), "traction by power supply; FILE:MODE takes the first curve that holds as traction"
     )
 
     @property
@@ -329,18 +328,18 @@ def _check_envelope(name: str, segments: tuple[EnvelopeSegment, ...]) -> None:
 class PlanLimits(SiModel):
     """Limits and efficiencies of a plan; with them, the plan has no limit of the jerk and no margin of the force."""
 
-    speed: Speed | None = Field(None, gt=0, description="largest speed", examples=[44.4])
-    acceleration: Annotated[Acceleration | None, Usual(0.01, 5)] = Field(
-        None, gt=0, description="largest acceleration", examples=[0.6]
+    speed: Speed | None = option(None, "largest speed", example=44.4, gt=0)
+    acceleration: Annotated[Acceleration | None, Usual(0.01, 5)] = option(
+        None, "largest acceleration", example=0.6, gt=0
     )
-    deceleration: Annotated[Acceleration | None, Usual(0.01, 5)] = Field(
-        None, gt=0, description="service deceleration", examples=[0.7]
+    deceleration: Annotated[Acceleration | None, Usual(0.01, 5)] = option(
+        None, "service deceleration", example=0.7, gt=0
     )
-    traction_efficiency: Annotated[Ratio | None, Usual(0.2, 1)] = Field(
-        None, gt=0, le=1, description="wheel energy over line energy in traction", examples=[0.85]
+    traction_efficiency: Annotated[Ratio | None, Usual(0.2, 1)] = option(
+        None, "wheel energy over line energy in traction", example=0.85, gt=0, le=1
     )
-    recovery_efficiency: Ratio | None = Field(
-        None, ge=0, le=1, description="recovered line energy over wheel energy in braking", examples=[0.8]
+    recovery_efficiency: Ratio | None = option(
+        None, "recovered line energy over wheel energy in braking", example=0.8, ge=0, le=1
     )
 
 
@@ -352,7 +351,7 @@ class TrainPart(SiModel):
     """Consecutive vehicles of one type."""
 
     type: str = Field(description="name in vehicle_types", examples=["car"])
-    count: int = Field(1, gt=0, description="number of consecutive vehicles of this type", examples=[6])
+    count: int = option(1, "number of consecutive vehicles of this type", example=6, gt=0)
 
 
 class Coupling(SiModel):
@@ -371,9 +370,7 @@ class Consist(SiModel):
     name: str = Field(description="name in lists, logs and reports", examples=["metro_6_cars"])
     summary: Summary = ""
     source: Source = ""
-    gravity: Acceleration = Field(
-        GRAVITY, gt=0, description="gravity of the data; the papers use 9.8, 9.80665 and 9.81"
-    )
+    gravity: Acceleration = option(GRAVITY, "gravity of the data; the papers use 9.8, 9.80665 and 9.81", gt=0)
     vehicle_types: dict[str, VehicleType] = Field(
         description="types of vehicle by name",
         examples=[{"car": {"mass": 38e3, "length": 19.5, "resistance": {"n_per_kn_kmh": [1.5, 0.0, 0.0003]}}}],
@@ -388,28 +385,26 @@ class Consist(SiModel):
         description="draft gears by name",
         examples=[{"bar": {"kind": "linear", "stiffness": 20e6, "damping": 0.5e6}}],
     )
-    default_gear: str | None = Field(
-        None, description="draft gear of every coupler that couplings does not list", examples=["bar"]
-    )
-    couplings: tuple[Coupling, ...] = Field(
-        (), description="couplers with another draft gear", examples=[[{"behind": [0], "gear": "bar"}]]
+    default_gear: str | None = option(None, "draft gear of every coupler that couplings does not list", example="bar")
+    couplings: tuple[Coupling, ...] = option(
+        (), "couplers with another draft gear", example=[{"behind": [0], "gear": "bar"}]
     )
     air_brake: AirBrake | None = None
-    emergency_brake: EmergencyBrake | None = Field(
-        None, description="friction emergency brake of a train without air_brake; default: its own defaults"
+    emergency_brake: EmergencyBrake | None = option(
+        None, "friction emergency brake of a train without air_brake; default: its own defaults"
     )
     plan_limits: PlanLimits | None = None
-    categories: tuple[str, ...] = Field(
+    categories: tuple[str, ...] = option(
         (),
-        description="categories of the train for category_limits of a line; the first one that the line has",
-        examples=[["D4", "freight"]],
+        "categories of the train for category_limits of a line; the first one that the line has",
+        example=["D4", "freight"],
     )
-    rating: Rating | None = Field(None, description="figures of the train for category_limits with needs")
-    pantographs: tuple[int, ...] = Field(
+    rating: Rating | None = option(None, "figures of the train for category_limits with needs")
+    pantographs: tuple[int, ...] = option(
         (),
-        description="numbers of the vehicles with a raised pantograph, from 0. A power unit takes its power from the "
+        "numbers of the vehicles with a raised pantograph, from 0. A power unit takes its power from the "
         "nearest pantograph, and from the front one of two equally near. By default it has its own",
-        examples=[[1, 4]],
+        example=[1, 4],
     )
     kept: dict[str, dict[str, Any]] = Field(
         default_factory=dict,

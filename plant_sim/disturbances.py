@@ -16,7 +16,7 @@ from pydantic import Field, model_validator
 
 from plant_sim.elementary import cos_each, sin_each, tanh_each
 from plant_sim.line import Begin, End, check_grade
-from plant_sim.si_model import SiModel
+from plant_sim.si_model import SiModel, option
 from plant_sim.states import Array
 from plant_sim.units import Acceleration, Force, Number, Slope, Time, Unit, Usual
 
@@ -38,9 +38,7 @@ class OutsideForce(NamedTuple):
 class _Source(SiModel):
     """Base of all kinds; without ``vehicles`` the disturbance acts on all of them."""
 
-    vehicles: Vehicles | None = Field(
-        None, description="numbers of the vehicles, from 0; default: all", examples=[(0, 1)]
-    )
+    vehicles: Vehicles | None = option(None, "numbers of the vehicles, from 0; default: all", example=(0, 1))
 
     def listed(self, count: int) -> Vehicles:
         """Return the numbers of its vehicles in a train of ``count`` vehicles.
@@ -74,9 +72,7 @@ class _Source(SiModel):
 class _TimeFunction(_Source):
     """Base of the kinds that are functions of time."""
 
-    shift: Time | None = Field(
-        None, description="delay of the whole disturbance; < 0: it acts earlier; default: 0", examples=[30.0]
-    )
+    shift: Time | None = option(None, "delay of the whole disturbance; < 0: it acts earlier; default: 0", example=30.0)
 
     def local(self, t: Array) -> Array:
         """Return the times of the function for times of the run [s]."""
@@ -90,11 +86,11 @@ class Equation40(_TimeFunction):
     """
 
     kind: Literal["eq40"]
-    speed_power: Literal[1, 3] = Field(1, description="power of the speed; 3 as printed")
-    vehicles: Vehicles | None = Field(
-        tuple(range(0, 101, 10)), description="numbers of the vehicles, 0, 10, ..., 100 in the paper"
+    speed_power: Literal[1, 3] = option(1, "power of the speed; 3 as printed")
+    vehicles: Vehicles | None = option(
+        tuple(range(0, 101, 10)), "numbers of the vehicles, 0, 10, ..., 100 in the paper"
     )
-    scale: Number = Field(1.0, description="factor on the printed disturbance")
+    scale: Number = option(1.0, "factor on the printed disturbance")
 
     def tick(self, t: Array, mass: Array) -> OutsideForce:
         """Return the forces of a tick."""
@@ -109,14 +105,10 @@ class Equation40(_TimeFunction):
 class Term(SiModel):
     """Sine: amplitude sin(omega t + phase)."""
 
-    acceleration: Acceleration = Field(
-        0.0, description="amplitude as acceleration of each listed vehicle", examples=[0.02]
-    )
-    force: Annotated[Force, Usual(10, 5e6)] = Field(
-        0.0, description="amplitude as force on each listed vehicle", examples=[2e3]
-    )
+    acceleration: Acceleration = option(0.0, "amplitude as acceleration of each listed vehicle", example=0.02)
+    force: Annotated[Force, Usual(10, 5e6)] = option(0.0, "amplitude as force on each listed vehicle", example=2e3)
     omega: Annotated[float, Unit("rad/s")] = Field(ge=0, description="angular frequency", examples=[0.5])
-    phase: Annotated[float, Unit("rad")] = Field(0.0, description="phase at time 0", examples=[1.57])
+    phase: Annotated[float, Unit("rad")] = option(0.0, "phase at time 0", example=1.57)
 
 
 class Harmonic(_TimeFunction):
@@ -148,9 +140,9 @@ class Gust(_TimeFunction):
     kind: Literal["gust"]
     begin: Time = Field(description="begin of the gust, with its ramp", examples=[60.0])
     end: Time = Field(description="end of the gust, with its ramp", examples=[80.0])
-    ramp: Time = Field(1.0, ge=0, description="time of rise and of fall, inside the interval")
-    acceleration: Acceleration = Field(0.0, description="acceleration of each listed vehicle", examples=[-0.05])
-    force: Annotated[Force, Usual(10, 5e6)] = Field(0.0, description="force on each listed vehicle", examples=[-3e3])
+    ramp: Time = option(1.0, "time of rise and of fall, inside the interval", ge=0)
+    acceleration: Acceleration = option(0.0, "acceleration of each listed vehicle", example=-0.05)
+    force: Annotated[Force, Usual(10, 5e6)] = option(0.0, "force on each listed vehicle", example=-3e3)
 
     @model_validator(mode="after")
     def _order(self) -> Gust:
@@ -199,7 +191,7 @@ class Paper001(_TimeFunction):
     """
 
     kind: Literal["paper001"]
-    scale: Number = Field(1.0, description="factor on the disturbance")
+    scale: Number = option(1.0, "factor on the disturbance")
 
     def tick(self, t: Array, mass: Array) -> OutsideForce:
         """Return the forces of a tick."""
@@ -211,13 +203,11 @@ class Paper002(_TimeFunction):
     """Disturbances of paper 002 on five vehicles: drift speeds d_i1 (unmatched), accelerations d_i2 (matched)."""
 
     kind: Literal["paper002"]
-    vehicles: Vehicles | None = Field((0, 1, 2, 3, 4), description="numbers of the five vehicles")
-    unmatched_scale: Number = Field(
-        1.0, description="factor on the drift speeds, 1 in the paper and 0.05 in the realistic version"
+    vehicles: Vehicles | None = option((0, 1, 2, 3, 4), "numbers of the five vehicles")
+    unmatched_scale: Number = option(
+        1.0, "factor on the drift speeds, 1 in the paper and 0.05 in the realistic version"
     )
-    matched_scale: Number = Field(
-        1.0, description="factor on the accelerations, 1 in the paper and 0.02 in the realistic version"
-    )
+    matched_scale: Number = option(1.0, "factor on the accelerations, 1 in the paper and 0.02 in the realistic version")
 
     @model_validator(mode="after")
     def _five(self) -> Paper002:
@@ -246,8 +236,8 @@ class TravellingLoad(_TimeFunction):
     acceleration: Acceleration = Field(description="largest acceleration; < 0 opposes the motion", examples=[-0.05])
     begin: Time = Field(description="time at which the load reaches the first listed vehicle", examples=[60.0])
     duration: Time = Field(gt=0, description="time of the load on each vehicle", examples=[20.0])
-    interval: Time = Field(0.0, ge=0, description="time from one listed vehicle to the next", examples=[2.0])
-    period: Time | None = Field(None, gt=0, description="period of its repetition; default: once", examples=[120.0])
+    interval: Time = option(0.0, "time from one listed vehicle to the next", example=2.0, ge=0)
+    period: Time | None = option(None, "period of its repetition; default: once", example=120.0, gt=0)
 
     def tick(self, t: Array, mass: Array) -> OutsideForce:
         """Return the forces of a tick."""
@@ -267,7 +257,7 @@ class Turbulence(_Source):
     acceleration_rms: Acceleration = Field(
         ge=0, description="root mean square of the acceleration of each vehicle", examples=[0.01]
     )
-    correlation: Time = Field(5.0, gt=0, description="time constant of the correlation")
+    correlation: Time = option(5.0, "time constant of the correlation", gt=0)
 
 
 def shifted(sources: tuple[DisturbanceSource, ...], shift: float) -> tuple[DisturbanceSource, ...]:

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from plant_sim.si_model import SiModel
+from plant_sim.si_model import SiModel, option
 from plant_sim.units import Damping, Force, Length, Number, Speed, Stiffness, Usual, number_text
 
 Stroke = Annotated[Length, Usual(0.005, 2)]
@@ -32,9 +32,9 @@ class GearCurve(SiModel):
     )
     stiffness: Spring = Field(gt=0, description="stiffness a1 of the loading curve", examples=[2.5e6])
     unloading_ratio: Number = Field(gt=0, le=1, description="unloading force over loading force", examples=[0.25])
-    slack: Slack = Field(0.010, ge=0, description="free play from draft to buff")
-    damping: Damper = Field(1e5, ge=0, description="structural damping c in c x' d/(d + x0), with the gear in contact")
-    stop_stiffness: Stop = Field(200e6, gt=0, description="stiffness beyond the stroke")
+    slack: Slack = option(0.010, "free play from draft to buff", ge=0)
+    damping: Damper = option(1e5, "structural damping c in c x' d/(d + x0), with the gear in contact", ge=0)
+    stop_stiffness: Stop = option(200e6, "stiffness beyond the stroke", gt=0)
 
     @model_validator(mode="after")
     def _rises(self) -> GearCurve:
@@ -61,10 +61,10 @@ class ClipGear(GearCurve):
     """Draft gear of paper 000, eqs. (7)-(9): force between unloading curve fu and loading curve fl (MT-2)."""
 
     kind: Literal["clip"]
-    transition_stiffness: Stop = Field(
-        60e6, gt=0, description="stiffness between the branches, above the largest slope of the loading curve"
+    transition_stiffness: Stop = option(
+        60e6, "stiffness between the branches, above the largest slope of the loading curve", gt=0
     )
-    transition_damping: Damper = Field(0.0, ge=0, description="damping between the branches", examples=[5e6])
+    transition_damping: Damper = option(0.0, "damping between the branches", example=5e6, ge=0)
 
     @model_validator(mode="after")
     def _stiff_enough(self) -> ClipGear:
@@ -85,9 +85,7 @@ class SmoothedGear(GearCurve):
     """Draft gear of paper 000, eq. (6): branches joined over a switching speed (QKX100)."""
 
     kind: Literal["smoothed"]
-    switching_speed: Annotated[Speed, Usual(1e-4, 0.5)] = Field(
-        0.02, gt=0, description="speed over which the branches are joined"
-    )
+    switching_speed: Annotated[Speed, Usual(1e-4, 0.5)] = option(0.02, "speed over which the branches are joined", gt=0)
 
 
 class LinearGear(SiModel):
@@ -95,8 +93,8 @@ class LinearGear(SiModel):
 
     kind: Literal["linear"]
     stiffness: Spring = Field(gt=0, description="stiffness of the spring", examples=[20e6])
-    damping: Damper = Field(0.0, ge=0, description="damping of the damper", examples=[0.5e6])
-    slack: Slack = Field(0.0, ge=0, description="free play from draft to buff", examples=[0.01])
+    damping: Damper = option(0.0, "damping of the damper", example=0.5e6, ge=0)
+    slack: Slack = option(0.0, "free play from draft to buff", example=0.01, ge=0)
 
 
 class RigidGear(SiModel):
@@ -147,16 +145,16 @@ class TableGear(GearTable):
     """Tabulated loading and unloading force over the deflection, with transitions as in :class:`ClipGear`."""
 
     kind: Literal["table"]
-    buff: GearTable | None = Field(
+    buff: GearTable | None = option(
         None,
-        description="forces in buff, > 0, if they differ from those above, which then hold in draft",
-        examples=[{"deflection": (0.0, 0.08), "loading": (20e3, 2000e3), "unloading": (0.0, 2000e3)}],
+        "forces in buff, > 0, if they differ from those above, which then hold in draft",
+        example={"deflection": (0.0, 0.08), "loading": (20e3, 2000e3), "unloading": (0.0, 2000e3)},
     )
-    slack: Slack = Field(0.0, ge=0, description="free play from draft to buff", examples=[0.01])
-    damping: Damper = Field(0.0, ge=0, description="damping of the gear in contact", examples=[1e5])
-    transition_stiffness: Stop = Field(60e6, gt=0, description="stiffness between the branches")
-    transition_damping: Damper = Field(0.0, ge=0, description="damping between the branches", examples=[5e6])
-    stop_stiffness: Stop = Field(200e6, gt=0, description="stiffness beyond the last deflection")
+    slack: Slack = option(0.0, "free play from draft to buff", example=0.01, ge=0)
+    damping: Damper = option(0.0, "damping of the gear in contact", example=1e5, ge=0)
+    transition_stiffness: Stop = option(60e6, "stiffness between the branches", gt=0)
+    transition_damping: Damper = option(0.0, "damping between the branches", example=5e6, ge=0)
+    stop_stiffness: Stop = option(200e6, "stiffness beyond the last deflection", gt=0)
 
     @model_validator(mode="after")
     def _stiff_enough(self) -> TableGear:

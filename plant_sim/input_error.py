@@ -193,12 +193,9 @@ def _fault(first: Mapping[str, Any], keys: Sequence[str], source: str | Path, mo
     elif first["type"] == "union_tag_not_found":
         text = f"{first['ctx']['discriminator']} is missing; add it"
     elif first["type"] == "union_tag_invalid":
-        key, kinds = (
-            first["ctx"]["discriminator"].strip("'"),
-            first["ctx"]["expected_tags"].replace("'", "").split(", "),
-        )
+        key, kinds = (first["ctx"][name].replace("'", "") for name in ("discriminator", "expected_tags"))
         place, value = f"{place}.{key}", repr(first["ctx"]["tag"])
-        text = f"is none of {', '.join(kinds)}{close_match(first['ctx']['tag'], kinds)}"
+        text = f"is none of {kinds}{close_match(first['ctx']['tag'], kinds.split(', '))}"
     elif first["type"] == "string_pattern_mismatch":
         text = _signs(first["ctx"]["pattern"])
     elif first["type"] in _PLAIN:

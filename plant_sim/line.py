@@ -18,7 +18,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from plant_sim.chainage import ChainageSection, place_of_post, post_at, with_places
-from plant_sim.si_model import SiModel, Source, Summary
+from plant_sim.si_model import SiModel, Source, Summary, option
 from plant_sim.units import Length, Mass, Number, Place, Power, Ratio, Slope, Speed, Unit, Usual, number_text
 
 Begin = Annotated[Place, Field(description="place at which it begins", examples=[1200.0])]
@@ -46,15 +46,15 @@ class NeutralSection(LineSection):
     Boards beside the line can announce it, and switch the power off before its begin and on beyond its end.
     """
 
-    electric_brake: bool = Field(False, description="electric brake that works without the line, as a rheostatic brake")
-    announced_before: Place | None = Field(
-        None, ge=0, description="distance of the board that announces it to begin", examples=[500.0]
+    electric_brake: bool = option(False, "electric brake that works without the line, as a rheostatic brake")
+    announced_before: Place | None = option(
+        None, "distance of the board that announces it to begin", example=500.0, ge=0
     )
-    off_before: Place = Field(0.0, ge=0, description="distance to begin at which the power is off", examples=[100.0])
-    on_after: Place = Field(0.0, ge=0, description="distance beyond end at which the power returns", examples=[60.0])
-    coasting: bool = Field(
+    off_before: Place = option(0.0, "distance to begin at which the power is off", example=100.0, ge=0)
+    on_after: Place = option(0.0, "distance beyond end at which the power returns", example=60.0, ge=0)
+    coasting: bool = option(
         False,
-        description="all units coast from the first pantograph at off_before until the last one is at on_after; "
+        "all units coast from the first pantograph at off_before until the last one is at on_after; "
         "otherwise each unit has power by its own pantograph",
     )
 
@@ -85,18 +85,14 @@ class PowerLimit(LineSection):
     The power units share it in proportion to their largest powers. The electric brake is not limited.
     """
 
-    power: Annotated[Power | None, Usual(20e3, 500e6)] = Field(
-        None, gt=0, description="largest power at the wheels", examples=[3e6]
+    power: Annotated[Power | None, Usual(20e3, 500e6)] = option(None, "largest power at the wheels", example=3e6, gt=0)
+    current: Annotated[float | None, Unit("A"), Usual(10, 20e3)] = option(
+        None, "largest line current, with voltage and efficiency", example=1200.0, gt=0
     )
-    current: Annotated[float | None, Unit("A"), Usual(10, 20e3)] = Field(
-        None, gt=0, description="largest line current, with voltage and efficiency", examples=[1200.0]
+    voltage: Annotated[float | None, Unit("V"), Usual(200, 60e3)] = option(
+        None, "voltage of the line", example=3000.0, gt=0
     )
-    voltage: Annotated[float | None, Unit("V"), Usual(200, 60e3)] = Field(
-        None, gt=0, description="voltage of the line", examples=[3000.0]
-    )
-    efficiency: Ratio | None = Field(
-        None, gt=0, le=1, description="power at the wheels over power from the line", examples=[0.85]
-    )
+    efficiency: Ratio | None = option(None, "power at the wheels over power from the line", example=0.85, gt=0, le=1)
 
     @model_validator(mode="after")
     def _one_form(self) -> PowerLimit:
@@ -129,7 +125,7 @@ class TemporaryRestriction(LineSection):
     """Temporary speed restriction, beside the speed limits of the line."""
 
     speed: Speed = Field(gt=0, description="largest permitted speed", examples=[8.0])
-    reason: str = Field("", description="reason, for displays", examples=["track works"])
+    reason: str = option("", "reason, for displays", example="track works")
 
 
 SCHEMA = "train_ato/line/1"
@@ -193,22 +189,22 @@ class Curve(LineSection):
     """Curve of constant radius."""
 
     radius: Annotated[Place, Usual(10, 100e3)] = Field(ge=5, description="radius of the curve", examples=[400.0])
-    side: Literal["left", "right"] | None = Field(
-        None, description="direction of the curve in displays; default: left and right in turn"
+    side: Literal["left", "right"] | None = option(
+        None, "direction of the curve in displays; default: left and right in turn"
     )
-    resistance_n_per_kn: Annotated[float | None, Unit("N/kN"), Usual(0.005, 100)] = Field(
-        None, ge=0, description="resistance per weight; default: 600/R", examples=[1.2]
+    resistance_n_per_kn: Annotated[float | None, Unit("N/kN"), Usual(0.005, 100)] = option(
+        None, "resistance per weight; default: 600/R", example=1.2, ge=0
     )
 
 
 class Tunnel(LineSection):
     """Tunnel with an additional resistance per weight, or with a cross section for that of the train."""
 
-    resistance_n_per_kn: Annotated[float, Unit("N/kN"), Usual(0.005, 100)] = Field(
-        0.0, ge=0, description="additional resistance per weight", examples=[1.5]
+    resistance_n_per_kn: Annotated[float, Unit("N/kN"), Usual(0.005, 100)] = option(
+        0.0, "additional resistance per weight", example=1.5, ge=0
     )
-    cross_section: Annotated[float | None, Unit("m²"), Usual(5, 500)] = Field(
-        None, gt=0, description="cross section, for tunnel_resistance of the consist", examples=[45.0]
+    cross_section: Annotated[float | None, Unit("m²"), Usual(5, 500)] = option(
+        None, "cross section, for tunnel_resistance of the consist", example=45.0, gt=0
     )
 
     @model_validator(mode="after")
@@ -228,14 +224,14 @@ class SpeedLimit(SiModel):
 class Rating(SiModel):
     """Figures of a train by which a line has speed limits: those of the train, or the ones that a limit needs."""
 
-    axle_load: Annotated[Mass | None, Usual(1e3, 100e3)] = Field(
-        None, gt=0, description="mass on an axle; a limit needs at most it", examples=[20e3]
+    axle_load: Annotated[Mass | None, Usual(1e3, 100e3)] = option(
+        None, "mass on an axle; a limit needs at most it", example=20e3, gt=0
     )
-    cant_deficiency: Annotated[Length | None, Usual(0.01, 0.5)] = Field(
-        None, gt=0, le=1, description="permitted cant deficiency; a limit needs at least it", examples=[0.13]
+    cant_deficiency: Annotated[Length | None, Usual(0.01, 0.5)] = option(
+        None, "permitted cant deficiency; a limit needs at least it", example=0.13, gt=0, le=1
     )
-    brake_percentage: Number | None = Field(
-        None, gt=0, le=500, description="braked weight percentage; a limit needs at least it", examples=[110.0]
+    brake_percentage: Number | None = option(
+        None, "braked weight percentage; a limit needs at least it", example=110.0, gt=0, le=500
     )
 
     def met_by(self, train: Rating) -> bool:
@@ -256,8 +252,8 @@ class CategoryLimits(SiModel):
     """Speed limits for trains of a category, or for all trains with some figures, in place of speed_limits."""
 
     category: str = Field(min_length=1, description="name that the categories of a consist have", examples=["freight"])
-    needs: Rating | None = Field(
-        None, description="figures that a train needs; a train of no category of the line takes the first that it meets"
+    needs: Rating | None = option(
+        None, "figures that a train needs; a train of no category of the line takes the first that it meets"
     )
     speed_limits: tuple[SpeedLimit, ...] = Field(
         min_length=1, description="speed limits in the order of their places", examples=[[{"at": 0.0, "speed": 22.0}]]
@@ -274,9 +270,9 @@ class Stop(SiModel):
     """Stopping point of the front of the train."""
 
     at: Place = Field(description="place of the front at standstill", examples=[1200.0])
-    name: str = Field("", description="name of the station", examples=["Market"])
-    dwell: Annotated[float, Unit("s"), Usual(2, 14400)] = Field(
-        0.0, ge=0, description="time at rest at an intermediate stop", examples=[30.0]
+    name: str = option("", "name of the station", example="Market")
+    dwell: Annotated[float, Unit("s"), Usual(2, 14400)] = option(
+        0.0, "time at rest at an intermediate stop", example=30.0, ge=0
     )
 
 
@@ -297,41 +293,39 @@ class Line(SiModel):
     name: str = Field(description="name in lists, logs and reports", examples=["metro_12_km"])
     summary: Summary = ""
     source: Source = ""
-    begin: Place = Field(0.0, description="place at which the line begins", examples=[100.0])
+    begin: Place = option(0.0, "place at which the line begins", example=100.0)
     end: Place = Field(description="place at which the line ends", examples=[12e3])
-    chainage: tuple[ChainageSection, ...] = Field(
+    chainage: tuple[ChainageSection, ...] = option(
         (),
-        description="kilometres of the posts along the line, in running order. They may fall or jump. Places are "
+        "kilometres of the posts along the line, in running order. They may fall or jump. Places are "
         "then shown as 12+345 and can be written so",
-        examples=[[{"begin": 84500.0, "end": 80200.0}, {"begin": 80250.0, "end": 77000.0}]],
+        example=[{"begin": 84500.0, "end": 80200.0}, {"begin": 80250.0, "end": 77000.0}],
     )
-    grades: tuple[Grade, ...] = Field((), description="grades in the order of their places; level before the first")
-    vertical_curves: tuple[VerticalCurve, ...] = Field(
-        (),
-        description="rounded changes of grade in the order of their places; default: every grade changes at one place",
+    grades: tuple[Grade, ...] = option((), "grades in the order of their places; level before the first")
+    vertical_curves: tuple[VerticalCurve, ...] = option(
+        (), "rounded changes of grade in the order of their places; default: every grade changes at one place"
     )
     curves: tuple[Curve, ...] = ()
-    tunnels: tuple[Tunnel, ...] = Field(
-        (),
-        description="tunnels in any order",
-        examples=[[{"begin": 1200.0, "end": 1500.0, "resistance_n_per_kn": 1.5}]],
+    tunnels: tuple[Tunnel, ...] = option(
+        (), "tunnels in any order", example=[{"begin": 1200.0, "end": 1500.0, "resistance_n_per_kn": 1.5}]
     )
-    speed_limits: tuple[SpeedLimit, ...] = Field((), description="speed limits in the order of their places")
-    category_limits: tuple[CategoryLimits, ...] = Field(
-        (), description="speed limits by category or figures of a train; the first of its categories decides"
+    speed_limits: tuple[SpeedLimit, ...] = option((), "speed limits in the order of their places")
+    category_limits: tuple[CategoryLimits, ...] = option(
+        (), "speed limits by category or figures of a train; the first of its categories decides"
     )
     temporary_restrictions: tuple[TemporaryRestriction, ...] = ()
     neutral_sections: tuple[NeutralSection, ...] = ()
-    power_limits: tuple[PowerLimit, ...] = Field(
-        (), description="limits of the traction power", examples=[[{"begin": 1200.0, "end": 1500.0, "power": 3e6}]]
+    power_limits: tuple[PowerLimit, ...] = option(
+        (), "limits of the traction power", example=[{"begin": 1200.0, "end": 1500.0, "power": 3e6}]
     )
     adhesion: tuple[AdhesionSection, ...] = ()
-    stops: tuple[Stop, ...] = Field((), description="stopping points in the order of their places")
-    coordinates: tuple[Coordinate, ...] = Field(
+    stops: tuple[Stop, ...] = option((), "stopping points in the order of their places")
+    coordinates: tuple[Coordinate, ...] = option(
         (),
-        description="coordinates in the order of their places, at least two, for displays",
-        examples=[
-            [{"at": 0.0, "latitude": 48.14, "longitude": 11.56}, {"at": 12e3, "latitude": 48.22, "longitude": 11.63}]
+        "coordinates in the order of their places, at least two, for displays",
+        example=[
+            {"at": 0.0, "latitude": 48.14, "longitude": 11.56},
+            {"at": 12e3, "latitude": 48.22, "longitude": 11.63},
         ],
     )
 

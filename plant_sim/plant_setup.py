@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 
 from plant_sim.disturbances import DisturbanceSource
 from plant_sim.gears import DraftGear
-from plant_sim.si_model import SiModel
+from plant_sim.si_model import SiModel, option
 from plant_sim.units import Force, ForceRate, Length, Number, Place, Ratio, Speed, Time, Usual
 
 MAX_START_SPEED = 300.0
@@ -24,21 +24,15 @@ MAX_ODOMETER_ERROR = 0.05
 class Start(SiModel):
     """Initial state: by default one speed, and couplers unstretched behind vehicle 0."""
 
-    position: Place = Field(
-        0.0, description="centre of vehicle 0; default in a scenario: the begin of the profile", examples=[150.0]
+    position: Place = option(0.0, "centre of vehicle 0; default in a scenario: the begin of the profile", example=150.0)
+    speed: Speed = option(0.0, "speed of all vehicles", example=20.0, ge=-MAX_START_SPEED, le=MAX_START_SPEED)
+    positions: tuple[Place, ...] | None = option(
+        None, "centre of every vehicle, front first, in place of position", example=(150.0, 130.0)
     )
-    speed: Speed = Field(
-        0.0, ge=-MAX_START_SPEED, le=MAX_START_SPEED, description="speed of all vehicles", examples=[20.0]
+    speeds: tuple[Speed, ...] | None = option(
+        None, "speed of every vehicle, front first, in place of speed", example=(20.0, 20.0)
     )
-    positions: tuple[Place, ...] | None = Field(
-        None, description="centre of every vehicle, front first, in place of position", examples=[(150.0, 130.0)]
-    )
-    speeds: tuple[Speed, ...] | None = Field(
-        None, description="speed of every vehicle, front first, in place of speed", examples=[(20.0, 20.0)]
-    )
-    any_order: bool = Field(
-        False, description="vehicles are points without length, and a train may begin in any order of them"
-    )
+    any_order: bool = option(False, "vehicles are points without length, and a train may begin in any order of them")
 
     @model_validator(mode="after")
     def _front_first(self) -> Start:
@@ -62,7 +56,7 @@ class SpeedAdhesion(SiModel):
     """Adhesion after Curtius and Kniffler: factor (0.161 + 7.5/(V + 44)), V in km/h."""
 
     kind: Literal["curtius_kniffler"]
-    factor: Number = Field(1.0, gt=0, description="factor on the adhesion: 1 on dry rails, about 0.7 on wet ones")
+    factor: Number = option(1.0, "factor on the adhesion: 1 on dry rails, about 0.7 on wet ones", gt=0)
 
 
 Adhesion = Annotated[ConstantAdhesion | SpeedAdhesion, Field(discriminator="kind")]
@@ -71,10 +65,10 @@ Adhesion = Annotated[ConstantAdhesion | SpeedAdhesion, Field(discriminator="kind
 class Freeze(SiModel):
     """Measurement of one unit that is constant for an interval."""
 
-    unit: int = Field(0, ge=0, description="number of the power unit, from 0", examples=[1])
+    unit: int = option(0, "number of the power unit, from 0", example=1, ge=0)
     begin: Time = Field(description="begin of the interval", examples=[60.0])
     end: Time = Field(description="end of the interval", examples=[70.0])
-    quantity: Literal["position", "velocity", "both"] = Field("both", description="measured quantity that is constant")
+    quantity: Literal["position", "velocity", "both"] = option("both", "measured quantity that is constant")
 
     @model_validator(mode="after")
     def _order(self) -> Freeze:
@@ -86,7 +80,7 @@ class Freeze(SiModel):
 class WheelSlip(SiModel):
     """Wheel slip (> 0) or slide (< 0) of one unit, with the error of its odometer."""
 
-    unit: int = Field(0, ge=0, description="number of the power unit, from 0", examples=[1])
+    unit: int = option(0, "number of the power unit, from 0", example=1, ge=0)
     begin: Time = Field(description="begin of the interval", examples=[60.0])
     end: Time = Field(description="end of the interval", examples=[70.0])
     slip: Ratio = Field(
@@ -103,69 +97,57 @@ class WheelSlip(SiModel):
 class Sensors(SiModel):
     """Errors of the sensors, and couplers with a sensor."""
 
-    position_noise: Annotated[Length, Usual(1e-5, 20)] = Field(
-        0.0, ge=0, description="root mean square of the noise of the position", examples=[0.05]
+    position_noise: Annotated[Length, Usual(1e-5, 20)] = option(
+        0.0, "root mean square of the noise of the position", example=0.05, ge=0
     )
-    velocity_noise: Annotated[Speed, Usual(1e-5, 5)] = Field(
-        0.0, ge=0, description="root mean square of the noise of the speed", examples=[0.02]
+    velocity_noise: Annotated[Speed, Usual(1e-5, 5)] = option(
+        0.0, "root mean square of the noise of the speed", example=0.02, ge=0
     )
-    position_quantum: Annotated[Length, Usual(1e-5, 50)] = Field(
-        0.0, ge=0, description="resolution of the position; 0 for none", examples=[0.01]
+    position_quantum: Annotated[Length, Usual(1e-5, 50)] = option(
+        0.0, "resolution of the position; 0 for none", example=0.01, ge=0
     )
-    velocity_quantum: Annotated[Speed, Usual(1e-5, 5)] = Field(
-        0.0, ge=0, description="resolution of the speed; 0 for none", examples=[0.01]
+    velocity_quantum: Annotated[Speed, Usual(1e-5, 5)] = option(
+        0.0, "resolution of the speed; 0 for none", example=0.01, ge=0
     )
-    position_bias: Annotated[Length, Usual(1e-4, 1e3)] = Field(
-        0.0, description="constant error of the position", examples=[0.5]
-    )
-    velocity_bias: Annotated[Speed, Usual(1e-5, 30)] = Field(
-        0.0, description="constant error of the speed", examples=[0.05]
-    )
+    position_bias: Annotated[Length, Usual(1e-4, 1e3)] = option(0.0, "constant error of the position", example=0.5)
+    velocity_bias: Annotated[Speed, Usual(1e-5, 30)] = option(0.0, "constant error of the speed", example=0.05)
     freeze: tuple[Freeze, ...] = ()
     wheel_slip: tuple[WheelSlip, ...] = ()
-    couplers: tuple[int, ...] = Field(
-        (), description="numbers of the vehicles with a coupler sensor behind them", examples=[(0, 1)]
+    couplers: tuple[int, ...] = option((), "numbers of the vehicles with a coupler sensor behind them", example=(0, 1))
+    deflection_noise: Annotated[Length, Usual(1e-6, 0.1)] = option(
+        0.0, "root mean square of the noise of a coupler deflection", example=0.001, ge=0
     )
-    deflection_noise: Annotated[Length, Usual(1e-6, 0.1)] = Field(
-        0.0, ge=0, description="root mean square of the noise of a coupler deflection", examples=[0.001]
-    )
-    force_noise: Annotated[Force, Usual(1, 1e6)] = Field(
-        0.0, ge=0, description="root mean square of the noise of a coupler force", examples=[1e3]
+    force_noise: Annotated[Force, Usual(1, 1e6)] = option(
+        0.0, "root mean square of the noise of a coupler force", example=1e3, ge=0
     )
 
 
 class OdometrySpec(SiModel):
     """Odometers of the supervisor."""
 
-    wheel_error: Ratio = Field(
-        0.003, ge=0, le=MAX_ODOMETER_ERROR, description="largest relative error of the wheel odometer"
-    )
-    radar_error: Ratio = Field(0.003, ge=0, le=MAX_ODOMETER_ERROR, description="largest relative error of the radar")
-    balise_spacing: Annotated[Place, Usual(5, 20e3)] = Field(500.0, ge=1, description="distance between the balises")
+    wheel_error: Ratio = option(0.003, "largest relative error of the wheel odometer", ge=0, le=MAX_ODOMETER_ERROR)
+    radar_error: Ratio = option(0.003, "largest relative error of the radar", ge=0, le=MAX_ODOMETER_ERROR)
+    balise_spacing: Annotated[Place, Usual(5, 20e3)] = option(500.0, "distance between the balises", ge=1)
 
 
 class Mismatch(SiModel):
     """Difference between the plant and the data of the train."""
 
-    mass_scale: Number = Field(1.0, gt=0, description="factor on the mass in the data of the train", examples=[1.1])
-    resistance_scale: Number = Field(
-        1.0, ge=0, description="factor on the running resistance in the data of the train", examples=[1.1]
+    mass_scale: Number = option(1.0, "factor on the mass in the data of the train", example=1.1, gt=0)
+    resistance_scale: Number = option(
+        1.0, "factor on the running resistance in the data of the train", example=1.1, ge=0
     )
-    traction_scale: Number = Field(
-        1.0, ge=0, description="factor on the traction envelope in the data of the train", examples=[1.1]
+    traction_scale: Number = option(1.0, "factor on the traction envelope in the data of the train", example=1.1, ge=0)
+    electric_brake_scale: Number = option(
+        1.0, "factor on the electric brake envelope in the data of the train", example=1.1, ge=0
     )
-    electric_brake_scale: Number = Field(
-        1.0, ge=0, description="factor on the electric brake envelope in the data of the train", examples=[1.1]
-    )
-    brake_scale: Number = Field(
+    brake_scale: Number = option(
         1.0,
+        "factor on the forces of the shoes or of the friction emergency brake in the data of the train",
+        example=1.1,
         ge=0,
-        description="factor on the forces of the shoes or of the friction emergency brake in the data of the train",
-        examples=[1.1],
     )
-    actuator_gain: Number = Field(
-        1.0, ge=0, description="factor of every unit from its command to its force", examples=[1.1]
-    )
+    actuator_gain: Number = option(1.0, "factor of every unit from its command to its force", example=1.1, ge=0)
     gears: dict[str, DraftGear | str] = Field(
         default_factory=dict,
         description="draft gears by name and their replacements: a gear, or the name of one of the consist",
@@ -176,8 +158,8 @@ class Mismatch(SiModel):
 class _Sudden(SiModel):
     """Change at a time or at a position of vehicle 0."""
 
-    at: Time | None = Field(None, ge=0, description="time of the change", examples=[60.0])
-    place: Place | None = Field(None, description="position of vehicle 0's centre at the change", examples=[1200.0])
+    at: Time | None = option(None, "time of the change", example=60.0, ge=0)
+    place: Place | None = option(None, "position of vehicle 0's centre at the change", example=1200.0)
 
     @model_validator(mode="after")
     def _one_trigger(self) -> _Sudden:
@@ -197,13 +179,11 @@ class Jump(_Sudden):
         description="quantity that is multiplied"
     )
     factor: Number = Field(ge=0, description="factor on the present value", examples=[0.8])
-    vehicles: tuple[int, ...] | None = Field(
-        None,
-        description="numbers of the vehicles of a jump of mass, resistance or brake; default: all",
-        examples=[(0, 1)],
+    vehicles: tuple[int, ...] | None = option(
+        None, "numbers of the vehicles of a jump of mass, resistance or brake; default: all", example=(0, 1)
     )
-    units: tuple[int, ...] | None = Field(
-        None, description="numbers of the units of a jump of gain, lag or adhesion; default: all", examples=[(0,)]
+    units: tuple[int, ...] | None = option(
+        None, "numbers of the units of a jump of gain, lag or adhesion; default: all", example=(0,)
     )
 
     @model_validator(mode="after")
@@ -230,41 +210,38 @@ class PlantSetup(SiModel):
     """Block ``plant:`` of a scenario, without the names of train and line."""
 
     start: Start = Start()
-    lag: Annotated[Time | tuple[Time, ...], Usual(1e-3, 60)] = Field(
-        0.0, description="time constant of the actuators: one for all units, or one per unit", examples=[0.3]
+    lag: Annotated[Time | tuple[Time, ...], Usual(1e-3, 60)] = option(
+        0.0, "time constant of the actuators: one for all units, or one per unit", example=0.3
     )
-    rate_limit: Annotated[ForceRate | None, Usual(500, 100e6)] = Field(
-        None, gt=0, description="largest rate of the force of each unit; default: none", examples=[200e3]
+    rate_limit: Annotated[ForceRate | None, Usual(500, 100e6)] = option(
+        None, "largest rate of the force of each unit; default: none", example=200e3, gt=0
     )
-    dead_band: Annotated[Force, Usual(1, 100e3)] = Field(
-        0.0, ge=0, description="force below which a command has no effect", examples=[500.0]
+    dead_band: Annotated[Force, Usual(1, 100e3)] = option(
+        0.0, "force below which a command has no effect", example=500.0, ge=0
     )
-    force_limit: Annotated[Force | None, Usual(5e3, 50e6)] = Field(
-        None, gt=0, description="limit of the force of the train, divided by the masses of the units", examples=[400e3]
+    force_limit: Annotated[Force | None, Usual(5e3, 50e6)] = option(
+        None, "limit of the force of the train, divided by the masses of the units", example=400e3, gt=0
     )
-    ideal_actuator: bool = Field(False, description="actuator of the papers without envelope and limit")
-    reversing: bool = Field(False, description="backwards motion by a negative force, as in paper 002")
-    adhesion: Adhesion | None = Field(None, description="adhesion between wheel and rail; default: no limit")
-    holding_speed: Annotated[Speed, Usual(1e-3, 1)] = Field(
-        0.05, ge=0, description="mean speed of the train below which, with no demand, the holding brake acts"
+    ideal_actuator: bool = option(False, "actuator of the papers without envelope and limit")
+    reversing: bool = option(False, "backwards motion by a negative force, as in paper 002")
+    adhesion: Adhesion | None = option(None, "adhesion between wheel and rail; default: no limit")
+    holding_speed: Annotated[Speed, Usual(1e-3, 1)] = option(
+        0.05, "mean speed of the train below which, with no demand, the holding brake acts", ge=0
     )
-    holding_brake_ratio: Ratio = Field(
-        0.1, ge=0, description="capacity of the holding brake over the weight of every vehicle"
-    )
-    grade_over_length: bool = Field(
-        False,
-        description="averages of grades, curves and tunnels over the length of each vehicle, for a train as one mass",
+    holding_brake_ratio: Ratio = option(0.1, "capacity of the holding brake over the weight of every vehicle", ge=0)
+    grade_over_length: bool = option(
+        False, "averages of grades, curves and tunnels over the length of each vehicle, for a train as one mass"
     )
     sensors: Sensors = Sensors()
     odometry: OdometrySpec = OdometrySpec()
-    disturbances: tuple[DisturbanceSource, ...] = Field(
+    disturbances: tuple[DisturbanceSource, ...] = option(
         (),
-        description="outside forces that the model does not have",
-        examples=[[{"kind": "gust", "begin": 60.0, "end": 80.0, "acceleration": -0.05}]],
+        "outside forces that the model does not have",
+        example=[{"kind": "gust", "begin": 60.0, "end": 80.0, "acceleration": -0.05}],
     )
     mismatch: Mismatch = Mismatch()
-    jumps: tuple[Annotated[Jump | TrainSeparation, Field(discriminator="what")], ...] = Field(
-        (), description="changes of the train during the run", examples=[[{"at": 60.0, "what": "gain", "factor": 0.8}]]
+    jumps: tuple[Annotated[Jump | TrainSeparation, Field(discriminator="what")], ...] = option(
+        (), "changes of the train during the run", example=[{"at": 60.0, "what": "gain", "factor": 0.8}]
     )
 
     @model_validator(mode="after")

@@ -5,7 +5,7 @@ The JSON Schema of a model contains the keys with and without suffix, so that ed
 
 from collections.abc import Iterator
 from functools import cache
-from typing import Annotated, Any, Literal, get_args, get_origin
+from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, Field, GetJsonSchemaHandler, ValidationError, model_validator
 from pydantic.fields import FieldInfo
@@ -14,8 +14,15 @@ from pydantic_core import CoreSchema, ErrorDetails, InitErrorDetails, PydanticCu
 
 from plant_sim.units import Unit, Usual, number_text, unit_symbol, without_comma
 
+Value = TypeVar("Value")
 Summary = Annotated[str, Field(description="one line for lists", examples=["Metro, six cars, third rail"])]
 Source = Annotated[str, Field(description="origin of the data", examples=["data sheet of the operator, 2024"])]
+
+
+def option(default: Value, text: str, *, example: Any = None, **bounds: Any) -> Value:
+    """Declare a key of a data file that may be left out: its default, text, example and bounds."""
+    found: Value = Field(default, description=text, examples=None if example is None else [example], **bounds)
+    return found
 
 
 def _unit_of(metadata: list[Any], annotation: Any) -> Unit | None:

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 from math import inf
 from typing import Annotated, Any
 
-from pydantic import Field, TypeAdapter, model_validator
+from pydantic import TypeAdapter, model_validator
 
 from plant_sim.consist import Notches
 from plant_sim.input_error import one_of
 from plant_sim.railway import envelope_force
-from plant_sim.si_model import SiModel
+from plant_sim.si_model import SiModel, option
 from plant_sim.units import Place, Pressure, Time, Usual, number_text
 from train_ato.control.air_brake.policy import BrakeEvent
 from train_ato.control.contract import LawInput, parameter
@@ -28,19 +28,14 @@ ROUNDING = 1e-9
 class DriverAction(SiModel):
     """Action of a driver from a time or a position of vehicle 0's centre on, in the order of the list."""
 
-    time: Time | None = Field(None, ge=0, description="time of the action", examples=[60.0])
-    place: Place | None = Field(None, description="position of vehicle 0's centre at the action", examples=[1200.0])
-    notch: int | None = Field(
-        None, ge=-99, le=99, description="notch: > 0 throttle, < 0 dynamic brake, 0 idle", examples=[4]
+    time: Time | None = option(None, "time of the action", example=60.0, ge=0)
+    place: Place | None = option(None, "position of vehicle 0's centre at the action", example=1200.0)
+    notch: int | None = option(None, "notch: > 0 throttle, < 0 dynamic brake, 0 idle", example=4, ge=-99, le=99)
+    units: tuple[int, ...] | None = option(
+        None, "numbers of the power units of the notch, front first from 0; default: all", example=(0, 1), min_length=1
     )
-    units: tuple[int, ...] | None = Field(
-        None,
-        min_length=1,
-        description="numbers of the power units of the notch, front first from 0; default: all",
-        examples=[(0, 1)],
-    )
-    reduction: Annotated[Pressure | None, Usual(10e3, 1e6)] = Field(
-        None, ge=0, description="reduction of the brake pipe; 0 releases", examples=[50e3]
+    reduction: Annotated[Pressure | None, Usual(10e3, 1e6)] = option(
+        None, "reduction of the brake pipe; 0 releases", example=50e3, ge=0
     )
 
     @model_validator(mode="after")

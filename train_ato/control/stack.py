@@ -242,21 +242,16 @@ class ControlStack:
         return self._hold.in_a_row > 0
 
     def diagnostics(self) -> dict[str, str]:
-        """Return the counts of the guards as text."""
+        """Return the counts of the guards, and the diagnostics of the law under its name, as text."""
         return {
             "unsound_measurements": str(self._invalid_measurements),
             "unsound_estimates": str(self._invalid_estimates),
             "held_steps": str(self._hold.total),
             "saturated_steps": str(self.saturated_steps),
             "swaps": str(self._swaps),
-            **self._law_diagnostics(),
+            **{f"{self._name}.{key}": value for key, value in getattr(self.law, "diagnostics", dict)().items()},
             **({} if self.plan is None else plan_to_text(self.plan, held=self.holding)),
         }
-
-    def _law_diagnostics(self) -> dict[str, str]:
-        """Return the diagnostics of the law under its name; empty for a law without."""
-        found: dict[str, str] = getattr(self.law, "diagnostics", dict)()
-        return {f"{self._name}.{key}": value for key, value in found.items()}
 
     def step(
         self, measurement: Measurement, reference: Reference | None, estimate: DisturbanceEstimate | None

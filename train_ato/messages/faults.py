@@ -15,7 +15,7 @@ from pydantic import Field, field_validator, model_validator
 
 from plant_sim.elementary import random_stream
 from plant_sim.input_error import close_match
-from plant_sim.si_model import SiModel
+from plant_sim.si_model import SiModel, option
 from plant_sim.units import Ratio, Time
 from train_ato.messages.topic import Rate, Role
 from train_ato.messages.topics import TOPICS, published_by
@@ -38,11 +38,9 @@ class _TopicFault(SiModel):
     """Base of the faults of messages: topic, reader and interval."""
 
     topic: str = Field(description=f"one of {', '.join(FAULT_TOPICS)}", examples=["ato/command"])
-    reader: Reader | None = Field(None, description="node whose messages have the fault; default: every reader")
-    begin: Time = Field(0.0, ge=0, description="stamp of the first message with the fault", examples=[60.0])
-    end: Time | None = Field(
-        None, gt=0, description="stamp of the first message without it; default: none", examples=[70.0]
-    )
+    reader: Reader | None = option(None, "node whose messages have the fault; default: every reader")
+    begin: Time = option(0.0, "stamp of the first message with the fault", example=60.0, ge=0)
+    end: Time | None = option(None, "stamp of the first message without it; default: none", example=70.0, gt=0)
 
     @field_validator("topic")
     @classmethod
@@ -74,7 +72,7 @@ class DropFault(_TopicFault):
     """Deletion: messages do not arrive."""
 
     do: Literal["drop"] = "drop"
-    probability: Ratio = Field(1.0, gt=0, le=1, description="probability of the fault of each message", examples=[0.3])
+    probability: Ratio = option(1.0, "probability of the fault of each message", example=0.3, gt=0, le=1)
 
 
 class DelayFault(_TopicFault):
@@ -94,8 +92,8 @@ class RepeatFault(_TopicFault):
     """Repetition: the last message before the fault with its old stamp, or every message twice."""
 
     do: Literal["repeat"] = "repeat"
-    message: Literal["old", "each"] = Field(
-        "old", description="repeated message: the last one before the fault in place of the new ones, or each one twice"
+    message: Literal["old", "each"] = option(
+        "old", "repeated message: the last one before the fault in place of the new ones, or each one twice"
     )
 
 
@@ -113,12 +111,8 @@ class InsertFault(_TopicFault):
     """
 
     do: Literal["insert"] = "insert"
-    ahead: Time = Field(
-        0.0,
-        ge=0,
-        le=MAX_FAULT_TIME,
-        description="time by which the stamp of the foreign message is ahead",
-        examples=[0.5],
+    ahead: Time = option(
+        0.0, "time by which the stamp of the foreign message is ahead", example=0.5, ge=0, le=MAX_FAULT_TIME
     )
 
 
@@ -127,7 +121,7 @@ class CorruptFault(_TopicFault):
 
     do: Literal["corrupt"] = "corrupt"
     value: Literal["nan", "inf", "range", "sign", "bit"] = Field(description="kind of the wrong value")
-    probability: Ratio = Field(1.0, gt=0, le=1, description="probability of the fault of each message", examples=[0.3])
+    probability: Ratio = option(1.0, "probability of the fault of each message", example=0.3, gt=0, le=1)
 
 
 MessageFault = Annotated[

@@ -17,7 +17,7 @@ from pydantic import Field
 from plant_sim.compiled import compiled
 from plant_sim.elementary import libm_sin, random_stream
 from plant_sim.record import Records, fill, quantity, zeros
-from plant_sim.si_model import SiModel
+from plant_sim.si_model import SiModel, option
 from plant_sim.units import Number, Ratio, Time, Unit, Usual
 from train_ato.messages.types import Array
 
@@ -42,34 +42,32 @@ class VaryingDelay(SiModel):
     """Delay varying at the receiver: ``amplitude |sin(omega t + phase)|``, added to the constant delay."""
 
     amplitude: Time = Field(ge=0, le=MAX_DELAY, description="largest additional delay", examples=[0.2])
-    omega: Annotated[float, Unit("rad/s")] = Field(1.0, gt=0, description="angular frequency")
-    phase: Annotated[float, Unit("rad")] = Field(0.0, description="phase at time 0", examples=[1.57])
+    omega: Annotated[float, Unit("rad/s")] = option(1.0, "angular frequency", gt=0)
+    phase: Annotated[float, Unit("rad")] = option(0.0, "phase at time 0", example=1.57)
 
 
 class DelayJump(SiModel):
     """Change of the delays at a time: delay x product of all factors + sum of all ``add`` of the changes so far."""
 
     at: Time = Field(ge=0, description="time of the change", examples=[60.0])
-    factor: Number = Field(1.0, ge=0, le=1000, description="factor on the delays", examples=[2.0])
-    add: Time = Field(0.0, ge=-MAX_DELAY, le=MAX_DELAY, description="time that is added to the delays", examples=[0.2])
+    factor: Number = option(1.0, "factor on the delays", example=2.0, ge=0, le=1000)
+    add: Time = option(0.0, "time that is added to the delays", example=0.2, ge=-MAX_DELAY, le=MAX_DELAY)
 
 
 class LinkSpec(SiModel):
     """Delay of one topic; ``delay`` is one value for all units or one per unit."""
 
-    delay: Annotated[Time | tuple[Time, ...], Usual(1e-3, 60)] = Field(
-        0.0, description="delay of the topic; of commands: in traction", examples=[0.3]
+    delay: Annotated[Time | tuple[Time, ...], Usual(1e-3, 60)] = option(
+        0.0, "delay of the topic; of commands: in traction", example=0.3
     )
-    delay_brake: Annotated[Time | tuple[Time, ...] | None, Usual(1e-3, 60)] = Field(
-        None, description="delay of commands below 0; default: delay", examples=[0.5]
+    delay_brake: Annotated[Time | tuple[Time, ...] | None, Usual(1e-3, 60)] = option(
+        None, "delay of commands below 0; default: delay", example=0.5
     )
     varying: VaryingDelay | None = None
-    jitter: Annotated[Time, Usual(1e-4, 60)] = Field(
-        0.0, ge=0, le=MAX_DELAY, description="largest additional delay, with uniform distribution", examples=[0.02]
+    jitter: Annotated[Time, Usual(1e-4, 60)] = option(
+        0.0, "largest additional delay, with uniform distribution", example=0.02, ge=0, le=MAX_DELAY
     )
-    loss: Ratio = Field(
-        0.0, ge=0, lt=1, description="probability of losing a message; the last value is held", examples=[0.01]
-    )
+    loss: Ratio = option(0.0, "probability of losing a message; the last value is held", example=0.01, ge=0, lt=1)
     jump: DelayJump | None = None
 
     def per_unit(self, width: int, block: str) -> tuple[Array, Array]:

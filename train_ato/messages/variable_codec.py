@@ -152,10 +152,8 @@ def decode_trajectory(data: bytes) -> Trajectory:
 
 def _start_of_points(message: Trajectory, frame: str) -> bytes:
     """Return the begin of the message, including the number of points."""
-    out = bytearray(_HEAD + packed_stamp(message.stamp))
-    for part in (frame, 1, message.name, message.time.size):  # one joint, its name, the number of points
-        _append(out, part)
-    return bytes(out)
+    joints, points = _LENGTH.pack(1), _LENGTH.pack(message.time.size)
+    return b"".join((_HEAD, packed_stamp(message.stamp), _text(frame), joints, _text(message.name), points))
 
 
 def _gap(start: bytes) -> int:
@@ -230,16 +228,6 @@ def _column(values: list[Array]) -> Array:
 
 _PADDING = (b"\x00\x00\x00\x00", b"\x00\x00\x00", b"\x00\x00", b"\x00")
 """End of a text and its padding, by the rest of its length."""
-
-
-def _append(out: bytearray, value: str | int) -> None:
-    """Append a length, or a text with its length; lengths are aligned to 4 bytes."""
-    out += bytes(-len(out) % 4)
-    if isinstance(value, int):
-        out += _LENGTH.pack(value)
-    else:
-        raw = value.encode()
-        out += _LENGTH.pack(len(raw) + 1) + raw + b"\x00"
 
 
 def _text(value: str) -> bytes:

@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
-from plant_sim.si_model import SiModel
+from plant_sim.si_model import SiModel, option
 from plant_sim.units import Acceleration, Force, Jerk, Length, Ratio, Speed, Time, Usual
 from train_ato.scenario.formula import parse_formula
 
@@ -25,29 +25,28 @@ class TrackingLimits(SiModel):
     Every run is evaluated, also without a block ``criteria``.
     """
 
-    departure_time: Time = Field(
+    departure_time: Time = option(
         20.0,
+        "rest after the departure of the reference; default: longest release of a brake in position P, UIC 540",
         gt=0,
-        description="rest after the departure of the reference; default: longest release of a brake in position P, "
-        "UIC 540",
     )
-    position_time: Time = Field(
+    position_time: Time = option(
         10.0,
-        gt=0,
-        description="limit of three errors: the position error as running time at the largest speed of the profile, "
+        "limit of three errors: the position error as running time at the largest speed of the profile, "
         "the duration of a speed error at the end, and the delay of a standstill. The default is several times the "
         "delay and lag of a control loop",
-    )
-    oscillation: Ratio = Field(
-        0.1, gt=0, le=1, description="amplitude of a limit cycle of the command, over the largest force of the unit"
-    )
-    oscillation_time: Time = Field(10.0, gt=0, description="shortest duration of a limit cycle")
-    saturation_time: Time = Field(10.0, gt=0, description="time at a force limit with a speed error")
-    saturation_error: Speed = Field(
-        2 / 3.6,
         gt=0,
-        description="speed error that counts at a force limit. The default is half of dV_warning_min of SUBSET-026, "
+    )
+    oscillation: Ratio = option(
+        0.1, "amplitude of a limit cycle of the command, over the largest force of the unit", gt=0, le=1
+    )
+    oscillation_time: Time = option(10.0, "shortest duration of a limit cycle", gt=0)
+    saturation_time: Time = option(10.0, "time at a force limit with a speed error", gt=0)
+    saturation_error: Speed = option(
+        2 / 3.6,
+        "speed error that counts at a force limit. The default is half of dV_warning_min of SUBSET-026, "
         "A.3.1, the smallest distance between permitted speed and warning",
+        gt=0,
     )
 
 
@@ -58,57 +57,46 @@ class Criteria(SiModel):
     signals of the run (:mod:`train_ato.scenario.signals`).
     """
 
-    stop_window: Annotated[Length | None, Usual(0.005, 50)] = Field(
-        None,
-        gt=0,
-        description="largest distance of the front from the target at every stop of the profile",
-        examples=[0.3],
+    stop_window: Annotated[Length | None, Usual(0.005, 50)] = option(
+        None, "largest distance of the front from the target at every stop of the profile", example=0.3, gt=0
     )
-    arrival_delay: Time | None = Field(
-        None, ge=0, description="largest delay of the arrival at a stop against the profile", examples=[5.0]
+    arrival_delay: Time | None = option(
+        None, "largest delay of the arrival at a stop against the profile", example=5.0, ge=0
     )
-    overspeed: Speed | None = Field(
-        None, ge=0, description="largest speed above the lowest speed limit under the train", examples=[0.5]
+    overspeed: Speed | None = option(
+        None, "largest speed above the lowest speed limit under the train", example=0.5, ge=0
     )
-    speed_error_rms: Speed | None = Field(
-        None, gt=0, description="root mean square of the speed error over the evaluation", examples=[0.2]
+    speed_error_rms: Speed | None = option(
+        None, "root mean square of the speed error over the evaluation", example=0.2, gt=0
     )
-    speed_error: Speed | None = Field(
-        None, gt=0, description="largest speed error of the whole run, the braking to the stop included", examples=[1.0]
+    speed_error: Speed | None = option(
+        None, "largest speed error of the whole run, the braking to the stop included", example=1.0, gt=0
     )
-    position_error: Annotated[Length | None, Usual(0.005, 1e3)] = Field(
-        None, gt=0, description="largest position error over the evaluation", examples=[2.0]
+    position_error: Annotated[Length | None, Usual(0.005, 1e3)] = option(
+        None, "largest position error over the evaluation", example=2.0, gt=0
     )
-    coupler_draft: Annotated[Force | None, Usual(2e3, 20e6)] = Field(
-        None, gt=0, description="largest draft of all couplers", examples=[400e3]
+    coupler_draft: Annotated[Force | None, Usual(2e3, 20e6)] = option(
+        None, "largest draft of all couplers", example=400e3, gt=0
     )
-    coupler_buff: Annotated[Force | None, Usual(2e3, 20e6)] = Field(
-        None, gt=0, description="largest buff of all couplers, a magnitude", examples=[400e3]
+    coupler_buff: Annotated[Force | None, Usual(2e3, 20e6)] = option(
+        None, "largest buff of all couplers, a magnitude", example=400e3, gt=0
     )
-    acceleration: Annotated[Acceleration | None, Usual(0.005, 20)] = Field(
-        None, gt=0, description="largest acceleration of vehicle 0, a magnitude", examples=[1.2]
+    acceleration: Annotated[Acceleration | None, Usual(0.005, 20)] = option(
+        None, "largest acceleration of vehicle 0, a magnitude", example=1.2, gt=0
     )
-    jerk: Annotated[Jerk | None, Usual(0.005, 500)] = Field(
-        None,
-        gt=0,
-        description="largest change of vehicle 0's mean acceleration from one second to the next",
-        examples=[0.8],
+    jerk: Annotated[Jerk | None, Usual(0.005, 500)] = option(
+        None, "largest change of vehicle 0's mean acceleration from one second to the next", example=0.8, gt=0
     )
-    real_time: Time | None = Field(
-        None,
-        gt=0,
-        description="largest lateness of a tick against the rate, in a run of nodes with a rate",
-        examples=[0.05],
+    real_time: Time | None = option(
+        None, "largest lateness of a tick against the rate, in a run of nodes with a rate", example=0.05, gt=0
     )
-    brake_interventions: int | None = Field(
-        None, ge=0, description="largest number of brake interventions of the supervisor", examples=[0]
+    brake_interventions: int | None = option(
+        None, "largest number of brake interventions of the supervisor", example=0, ge=0
     )
-    requirements: dict[RequirementName, RequirementText] | None = Field(
-        None,
-        description="formulas in signal temporal logic by name",
-        examples=[{"no_overspeed": "G (speed <= limit + 1 km/h)"}],
+    requirements: dict[RequirementName, RequirementText] | None = option(
+        None, "formulas in signal temporal logic by name", example={"no_overspeed": "G (speed <= limit + 1 km/h)"}
     )
-    tracking: TrackingLimits = Field(TrackingLimits(), description="limits of the outcome of tracking")
+    tracking: TrackingLimits = option(TrackingLimits(), "limits of the outcome of tracking")
 
 
 class Expectation(SiModel):
@@ -117,13 +105,9 @@ class Expectation(SiModel):
     verdict: Literal["passed", "failed", "aborted", "none"] = Field(
         description="verdict of the run; aborted: a node fails during the run; none: the scenario has no criteria"
     )
-    criteria: tuple[str, ...] = Field(
-        (), description="criteria and requirements that fail", examples=[("stop_window",)]
-    )
-    because: str = Field(
-        "",
-        description="cause of a failed or missing verdict, in one sentence",
-        examples=["The gains are those of a heavy train."],
+    criteria: tuple[str, ...] = option((), "criteria and requirements that fail", example=("stop_window",))
+    because: str = option(
+        "", "cause of a failed or missing verdict, in one sentence", example="The gains are those of a heavy train."
     )
 
     @model_validator(mode="after")

@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 
 from plant_sim.input_error import build_model
 from plant_sim.library import read_yaml, split_name
-from plant_sim.si_model import SiModel, Source, Summary
+from plant_sim.si_model import SiModel, Source, Summary, option
 from plant_sim.units import Length, Number, Place, Speed, Usual
 from train_ato.scenario.overlays import RefusedScenario, assign, caused_by, overlay
 from train_ato.scenario.scenario import FOLLOWING, raw_scenario, shipped_following
@@ -43,34 +43,32 @@ class TrainOfFollowing(SiModel):
 class FollowingCriteria(SiModel):
     """Requirements on every train behind another one; contacts are never permitted."""
 
-    headway_error: Annotated[Length | None, Usual(0.05, 5e3)] = Field(
+    headway_error: Annotated[Length | None, Usual(0.05, 5e3)] = option(
         None,
+        "largest position error; a train should be where the train ahead was one headway earlier",
+        example=2.0,
         ge=0,
-        description="largest position error; a train should be where the train ahead was one headway earlier",
-        examples=[2.0],
     )
-    headway_error_rms: Annotated[Length | None, Usual(0.005, 5e3)] = Field(
-        None, ge=0, description="root mean square of the position error", examples=[0.7]
+    headway_error_rms: Annotated[Length | None, Usual(0.005, 5e3)] = option(
+        None, "root mean square of the position error", example=0.7, ge=0
     )
-    headway_speed_error: Speed | None = Field(
+    headway_speed_error: Speed | None = option(
         None,
+        "largest speed error; a train should be as fast as the train ahead was one headway earlier",
+        example=0.2,
         ge=0,
-        description="largest speed error; a train should be as fast as the train ahead was one headway earlier",
-        examples=[0.2],
     )
-    speed_amplification: Number | None = Field(
+    speed_amplification: Number | None = option(
         None,
-        ge=0,
-        description="largest deviation of the speed from the own profile, divided by that of the train ahead. With at "
+        "largest deviation of the speed from the own profile, divided by that of the train ahead. With at "
         "most 1 no disturbance grows from train to train",
-        examples=[1.0],
+        example=1.0,
+        ge=0,
     )
-    gap: Annotated[Place | None, Usual(0.5, 20e3)] = Field(
-        None, ge=0, description="smallest distance to the train ahead", examples=[50.0]
+    gap: Annotated[Place | None, Usual(0.5, 20e3)] = option(
+        None, "smallest distance to the train ahead", example=50.0, ge=0
     )
-    brake_interventions: int | None = Field(
-        0, ge=0, description="largest number of brake interventions of a train", examples=[0]
-    )
+    brake_interventions: int | None = option(0, "largest number of brake interventions of a train", example=0, ge=0)
 
 
 class FollowingSpec(SiModel):
@@ -80,7 +78,7 @@ class FollowingSpec(SiModel):
     name: str = Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.+-]{0,79}$", description="name", examples=["following"])
     summary: Summary = ""
     source: Source = ""
-    seed: int = Field(1, ge=0, lt=2**32, description="seed of the first train; each further train has the next one")
+    seed: int = option(1, "seed of the first train; each further train has the next one", ge=0, lt=2**32)
     all: dict[str, Any] = Field(
         default_factory=dict, description="changed keys of the scenarios of all trains", examples=[{"duration": 600.0}]
     )

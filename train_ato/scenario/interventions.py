@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal, get_args
 
 from pydantic import Field, TypeAdapter, ValidationError
 
-from plant_sim.si_model import SiModel
+from plant_sim.si_model import SiModel, option
 from plant_sim.units import Acceleration, Number, Time, number_text
 from train_ato.messages.faults import MAX_FAULT_TIME
 from train_ato.messages.links import MAX_DELAY
@@ -31,8 +31,8 @@ PlantTopic = Literal["ato/command", "ato/brake_pipe_command", "atp/brake_release
 class _TimedIntervention(SiModel):
     """Base of every intervention: its planned time."""
 
-    at: Time | None = Field(
-        None, ge=0, description="time of the intervention; null: the next tick after the request", examples=[60.0]
+    at: Time | None = option(
+        None, "time of the intervention; null: the next tick after the request", example=60.0, ge=0
     )
 
     def described(self) -> str:
@@ -50,24 +50,22 @@ class GustNow(_TimedIntervention):
         ge=-MAX_GUST, le=MAX_GUST, description="acceleration of every vehicle; < 0: headwind", examples=[-0.05]
     )
     duration: Time = Field(gt=0, le=MAX_GUST_DURATION, description="duration with both ramps", examples=[20.0])
-    ramp: Time = Field(1.0, ge=0, le=MAX_GUST_DURATION, description="duration of each ramp")
+    ramp: Time = option(1.0, "duration of each ramp", ge=0, le=MAX_GUST_DURATION)
 
 
 class DelayJumpNow(_TimedIntervention):
     """Change of the command delays: delay x product of all factors + sum of all ``add`` of the changes so far."""
 
     do: Literal["delay_jump"] = "delay_jump"
-    factor: Number = Field(1.0, ge=0, le=1000, description="factor on the command delays", examples=[2.0])
-    add: Time = Field(
-        0.0, ge=-MAX_DELAY, le=MAX_DELAY, description="time that is added to the command delays", examples=[0.2]
-    )
+    factor: Number = option(1.0, "factor on the command delays", example=2.0, ge=0, le=1000)
+    add: Time = option(0.0, "time that is added to the command delays", example=0.2, ge=-MAX_DELAY, le=MAX_DELAY)
 
 
 class EmergencyBrakeNow(_TimedIntervention):
     """The emergency brake: applied, or released (at standstill only)."""
 
     do: Literal["emergency_brake"] = "emergency_brake"
-    applied: bool = Field(True, description="true applies the emergency brake, false releases it")
+    applied: bool = option(True, "true applies the emergency brake, false releases it")
 
     def described(self) -> str:
         """Return a readable description with its values."""
@@ -78,7 +76,7 @@ class MessageLossNow(_TimedIntervention):
     """Messages of a topic do not arrive at the plant for a time."""
 
     do: Literal["message_loss"] = "message_loss"
-    topic: PlantTopic = Field("ato/command", description="topic whose messages do not arrive")
+    topic: PlantTopic = option("ato/command", "topic whose messages do not arrive")
     duration: Time = Field(gt=0, le=MAX_FAULT_TIME, description="duration of the loss", examples=[2.0])
 
 
@@ -86,9 +84,7 @@ class MessageFreezeNow(_TimedIntervention):
     """Content of a topic that does not change for a time, with new stamps; of the measurement: its sensors."""
 
     do: Literal["message_freeze"] = "message_freeze"
-    topic: PlantTopic | Literal["train/measurement"] = Field(
-        "ato/command", description="topic whose content does not change"
-    )
+    topic: PlantTopic | Literal["train/measurement"] = option("ato/command", "topic whose content does not change")
     duration: Time = Field(gt=0, le=MAX_FAULT_TIME, description="duration of the constant content", examples=[2.0])
 
 

@@ -3,9 +3,9 @@
 import re
 from typing import Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import field_validator, model_validator
 
-from plant_sim.si_model import SiModel
+from plant_sim.si_model import SiModel, option
 from plant_sim.units import Place, Time
 from train_ato.messages.links import LinkSpec
 
@@ -29,42 +29,39 @@ def check_namespace(text: str) -> str:
 class LeaderSpec(SiModel):
     """Reports of the train ahead and their use."""
 
-    reports: str = Field(
+    reports: str = option(
         "",
-        description="reports of the train ahead as CSV; `train-ato run` of a following file writes them",
-        examples=["number,time,front,rear,speed,stop\n1,0.0,5721.0,4420.0,18.6,410.0\n"],
+        "reports of the train ahead as CSV; `train-ato run` of a following file writes them",
+        example="number,time,front,rear,speed,stop\n1,0.0,5721.0,4420.0,18.6,410.0\n",
     )
-    train: str | None = Field(
+    train: str | None = option(
         None,
+        "namespace of the train ahead in the same ROS domain, which reports live in place of `reports`",
+        example="/t1",
         json_schema_extra={"pattern": f"^{NAMESPACE}$"},
-        description="namespace of the train ahead in the same ROS domain, which reports live in place of `reports`",
-        examples=["/t1"],
     )
-    link: LinkSpec = Field(
+    link: LinkSpec = option(
         LinkSpec(),
-        description="delay and loss of the reports; profile, supervisor and controller have a receiver each",
-        examples=[{"delay": 0.8, "loss": 0.05}],
+        "delay and loss of the reports; profile, supervisor and controller have a receiver each",
+        example={"delay": 0.8, "loss": 0.05},
     )
-    headway: Time | None = Field(
+    headway: Time | None = option(
         None,
+        "time after which the train is where the train ahead was; default: the own profile is followed",
+        example=150.0,
         gt=0,
-        description="time after which the train is where the train ahead was; default: the own profile is followed",
-        examples=[150.0],
     )
-    smoothing: Time = Field(
-        30.0, gt=0, description="half of the time over which the motion of the train ahead is averaged"
+    smoothing: Time = option(30.0, "half of the time over which the motion of the train ahead is averaged", gt=0)
+    until: Time | None = option(
+        None, "time of the run from which the own profile is followed again", example=2000.0, gt=0
     )
-    until: Time | None = Field(
-        None, gt=0, description="time of the run from which the own profile is followed again", examples=[2000.0]
+    authority: Literal["absolute", "relative"] | None = option(
+        "absolute", "moving end of authority. absolute: safe rear of the train ahead; relative: plus its shortest stop"
     )
-    authority: Literal["absolute", "relative"] | None = Field(
-        "absolute",
-        description="moving end of authority. absolute: safe rear of the train ahead; relative: plus its shortest stop",
+    timeout: Time = option(
+        5.0, "largest age of the newest report; with an older one the shortest stop does not count", gt=0
     )
-    timeout: Time = Field(
-        5.0, gt=0, description="largest age of the newest report; with an older one the shortest stop does not count"
-    )
-    rear_margin: Place = Field(10.0, ge=0, description="distance from the safe rear to the end of authority")
+    rear_margin: Place = option(10.0, "distance from the safe rear to the end of authority", ge=0)
 
     @field_validator("train")
     @classmethod

@@ -7,7 +7,7 @@ from pydantic import Field, model_validator
 
 from plant_sim.consist import Consist
 from plant_sim.line import Line
-from plant_sim.si_model import SiModel
+from plant_sim.si_model import SiModel, option
 from plant_sim.units import Place, Time
 from train_ato.control.open_loop import DriverAction
 from train_ato.messages.types import Array
@@ -23,59 +23,52 @@ SOURCES = ("file", "knots", "phases", "points", "steps", "plan", "driver")
 class ProfileSpec(SiModel):
     """Speed profile of a run, from exactly one of file, knots, phases, points, steps, plan, driver."""
 
-    file: str | None = Field(
-        None,
-        description="CSV or YAML file of the profile, in the folder of the scenario or the current one",
-        examples=["profile.csv"],
+    file: str | None = option(
+        None, "CSV or YAML file of the profile, in the folder of the scenario or the current one", example="profile.csv"
     )
-    knots: str | None = Field(
+    knots: str | None = option(
         None,
-        description="text of a CSV profile, in place of its file",
-        examples=["time,position,speed,acceleration\n0,150,0,0\n60,150,0,0\n"],
+        "text of a CSV profile, in place of its file",
+        example="time,position,speed,acceleration\n0,150,0,0\n60,150,0,0\n",
     )
-    phases: tuple[Phase, ...] | None = Field(
+    phases: tuple[Phase, ...] | None = option(
         None,
+        "phases of the motion in their order",
+        example=[{"accelerate_to": 20.0}, {"cruise_for": 60.0}, {"brake_to": 0.0}],
         min_length=1,
-        description="phases of the motion in their order",
-        examples=[[{"accelerate_to": 20.0}, {"cruise_for": 60.0}, {"brake_to": 0.0}]],
     )
-    points: tuple[Point, ...] | None = Field(
+    points: tuple[Point, ...] | None = option(
         None,
+        "corners of the speed curve",
+        example=[{"place": 0.0, "speed": 0.0}, {"place": 600.0, "speed": 20.0}, {"place": 1200.0, "speed": 0.0}],
         min_length=2,
-        description="corners of the speed curve",
-        examples=[[{"place": 0.0, "speed": 0.0}, {"place": 600.0, "speed": 20.0}, {"place": 1200.0, "speed": 0.0}]],
     )
     steps: tuple[Step, ...] | None = Field(None, min_length=1)
-    plan: PlanSettings | None = Field(
-        None, description="profile of the planner, of minimum time or for a timetable", examples=[{"time": 900.0}]
+    plan: PlanSettings | None = option(
+        None, "profile of the planner, of minimum time or for a timetable", example={"time": 900.0}
     )
-    driver: tuple[DriverAction, ...] | None = Field(
+    driver: tuple[DriverAction, ...] | None = option(
         None,
-        min_length=1,
-        description="notches and brake-pipe reductions of a driver: a run without a law, whose profile is the mean "
+        "notches and brake-pipe reductions of a driver: a run without a law, whose profile is the mean "
         "speed of the nominal train on them",
-        examples=[[{"time": 0.0, "notch": 2}, {"place": 1200.0, "notch": 0, "reduction": 50e3}]],
+        example=[{"time": 0.0, "notch": 2}, {"place": 1200.0, "notch": 0, "reduction": 50e3}],
+        min_length=1,
     )
-    limits: MotionLimits = Field(MotionLimits(), description="limits of phases, points and append")
-    start: Place | None = Field(
-        None, description="position of vehicle 0's centre at the begin; default: begin of the line", examples=[150.0]
+    limits: MotionLimits = option(MotionLimits(), "limits of phases, points and append")
+    start: Place | None = option(
+        None, "position of vehicle 0's centre at the begin; default: begin of the line", example=150.0
     )
-    until: Time | None = Field(
+    until: Time | None = option(
+        None, "end of the last step; for the other sources the time at which the profile is cut", example=600.0, gt=0
+    )
+    since: Time | None = option(
         None,
+        "time of the profile at which the run begins, with the train in motion; default: its begin",
+        example=450.0,
         gt=0,
-        description="end of the last step; for the other sources the time at which the profile is cut",
-        examples=[600.0],
     )
-    since: Time | None = Field(
-        None,
-        gt=0,
-        description="time of the profile at which the run begins, with the train in motion; default: its begin",
-        examples=[450.0],
-    )
-    append: tuple[Phase, ...] = Field(
-        (), description="phases after the end of the profile", examples=[[{"brake_to": 0.0}]]
-    )
-    allow_rolling_end: bool = Field(False, description="a profile that does not end at rest is accepted")
+    append: tuple[Phase, ...] = option((), "phases after the end of the profile", example=[{"brake_to": 0.0}])
+    allow_rolling_end: bool = option(False, "a profile that does not end at rest is accepted")
 
     @model_validator(mode="after")
     def _one_source(self) -> "ProfileSpec":

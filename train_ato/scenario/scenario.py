@@ -21,7 +21,7 @@ from plant_sim.input_error import build_model, close_match, explain, kind_of
 from plant_sim.library import read_yaml, split_name
 from plant_sim.line import Line
 from plant_sim.plant_setup import PlantSetup
-from plant_sim.si_model import SiModel, Source, Summary, unusual_values
+from plant_sim.si_model import SiModel, Source, Summary, option, unusual_values
 from plant_sim.units import Place, Time, Usual, number_text
 from train_ato.control.air_brake.policy import BrakeSpec
 from train_ato.control.force_distribution import DisplacementAt, SharesAt
@@ -60,51 +60,37 @@ class PlantBlock(PlantSetup):
 class ModelBlock(SiModel):
     """Nominal model of laws, observers and compensations; defaults: plant and links."""
 
-    consist: str | Consist | None = Field(
+    consist: str | Consist | None = option(
         None,
-        description="train of the model: a shipped name, a file, or the consist itself; default: as in the plant",
-        examples=["demo"],
+        "train of the model: a shipped name, a file, or the consist itself; default: as in the plant",
+        example="demo",
     )
-    line: str | Line | None = Field(
-        None,
-        description="line of the model: a shipped name, a file, or the line itself; default: as in the plant",
-        examples=["demo"],
+    line: str | Line | None = option(
+        None, "line of the model: a shipped name, a file, or the line itself; default: as in the plant", example="demo"
     )
-    delay: Annotated[Time | tuple[Time, ...] | None, Usual(1e-3, 60)] = Field(
-        None,
-        description="delay of commands in the model: one, or one per unit; default: as in the links",
-        examples=[0.3],
+    delay: Annotated[Time | tuple[Time, ...] | None, Usual(1e-3, 60)] = option(
+        None, "delay of commands in the model: one, or one per unit; default: as in the links", example=0.3
     )
-    delay_brake: Annotated[Time | tuple[Time, ...] | None, Usual(1e-3, 60)] = Field(
-        None, description="delay of commands below 0 in the model; default: as in the links", examples=[0.5]
+    delay_brake: Annotated[Time | tuple[Time, ...] | None, Usual(1e-3, 60)] = option(
+        None, "delay of commands below 0 in the model; default: as in the links", example=0.5
     )
-    lag: Annotated[Time | None, Usual(1e-3, 60)] = Field(
-        None, ge=0, description="time constant of the actuators in the model; default: as in the plant", examples=[0.3]
+    lag: Annotated[Time | None, Usual(1e-3, 60)] = option(
+        None, "time constant of the actuators in the model; default: as in the plant", example=0.3, ge=0
     )
-    learned: str | LearnedResistance | None = Field(
-        None,
-        description="resistance by place from former runs, a file of `train-ato learn`; default: none",
-        examples=["learned.yaml"],
+    learned: str | LearnedResistance | None = option(
+        None, "resistance by place from former runs, a file of `train-ato learn`; default: none", example="learned.yaml"
     )
 
 
 class Links(SiModel):
     """Delays of topics."""
 
-    command: LinkSpec = Field(
-        LinkSpec(), description="delay from the command of the law to the drives", examples=[{"delay": 0.3}]
-    )
-    brake_pipe: LinkSpec = Field(
-        LinkSpec(), description="delay from the command to the brake pipe", examples=[{"delay": 0.5}]
-    )
-    measurement: LinkSpec = Field(
-        LinkSpec(), description="delay from the sensors to observer and law", examples=[{"delay": 0.1}]
-    )
-    reference: LinkSpec = Field(LinkSpec(), description="delay from the profile to the law", examples=[{"delay": 0.1}])
-    estimate: LinkSpec = Field(LinkSpec(), description="delay from the observer to the law", examples=[{"delay": 0.1}])
-    brake_release: LinkSpec = Field(
-        LinkSpec(), description="delay from the supervisor to the train", examples=[{"delay": 0.1}]
-    )
+    command: LinkSpec = option(LinkSpec(), "delay from the command of the law to the drives", example={"delay": 0.3})
+    brake_pipe: LinkSpec = option(LinkSpec(), "delay from the command to the brake pipe", example={"delay": 0.5})
+    measurement: LinkSpec = option(LinkSpec(), "delay from the sensors to observer and law", example={"delay": 0.1})
+    reference: LinkSpec = option(LinkSpec(), "delay from the profile to the law", example={"delay": 0.1})
+    estimate: LinkSpec = option(LinkSpec(), "delay from the observer to the law", example={"delay": 0.1})
+    brake_release: LinkSpec = option(LinkSpec(), "delay from the supervisor to the train", example={"delay": 0.1})
 
     @model_validator(mode="after")
     def _one_delay_each(self) -> Links:
@@ -122,7 +108,7 @@ class LawChange(SiModel):
     """Change of the control law or of law parameters during the run."""
 
     at: Time = Field(ge=0, description="time of the change", examples=[60.0])
-    law: str | None = Field(None, description="law from this time on; default: no change", examples=["mpc"])
+    law: str | None = option(None, "law from this time on; default: no change", example="mpc")
     laws: Parameters = Field(
         default_factory=dict, description="parameters of laws from this time on", examples=[{"pid": {"kp": 0.5}}]
     )
@@ -137,11 +123,9 @@ class LawChange(SiModel):
 class Evaluation(SiModel):
     """Part of the run used for the tracking metrics."""
 
-    until: Place | None = Field(
-        None, description="position of vehicle 0's centre at which the evaluation ends", examples=[1200.0]
-    )
-    until_time: Time | None = Field(None, gt=0, description="time at which the evaluation ends", examples=[300.0])
-    couplers: bool = Field(False, description="extremes and force cycles (rainflow) of every coupler in the summary")
+    until: Place | None = option(None, "position of vehicle 0's centre at which the evaluation ends", example=1200.0)
+    until_time: Time | None = option(None, "time at which the evaluation ends", example=300.0, gt=0)
+    couplers: bool = option(False, "extremes and force cycles (rainflow) of every coupler in the summary")
 
 
 class Scenario(SiModel):
@@ -156,23 +140,23 @@ class Scenario(SiModel):
     summary: Summary = ""
     source: Source = ""
     duration: Time = Field(gt=0, le=86_400, description="duration of the run", examples=[600.0])
-    tick: Time = Field(0.1, ge=1e-6, le=10, description="period of the loop and of its messages")
-    step: Time = Field(
-        0.005, ge=1e-6, le=0.05, description="step of the plant: 5 ms for all draft gears, 10 ms for linear and clip"
+    tick: Time = option(0.1, "period of the loop and of its messages", ge=1e-6, le=10)
+    step: Time = option(
+        0.005, "step of the plant: 5 ms for all draft gears, 10 ms for linear and clip", ge=1e-6, le=0.05
     )
-    control_period: Time | None = Field(
-        None, ge=1e-6, le=100, description="period of the law, a multiple of tick; default: tick", examples=[0.2]
+    control_period: Time | None = option(
+        None, "period of the law, a multiple of tick; default: tick", example=0.2, ge=1e-6, le=100
     )
-    seed: int = Field(1, ge=0, lt=2**64, description="seed of all random numbers of the run")
+    seed: int = option(1, "seed of all random numbers of the run", ge=0, lt=2**64)
     plant: PlantBlock
     model: ModelBlock = ModelBlock()
     links: Links = Links()
     profile: ProfileSpec
-    leader: LeaderSpec | None = Field(None, description="the train ahead; default: none")
-    replan: ReplanSpec | None = Field(None, description="re-planning after a lack of force; default: none")
-    observer: str = Field("none", description="observer, by its name in `train-ato list`")
-    law: str = Field("pid", description="control law, by its name in `train-ato list`")
-    compensation: str = Field("none", description="compensation of the delay, by its name in `train-ato list`")
+    leader: LeaderSpec | None = option(None, "the train ahead; default: none")
+    replan: ReplanSpec | None = option(None, "re-planning after a lack of force; default: none")
+    observer: str = option("none", "observer, by its name in `train-ato list`")
+    law: str = option("pid", "control law, by its name in `train-ato list`")
+    compensation: str = option("none", "compensation of the delay, by its name in `train-ato list`")
     observers: Parameters = Field(
         default_factory=dict,
         description="parameters of observers, by observer and parameter",
@@ -188,40 +172,36 @@ class Scenario(SiModel):
         description="parameters of compensations, by compensation and parameter",
         examples=[{"preview": {"lag": True}}],
     )
-    hold_limit: Annotated[Time, Usual(0.01, 120)] = Field(
-        1.0, gt=0, le=3600, description="longest time for which the last command is repeated without a valid new one"
+    hold_limit: Annotated[Time, Usual(0.01, 120)] = option(
+        1.0, "longest time for which the last command is repeated without a valid new one", gt=0, le=3600
     )
-    brake: BrakeSpec = Field(BrakeSpec(), description="air brake in service", examples=[{"policy": "trigger"}])
-    force_shares: tuple[SharesAt, ...] | None = Field(
+    brake: BrakeSpec = option(BrakeSpec(), "air brake in service", example={"policy": "trigger"})
+    force_shares: tuple[SharesAt, ...] | None = option(
         None,
+        "shares of the power units by place; default: in proportion to their traction",
+        example=[{"at": 0.0, "shares": [0.6, 0.4]}],
         min_length=1,
-        description="shares of the power units by place; default: in proportion to their traction",
-        examples=[[{"at": 0.0, "shares": [0.6, 0.4]}]],
     )
-    unit_displacements: tuple[DisplacementAt, ...] | None = Field(
-        None,
-        min_length=1,
-        description="planned motion of the power units against the profile, which the law does not correct",
+    unit_displacements: tuple[DisplacementAt, ...] | None = option(
+        None, "planned motion of the power units against the profile, which the law does not correct", min_length=1
     )
-    law_changes: tuple[LawChange, ...] = Field(
+    law_changes: tuple[LawChange, ...] = option(
+        (), "changes of the law or of its parameters during the run", example=[{"at": 60.0, "law": "mpc"}]
+    )
+    interventions: tuple[Intervention, ...] = option(
         (),
-        description="changes of the law or of its parameters during the run",
-        examples=[[{"at": 60.0, "law": "mpc"}]],
+        "interventions on the train during the run",
+        example=[{"at": 60.0, "do": "gust", "acceleration": -0.05, "duration": 20.0}],
     )
-    interventions: tuple[Intervention, ...] = Field(
+    faults: tuple[Fault, ...] = option(
         (),
-        description="interventions on the train during the run",
-        examples=[[{"at": 60.0, "do": "gust", "acceleration": -0.05, "duration": 20.0}]],
-    )
-    faults: tuple[Fault, ...] = Field(
-        (),
-        description="faults of messages and nodes during the run",
-        examples=[[{"do": "drop", "topic": "ato/command", "begin": 60.0, "end": 62.0}]],
+        "faults of messages and nodes during the run",
+        example=[{"do": "drop", "topic": "ato/command", "begin": 60.0, "end": 62.0}],
     )
     supervision: SupervisionSpec = SupervisionSpec()
-    ato_requests: tuple[AtoRequest, ...] = Field((), description="requests to the ATO during the run")
+    ato_requests: tuple[AtoRequest, ...] = option((), "requests to the ATO during the run")
     evaluation: Evaluation = Evaluation()
-    criteria: Criteria = Field(Criteria(), description="requirements on the run, for its verdict")
+    criteria: Criteria = option(Criteria(), "requirements on the run, for its verdict")
 
     @model_validator(mode="after")
     def _grids(self) -> Scenario:

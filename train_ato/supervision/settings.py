@@ -3,9 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from pydantic import Field
-
-from plant_sim.si_model import SiModel
+from plant_sim.si_model import SiModel, option
 from plant_sim.units import Length, Place, Ratio, Speed, Time, Usual
 
 
@@ -17,49 +15,42 @@ class FailsafeSpec(SiModel):
     The emergency brake is applied too if the brake release of the supervisor is older than ``release``.
     """
 
-    hold: Time = Field(0.5, ge=0, description="largest age of the last command that is held")
-    coast: Time = Field(1.0, ge=0, description="largest age of the last command up to which the drives are off")
-    service: Time = Field(
-        5.0, ge=0, description="largest age of the last command for the service brake; then the emergency brake acts"
+    hold: Time = option(0.5, "largest age of the last command that is held", ge=0)
+    coast: Time = option(1.0, "largest age of the last command up to which the drives are off", ge=0)
+    service: Time = option(
+        5.0, "largest age of the last command for the service brake; then the emergency brake acts", ge=0
     )
-    release: Time | None = Field(
-        None,
-        gt=0,
-        description="largest age of the brake release; default: supervision period and one tick",
-        examples=[0.6],
+    release: Time | None = option(
+        None, "largest age of the brake release; default: supervision period and one tick", example=0.6, gt=0
     )
 
 
 class SupervisionSpec(SiModel):
     """Supervision of the speed limits and of the stop at the end of the profile."""
 
-    enabled: bool | None = Field(None, description="supervision of the speed; default: on a line with speed limits")
-    period: Time = Field(0.4, ge=1e-3, le=2.0, description="period of the supervisor, rounded up to ticks")
-    overlap: Annotated[Place, Usual(1, 5e3)] = Field(
-        100.0, ge=0, le=1e5, description="distance from the stop to the end of authority, the supervised location"
+    enabled: bool | None = option(None, "supervision of the speed; default: on a line with speed limits")
+    period: Time = option(0.4, "period of the supervisor, rounded up to ticks", ge=1e-3, le=2.0)
+    overlap: Annotated[Place, Usual(1, 5e3)] = option(
+        100.0, "distance from the stop to the end of authority, the supervised location", ge=0, le=1e5
     )
-    kdry: Ratio = Field(0.8, gt=0, le=1, description="factor Kdry_rst on the emergency deceleration")
-    service_brake: bool = Field(True, description="intervention by the service brake before the emergency brake")
-    service_curve: bool = Field(
-        False, description="supervision of the stop by the SBD too, for a law without full service braking"
+    kdry: Ratio = option(0.8, "factor Kdry_rst on the emergency deceleration", gt=0, le=1)
+    service_brake: bool = option(True, "intervention by the service brake before the emergency brake")
+    service_curve: bool = option(
+        False, "supervision of the stop by the SBD too, for a law without full service braking"
     )
-    roll_away: Annotated[Length, Usual(0.05, 20)] = Field(2.0, gt=0, description="largest movement backwards")
-    speed_difference: Speed = Field(
-        2.0, gt=0, description="largest difference of the ATO's speed, beyond the errors of both"
+    roll_away: Annotated[Length, Usual(0.05, 20)] = option(2.0, "largest movement backwards", gt=0)
+    speed_difference: Speed = option(2.0, "largest difference of the ATO's speed, beyond the errors of both", gt=0)
+    position_difference: Annotated[Place, Usual(0.5, 1e3)] = option(
+        20.0, "largest difference of the ATO's position, beyond the error of the odometry", gt=0
     )
-    position_difference: Annotated[Place, Usual(0.5, 1e3)] = Field(
-        20.0, gt=0, description="largest difference of the ATO's position, beyond the error of the odometry"
+    confirmation: Time = option(1.0, "duration of a difference before it counts", ge=0)
+    assurance: bool = option(True, "braking law that takes over from the law before the warning limit")
+    assurance_limit: Literal["warning", "service_brake"] = option(
+        "warning", "limit before which the braking law takes over"
     )
-    confirmation: Time = Field(1.0, ge=0, description="duration of a difference before it counts")
-    assurance: bool = Field(True, description="braking law that takes over from the law before the warning limit")
-    assurance_limit: Literal["warning", "service_brake"] = Field(
-        "warning", description="limit before which the braking law takes over"
-    )
-    assurance_margin: Speed = Field(
-        0.5, ge=0, description="distance from the permitted speed at which the law takes over again"
-    )
-    plan_margin: Speed | None = Field(
-        0.5, ge=0, description="least distance of a plan from the warning speed; null: the plan does not use the limits"
+    assurance_margin: Speed = option(0.5, "distance from the permitted speed at which the law takes over again", ge=0)
+    plan_margin: Speed | None = option(
+        0.5, "least distance of a plan from the warning speed; null: the plan does not use the limits", ge=0
     )
     failsafe: FailsafeSpec = FailsafeSpec()
 

@@ -20,7 +20,7 @@ from pydantic import Field, model_validator
 from plant_sim.compiled import compiled
 from plant_sim.line import Line
 from plant_sim.record import Records, quantity
-from plant_sim.si_model import SiModel
+from plant_sim.si_model import SiModel, option
 from plant_sim.units import Place, Ratio, Reduction, Slope, Speed, Time, Usual
 from train_ato.control.air_brake.predictive_policy import PredictiveBrake, PredictiveRules, SpeedProfile
 from train_ato.control.air_brake.record_policy import BrakeNow, BrakePolicy, NoRules, PolicyForm, lasts, used_share
@@ -31,20 +31,16 @@ from train_ato.control.train_model import STANDSTILL_SPEED, TrainModel
 class BlendRules(SiModel):
     """Conditions for the air brake beside the electric brake."""
 
-    reduction: Reduction = Field(50e3, gt=0, description="reduction of the brake pipe for an application")
-    call: Ratio = Field(
-        0.9, gt=0, le=1, description="used part of the electric brake from which the air brake is applied"
+    reduction: Reduction = option(50e3, "reduction of the brake pipe for an application", gt=0)
+    call: Ratio = option(0.9, "used part of the electric brake from which the air brake is applied", gt=0, le=1)
+    call_after: Time = option(5.0, "time above call before an application", ge=0)
+    ease: Ratio = option(0.35, "used part of the electric brake up to which the air brake is released", ge=0, lt=1)
+    ease_after: Time = option(5.0, "time below ease before a release", ge=0)
+    pause: Time = option(
+        60.0, "least time from a release to the next application, in which the reservoirs recharge", ge=0
     )
-    call_after: Time = Field(5.0, ge=0, description="time above call before an application")
-    ease: Ratio = Field(
-        0.35, ge=0, lt=1, description="used part of the electric brake up to which the air brake is released"
-    )
-    ease_after: Time = Field(5.0, ge=0, description="time below ease before a release")
-    pause: Time = Field(
-        60.0, ge=0, description="least time from a release to the next application, in which the reservoirs recharge"
-    )
-    never_below: Annotated[Speed, Usual(0.3, 40)] = Field(
-        35 / 3.6, ge=0, description="speed below which no release occurs, except for a departure from standstill"
+    never_below: Annotated[Speed, Usual(0.3, 40)] = option(
+        35 / 3.6, "speed below which no release occurs, except for a departure from standstill", ge=0
     )
 
     @model_validator(mode="after")
@@ -95,8 +91,8 @@ class BlendedBrake(BrakePolicy):
 class BrakeEvent(SiModel):
     """Reduction of the brake pipe from a time or a position of vehicle 0's centre on; 0 releases."""
 
-    time: Time | None = Field(None, ge=0, description="time of the reduction", examples=[60.0])
-    place: Place | None = Field(None, description="position of vehicle 0's centre at the reduction", examples=[1200.0])
+    time: Time | None = option(None, "time of the reduction", example=60.0, ge=0)
+    place: Place | None = option(None, "position of vehicle 0's centre at the reduction", example=1200.0)
     reduction: Reduction = Field(ge=0, description="reduction of the brake pipe; 0 releases", examples=[50e3])
 
     @model_validator(mode="after")
@@ -109,36 +105,32 @@ class BrakeEvent(SiModel):
 class TriggerRules(SiModel):
     """Rules of paper 000, section 1.2: application before long falling grades, release at a lower speed."""
 
-    reduction: Reduction = Field(50e3, gt=0, description="reduction of the brake pipe for an application")
-    min_speed: Annotated[Speed, Usual(0.3, 40)] = Field(
-        60 / 3.6, ge=0, description="speed below which no application occurs"
+    reduction: Reduction = option(50e3, "reduction of the brake pipe for an application", gt=0)
+    min_speed: Annotated[Speed, Usual(0.3, 40)] = option(60 / 3.6, "speed below which no application occurs", ge=0)
+    lookahead: Place = option(2500.0, "length of line ahead in which steep segments are counted", gt=0)
+    segments: int = option(4, "least number of steep segments for an application", ge=1)
+    grade_below: Slope = option(-8e-3, "grade below which a segment is steep", lt=0)
+    min_length: Place = option(500.0, "least length of a segment inside the lookahead", ge=0)
+    pause: Time = option(160.0, "least time between two applications", ge=0)
+    release_drop: Speed = option(
+        10 / 3.6, "amount below the speed of the application at which the brake is released", ge=0
     )
-    lookahead: Place = Field(2500.0, gt=0, description="length of line ahead in which steep segments are counted")
-    segments: int = Field(4, ge=1, description="least number of steep segments for an application")
-    grade_below: Slope = Field(-8e-3, lt=0, description="grade below which a segment is steep")
-    min_length: Place = Field(500.0, ge=0, description="least length of a segment inside the lookahead")
-    pause: Time = Field(160.0, ge=0, description="least time between two applications")
-    release_drop: Speed = Field(
-        10 / 3.6, ge=0, description="amount below the speed of the application at which the brake is released"
-    )
-    release_margin: Speed = Field(0.5 / 3.6, ge=0, description="tolerance of the release speed")
-    never_below: Annotated[Speed, Usual(0.3, 40)] = Field(
-        35 / 3.6, ge=0, description="speed below which no release occurs"
-    )
+    release_margin: Speed = option(0.5 / 3.6, "tolerance of the release speed", ge=0)
+    never_below: Annotated[Speed, Usual(0.3, 40)] = option(35 / 3.6, "speed below which no release occurs", ge=0)
 
 
 class BrakeSpec(SiModel):
     """Service braking by the air brake, from a policy with its rules."""
 
-    policy: Literal["none", "planned", "trigger", "blend", "trip", "predictive"] = Field(
-        "none", description="origin of the applications of the air brake"
+    policy: Literal["none", "planned", "trigger", "blend", "trip", "predictive"] = option(
+        "none", "origin of the applications of the air brake"
     )
-    events: tuple[BrakeEvent, ...] = Field(
-        (), description="applications and releases of policy planned", examples=[[{"place": 1200.0, "reduction": 50e3}]]
+    events: tuple[BrakeEvent, ...] = option(
+        (), "applications and releases of policy planned", example=[{"place": 1200.0, "reduction": 50e3}]
     )
     trigger: TriggerRules = TriggerRules()
     blend: BlendRules = BlendRules()
-    applications: tuple[PlannedApplication, ...] = Field((), description="applications of policy trip")
+    applications: tuple[PlannedApplication, ...] = option((), "applications of policy trip")
     trip: TripRules = TripRules()
     predictive: PredictiveRules = PredictiveRules()
 

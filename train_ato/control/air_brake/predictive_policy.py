@@ -17,12 +17,12 @@ from itertools import pairwise
 from typing import Annotated, NamedTuple, Protocol
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
+from pydantic import field_validator, model_validator
 
 from plant_sim.compiled import compiled
 from plant_sim.elementary import total_of_units
 from plant_sim.record import Records, quantity
-from plant_sim.si_model import SiModel
+from plant_sim.si_model import SiModel, option
 from plant_sim.units import Force, Number, Pressure, Ratio, Speed, Time, Usual
 from train_ato.control.air_brake import schedule_cost as s
 from train_ato.control.air_brake.record_policy import BrakeNow, BrakePolicy, NoRules, PolicyForm
@@ -36,25 +36,25 @@ from train_ato.supervision.track_supervision import limits_under_train
 class PredictiveRules(SiModel):
     """Schedules and cost of the predictive policy."""
 
-    reductions: Annotated[tuple[Pressure, ...], Usual(10e3, 1e6)] = Field(
-        (50e3,), min_length=1, description="reductions of the brake pipe, rising"
+    reductions: Annotated[tuple[Pressure, ...], Usual(10e3, 1e6)] = option(
+        (50e3,), "reductions of the brake pipe, rising", min_length=1
     )
-    period: Time = Field(2.0, ge=1, le=5, description="time between two decisions")
-    horizon: Time = Field(120.0, ge=30, le=600, description="time ahead in which schedules are compared")
-    pause: Time = Field(
-        60.0, ge=0, description="least time from a release to the next application, in which the reservoirs recharge"
+    period: Time = option(2.0, "time between two decisions", ge=1, le=5)
+    horizon: Time = option(120.0, "time ahead in which schedules are compared", ge=30, le=600)
+    pause: Time = option(
+        60.0, "least time from a release to the next application, in which the reservoirs recharge", ge=0
     )
-    min_application: Time = Field(25.0, ge=0, description="least time from an application to its release")
-    never_below: Annotated[Speed, Usual(0.3, 40)] = Field(
-        35 / 3.6, ge=0, description="speed below which no application or release occurs, except for a departure"
+    min_application: Time = option(25.0, "least time from an application to its release", ge=0)
+    never_below: Annotated[Speed, Usual(0.3, 40)] = option(
+        35 / 3.6, "speed below which no application or release occurs, except for a departure", ge=0
     )
-    electric_use: Ratio = Field(0.9, gt=0, le=1, description="part of the electric brake in the prediction")
-    speed_error: Speed = Field(1 / 3.6, gt=0, description="speed error with the cost 1")
-    application_cost: Number = Field(
-        0.3, ge=0, description="cost of an application: mean squared speed error over the horizon, per speed_error²"
+    electric_use: Ratio = option(0.9, "part of the electric brake in the prediction", gt=0, le=1)
+    speed_error: Speed = option(1 / 3.6, "speed error with the cost 1", gt=0)
+    application_cost: Number = option(
+        0.3, "cost of an application: mean squared speed error over the horizon, per speed_error²", ge=0
     )
-    coupler_max: Annotated[Force, Usual(2e3, 20e6)] = Field(
-        600e3, gt=0, description="coupler force above which a schedule has a cost"
+    coupler_max: Annotated[Force, Usual(2e3, 20e6)] = option(
+        600e3, "coupler force above which a schedule has a cost", gt=0
     )
 
     @field_validator("reductions")

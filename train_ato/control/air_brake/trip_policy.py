@@ -20,7 +20,7 @@ from pydantic import Field, model_validator
 
 from plant_sim.compiled import compiled
 from plant_sim.record import Records, quantity
-from plant_sim.si_model import SiModel
+from plant_sim.si_model import SiModel, option
 from plant_sim.units import Place, Ratio, Reduction, Speed, Time, Usual
 from train_ato.control.air_brake.record_policy import BrakeNow, BrakePolicy, PolicyForm, lasts, used_share
 from train_ato.control.train_model import STANDSTILL_SPEED
@@ -34,12 +34,12 @@ class PlannedApplication(SiModel):
 
     apply: Place = Field(description="place of the application", examples=[5000.0])
     release: Place = Field(description="place of the release", examples=[9000.0])
-    reduction: Reduction = Field(50e3, gt=0, description="reduction of the brake pipe")
-    electric_at_apply: Ratio = Field(
-        0.0, ge=-1, le=1, description="planned use of the electric brake at the application", examples=[0.9]
+    reduction: Reduction = option(50e3, "reduction of the brake pipe", gt=0)
+    electric_at_apply: Ratio = option(
+        0.0, "planned use of the electric brake at the application", example=0.9, ge=-1, le=1
     )
-    electric_at_release: Ratio = Field(
-        0.0, ge=-1, le=1, description="planned use of the electric brake at the release", examples=[0.3]
+    electric_at_release: Ratio = option(
+        0.0, "planned use of the electric brake at the release", example=0.3, ge=-1, le=1
     )
 
     @model_validator(mode="after")
@@ -52,20 +52,16 @@ class PlannedApplication(SiModel):
 class TripRules(SiModel):
     """Rules that move the planned applications."""
 
-    shift: Place = Field(300.0, ge=0, description="largest distance by which an application or a release moves")
-    call: Ratio = Field(0.92, gt=0, le=1, description="use of the electric brake from which the air brake is applied")
-    ease: Ratio = Field(
-        0.35, ge=0, lt=1, description="use of the electric brake up to which an unplanned application is released"
+    shift: Place = option(300.0, "largest distance by which an application or a release moves", ge=0)
+    call: Ratio = option(0.92, "use of the electric brake from which the air brake is applied", gt=0, le=1)
+    ease: Ratio = option(0.35, "use of the electric brake up to which an unplanned application is released", ge=0, lt=1)
+    after: Time = option(4.0, "time above call before an application, and below ease before a release", ge=0)
+    tolerance: Ratio = option(0.15, "difference from the planned use that moves a place", ge=0, le=1)
+    pause: Time = option(60.0, "least time from a release to an unplanned application", ge=0)
+    never_below: Annotated[Speed, Usual(0.3, 40)] = option(
+        35 / 3.6, "speed below which no release occurs, except for a departure", ge=0
     )
-    after: Time = Field(4.0, ge=0, description="time above call before an application, and below ease before a release")
-    tolerance: Ratio = Field(0.15, ge=0, le=1, description="difference from the planned use that moves a place")
-    pause: Time = Field(60.0, ge=0, description="least time from a release to an unplanned application")
-    never_below: Annotated[Speed, Usual(0.3, 40)] = Field(
-        35 / 3.6, ge=0, description="speed below which no release occurs, except for a departure"
-    )
-    release_margin: Speed = Field(
-        0.5 / 3.6, ge=0, description="distance from never_below at which a planned release comes early"
-    )
+    release_margin: Speed = option(0.5 / 3.6, "distance from never_below at which a planned release comes early", ge=0)
 
 
 @dataclass

@@ -171,13 +171,10 @@ class LimitsAhead:
                 pull, hold = traction[unit], brake[unit]
                 if not model.consist.vehicles[vehicle].independent_power:
                     fed = model.consist.supplies[vehicle]
-                    pull = (
-                        []
-                        if zones.neutral[fed][zone]
-                        else limited_segments(pull, power * powers[unit] / whole)
-                        if power < whole
-                        else pull
-                    )
+                    if zones.neutral[fed][zone]:
+                        pull = []
+                    elif power < whole:
+                        pull = limited_segments(pull, power * powers[unit] / whole)
                     hold = [] if zones.electric_brake_off[fed][zone] else hold
                 begin, middle = len(rows), len(rows) + len(pull)
                 rows += [*pull, *hold]

@@ -177,14 +177,7 @@ def _decay(modes: TrainModes) -> Array:
 def _gain_of_modes(model: TrainModel, modes: TrainModes, sampling: float, margin: float = 1.0) -> float:
     """Return the gain on the speed error at which a mode of the couplers is undamped [1/s], infinite without one.
 
-    Parameters
-    ----------
-    model, modes
-        The train, and its modes.
-    sampling
-        Mean delay by the sampling [s].
-    margin
-        Factor on the phase.
+    ``sampling`` is the mean delay by the sampling [s], ``margin`` a factor on the phase.
     """
     lagging = modes.omega * model.lag
     phase = modes.omega * (dead_time(model) - model.lag + sampling) + np.array(list(map(math.atan, lagging.tolist())))

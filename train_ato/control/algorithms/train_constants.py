@@ -118,12 +118,7 @@ def wave_gain(model: TrainModel, kept: float) -> float:
 def _damping_of_friction(model: TrainModel, longest: float) -> float | None:
     """Return the mean damping ratio of gears with friction, in a cycle from draft to buff; or None.
 
-    Parameters
-    ----------
-    model
-        The train.
-    longest
-        Time of a wave through all couplers [s].
+    ``longest`` is the time of a wave through all couplers [s].
     """
     pull = mean_over_units([1.0] * model.n_units, [each.force(0.0) for each in model.traction])
     found = []

@@ -83,7 +83,7 @@ def feedforwards(
 
 
 class CompensationBase:
-    """Profile, forecast of the shoe forces and force shares; a subclass adds ``step()``.
+    """Profile, forecast of the shoe forces and force shares; a subclass changes ``step()`` or ``feedforwards()``.
 
     Parameters
     ----------
@@ -142,6 +142,12 @@ class CompensationBase:
         """Return :meth:`feedforwards` at one time, shape (units,)."""
         found: Array = self.feedforwards(np.array([t]), np.array([shoes]))[0]
         return found
+
+    def step(self, inputs: CompensationInput) -> LawInput:
+        """Return measured state, reference and feed-forward of the present time."""
+        self.shoes.demand(inputs.t, inputs.pressure)
+        shoes = self.shoes.at(inputs.t, inputs.reference.velocity)
+        return self.law_input(inputs, inputs.t, self.feedforward(inputs.t, shoes.total), shoes)
 
     def law_input(
         self,

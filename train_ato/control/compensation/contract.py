@@ -121,17 +121,7 @@ def check_compatible(law_name: str, law: Any, name: str, compensation: Any) -> N
 
 
 def _remedy(law_name: str, hint: str, *, predicting: bool) -> str:
-    """Return the accepted settings as text.
-
-    Parameters
-    ----------
-    law_name
-        Name of the law.
-    hint
-        Setting ``parameter: value`` of the law that fits the compensation; "" if there is none.
-    predicting
-        The law predicts the delay: then no predicting compensation is accepted.
-    """
+    """Return the accepted settings as text: the ``hint`` of the law, and compensations that predict nothing twice."""
     setting = f"set laws.{law_name}.{hint}" if hint else "set law: pid (--law pid)"
     others = "none or preview" if predicting else "none, preview or predictor"
     return f"{setting}, or compensation: {others} (--compensation none)"

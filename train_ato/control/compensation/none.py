@@ -9,17 +9,10 @@ Needs: nothing; any law, any train.
 from typing import ClassVar
 
 from train_ato.control.compensation.base import CompensationBase
-from train_ato.control.compensation.contract import CompensationInput
-from train_ato.control.contract import LawInput, NoParameters
+from train_ato.control.contract import NoParameters
 
 
 class NoCompensation(CompensationBase):
     """No compensation: state, reference and feed-forward of the present time."""
 
     Parameters: ClassVar[type] = NoParameters
-
-    def step(self, inputs: CompensationInput) -> LawInput:
-        """Return measured state, reference and feed-forward of the present time."""
-        self.shoes.demand(inputs.t, inputs.pressure)
-        shoes = self.shoes.at(inputs.t, inputs.reference.velocity)
-        return self.law_input(inputs, inputs.t, self.feedforward(inputs.t, shoes.total), shoes)

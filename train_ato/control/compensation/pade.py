@@ -28,9 +28,8 @@ import numpy as np
 from plant_sim.compiled import compiled
 from plant_sim.record import Records
 from train_ato.control.compensation.base import Actuator, AlongProfile, CompensationBase
-from train_ato.control.compensation.contract import CompensationInput
 from train_ato.control.compensation.rigid import demand_ahead
-from train_ato.control.contract import LawInput, NoParameters
+from train_ato.control.contract import NoParameters
 from train_ato.messages.types import Array
 
 if TYPE_CHECKING:
@@ -82,13 +81,6 @@ class Pade(CompensationBase):
         self.actuators["forward"], self.actuators["backward"] = model.delay, model.delay_brake
         self._along["lag"] = model.lag
         self._spacing = max(model.tick, 0.5 * (model.lag + float(model.delay.mean())))
-
-    def step(self, inputs: CompensationInput) -> LawInput:
-        """Return the measured state with the feed-forward through delay and lag."""
-        t = inputs.t
-        self.shoes.demand(t, inputs.pressure)
-        shoes = self.shoes.at(t, inputs.reference.velocity)
-        return self.law_input(inputs, t, self.feedforward(t, shoes.total), shoes)
 
     def feedforwards(self, times: Array, shoes: Array) -> Array:
         """Return the feed-forward of the units [N], shape (times, units).

@@ -301,11 +301,8 @@ class Predictor(PreviewFeedforward):
     def __init__(self, parameters: PredictorParameters, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)
         c0, c1, c2 = model.running
-        self.constants, self.now, self.units = (
-            zeros(PredictionConstants, 1),
-            zeros(LawNow, 1),
-            zeros(LawUnit, model.n_units),
-        )
+        self.constants, self.now = zeros(PredictionConstants, 1), zeros(LawNow, 1)
+        self.units = zeros(LawUnit, model.n_units)
         self.units["share"] = model.share
         self.constants[0] = (model.inertia, c0, c1, c2, model.tick, model.lag, parameters.disturbance, 0.0, 1.0)
         self.along: Array = np.zeros(0)

@@ -115,13 +115,10 @@ class ForceBalance:
         self.count = 1 if self.whole_train else model.n_units
         self.mass: list[float] = [model.inertia] if self.whole_train else model.unit_inertia.tolist()
         self._weight = lag_weight(period, model.lag)
-        self.constants, self.now, self.units = (
-            zeros(BalanceConstants, 1),
-            zeros(LawNow, 1),
-            zeros(LawUnit, model.n_units),
-        )
-        values = (self.whole_train, model.inertia, *model.running, 1.0 / (1.0 + model_error), self._weight, period)
-        self.constants[0] = values
+        self.constants, self.now = zeros(BalanceConstants, 1), zeros(LawNow, 1)
+        self.units = zeros(LawUnit, model.n_units)
+        factor = 1.0 / (1.0 + model_error)
+        self.constants[0] = (self.whole_train, model.inertia, *model.running, factor, self._weight, period)
         self.units["share"] = model.share
 
     def fill(self, inputs: ObserverInput) -> None:
