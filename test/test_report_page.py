@@ -10,7 +10,6 @@ from report_runs import EVENTFUL, drive
 from waiting import still, wait_for
 
 from train_ato.cli import main
-from train_ato.judge.recording import Recording
 from train_ato.log.recorded import open_recording
 
 pytestmark = pytest.mark.campaign
@@ -38,11 +37,6 @@ RANGE = f"{FIGURES}.map(view => [view.model.x_range.start, view.model.x_range.en
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return drive(tmp_path_factory.mktemp("page"), "eventful", "demo", *EVENTFUL)
-
-
-@pytest.fixture(scope="module")
-def recording(run: Path) -> Recording:
-    return open_recording(run)
 
 
 @pytest.fixture(scope="module")
@@ -100,16 +94,17 @@ def test_equal_times_stand_above_each_other(page: Page) -> None:
         assert len({(left, width) for number, left, width in frames if number == shared}) == 1
 
 
-def test_the_bar_tells_the_log_at_the_cursor(page: Page, recording: Recording) -> None:
+def test_the_bar_tells_the_log_at_the_cursor(page: Page, run: Path) -> None:
     """Breaks if a value at the cursor differs from the log in time, quantity or unit."""
     left, top, width, height = frame(page, "speed error in km/h")
     begin, end = page.evaluate(RANGE)[page.evaluate(AXES).index("speed error in km/h")]
+    topics = open_recording(run).topics
     for part in (0.31, 0.77):
         moment = begin + part * (end - begin)
         page.mouse("mouseMoved", left + part * width - 2, top + height / 2)
         page.mouse("mouseMoved", left + part * width, top + height / 2)
         page.wait_for("document.querySelector('.moment').textContent.startsWith('at ')")
-        cars, command = recording.topics["train/vehicles"], recording.topics["ato/command"]
+        cars, command = topics["train/vehicles"], topics["ato/command"]
         slack = 0.1  # of a tick's length: the nearest tick is found
         row = int(np.abs(cars.time - moment).argmin())
         rows = slice(max(0, row - 1), row + 2)
@@ -151,7 +146,7 @@ def test_a_drag_zooms_every_figure_over_time_and_a_double_click_ends_it(page: Pa
     assert page.console == []
 
 
-def test_a_hover_tells_force_and_vehicle_of_the_heat_map(page: Page, recording: Recording) -> None:
+def test_a_hover_tells_force_and_vehicle_of_the_heat_map(page: Page, run: Path) -> None:
     """Breaks if the tooltip shows codes instead of kN, or the order of the vehicles is reversed."""
     left, top, width, height = frame(page, "coupler behind vehicle")
     begin, end = page.evaluate(RANGE)[page.evaluate(AXES).index("coupler behind vehicle")]
@@ -161,7 +156,7 @@ def test_a_hover_tells_force_and_vehicle_of_the_heat_map(page: Page, recording: 
     force = float(found.split("coupler force")[1].split("kN")[0].strip(" :"))
     vehicle = int(found.split("coupler behind vehicle")[1].split("coupler force")[0].strip(" :"))
     assert vehicle == 10
-    cars = recording.topics["train/vehicles"]
+    cars = open_recording(run).topics["train/vehicles"]
     row = int(np.abs(cars.time - (begin + 0.4 * (end - begin))).argmin())
     near = cars["coupler_force"][max(0, row - 2) : row + 3, 10] / 1e3
     step = np.abs(cars["coupler_force"]).max() / 1e3 / 127

@@ -26,9 +26,10 @@ from train_ato.judge.requirements import (
     robustness_series,
     signal_series,
 )
-from train_ato.judge.series import TopicSamples
 from train_ato.judge.verdict import judge_run
 from train_ato.loop.engine import run_engine
+from train_ato.report.page_data import empty_page_data
+from train_ato.report.summary_rows import criterion_cells, verdict_texts
 from train_ato.scenario.formula import UNITS, NumberTerm, Predicate, Temporal, nodes_of, parse_formula, signals_of
 from train_ato.scenario.setup import RunSetup
 from train_ato.scenario.signals import SIGNALS
@@ -124,8 +125,7 @@ def test_signals_have_the_values_of_the_recording() -> None:
     times, values = recording.of("atp/speeds", "speed")
     row = int(np.searchsorted(times, recording.time[7], side="right")) - 1
     assert found["permitted_speed"][7] == values[row, 1]
-    assert (found["coupler_draft"] >= 0).all()
-    assert (found["coupler_buff"] <= 0).all()
+    assert (found["coupler_draft"] >= 0).all() and (found["coupler_buff"] <= 0).all()
     assert found["limit"][0] == min(limit.speed for limit in setup.line.speed_limits if limit.at <= found["front"][0])
 
 
@@ -181,8 +181,7 @@ def test_requirements_decide_the_verdict_of_a_run() -> None:
     run = short(limit=LAW, force="G abs(command) <= 1 kN")
     rows = {row["criterion"]: row for row in run.metrics["criteria"]}
     assert run.metrics["verdict"] == "failed"
-    assert rows["limit"]["passed"] is True
-    assert rows["force"]["passed"] is False
+    assert (rows["limit"]["passed"], rows["force"]["passed"]) == (True, False)
     assert rows["force"]["value"] == pytest.approx(1e3 - np.abs(run["ato/command"]["unit_0_force_n"]).max())
     assert judge_run(run.setup.scenario.criteria, {"status": "done"}, [rows["limit"]])["verdict"] == "incomplete"
 
@@ -202,9 +201,6 @@ def test_the_log_gives_the_rows_of_the_run(tmp_path: Path, capsys: pytest.Captur
 
 def test_the_report_has_formula_and_robustness() -> None:
     """Breaks if the page of a run leaves out its requirements."""
-    from train_ato.report.page_data import empty_page_data
-    from train_ato.report.summary_rows import criterion_cells, verdict_texts
-
     metrics = short(limit=LAW, force="G abs(command) <= 1 kN").metrics
     page = empty_page_data("run", metrics, "")
     found = {entry.words: entry.cells for entry in criterion_cells([page])}
@@ -221,10 +217,8 @@ def test_a_scenario_without_requirements_is_unchanged() -> None:
 def test_a_quantity_is_a_root_of_the_tree() -> None:
     """Breaks if the tree of the documented example changes its form."""
     formula = parse_formula(LAW)
-    assert isinstance(formula, Temporal)
-    assert isinstance(formula.operand, Predicate)
+    assert isinstance(formula, Temporal) and isinstance(formula.operand, Predicate)
     assert replace(formula, operator="F") == parse_formula("F (speed <= limit + 1 km/h)")
-    assert isinstance(made_up(np.zeros(3)).topics["train/vehicles"], TopicSamples)
 
 
 TICK = 0.1
@@ -366,8 +360,7 @@ def test_a_page_that_joins_late_shows_nothing_and_frames_between_ticks_are_held(
     moments = snapshots(setup, run_engine(setup).recording)
     late = LiveRequirements(setup)
     late.add(replace(moments[-1], time=5.0))
-    assert late.evaluate() == {}
-    assert late.markup == ""
+    assert late.evaluate() == {} and late.markup == ""
     sparse = LiveRequirements(setup)
     for moment in (moments[0], moments[0], moments[10]):
         sparse.add(moment)
