@@ -164,9 +164,9 @@ def _execute_following(options: argparse.Namespace, file: Path) -> None:
         if (value := getattr(options, name)) is not None:
             remedy = "remove it" if name == "external" else f"write --set all.{name}={value}"
             raise ValueError(f"--{name} {value}: a following file has several trains; {remedy}")
-    for name in ("restart", "namespace", "followed"):
+    for name in ("restart", "restart_limit", "namespace", "followed"):
         if getattr(options, name):
-            raise ValueError(f"--{name}: not with a following file; remove it")
+            raise ValueError(f"--{name.replace('_', '-')}: not with a following file; remove it")
     run_mode = _run_mode(options)
     if options.live and options.engine:
         raise ValueError("--live: the engine has no nodes, and trains meet in a ROS domain; remove it or --engine")
