@@ -25,15 +25,7 @@ OPTIONS = (
 
 
 class Page:
-    """One page of the browser.
-
-    Attributes
-    ----------
-    console : list of str
-        Warnings and errors of the page, and uncaught exceptions.
-    requests : list of str
-        Requested addresses.
-    """
+    """One page: its console (warnings, errors, uncaught exceptions) and its requests (addresses)."""
 
     def __init__(self, reading: int, writing: int) -> None:
         self.console: list[str] = []

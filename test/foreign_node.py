@@ -13,15 +13,7 @@ from train_ato.messages.topics import BY_NAME
 
 
 class ForeignNode:
-    """A plain rclpy node with a context of its own; its DDS settings are those of the environment.
-
-    Parameters
-    ----------
-    domain
-        ROS domain of the run.
-    name
-        Name of the node.
-    """
+    """A plain rclpy node of a domain with a context of its own; its DDS settings are those of the environment."""
 
     def __init__(self, domain: int, name: str = "intruder") -> None:
         import rclpy

@@ -1,7 +1,4 @@
-"""Makers of results for the trials of judges (``data/judge_trials.yaml``), by paper.
-
-Runs with chosen position and speed errors, for the judges of papers 002, 003 and 004.
-"""
+"""Makers of results for the trials of judges (``data/judge_trials.yaml``), by paper, with chosen errors."""
 
 from functools import cache
 from typing import Any
@@ -91,19 +88,7 @@ def five(
     motion: float = 0.0,
     **figures: float,
 ) -> Result:
-    """Return a run of five cars.
-
-    Parameters
-    ----------
-    place, speed, until
-        Position and speed error up to a time [m, m/s, s].
-    stretch
-        Stretch of every coupler by the positions [m].
-    offset
-        Speed offset d1 between motion and measured speed [m/s].
-    motion
-        Rms of an oscillation of the position's rate from 3 s to 9.9 s [m/s].
-    """
+    """Return a run of five cars: errors up to a time, stretch of couplers, speed offset d1, rms of an oscillation."""
     recording = run(place, speed, units=5, until=until, duration=30.0, tick=0.01, force=1e6)
     wave = motion * 2**0.5 / FASTEST * np.sin(FASTEST * recording.time)[:, None]
     recording = with_series(
@@ -112,18 +97,13 @@ def five(
     return Result({"coupler_draft_max_kn": 10.0, "coupler_buff_max_kn": -10.0, **figures}, recording)
 
 
-def nominal(settling: float = 0.05) -> Result:
-    return Result({"settling": settling, "acceleration": 1e6}, None)
-
-
 def five_or_nominal(gain: bool = False, **figures: Any) -> Result:
-    return nominal(**figures) if gain else five(**figures)
+    return Result({"settling": 0.05, "acceleration": 1e6, **figures}, None) if gain else five(**figures)
 
 
 def loaded(first: float = 0.0, later: float = 0.0) -> Result:
     """Return a run with stretched couplers after the step at 10 s and after that at 20 s [m]."""
     result = five()
-    assert result.recording is not None
     t = result.recording.time
     force = 1e3 * STIFFNESS_KN * np.where(t > 19.0, later, np.where((t >= 10.0) & (t < 11.0), first, 0.0))
     return Result(result.summary, with_series(result.recording, coupler_draft_max=force))
@@ -142,7 +122,6 @@ def throughout(place: float = 0.01, speed: float = 0.001, until: float = 100.0, 
 def saturated(place: float = 44.0, speed: float = 4.0, length: float = 77.0, until: float = 100.0) -> Result:
     """Return a run of 100 s that brakes at the limit for a time from 2 s on."""
     result = tracked(place, speed, until=until)
-    assert result.recording is not None
     t = result.recording.time
     return with_command(result, np.where((t >= 2.0) & (t <= 2.0 + length), -LIMITED, 0.0))
 
@@ -218,6 +197,5 @@ def tracked(place: float = 0.0, speed: float = 0.0, **more: float) -> Result:
 
 def with_command(result: Result, command: Array) -> Result:
     """Return the result with another command [N]."""
-    assert result.recording is not None
     recording = with_series(result.recording, command=command[:, None], applied=command[:, None])
     return Result(result.summary, recording)

@@ -33,29 +33,13 @@ class Edge:
 
 @dataclass(frozen=True)
 class Trial:
-    """Made-up results of one claim.
+    """Made-up results of one claim; others are cases in which nonsense alone may leave "reproduced"."""
 
-    Parameters
-    ----------
-    claim
-        Begin of the text of the claim.
-    make
-        Maker of one result from figures.
-    good
-        Figures by case of "reproduced"; a case without an entry has the maker's own figures.
-    edges
-        Figures at the bounds.
-    elsewhere
-        Changed figures by case of "only in another setting"; None if the judge has no such verdict.
-    others
-        Cases for comparison: nonsense in one of them alone may leave "reproduced".
-    """
-
-    claim: str
-    make: Callable[..., Result]
-    good: Mapping[str, Figures]
-    edges: tuple[Edge, ...]
-    elsewhere: Mapping[str, Figures] | None
+    claim: str  # begin of its text
+    make: Callable[..., Result]  # maker of one result from figures
+    good: Mapping[str, Figures]  # by case of "reproduced"; without an entry those of the maker
+    edges: tuple[Edge, ...]  # figures at the bounds
+    elsewhere: Mapping[str, Figures] | None  # changes of "only in another setting"; None without this verdict
     others: frozenset[str]
 
     @classmethod

@@ -39,14 +39,14 @@ LOCOMOTIVE = {
 SPRING = {"kind": "linear", "stiffness": 160e3, "damping": 800.0}
 
 
-def consist(types: dict[str, Any], train: list[tuple[str, int]], gear: dict[str, Any] | None = None) -> Consist:
+def consist(
+    types: dict[str, Any], train: list[tuple[str, int]], gear: dict[str, Any] | None = None, **more: Any
+) -> Consist:
     """Return a small train."""
     data: dict[str, Any] = {
-        "schema": "train_ato/consist/1",
-        "name": "bench",
-        "vehicle_types": types,
+        "schema": "train_ato/consist/1", "name": "bench", "vehicle_types": types, **more,
         "train": [{"type": name, "count": count} for name, count in train],
-    }
+    }  # fmt: skip
     if gear is not None:
         data |= {"draft_gears": {"gear": gear}, "default_gear": "gear"}
     return Consist.model_validate(data)

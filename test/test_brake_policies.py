@@ -1,7 +1,4 @@
-"""Air-brake policies and the driver of a profile.
-
-Predictive policy of the air brake: schedules compared by a forecast, on falls that no plan names.
-"""
+"""Air-brake policies, the driver of a profile, and predictive schedules on falls that no plan names."""
 
 import json
 from pathlib import Path
@@ -10,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from engine_runs import setup_of
 
 from plant_sim.library import load_consist
 from train_ato.cli import main
@@ -19,83 +17,87 @@ from train_ato.control.compensation.rigid import RigidForce
 from train_ato.control.registry import COMPENSATIONS
 from train_ato.control.train_model import TrainModel
 from train_ato.judge.recording import BRAKE_PIPE_COMMAND, Recording
-from train_ato.judge.result import RunResult
 from train_ato.log.difference import compare_logs
 from train_ato.log.run_folder import read_run_folder
 from train_ato.loop.engine import run_engine
 from train_ato.messages.codec import Wire
 from train_ato.messages.types import Measurement, Reference
 from train_ato.profile.driver import average_speed
-from train_ato.scenario.scenario import load_scenario, shipped_scenarios
-from train_ato.scenario.setup import RunSetup, prepare
+from train_ato.scenario.scenario import shipped_scenarios
+from train_ato.scenario.setup import RunSetup
+
+CHARGED, APPLIED = 600e3, 550e3
 
 
-@pytest.fixture
-def long_fall(tmp_path: Path) -> Path:
-    """Return a line of 16 km with -10 per mille from km 3 to km 12."""
-    grades = [{"at": 0, "grade": 0}, {"at_km": 3, "grade_permille": -10}, {"at_km": 12, "grade": 0}]
-    line = {"schema": "train_ato/line/1", "name": "fall", "end_km": 16, "grades": grades}
-    path = tmp_path / "fall.yaml"
-    path.write_text(yaml.safe_dump(line))
-    return path
-
-
-def at_50_kmh(line: Path, policy: str) -> dict[str, Any]:
-    """Return the changes for a start at 50 km/h before the fall, and a reference that holds it."""
-    points = [{"time": 0, "speed_kmh": 50}, {"time": 760, "speed_kmh": 50}]
-    return {
-        "duration": 700,
-        "plant": {"line": str(line), "start": {"position": 1500, "speed_kmh": 50}},
-        "profile": {"phases": None, "points": points, "start": 1500, "allow_rolling_end": True},
-        "brake": {"policy": policy},
+def sets_on_fall(
+    folder: Path, brake: dict[str, Any] | None = None, *, duration: float = 420.0, start: float = 2500.0,
+    end: float = 7000.0, grade: float = -10.0, policy: str = "predictive", **plant: Any,
+) -> tuple[str, ...]:  # fmt: skip
+    """Return the changes of `demo` for a train at 50 km/h and a fall [per mille] from km 3 to ``end`` [m]."""
+    grades = [{"at": 0, "grade": 0}, {"at": 3000, "grade_permille": grade}, {"at": end, "grade": 0}]
+    line = folder / "fall.yaml"
+    line.write_text(yaml.safe_dump({"schema": "train_ato/line/1", "name": "fall", "end_km": 16, "grades": grades}))
+    changes = {
+        "duration": duration,
+        "plant.line": str(line),
+        "plant.start": {"position": start, "speed_kmh": 50},
+        **{f"plant.{key}": value for key, value in plant.items()},
+        "profile.phases": None,
+        "profile.points": [{"time": 0, "speed_kmh": 50}, {"time": 800, "speed_kmh": 50}],
+        "profile.start": start,
+        "profile.allow_rolling_end": True,
+        "brake": {"policy": policy, "predictive": brake or {}},
     }
+    return tuple(f"{key}={json.dumps(value)}" for key, value in changes.items())
 
 
-def run(line: Path, policy: str) -> RunResult:
-    """Start at 50 km/h before the fall and hold it."""
-    return run_engine(prepare(*load_scenario("demo", (), at_50_kmh(line, policy))))
+def setup_on_fall(folder: Path, brake: dict[str, Any] | None = None, **changes: Any) -> RunSetup:
+    return setup_of("demo", *sets_on_fall(folder, brake, **changes))
 
 
-def test_electric_brake_alone_runs_away(long_fall: Path) -> None:
-    """461 kN hold about -6.3 per mille; the remaining 3.7 per mille accelerate at 0.04 m/s²."""
-    outcome = run(long_fall, "none")
-    assert outcome.recording is not None
-    assert outcome.recording.velocity.max() * 3.6 > 90
+def recording_of(setup: RunSetup) -> Recording:
+    outcome = run_engine(setup)
+    assert outcome.failure is None, outcome.failure
+    return outcome.recording
 
 
-def test_blended_air_holds_the_speed(long_fall: Path) -> None:
-    """Breaks if the air brake is not applied, not released, or cycles."""
-    outcome = run(long_fall, "blend")
+def on_long_fall(folder: Path, policy: str) -> RunSetup:
+    return setup_on_fall(folder, policy=policy, duration=700.0, start=1500.0, end=12_000.0)
+
+
+def blending() -> tuple[Any, float]:
+    """Return the policy of the demo, and the force of its electric brake at 15 m/s [N]."""
+    model = setup_of("demo").model
+    policy = make_brake_policy(BrakeSpec.model_validate({"policy": "blend"}), model, model.line)
+    return policy, -float(model.force_limits(np.array([15.0]))[0].sum())
+
+
+def test_a_fall_of_9_km_runs_away_without_and_is_kept_with_blended_air(tmp_path: Path) -> None:
+    """461 kN hold -6.3 of -10 per mille; breaks if the air brake is not applied, not released, or cycles."""
+    assert recording_of(on_long_fall(tmp_path, "none")).velocity.max() * 3.6 > 90
+    outcome = run_engine(on_long_fall(tmp_path, "blend"))
     recording = outcome.recording
-    assert recording is not None
-    on_fall = (recording.front_position > 5000) & (recording.front_position < 11000)
-    speed = 3.6 * recording.front_velocity[on_fall]
-    assert speed.min() > 35
-    assert speed.max() < 65
+    speed = 3.6 * recording.front_velocity[(recording.front_position > 5000) & (recording.front_position < 11000)]
+    assert speed.min() > 35 and speed.max() < 65
     assert abs(outcome.summary["coupler_buff_max_kn"]) < 1000
 
 
 def test_blending_rules_on_the_share_of_the_electric_brake() -> None:
     """A part of .95 for 5 s applies, .2 for 5 s releases, and then no application for 60 s."""
-    model = prepare(*load_scenario("demo")).model
-    policy = make_brake_policy(BrakeSpec.model_validate({"policy": "blend"}), model, model.line)
-    there = -float(model.force_limits(np.array([15.0]))[0].sum())
+    policy, there = blending()
 
     def pressures(begin: int, end: int, share: float) -> list[float]:
         return [policy.step(float(t), 0.0, 15.0, -share * there) for t in range(begin, end)]
 
-    assert pressures(0, 5, 0.95) == [600e3] * 5
-    assert pressures(5, 20, 0.95) == [550e3] * 15
-    assert pressures(20, 24, 0.2) == [550e3] * 4
-    assert pressures(24, 25, 0.6) == [550e3]
-    assert pressures(25, 31, 0.2)[-2:] == [550e3, 600e3]
-    assert set(pressures(31, 90, 0.95)) == {600e3}
+    assert pressures(0, 5, 0.95) == [600e3] * 5 and pressures(5, 20, 0.95) == [550e3] * 15
+    assert pressures(20, 24, 0.2) == [550e3] * 4 and pressures(24, 25, 0.6) == [550e3]
+    assert pressures(25, 31, 0.2)[-2:] == [550e3, 600e3] and set(pressures(31, 90, 0.95)) == {600e3}
     assert pressures(90, 97, 0.95)[-1] == 550e3
 
 
-def test_blending_in_the_simulated_copy_has_the_force_of_its_units(long_fall: Path) -> None:
+def test_blending_in_the_simulated_copy_has_the_force_of_its_units(tmp_path: Path) -> None:
     """Without that force `train_predictor` never applies the air brake of its copy."""
-    setup = prepare(*load_scenario("demo", (), at_50_kmh(long_fall, "blend")))
+    setup = on_long_fall(tmp_path, "blend")
     model = setup.model
     layer = COMPENSATIONS.make("train_predictor", {}, model, model.tick)
     layer.set_profile(RigidForce(model, setup.profile))
@@ -110,8 +112,7 @@ def test_blending_in_the_simulated_copy_has_the_force_of_its_units(long_fall: Pa
         seen = CompensationInput(measured, reference, np.zeros(1), np.array([low] * 5), 600e3, low, high)
         shoes.append(layer.step(seen).train_shoe_force)
         layer.on_command_sent(low)
-    assert shoes[0] == 0.0
-    assert shoes[-1] > 50e3
+    assert shoes[0] == 0.0 and shoes[-1] > 50e3
 
 
 @pytest.mark.parametrize(
@@ -121,14 +122,11 @@ def test_blending_in_the_simulated_copy_has_the_force_of_its_units(long_fall: Pa
 )
 def test_air_is_released_above_the_limit_and_at_a_departure_only(then, released) -> None:
     """Paper 000: a release below 35 km/h can break a coupler.  Each row is speed, demand and number of seconds."""
-    model = prepare(*load_scenario("demo")).model
-    policy = make_brake_policy(BrakeSpec.model_validate({"policy": "blend"}), model, model.line)
-    there = -float(model.force_limits(np.array([15.0]))[0].sum())
+    policy, there = blending()
     steps = [(15.0, -there, 10), *then]
     each = [(speed, force) for speed, force, count in steps for _ in range(count)]
     found = [policy.step(float(t), 0.0, speed, force) for t, (speed, force) in enumerate(each)]
-    assert set(found[10:-1]) == {550e3}
-    assert found[-1] == (600e3 if released else 550e3)
+    assert set(found[10:-1]) == {550e3} and found[-1] == (600e3 if released else 550e3)
 
 
 @pytest.mark.parametrize(
@@ -147,7 +145,7 @@ def test_a_plan_counts_on_no_more_air_than_the_policy_applies(brake: dict[str, A
         "profile": {"phases": None, "limits": None, "plan": {"end_km": 4, "deceleration": None}},
         "brake": brake,
     }
-    setup = prepare(*load_scenario("demo", ("plant.consist=hxd1_c80_105", "plant.line=level"), changes))
+    setup = setup_of("demo", "plant.consist=hxd1_c80_105", "plant.line=level", changes=changes)
     model, profile = setup.model, setup.profile
     braking = np.flatnonzero((profile.acceleration < 0) & (profile.velocity > 2))
     motion = np.stack((profile.position, profile.velocity, profile.acceleration), axis=1)[braking].tolist()
@@ -175,26 +173,20 @@ def test_shipped_profile_is_what_the_command_makes(tmp_path: Path, capsys: pytes
     np.testing.assert_allclose(made, shipped, rtol=0, atol=1e-5)
 
 
-def test_reference_keeps_the_limits_of_the_line() -> None:
-    """At most 79.3 km/h of 80, four applications, from rest to 45 km."""
+def test_driver_keeps_the_limits_and_averages_the_speed() -> None:
+    """At most 79.3 km/h of 80, four applications to 45 km; the average shifts nothing and is taken three times."""
     profile = np.loadtxt(SHIPPED.parent / "daqin_driver.csv", delimiter=",", comments=("#", "time"))
     events = yaml.safe_load(SHIPPED.read_text())["brake"]["events"]
-    assert 70 < 3.6 * profile[:, 2].max() < 79.3
-    assert profile[0, 2] == 0
+    assert 70 < 3.6 * profile[:, 2].max() < 79.3 and profile[0, 2] == 0
     assert profile[-1, 1] == pytest.approx(45_000, abs=50)
     assert [event["reduction_kpa"] for event in events] == [50, 0] * 4
     assert np.diff([event["time"] for event in events[::2]]).min() >= 160
-
-
-def test_average_keeps_a_ramp_and_spreads_a_step_over_three_windows() -> None:
-    """Breaks if the average shifts in time or is taken once instead of three times."""
     ramp = np.arange(300) * 0.1
     np.testing.assert_allclose(average_speed(ramp, 0.1, 5.0)[80:-80], ramp[80:-80], atol=1e-9)
     step = np.where(np.arange(400) < 200, 0.0, 1.0)
     smooth = average_speed(step, 0.1, 5.0)
     moving = np.flatnonzero((smooth > 1e-9) & (smooth < 1 - 1e-9))
-    assert 140 <= moving.size <= 153
-    assert smooth[199] + smooth[200] == pytest.approx(1.0, abs=1e-9)
+    assert 140 <= moving.size <= 153 and smooth[199] + smooth[200] == pytest.approx(1.0, abs=1e-9)
 
 
 def test_a_train_without_an_air_brake_is_driven(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -205,42 +197,6 @@ def test_a_train_without_an_air_brake_is_driven(tmp_path: Path, capsys: pytest.C
     made = np.loadtxt(out, delimiter=",", comments=("#", "time"))
     assert made[0, 2] == 0 and made[-1, 1] == pytest.approx(1000, abs=20)
     assert 3.6 * made[:, 2].max() < 75
-
-
-CHARGED, APPLIED = 600e3, 550e3
-
-
-def sets_on_fall(
-    folder: Path, brake: dict[str, Any] | None = None, *, duration: float = 420.0, start: float = 2500.0,
-    end: float = 7000.0, grade: float = -10.0, **plant: Any,
-) -> tuple[str, ...]:  # fmt: skip
-    """Return the changes of `demo` for a train at 50 km/h and a fall [per mille] from km 3 to ``end`` [m]."""
-    grades = [{"at": 0, "grade": 0}, {"at": 3000, "grade_permille": grade}, {"at": end, "grade": 0}]
-    line = folder / "fall.yaml"
-    line.write_text(yaml.safe_dump({"schema": "train_ato/line/1", "name": "fall", "end_km": 16, "grades": grades}))
-    changes = {
-        "duration": duration,
-        "plant.line": str(line),
-        "plant.start": {"position": start, "speed_kmh": 50},
-        **{f"plant.{key}": value for key, value in plant.items()},
-        "profile.phases": None,
-        "profile.points": [{"time": 0, "speed_kmh": 50}, {"time": 800, "speed_kmh": 50}],
-        "profile.start": start,
-        "profile.allow_rolling_end": True,
-        "brake": {"policy": "predictive", "predictive": brake or {}},
-    }
-    return tuple(f"{key}={json.dumps(value)}" for key, value in changes.items())
-
-
-def setup_on_fall(folder: Path, brake: dict[str, Any] | None = None, **changes: Any) -> RunSetup:
-    return prepare(*load_scenario("demo", sets_on_fall(folder, brake, **changes)))
-
-
-def recording_of(setup: RunSetup) -> Recording:
-    outcome = run_engine(setup)
-    assert outcome.failure is None, outcome.failure
-    assert outcome.recording is not None
-    return outcome.recording
 
 
 def changes_of(recording: Recording) -> list[tuple[float, float, float]]:
@@ -289,8 +245,8 @@ def test_the_unknown_force_moves_the_application(tmp_path: Path) -> None:
     assert heavy + 40.0 < nominal < light - 40.0
 
 
-def test_rules_of_pause_and_duration_are_kept(tmp_path: Path) -> None:
-    """Breaks if an application ends before its minimum duration, or the next one begins within the recharge pause."""
+def test_pause_duration_and_release_follow_the_rules(tmp_path: Path) -> None:
+    """Breaks if an application or a pause is too short, or a slow or standing train releases, or cannot depart."""
     policy = policy_of(setup_on_fall(tmp_path))
     fall, level = (5000.0, 50 / 3.6, -450e3), (12_000.0, 52 / 3.6, 0.0)
     assert policy.step(0.0, *fall) == APPLIED
@@ -299,10 +255,6 @@ def test_rules_of_pause_and_duration_are_kept(tmp_path: Path) -> None:
     assert len(changed) == 2
     assert 25 <= changed[0] <= 28, "released as soon as permitted"
     assert 60 <= changed[1] - changed[0] <= 64, "applied as soon as permitted"
-
-
-def test_a_release_above_the_lowest_speed_or_at_a_departure_only(tmp_path: Path) -> None:
-    """Breaks if a train below 35 km/h or at standstill releases, or cannot depart with applied brakes."""
     setup = setup_on_fall(tmp_path)
     for slow, then in ((9.0, (11.0, 0.0)), (0.0, (0.0, 1e5))):
         policy = policy_of(setup)
@@ -315,7 +267,6 @@ def test_a_deeper_reduction_is_used_where_the_first_is_too_weak(tmp_path: Path) 
     """Breaks if only the first reduction of the list is compared, or the deepest one is always taken."""
     brake = {"reduction": [0, 20e3, 50e3], "braking_factor": [0, 0.07, 0.17]}
     consist = load_consist("hxd1_c80_105")
-    assert consist.air_brake is not None
     weak = consist.model_copy(update={"air_brake": consist.air_brake.model_copy(update=brake)})
     spec = BrakeSpec.model_validate({"policy": "predictive", "predictive": {"reductions_kpa": [20, 50]}})
     found = []
@@ -327,14 +278,12 @@ def test_a_deeper_reduction_is_used_where_the_first_is_too_weak(tmp_path: Path) 
     assert found == [20e3, 50e3]
 
 
-RULES = {"never_below_kmh": 10, "min_application": 10, "pause": 20}
-SHORT = {"duration": 110.0, "start": 3300.0, "end": 4300.0}
-
-
 @pytest.mark.parametrize("way", [[], ["--processes"]], ids=["composed", "processes"])
 def test_the_nodes_decide_as_the_engine(way: list[str], tmp_path: Path) -> None:
     pytest.importorskip("rclpy")
-    sets = [f"--set={text}" for text in sets_on_fall(tmp_path, RULES, **SHORT)]
+    rules = {"never_below_kmh": 10, "min_application": 10, "pause": 20}
+    short = sets_on_fall(tmp_path, rules, duration=110.0, start=3300.0, end=4300.0)
+    sets = [f"--set={text}" for text in short]
     for name, options in (("engine", ["--engine"]), ("nodes", way)):
         assert main(["run", "demo", "--json", f"--out={tmp_path / name}", *options, *sets]) == 0
     setup, _ = read_run_folder(tmp_path / "nodes")
@@ -350,10 +299,9 @@ def test_a_trip_plan_is_followed_without_its_places(worse: bool) -> None:
     mismatch = {"mass_scale": 1.03, "brake_scale": 0.92, "resistance_scale": 1.15} if worse else {}
     sets = (f"plant.mismatch={json.dumps(mismatch)}",)
     planned, predicted = (
-        run_engine(prepare(*load_scenario(f"daqin_heavy_haul:{variant}", sets)))
-        for variant in ("trip", "trip+predictive")
+        run_engine(setup_of(f"daqin_heavy_haul:{variant}", *sets)) for variant in ("trip", "trip+predictive")
     )
-    assert predicted.recording is not None and len(changes_of(predicted.recording)) == 8
+    assert len(changes_of(predicted.recording)) == 8
     summary = predicted.summary
     assert summary["energy_traction_kwh"] < 1.02 * planned.summary["energy_traction_kwh"]
     assert max(summary["coupler_draft_max_kn"], -summary["coupler_buff_max_kn"]) < 600

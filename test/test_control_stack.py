@@ -1,27 +1,50 @@
-"""Control stack: guards, repeated output, change of the law without a jump, feed-forward, brake policy."""
+"""Control stack: guards, repeated output and limit, change of the law without a jump, feed-forward, brake policy."""
 
 import dataclasses
+import json
+import math
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from law_trains import FIVE, HAULED, HILLY, LEVEL, SINGLE, asked, measured, model, profile, stack
+from engine_runs import setup_of
+from law_trains import (
+    FIVE,
+    HAULED,
+    HILLY,
+    LEVEL,
+    LOCOMOTIVE,
+    SINGLE,
+    WAGON,
+    asked,
+    consist,
+    measured,
+    model,
+    profile,
+    stack,
+)
 
-from plant_sim.consist import Consist
 from plant_sim.line import Line
+from train_ato.cli import main
 from train_ato.control.air_brake.policy import BrakeSpec, make_brake_policy
-from train_ato.control.contract import LawOutput
+from train_ato.control.contract import LawInput, LawOutput
+from train_ato.control.laws.pid import Pid
+from train_ato.control.registry import LAWS
+from train_ato.log.reading import read_log
+from train_ato.messages.codec import Wire
+from train_ato.program.errors import RunFailed
 
 TICK = 100_000_000
 
 
-def run(control, of, along, count, error=0.0, start=0):
-    """Run a train along the reference with a speed error; return forces and the last pressure."""
+def run(control, of, along, count, error=0.0, start=0, spoil=lambda k, seen: seen):
+    """Run a train along the reference with a speed error and spoilt inputs; return forces and the last pressure."""
     forces, pressure = [], None
     for k in range(start, start + count):
         reference, estimate = asked(of, along, k * TICK)
         seen = measured(of, k * TICK, reference.position, reference.velocity + error, 0.0)
-        force, pressure = control.step(seen, reference, estimate)
+        force, pressure = control.step(spoil(k, seen), reference, estimate)
         forces.append(force)
     return np.array(forces), pressure
 
@@ -48,8 +71,7 @@ def test_preview_inverts_delay_and_lag():
         now = sent[k - 8, 0] + (now - sent[k - 8, 0]) * keep
     led = np.abs(acting - needed[:, 0])[60:].max()
     late = np.abs(np.roll(needed[:, 0], 12) - needed[:, 0])[60:].max()
-    assert led < 0.06 * late
-    assert late > 1e3
+    assert led < 0.06 * late and late > 1e3
 
 
 def test_delay_by_the_sign_of_the_command():
@@ -59,8 +81,7 @@ def test_delay_by_the_sign_of_the_command():
     needed = np.append(run(stack(of, along=along), of, along, 1700)[0][:, 0], np.zeros(20))
     pulling, braking = slice(10, 300), slice(1500, 1600)
     assert sent[pulling, 0] == pytest.approx(needed[20:310], abs=1.0)
-    assert sent[braking, 0] == pytest.approx(needed[1505:1605], abs=1.0)
-    assert needed[1505] < -1e3
+    assert sent[braking, 0] == pytest.approx(needed[1505:1605], abs=1.0) and needed[1505] < -1e3
 
 
 @pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf, 1e300])
@@ -79,8 +100,7 @@ def test_an_invalid_measurement_repeats_the_last_command(wrong, field):
     other.step(good, reference, estimate)
     after, _ = run(control, of, along, 5, start=51)
     expected, _ = run(other, of, along, 5, start=51)
-    assert (after == expected).all()
-    assert control.diagnostics()["unsound_measurements"] == "1"
+    assert (after == expected).all() and control.diagnostics()["unsound_measurements"] == "1"
 
 
 def test_output_stays_inside_the_limits_at_the_present_speed():
@@ -88,8 +108,7 @@ def test_output_stays_inside_the_limits_at_the_present_speed():
     of, along = model(SINGLE), profile()
     control = stack(of, parameters={"kp": 5.0}, along=along)
     forces, _ = run(control, of, along, 100, error=-9.0)
-    assert forces.max() == 400e3
-    assert int(control.diagnostics()["saturated_steps"]) > 50
+    assert forces.max() == 400e3 and int(control.diagnostics()["saturated_steps"]) > 50
 
 
 def test_a_change_of_the_law_begins_at_the_last_command_and_keeps_the_jerk_of_the_profile():
@@ -102,10 +121,8 @@ def test_a_change_of_the_law_begins_at_the_last_command_and_keeps_the_jerk_of_th
     control.swap("pid", {"kp": 0.8})
     after, _ = run(control, of, along, 100, error=-0.4, start=200)
     new, _ = run(alone, of, along, 100, error=-0.4, start=200)
-    assert after[0, 0] == before[-1, 0]
-    assert abs(new[0, 0] - before[-1, 0]) > 20e3
-    assert np.abs(np.diff(after[:31, 0])).max() <= 1.05 * largest
-    assert (after[-5:] == new[-5:]).all()
+    assert after[0, 0] == before[-1, 0] and abs(new[0, 0] - before[-1, 0]) > 20e3
+    assert np.abs(np.diff(after[:31, 0])).max() <= 1.05 * largest and (after[-5:] == new[-5:]).all()
 
 
 def test_a_law_that_ignores_the_limits_keeps_the_bound_too():
@@ -133,43 +150,24 @@ def test_a_refused_swap_leaves_the_old_law_running():
 
 
 def test_longer_period_holds_the_output():
-    """A law at 0.5 s with a tick of 0.1 s computes in every fifth tick; 0.25 s is rejected."""
+    """A law at 0.5 s with a tick of 0.1 s computes in every fifth tick; 0.25 s is rejected; same inputs, same bits."""
     of, along = model(SINGLE), profile()
     forces, _ = run(stack(of, along=along, period=0.5), of, along, 100)
     full, _ = run(stack(of, along=along), of, along, 100)
     assert (forces[:, 0] == np.repeat(full[::5, 0], 5)).all()
     with pytest.raises(ValueError, match=r"control_period: 0\.25 s is not a multiple of the tick 0\.1 s"):
         stack(of, along=along, period=0.25)
-
-
-def test_same_inputs_same_bits():
     of, along = model(FIVE, HILLY, delay=0.7, lag=0.4), profile()
     first, _ = run(stack(of, compensation="preview", along=along), of, along, 300, 0.03)
     second, _ = run(stack(of, compensation="preview", along=along), of, along, 300, 0.03)
     assert first.tobytes() == second.tobytes()
 
 
-BRAKED = Consist.model_validate(
-    {
-        "schema": "train_ato/consist/1",
-        "name": "braked",
-        "vehicle_types": {
-            "loco": {
-                "mass": 184e3, "length": 35.222, "resistance": {"n_per_kn_kmh": [1.2, 0.0065, 0.000279]},
-                "traction": [{"to": 33.3, "force": 760e3}], "brake": [{"to": 33.3, "force": 461e3}],
-                "shoes": {"count": 32, "force": 6.93e3, "friction": 0.441},
-            },
-            "wagon": {
-                "mass": 100e3, "length": 12.0, "resistance": {"n_per_kn_kmh": [0.92, 0.0048, 0.000125]},
-                "shoes": {"count": 8, "force": 16.18e3, "friction": 0.481},
-            },
-        },
-        "train": [{"type": "loco"}, {"type": "wagon", "count": 4}],
-        "draft_gears": {"gear": {"kind": "linear", "stiffness": 20e6}},
-        "default_gear": "gear",
-        "air_brake": {},
-    }
-)  # fmt: skip
+SHOES = {
+    "loco": LOCOMOTIVE | {"shoes": {"count": 32, "force": 6.93e3, "friction": 0.441}},
+    "wagon": WAGON | {"shoes": {"count": 8, "force": 16.18e3, "friction": 0.481}},
+}
+BRAKED = consist(SHOES, [("loco", 1), ("wagon", 4)], {"kind": "linear", "stiffness": 20e6}, air_brake={})
 
 
 def test_planned_brake_is_demanded_and_taken_off_the_feedforward():
@@ -178,8 +176,7 @@ def test_planned_brake_is_demanded_and_taken_off_the_feedforward():
     spec = BrakeSpec.model_validate({"policy": "planned", "events": [{"time": 40.0, "reduction_kpa": 50}]})
     braked, pressure = run(stack(of, along=along, brake=spec), of, along, 800)
     free, charged = run(stack(of, along=along), of, along, 800)
-    assert (pressure, charged) == (550e3, 600e3)
-    assert (braked[:400] == free[:400]).all()
+    assert (pressure, charged) == (550e3, 600e3) and (braked[:400] == free[:400]).all()
     speed = 3.6 * along.velocity[799]
     full = (
         0.17
@@ -194,7 +191,7 @@ def test_planned_brake_is_demanded_and_taken_off_the_feedforward():
 
 
 def test_brake_rules_of_paper_000():
-    """Applied above 60 km/h before four steep pieces, released 10 km/h lower, not again within 160 s."""
+    """Applied above 60 km/h before four steep pieces, released 10 km/h lower, not within 160 s, not without a pipe."""
     falls = [{"at": 5000 + 600 * i, "grade": -0.009 - 0.0005 * (i % 2)} for i in range(12)]
     line = Line.model_validate(
         {"schema": "train_ato/line/1", "name": "falls", "end": 40e3, "grades": [*falls, {"at": 12200, "grade": 0.0}]}
@@ -208,6 +205,9 @@ def test_brake_rules_of_paper_000():
     assert policy.step(40.0, 5600.0, 60.4 / 3.6) == 600e3
     assert policy.step(161.0, 6190.0, 70 / 3.6) == 600e3
     assert policy.step(162.0, 6190.0, 70 / 3.6) == 550e3
+    of = model(HAULED)
+    with pytest.raises(ValueError, match=r"the consist has no air_brake; set brake\.policy: none"):
+        make_brake_policy(BrakeSpec.model_validate({"policy": "trigger"}), of, of.line)
 
 
 @pytest.mark.parametrize(
@@ -223,7 +223,150 @@ def test_wrong_brake_plans_are_refused(spec, message):
         BrakeSpec.model_validate(spec)
 
 
-def test_air_brake_needs_an_air_brake():
-    of = model(HAULED)
-    with pytest.raises(ValueError, match=r"the consist has no air_brake; set brake\.policy: none"):
-        make_brake_policy(BrakeSpec.model_validate({"policy": "trigger"}), of, of.line)
+pytestmark = pytest.mark.usefixtures("without_figure")
+
+
+class Silent(Pid):
+    """Returns NaN in the steps of ``silent``, without the guard of the laws here."""
+
+    silent: range = range(50, 10**9)
+
+    def __init__(self, *arguments: object) -> None:
+        super().__init__(*arguments)  # type: ignore[arg-type]
+        self.steps = 0
+
+    def step(self, inputs: LawInput) -> LawOutput:
+        self.steps += 1
+        return LawOutput(np.full(self.n, math.nan)) if self.steps - 1 in self.silent else super().step(inputs)
+
+
+class Brief(Silent):
+    """Returns NaN once for just less than the limit."""
+
+    silent = range(50, 59)
+
+
+class Overflowing(Pid):
+    """Computes infinities from 5 s on; the guard repeats the last force."""
+
+    def demand(self, inputs: LawInput) -> list[float]:
+        return [math.inf] * self.n if inputs.t > 5.0 else super().demand(inputs)
+
+
+class Short(Silent):
+    """Returns an empty force."""
+
+    def step(self, inputs: LawInput) -> LawOutput:
+        return LawOutput(np.zeros(0))
+
+
+@pytest.fixture(autouse=True)
+def _laws(monkeypatch: pytest.MonkeyPatch) -> None:
+    for law in (Silent, Brief, Overflowing, Short):
+        monkeypatch.setitem(LAWS._loaded, law.__name__.lower(), law)
+
+
+@pytest.mark.parametrize(
+    ("law", "first", "said"),
+    [
+        ("silent", 50, r"law silent: step\(\) returned \[nan\] N; .* in 10 consecutive steps \(1 s, hold_limit\)"),
+        ("overflowing", 51,
+         r"law 'overflowing' repeated its last force \(computed \[inf\] N\); .* in 10 consecutive steps"),
+        ("short", 0, r"law short: step\(\) returned \[\] N, shape \(0,\); .* in 10 consecutive steps"),
+    ],
+)  # fmt: skip
+def test_invalid_forces_are_held_for_a_second_and_no_longer(law, first, said):
+    """Breaks if the last force is held for ever, or the line lacks the law or the count."""
+    of, along = model(SINGLE), profile()
+    control = stack(of, law, along=along)
+    forces, _ = run(control, of, along, first + 10)
+    assert (forces[first:] == (forces[first - 1] if first else 0.0)).all()
+    assert control.diagnostics()["held_steps"] == "10" and control.holding
+    with pytest.raises(RunFailed, match=said):
+        run(control, of, along, 1)
+
+
+def test_less_than_the_limit_is_counted_and_tolerated():
+    """Nine invalid steps: the law continues with the tenth, and the count of the next gap starts at 0."""
+    of, along = model(SINGLE), profile()
+    control = stack(of, "brief", along=along)
+    forces, _ = run(control, of, along, 200)
+    usual, _ = run(stack(of, "pid", along=along), of, along, 200)
+    assert (forces[50:59] == forces[49]).all() and (forces[59:] == usual[59:]).all()
+    assert control.diagnostics()["held_steps"] == "9" and not control.holding
+
+
+@pytest.mark.parametrize("gap", [1, 9])
+def test_a_gap_in_the_measurement_is_tolerated_and_a_lost_sensor_is_not(gap):
+    """NaN speeds for up to 0.9 s are counted; for ever the run fails and names the measurement."""
+    of, along = model(SINGLE), profile()
+
+    def spoil(k, seen):
+        seen.velocity[:] = math.nan if 50 <= k < 50 + gap or k >= 100 else seen.velocity
+        return seen
+
+    control = stack(of, along=along)
+    run(control, of, along, 100, spoil=spoil)
+    assert control.diagnostics()["held_steps"] == control.diagnostics()["unsound_measurements"] == str(gap)
+    with pytest.raises(RunFailed, match="no valid measurement of the power units in 10 consecutive steps"):
+        run(control, of, along, 200, spoil=lambda k, seen: spoil(100, seen))
+
+
+def test_a_dead_coupler_sensor_is_named():
+    """The state is valid, the coupler force of `smc` is not: the guard names the input."""
+    of, along = model(HAULED, sensors=(0,)), profile(pull=0.1)
+    control = stack(of, "smc", along=along)
+    reference, estimate = asked(of, along, 0)
+    seen = measured(of, 0, reference.position, reference.velocity, 0.0)
+    seen.force[:] = math.nan
+    for _ in range(10):
+        control.step(seen, reference, estimate)
+    with pytest.raises(RunFailed, match=r"law 'smc' repeated its last force \(invalid inputs: coupler_force\) in 10"):
+        control.step(seen, reference, estimate)
+
+
+def test_a_slow_law_is_allowed_three_steps():
+    """At a period of 2 s one NaN exceeds the limit of 1 s: three steps are allowed."""
+    of, along = model(SINGLE), profile()
+    control = stack(of, "short", along=along, period=2.0)
+    run(control, of, along, 41)
+    with pytest.raises(RunFailed, match=r"in 3 consecutive steps \(6 s, hold_limit\)"):
+        run(control, of, along, 1)
+
+
+ALONE = "--set=supervision.enabled=false"
+"""With a supervisor the train is stopped first (test_ato_engagement.py)."""
+BEGIN = "node controller failed: law silent: step() returned [nan] N; return LawOutput(force=array of 1), "
+END = "; the last command was repeated in 10 consecutive steps (1 s, hold_limit)"
+
+
+def test_the_run_fails_in_one_line_and_keeps_its_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if such a run ends with status 0, or log or summary lacks the failure."""
+    out = tmp_path / "run"
+    assert main(["run", "demo", "--law", "silent", "--set=duration=30", ALONE, f"--out={out}", "--engine"]) == 1
+    said = capsys.readouterr().err.strip().splitlines()[-1]
+    assert said.startswith(f"train-ato: {BEGIN}") and said.endswith(END) and f"{Path(__file__).name}:" in said
+    summary = json.loads((out / "summary.json").read_text())
+    assert (summary["status"], summary["held_steps"], summary["ticks"]) == ("failed", 10, 61)
+    wire = Wire(setup_of("demo", ALONE.removeprefix("--set=")).layout)
+    reports = [m for _, _, m in read_log(out, wire.decode, ("/diagnostics",)) if m.node == "controller"]
+    assert [m.values["held_steps"] for m in reports if m.level == 1] == [str(k) for k in range(1, 11)]
+
+
+def test_the_graph_ends_the_same_way(tmp_path: Path) -> None:
+    """Breaks if the controller node ignores the failure, or reports another count than the engine."""
+    from train_ato.ros.graph.runner import run_graph
+
+    setup = setup_of("demo", "duration=30", ALONE.removeprefix("--set="), changes={"law": "silent"})
+    outcome = run_graph(setup, tmp_path, mode="composed")
+    assert outcome.failure.startswith(BEGIN) and outcome.failure.endswith(END)
+    assert outcome.summary["held_steps"] == 10
+
+
+def test_the_limit_is_a_key_of_the_scenario(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if hold_limit is not used, not checked, or a short gap is not reported on the screen."""
+    run = ["run", "demo", "--law", "silent", "--engine", "--set=duration=7"]
+    assert main([*run, "--set=hold_limit=5", f"--out={tmp_path / 'run'}"]) == 0
+    assert "in 20 ticks the last command was repeated" in capsys.readouterr().out
+    assert main([*run, "--set=hold_limit=0", f"--out={tmp_path / 'none'}"]) == 2
+    assert "hold_limit" in capsys.readouterr().err

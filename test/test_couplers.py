@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rainflow
+from law_trains import model
 
 import train_ato as ta
 from plant_sim.library import load_consist, load_line
@@ -34,14 +35,12 @@ def recording() -> Recording:
 
 def damage(recording: Recording) -> list[float]:
     """Return the damage of every coupler from all points, without reversals and without a smallest range."""
-    found = recording.of(TRUTH, "coupler_force")
-    assert found is not None
-    columns = found[1][:, :-1].T
+    columns = recording.of(TRUTH, "coupler_force")[1][:, :-1].T
     return [sum((size / 1e6) ** 5 * count for size, count in rainflow.count_cycles(force)) for force in columns]
 
 
 def test_the_command_prints_the_damage_of_a_run(recording: Recording, capsys: pytest.CaptureFixture[str]) -> None:
-    """Breaks if a coupler is left out, or half cycles count as whole ones."""
+    """Breaks if a coupler is left out, half cycles count as whole ones, or a report omits the damage."""
     assert main(["info", str(GOLDEN), "--fatigue", str(GOLDEN), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)["fatigue"]
     expected = damage(recording)
@@ -50,16 +49,14 @@ def test_the_command_prints_the_damage_of_a_run(recording: Recording, capsys: py
     assert found["coupler_damage"] == pytest.approx(sum(expected), abs=tolerance)
     assert found["coupler_damage_worst"] == pytest.approx(max(expected), abs=tolerance)
     assert found["ratio"] == 1.0
+    assert page_data(recording).summary["coupler_damage"] == pytest.approx(sum(damage(recording)), abs=1e-3)
 
 
 def test_the_summary_has_every_coupler(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Breaks if a coupler is left out of the summary, or its cycles are not those of the log."""
     settings = {"duration": 40, "evaluation.couplers": True}
-    run = ta.run("daqin_heavy_haul", set=settings, out=tmp_path / "run")
-    rows = run.metrics["couplers"]
-    found = open_recording(tmp_path / "run").of(TRUTH, "coupler_force")
-    assert found is not None
-    force = found[1][:, :-1]
+    rows = ta.run("daqin_heavy_haul", set=settings, out=tmp_path / "run").metrics["couplers"]
+    force = open_recording(tmp_path / "run").of(TRUTH, "coupler_force")[1][:, :-1]
     assert [row["coupler"] for row in rows] == list(range(105))
     assert [row["draft_max_kn"] for row in rows] == pytest.approx(force.max(axis=0) / 1e3, abs=1e-3)
     assert [row["buff_max_kn"] for row in rows] == pytest.approx(np.minimum(force.min(axis=0), 0) / 1e3, abs=1e-3)
@@ -68,8 +65,7 @@ def test_the_summary_has_every_coupler(tmp_path: Path, capsys: pytest.CaptureFix
     assert max(row["range_max_kn"] for row in rows) == pytest.approx(
         max(max((size for size, _ in entry), default=0.0) for entry in cycles) / 1e3, abs=1e-3
     )
-    assert main(["info", str(tmp_path / "run")]) == 0
-    assert "couplers" in capsys.readouterr().out
+    assert main(["info", str(tmp_path / "run")]) == 0 and "couplers" in capsys.readouterr().out
 
 
 def test_the_ratio_is_that_of_the_first_run() -> None:
@@ -77,11 +73,6 @@ def test_the_ratio_is_that_of_the_first_run() -> None:
     runs = [CouplerFatigue(np.array(values), np.zeros(2)) for values in ([0.5, 0.5], [1.5, 0.5], [0.0, 0.0])]
     assert relative_fatigue(runs[0], runs[1])["ratio"] == 0.5
     assert relative_fatigue(runs[0], runs[2])["ratio"] is None
-
-
-def test_a_page_has_the_damage(recording: Recording) -> None:
-    """Breaks if a report omits the damage."""
-    assert page_data(recording).summary["coupler_damage"] == pytest.approx(sum(damage(recording)), abs=1e-3)
 
 
 def test_a_run_without_couplers_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -95,39 +86,37 @@ def test_a_run_without_couplers_is_refused(tmp_path: Path, capsys: pytest.Captur
 
 
 def _model(consist: str, line: str) -> TrainModel:
-    train = load_consist(consist)
-    delays = np.full(len(train.power_units), 0.8)
-    return TrainModel(train, load_line(line), delays, delays, 0.4, 0.1)
+    return model(load_consist(consist), load_line(line), 0.8, 0.4)
 
 
 @pytest.mark.parametrize("limit", [2e5, 4e5])
 def test_range_of_a_locomotive_with_wagons_on_the_level(limit: float) -> None:
     """The force behind the locomotive has the wagons' part of the inertia: a wrong part or sign changes the range."""
-    model = _model("hxd1_c80_105", "level")
-    low, high = CouplerLimit(model, limit).force_range(np.array([2e4]), np.array([10.0]))[:, 0].tolist()
-    part = 1.0 - model.unit_inertia[0] / model.inertia
-    own = model.own_resistance(np.array([10.0]), np.array([2e4]))[0]
-    rest = own - (1.0 - part) * model.resisting_force(2e4, 10.0)
+    of = _model("hxd1_c80_105", "level")
+    low, high = CouplerLimit(of, limit).force_range(np.array([2e4]), np.array([10.0]))[:, 0].tolist()
+    part = 1.0 - of.unit_inertia[0] / of.inertia
+    own = of.own_resistance(np.array([10.0]), np.array([2e4]))[0]
+    rest = own - (1.0 - part) * of.resisting_force(2e4, 10.0)
     assert high == pytest.approx((limit + rest) / part)
     assert low == pytest.approx((rest - limit) / part)
 
 
 def test_range_on_a_change_of_grade() -> None:
     """Without the grade of every vehicle at its own place, draft at the top of a grade is not seen."""
-    model = _model("hxd1_c80_105", "daqin_section")
+    of = _model("hxd1_c80_105", "daqin_section")
     places = np.linspace(4e3, 4e4, 50)
-    ranges = CouplerLimit(model, 4e5).force_range(places, np.full(50, 15.0))
+    ranges = CouplerLimit(of, 4e5).force_range(places, np.full(50, 15.0))
     for place, (low, high) in zip(places, ranges.T, strict=True):
         rows = []
         for force in (low, high):
-            acceleration = (force - model.resisting_force(place, 15.0)) / model.inertia
+            acceleration = (force - of.resisting_force(place, 15.0)) / of.inertia
             front = force
             largest = 0.0
-            for i, vehicle in enumerate(model.consist.vehicles[:-1]):
-                at = place - model.consist.offsets[i]
-                specific, begin = model.specific_line_force()
+            for i, vehicle in enumerate(of.consist.vehicles[:-1]):
+                at = place - of.consist.offsets[i]
+                specific, begin = of.specific_line_force()
                 line = np.interp(at - begin, np.arange(specific.size), specific)
-                polynomial = vehicle.resistance.polynomial(vehicle.mass, model.consist.gravity)
+                polynomial = vehicle.resistance.polynomial(vehicle.mass, of.consist.gravity)
                 running = float(np.polyval(polynomial[::-1], 15.0))
                 front -= vehicle.mass * line + running + vehicle.mass * vehicle.rotating_mass_factor * acceleration
                 largest = max(largest, abs(front))
@@ -238,14 +227,11 @@ def test_the_model_of_python_control_has_the_same_response_and_names():
     assert system.state_labels == [name for name, _ in model.states]
 
 
-def test_a_missing_python_control_is_refused_with_its_command(monkeypatch):
-    """Breaks if the missing package is a traceback."""
+@pytest.mark.parametrize("speed", [0.0, -5.0, float("nan"), 2000.0])
+def test_an_impossible_speed_and_a_missing_python_control_are_refused(speed, monkeypatch):
+    """Breaks if the missing package is a traceback, or a train is linearised at rest, backwards or too fast."""
+    with pytest.raises(ValueError, match="speed_kmh"):
+        ta.linearise("demo", speed_kmh=speed)
     monkeypatch.setitem(sys.modules, "control", None)
     with pytest.raises(ValueError, match="pip install control"):
         ta.linearise("xuzhou_metro", speed_kmh=60).control()
-
-
-@pytest.mark.parametrize("speed", [0.0, -5.0, float("nan"), 2000.0])
-def test_an_impossible_speed_is_refused(speed):
-    with pytest.raises(ValueError, match="speed_kmh"):
-        ta.linearise("demo", speed_kmh=speed)

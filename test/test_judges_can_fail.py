@@ -14,9 +14,8 @@ from train_ato.papers.page import claims_of, judge_paper
 from train_ato.papers.session import load_paper
 
 ROOT = Path(__file__).resolve().parents[1]
+PAGE = (ROOT / "msgs_docs" / "reproduction.md").read_text(encoding="utf-8")
 PAPERS = {number: load_paper(number) for number in paper_packages()}
-
-
 CLAIMS = [
     pytest.param(paper, claim, id=f"{number} {claim.text}")
     for number, paper in PAPERS.items()
@@ -49,16 +48,12 @@ def test_every_claim_has_one_trial(paper: Paper, claim: Claim) -> None:
 
 @pytest.mark.parametrize(("paper", "claim"), CLAIMS)
 def test_declared_verdicts_are_reached_and_no_other(paper: Paper, claim: Claim) -> None:
-    """Breaks if a judge cannot say no, cannot say yes, or returns a verdict that its claim does not declare.
-
-    Breaks, too, if lost runs, NaN or failed runs are called reproduced, or if any nonsense raises.
-    """
+    """Breaks if a judge cannot say no or yes, returns another verdict, raises, or reproduces lost runs or NaN."""
     trial = only(paper.number, claim)
     good = trial.results(claim)
     found = {kind: verdict(paper, claim, {key: spoil(result) for key, result in good.items()})
              for kind, spoil in EVERY.items()}  # fmt: skip
-    assert set(found.values()) <= claim.verdicts
-    assert {found[kind] for kind in ABSURD} == {BAD}
+    assert set(found.values()) <= claim.verdicts and {found[kind] for kind in ABSURD} == {BAD}
     assert verdict(paper, claim, good) is GOOD
     there = set()
     if trial.elsewhere is not None:
@@ -82,10 +77,7 @@ def test_nonsense_in_one_run_of_the_law_is_not_reproduced(paper: Paper, claim: C
 
 @pytest.mark.parametrize(("paper", "claim"), CLAIMS)
 def test_a_verdict_changes_at_its_bounds(paper: Paper, claim: Claim) -> None:
-    """Breaks if a figure just beyond a bound is still reproduced, or one just within is not.
-
-    Breaks, too, if a judge gets a bound without results just within and just beyond it, or one without a source.
-    """
+    """Breaks if a figure just beyond a bound is reproduced, one within is not, or a bound has no source or trial."""
     sides: dict[Bound, set[bool]] = {}
     for entry, *pair in only(paper.number, claim).at_edges(claim):
         expected = ELSEWHERE if entry.elsewhere else GOOD
@@ -97,8 +89,7 @@ def test_a_verdict_changes_at_its_bounds(paper: Paper, claim: Claim) -> None:
                     sides[check.bound].add(check.holds)
     assert sides, "no bounds"
     untried = [f"{bound.quantity} {bound.limit:g}: {tried}" for bound, tried in sides.items() if len(tried) < 2]
-    assert not untried
-    assert all(bound.source for bound in sides)
+    assert not untried and all(bound.source for bound in sides)
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
@@ -116,22 +107,14 @@ def test_a_close_figure_is_marked() -> None:
     assert "within" not in str(Check(bound, 1.0 - 1.1 * CLOSE))
 
 
-PAGE = (ROOT / "msgs_docs" / "reproduction.md").read_text(encoding="utf-8")
-
-
-def test_the_page_explains_close_figures() -> None:
-    """Breaks if a measured figure within 3 % of its bound has no note on the page of the results."""
+def test_both_pages_count_the_same_verdicts_and_explain_close_figures() -> None:
+    """Breaks if a figure within 3 % of its bound has no note, or the table of the papers keeps old counts."""
     assert "(paper): " in PAGE
     assert [line for line in PAGE.splitlines() if "no reason given" in line] == []
-
-
-def test_both_pages_count_the_same_verdicts() -> None:
-    """Breaks if the page is written again and the table of the papers keeps the old counts."""
     pattern = re.compile(r"^\| (\d{3})[,:].*?((?: \| \d+){3}) (?=\|)", re.MULTILINE)
     measured = (ROOT / "msgs_docs" / "measured.md").read_text(encoding="utf-8")
     page, table = (dict(pattern.findall(text)) for text in (PAGE, measured))
-    assert page.keys() == set(PAPERS)
-    assert table == page
+    assert page.keys() == set(PAPERS) and table == page
 
 
 @pytest.mark.parametrize("number", PAPERS)

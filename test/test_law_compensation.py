@@ -4,9 +4,25 @@ import math
 
 import numpy as np
 import pytest
+from engine_runs import setup_of
 from hypothesis import given
 from hypothesis import strategies as st
-from law_trains import FIVE, HAULED, HILLY, LEVEL, SINGLE, SPRING, asked, consist, measured, model, profile, stack
+from law_trains import (
+    FIVE,
+    HAULED,
+    HILLY,
+    LEVEL,
+    LOCOMOTIVE,
+    SINGLE,
+    SPRING,
+    WAGON,
+    asked,
+    consist,
+    measured,
+    model,
+    profile,
+    stack,
+)
 
 from plant_sim.plant_setup import PlantSetup
 from plant_sim.train import Train
@@ -16,8 +32,6 @@ from train_ato.control.compensation.predictor import DelayEstimate
 from train_ato.control.compensation.rigid import RigidForce
 from train_ato.control.registry import COMPENSATIONS
 from train_ato.messages.types import Measurement, Reference
-from train_ato.scenario.scenario import load_scenario
-from train_ato.scenario.setup import prepare
 
 TICK_NS = 100_000_000
 
@@ -79,30 +93,24 @@ def test_prediction_equals_the_simulated_train(train, how):
     assert view.reference_velocity[0] == along.at(20.8)[1]
 
 
-def test_prediction_over_part_of_a_tick_and_with_a_disturbance():
-    """A delay of 0.25 s on ticks of 0.1 s with an estimated head wind of 4 kN."""
+def test_prediction_with_parts_of_ticks_and_overtaking_commands():
+    """0.25 s on ticks of 0.1 s with a head wind of 4 kN; a brake command acts before older traction commands."""
     of, along = model(SINGLE, LEVEL, delay=0.25), profile()
     state = (np.array([500.0]), np.array([10.0]), np.array([9e3]))
     view = step(of, "predictor", {}, along, state, np.array([[10e3], [20e3], [30e3]]), np.array([-4e3]))
     given_off = (0.05 * 10e3 + 0.1 * 20e3 + 0.1 * 30e3) / 80e3 - 0.25 * (4e3 + of.running_resistance(10.0)) / 80e3
     assert view.velocity[0] == pytest.approx(10.0 + given_off, abs=8e-3)
-
-
-def test_a_newer_command_that_arrives_first_replaces_older_ones():
-    """Delay 1.0 s in traction, 0.5 s in braking: a brake command sent 0.3 s ago acts before older traction commands."""
     of, along = model(SINGLE, LEVEL, delay=1.0, delay_brake=0.5), profile()
     sent = np.array([[40e3]] * 7 + [[-60e3]] + [[-60e3]] * 2)
     view = step(of, "predictor", {}, along, (np.array([500.0]), np.array([10.0]), np.array([40e3])), sent)
     expected = 10.0 + (0.2 * 40e3 - 0.3 * 60e3 - 0.5 * of.running_resistance(10.0)) / 80e3
-    assert view.velocity[0] == pytest.approx(expected, abs=5e-3)
-    assert view.applied[0] == -60e3
+    assert view.velocity[0] == pytest.approx(expected, abs=5e-3) and view.applied[0] == -60e3
 
 
 @given(ticks=st.integers(1, 15), seed=st.integers(0, 5))
 def test_the_delay_is_found(ticks, seed):
     """From any initial delay, within 40 s of an ordinary command."""
-    of = model(SINGLE, LEVEL, delay=0.5, lag=0.4)
-    estimate = DelayEstimate(of, 2.0)
+    estimate = DelayEstimate(model(SINGLE, LEVEL, delay=0.5, lag=0.4), 2.0)
     rng = np.random.default_rng(seed)
     keep, acting, command = math.exp(-0.1 / 0.4), 0.0, 0.0
     queue = [0.0] * ticks
@@ -119,8 +127,7 @@ def test_the_delay_is_found(ticks, seed):
 @pytest.mark.parametrize("every", [3, 5])
 def test_the_delay_is_found_at_a_longer_control_period(every):
     """A law at 0.3 or 0.5 s on ticks of 0.1 s, and two gaps of a second; breaks if a call counts as one tick."""
-    of = model(SINGLE, LEVEL, delay=0.5, lag=0.4)
-    estimate = DelayEstimate(of, 2.0)
+    estimate = DelayEstimate(model(SINGLE, LEVEL, delay=0.5, lag=0.4), 2.0)
     rng = np.random.default_rng(3)
     keep, acting, command, last = math.exp(-0.1 / 0.4), 0.0, 0.0, 0
     sent, queue = [0.0] * 20, [0.0] * 9
@@ -135,12 +142,10 @@ def test_the_delay_is_found_at_a_longer_control_period(every):
     assert estimate.delay == pytest.approx(0.9)
 
 
-def test_estimating_a_delay_needs_an_initial_delay():
+def test_a_predictor_needs_a_delay_and_driven_vehicles():
+    """Breaks if an estimate without an initial delay, or a chain with hauled vehicles, is accepted."""
     with pytest.raises(ValueError, match="compensation 'predictor': delay: estimated needs an initial delay"):
         COMPENSATIONS.make("predictor", {"delay": "estimated"}, model(SINGLE), 0.1)
-
-
-def test_chains_need_every_vehicle_driven():
     with pytest.raises(
         ValueError,
         match=r"train: chain needs every vehicle driven, here 1 of 5; set compensations\.predictor\.train: rigid",
@@ -148,8 +153,8 @@ def test_chains_need_every_vehicle_driven():
         COMPENSATIONS.make("predictor", {"train": "chain"}, model(HAULED, delay=0.5), 0.1)
 
 
-def test_the_twin_of_one_vehicle_is_the_rigid_force():
-    """On a hilly line its force is Newton's law within 2 % of the largest force."""
+def test_the_twin_of_units_has_their_rigid_force():
+    """Newton's law within 2 % of the largest force; five units on a crest get different forces with its sum."""
     of, along = model(SINGLE, HILLY), profile()
     ahead = AheadTrain(of, along, TwinParameters(), None, 0.0)
     ahead.run(150.0, keep_from=0.0)
@@ -157,15 +162,19 @@ def test_the_twin_of_one_vehicle_is_the_rigid_force():
     found = np.array([ahead.force(0, t) for t in times])
     needed = np.array([of.rigid_force(*along.at(t + 0.025)[:3]) for t in times])
     assert np.abs(found - needed).max() < 0.02 * np.abs(needed).max()
+    of, along = model(FIVE, HILLY), profile()
+    ahead = AheadTrain(of, along, TwinParameters(), None, 0.0)
+    ahead.run(105.0, keep_from=0.0)
+    forces = [ahead.force(unit, 100.0) for unit in range(5)]
+    assert 1000.0 < along.at(100.0)[0] < 1400.0
+    assert sum(forces) == pytest.approx(of.rigid_force(*along.at(100.025)[:3]), rel=0.03)
+    assert max(forces) - min(forces) > 2e3
 
 
 def test_the_twin_of_a_long_train_keeps_it_on_the_profile():
     """Its force through delay and lag, open loop, keeps a sprung train within 3 cm/s; a rigid feed-forward not."""
-    soft = consist(
-        {"loco": HAULED.vehicle_types["loco"].model_dump(), "wagon": HAULED.vehicle_types["wagon"].model_dump()},
-        [("loco", 1), ("wagon", 20)],
-        SPRING | {"stiffness": 2e6, "damping": 5e3},
-    )
+    types = {"loco": LOCOMOTIVE, "wagon": WAGON}
+    soft = consist(types, [("loco", 1), ("wagon", 20)], SPRING | {"stiffness": 2e6, "damping": 5e3})
     of, along = model(soft, LEVEL, delay=0.8, lag=0.4), profile(pull=0.18)
     worst = {}
     for name in ("preview", "twin"):
@@ -179,18 +188,16 @@ def test_the_twin_of_a_long_train_keeps_it_on_the_profile():
             errors.append(float(seen.velocity[0]) - reference.velocity)
             real.advance(np.tile(queue.pop(0), (real.substeps, 1)))
         worst[name] = np.abs(errors[30:]).max()
-    assert worst["twin"] < 0.03
-    assert worst["preview"] > 2.0 * worst["twin"]
+    assert worst["twin"] < 0.03 and worst["preview"] > 2.0 * worst["twin"]
 
 
 def test_the_twin_damps_the_waves_in_its_couplers():
     """Breaks if its units are fixed ends: the wave of the departure of 105 wagons keeps its swing of 350 kN."""
-    setup = prepare(*load_scenario("demo", changes={"plant": {"line": "level"}}))
+    setup = setup_of("demo", changes={"plant": {"line": "level"}})
     ahead = AheadTrain(setup.model, setup.profile, TwinParameters(), None, 0.0)
     ahead.run(230.0, keep_from=0.0)
     early, late = (np.ptp([ahead.force(0, t) for t in np.arange(begin, begin + 40.0)]) for begin in (60.0, 180.0))
-    assert early > 150e3
-    assert late < 0.4 * early
+    assert early > 150e3 and late < 0.4 * early
 
 
 @pytest.mark.parametrize("gap", [(), (20, 21, 22)])
@@ -215,18 +222,6 @@ def test_the_simulated_copy_predicts_the_train(gap):
             found = (view.position[0], view.velocity[0], view.coupler_force[0])
             assert found == pytest.approx(truth[k + 5], rel=1e-6, abs=1e-3)
     assert truth[-1][1] > 0.2
-
-
-def test_units_of_a_twin_get_their_own_forces():
-    """Five driven vehicles on a crest: different forces, with the sum of the force of the train."""
-    of, along = model(FIVE, HILLY), profile()
-    ahead = AheadTrain(of, along, TwinParameters(), None, 0.0)
-    ahead.run(105.0, keep_from=0.0)
-    forces = [ahead.force(unit, 100.0) for unit in range(5)]
-    place = along.at(100.0)[0]
-    assert 1000.0 < place < 1400.0
-    assert sum(forces) == pytest.approx(of.rigid_force(*along.at(100.025)[:3]), rel=0.03)
-    assert max(forces) - min(forces) > 2e3
 
 
 def test_measured_state_passes_through_twin_and_preview():

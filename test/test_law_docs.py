@@ -1,7 +1,4 @@
-"""The pages of laws, observers and compensations agree with the code, and their figures with their runs.
-
-Page of every law on every nominal scenario: its definition of nominal, its measurement, and its cells.
-"""
+"""Pages of laws, observers and compensations, and of every law on nominal scenarios, agree with code and runs."""
 
 import argparse
 import json
@@ -13,12 +10,13 @@ from typing import Any
 import pytest
 import yaml
 from case_costs import sampled
+from engine_runs import setup_of
 from matplotlib import image
 
 from msgs_docs.generate import __main__ as command_line
 from msgs_docs.generate import any_law_page as table
 from msgs_docs.generate.__main__ import LAWS as FOLDER
-from msgs_docs.generate.__main__ import chosen, law_pages, main, stale, unmeasured
+from msgs_docs.generate.__main__ import law_pages, main, stale, unmeasured
 from msgs_docs.generate.law_pages.measure import command, measure
 from msgs_docs.generate.law_pages.pages import (
     DEMO_RUNS,
@@ -75,7 +73,7 @@ def test_the_pages_reject_what_a_run_refuses_with_its_reason(train: str) -> None
     for law in LAWS.loadable():
         for name in COMPENSATIONS.loadable():
             try:
-                prepare(*load_scenario(SHIPPED[train], changes={"law": law, "compensation": name}))
+                setup_of(SHIPPED[train], changes={"law": law, "compensation": name})
             except ValueError as error:
                 refused[law, name] = str(error).partition(f"with compensation '{name}': ")[2].replace(f"'{name}'", "it")
     assert rejected_by_the_pages(train, "law") == refused
@@ -102,20 +100,14 @@ def test_a_new_law_is_documented_by_one_command(monkeypatch: pytest.MonkeyPatch)
 
 
 @pytest.mark.parametrize("key", COMPONENTS)
-def test_every_component_says_what_it_does_and_needs(key: str) -> None:
-    """Breaks if the docstring of a module loses its words on what the component does, or the paragraph Needs."""
+def test_a_component_says_what_it_does_and_has_a_small_figure(key: str) -> None:
+    """Breaks if a docstring loses what the component does or needs, or its figure is missing or large."""
     title, does, law, needs = sections(COMPONENTS[key].text, {})
     assert min(map(len, (title, does))) > 20, f"{key}: begin its module's docstring with a title and a paragraph"
     assert len(needs) >= len("Nothing."), f"{key}: end its module's docstring with a paragraph 'Needs: ...'"
     assert law or COMPONENTS[key].name == "none", f"{key}: describe its equations in the docstring of its module"
-
-
-@pytest.mark.parametrize("key", COMPONENTS)
-def test_figure_is_there_and_small(key: str) -> None:
-    """Breaks if a page has no figure, or one that swells the repository."""
     path = FOLDER / f"{COMPONENTS[key].page}.png"
-    assert path.stat().st_size < MAX_PNG
-    assert min(image.imread(path).shape[:2]) > 300
+    assert path.stat().st_size < MAX_PNG and min(image.imread(path).shape[:2]) > 300
 
 
 @pytest.mark.parametrize("line", sampled(CASES, every=8))
@@ -136,8 +128,8 @@ def driven(setup: RunSetup) -> dict[str, Any]:
     return {**resolved, "laws": resolved["laws"].get(resolved["law"])}
 
 
-def test_docstrings_become_markdown() -> None:
-    """Code stays code, references become links, no accidental emphasis."""
+def test_docstrings_and_parameters_by_hand() -> None:
+    """Code stays code, references are links; default, unit, range and choices as declared, a bar ends no cell."""
     title, does, law, needs = sections(
         "A law, paper 000.\n\nDoes ``this``.\n\n"
         "Per unit, x*_i of :mod:`a.smc`::\n\n    S = e' + l1 e\n\n    u = -m S\n\n"
@@ -148,10 +140,6 @@ def test_docstrings_become_markdown() -> None:
     assert law == (
         "Per unit, x\\*_i of [`smc`](smc.md):\n\n```text\nS = e' + l1 e\n\nu = -m S\n```\n\n* a correction to `x.Y`"
     )
-
-
-def test_parameter_table_by_hand() -> None:
-    """Default, unit, range and choices as declared; a bar in a meaning does not end its cell."""
     rows = parameter_table(COMPONENTS["observer/cascaded"]).splitlines()
     meaning = "implicit signs, Levant's differentiators, or explicit signs as in the paper"
     assert f"| `method` | implicit | - | implicit, levant, explicit | {meaning} |" in rows
@@ -169,36 +157,20 @@ def short(monkeypatch: pytest.MonkeyPatch, **changes: object) -> Component:
 
 
 def test_measuring_drives_and_draws(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Breaks if the command no longer makes a table and a small figure out of runs."""
+    """Breaks if the command makes no table and small figure out of runs, or puts half of a run on a page."""
     component = short(monkeypatch)
     shares: list[float] = []
     found = measure([component], tmp_path, lambda share, _: shares.append(share))
-    assert shares == [0.5, 1.0]
-    assert [row["run"] for row in found[component.key]] == ["a", "b"]
+    assert shares == [0.5, 1.0] and [row["run"] for row in found[component.key]] == ["a", "b"]
     assert 0.0 < found[component.key][0]["speed_rmse_kmh"] < 1.0
     assert (tmp_path / "pid.png").stat().st_size < MAX_PNG
-
-
-def test_a_run_that_fails_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Breaks if a figure of half a run is put on a page."""
     component = short(monkeypatch, law="smcc")
     with pytest.raises(OSError, match=r"train-ato run xuzhou_metro .*unknown law 'smcc'"):
         measure([component], tmp_path, lambda *_: None)
     assert not list(tmp_path.iterdir())
 
 
-def test_a_page_that_is_not_there_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    """One line, exit status 2, nothing written."""
-    with pytest.raises(ValueError, match=r"--measure smcc: no such page; did you mean 'smc'\?"):
-        chosen(["smcc"])
-    with pytest.raises(SystemExit) as end:
-        command_line.main(["--measure", "smcc"])
-    assert end.value.code == 2
-    assert "did you mean 'smc'" in capsys.readouterr().err
-
-
-ROOT = Path(__file__).resolve().parents[1]
-ROWS = read_rows(ROOT / table.MEASURED)
+ROWS = read_rows(Path(__file__).resolve().parents[1] / table.MEASURED)
 
 
 @pytest.mark.parametrize(
@@ -238,13 +210,14 @@ def test_one_scenario_is_measured_and_the_other_rows_remain(tmp_path: Path, monk
     assert rows[0]["outcome"] == "tracked" and rows[2] == kept
 
 
-@pytest.mark.parametrize("name", ["any_law:xuzhou_metro:slower", "any_law:dema", "faults:demo"])
-def test_a_scenario_without_rows_is_refused(name: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """Breaks if a wrong name is measured as nothing and the page counts as new."""
+@pytest.mark.parametrize("name", ["any_law:xuzhou_metro:slower", "any_law:dema", "faults:demo", "smcc"])
+def test_a_page_or_scenario_without_rows_is_refused(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if a wrong name is measured as nothing and the page counts as new, or a misspelt one has no remedy."""
     with pytest.raises(SystemExit) as stopped:
         main(["--measure", name])
     assert stopped.value.code == 2
-    assert f"--measure {name}" in capsys.readouterr().err
+    err = capsys.readouterr().err
+    assert f"--measure {name}" in err and ("such page; did you mean 'smc'?" in err or name != "smcc")
 
 
 def test_the_page_has_every_cell_and_a_reason_for_every_miss() -> None:
@@ -253,8 +226,7 @@ def test_the_page_has_every_cell_and_a_reason_for_every_miss() -> None:
     default = [(row["scenario"], row["law"]) for row in ROWS if row["gains"] != PRINTED]
     assert default == [(name, law) for name in names for law in LAWS.names()]
     missed = [(row["scenario"], row["law"]) for row in table.not_met(ROWS)]
-    assert len(missed) <= 5
-    assert sorted(missed) == sorted(table.REASONS)
+    assert len(missed) <= 5 and sorted(missed) == sorted(table.REASONS)
     assert all(row["choice"] != "nearest choice: " for row in ROWS if row["outcome"] == "refused")
 
 
@@ -281,7 +253,7 @@ def test_the_leaderboard_counts_every_run_once() -> None:
 def test_the_page_has_the_nominal_scenarios_that_are_shipped_and_the_gains_of_their_runs() -> None:
     """Breaks if a new nominal scenario has no rows, or a row says `fitted` for gains of the rule."""
     assert list(dict.fromkeys(row["scenario"] for row in ROWS)) == table.nominal_names()
-    setups = {name: prepare(*load_scenario(name)) for name in table.nominal_names()}
+    setups = {name: setup_of(name) for name in table.nominal_names()}
     for row in ROWS:
         if "source" in row:
             setup, law = setups[row["scenario"]], row["law"]

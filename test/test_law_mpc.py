@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from law_trains import model
 
 import train_ato as ta
 from plant_sim.library import load_consist, load_line
@@ -24,7 +25,6 @@ from train_ato.control.mpc.motion_observer import RAMP_TIME, MotionObserver, mot
 from train_ato.control.mpc.predictive_plan import decide, free_motion, go_on, node_values
 from train_ato.control.mpc.unit_deviations import UnitDeviations, filter_gain, regulator_gain
 from train_ato.control.observers.force_balance import lag_weight
-from train_ato.control.train_model import TrainModel
 
 
 class _Units(NamedTuple):
@@ -36,10 +36,12 @@ class _Units(NamedTuple):
     disturbance: np.ndarray
 
 
-def _model(delay=1.0, lag=0.4):
-    units = 3
-    delays = np.full(units, delay)
-    return TrainModel(load_consist("crh380a_three_units"), load_line("level"), delays, delays, lag, 0.1)
+def _model(name="crh380a_three_units", delay=1.0):
+    return model(load_consist(name), load_line("level"), delay, 0.4)
+
+
+def _driven(scenario, **changes):
+    return ta.run(scenario, law="mpc", compensation="none", progress=False, **changes)
 
 
 @settings(max_examples=60, deadline=None)
@@ -54,8 +56,7 @@ def test_multipliers_solve_the_complementarity_problem(seed, rows):
     assert multipliers(matrix, slack, active, found) >= 0
     rest = slack + matrix @ found
     scale = np.abs(slack).max()
-    assert found.min() >= 0.0
-    assert rest.min() >= -1e-6 * scale
+    assert found.min() >= 0.0 and rest.min() >= -1e-6 * scale
     assert np.abs(found * rest).max() <= 1e-6 * scale * max(1.0, found.max())
 
 
@@ -106,14 +107,21 @@ def test_plan_without_constraints_has_the_gains_of_the_regulator():
     np.testing.assert_allclose(found, [share * omega**2, 2.0 * omega], rtol=0.05)
 
 
-def test_free_motion_uses_the_delay_of_the_sign():
-    """With one delay for both signs, a braking command in flight acts too late."""
+def test_free_motion_and_motion_by_the_rate():
+    """With one delay for both signs a brake acts too late; a wrong power differs from the integral of r' = -r/T."""
     actuators = np.array([[1.0], [0.5], [1.0]])
     sent = np.zeros((10, 1))
     sent[-1] = -1000.0  # arrives after 0.4 s, since it was sent 0.1 s ago
     motion = np.zeros(4)
     free_motion(motion, np.zeros(1), sent, np.zeros(11), actuators, 0.1, 0.0, 1000.0)
     assert motion[1] == pytest.approx(-0.6)  # from 0.4 s to 1.0 s, as no later command replaces it
+    step, position, speed, disturbance, rate = 1e-4, 0.0, 0.0, 0.0, 0.05
+    for _ in range(20_000):
+        position += step * speed
+        speed += step * disturbance
+        disturbance += step * rate
+        rate -= step * rate / RAMP_TIME
+    np.testing.assert_allclose(motion_by_rate(0.05, 2.0), (position, speed, disturbance, rate), rtol=1e-3)
 
 
 def test_observer_finds_a_constant_disturbance():
@@ -144,27 +152,11 @@ def _estimated(disturbance, coupled):
     return found
 
 
-def test_gust_is_found_within_the_delay():
-    """Without the filter of a gust .008 of .1 m/s² are found after .2 s, with the random walks of couplers .011."""
-    gust = np.repeat([0.0, 0.1], [600, 4])
-    assert _estimated(gust, coupled=False)[0] > 0.25 * 0.1
-
-
-def test_rate_of_a_grade_under_a_train_is_found():
-    """A filter without the rate has 0: a grade that comes under the train is then compensated only after it acts."""
+def test_gust_and_rate_of_a_grade_are_found_within_the_delay():
+    """Without the filter of a gust .008 of .1 m/s² are found after .2 s; a filter without the rate has a rate of 0."""
+    assert _estimated(np.repeat([0.0, 0.1], [600, 4]), coupled=False)[0] > 0.25 * 0.1
     rise = np.concatenate((np.zeros(600), 0.05 * 0.05 * np.arange(80)))
     assert 0.3 * 0.05 < _estimated(rise, coupled=False)[1] < 0.05
-
-
-def test_motion_by_the_rate_equals_a_fine_simulation():
-    """A wrong power or sign in the closed form differs from the integral of r' = -r/T."""
-    step, position, speed, disturbance, rate = 1e-4, 0.0, 0.0, 0.0, 0.05
-    for _ in range(20_000):
-        position += step * speed
-        speed += step * disturbance
-        disturbance += step * rate
-        rate -= step * rate / RAMP_TIME
-    np.testing.assert_allclose(motion_by_rate(0.05, 2.0), (position, speed, disturbance, rate), rtol=1e-3)
 
 
 def _accelerated(theta, grade=0.0, noise=0.0):
@@ -193,8 +185,7 @@ def test_estimates_are_quiet_under_noise():
     """The fast filter alone has .04 m/s² of disturbance at .05 m/s of noise; the slow one must have the weight."""
     observer = _accelerated(0.0, noise=0.05)
     assert abs(observer.disturbance) < 0.01
-    assert abs(observer.speed_error - observer._states[0, 1]) < 0.05
-    assert observer._chances[0] < 0.2
+    assert abs(observer.speed_error - observer._states[0, 1]) < 0.05 and observer._chances[0] < 0.2
 
 
 def test_motion_begins_with_the_speed_0_of_standstill():
@@ -210,51 +201,34 @@ def test_motion_begins_with_the_speed_0_of_standstill():
         assert observer.speed_error == pytest.approx(0.02 * k, abs=0.003)
 
 
-def test_force_at_standstill_does_not_change_the_identification():
-    """The holding brake, not a wrong gain, gives the force of a train at standstill."""
-    identification = ActuatorIdentification(_model(), 0.1)
-    for _ in range(100):
-        identification.step(np.full(3, -5e4), 0.0, False)
-    assert (identification.gain, identification.factor) == (1.0, 1.0)
-
-
-def _freight():
-    delays = np.full(5, 1.0)
-    return TrainModel(load_consist("freight_five"), load_line("level"), delays, delays, 0.4, 0.1)
-
-
 def test_forces_between_the_units_add_to_zero_and_damp():
     """A force that does not add to 0 moves the train; a wrong sign or no prediction excites the springs."""
-    model = _freight()
-    damping = UnitDeviations(model, 0.1, lag_weight(0.1, model.lag))
+    of = _model("freight_five")
+    damping = UnitDeviations(of, 0.1, lag_weight(0.1, of.lag))
     units, n = damping._units, 5
     state = np.zeros(2 * n)
     state[n] = 0.5
     applied, sent = np.zeros(n), np.zeros((10, n))
-    actuators = np.array([model.delay, model.delay_brake, model.share])
-    decay = math.exp(-0.1 / model.lag)
+    actuators = np.array([of.delay, of.delay_brake, of.share])
+    decay = math.exp(-0.1 / of.lag)
     energies = []
     for _ in range(600):
-        inputs = _Units(state[:n] - model.offsets, state[n:].copy(), applied, np.zeros(n))
+        inputs = _Units(state[:n] - of.offsets, state[n:].copy(), applied, np.zeros(n))
         force = np.array(damping.forces(inputs, sent, actuators, 10))
         assert abs(force.sum()) < 1e-6 * max(1.0, np.abs(force).max())
         due, sent = sent[0], np.vstack((sent[1:], force))
-        mean = due + (applied - due) * (1.0 - decay) * model.lag / 0.1
+        mean = due + (applied - due) * (1.0 - decay) * of.lag / 0.1
         state = units.step_matrix(0.1) @ np.concatenate((state, mean))
         applied = due + (applied - due) * decay
         energies.append(float(np.var(state[n:])))
     assert max(energies[-100:]) < 0.01 * max(energies[:100])
 
 
-def test_steady_gains_of_a_scalar_system():
-    """With a = b = q = r = 1, S² = S + 1: the golden ratio. A wrong sign or order gives another gain."""
+def test_steady_gains_by_hand_and_with_a_free_mode():
+    """With a = b = q = r = 1 the gain is the golden ratio; a transposed matrix or an early end gives another gain."""
     one, golden = np.ones((1, 1)), (1.0 + math.sqrt(5.0)) / 2.0
     assert regulator_gain(one, one, one, one)[0, 0] == pytest.approx(golden / (1.0 + golden))
     assert filter_gain(one, one, one, one)[0, 0] == pytest.approx(golden / (1.0 + golden))
-
-
-def test_steady_gains_stabilise_a_system_with_a_free_mode():
-    """A transposed matrix, or an iteration that ends early, leaves a pole outside the circle or another gain."""
     random = np.random.default_rng(8)
     a, b = random.normal(size=(5, 5)), random.normal(size=(5, 2))
     a[4], a[:, 4], b[4] = 0.0, 0.0, 0.0
@@ -275,30 +249,27 @@ def test_steady_gains_stabilise_a_system_with_a_free_mode():
 
 def test_units_on_soft_couplers_need_few_changes_of_force():
     """With a gain on every unit's own deviation and a fast observer this run has 78 kN/s and 2.3 km/h."""
-    run = ta.run(
-        "freight_consensus:realistic+delay_1_0", law="mpc", compensation="none", set={"duration": 60}, progress=False
-    )
+    run = _driven("freight_consensus:realistic+delay_1_0", set={"duration": 60})
     assert run.metrics["command_variation_kn_per_s"] < 60.0
     assert run.metrics["speed_error_max_kmh"] < 2.0
 
 
 def test_stiff_couplers_and_hauled_vehicles_have_no_unit_damping():
     """The damping of a train with hauled vehicles would need the state of all of them."""
-    delays = np.array([0.8])
-    model = TrainModel(load_consist("hxd1_c80_105"), load_line("level"), delays, delays, 0.4, 0.1)
-    assert train_class(model, 1.0) is HAULED_VEHICLES
-    assert train_class(_freight(), 1.0) is SOFT_UNITS
-    assert train_class(_freight(), 0.01) is COUPLED_UNITS
-    assert force_tables(model)[0].min() > 1e7, "the air brake adds to the electric brake"
+    hauled = _model("hxd1_c80_105", 0.8)
+    assert train_class(hauled, 1.0) is HAULED_VEHICLES
+    assert train_class(_model("freight_five"), 1.0) is SOFT_UNITS
+    assert train_class(_model("freight_five"), 0.01) is COUPLED_UNITS
+    assert force_tables(hauled)[0].min() > 1e7, "the air brake adds to the electric brake"
 
 
 def _identified(plant_delay, plant_gain, model_delay=1.0, spoil=0.0):
     """Return the identification after 60 s of a sinusoidal command, forces of a simulated actuator."""
-    model = _model(model_delay)
-    identification = ActuatorIdentification(model, 0.1)
+    of = _model(delay=model_delay)
+    identification = ActuatorIdentification(of, 0.1)
     random = np.random.default_rng(5)
     commands = [np.full(3, 3e4 * math.sin(0.03 * k)) for k in range(600)]
-    force, decay = 0.0, math.exp(-0.1 / model.lag)
+    force, decay = 0.0, math.exp(-0.1 / of.lag)
     late = round(plant_delay / 0.1)
     for k in range(1, 600):
         due = plant_gain * float(commands[k - 1 - late].sum()) if k > late else 0.0
@@ -312,24 +283,26 @@ def test_identification_finds_delay_and_gain(delay, gain):
     """A shifted history, or a gain not divided out, gives another factor; candidates are .1 apart."""
     found = _identified(delay, gain)
     assert found.factor == pytest.approx(delay, abs=0.051)
-    assert found.gain == pytest.approx(gain, rel=0.02)
-    assert not found.model_is_wrong
+    assert found.gain == pytest.approx(gain, rel=0.02) and not found.model_is_wrong
 
 
 def test_identification_reports_a_wrong_model():
-    """Force without relation to the commands must be reported, and the gain must stay in its bounds."""
+    """Breaks if force without relation to the commands is not reported, or a holding brake is a wrong gain."""
     found = _identified(1.0, 1.0, spoil=1e5)
-    assert found.model_is_wrong
-    assert 0.5 <= found.gain <= 1.5
+    assert found.model_is_wrong and 0.5 <= found.gain <= 1.5
+    identification = ActuatorIdentification(_model(), 0.1)
+    for _ in range(100):
+        identification.step(np.full(3, -5e4), 0.0, False)
+    assert (identification.gain, identification.factor) == (1.0, 1.0)
 
 
 def test_gains_are_safe_until_the_model_is_right_again():
     """A test that misses a delay of three times that of the model keeps full gains; without an end they stay low."""
     # They end at a misfit of 5 %, not of the 15 % of their begin: between the two the gains would change at every step.
-    model = _model(1.0)
-    identification = ActuatorIdentification(model, 0.1, estimates=False)
+    of = _model()
+    identification = ActuatorIdentification(of, 0.1, estimates=False)
     commands = [np.full(3, 3e4 * math.sin(0.1 * k)) for k in range(3000)]
-    force, decay, states, misfits = 0.0, math.exp(-0.1 / model.lag), [], []
+    force, decay, states, misfits = 0.0, math.exp(-0.1 / of.lag), [], []
     for k in range(1, 3000):
         late = 30 if k < 1000 else 10
         due = float(commands[k - 1 - late].sum()) if k > late else 0.0
@@ -337,11 +310,9 @@ def test_gains_are_safe_until_the_model_is_right_again():
         identification.step(commands[k - 1], force)
         states.append(identification.model_is_unsafe)
         misfits.append(identification.misfit)
-    assert states[900]
-    assert not states[-1]
+    assert states[900] and not states[-1]
     begin, end = np.flatnonzero(np.diff(np.array(states, dtype=int))) + 1
-    assert misfits[begin - 1] <= 0.15 < misfits[begin]
-    assert misfits[end] <= 0.05 < misfits[end - 1]
+    assert misfits[begin - 1] <= 0.15 < misfits[begin] and misfits[end] <= 0.05 < misfits[end - 1]
 
 
 @pytest.mark.parametrize(
@@ -356,10 +327,9 @@ def test_gains_are_safe_until_the_model_is_right_again():
 def test_a_wrong_model_does_not_make_the_loop_unstable(changes, largest):
     """With full gains and a delay three times that of the model, or twice without an estimate, the error grows."""
     wrong = {"model.delay": 1.0, "duration": 150, **changes}
-    run = ta.run("freight_consensus:realistic+delay_1_0", law="mpc", compensation="none", set=wrong, progress=False)
+    run = _driven("freight_consensus:realistic+delay_1_0", set=wrong)
     error = np.abs(run["train/measurement"]["unit_0_speed_m_s"] - run["ato/reference"]["speed_m_s"]).to_numpy()
-    assert 3.6 * error.max() < largest
-    assert error[-300:].max() < error.max()
+    assert 3.6 * error.max() < largest and error[-300:].max() < error.max()
 
 
 def test_delay_longer_than_the_model_is_learnt_in_a_run():
@@ -385,8 +355,7 @@ def test_noise_of_the_speed_does_not_shake_the_command():
 )
 def test_noise_of_the_speed_does_not_hide_a_departure(scenario, seed, largest):
     """A slow train that counts as one at standstill: .044 and .057 m/s in the first seconds."""
-    noise = {"plant.sensors.velocity_noise": 0.05, "duration": 40}
-    run = ta.run(scenario, law="mpc", compensation="none", set=noise, seed=seed, progress=False)
+    run = _driven(scenario, set={"plant.sensors.velocity_noise": 0.05, "duration": 40}, seed=seed)
     assert run.metrics["speed_error_max_kmh"] / 3.6 < largest
 
 
@@ -410,8 +379,7 @@ def test_multipliers_of_an_ill_conditioned_matrix():
         matrix = factor @ factor.T
         matrix += 1e-6 * np.diag(np.diag(matrix))
         slack, found, active = random.normal(size=120), np.zeros(120), random.random(120) < 0.3
-        assert multipliers(matrix, slack, active, found) >= 0
-        assert found.min() >= 0.0
+        assert multipliers(matrix, slack, active, found) >= 0 and found.min() >= 0.0
         assert (slack + matrix @ found).min() > -1e-3
 
 
@@ -427,7 +395,7 @@ def test_the_last_plan_goes_on_without_a_solution(period):
 
 def test_force_limit_ahead_divides_the_error_over_the_horizon():
     """With a quadratic cost only and samples of the force at the nodes the error is 10.1 m."""
-    run = ta.run("crh380a_gpc:short+limited", law="mpc", compensation="none", progress=False)
+    run = _driven("crh380a_gpc:short+limited")
     assert run.metrics["position_error_max_m"] <= 9.2
     assert run.metrics["speed_error_max_kmh"] / 3.6 <= 0.75
 
@@ -436,20 +404,18 @@ def test_force_limit_ahead_divides_the_error_over_the_horizon():
 def test_an_estimate_of_a_moment_does_not_last_in_the_limits(mismatch):
     """With the disturbance of now over 120 s the error is 12.3 and 10.7 m after a change of the delay."""
     scenario = "crh380a_funnel:short+saturated"
-    run = ta.run(scenario, law="mpc", compensation="none", set=mismatch, progress=False)
-    assert run.metrics["position_error_max_m"] <= 9.2
+    assert _driven(scenario, set=mismatch).metrics["position_error_max_m"] <= 9.2
 
 
 def test_long_train_stops_at_the_target_on_a_rising_grade():
     """A force that holds the train on the grade pulls the locomotive on after the stop of its wagons: 1.1 m."""
-    run = ta.run("demo", law="mpc", compensation="none", progress=False)
-    assert abs(run.metrics["stop_error_m"]) < 0.1
+    assert abs(_driven("demo").metrics["stop_error_m"]) < 0.1
 
 
 @pytest.mark.parametrize(("variant", "rms", "largest"), [("disturbed", 0.0125, 0.08), ("mismatch", 0.043, 0.45)])
 def test_gusts_and_unknown_grades_of_the_metro(variant, rms, largest):
     """Without gust filter and rate: .0163 and .090 m/s, with the other model .0457 m/s; goals of the law."""
-    run = ta.run(f"xuzhou_metro:{variant}", law="mpc", compensation="none", progress=False)
+    run = _driven(f"xuzhou_metro:{variant}")
     assert run.metrics["speed_rmse_kmh"] / 3.6 <= rms
     assert run.metrics["speed_error_max_kmh"] / 3.6 <= largest
     assert abs(run.metrics["stop_error_m"]) <= 0.05
@@ -459,6 +425,4 @@ def test_gusts_and_unknown_grades_of_the_metro(variant, rms, largest):
 @pytest.mark.campaign
 def test_force_of_a_long_train_does_not_follow_the_steps_of_its_line_force():
     """Wagon by wagon the line force changes by 3 kN; with its derivative through the lag the variation is 12.6 kN/s."""
-    changes = {"duration": 550}
-    run = ta.run("daqin_heavy_haul", law="mpc", compensation="none", set=changes, progress=False)
-    assert run.metrics["command_variation_kn_per_s"] < 7.0
+    assert _driven("daqin_heavy_haul", set={"duration": 550}).metrics["command_variation_kn_per_s"] < 7.0

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from law_trains import LEVEL, LOCOMOTIVE, WAGON, consist
+from law_trains import LEVEL, LOCOMOTIVE, WAGON, consist, model
 
 import train_ato as ta
 from train_ato.cli import main
@@ -21,7 +21,6 @@ from train_ato.control.algorithms.train_constants import (
 from train_ato.control.mpc.force_plan import ForcePlan, PlanStart
 from train_ato.control.mpc.measured_motion import MOTION, ModalObserver
 from train_ato.control.registry import LAWS
-from train_ato.control.train_model import TrainModel
 from train_ato.studies.check_component import checking
 
 SPRING = {"kind": "linear", "stiffness": 10e6, "damping": 2e5}
@@ -43,14 +42,26 @@ HILL = {
 }  # fmt: skip
 
 
+def own_run(parts, gear, wagon=WAGON, **changes):
+    """Return the run of a train of one's own on the hill."""
+    whole = {
+        "schema": "train_ato/consist/1", "name": "own", "vehicle_types": {"engine": LOCOMOTIVE, "wagon": wagon},
+        "train": [{"type": kind, "count": count} for kind, count in parts],
+        "draft_gears": {"gear": gear}, "default_gear": "gear",
+    }  # fmt: skip
+    changes |= {
+        "plant.consist": whole, "plant.line": HILL, "model.consist": whole, "model.line": HILL, "plant.lag": 0.4,
+        "plant.disturbances": [],
+    }  # fmt: skip
+    return ta.run("demo", law="mpc", compensation="none", seed=5, set=changes, progress=False)
+
+
 def _model(train, gear, delay=0.6):
-    whole = consist(TYPES, train, gear)
-    delays = np.full(len(whole.power_units), delay)
-    return TrainModel(whole, LEVEL, delays, delays, 0.4, 0.1)
+    return model(consist(TYPES, train, gear), LEVEL, delay, 0.4)
 
 
 def test_eigenvalues_of_a_chain():
-    """A wrong rotation changes the eigenvalues, 2 - 2 cos(pi k/n) for a free chain of n bodies, or their vectors."""
+    """A wrong rotation changes 2 - 2 cos(pi k/n) of a free chain; two masses have omega² = k (1/m + 1/n)."""
     size = 40
     matrix = 2.0 * np.eye(size) - np.eye(size, k=1) - np.eye(size, k=-1)
     matrix[0, 0] = matrix[-1, -1] = 1.0
@@ -58,10 +69,6 @@ def test_eigenvalues_of_a_chain():
     assert np.sort(values) == pytest.approx(2.0 - 2.0 * np.cos(math.pi * np.arange(size) / size), abs=1e-12)
     assert np.abs(matrix @ vectors - vectors * values).max() < 1e-12
     assert np.abs(vectors.T @ vectors - np.eye(size)).max() < 1e-12
-
-
-def test_mode_of_two_bodies():
-    """Two masses have one mode: omega² = k (1/m + 1/n), b² = 1/m - 1/(m + n), zeta = c omega/(2 k)."""
     modes = CouplerModes.of(_model([("engine", 1), ("wagon", 1)], SPRING))
     first, second = LOCOMOTIVE["mass"], WAGON["mass"]
     assert modes.omega == pytest.approx([math.sqrt(10e6 * (1 / first + 1 / second))])
@@ -93,17 +100,11 @@ def test_modes_have_the_response_of_the_whole_train():
 
 
 def test_rigid_couplers_have_no_modes():
-    """Bodies joined by rigid couplers are one: without the merger the stiffness is infinite."""
+    """Bodies joined by rigid couplers are one, and two equal units do not excite the odd modes of their train."""
     rigid = _model([("engine", 1), ("wagon", 5)], RIGID)
-    assert wave_time(rigid) == 0.0
-    assert CouplerModes.of(rigid).omega.size == 0
+    assert wave_time(rigid) == 0.0 and CouplerModes.of(rigid).omega.size == 0
     table = CouplerModes.of(_model([("engine", 1), ("wagon", 5)], TABLE))
-    assert 1 <= table.omega.size <= 4
-    assert np.all(table.damping > 0.02)
-
-
-def test_modes_with_a_node_at_the_units_are_left_out():
-    """Two equal units at the ends of a symmetric train do not excite its odd modes: without modes 0/0 in the noise."""
+    assert 1 <= table.omega.size <= 4 and np.all(table.damping > 0.02)
     assert CouplerModes.of(_model([("engine", 2)], SPRING)).omega.size == 0
     whole = _model([("engine", 1), ("wagon", 1), ("engine", 1)], SPRING)
     assert CouplerModes.of(whole).omega == pytest.approx([math.sqrt(10e6 * (1 / 184e3 + 2 / 100e3))])
@@ -111,11 +112,11 @@ def test_modes_with_a_node_at_the_units_are_left_out():
 
 def test_observer_separates_a_wave_from_the_speed_of_the_train():
     """A wave in the speed of the unit that the loop cannot damp is not fed back as a speed error."""
-    model = _model([("engine", 1), ("wagon", 14)], SPRING, delay=1.0)
-    modes = CouplerModes.of(model)
-    observer = ModalObserver(0.1, 0.3, wave_time(model), speed_noise=0.02, modes=modes, dead_time=dead_time(model))
+    of = _model([("engine", 1), ("wagon", 14)], SPRING, delay=1.0)
+    modes = CouplerModes.of(of)
+    observer = ModalObserver(0.1, 0.3, wave_time(of), speed_noise=0.02, modes=modes, dead_time=dead_time(of))
     fast = float(modes.omega[-1])
-    assert fast * dead_time(model) > 0.5 * math.pi
+    assert fast * dead_time(of) > 0.5 * math.pi
     seen = []
     for step in range(600):
         wave = 0.05 * math.sin(fast * 0.1 * step)
@@ -127,23 +128,22 @@ def test_observer_separates_a_wave_from_the_speed_of_the_train():
 
 def test_a_law_that_begins_in_motion_takes_the_stretch_of_its_train_for_no_wave():
     """Breaks if the modes begin without the stretch by the force: a swap then has twice the error and more."""
-    model = _model([("engine", 1), ("wagon", 14)], SPRING)
-    modes, force = CouplerModes.of(model), 3e5
-    observer = ModalObserver(0.1, 0.3, wave_time(model), speed_noise=0.02, modes=modes, dead_time=dead_time(model))
+    of = _model([("engine", 1), ("wagon", 14)], SPRING)
+    modes, force = CouplerModes.of(of), 3e5
+    observer = ModalObserver(0.1, 0.3, wave_time(of), speed_noise=0.02, modes=modes, dead_time=dead_time(of))
     observer.stand(0.2, 10.0, 50.0, 10.0, moving=True, force=force)
     seen = []
     for _ in range(100):
         observer.step(0.2, 0.0, 0.0, force=force)
         seen.append((observer.position_error, observer.speed_error))
-    assert np.abs(np.array(seen)[:, 1]).max() < 1e-9
-    assert np.ptp(np.array(seen)[:, 0]) < 1e-9
+    assert np.abs(np.array(seen)[:, 1]).max() < 1e-9 and np.ptp(np.array(seen)[:, 0]) < 1e-9
 
 
 def test_noise_of_the_speed_is_no_wave_of_a_short_train():
     """A train of three vehicles has small waves: with those of a long one the estimate follows the noise."""
-    model = _model([("wagon", 1), ("engine", 1), ("wagon", 1)], SPRING)
+    of = _model([("wagon", 1), ("engine", 1), ("wagon", 1)], SPRING)
     observer = ModalObserver(
-        0.1, 0.5, wave_time(model), speed_noise=0.025, modes=CouplerModes.of(model), dead_time=dead_time(model)
+        0.1, 0.5, wave_time(of), speed_noise=0.025, modes=CouplerModes.of(of), dead_time=dead_time(of)
     )  # fmt: skip
     seen = []
     for noise in np.random.default_rng(1).normal(0.0, 0.025, 1000):
@@ -155,20 +155,17 @@ def test_noise_of_the_speed_is_no_wave_of_a_short_train():
 def test_waves_that_outlast_the_feedback_are_not_fed_back():
     """A mode at 1.1 rad/s, undamped for .8 s of delay, was fed back: lost at 1.2 s, couplers over 4 000 kN."""
     # For two bodies b² M = n/m: the feedback changes the damping rate by at most g n/(2 m A), A² = 1 + omega² Ta².
-    model = _model([("engine", 1), ("wagon", 1)], SPRING)
-    modes = CouplerModes.of(model)
+    of = _model([("engine", 1), ("wagon", 1)], SPRING)
+    modes = CouplerModes.of(of)
     omega, ratio = float(modes.omega[0]), WAGON["mass"] / LOCOMOTIVE["mass"]
     largest = 2.0 / ratio * float(modes.damping[0]) * omega * math.hypot(1.0, 0.4 * omega)
-    assert not modes.outlast(0.99 * largest, model.inertia, 0.4)
-    assert modes.outlast(1.01 * largest, model.inertia, 0.4)
+    assert not modes.outlast(0.99 * largest, of.inertia, 0.4)
+    assert modes.outlast(1.01 * largest, of.inertia, 0.4)
 
 
 @pytest.mark.parametrize(("outlast", "quarter"), [(False, 1.0), (True, 1.5)])
 def test_a_wave_is_fed_back_if_the_loop_damps_it(outlast, quarter):
-    """Breaks if a wave that outlasts the feedback is lost although it is damped with 1.5 times the dead time.
-
-    A train of 89 vehicles in linear gears then swings until its stop and rolls 1.44 m beyond it.
-    """
+    """Breaks if a wave that outlasts the feedback is lost although it is damped: 89 vehicles roll 1.44 m too far."""
     modes = CouplerModes.of(_model([("engine", 1), ("wagon", 1)], SPRING))
     turn = 0.5 * math.pi / float(modes.omega[0]) / quarter
     for part, kept in ((0.99, []), (1.01, [MOTION])):
@@ -185,50 +182,34 @@ def test_a_wave_is_fed_back_if_the_loop_damps_it(outlast, quarter):
     ids=["longer delay", "wrong mass"],
 )
 def test_long_train_in_linear_gears(train, mass, gear, delays, wrong, largest):
-    """Waves outlast the feedback: without its conditions the train is lost at 1.5 times the delay of the model.
-
-    With the same variance for all modes the second train has 9 721 kN: the frequencies follow the mass.
-    """
+    """Lost at 1.5 times the delay of the model, and 9 721 kN with the same variance for all modes."""
     front, wagons, rear = train
-    parts = [("engine", front), ("wagon", wagons), ("engine", rear)]
-    whole = {
-        "schema": "train_ato/consist/1", "name": "own",
-        "vehicle_types": {"engine": LOCOMOTIVE, "wagon": {**WAGON, "mass": mass}},
-        "train": [{"type": kind, "count": count} for kind, count in parts if count],
-        "draft_gears": {"gear": {"kind": "linear", **gear}}, "default_gear": "gear",
-    }  # fmt: skip
-    changes = {
-        "duration": 300, "plant.consist": whole, "plant.line": HILL, "model.consist": whole, "model.line": HILL,
-        "plant.lag": 0.4, "links.command.delay": delays[1], "model.delay": delays[0], "plant.disturbances": [],
-        "plant.mismatch": wrong,
+    parts = [(kind, count) for kind, count in (("engine", front), ("wagon", wagons), ("engine", rear)) if count]
+    run = own_run(parts, {"kind": "linear", **gear}, {**WAGON, "mass": mass}, **{
+        "duration": 300, "links.command.delay": delays[1], "model.delay": delays[0], "plant.mismatch": wrong,
         "profile.start": 1500.0, "profile.limits": {"jerk": 0.1, "acceleration": 0.07, "deceleration": 0.07},
         "profile.phases": [{"cruise_for": 3}, {"accelerate_to_kmh": 35}, {"cruise_for": 120}, {"brake_to": 0}],
-    }  # fmt: skip
-    run = ta.run("demo", law="mpc", compensation="none", seed=5, set=changes, progress=False)
-    assert run.metrics["tracking"] == "tracked"
-    assert run.metrics["coupler_draft_max_kn"] < largest
+    })  # fmt: skip
+    assert run.metrics["tracking"] == "tracked" and run.metrics["coupler_draft_max_kn"] < largest
 
 
 def test_a_stop_is_a_constraint_only_while_the_waves_have_time():
-    """Breaks if the last seconds before a stop have a larger gain than the couplers permit: a train was disengaged.
-
-    That one has 170 vehicles, whose waves permit this gain up to 29 s before the stop only.
-    """
+    """Breaks if the last seconds before a stop have a larger gain than the couplers permit (29 s for 170 vehicles)."""
     for train, waves in (([("engine", 1), ("wagon", 100)], True), ([("engine", 1)], False)):
-        model, zeros = _model(train, SPRING), np.zeros(200)
+        of, zeros = _model(train, SPRING), np.zeros(200)
         plan = ForcePlan(
-            model, 0.1, omega=0.1, lookahead=120.0, nodes=32, jerk=1.0, overspeed=0.1, coupler_limit=0.0
+            of, 0.1, omega=0.1, lookahead=120.0, nodes=32, jerk=1.0, overspeed=0.1, coupler_limit=0.0
         )  # fmt: skip
         plan.set_delays(np.full((2, 1), 0.6), 6, 8, 0.1, 1.0)
         n = plan.nodes.size
         rest = SimpleNamespace(position=zeros, velocity=zeros, acceleration=zeros, force_max=zeros[:0])
         start = PlanStart(
-            zeros, np.ones((2, n)), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, (-1e5, 1e5), 1.0, 0.0, model.inertia, 1.0, False,
+            zeros, np.ones((2, n)), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, (-1e5, 1e5), 1.0, 0.0, of.inertia, 1.0, False,
             False,
         )  # fmt: skip
         plan.decide(start, rest, simulated=False)
         # By hand: 3 over two thirds of the wave impedance m/T_w, T_w = sqrt(m n/k), over the inertia.
-        time = 4.5 * model.inertia * math.sqrt(model.mass * 101 / 10e6) / model.mass if waves else 0.0
+        time = 4.5 * of.inertia * math.sqrt(of.mass * 101 / 10e6) / of.mass if waves else 0.0
         assert (plan.allowed[7 * n :] < 0.0).tolist() == (plan.nodes >= time).tolist()
         assert 0 < np.count_nonzero(plan.nodes < time) < n or not waves
 
@@ -237,8 +218,7 @@ def test_gain_is_a_part_of_the_wave_impedance():
     """The two locomotives at the front act on one side; at both ends each has its own half of the train."""
     front = _model([("engine", 2), ("wagon", 100)], SPRING)
     both = _model([("engine", 1), ("wagon", 100), ("engine", 1)], SPRING)
-    assert hauling_groups(front) == [(1.0, 1)]
-    assert hauling_groups(both) == [(0.5, 1), (0.5, 1)]
+    assert hauling_groups(front) == [(1.0, 1)] and hauling_groups(both) == [(0.5, 1), (0.5, 1)]
     impedance = front.mass / wave_time(front)
     assert 2.0 * default_bandwidth(front).omega * front.inertia == pytest.approx(MATCHED_SHARE * impedance, rel=0.1)
     assert default_bandwidth(both).omega == pytest.approx(2.0 * default_bandwidth(front).omega, rel=0.01)
@@ -251,23 +231,14 @@ def test_gain_is_a_part_of_the_wave_impedance():
 def test_own_train_stops_at_its_target_without_a_limit_cycle(gear, train):
     """A unit speed that is fed back as the speed of the train excites the couplers later: 150 to 250 kN/s."""
     # The noise of the speed has up to 47 kN/s here.
-    whole = {
-        "schema": "train_ato/consist/1", "name": "own", "vehicle_types": TYPES,
-        "train": [{"type": name, "count": count} for name, count in train],
-        "draft_gears": {"gear": gear}, "default_gear": "gear",
-    }  # fmt: skip
-    changes = {
-        "duration": 170, "plant.consist": whole, "plant.line": HILL, "model.consist": whole, "model.line": HILL,
-        "plant.lag": 0.4, "links.command.delay": 0.8, "model.delay": 0.8, "plant.sensors.velocity_noise": 0.01,
-        "profile.start": 500.0, "plant.disturbances": [],
-        "profile.limits": {"jerk": 0.1, "acceleration": 0.2, "deceleration": 0.2},
+    run = own_run(train, gear, **{
+        "duration": 170, "links.command.delay": 0.8, "model.delay": 0.8, "plant.sensors.velocity_noise": 0.01,
+        "profile.start": 500.0, "profile.limits": {"jerk": 0.1, "acceleration": 0.2, "deceleration": 0.2},
         "profile.phases": [
             {"cruise_for": 3}, {"accelerate_to_kmh": 40}, {"cruise_for": 30}, {"brake_to": 0}, {"cruise_for": 10},
         ],
-    }  # fmt: skip
-    run = ta.run("demo", law="mpc", compensation="none", seed=5, set=changes, progress=False)
-    assert run.metrics["tracking"] == "tracked"
-    assert abs(run.metrics["stop_error_m"]) < 0.1
+    })  # fmt: skip
+    assert run.metrics["tracking"] == "tracked" and abs(run.metrics["stop_error_m"]) < 0.1
     assert run.metrics["command_variation_kn_per_s"] < 80.0
 
 
@@ -295,8 +266,7 @@ def test_the_condition_that_limits_the_bandwidth_is_named(capsys, monkeypatch):
     )
     for train, omega, limit in cases:
         assert default_bandwidth(train) == (pytest.approx(omega, rel=1e-6), limit)
-        law = LAWS.make("mpc", {}, train, 0.1)
-        assert law.omega == default_bandwidth(train).omega
+        assert LAWS.make("mpc", {}, train, 0.1).omega == default_bandwidth(train).omega
     assert "0.75 rad/s, limited by: delay and lag" in LAWS.gains("mpc", {}, cases[0][0], 0.1).reason
     # About k pi/T_w, .32, .65, .97 and 1.3 rad/s, against a quarter of a turn in 1.5 times 1 s.
     assert bandwidth_text(whole).endswith("the couplers damp waves little, the law 3 of 4 kinds of waves")

@@ -48,8 +48,7 @@ def test_sampled_model_is_the_padé_plant_under_a_held_command(delay, lag, perio
     """Simulated in 20 000 steps per sample; breaks for a bilinear transform, which has a feed-through."""
     a, b = sampled_actuator(delay, lag, period)
     assert abs(a.sum()) < 1e-9
-    rng = np.random.default_rng(1)
-    commands = rng.normal(size=8)
+    commands = np.random.default_rng(1).normal(size=8)
     pole, n = 2 / delay, 20_000
     h, x, y, v = period / n, 0.0, 0.0, 0.0
     speeds = [0.0]
@@ -100,8 +99,7 @@ def test_first_command_minimises_the_cost(beyond):
     a, b, best = best_first_command(v, u, xi, target, beyond)
     law = linear_law(a, b, GpcParameters(n=5, nu=2, command_weight=0.3, beyond_horizon=beyond))
     found = law.tracking @ target - law.feedback @ np.array(v) - law.past @ np.array(u) - xi * law.residual
-    assert found == pytest.approx(best, rel=1e-9)
-    assert law.scale == pytest.approx(1.0, abs=1e-9)
+    assert found == pytest.approx(best, rel=1e-9) and law.scale == pytest.approx(1.0, abs=1e-9)
 
 
 def test_identification_on_increments_finds_the_gain():
@@ -112,8 +110,7 @@ def test_identification_on_increments_finds_the_gain():
     speeds, sent = [10.0] * 4, [0.0] * 4
     first = last = 0.0
     for k in range(4000):
-        new = float(-a[1:] @ np.array(speeds[:3]) + 0.8 * b @ np.array(sent[:3]))
-        speeds = [new, *speeds[:3]]
+        speeds = [float(-a[1:] @ np.array(speeds[:3]) + 0.8 * b @ np.array(sent[:3])), *speeds[:3]]
         miss = found.miss(speeds, sent)
         first, last = (abs(miss) if k < 50 else 0.0) + first, 0.99 * last + 0.01 * abs(miss)
         found.learn(speeds, sent, miss, absolute=False)
@@ -132,8 +129,7 @@ def test_residual_network_integrates_slowly_to_a_constant():
     for _ in range(200):
         net.learn(0.05, 0.15)
         estimates.append(net.estimate([20.0] * 3, [0.1] * 3))
-    assert 0.0 < estimates[0] < 0.03
-    assert estimates[-1] == pytest.approx(0.05, rel=1e-3)
+    assert 0.0 < estimates[0] < 0.03 and estimates[-1] == pytest.approx(0.05, rel=1e-3)
 
 
 def drive(law, of, delay, period, steps, push=0.0):
@@ -166,13 +162,20 @@ def test_the_sampling_period_decides(sampling, good):
         assert speeds[-1] == pytest.approx(11.0, abs=0.005)
 
 
-def test_between_samples_the_command_is_held():
+def test_samples_horizons_and_preview_of_the_law():
+    """Between samples the command is held; a ramp of the preview is interpolated at 1.2, 2.4 and 3.6 s exactly."""
     of = model(FIVE, delay=1.0, lag=0.4)
     law = printed_law("gpc", {"sampling": 0.5}, of, 0.1)
     forces = [law.step(inputs(of, velocity=np.full(5, 10.0 - 0.01 * k))).force[0] for k in range(10)]
-    assert forces == [forces[0]] * 5 + [forces[5]] * 5
-    assert forces[0] != forces[5]
+    assert forces == [forces[0]] * 5 + [forces[5]] * 5 and forces[0] != forces[5]
     assert law.horizon == 16
+    of = model(SINGLE)
+    law = printed_law("gpc", {}, of, 0.1)
+    times = 0.25 + 0.1 * np.arange(law.horizon)
+    seen = inputs(of, delay_to_effect=0.25, preview=Preview(np.zeros(37), 10.0 + 0.3 * times, np.zeros(37)))
+    assert law._ahead(seen) == pytest.approx(10.0 + 0.3 * np.array([1.2, 2.4, 3.6]), rel=1e-12)
+    with pytest.raises(ValueError, match="nu 4 is longer than n 3"):
+        Gpc(GpcParameters(nu=4), model(SINGLE), 0.1)
 
 
 def test_one_step_by_hand():
@@ -184,20 +187,6 @@ def test_one_step_by_hand():
     out = law.step(inputs(of, preview=Preview(np.zeros(10), ahead, np.zeros(10)), disturbance=np.full(5, 700.0)))
     _, _, best = best_first_command([10.0] * 3, [0.0] * 2, 0.0, ahead[[3, 6, 9]])
     assert out.force == pytest.approx(np.full(5, (best * of.inertia - 5 * 700.0) / 5), rel=1e-9)
-
-
-def test_the_reference_is_read_between_the_entries_of_the_preview():
-    """A preview from 0.25 s on, entries 0.1 s apart: a ramp is interpolated at 1.2, 2.4, 3.6 s exactly."""
-    of = model(SINGLE)
-    law = printed_law("gpc", {}, of, 0.1)
-    times = 0.25 + 0.1 * np.arange(law.horizon)
-    seen = inputs(of, delay_to_effect=0.25, preview=Preview(np.zeros(37), 10.0 + 0.3 * times, np.zeros(37)))
-    assert law._ahead(seen) == pytest.approx(10.0 + 0.3 * np.array([1.2, 2.4, 3.6]), rel=1e-12)
-
-
-def test_horizons_must_nest():
-    with pytest.raises(ValueError, match="nu 4 is longer than n 3"):
-        Gpc(GpcParameters(nu=4), model(SINGLE), 0.1)
 
 
 def test_the_resistance_feedforward_is_not_part_of_the_command_history():

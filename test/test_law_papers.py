@@ -28,8 +28,7 @@ def test_weights_by_hand():
     move_weights(weights, moved, hidden, 0.1, 0.5, 0.22)
     assert weights == pytest.approx([0.1, -0.1])
     move_weights(weights, moved, hidden, 0.1, 0.5, 0.22)
-    assert weights == pytest.approx([0.22, -0.22])
-    assert moved == pytest.approx([0.12, -0.12])
+    assert weights == pytest.approx([0.22, -0.22]) and moved == pytest.approx([0.12, -0.12])
     assert weighted(weights, hidden) == pytest.approx(0.44)
 
 
@@ -116,16 +115,14 @@ def test_other_switching_terms(switching, value):
     """(9) as a relay and in its smooth form; the network has the same sign."""
     of = model(SINGLE)
     law = printed_law("rbf_switching_smc", {"switching": switching, "phi": 0.2}, of, 0.1)
-    out = law.step(inputs(of, velocity=np.array([10.05])))
-    own = out.force[0] / MASS + 0.4 * 0.05
+    own = law.step(inputs(of, velocity=np.array([10.05]))).force[0] / MASS + 0.4 * 0.05
     assert own == pytest.approx(value) if value else -1.4 < own < -0.05
 
 
 @given(surface=st.floats(-50, 50), power=st.sampled_from([5 / 7, 5 / 3, 5.0]))
 def test_sig_is_odd_and_monotone(surface, power):
     """sig^p is odd, keeps the sign and grows with |z|."""
-    assert sig(-surface, power) == -sig(surface, power)
-    assert sig(surface, power) * surface >= 0.0
+    assert sig(-surface, power) == -sig(surface, power) and sig(surface, power) * surface >= 0.0
     assert abs(sig(1.1 * surface, power)) >= abs(sig(surface, power))
 
 
@@ -150,8 +147,7 @@ def test_smc_reaches_its_surface_monotonically():
     path = drive(law, of, 400, start=(0.5, -0.2))
     surface = np.abs(path[:, 1] + path[:, 0])
     above = surface > 2 * 0.05 * 0.05
-    assert (np.diff(surface)[above[1:] & above[:-1]] < 0).all()
-    assert surface[-1] < 2e-3
+    assert (np.diff(surface)[above[1:] & above[:-1]] < 0).all() and surface[-1] < 2e-3
     assert surface[0] > 0.2
 
 
@@ -219,17 +215,13 @@ def test_settling_time_is_bounded_whatever_the_start(start):
     assert t > 0.3
 
 
-def test_speed_offset_is_found():
-    """An offset of 0.4 m/s is estimated within 1 % after 2 s at 10 1/s, without steady error."""
+def test_speed_offset_is_found_and_neighbours_are_needed():
+    """An offset of 0.4 m/s is found within 1 % after 2 s; a hauled train without sensors is rejected by name."""
     of = model(FIVE)
     law = printed_law("fixed_time_smc", {"unmatched": True, "offset_bandwidth": 10.0}, of, 0.05)
     for k in range(60):
         law.step(inputs(of, position=500.0 + 10.4 * 0.05 * k - of.offsets, velocity=np.full(5, 10.0)))
     assert law.state["unknown_rate"] == pytest.approx(0.4, rel=1e-3)
-
-
-def test_needs_its_neighbours():
-    """A hauled train without sensors is rejected with the name of the coupler."""
     with pytest.raises(ValueError, match=r"fixed_time_smc': .*needs the force of coupler_0"):
         printed_law("fixed_time_smc", {}, model(HAULED), 0.1)
 
@@ -250,8 +242,7 @@ def test_lag_smc_by_hand():
     for command in ("unit", "common"):
         out = printed_law("lag_smc", p | {"command": command}, of, 0.1).step(seen)
         assert out.force == pytest.approx(np.full(5, applied + MASS * 0.1 / (1 - math.exp(-0.25)) * push), rel=1e-9)
-    spread = np.array([0.0, 0.0, 0.1, 0.0, 0.0])
-    uneven = inputs(of, velocity=10.0 + spread)
+    uneven = inputs(of, velocity=10.0 + np.array([0.0, 0.0, 0.1, 0.0, 0.0]))
     out = printed_law("lag_smc", p | {"command": "common"}, of, 0.1).step(uneven)
     assert out.force[2] - out.force[0] == pytest.approx(-MASS * 0.2 * 0.1)
 
@@ -273,8 +264,7 @@ def test_one_step_by_hand_003():
     k1 = 0.3 / (1 - (e / 0.5) ** 2)
     e2 = de + k1 * e
     k2 = 0.7 / (1 - (e2 / 0.1) ** 2)
-    own = of.running_resistance(10.0 + de)
-    expected = 5 * MASS * (-k2 * e2 + 0.1 - k1 * de) + own - 1000.0
+    expected = 5 * MASS * (-k2 * e2 + 0.1 - k1 * de) + of.running_resistance(10.0 + de) - 1000.0
     assert out.force == pytest.approx(np.full(5, expected / 5), rel=1e-9)
 
 
@@ -284,10 +274,11 @@ def test_delay_state_by_hand():
     law = make(of, lam_h=5.0)
     first = law.step(inputs(of, velocity=np.array([9.95]), applied=np.array([0.0])))
     second = law.step(inputs(of, applied=np.array([1000.0])))
-    keep = math.exp(-5.0 * 0.05)
-    h = (1 - keep) / 5.0 * (1000.0 - first.force[0]) / MASS
+    h = (1 - math.exp(-5.0 * 0.05)) / 5.0 * (1000.0 - first.force[0]) / MASS
     e2 = -h
-    k2 = 0.7 / (1 - min((e2 / law_phi2(of)) ** 2, 0.5))
+    rest = 1e-4 / 0.0034
+    phi2 = (0.1 - rest) * math.exp(-0.0034 * 0.05) + rest  # (8) after one step without saturation
+    k2 = 0.7 / (1 - min((e2 / phi2) ** 2, 0.5))
     expected = MASS * (-k2 * e2 - 5.0 * h) + of.running_resistance(10.0)
     assert second.force[0] == pytest.approx(expected, rel=1e-6)
     bare = make(of, delay_state=False)
@@ -295,23 +286,8 @@ def test_delay_state_by_hand():
     assert bare.step(inputs(of)).force[0] == pytest.approx(of.running_resistance(10.0), rel=1e-9)
 
 
-def law_phi2(of):
-    """Return the speed funnel after one step with (8) and no saturation."""
-    rest = 1e-4 / 0.0034
-    return (0.1 - rest) * math.exp(-0.0034 * 0.05) + rest
-
-
-def test_gains_never_turn_negative_outside_the_funnel():
-    """The printed sign flip pushes the train away; the corrected law pulls back (``outside_funnel: printed`` flips)."""
-    of = model(SINGLE)
-    far = inputs(of, position=np.array([505.0]))
-    own = of.running_resistance(10.0)
-    assert make(of).step(far).force[0] < own
-    assert make(of, outside_funnel="printed").step(far).force[0] > own
-
-
-def test_funnels_widen_in_saturation_and_narrow_to_their_floor():
-    """(7), (8): phi2 grows during saturation, then both fall to beta1/a1 and beta2/a2."""
+def test_funnels_in_saturation_and_gains_outside():
+    """(7), (8): phi2 grows during saturation, then both fall to their floor; outside, only the printed form flips."""
     of = model(SINGLE)
     law = make(of, period=1.0)
     for _ in range(2):
@@ -325,6 +301,11 @@ def test_funnels_widen_in_saturation_and_narrow_to_their_floor():
     fixed = make(of, funnel="fixed")
     fixed.step(inputs(of, velocity=np.array([2.0])))
     assert fixed.state[["phi1", "phi2"]][0].item() == (0.5, 0.1)
+    of = model(SINGLE)
+    far = inputs(of, position=np.array([505.0]))
+    own = of.running_resistance(10.0)
+    assert make(of).step(far).force[0] < own
+    assert make(of, outside_funnel="printed").step(far).force[0] > own
 
 
 def test_learning_has_the_repaired_sign_and_holds_in_saturation():
@@ -383,5 +364,4 @@ def test_recovers_after_saturation():
     of = model(SINGLE)
     law = make(of)
     errors = drive_of_003(law, of, 0.05, 1200, 12e3, swing)
-    assert 0.5 < np.abs(errors).max() < 60.0
-    assert law.state["phi2"][0] > 0.1
+    assert 0.5 < np.abs(errors).max() < 60.0 and law.state["phi2"][0] > 0.1

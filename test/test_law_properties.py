@@ -77,8 +77,7 @@ def test_rbf_switching_smc_pulls_to_its_surface(surface, push, switching):
         sizes.append(abs(0.4 * point.e + point.de))
         if sizes[-1] < 0.05:
             break
-    assert (np.diff(sizes) < 0.0).all()
-    assert sizes[-1] < 0.05
+    assert (np.diff(sizes) < 0.0).all() and sizes[-1] < 0.05
 
 
 def test_the_learnt_switching_term_does_not_chatter():
@@ -92,8 +91,7 @@ def test_the_learnt_switching_term_does_not_chatter():
             forces.append(point.applied / MASS)
         variation[switching] = np.abs(np.diff(forces[200:])).mean() / 0.05
         assert abs(point.de) < 0.2
-    assert variation["sign"] > 20.0
-    assert variation["rbf"] < 0.2
+    assert variation["sign"] > 20.0 and variation["rbf"] < 0.2
 
 
 @pytest.mark.parametrize("gain", [0.5, 2.0])
@@ -160,8 +158,7 @@ def test_funnel_errors_stay_inside_and_go_to_zero(funnel, start):
         assert abs(e) < phi1, step
         e2 = de + 0.3 * e / (1.0 - min((e / phi1) ** 2, 0.5)) - float(own["h"])
         assert abs(e2) < phi2, step
-    assert abs(point.e) < 1e-6
-    assert abs(point.de) < 1e-6
+    assert abs(point.e) < 1e-6 and abs(point.de) < 1e-6
 
 
 def closed_loop_radius(delay: float, sampling: float, lam: float) -> float:
@@ -354,8 +351,7 @@ def test_equivalent_control_of_paper_001_from_measured_derivatives(lag):
             y2, y1, y0 = actuated[-3:]
             expected += 0.3 * lag * (y0 - 2 * y1 + y2) / 0.01 + (lag + 0.3) * (y0 - y1) / 0.1
             expected += 0.3 * (sent[-1] - sent[-2]) / 0.1
-        limited = min(max(MASS * expected, -400e3), 400e3)
-        assert force == pytest.approx(limited, rel=1e-9)
+        assert force == pytest.approx(min(max(MASS * expected, -400e3), 400e3), rel=1e-9)
         sent.append(force / MASS)
 
 
@@ -385,8 +381,7 @@ def test_residual_of_paper_004_has_no_stationary_effect(gain):
         command -= law.past @ np.array(sent[:2]) + xi * law.residual
         sent = [float(command), *sent[:2]]
         speeds = [float(-a[1:] @ np.array(speeds) + b @ np.array(sent) + xi), *speeds[:2]]
-    assert (abs(speeds[0] - 2.0) < 1e-6) == (gain == "stationary")
-    assert abs(speeds[0] - 2.0) < 0.5
+    assert (abs(speeds[0] - 2.0) < 1e-6) == (gain == "stationary") and abs(speeds[0] - 2.0) < 0.5
 
 
 def test_identified_parameters_of_paper_004_without_a_bound():
@@ -398,8 +393,7 @@ def test_identified_parameters_of_paper_004_without_a_bound():
         start = found.theta.copy()
         found.learn([0.0] * 4, [1.0] * 4, 50.0, absolute=False)
         moved[limit] = float(np.linalg.norm(found.theta - start)) / float(np.linalg.norm(b))
-    assert moved[0.5] == pytest.approx(0.5)
-    assert moved[1e9] > 5.0
+    assert moved[0.5] == pytest.approx(0.5) and moved[1e9] > 5.0
 
 
 def test_law_of_paper_002_on_its_estimates():

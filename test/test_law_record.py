@@ -127,8 +127,7 @@ def test_an_observer_of_a_user_is_in_the_compiled_loop(monkeypatch: pytest.Monke
     """Breaks if an observer over records is left to Python, or its estimates differ there in one bit."""
     monkeypatch.setitem(OBSERVERS._loaded, "held", Held)
     changes = {"supervision.enabled": False, "observer": "held", "laws.pid.disturbance": True, "duration": 20}
-    setup = setup_of("xuzhou_metro", changes)
-    both = Both(setup)
+    both = Both(setup_of("xuzhou_metro", changes))
     both.assert_equal(least=0.8)
     assert both.python != messages_of(setup_of("xuzhou_metro", {**changes, "observer": "none"}), compiled=True)
 
@@ -139,8 +138,7 @@ def test_an_observer_repeats_its_estimate_for_invalid_inputs() -> None:
     observer = Held(NoParameters(), of, 0.1)
     seen = [ObserverInput.of(measured(of, k * 100_000_000, 0.0, 10.0 + 0.1 * k, 0.0)) for k in range(4)]
     estimates = [observer.step(each)[0] for each in seen[:2]]
-    assert estimates[0] == 0.0
-    assert estimates[1] > 0.04 * of.inertia
+    assert estimates[0] == 0.0 and estimates[1] > 0.04 * of.inertia
     for field in ("position", "velocity", "applied", "shoe_force"):
         assert observer.step(replace(seen[2], **{field: np.array([np.nan])}))[0] == estimates[1], field
     assert observer.step(replace(seen[2], train_shoe_force=np.inf))[0] == estimates[1]
@@ -148,17 +146,12 @@ def test_an_observer_repeats_its_estimate_for_invalid_inputs() -> None:
     assert observer.step(seen[3])[0] == 0.0, "the first sample after a gap has no difference"
 
 
-def test_a_record_has_the_fields_of_its_class() -> None:
-    """Breaks if a field is left out, has another type or place, or the records of a class have several types."""
+def test_records_and_inputs_have_their_fields() -> None:
+    """Breaks if a field is left out, has another type or place, or two inputs of one unit change places."""
     found = dtype_of(LeanUnit)
     assert found.names == ("mass", "steps", "errors", "known")
     assert [found[name].str for name in ("mass", "steps", "known")] == ["<f8", "<i8", "|b1"]
-    assert found["errors"].shape == (2,)
-    assert zeros(LeanUnit, 3).dtype is found is dtype_of(LeanUnit)
-
-
-def test_every_input_is_in_the_field_of_its_name() -> None:
-    """Breaks if two inputs of one unit change places on their way into the record: no type and no unit shows it."""
+    assert found["errors"].shape == (2,) and zeros(LeanUnit, 3).dtype is found is dtype_of(LeanUnit)
     of = model(FIVE)
     law = Lean(LeanParameters(), of, 0.1)
     marked = {name: 100.0 * np.arange(1.0, 6.0) + number for number, name in enumerate(GIVEN, start=1)}
@@ -184,8 +177,7 @@ def test_a_subclass_with_a_demand_in_python_is_guarded() -> None:
     of = model(SINGLE)
     plain, doubled = (kind(LeanParameters(), of, 0.1) for kind in (Lean, Doubled))
     given = inputs(of, feedforward=np.array([150e3]), force_max=np.array([200e3]))
-    assert plain.step(given).force == [150e3]
-    assert doubled.step(given).force == [200e3]
+    assert plain.step(given).force == [150e3] and doubled.step(given).force == [200e3]
     assert doubled.saturated == [True]
 
 

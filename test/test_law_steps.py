@@ -5,13 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from engine_runs import setup_of
 from law_trains import FIVE, HAULED, HILLY, PUSHED, SINGLE, inputs, model, printed_law
 
 from train_ato.control.contract import make_parameters, parameter, parameters_of
 from train_ato.control.laws.pid import Pid
 from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS, Registry
-from train_ato.scenario.scenario import load_scenario
-from train_ato.scenario.setup import prepare
 
 
 def test_pid_forces_of_paper_000():
@@ -48,9 +47,7 @@ def test_pid_integral_holds_in_saturation_and_is_clamped():
     law = printed_law("pid", {"integral": "speed", "feedforward": False, "kp": 1.0, "ki": 0.1}, of, 0.1)
     for _ in range(1000):
         stuck = law.step(inputs(of, velocity=np.array([4.0])))
-    assert stuck.force[0] == 400e3
-    free = law.step(inputs(of))
-    assert 0 <= free.force[0] < 80e3 * 0.1 * 0.7
+    assert stuck.force[0] == 400e3 and 0 <= law.step(inputs(of)).force[0] < 80e3 * 0.1 * 0.7
     law = printed_law("pid", {"integral": "speed", "feedforward": False, "kp": 0.0, "ki": 0.01}, of, 0.1)
     for _ in range(1000):
         slow = law.step(inputs(of, velocity=np.array([9.0])))
@@ -68,18 +65,14 @@ def test_pid_integral_at_a_limit_is_held_against_it_only(side):
     assert forces[2] == pytest.approx(-side * 80e3 * (1.0 - 0.1 * (0.6 - 0.1)))
 
 
-def test_pid_derivative_does_not_bridge_a_missed_sample():
-    """Breaks if the difference quotient spans the missed sample: 0.04 m/s in 0.1 s would be 80 kN at kd = 2.5."""
+def test_pid_does_not_bridge_a_gap_and_starts_again_cleared():
+    """Breaks if the difference quotient spans a missed sample (80 kN), or a start keeps filters or integral."""
     of = model(SINGLE)
     gains = {"kp": 1.0, "ki": 0.0, "kd": 2.5, "derivative_time": 0.0, "feedforward": False}
     law = printed_law("pid", gains, of, 0.1)
     speeds = (10.01, math.nan, 10.05, 10.06)
     forces = [law.step(inputs(of, velocity=np.array([speed]))).force[0] for speed in speeds]
     assert forces == pytest.approx([-800.0, -800.0, -4000.0, -4800.0 - 80e3 * 2.5 * 0.1])
-
-
-def test_pid_starts_again_with_cleared_filters():
-    """Breaks if ``clear_state`` keeps the filtered error, the filtered rate or the integral."""
     of = model(SINGLE)
     gains = {"kp": 1.0, "ki": 0.1, "kd": 1.0, "integral": "speed", "feedforward": False}
     law = printed_law("pid", {**gains, "filter_time": 1.0, "derivative_time": 1.0}, of, 0.1)
@@ -110,8 +103,8 @@ def test_smc_of_paper_000_by_hand():
     assert out.force[0] == pytest.approx(expected, rel=2e-6)
 
 
-def test_smc_integral_and_linear_reaching():
-    """The integral is the trapezoid of e from the second step on; ks S is added."""
+def test_smc_integral_reaching_and_feedforward():
+    """The integral is the trapezoid of e from the second step on, plus ks S; a feed-forward has the whole mass."""
     of = model(SINGLE)
     law = printed_law("smc", {"ks": 0.5, "kappa": 0.0, "xi": 0.0, "l2": 0.2}, of, 0.1)
     law.step(inputs(of, position=np.array([500.1])))
@@ -119,10 +112,6 @@ def test_smc_integral_and_linear_reaching():
     own = 80e3 * (1.176e-2 + 7.7616e-4 * 10 + 1.6e-5 * 100) / 1.01
     surface = 0.3 + 0.2 * 0.5 * (0.1 + 0.3) * 0.1
     assert out.force[0] == pytest.approx(own - 80e3 * (0.2 * 0.3 + 0.5 * surface), rel=1e-9)
-
-
-def test_smc_with_feedforward_weighs_the_train():
-    """With lag and delay the equivalent control is the feed-forward, and the mass that of the train."""
     of = model(HAULED)
     law = printed_law(
         "smc", {"equivalent": "feedforward", "l1": 0.07, "l2": 0.002, "ks": 0.05, "phi": 0.1, "xi": 0.0}, of, 0.1
@@ -164,8 +153,7 @@ def test_wrong_parameters_are_refused(values, message):
 def test_right_parameters_keep_their_types():
     """Breaks if an integer for a float is rejected, or a count becomes a float."""
     made = make_parameters(Sample, {"gain": 2, "count": 4.0, "on": False, "mode": "fast"}, "x")
-    assert made == Sample(2.0, 4, False, "fast")
-    assert isinstance(made.gain, float)
+    assert made == Sample(2.0, 4, False, "fast") and isinstance(made.gain, float)
     assert isinstance(made.count, int)
 
 
@@ -181,12 +169,23 @@ def test_every_registered_component_is_described(kind, name):
             assert entry.low <= entry.default <= entry.high, entry.name
 
 
-def test_unknown_names_get_a_hint():
-    """Breaks if the message for a misspelt law lacks the nearest name or the list."""
+def test_names_of_the_registry():
+    """Breaks if a misspelt law has no hint, a name is registered twice, or used classes change the list of names."""
     with pytest.raises(ValueError, match=r"unknown law 'smcc'; did you mean 'smc'\?; known: .*pid"):
         LAWS.make("smcc", {}, None, 0.1)
     with pytest.raises(ValueError, match=r"smc\.kss: no such parameter.*'ks'"):
         LAWS.check_parameters("smc", {"kss": 1.0})
+    laws = Registry("law", "none.such", {})
+    laws.register("mine", Pid)
+    of = model(SINGLE)
+    assert laws.make("mine", {"feedforward": False}, of, 0.1).step(inputs(of)).force[0] == 0.0
+    with pytest.raises(ValueError, match="'mine' is registered already"):
+        laws.register("mine", Pid)
+    before = LAWS.names()
+    name = LAWS.name_of(Unregistered)
+    assert name == f"{__name__}:Unregistered" and LAWS.get(name) is Unregistered
+    assert LAWS.names() == before and name not in LAWS.loadable()
+    assert name in setup_of("demo", "duration=1", changes={"law": name}).laws
 
 
 def test_other_packages_register_by_entry_point(tmp_path, monkeypatch):
@@ -199,21 +198,10 @@ def test_other_packages_register_by_entry_point(tmp_path, monkeypatch):
     (installed / "METADATA").write_text("Metadata-Version: 2.1\nName: theirs\nVersion: 1.0\n")
     names = ("theirs = train_ato.control.laws.pid:Pid", "broken = no_such_module:Law", "smc = no_such_module:Law")
     (installed / "entry_points.txt").write_text("\n".join(("[train_ato.controllers]", *names)))
-    assert laws.names() == ("broken", "smc", "theirs")
-    assert laws.get("theirs") is Pid
+    assert laws.names() == ("broken", "smc", "theirs") and laws.get("theirs") is Pid
     assert laws.get("smc").__name__ == "Smc"
     with pytest.raises(ValueError, match="law 'broken' cannot be loaded: ModuleNotFoundError"):
         laws.get("broken")
-
-
-def test_registration_by_class_and_only_once():
-    """Breaks if a name can be registered twice."""
-    laws = Registry("law", "none.such", {})
-    laws.register("mine", Pid)
-    of = model(SINGLE)
-    assert laws.make("mine", {"feedforward": False}, of, 0.1).step(inputs(of)).force[0] == 0.0
-    with pytest.raises(ValueError, match="'mine' is registered already"):
-        laws.register("mine", Pid)
 
 
 def test_a_law_rejects_an_unsuitable_train_with_the_reason():
@@ -231,12 +219,3 @@ def test_a_law_rejects_an_unsuitable_train_with_the_reason():
 
 class Unregistered(Pid):
     """Law that no test registers."""
-
-
-def test_an_unregistered_class_is_no_registered_name():
-    """Breaks if the lists of names, and the parameters of the nodes, depend on the laws that a process has used."""
-    before = LAWS.names()
-    name = LAWS.name_of(Unregistered)
-    assert name == f"{__name__}:Unregistered" and LAWS.get(name) is Unregistered
-    assert LAWS.names() == before and name not in LAWS.loadable()
-    assert name in prepare(*load_scenario("demo", ("duration=1",), {"law": name})).laws

@@ -30,18 +30,13 @@ def true_resistance(setup: RunSetup, places: Any) -> Any:
     return np.interp(places, table.begin + np.arange(table.total.size), table.total) / setup.model.inertia
 
 
-def some_learned(setup: RunSetup, runs: int = 2) -> LearnedResistance:
-    """Return a learned resistance of made-up waves for a run."""
-    found = ta.learn(METRO, runs=1, set={"duration": 20}, progress=False).learned
-    places = np.arange(0.0, 8500.0, 5.0)
-    waves = tuple((0.1 * np.sin(places / 80.0)).round(6).tolist())
-    fits = {"line": setup.line.name, "train": setup.model.consist.name}
-    return found.model_copy(update={**fits, "runs": runs, "begin": 0.0, "resistance": waves})
-
-
 @pytest.fixture(scope="module")
 def learned() -> LearnedResistance:
-    return some_learned(setup_of(METRO, {}))
+    """Return a learned resistance of made-up waves."""
+    setup, found = setup_of(METRO, {}), ta.learn(METRO, runs=1, set={"duration": 20}, progress=False).learned
+    waves = tuple((0.1 * np.sin(np.arange(0.0, 8500.0, 5.0) / 80.0)).round(6).tolist())
+    fits = {"line": setup.line.name, "train": setup.model.consist.name, "runs": 2, "begin": 0.0, "resistance": waves}
+    return found.model_copy(update=fits)
 
 
 def test_estimate_is_the_unknown_line_force_at_its_place() -> None:
@@ -55,8 +50,8 @@ def test_estimate_is_the_unknown_line_force_at_its_place() -> None:
     assert errors[0] < 0.12 * np.std(true_resistance(run.setup, found.place))
 
 
-def test_smoothed_resistance_has_no_phase_lag() -> None:
-    """Breaks if the smoother runs forward only: a sine of 20 s is then late."""
+def test_smoothed_and_averaged_resistance() -> None:
+    """Breaks if the smoother runs forward only (a sine of 20 s is late), or a gust of one of three runs is learned."""
     t = np.arange(2001) * 0.05
     wave = 0.1 * np.sin(2.0 * np.pi * t / 20.0)
     speed = 20.0 + np.concatenate(([0.0], np.cumsum(-0.05 * 0.5 * (wave[1:] + wave[:-1]))))
@@ -64,10 +59,6 @@ def test_smoothed_resistance_has_no_phase_lag() -> None:
     found = smoothed_resistance(noisy, np.zeros(2000), np.diff(t))
     late = [np.std(found[40:-40] - np.interp(t[:-1] + 0.025 - shift, t, wave)[40:-40]) for shift in (-0.5, 0.0, 0.5)]
     assert late[1] < 0.012 and late[1] < 0.7 * min(late[0], late[2])
-
-
-def test_a_gust_of_one_run_is_left_out() -> None:
-    """Breaks if the average is a plain mean: a gust of one of three runs is then learned as a grade."""
     profile = setup_of(METRO, {}).profile
     average = RunAverage(profile)
     places = np.arange(0.0, float(profile.position[-1]), 1.0)
@@ -83,8 +74,7 @@ def test_error_converges_in_five_runs(stack: str) -> None:
     """Breaks if the learned resistance has the wrong sign, place or scale, or is not used by the law."""
     found = ta.learn(METRO, runs=5, set={"duration": 140}, progress=False, **STACKS[stack])
     errors = [metrics["speed_rmse_kmh"] for metrics in found.metrics]
-    assert errors[5] < 0.35 * errors[0]
-    assert max(errors[2:]) < 1.05 * errors[1]
+    assert errors[5] < 0.35 * errors[0] and max(errors[2:]) < 1.05 * errors[1]
     assert found.learned.runs == 5 and not found.unused
 
 
@@ -108,8 +98,7 @@ def test_compiled_ticks_have_the_learned_resistance(stack: str, learned: Learned
     """Breaks if the compiled ticks lack the learned part of line force or vehicle resistance."""
     changes = {"duration": 60, "model.learned": learned.model_dump(by_alias=True)}
     names = {key: STACKS[stack].get(key, "none") for key in ("law", "compensation", "observer")}
-    setup = setup_of(METRO, {**changes, **names})
-    both = Both(setup)
+    both = Both(setup_of(METRO, {**changes, **names}))
     both.assert_equal(least=0.8)
     without = messages_of(setup_of(METRO, {"duration": 60, **names}), compiled=True)
     assert [row for row in without if row[0] == "ato/command"] != [
@@ -215,7 +204,6 @@ def test_bad_files_are_refused_in_one_line(change, words, learned, tmp_path, cap
 def test_runs_with_brake_interventions_are_not_used(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Breaks if the force of the supervisor's brake, which is not measured, is learned as a grade."""
     run = ta.run(METRO, set={"duration": 20}, out=tmp_path / "run", progress=False)
-    assert run.path is not None
     summary = (run.path / "summary.json").read_text(encoding="utf-8")
     assert '"brake_interventions": 0' in summary
     (run.path / "summary.json").write_text(

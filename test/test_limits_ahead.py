@@ -3,10 +3,12 @@
 import dataclasses
 import math
 import re
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
+from law_trains import model as train_model
 from span_runs import setup_of
 from test_line_sections import driven, plain_line, railcar
 
@@ -17,15 +19,11 @@ from train_ato.control.algorithms.limits_ahead import LimitsAhead, limits_at_nod
 from train_ato.control.contract import LawPlan, Lookahead
 from train_ato.control.mpc.predictive_plan import lowest_limit
 from train_ato.control.registry import load_class
-from train_ato.control.train_model import TrainModel
 from train_ato.loop.engine import run_engine
 from train_ato.messages.validity import MAX_SPEED
 from train_ato.studies.check_component.checking import check_component
 
-
-def _model(consist, line):
-    delays = np.full(len(consist.power_units), 1.0)
-    return TrainModel(consist, line, delays, delays, 0.4, 0.1)
+_model = partial(train_model, delay=1.0, lag=0.4)
 
 
 def test_the_speed_limit_is_that_of_the_whole_train() -> None:
@@ -39,19 +37,14 @@ def test_the_speed_limit_is_that_of_the_whole_train() -> None:
     places = np.arange(60.05, 1000.0, 0.1)
     half = consist.vehicles[0].length / 2
     expected = [lowest_limit(limits, place + half, place + half - consist.length) for place in places]
-    assert LimitsAhead(model).speed_limit(places).tolist() == expected
-    assert len(set(expected)) == 4
+    assert LimitsAhead(model).speed_limit(places).tolist() == expected and len(set(expected)) == 4
 
 
-def test_a_line_without_limits_has_a_finite_one() -> None:
-    """Breaks if a law receives an infinity, which no law takes."""
+def test_limits_and_forces_without_entries_of_the_line() -> None:
+    """Breaks if a law receives an infinity, or the compiled envelopes differ in one bit from the present limits."""
     line = load_line("xuzhou_metro_test").model_copy(update={"speed_limits": ()})
     found = LimitsAhead(_model(load_consist("xuzhou_metro_3"), line)).speed_limit(np.array([0.0, 1e4]))
     assert found.tolist() == [MAX_SPEED, MAX_SPEED]
-
-
-def test_without_sections_the_forces_are_the_envelopes() -> None:
-    """Breaks if the compiled envelopes differ in one bit from those of the present limits."""
     model = _model(load_consist("crh380a_three_units"), load_line("level"))
     speeds = np.linspace(-5.0, 110.0, 300)
     low, high = LimitsAhead(model).force(np.linspace(0.0, 4e4, 300), speeds)
@@ -78,12 +71,10 @@ def test_the_forces_are_those_of_the_plant(sections, demand, pantographs) -> Non
     forces = limits.force(rows[:, 0, 0].copy(), rows[:, 1, 0].copy())[int(demand > 0)]
     borders = limits._zones.breaks
     places = np.stack((rows[:, 0], rows[:, 0][:, list(consist.supplies)]), axis=2)
-    distance = np.abs(places[..., None] - borders).min(axis=(2, 3))
-    compared = distance > 4.0
+    compared = np.abs(places[..., None] - borders).min(axis=(2, 3)) > 4.0
     assert forces[compared] == pytest.approx(rows[:, 2][compared], rel=0.02, abs=1.0)
     works = sections.get("neutral_sections", [{}])[0].get("electric_brake", False)
-    assert (len(set(np.round(forces[compared], -2).tolist())) == 1) is works
-    assert compared.sum() > 60
+    assert (len(set(np.round(forces[compared], -2).tolist())) == 1) is works and compared.sum() > 60
 
 
 def test_the_other_units_take_over() -> None:
@@ -102,8 +93,7 @@ def test_a_short_section_keeps_its_impulse_between_the_nodes() -> None:
     open_range = np.array([[-np.inf], [np.inf]]).repeat(4, axis=1)
     force[2] = 20.0  # row of the effect
     found = limits_at_nodes(-force, force, nodes, parts=4, effect=2, limits=open_range)
-    assert found[1, 0] == 40.0
-    assert found[1, 3] == 100.0
+    assert found[1, 0] == 40.0 and found[1, 3] == 100.0
     lost = 100.0 - found[1]
     assert lost[1] * 1.0 + lost[2] * 1.5 == pytest.approx(100.0 * 2 * 0.25)
     assert (found[0] == -found[1]).all()
@@ -117,12 +107,10 @@ def _largest_errors(known):
         changes["model.line"] = plain
     law = {"supervision.enabled": False, "law": "mpc", "compensation": "none", "duration": 110}
     recording = run_engine(setup_of("crh380a_gpc:short", {**law, **changes})).recording
-    assert recording is not None
     measured, reference = recording.topics["train/measurement"], recording.topics["ato/reference"]
     errors = [np.abs(measured[name][:, 0] - reference[name][:, 0]).max() for name in ("velocity", "position")]
     cautious = recording.diagnostics["controller"].numbers("mpc.cautious_steps")
-    assert cautious is not None
-    assert all(map(math.isfinite, errors))
+    assert cautious is not None and all(map(math.isfinite, errors))
     return *errors, cautious[-1]
 
 
@@ -144,9 +132,7 @@ def test_mpc_gains_from_a_known_neutral_section() -> None:
     """Breaks if the plan does not use the forces ahead: it loses the force and takes its own model for wrong."""
     (speed, position, cautious), (without, far, doubted) = _largest_errors(known=True), _largest_errors(known=False)
     print(f"mpc: {without:.2f} m/s and {far:.1f} m unknown, {speed:.2f} m/s and {position:.1f} m known")
-    assert speed < 0.7 * without
-    assert position < 0.5 * far
-    assert cautious == 0
+    assert speed < 0.7 * without and position < 0.5 * far and cautious == 0
     assert doubted > 0
 
 
@@ -172,7 +158,6 @@ def test_the_template_gains_speed_before_a_neutral_section(planning_law) -> None
             "law": planning_law, "compensation": "preview", "duration": 95, f"laws.{planning_law}.gained": gained,
         }  # fmt: skip
         recording = run_engine(setup_of("crh380a_gpc:short", changes)).recording
-        assert recording is not None
         measured, reference = recording.topics["train/measurement"], recording.topics["ato/reference"]
         errors.append(float(np.abs(measured["velocity"][:, 0] - reference["velocity"][:, 0]).max()))
         assert recording.diagnostics["controller"].texts("plan.status")[10] == "solved"
