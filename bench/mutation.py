@@ -39,7 +39,7 @@ FILES = tuple(
     if path.name not in LEFT_OUT
 )
 TESTS = (
-    "odometry", "supervisor_decisions", "supervisor", "curves_targets", "curves_files", "link_threats",
+    "odometry", "supervisor_decisions", "supervisor", "curves_files", "link_threats",
     "curves_standard", "curves_plant",
 )  # fmt: skip
 """Test files in the order in which they run: the fast ones first."""

@@ -1,7 +1,4 @@
-"""Case files of braking curves: refused inputs, files and options, and the example of the page.
-
-Braking curves: every point of the published cases, the whole conversion model, and release speeds of cases.
-"""
+"""Case files of braking curves: refused input, the page, published cases, conversion model and release speeds."""
 
 import copy
 import json
@@ -127,13 +124,8 @@ def test_the_case_file_of_the_page_runs(tmp_path: Path, capsys: pytest.CaptureFi
     example = json.loads(block)
     for key in example["inputs"]:
         path.write_text(json.dumps(example | {"inputs": {k: v for k, v in example["inputs"].items() if k != key}}))
-        assert main(["curves", str(path)]) == 2
-        assert key in capsys.readouterr().err
+        assert main(["curves", str(path)]) == 2 and key in capsys.readouterr().err
     assert [key for key in CurveInputs.model_fields if f"`{key}`" not in page and f'"{key}"' not in block] == []
-
-
-TOLERANCE = {"gamma": 0.05, "lambda": 0.25}
-"""Largest deviation from the published figures [m]; 0.25 m is the tolerance of their project."""
 
 
 def distances(inputs: dict[str, Any], curve: str, *speeds: float) -> list[float]:
@@ -147,17 +139,14 @@ def test_every_published_point(name: str, curve: str) -> None:
     """Breaks if a coefficient, a time or a rule of a curve differs from the standard."""
     case = read_cases(FILE).cases[name]
     found = case_table(case, name)[curve]
-    bound = TOLERANCE[case.inputs.model]
+    bound = {"gamma": 0.05, "lambda": 0.25}[case.inputs.model]  # 0.25 m is the tolerance of the published project
     for (speed, distance), (published_speed, published) in zip(found, PUBLISHED[name]["curves"][curve], strict=True):
         assert speed == published_speed
         assert distance == pytest.approx(published, abs=bound), f"{name} {curve} {speed} km/h"
 
 
 def deviation_of_cells(name: str, width_kmh: float) -> float:
-    """Return the deviation [m] of published EBD figures from an integration in cells of the speed.
-
-    Brake and gradient have in the whole cell the values of its lower end, where an integration from the target begins.
-    """
+    """Return the deviation [m] of published EBD figures against an integration in cells with their lower values."""
     inputs = CurveInputs.model_validate(PUBLISHED[name]["inputs"])
     train, foot = inputs.train(), 7.5  # V_ebi of the target speed 0 [km/h]
     gradient = gradient_acceleration(inputs.gradients, train.length, None, inputs.fixed_values())
@@ -189,16 +178,15 @@ def test_the_width_of_the_cells_in_the_page() -> None:
         assert f"{gamma:.3f} m and {driven:.3f} m with cells of {width:g} km/h" in " ".join(page.split())
 
 
-TIMES = [  # T_be and T_bs [s] of A.3.8 and A.3.9, by hand: a + b L/100 + c (L/100)²
-    ("PassengerTrainInP", 300.0, 5.02, 8.4), ("PassengerTrainInP", 900.0, 16.07, 24.6),
-    ("FreightTrainInP", 300.0, 5.02, 11.31), ("FreightTrainInP", 900.0, 16.07, 27.93),
-    ("FreightTrainInP", 901.0, 16.451403, 27.995618), ("FreightTrainInP", 1500.0, 30.35, 55.8),
-    ("FreightTrainInG", 300.0, 12.45, 14.08), ("FreightTrainInG", 900.0, 16.05, 27.93),
-    ("FreightTrainInG", 1500.0, 30.35, 55.8),
-]  # fmt: skip
-
-
-@pytest.mark.parametrize(("position", "length", "emergency", "service"), TIMES)
+@pytest.mark.parametrize(
+    ("position", "length", "emergency", "service"),
+    [  # T_be and T_bs [s] of A.3.8 and A.3.9, by hand: a + b L/100 + c (L/100)²
+     ("PassengerTrainInP", 300.0, 5.02, 8.4), ("PassengerTrainInP", 900.0, 16.07, 24.6),
+     ("FreightTrainInP", 300.0, 5.02, 11.31), ("FreightTrainInP", 900.0, 16.07, 27.93),
+     ("FreightTrainInP", 901.0, 16.451403, 27.995618), ("FreightTrainInP", 1500.0, 30.35, 55.8),
+     ("FreightTrainInG", 300.0, 12.45, 14.08), ("FreightTrainInG", 900.0, 16.05, 27.93),
+     ("FreightTrainInG", 1500.0, 30.35, 55.8),],
+)  # fmt: skip
 @pytest.mark.parametrize(("target", "correction"), [(0.0, 0.0), (60.0, None)])
 def test_build_up_times(position, length, emergency, service, target, correction):
     """Breaks if a position, a length step, the shortest length or the correction for target speeds is wrong."""
@@ -212,15 +200,15 @@ def test_build_up_times(position, length, emergency, service, target, correction
     assert sbi2 - ebi == pytest.approx(25.0 * (1 + correction) * service, abs=1e-6)
 
 
-DECELERATIONS = [  # brake percentage, end of the first step [km/h] and deceleration at 10, 95, 110, 140, 170, 195 km/h
-    (30.0, 72.245, (0.301, 0.24579, 0.287485, 0.217623, 0.210945, 0.209281)),
-    (65.0, 100.584, (0.5635, 0.5635, 0.519891, 0.412313, 0.398772, 0.392701)),
-    (100.0, 120.948, (0.826, 0.826, 0.826, 0.6171, 0.5915, 0.58173)),
-    (250.0, 179.027, (1.951, 1.951, 1.951, 1.951, 1.951, 1.475119)),
-]
-
-
-@pytest.mark.parametrize(("percentage", "limit", "values"), DECELERATIONS)
+@pytest.mark.parametrize(
+    ("percentage", "limit", "values"),
+    [  # brake percentage, end of the first step [km/h] and deceleration at 10, 95, 110, 140, 170, 195 km/h
+        (30.0, 72.245, (0.301, 0.24579, 0.287485, 0.217623, 0.210945, 0.209281)),
+        (65.0, 100.584, (0.5635, 0.5635, 0.519891, 0.412313, 0.398772, 0.392701)),
+        (100.0, 120.948, (0.826, 0.826, 0.826, 0.6171, 0.5915, 0.58173)),
+        (250.0, 179.027, (1.951, 1.951, 1.951, 1.951, 1.951, 1.475119)),
+    ],
+)
 def test_basic_deceleration(percentage: float, limit: float, values: tuple[float, ...]) -> None:
     """Breaks if a coefficient or the rule for steps below the first one is wrong."""
     model = CurveInputs.model_validate(LAMBDA | {"brake_percentage": percentage}).train().brake.safe
@@ -229,15 +217,11 @@ def test_basic_deceleration(percentage: float, limit: float, values: tuple[float
     assert found == pytest.approx(values, abs=1e-5)
 
 
-def test_service_deceleration_is_that_of_135_percent() -> None:
-    """Breaks if the service brake uses the whole percentage, or the correction factors of the emergency brake."""
+def test_service_deceleration_and_factors() -> None:
+    """Breaks if the service brake has the whole percentage, a factor is of the wrong step, or subsets are not mixed."""
     strong, limit = LAMBDA | {"brake_percentage": 200.0, "Kv_int": 0.5}, LAMBDA | {"brake_percentage": 135.0}
     assert distances(strong, "SBD", 150.0) == pytest.approx(distances(limit, "SBD", 150.0))
     assert distances(LAMBDA | {"brake_percentage": 134.0}, "SBD", 150.0)[0] > distances(limit, "SBD", 150.0)[0]
-
-
-def test_factors_over_speed_length_and_deceleration() -> None:
-    """Breaks if a factor is taken from the wrong step, or the passenger subsets are not interpolated."""
     stepped = LAMBDA | {"Kv_int": [[0, 0.7], [80, 0.9]], "Kr_int": [[0, 1.0], [500, 0.9]]}
     brake = CurveInputs.model_validate(stepped).train().brake.safe
     assert brake.at(80 / 3.6) == pytest.approx(0.826 * 0.7 * 0.9)
@@ -270,8 +254,7 @@ def test_command_repeats_the_structure_of_its_file(tmp_path: Path, capsys: pytes
     path.write_text(json.dumps({"only": single}))
     assert main(["curves", str(path), "--json"]) == 0
     assert list(json.loads(capsys.readouterr().out)) == ["only"]
-    assert main(["curves", str(FILE)]) == 0
-    assert "460.60" in capsys.readouterr().out
+    assert main(["curves", str(FILE)]) == 0 and "460.60" in capsys.readouterr().out
 
 
 def test_deviation_is_the_largest_of_each_curve(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -319,5 +302,4 @@ def test_release_speed_counts_distances_from_the_last_balise(behind: float, limi
     # The odometer error grows from the last balise on; the share from the front gave 59.13 and 49.49 km/h.
     end = {"target_type": "EOA", "eoa_location_m": 6700.0, "release_computed_at_m": 5700.0, "gradients": []}
     case = CurveInputs.model_validate(GAMMA | end | {"distance_since_balise_m": behind, "mrsp_kmh": limit})
-    release = case.release(case.limits())
-    assert release is not None and release["speed_kmh"] == pytest.approx(expected, abs=0.005)
+    assert case.release(case.limits())["speed_kmh"] == pytest.approx(expected, abs=0.005)

@@ -126,8 +126,8 @@ def test_propagation_wave_and_filling_are_in_the_build_up_time() -> None:
     assert later - one.emergency_time.to_standstill == pytest.approx(52 * 12 / 200, rel=0.06)
 
 
-def test_reaction_time_delays_every_brake_and_the_traction_cut_off() -> None:
-    """Breaks if the time from a motion to the demand is missing in one of the times, or shortens one."""
+def test_times_and_curve_of_the_brakes() -> None:
+    """Breaks if a reaction time is missing or shortens a time, or a default of the service brake is exchanged."""
     consist, line, setup = load_consist("xuzhou_metro_3"), load_line("level"), PlantSetup.model_validate(LAG)
     at_once, later = (line_supervision(consist, line, setup, 4e3, reaction=time).train for time in (0.0, 0.75))
     for name in ("emergency_time", "service_time"):
@@ -135,11 +135,6 @@ def test_reaction_time_delays_every_brake_and_the_traction_cut_off() -> None:
         assert after.to_standstill - before.to_standstill == pytest.approx(0.75)
         assert after.to_speed - before.to_speed == pytest.approx(0.75)
     assert later.t_traction_cut_off - at_once.t_traction_cut_off == pytest.approx(0.75)
-
-
-def test_service_brake_and_its_curve_are_chosen_separately() -> None:
-    """Breaks if a default or an option of the service brake is exchanged."""
-    consist, line, setup = load_consist("xuzhou_metro_3"), load_line("level"), PlantSetup.model_validate(LAG)
     plain = line_supervision(consist, line, setup, 4e3)
     assert plain.train.brake.service is not None and plain.without_service_curve is None
     assert plain.train.service_command is False
@@ -157,21 +152,16 @@ def test_line_gives_its_limits_and_grades_to_the_supervision() -> None:
     entries = {"name": "short", "begin": 0, "end": 5000, "grades": grades, "speed_limits": limits}
     line = Line.model_validate({"schema": SCHEMA, **entries})
     assert grades_permille(line) == [(0.0, 4.0), (900.0, -9.0), (5000.0, 0.0)]
-    assert highest_limit(line) == 20.0
-    assert highest_limit(load_line("level")) == 80 / 3.6
+    assert highest_limit(line) == 20.0 and highest_limit(load_line("level")) == 80 / 3.6
     track = line_supervision(consist, line, setup, None)
     assert track.train.max_speed == 20.0
     targets = [(entry.target.location, entry.target.speed) for entry in track.targets]
     assert targets == [(0.0, 15.0), (4000.0, 10.0)], "a train before the line has the maximum speed"
-    assert [ceiling(track.records.ceilings, place, place).permitted for place in (1000.0, 3000.0, 4500.0)] == [
-        15.0,
-        20.0,
-        10.0,
-    ]
+    permitted = [ceiling(track.records.ceilings, place, place).permitted for place in (1000.0, 3000.0, 4500.0)]
+    assert permitted == [15.0, 20.0, 10.0]
     dry, wet = (line_supervision(consist, line, setup, 3000.0, kdry=kdry).targets for kdry in (1.0, 0.8))
     assert [entry.target.location for entry in dry] == [0.0, 3000.0]
-    assert dry[-1].target.kind == "EOA"
-    assert wet[-1].emergency(10.0) < dry[-1].emergency(10.0)
+    assert dry[-1].target.kind == "EOA" and wet[-1].emergency(10.0) < dry[-1].emergency(10.0)
 
 
 def test_command_for_a_scenario(capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,4 +1,4 @@
-"""Braking curves against the formulas of SUBSET-026, 3.13, a small-step integration, and their ends and trains."""
+"""Braking curves and limits against SUBSET-026, 3.13, a small-step integration, and numbers by hand."""
 
 import math
 
@@ -9,9 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from train_ato.supervision import deceleration_curve
-from train_ato.supervision.deceleration_curve import DecelerationCurve
+from train_ato.supervision.deceleration_curve import DecelerationCurve, advanced_speed
 from train_ato.supervision.limits import (
     BrakingTarget,
+    InterventionTimes,
     TargetLimits,
     intervention_times,
     release_speed,
@@ -20,12 +21,19 @@ from train_ato.supervision.limits import (
 )
 from train_ato.supervision.odometry import MotionEstimate, motion_estimate, odometer_error, speed_measurement_error
 from train_ato.supervision.settings import FixedValues
-from train_ato.supervision.step_function import StepFunction, ceiling_speeds, gradient_acceleration, lowest_under_train
-from train_ato.supervision.track_supervision import TrackSupervision, ceiling, limits_under_train
+from train_ato.supervision.step_function import (
+    EMERGENCY_MARGIN,
+    StepFunction,
+    SupervisionSpeeds,
+    ceiling_speeds,
+    gradient_acceleration,
+    lowest_under_train,
+)
+from train_ato.supervision.track_supervision import WIDEST_MOTION, TrackSupervision, ceiling, limits_under_train
 from train_ato.supervision.train_model import (
     LIMIT_EXPONENT,
     LIMIT_FACTOR,
-    BrakePosition,
+    BuildUpTime,
     basic_deceleration,
     check_conversion,
     lambda_brake,
@@ -71,7 +79,6 @@ def test_feedback_has_two_seconds_from_the_service_to_the_emergency_brake() -> N
         short = train(service_time=1.0, service_command=True, service_feedback=feedback)
         limits = TargetLimits(short, end, LEVEL, FIXED)
         gaps[feedback] = limits.emergency(speed) - limits.service_from_ebd(speed)
-        assert limits.sbd is not None
         assert limits.sbd.location(speed) - limits.service_from_sbd(speed) == pytest.approx(speed)
     assert gaps == pytest.approx({True: 27.78, False: 13.89}, abs=0.005)
     delayed = train(service_time=1.0, service_command=True, service_feedback=True, traction_command=True,
@@ -90,8 +97,7 @@ def test_limits_with_acceleration_and_speed_error() -> None:
     second = MotionEstimate(acceleration=0.5, speed_error=1.0, later_acceleration=0.1)  # V_delta2 = 0.1 · 3
     travelled = (20.0 + 1.0 + 0.5) * 2.0 + (20.0 + 1.0 + 1.0 + 0.15) * 3.0
     assert limits.emergency(speed, second) == pytest.approx(1000.0 - 22.3**2 / 2 - travelled)
-    braking = MotionEstimate(acceleration=-0.5)
-    assert limits.emergency(speed, braking) == limits.emergency(speed)
+    assert limits.emergency(speed, MotionEstimate(acceleration=-0.5)) == limits.emergency(speed)
 
 
 def test_target_speed_above_zero() -> None:
@@ -107,7 +113,7 @@ def test_target_speed_above_zero() -> None:
 
 
 def test_end_of_authority_uses_the_more_restrictive_curve() -> None:
-    """Breaks if SBI1 is lost, or the SvL behind the EOA does not relax SBI2."""
+    """Breaks if SBI1 is lost, the SvL behind the EOA does not relax SBI2, or the indication follows an overspeed."""
     both = TargetLimits(train(), BrakingTarget(1000.0, kind="EOA", end_of_authority=900.0), LEVEL, FIXED)
     assert both.service_from_sbd(20.0) == pytest.approx(900.0 - 400 / 1.4)
     assert both.service_from_ebd(20.0) == pytest.approx(1000.0 - 200.0 - 100.0)
@@ -119,10 +125,6 @@ def test_end_of_authority_uses_the_more_restrictive_curve() -> None:
     assert alone.sbd is None and alone.service(20.0) == alone.service_from_ebd(20.0)
     with pytest.raises(ValueError, match="SBD and SBI1 need a service deceleration"):
         alone.service_from_sbd(20.0)
-
-
-def test_indication_is_constant_above_the_speed_limit() -> None:
-    """Breaks if the indication of an overspeed is that of the overspeed, or the issue 4.0.0 text has no effect."""
     limits = TargetLimits(train(), BrakingTarget(1000.0), LEVEL, FIXED, 30.0)
     assert limits.indication(35.0) == limits.indication(30.0) < limits.indication(29.0)
     later = TargetLimits(train(), BrakingTarget(1000.0), LEVEL, FixedValues(driver_time_twice=True), 30.0)
@@ -197,16 +199,8 @@ def test_a_curve_ends_where_the_gradient_is_stronger() -> None:
         beyond.location(5.0)
 
 
-def test_odometry_of_subset_041() -> None:
-    """Breaks if the confidence of position or speed differs from 5 m + 5 %, or 2 km/h rising to 12 at 500 km/h."""
-    assert odometer_error(1000.0) == 55.0 and odometer_error(0.0, 3.0) == 8.0
-    assert [3.6 * speed_measurement_error(v / 3.6) for v in (0, 30, 265, 500)] == pytest.approx([2, 2, 7, 12])
-    motion = motion_estimate(100 / 3.6, 0.1, 500.0)
-    assert (motion.acceleration, motion.under_reading, motion.over_reading) == (0.1, 30.0, 30.0)
-
-
-def test_release_speed_stops_before_the_supervised_location() -> None:
-    """Breaks if build-up time, trip location, speed error or speed limit are not part of the release speed."""
+def test_release_speed_and_odometry() -> None:
+    """Breaks if build-up, trip location, speed error or limit are not in the release speed, or odometry is wrong."""
     limits = TargetLimits(train(), BrakingTarget(1100.0, kind="EOA", end_of_authority=1000.0), LEVEL, FIXED)
     assert trip_location(1000.0, 700.0) == pytest.approx(1040.0)
     assert trip_location(1000.0, 700.0, balise_accuracy=3.0) == pytest.approx(1046.0)
@@ -222,17 +216,14 @@ def test_release_speed_stops_before_the_supervised_location() -> None:
     assert release_speed(slow, 1040.0) == 1.5 < careful
     start = release_start(limits, exact, inhibit_compensation=True)
     assert start == pytest.approx(min(1000 - exact**2 / 1.4, 1100 - exact**2 / 2 - 5 * exact))
-
-
-def test_limits_of_a_line_hold_for_the_whole_train() -> None:
-    """Breaks if a rise acts before the rear has passed it, or a fall is delayed."""
-    assert limits_under_train([(0, 30), (1000, 20), (1500, 40)], 200) == [(0, 30), (1000, 20), (1700, 40)]
-    assert limits_under_train([(0, 30), (1000, 20), (1100, 40), (1150, 10)], 200) == [(0, 30), (1000, 20), (1150, 10)]
-    assert limits_under_train([], 200) == []
+    assert odometer_error(1000.0) == 55.0 and odometer_error(0.0, 3.0) == 8.0
+    assert [3.6 * speed_measurement_error(v / 3.6) for v in (0, 30, 265, 500)] == pytest.approx([2, 2, 7, 12])
+    motion = motion_estimate(100 / 3.6, 0.1, 500.0)
+    assert (motion.acceleration, motion.under_reading, motion.over_reading) == (0.1, 30.0, 30.0)
 
 
 def test_supervision_of_a_line() -> None:
-    """Breaks if a target or the ceiling is lost, a passed one stays, or the release speed acts too early."""
+    """Breaks if target or ceiling is lost, a passed one stays, release is early, or a rise acts before the rear."""
     end = BrakingTarget(5000.0, kind="EOA")
     limits = [(0.0, 40.0), (2000.0, 20.0), (2500.0, 40.0)]
     supervision = TrackSupervision(train(), [(0.0, 0.0)], limits, end)
@@ -250,6 +241,9 @@ def test_supervision_of_a_line() -> None:
     released = TrackSupervision(train(), [(0.0, 0.0)], limits, end, release=4.0)
     assert released.evaluate(4995.0).emergency == 4.0
     assert released.evaluate(4500.0) == supervision.evaluate(4500.0)
+    assert limits_under_train([(0, 30), (1000, 20), (1500, 40)], 200) == [(0, 30), (1000, 20), (1700, 40)]
+    assert limits_under_train([(0, 30), (1000, 20), (1100, 40), (1150, 10)], 200) == [(0, 30), (1000, 20), (1150, 10)]
+    assert limits_under_train([], 200) == []
 
 
 @pytest.mark.parametrize(
@@ -303,8 +297,8 @@ def test_arcs_beyond_the_crossing_at_a_step_of_the_gradient(bound: float, stop: 
     assert curve.speed(stop) == pytest.approx(0.0, abs=1e-6)
 
 
-def test_gradient_as_strong_as_the_brake() -> None:
-    """Breaks if a deceleration of exactly 0 gives a curve, or another error than that of a weak brake."""
+def test_ends_of_a_curve(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Breaks if a deceleration of 0 has a curve, the needed speed is refused, or arcs exceed top speed or number."""
     before, beyond = StepFunction((900.0,), (-1.0, 0.0)), StepFunction((1000.0,), (0.0, -1.0))
     with pytest.raises(ValueError, match=r"the brake \(1 m/s² at 50.91 km/h\) is not stronger"):
         DecelerationCurve(1000.0, 0.0, ONE, before, needed_speed=20.0, top_speed=40.0)
@@ -313,18 +307,11 @@ def test_gradient_as_strong_as_the_brake() -> None:
     assert DecelerationCurve(1000.0, 20.0, ONE, beyond, needed_speed=30.0, top_speed=40.0).arcs["speed"].tolist() == [
         20.0
     ]
-
-
-def test_curve_ends_exactly_at_the_needed_and_at_the_top_speed() -> None:
-    """Breaks if a curve that reaches the needed speed is refused, or has arcs above the top speed."""
     none_above = StepFunction((30.0,), (1.0, 0.0))
     assert DecelerationCurve(1000.0, 0.0, none_above, LEVEL, needed_speed=30.0, top_speed=60.0).end_speed == 30.0
     more_above = StepFunction((30.0,), (1.0, 2.0))
     assert DecelerationCurve(1000.0, 0.0, more_above, LEVEL, needed_speed=20.0, top_speed=30.0).end_speed == 30.0
     assert DecelerationCurve(1000.0, 0.0, more_above, LEVEL, needed_speed=20.0, top_speed=30.1).end_speed == math.inf
-
-
-def test_number_of_arcs_is_limited(monkeypatch: pytest.MonkeyPatch) -> None:
     steps = StepFunction((10.0, 20.0, 30.0), (1.0, 1.1, 1.2, 1.3))
     monkeypatch.setattr(deceleration_curve, "MAX_PIECES", 4)
     assert len(DecelerationCurve(1000.0, 0.0, steps, LEVEL, needed_speed=40.0, top_speed=60.0).arcs) == 4
@@ -360,17 +347,17 @@ def test_the_limits_of_the_conversion_model_belong_to_it(percentage, position, l
     check_conversion(percentage, position, length, 200 / 3.6)
 
 
-REFUSED: list[tuple[BrakePosition, float, float, float, str, str]] = [
-    ("PassengerTrainInP", 29.9, 900.0, 200.0, "brake_percentage: 29.9 %", "; give 30 ... 250 %"),
-    ("PassengerTrainInP", 250.1, 900.0, 200.0, "brake_percentage: 250.1 %", "; give 30 ... 250 %"),
-    ("PassengerTrainInP", 100.0, 900.0, 200.1, "max_speed_kmh: 200.1 km/h", "; give at most 200 km/h"),
-    ("PassengerTrainInP", 100.0, 900.1, 200.0, "length_m: 900.1 m", " of PassengerTrainInP; give at most 900 m"),
-    ("FreightTrainInP", 100.0, 1500.1, 200.0, "length_m: 1500.1 m", " of FreightTrainInP; give at most 1500 m"),
-    ("FreightTrainInG", 100.0, 1500.1, 200.0, "length_m: 1500.1 m", " of FreightTrainInG; give at most 1500 m"),
-]
-
-
-@pytest.mark.parametrize(("position", "percentage", "length", "speed_kmh", "value", "remedy"), REFUSED)
+@pytest.mark.parametrize(
+    ("position", "percentage", "length", "speed_kmh", "value", "remedy"),
+    [
+        ("PassengerTrainInP", 29.9, 900.0, 200.0, "brake_percentage: 29.9 %", "; give 30 ... 250 %"),
+        ("PassengerTrainInP", 250.1, 900.0, 200.0, "brake_percentage: 250.1 %", "; give 30 ... 250 %"),
+        ("PassengerTrainInP", 100.0, 900.0, 200.1, "max_speed_kmh: 200.1 km/h", "; give at most 200 km/h"),
+        ("PassengerTrainInP", 100.0, 900.1, 200.0, "length_m: 900.1 m", " of PassengerTrainInP; give at most 900 m"),
+        ("FreightTrainInP", 100.0, 1500.1, 200.0, "length_m: 1500.1 m", " of FreightTrainInP; give at most 1500 m"),
+        ("FreightTrainInG", 100.0, 1500.1, 200.0, "length_m: 1500.1 m", " of FreightTrainInG; give at most 1500 m"),
+    ],
+)
 def test_trains_outside_the_conversion_model(position, percentage, length, speed_kmh, value, remedy):
     """Breaks if a train beyond a limit is accepted, or the line lacks key, value or remedy."""
     with pytest.raises(ValueError) as refused:
@@ -380,8 +367,8 @@ def test_trains_outside_the_conversion_model(position, percentage, length, speed
         lambda_brake(percentage, position, length, speed_kmh / 3.6, kv_int=ONE, kr_int=ONE, kt_int=1.0)
 
 
-def test_correction_of_the_emergency_time() -> None:
-    """Breaks if Kt_int does not act on T_be, or acts on T_bs."""
+def test_corrections_of_time_and_deceleration() -> None:
+    """Breaks if Kt_int does not act on T_be, or acts on T_bs, or the mix continues beyond its pivots."""
     full, half = (
         lambda_brake(100.0, "PassengerTrainInP", 300.0, 50.0, kv_int=ONE, kr_int=ONE, kt_int=kt) for kt in (1.0, 0.5)
     )
@@ -389,13 +376,9 @@ def test_correction_of_the_emergency_time() -> None:
     assert half.emergency_time.to_standstill == pytest.approx(0.5 * full.emergency_time.to_standstill)
     assert half.emergency_time.to_speed == pytest.approx(0.5 * full.emergency_time.to_speed)
     assert half.service_time == full.service_time
-
-
-@pytest.mark.parametrize(("largest", "expected"), [(0.2, 0.8), (0.7, 0.8), (0.8, 0.7), (0.9, 0.6), (1.5, 0.6)])
-def test_mix_of_the_passenger_subsets(largest: float, expected: float) -> None:
-    """Breaks if the mix continues beyond its pivots of 0.7 and 0.9 m/s²."""
     lower, upper = StepFunction.constant(0.8), StepFunction.constant(0.6)
-    assert passenger_kv_int(lower, upper, 0.7, 0.9, largest).at(10.0) == pytest.approx(expected)
+    for largest, expected in ((0.2, 0.8), (0.7, 0.8), (0.8, 0.7), (0.9, 0.6), (1.5, 0.6)):
+        assert passenger_kv_int(lower, upper, 0.7, 0.9, largest).at(10.0) == pytest.approx(expected), largest
 
 
 @pytest.mark.parametrize("bound", [100.0, 120.0, 150.0])
@@ -407,3 +390,209 @@ def test_first_step_that_ends_at_the_bound_of_another(bound: float) -> None:
     steps = basic_deceleration(percentage)
     assert steps.bounds[0] == pytest.approx(bound / 3.6)
     assert len(steps.bounds) == {100.0: 4, 120.0: 3, 150.0: 2}[bound]
+
+
+END = BrakingTarget(1000.0, kind="EOA")
+NAMES = ("permitted", "warning", "service", "emergency")
+
+
+def test_refusals_have_value_and_remedy() -> None:
+    """Breaks if an end has a speed, steps are not ordered, or the message lacks the name of a missing value."""
+    with pytest.raises(ValueError) as refused:
+        BrakingTarget(1000.0, 5.0, "EOA")
+    assert str(refused.value) == "an end of authority has the target speed 0; give the kind MRSP or LOA"
+    assert BrakingTarget(1000.0, 5.0, "LOA").eoa == BrakingTarget(1100.0, 0.0, "EOA", 1000.0).eoa == 1000.0
+    with pytest.raises(ValueError) as refused:
+        TargetLimits(train(service=None), END, LEVEL, FIXED).service_curve()
+    assert str(refused.value) == "A_brake_service: the curves SBD and SBI1 need a service deceleration; give it"
+    with pytest.raises(ValueError) as refused:
+        StepFunction((1.0,), (5.0,))
+    assert str(refused.value) == "1 bounds need 2 values, not 1"
+    for bounds in ((2.0, 2.0), (2.0, 1.0)):
+        with pytest.raises(ValueError) as refused:
+            StepFunction(bounds, (5.0, 6.0, 7.0))
+        assert str(refused.value) == "bounds of a step function must rise; sort them"
+
+
+@pytest.mark.parametrize(("reached", "refused"), [(48.0, True), (53.0, True), (54.0, False)])
+def test_needed_speed_is_above_the_maximum_speed(reached: float, refused: bool) -> None:
+    """Breaks if a curve may end below the emergency ceiling speed of the maximum speed, 53.54 m/s."""
+    assert 53.0 < 50.0 + EMERGENCY_MARGIN.above(50.0) < 54.0
+    steep = StepFunction((1000.0 - reached**2 / 2,), (-1.5, 0.0))
+    given_train = train(service=None)
+    if refused:
+        with pytest.raises(ValueError, match="is not stronger than the gradient"):
+            TargetLimits(given_train, END, steep, FIXED)
+    else:
+        assert TargetLimits(given_train, END, steep, FIXED).ebd.end_speed == pytest.approx(reached)
+
+
+def test_curves_reach_the_largest_compensated_speed() -> None:
+    """Breaks if a curve with many steps ends below the speed with 5 m/s², the later 0.4 m/s² and an error of 10 m/s."""
+    steps = StepFunction(tuple(0.5 * k for k in range(1, 400)), (1.0,) * 400)
+    for cut_off in (0.0, 3.0):
+        limits = TargetLimits(train(steps, t_traction_cut_off=cut_off), END, LEVEL, FIXED)
+        fastest = 50.0 + EMERGENCY_MARGIN.above(50.0)
+        reached = fastest + 10.0 + 5.0 * cut_off + 0.4 * (5.0 - cut_off)
+        motion = MotionEstimate(acceleration=5.0, speed_error=10.0)
+        travelled = (fastest + 10.0 + 2.5 * cut_off) * cut_off
+        travelled += (reached - 0.2 * (5.0 - cut_off)) * (5.0 - cut_off)
+        assert limits.emergency(fastest, motion) == pytest.approx(1000.0 - reached**2 / 2 - travelled)
+        with pytest.raises(ValueError, match="the braking curve ends at"):
+            limits.emergency(fastest + 1.0, motion)
+
+
+def test_floor_and_indication_of_a_target() -> None:
+    """Breaks if speeds beyond a target fall below its ceiling speeds, or the indication is that of exact odometry."""
+    target = TargetLimits(train(), BrakingTarget(1000.0, 20.0), LEVEL, FIXED)
+    assert target.speeds(1e4) == target.floor == ceiling_speeds(20.0)
+    assert TargetLimits(train(), END, LEVEL, FIXED).speeds(1e4) == SupervisionSpeeds(0.0, 0.0, 0.0, 0.0)
+    limits = TargetLimits(train(), END, LEVEL, FIXED)
+    motion = MotionEstimate(0.2, 1.0, 30.0)
+    assert limits.indication(20.0, motion) == pytest.approx(limits.service(20.0, motion) - 20.0 * (4.0 + 5.0))
+
+
+@pytest.mark.parametrize("service_time", [1.0, 6.0])
+@pytest.mark.parametrize("command", [True, False])
+@pytest.mark.parametrize("svl", [1000.0, 5000.0])
+def test_speeds_invert_the_locations_of_an_end(service_time: float, command: bool, svl: float) -> None:
+    """Breaks if SBD or EBD are evaluated with other times or at another front for speeds than for locations."""
+    given_train = train(service_time=service_time, service_command=command)
+    limits = TargetLimits(given_train, BrakingTarget(svl, 0.0, "EOA", 1000.0), LEVEL, FIXED)
+    motion = MotionEstimate(0.2, 1.0, 30.0, 50.0)
+    for speed in (5.0, 20.0, 45.0):
+        for name in NAMES:
+            front = getattr(limits, name)(speed, motion) - motion.under_reading
+            assert getattr(limits.speeds(front, motion), name) == pytest.approx(speed, abs=1e-6), (name, speed)
+
+
+def test_parts_of_the_limits_by_hand() -> None:
+    """Breaks if build-up, end of a curve, step, odometer error, trip, first gradient or rotating mass is wrong."""
+    time = BuildUpTime(3.0, 4.0)
+    assert [time.for_target(speed) for speed in (0.0, 0.1, 1.0, 20.0)] == [3.0, 4.0, 4.0, 4.0]
+    curve = DecelerationCurve(1000.0, 0.0, StepFunction.constant(1.0), LEVEL, needed_speed=30.0, top_speed=40.0)
+    assert advanced_speed(curve.arcs, 1200.0, 0.0, 0.0, 0.0) == 0.0
+    assert advanced_speed(curve.arcs, 1200.0, 2.0, 3.0, 5.0) == -5.0
+    steps = StepFunction((10.0, 20.0, 30.0), (1.0, 2.0, 3.0, 4.0))
+    assert [steps.largest_up_to(place) for place in (5.0, 10.0, 10.1, 20.0, 25.0, 99.0)] == [1, 1, 2, 2, 3, 4]
+    motion = motion_estimate(20.0, 0.0, 100.0, 3.0)
+    assert (motion.under_reading, motion.over_reading) == (13.0, 13.0)
+    assert trip_location(1000.0, 1005.0) == trip_location(1000.0, 1000.0) == 1010.0
+    lowest = lowest_under_train([(1000.0, -10.0), (1100.0, 5.0)], 300.0)
+    assert [lowest.at(place) for place in (-1e4, 900.0, 1000.0, 1001.0, 1400.0, 1401.0)] == [0, 0, 0, -10, -10, 5]
+    slight = gradient_acceleration([(0.0, 0.5), (1000.0, -0.5)], 100.0, None, FIXED)
+    assert slight.at(500.0) == pytest.approx(9.81 * 0.5 / 1150)
+    assert slight.at(2000.0) == pytest.approx(-9.81 * 0.5 / 1020)
+
+
+@pytest.mark.parametrize(("svl", "from_sbd"), [(1000.0, False), (5000.0, True)])
+@pytest.mark.parametrize("inhibit", [False, True])
+def test_start_of_the_release_speed(svl: float, from_sbd: bool, inhibit: bool) -> None:
+    """Breaks if the start is that of the present acceleration and speed error, or of another front."""
+    limits = TargetLimits(train(), BrakingTarget(svl, 0.0, "EOA", 1000.0), LEVEL, FIXED)
+    motion = MotionEstimate(0.3, 2.0, 30.0, 50.0)
+    reached = 10.0 + (0.0 if inhibit else speed_measurement_error(10.0))
+    start = 1000.0 - 10.0**2 / 1.4 if from_sbd else 1000.0 - reached**2 / 2 - 5.0 * reached - 30.0
+    words = {"inhibit_compensation": True} if inhibit else {}
+    assert release_start(limits, 10.0, motion, **words) == pytest.approx(start)
+
+
+def test_targets_of_a_line() -> None:
+    """Breaks if a target has another speed, an equal speed is one, an end is passed, or a fixed mass is used."""
+    limits = [(0.0, 60.0), (1000.0, 55.0), (2000.0, 30.0), (3000.0, 20.0), (4000.0, 10.0)]
+    line = TrackSupervision(train(), [], limits, BrakingTarget(4000.0, kind="EOA"))
+    found = [(entry.target.location, entry.target.speed, entry.speed_limit) for entry in line.targets]
+    assert found == [(2000.0, 30.0, 50.0), (3000.0, 20.0, 30.0), (4000.0, 0.0, 50.0)]
+    open_end = TrackSupervision(train(), [], limits, None)
+    assert [entry.target.location for entry in open_end.targets] == [2000.0, 3000.0, 4000.0]
+    assert open_end.evaluate(9e3) == ceiling_speeds(10.0)
+    assert TrackSupervision(train(), [], [], None).evaluate(1e3) == ceiling_speeds(50.0)
+    line = TrackSupervision(train(), [], [], END)
+    assert line.evaluate(1100.0) == SupervisionSpeeds(0.0, 0.0, 0.0, 0.0)
+    grades = [(0.0, -10.0)]
+    line = TrackSupervision(train(m_rotating_nom=10.0), grades, [], END)
+    alone = TargetLimits(train(), END, gradient_acceleration(grades, 200.0, 10.0, FIXED), FIXED)
+    assert line.targets[0].emergency(20.0) == alone.emergency(20.0)
+
+
+def test_reason_of_a_missing_service_curve() -> None:
+    """Breaks if the reason is lost, or the emergency-brake curve does not supervise the end alone."""
+    grades = [(0.0, -20.0)]
+    for service, reason in (
+        (0.7, None),
+        (None, "the train has no service deceleration"),
+        (0.1, "the brake (0.1 m/s² at 0 km/h) is not stronger than the gradient (0.1924 m/s² at 1000 m): no braking"
+              " curve; give a stronger brake or a smaller gradient"),
+    ):  # fmt: skip
+        line = TrackSupervision(train(service=service), grades, [], END)
+        assert line.without_service_curve == reason
+        alone = TrackSupervision(train(service=None), grades, [], END)
+        assert (line.targets[0].sbd is None) == (reason is not None)
+        assert (line.evaluate(600.0) == alone.evaluate(600.0)) == (reason is not None)
+        assert line.evaluate(600.0).emergency == alone.evaluate(600.0).emergency < 30.0
+
+
+def test_train_without_interfaces() -> None:
+    """Breaks if a feedback or cut-off time that was not given acts, or the indication is not 0.8 T_bs or 5 s."""
+    for words, times in (
+        ({}, (0.0, 5.0, 0.0, 0.0, 8.0)),
+        ({"service_command": True}, (0.0, 5.0, 10.0, 10.0, 8.0)),
+        ({"service_command": True, "service_feedback": True}, (0.0, 5.0, 10.0, 10.0, 5.0)),
+    ):
+        given_train = train(service_time=10.0, **words)
+        assert intervention_times(given_train, 0.0, FIXED) == InterventionTimes(*times), words
+
+
+def test_ceiling_under_the_confidence_interval() -> None:
+    """Breaks if exact odometry has a distance, a limit between min and max safe front is lost, or one beyond counts."""
+    line = TrackSupervision(train(), [], [(0.0, 30.0), (1000.0, 40.0), (3000.0, 30.0)], None)
+    places = (1199.9, 1200.1, 2999.9)
+    assert [ceiling(line.records.ceilings, place, place).permitted for place in places] == [30.0, 40.0, 40.0]
+    assert line.evaluate(1200.1).emergency == ceiling_speeds(40.0).emergency
+    limits = [(1000.0, 40.0), (2000.0, 10.0), (2100.0, 30.0), (3000.0, 5.0)]
+    line = TrackSupervision(train(), [], limits, None)
+    expected = {(0, 900): 50, (900, 1100): 40, (1100, 1200): 40, (1900, 2050): 10, (1900, 2900): 10, (2350, 2900): 30}
+    assert {key: round(ceiling(line.records.ceilings, *key).permitted, 9) for key in expected} == expected
+
+
+def test_a_later_target_with_an_earlier_begin() -> None:
+    """Breaks if a small step before a large one hides the large one, or a curve that ends early hides its target."""
+    steps = TrackSupervision(train(), [], [(0.0, 45.0), (3000.0, 44.0), (3100.0, 5.0)], None)
+    assert steps.evaluate(2000.0) == steps.targets[-1].speeds(2000.0)
+    steep = 1000.0 - 54.0**2 / 2  # the curve ends at 54 m/s, below the compensated speed of the widest motion
+    grades = [(steep - 5000.0, -200.0), (steep - 200.0, 0.0)]
+    short = TrackSupervision(train(service=None), grades, [], END)
+    assert 53.9 < short.targets[0].ebd.end_speed < 54.1
+    with pytest.raises(ValueError, match="the braking curve ends at"):
+        short.targets[0].indication(50.0, WIDEST_MOTION)
+    assert short.evaluate(600.0).emergency < 25.0
+
+
+@pytest.mark.parametrize(
+    "limits",
+    [[(0.0, 45.0), (3000.0, 30.0), (3500.0, 25.0), (9000.0, 10.0)], [(0.0, 45.0), (9000.0, 44.0), (9100.0, 5.0)]],
+)
+@pytest.mark.parametrize("cut_off", [0.0, 20.0])
+def test_begin_of_the_targets_covers_the_widest_motion(limits: list[tuple[float, float]], cut_off: float) -> None:
+    """Breaks if the begin of a target is that of a smaller motion, or of an earlier target with a later begin."""
+    line = TrackSupervision(train(t_traction_cut_off=cut_off), [], limits, None)
+    for front in range(-3000, 6000, 50):
+        every = [ceiling(line.records.ceilings, front - 2500.0, front + 2500.0)]
+        every += [t.speeds(front, WIDEST_MOTION) for t in line.targets if front + 2500.0 <= t.target.location]
+        lowest = tuple(min(getattr(speeds, name) for speeds in every) for name in NAMES)
+        assert line.evaluate(front, WIDEST_MOTION) == lowest
+
+
+def test_release_speed_of_a_line() -> None:
+    """Breaks if the release speed begins elsewhere than its start, or a passed speed limit lowers it."""
+    given_train = train()
+    limits = [(0.0, 40.0), (500.0, 3.0), (600.0, 40.0)]
+    line = TrackSupervision(given_train, [], limits, END, release=4.0)
+    assert line.evaluate(1005.0) == SupervisionSpeeds(4.0, 4.0, 4.0, 4.0)
+    for motion in (MotionEstimate(), MotionEstimate(0.3, 1.0, 60.0, 20.0)):
+        start = release_start(line.targets[-1], 4.0, motion)
+        assert start > 850.0 and line.evaluate(start, motion).service == 4.0
+        before = line.evaluate(start - 0.1, motion)
+        assert before == line.targets[-1].speeds(start - 0.1, motion) and before.emergency != 4.0
+    limits = TargetLimits(train(), BrakingTarget(1000.0, 10.0), LEVEL, FIXED)
+    assert release_speed(limits, 2000.0) == 10.0

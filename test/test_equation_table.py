@@ -12,7 +12,6 @@ from msgs_docs.generate.equation_page import EQUATION_TABLES, EquationTable, For
 from msgs_docs.generate.left_out_page import (
     CHOICES,
     MEASURED,
-    Choice,
     ChoiceRun,
     ChoiceTable,
     drive_choice,
@@ -25,8 +24,6 @@ from plant_sim.library import load_consist
 from train_ato.scenario.scenario import load_scenario
 
 ROOT = Path(__file__).resolve().parents[1]
-LAST = {"000": 41, "001": 15, "002": 38, "003": 38, "004": 22}
-"""Number of the last equation of each paper."""
 HEAVY_HAUL = EQUATION_TABLES[0]
 SMC, HXD1 = "train_ato.control.laws.smc", "plant_sim/data/consists/hxd1_c80_105.yaml"
 
@@ -34,7 +31,9 @@ SMC, HXD1 = "train_ato.control.laws.smc", "plant_sim/data/consists/hxd1_c80_105.
 @pytest.mark.parametrize("table", EQUATION_TABLES, ids=lambda table: table.paper)
 def test_every_equation_has_one_row_that_agrees_with_the_code(table: EquationTable) -> None:
     """Breaks if an equation has no row, a function is renamed, or a setting is refused or without effect."""
-    assert table.last == LAST[table.paper]
+    assert table.last == {"000": 41, "001": 15, "002": 38, "003": 38, "004": 22}[table.paper], (
+        "number of the last equation"
+    )
     assert problems(table, ROOT) == []
 
 
@@ -84,21 +83,16 @@ def test_a_place_is_the_line_of_its_declaration() -> None:
         assert text in (ROOT / path).read_text(encoding="utf-8").splitlines()[line - 1]
 
 
-def test_shoe_forces_of_paper_000_follow_from_its_table_1() -> None:
-    """(13)-(15): breaks if a shoe force of the train is not that of cylinder, lever ratio and radii."""
+def test_shoes_and_gear_of_paper_000_follow_from_its_tables() -> None:
+    """(9), (13)-(15): breaks if a shoe force is not that of cylinder, lever and radii, or the gear changes."""
     vehicles = load_consist("hxd1_c80_105").vehicle_types
 
     def cylinder(diameter: float, pressure: float, ratio: float, share: float) -> float:
         return math.pi / 4 * diameter**2 * pressure * 0.9 * ratio * share * 1e-3
 
     pads, shoes = vehicles["hxd1"].shoes, vehicles["c80"].shoes
-    assert pads is not None and shoes is not None
     assert pads.force == pytest.approx(cylinder(225, 450, 2.4, 16 / 32) * 448 / 1250, rel=2e-3)
     assert shoes.force == pytest.approx(cylinder(254, 430, 6.6, 1 / 8), rel=2e-3)
-
-
-def test_printed_gear_of_paper_000_differs_by_its_damping_only() -> None:
-    """(9): breaks if the curve of the draft gear changes and that in the settings of the row does not."""
     (row,) = [row for row in HEAVY_HAUL.rows if row.number == 9]
     assert row.form is Form.OPTION
     printed = load_scenario(HEAVY_HAUL.scenario, row.settings)[0].plant.mismatch.gears["mt2_mt2"]
@@ -131,17 +125,12 @@ def test_a_run_of_every_choice_is_accepted_and_differs_from_its_base() -> None:
             assert table.bases[choice.base].key not in {run.key for run in choice.others} if choice.others else True
 
 
-def test_a_key_of_the_train_is_changed_in_plant_and_model() -> None:
-    """Breaks if the changed train reaches only one of the two, or the other keys of the gear are lost."""
-    run = ChoiceRun("demo", (), {"draft_gears": {"mt2_mt2": {"slack_mm": 12}}})
-    setup = run.setup()
+def test_runs_of_choices_change_plant_and_model_and_are_listed(tmp_path: Path) -> None:
+    """Breaks if a changed train reaches only one of the two, loses keys of the gear, or has no row unseen."""
+    setup = ChoiceRun("demo", (), {"draft_gears": {"mt2_mt2": {"slack_mm": 12}}}).setup()
     for consist in (setup.consist, setup.model.consist):
         gear = consist.draft_gears["mt2_mt2"]
-        assert isinstance(gear, ClipGear)
-        assert (gear.slack, gear.stroke) == (0.012, 0.166)
-
-
-def test_an_unmeasured_run_is_listed(tmp_path: Path) -> None:
+        assert isinstance(gear, ClipGear) and (gear.slack, gear.stroke) == (0.012, 0.166)
     (tmp_path / "msgs_docs").mkdir()
     assert len(unmeasured_choices(tmp_path)) == len(RUNS)
     (tmp_path / "msgs_docs" / "left_out_measured.json").write_text('{"other": {}}', encoding="utf-8")
@@ -149,15 +138,9 @@ def test_an_unmeasured_run_is_listed(tmp_path: Path) -> None:
 
 
 def test_a_measured_figure_is_that_of_its_run() -> None:
-    table, choice = _quick()
+    table = CHOICES[4]
+    (choice,) = [choice for choice in table.choices if choice.missing == "weight lambda"]  # its runs are short
     for run in (table.bases[choice.base], choice.others[0]):
         assert drive_choice(run, [choice.metric])[choice.metric] == pytest.approx(
             read_rows(ROOT / MEASURED)[run.key][choice.metric], rel=0.02
         )
-
-
-def _quick() -> tuple[ChoiceTable, Choice]:
-    """Return the choice of the weight lambda of paper 004, whose runs are short."""
-    table = CHOICES[4]
-    (choice,) = [choice for choice in table.choices if choice.missing == "weight lambda"]
-    return table, choice

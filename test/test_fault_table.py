@@ -26,10 +26,6 @@ from train_ato.report.events import detect_events
 
 pytestmark = pytest.mark.usefixtures("without_figure")
 
-REACTION_TIME = 1.5
-"""Largest time from the detection of a fault to a demand to coast or brake [s]."""
-STOPPING_ERROR = 5.0
-"""Largest distance from the planned stop of a train that has reached it [m]."""
 FIGURES = read_rows(Path(__file__).resolve().parents[1] / MEASURED)
 FIRST = {key: row.name for row in reversed(ROWS) if not row.slow for key in (row.kind, row.reaction)}
 """First fault of every kind and of every reaction: the quick runs."""
@@ -48,16 +44,14 @@ def test_the_train_is_safe_after_a_fault(row):
     """Breaks if a fault leads beyond a place or a speed, ends the run of a moving train, or is reported late."""
     run = run_row(row)
     assert run.result.failure is None or run.result.failure.endswith("; the train was stopped")
-    assert run.front < run.supervised_location
-    assert run.top_speed < run.largest_speed
+    assert run.front < run.supervised_location and run.top_speed < run.largest_speed
     assert run.end_speed < STANDSTILL
     assert abs(FIGURES[row.name]["margin_m"] - (run.supervised_location - run.front)) < 1.0
-    assert (abs(run.front - run.stop) < STOPPING_ERROR) == row.arrives
+    assert (abs(run.front - run.stop) < 5.0) == row.arrives
     assert any(re.search(row.reaction, text) for _, text in run.events), [text for _, text in run.events][-20:]
     if not row.arrives and row.reaction != NOTHING:
-        assert run.detected is not None
-        assert run.reacted is not None
-        assert run.reacted - run.detected < REACTION_TIME + 1e-9
+        assert run.detected is not None and run.reacted is not None
+        assert run.reacted - run.detected < 1.5 + 1e-9, "a demand to coast or brake within 1.5 s"
 
 
 def test_the_report_has_the_fault_and_its_refusal():
@@ -105,19 +99,15 @@ def equal(run: Path, other: Path) -> bool:
 )
 def test_faults_have_equal_numbers_in_every_mode(engine_run: Path, tmp_path: Path, way: tuple[str, ...]) -> None:
     """Breaks if a fault acts on the transport of a mode or the process of its reader, or is not seeded."""
-    assert drive(tmp_path / "run", MIXED, *way) == 0
-    assert equal(engine_run, tmp_path / "run")
+    assert drive(tmp_path / "run", MIXED, *way) == 0 and equal(engine_run, tmp_path / "run")
 
 
-def test_a_killed_node_is_silent_in_one_process(tmp_path: Path) -> None:
-    """Breaks if the engine and the composed graph treat the loss of a node differently."""
+def test_a_killed_node_is_silent_in_one_process(tmp_path: Path, engine_run: Path, capsys) -> None:
+    """Breaks if engine and composed graph treat a lost node differently, or the resolved scenario loses a fault."""
     kill = "[{do: kill, node: controller, at: 20}]"
     assert [drive(tmp_path / name, kill, *options) for name, options in (("a", ["--engine"]), ("b", []))] == [0, 0]
     assert equal(tmp_path / "a", tmp_path / "b")
-
-
-def test_a_run_with_faults_is_verified(engine_run: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Breaks if the resolved scenario of a run loses a fault."""
+    capsys.readouterr()
     assert main(["verify", str(engine_run), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["equal"] is True
 
@@ -148,16 +138,12 @@ def drop(**values):
     return {"do": "drop", "topic": "ato/command", **values}
 
 
-def test_without_a_fault_every_message_is_the_newest_one():
-    """Breaks if a receiver delays, copies or refuses a valid message."""
+def test_a_receiver_uses_the_newest_message():
+    """Breaks if a valid message is delayed or refused, or a contradiction or an old age leaves another one in use."""
     link = receiver()
     messages = [command(tick) for tick in range(5)]
     assert all(link.receive(message.stamp, message) is message for message in messages)
     assert (link.missed, link.refused, link.changed, link.diagnostics()) == (0, 0, False, {})
-
-
-def test_a_contradiction_after_accepted_messages_leaves_the_one_before():
-    """Breaks if the message before the newest one is another: it is in use after a contradiction of the newest one."""
     link = receiver()
     link.receive(0, command(0))
     link.accept(2, [command(1), command(2)])
@@ -167,6 +153,8 @@ def test_a_contradiction_after_accepted_messages_leaves_the_one_before():
     single.receive(0, command(0))
     single.accept(1, [command(1)])
     assert single.receive(TICK, command(1, 99.0)).force[0] == 0.0
+    link = receiver(drop(begin=0.2), max_age=3 * TICK)
+    assert received(link, 7) == [0, 1, 1, 1, 1, None, None] and link.missed == 5
 
 
 @pytest.mark.parametrize(
@@ -193,29 +181,18 @@ def test_effect_and_refusal_of_every_fault(fault, expected, refusal):
     assert link.refusal.startswith(refusal) and bool(link.refusal) == bool(refusal)
 
 
-def test_the_alive_counter_of_a_release_rises():
-    """Breaks if a sender that repeats its content releases a brake, or one of three counters is not read."""
+def test_alive_counter_and_force_of_a_message_are_checked():
+    """Breaks if repeated content releases a brake, a counter is not read, or a force beyond every brake is accepted."""
     check, none = AliveCheck(), float("nan")
     counters = ([4.0] * 3, [4.0] * 3, [3.0] * 3, [5.0, 5.0, 6.0], [-1.0] * 3, [none] * 3, [5.0] * 3)
     assert [check.problem(BrakeRelease(0, np.ones(3), np.array(alive))) for alive in counters] == [
         "", "alive counter 4 repeated", "alive counter 3 repeated", "alive counter 5 not possible",
         "alive counter -1 not possible", "alive counter nan not possible", "",
     ]  # fmt: skip
-
-
-def test_a_force_is_possible_up_to_a_bound_of_either_sign():
-    """Breaks if a force far below every brake is accepted, or the bound itself is refused."""
     check = validity_check(BY_NAME["ato/command"])
     assert [check(command(0, force)) for force in (1e10, -1e10, 1.01e10, -1.01e10)] == [
         "", "", "force 1.01e+10", "force -1.01e+10",
     ]  # fmt: skip
-
-
-def test_the_age_of_the_newest_message_is_limited():
-    """Breaks if a receiver returns a message that is older than permitted, or none at the largest age."""
-    link = receiver(drop(begin=0.2), max_age=3 * TICK)
-    assert received(link, 7) == [0, 1, 1, 1, 1, None, None]
-    assert link.missed == 5
 
 
 def test_a_random_fault_is_seeded_and_independent_of_others():
@@ -224,8 +201,7 @@ def test_a_random_fault_is_seeded_and_independent_of_others():
     lost = [
         received(receiver(half, *more, seed=seed), 200) for seed, more in ((1, ()), (1, (drop(begin=90),)), (2, ()))
     ]
-    assert lost[0] == lost[1]
-    assert lost[0] != lost[2]
+    assert lost[0] == lost[1] and lost[0] != lost[2]
     link = receiver(half)
     received(link, 1000)
     assert 400 < link.missed < 600
@@ -245,8 +221,7 @@ def test_no_flipped_bit_of_a_release_releases_a_brake(seed):
 def test_a_receiver_without_check_uses_what_arrives():
     """Breaks if a run without supervision refuses a message or loses its first one."""
     link = receiver({"do": "corrupt", "topic": "ato/command", "value": "nan", "begin": 0.1}, checked=False)
-    assert received(link, 1) == [0]
-    assert np.isnan(received(link, 3)[1:]).all()
+    assert received(link, 1) == [0] and np.isnan(received(link, 3)[1:]).all()
     assert received(receiver(drop(), checked=False), 3) == [0, 0, 0]
 
 
@@ -264,12 +239,14 @@ def test_a_fault_of_one_reader_leaves_the_others():
 
 
 def test_a_lost_node_is_the_loss_of_all_its_messages():
-    """Breaks if a killed node still sends a message of the loop."""
+    """Breaks if a killed node still sends a message of the loop, or a topic of the loop cannot fail."""
     found = faults({"do": "kill", "node": "controller", "at": 3})
     assert {fault.topic for fault in found} == {"ato/command", "ato/brake_pipe_command", "ato/state"}
     assert {(fault.do, fault.begin, fault.end) for fault in found} == {("drop", 3.0, None)}
     (slow,) = faults({"do": "slow", "node": "observer", "at": 3, "delay": 2})
     assert (slow.do, slow.topic, slow.delay) == ("delay", "ato/estimate", 2.0)
+    ticking = {topic.name for topic in TOPICS if topic.readers and topic.rate in (Rate.TICK, Rate.SUPERVISION)}
+    assert set(FAULT_TOPICS) == ticking and len(ticking) >= 9
 
 
 @pytest.mark.parametrize(
@@ -287,9 +264,3 @@ def test_a_lost_node_is_the_loss_of_all_its_messages():
 def test_an_impossible_fault_is_refused(entry, text):
     with pytest.raises(ValidationError, match=text):
         faults(entry)
-
-
-def test_every_topic_of_the_loop_can_fail():
-    ticking = {topic.name for topic in TOPICS if topic.readers and topic.rate in (Rate.TICK, Rate.SUPERVISION)}
-    assert set(FAULT_TOPICS) == ticking
-    assert len(ticking) >= 9

@@ -1,8 +1,4 @@
-"""Rows of the fault table as node graphs: all nodes in one process, and one process per node.
-
-Faults of messages, sensors and the train act in simulated time: the log is that of the engine, bit for bit, and
-``test_fault_table.py`` checks the train of it.  Faults that end a process have the same verdicts.
-"""
+"""Rows of the fault table as node graphs, in one process and in several: the log, or the verdicts, of the engine."""
 
 import re
 
@@ -24,15 +20,11 @@ from train_ato.messages.codec import Wire
 from train_ato.messages.faults import node_faults
 from train_ato.ros.graph.runner import run_graph
 
-REACTION_TIME = 1.5
-"""Largest simulated time from the detection of a fault to a demand to coast or brake [s]."""
 SILENT_S = 10.0
 """Wall time without an answer after which a stopped node is lost [s]."""
 KEPT = 1.0
 """Largest loss at the end of a log [s]."""
 WALL = ("wall_s", "real_time_factor", "step_time_us_median", "step_time_us_p99")
-SLOW_RATE = 0.5
-"""Rate of a run without its recorder: the last second of the log is one of wall time; here it has two."""
 
 pytestmark = pytest.mark.campaign
 
@@ -40,11 +32,9 @@ pytestmark = pytest.mark.campaign
 CASES = [(row, way) for way in ("composed", "processes") for row in ROWS if way in ways_of(row)]
 LOST = [row for row, way in CASES if way == "processes" and ends_process(row)]
 ANSWERS = {
-    "controller": "ato/command",
-    "supervisor": "atp/brake_release",
-    "profile": "ato/reference",
+    "controller": "ato/command", "supervisor": "atp/brake_release", "profile": "ato/reference",
     "observer": "ato/estimate",
-}
+}  # fmt: skip
 """Topic of the answers of a node."""
 
 
@@ -80,8 +70,7 @@ def test_the_log_of_a_fault_is_that_of_the_engine(row, way, tmp_path):
         expected = run_engine(run.setup, sink=sink)
     assert run.result.failure == expected.failure
     found = compare_logs(engine.path, tmp_path / way, Wire(run.setup.layout))
-    assert found.first is None
-    assert found.messages > run.setup.ticks
+    assert found.first is None and found.messages > run.setup.ticks
     of_run, of_engine = ({k: v for k, v in r.summary.items() if k not in WALL} for r in (run.result, expected))
     assert of_run == of_engine
     check_nothing_left(tmp_path / way)
@@ -104,14 +93,12 @@ def test_a_lost_process_stops_the_train(row, tmp_path):
     rate = 2.0 if "duplicate" in row.sets[0] else 0.0
     run = graph_run(row, "processes", folder, rate, SILENT_S if "do: stop" in row.sets[0] else LIMIT_S)
     (fault,) = node_faults(run.setup.scenario.faults)
-    assert re.match(failure_of(fault), run.result.failure)
-    assert run.front < run.supervised_location
-    assert run.top_speed < run.largest_speed
-    assert run.end_speed < STANDSTILL
+    assert re.match(failure_of(fault), run.result.failure) and run.front < run.supervised_location
+    assert run.top_speed < run.largest_speed and run.end_speed < STANDSTILL
     last = stamps(folder, ANSWERS[fault.node]).max()
     assert last >= fault.at - KEPT
     detected = last if fault.do == "duplicate" else run.detected
-    assert run.reacted - detected < REACTION_TIME + 1e-9
+    assert run.reacted - detected < 1.5 + 1e-9, "a demand to coast or brake within 1.5 s of simulated time"
     ticks = np.arange(run.result.summary["ticks"]) * run.setup.tick
     np.testing.assert_allclose(stamps(folder, "train/vehicles")[: ticks.size], ticks, atol=1e-6)
     check_nothing_left(folder)
@@ -121,7 +108,8 @@ def test_a_lost_process_stops_the_train(row, tmp_path):
 def test_a_lost_recorder_keeps_the_log(row, tmp_path):
     """Breaks if the run goes on without a record, or more than the last second is lost."""
     folder = tmp_path / "run"
-    run = graph_run(row, "processes", folder, SLOW_RATE, SILENT_S)
+    # The last second of the log is one of wall time; at this rate it has two.
+    run = graph_run(row, "processes", folder, 0.5, SILENT_S)
     (fault,) = node_faults(run.setup.scenario.faults)
     assert run.result.failure.startswith(row.reaction)
     recover(folder)

@@ -53,6 +53,7 @@ METRO: dict[str, Any] = {
     "base": "xuzhou_metro", "tick": 0.1, "step": 0.005, "supervision": {"enabled": True},
     "profile": {"phases": CRUISE, "limits": {"jerk": 0.6, "acceleration": 0.8, "deceleration": 0.8}},
 }  # fmt: skip
+RELATIVE = {"authority": "relative", "timeout": 5}
 LEADER: dict[str, Any] = {"headway": 40.0, "smoothing": 10.0}
 
 
@@ -81,42 +82,30 @@ def ends(reports: list[TrainReport], times: tuple[float, ...], **leader: Any) ->
 REPORTS = [report(k + 1, 0.4 * k, 1000.0 + 6.0 * k) for k in range(5)]
 
 
-def test_the_end_of_authority_is_the_reported_rear_less_the_margin() -> None:
-    """Fails without the margin, with the front in place of the rear, or with an end that does not move."""
-    assert ends(REPORTS, (0.0, 0.4, 1.6), rear_margin=10) == [990.0, 996.0, 1014.0]
+@pytest.mark.parametrize(
+    ("reports", "times", "leader", "expected"),
+    [
+        pytest.param(REPORTS, (0.0, 0.4, 1.6), {"rear_margin": 10}, [990.0, 996.0, 1014.0], id="rear less margin"),
+        # the shortest stop of 200 m counts up to the timeout: 5 s after the last report of 1.6 s
+        pytest.param(
+            REPORTS, (1.6, 6.6, 6.7), {"authority": "relative", "timeout": 5}, [1214, 1214, 1014], id="timeout"
+        ),
+        pytest.param(REPORTS, (1.6, 100.0), {}, [1014.0, 1014.0], id="no more reports"),
+        pytest.param([*REPORTS, report(6, 2.0, 1004.0)], (1.6, 2.0), {}, [1014.0, 994.0], id="nearer end"),
+        pytest.param(REPORTS, (0.4, 1.1, 1.2), {"link": {"delay": 0.8}}, [990.0, 990.0, 996.0], id="delay"),
+    ],
+)
+def test_the_end_of_authority_follows_the_reports(reports: Any, times: Any, leader: Any, expected: list[float]) -> None:
+    """Fails without margin or delay, with the front, or with an end that lasts, moves on alone or waits."""
+    assert ends(reports, times, **leader) == expected
 
 
-def test_the_shortest_stop_counts_up_to_the_timeout_of_its_report() -> None:
-    """Fails if an old report keeps its shortest stop, or loses more than that.
-
-    The last report is of 1.6 s: rear 1024 m less 10 m, and 200 m up to 6.6 s.
-    """
-    times = (1.6, 6.6, 6.7, 60.0)
-    assert ends(REPORTS, times, authority="relative", timeout=5) == [1214.0, 1214.0, 1014.0, 1014.0]
-
-
-def test_an_end_is_kept_without_reports_and_never_extended() -> None:
-    """Fails if the end moves on with the last speed, or is given up."""
-    assert ends(REPORTS, (1.6, 100.0)) == [1014.0, 1014.0]
-
-
-def test_a_nearer_end_acts_at_once() -> None:
-    """Fails if a smaller end waits for a confirmation, for example after a train has rolled back."""
-    assert ends([*REPORTS, report(6, 2.0, 1004.0)], (1.6, 2.0)) == [1014.0, 994.0]
-
-
-def test_a_report_acts_after_its_delay() -> None:
-    """Fails if the link is not used: with 0.8 s of delay the report of 0.4 s acts from 1.2 s on."""
-    assert ends(REPORTS, (0.4, 1.1, 1.2), link={"delay": 0.8}) == [990.0, 990.0, 996.0]
-
-
-def test_the_end_is_not_beyond_that_of_the_own_stop() -> None:
+def test_the_end_of_authority_is_not_beyond_that_of_the_own_stop() -> None:
     """Fails if the reports extend the authority beyond the stop of the own profile and its overlap of 100 m."""
     setup = metro(REPORTS)
     own = setup.supervisor().track.end
     stop = float(setup.profile.position[-1]) + setup.consist.vehicles[0].length / 2.0
-    assert own == pytest.approx(stop + 100.0)
-    assert ends([report(1, 0.0, 50_000.0)], (0.0,)) == [own]
+    assert own == pytest.approx(stop + 100.0) and ends([report(1, 0.0, 50_000.0)], (0.0,)) == [own]
 
 
 @pytest.mark.parametrize(
@@ -133,13 +122,11 @@ def test_the_end_is_not_beyond_that_of_the_own_stop() -> None:
 )
 def test_a_wrong_report_is_refused_and_counted(wrong: TrainReport) -> None:
     """Fails if a report of a threat of EN 50159 moves the end of authority."""
-    setup = metro(REPORTS)
-    receiver = ReportReceiver(setup, "test")
+    receiver = ReportReceiver(metro(REPORTS), "test")
     for time in (0.0, 0.4, 0.8, 1.2, 1.6):
         receiver.receive(round(time * 1e9))
     receiver._reports = [*REPORTS, wrong]
-    assert receiver.receive(2_400_000_000) is None
-    assert receiver.newest(2_400_000_000) == REPORTS[-1]
+    assert receiver.receive(2_400_000_000) is None and receiver.newest(2_400_000_000) == REPORTS[-1]
     assert receiver.at(2_400_000_000).refused == 1
 
 
@@ -150,10 +137,7 @@ def test_reports_keep_their_bits_as_text() -> None:
 
 
 def test_the_safe_rear_is_behind_the_rear_with_the_errors_of_both_odometers() -> None:
-    """Fails with the larger position, without the error of SUBSET-041, or with the length of relaxed couplers.
-
-    By hand: 1000 - (5 + 0.05 * 300) - length; 3 m/s less the error of 2 km/h.
-    """
+    """Fails with the larger position, without the error of SUBSET-041, or with the length of relaxed couplers."""
     setup = metro(REPORTS)
     reporter = TrainReporter(setup.consist, setup.plant, setup.line, 80.0 / 3.6)
     odometry = Odometry(0, np.array([1002.0, 1000.0]), np.array([3.0, 3.2]), np.array([300.0, 290.0]))
@@ -162,10 +146,6 @@ def test_the_safe_rear_is_behind_the_rear_with_the_errors_of_both_odometers() ->
     assert found.rear == pytest.approx(1000.0 - 20.0 - stretched_length(setup.consist))
     slow = ShortestStop(setup.consist, setup.plant, setup.line, 80.0 / 3.6).way(3.0 - 2.0 / 3.6, 1021.0, found.rear)
     assert found.stop == pytest.approx(slow)
-
-
-def test_the_length_of_a_heavy_train_contains_slack_and_stroke() -> None:
-    """Fails if the safe rear is that of relaxed couplers; the figures are those of the consist file."""
     consist = ta.scenario("demo").prepare().consist
     by_hand = consist.length
     for gear in consist.gears:
@@ -234,21 +214,14 @@ def shifted_profile(rate: float) -> tuple[RunSetup, HeadwayProfile, list[Any]]:
     return setup, headway, [profile for profile in found if profile is not None]
 
 
-def test_a_leader_on_its_plan_leaves_the_own_profile_unchanged() -> None:
-    """Fails if the average changes what the own profile has already, for example its acceleration."""
+def test_the_profile_follows_the_leader_without_a_lag() -> None:
+    """Fails if the average changes the own profile, or is over the past only: with 0.1 m/s and 10 s 0.5 m behind."""
     setup, _, profiles = shifted_profile(0.0)
     assert profiles
     for profile in profiles:
         same = slice(setup.profile.time.size - profile.time.size, None)
         np.testing.assert_allclose(profile.position, setup.profile.position[same], atol=1e-9)
         np.testing.assert_allclose(profile.velocity, setup.profile.velocity[same], atol=1e-9)
-
-
-def test_a_deviation_with_a_constant_rate_is_followed_without_a_lag() -> None:
-    """Fails with an average over the past only: with 0.1 m/s and 10 s that is 0.5 m or more behind.
-
-    At 120 s the profile has the place of the leader at 80 s: 8 m beyond the plan.
-    """
     setup, _, profiles = shifted_profile(0.1)
     profile = next(each for each in profiles if each.time[0] > 45.0)
     own, found = setup.profile.at(120.0), profile.at(120.0)
@@ -259,7 +232,7 @@ def test_a_deviation_with_a_constant_rate_is_followed_without_a_lag() -> None:
 
 
 def test_places_speeds_and_accelerations_of_the_profile_agree() -> None:
-    """Fails for an error in a derivative: a law with a preview then oscillates."""
+    """Fails for an error in a derivative, a step of the reference at a new report, or a moved own stop."""
     _, _, profiles = shifted_profile(0.3)
     for profile in profiles:
         period = profile.period
@@ -267,10 +240,6 @@ def test_places_speeds_and_accelerations_of_the_profile_agree() -> None:
         acceleration = np.gradient(profile.velocity, period)
         np.testing.assert_allclose(speed[1:-1], profile.velocity[1:-1], atol=2e-3)
         np.testing.assert_allclose(acceleration[1:-1], profile.acceleration[1:-1], atol=4e-2)
-
-
-def test_a_new_profile_begins_at_the_present_one() -> None:
-    """Fails if a new report moves the reference of now: the law would have a step."""
     _, headway, profiles = shifted_profile(0.3)
     later = [(before, after) for before, after in pairwise(profiles) if after.time[0] > 0.1]
     assert later
@@ -279,10 +248,6 @@ def test_a_new_profile_begins_at_the_present_one() -> None:
         assert after.at(now)[0] == pytest.approx(before.at(now)[0], abs=1e-6)
         assert after.at(now)[1] == pytest.approx(before.at(now)[1], abs=1e-6)
     assert headway.receiver.at(200_000_000_000).refused == 0
-
-
-def test_the_train_stops_at_its_own_place() -> None:
-    """Fails if the deviation of the train ahead moves an own stop: a platform does not move."""
     setup, _, profiles = shifted_profile(0.3)
     assert profiles[-1].position[-1] == setup.profile.position[-1]
     assert profiles[-1].velocity[-1] == 0.0
@@ -363,8 +328,8 @@ def columns(run: Run) -> tuple[list[float], list[float], list[float]]:
     return seconds, (table[names[0]] + first).tolist(), (table[names[-1]] - last).tolist()
 
 
-def test_gap_and_headway_errors_are_those_of_both_logs(two: tuple[FollowingResult, Path]) -> None:
-    """Fails with another end of a train, another headway or another tick; computed here from the two logs."""
+def test_the_logs_of_two_trains_have_their_gap_and_headway_errors(two: tuple[FollowingResult, Path]) -> None:
+    """Fails with another end, headway or tick, no end of authority in the log, or an unseen contact."""
     result, _ = two
     times, front, _ = columns(result.runs["t2"])
     _, ahead, rear = columns(result.runs["t1"])
@@ -373,42 +338,28 @@ def test_gap_and_headway_errors_are_those_of_both_logs(two: tuple[FollowingResul
     shift = 400  # 40 s in ticks of 0.1 s
     errors = [abs(front[k] - ahead[k - shift]) for k in range(shift, len(times) - 1)]
     assert row["headway_error_max_m"] == pytest.approx(max(errors), abs=1e-6)
-    assert row["contacts"] == 0
-    assert result.summary["verdict"] == "passed"
+    assert row["contacts"] == 0 and result.summary["verdict"] == "passed"
     assert row["headway_error_max_m"] < 2.0
-
-
-def test_each_train_has_a_log_that_repeats_bit_for_bit(two: tuple[FollowingResult, Path]) -> None:
-    """Fails if the follower needs something that its own folder lacks."""
-    _, folder = two
-    assert json.loads((folder / "summary.json").read_text())["following"] == "two"
-    for name in ("t1", "t2"):
-        found = ta.verify(folder / name)
-        assert found.equal, found.first
-
-
-def test_compiled_ticks_behind_a_train_are_those_of_python(two: tuple[FollowingResult, Path]) -> None:
-    """Fails if a span has the end of authority of another step, or goes on beyond a new profile."""
-    Both(two[0].runs["t2"].setup).assert_equal(least=0.7)
-
-
-def test_the_log_has_the_end_of_authority(two: tuple[FollowingResult, Path]) -> None:
-    """Fails if the reason of an intervention cannot be found in the log: end, and age of the newest report."""
     recording = two[0].runs["t2"].recording
     times, values = recording.reported("supervisor", "end_of_authority")
-    assert times.size > 60
-    assert np.all(np.diff(values) > 0.0)
+    assert times.size > 60 and np.all(np.diff(values) > 0.0)
     _, ages = recording.reported("supervisor", "leader_age")
     assert ages.max() < 1.0
-
-
-def test_a_contact_is_counted(two: tuple[FollowingResult, Path]) -> None:
-    """Fails if the count cannot see a contact: the train ahead is moved back by 400 m here."""
     ahead, own = two[0].runs["t1"].recording, two[0].runs["t2"].recording
     truth = ahead.topics["train/vehicles"]
     moved = {name: part - 600.0 if name.endswith("_position") else part for name, part in truth.values.items()}
     nearer = replace(ahead, topics={**ahead.topics, "train/vehicles": replace(truth, values=moved)})
     assert follower_figures(nearer, own, own.setup)["contacts"] == 1  # type: ignore[arg-type]
+
+
+def test_each_train_has_a_log_that_repeats_bit_for_bit(two: tuple[FollowingResult, Path]) -> None:
+    """Fails if the follower needs what its folder lacks, or a span has another end of authority or profile."""
+    _, folder = two
+    assert json.loads((folder / "summary.json").read_text())["following"] == "two"
+    for name in ("t1", "t2"):
+        found = ta.verify(folder / name)
+        assert found.equal, found.first
+    Both(two[0].runs["t2"].setup).assert_equal(least=0.7)
 
 
 @pytest.mark.parametrize(
@@ -431,8 +382,7 @@ def test_a_train_stops_behind_a_leader_that_stops(leader_stops: str, authority: 
     own = ta.run({**METRO, "duration": 60, "profile": {**METRO["profile"], "since": 50}, "leader": leader})
     front = own.recording.front_position[-1] + own.setup.consist.vehicles[0].length / 2.0
     rear = reports[-1].rear if leader_stops == "stands" else float(columns(ahead)[2][-1])
-    assert own.recording.front_velocity[-1] < 0.01
-    assert 0.0 < rear - front < 200.0
+    assert own.recording.front_velocity[-1] < 0.01 and 0.0 < rear - front < 200.0
 
 
 def end_ahead(**changes: Any) -> tuple[Run, SeesTheEnd]:
@@ -458,10 +408,7 @@ def test_a_law_that_sees_the_moving_end_stops_before_it(*, sees: bool, intervent
 
 
 def test_the_end_of_the_lookahead_is_that_of_the_supervisor() -> None:
-    """Fails if place or speeds of the lookahead are not those of the safe rear, or if only the line is in them.
-
-    By hand: the safe rear less 10 m, less 5 m and 5 % of the distance since the balise, less half a vehicle.
-    """
+    """By hand: the safe rear less 10 m, 5 m and 5 % of the distance since the balise, and half a vehicle."""
     own, law = end_ahead()
     track, half = own.setup.supervisor().track, own.setup.consist.vehicles[0].length / 2.0
     rear, spacing = own.setup.leader_reports[-1].rear, own.setup.plant.odometry.balise_spacing
@@ -522,18 +469,14 @@ def test_bad_input_is_refused_in_one_line(tmp_path: Path, capsys: pytest.Capture
     assert "holds trains behind each other, no scenario; only `train-ato run` takes it" in capsys.readouterr().err
 
 
-def test_the_first_report_is_that_of_the_start() -> None:
-    """Fails if the check before the first run has another place than the run."""
-    run = ta.run({**METRO, "duration": 1, "profile": {**METRO["profile"], "since": 30}})
-    assert first_report(run.setup)[2:4] == pytest.approx(train_reports(run.recording, run.setup)[0][2:4])
-
-
 def test_a_profile_begins_in_motion() -> None:
-    """Fails if the train has no speed at the begin of a profile cut by `since`, or is at another place."""
+    """Fails if a profile cut by `since` begins at rest or elsewhere, or the first report has another place."""
     whole = ta.scenario(METRO).prepare().profile
     setup = ta.scenario({**METRO, "profile": {**METRO["profile"], "since": 30}}).prepare()
     assert (setup.plant.start.position, setup.plant.start.speed) == whole.at(30.0)[:2]
     assert setup.profile.at(5.0)[:3] == whole.at(35.0)[:3]
+    run = ta.run({**METRO, "duration": 1, "profile": {**METRO["profile"], "since": 30}})
+    assert first_report(run.setup)[2:4] == pytest.approx(train_reports(run.recording, run.setup)[0][2:4])
 
 
 def test_a_failed_run_begins_with_its_first_reason(capsys: pytest.CaptureFixture[str]) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from engine_runs import setup_of
 
 from train_ato.cli import main
 from train_ato.log.bag_layout import table_name
@@ -22,8 +23,6 @@ from train_ato.log.run_log import LogFile
 from train_ato.log.versions import VERSIONS, read_versions, versions
 from train_ato.messages.codec import Wire
 from train_ato.messages.topics import EPOCH_NS, topics_of
-from train_ato.scenario.scenario import load_scenario
-from train_ato.scenario.setup import prepare
 
 FOLDER = Path(__file__).resolve().parent / "golden"
 sys.path.append(str(FOLDER))
@@ -32,19 +31,17 @@ import bits  # noqa: E402
 GOLDEN = FOLDER / "short_train" / "run.mcap"
 ELSEWHERE = 1e-6
 """Part of a field's largest magnitude by which numbers may differ on other processors or versions."""
-NUMERIC = ("python", "numpy", "numba", "llvmlite", "libc", "machine", "processor")
-"""Versions that make two runs of one scenario bit-identical if they are equal."""
 
 
 def other_numbers(recorded: Mapping[str, str]) -> list[str]:
     """Return the names of the different versions that may change the last digits of numbers."""
-    here = versions()
-    return [name for name in NUMERIC if recorded.get(name) != here[name]]
+    here, numeric = versions(), ("python", "numpy", "numba", "llvmlite", "libc", "machine", "processor")
+    return [name for name in numeric if recorded.get(name) != here[name]]
 
 
 @pytest.fixture(scope="module")
 def wire() -> Wire:
-    return Wire(prepare(*load_scenario(str(FOLDER / "short_train.yaml"))).layout)
+    return Wire(setup_of(str(FOLDER / "short_train.yaml")).layout)
 
 
 def altered(folder: Path, topic: str, number: int, change) -> Path:
@@ -73,24 +70,19 @@ def altered(folder: Path, topic: str, number: int, change) -> Path:
 def test_golden_run_is_driven_again(capsys: pytest.CaptureFixture[str]) -> None:
     """Breaks if any number of the physics, a law, a link or an encoder changes; `test/golden/make.py` changes it."""
     # Bit for bit where processor and versions are those that recorded it, else up to rounding.
-    others = other_numbers(read_versions(attachments(GOLDEN)[VERSIONS]))
-    relative = ELSEWHERE if others else 0.0
+    relative = ELSEWHERE if other_numbers(read_versions(attachments(GOLDEN)[VERSIONS])) else 0.0
     assert main(["verify", str(GOLDEN), f"--relative={relative}", "--json"]) == 0, capsys.readouterr().err
     result = json.loads(capsys.readouterr().out)
-    assert result["equal"] is True
-    assert result["messages"] > 4000
+    assert result["equal"] is True and result["messages"] > 4000
 
 
-def test_golden_run_meets_everything() -> None:
-    layout = replace(prepare(*load_scenario(str(FOLDER / "short_train.yaml"))).layout, supervised=False)
+def test_golden_run_meets_everything_and_has_the_scenario_of_its_file() -> None:
+    """Breaks if a topic is missing, or scenario and log were committed apart, except for texts."""
+    layout = replace(setup_of(str(FOLDER / "short_train.yaml")).layout, supervised=False)
     names = {table_name(message.channel.topic) for message in stream(GOLDEN)}
     assert names == {topic.name for topic in topics_of(layout) if topic.recorded}
     assert sum(path.stat().st_size for path in GOLDEN.parent.iterdir()) < 300_000
-
-
-def test_attached_scenario_is_that_of_the_file() -> None:
-    """Breaks if scenario and log were committed apart; texts of train and line may be reworded."""
-    setup = prepare(*load_scenario(str(FOLDER / "short_train.yaml")))
+    setup = setup_of(str(FOLDER / "short_train.yaml"))
     attached, file = (yaml.safe_load(run.resolved_yaml()) for run in (read_run_folder(GOLDEN)[0], setup))
     for resolved in (attached, file):
         for data in (resolved["plant"]["consist"], resolved["plant"]["line"]):
@@ -146,21 +138,18 @@ def test_tolerance_is_a_part_of_the_field(tmp_path: Path, wire: Wire) -> None:
         assert compare_logs(GOLDEN, log, wire, ELSEWHERE).equal == (place == "near")
 
 
-def test_versions_say_whether_bits_can_be_equal() -> None:
+def test_versions_and_bag_of_the_golden_run(tmp_path: Path) -> None:
+    """Breaks if versions that may change bits are not named, or other tools cannot open the folder."""
     here = versions()
     assert other_numbers(here) == []
     assert other_numbers({**here, "numpy": "0.1", "mcap": "0.1"}) == ["numpy"]
     assert other_numbers(read_versions(b"- 1")) == [*other_numbers({})]
     assert read_versions(attachments(GOLDEN)[VERSIONS]).keys() == here.keys()
-
-
-def test_golden_folder_is_a_bag_for_other_tools(tmp_path: Path) -> None:
     from rosbags.rosbag2 import Reader
 
     shutil.copytree(GOLDEN.parent, tmp_path / "bag")
     with Reader(tmp_path / "bag") as bag:
-        assert bag.message_count == sum(1 for _ in stream(GOLDEN))
-        assert bag.start_time == EPOCH_NS
+        assert bag.message_count == sum(1 for _ in stream(GOLDEN)) and bag.start_time == EPOCH_NS
 
 
 CASES = list(bits.cases())

@@ -140,16 +140,12 @@ def test_boards_switch_all_units_off_and_on_together() -> None:
         plain_line(neutral_sections=[section | {"announced_before": 20}])
 
 
-def test_a_diesel_train_and_a_rheostatic_brake_work_in_a_neutral_section() -> None:
-    """Breaks if the keys independent_power and electric_brake have no effect."""
+def test_keys_of_neutral_sections_and_power_limits() -> None:
+    """Breaks if independent_power or electric_brake have no effect, or a power limit is of a unit or of the brake."""
     section = {"begin": 0, "end": 500}
     diesel = driven(plain_line(neutral_sections=[section]), FORCE, 1.0, railcar(independent_power=True))
     rheostatic = driven(plain_line(neutral_sections=[{**section, "electric_brake": True}]), -FORCE, 1.0)
     assert (diesel[:, 2] == FORCE).all() and (rheostatic[:, 2] == -FORCE).all()
-
-
-def test_the_power_of_a_train_in_a_power_limit_is_that_limit() -> None:
-    """Breaks if the limit is that of every unit, acts on the brake, or is not power at the wheels."""
     current = {"begin": 0, "end": 500, "current": 800, "voltage": 1500, "efficiency": POWER / (800 * 1500)}
     for limit in ({"begin": 0, "end": 500, "power_mw": 1}, current):
         rows = driven(plain_line(power_limits=[limit]), FORCE, 5.0)
@@ -183,14 +179,20 @@ def test_adhesion_by_place_limits_traction_and_returns() -> None:
     assert train(railcar(), plain_line()).setup.adhesion is None
 
 
-def test_tunnel_air_slows_a_coasting_train_by_its_coefficient() -> None:
-    """The speed is 1/(1/v0 + C/M t), C of 17 N s²/m² per car in the tunnel; breaks if the coefficient is lost."""
+def test_tunnel_air_of_plant_and_plan() -> None:
+    """The speed is 1/(1/v0 + C/M t), C of 17 N s²/m² per car in the tunnel; the plan subtracts it from the traction."""
     seconds = 20.0
     for line, coefficient in ((plain_line(tunnels=[TUNNEL]), 17.0), (plain_line(), 5.0)):
         speed = driven(line, 0.0, seconds)[-1, 1, 0]
         assert speed == pytest.approx(1.0 / (1.0 / 20.0 + coefficient / 40e3 * seconds), rel=1e-5)
     plain = driven(plain_line(tunnels=[TUNNEL]), 0.0, seconds, railcar(tunnel_resistance=[]))[-1, 1, 0]
     assert plain == pytest.approx(1.0 / (1.0 / 20.0 + 5.0 / 40e3 * seconds), rel=1e-5)
+    weak = railcar(traction=[{"to": 2.5, "force": FORCE}, {"to": 60, "power": 250e3}])
+    line = plain_line(speed_limits=[{"at": 0, "speed_kmh": 100}], tunnels=[{**TUNNEL, "end": 3000}])
+    found = plan_profile(line, weak, PlanSettings(begin=50, end=2900))
+    speed, power = np.array(found.profile.velocity), found.force * np.array(found.profile.velocity)
+    balance = ((1 - found.settings.force_margin) * 500e3 / 34) ** (1 / 3)  # traction = 34 v² N
+    assert power.max() <= 500e3 * (1 + 1e-6) and 0.95 * balance < speed.max() <= balance
 
 
 def test_compiled_ticks_have_the_bits_of_single_ticks_at_sections() -> None:
@@ -249,16 +251,6 @@ def test_a_plan_keeps_every_section(plans: dict[str, Plan]) -> None:
         if name == "temporary":
             inside = (front > 1000) & (front < 1240)
             assert speed[inside].max() <= 40 / 3.6 * (1 + 1e-6)
-
-
-def test_a_plan_in_a_tunnel_is_within_the_traction() -> None:
-    """Breaks if the tunnel air of a train that cannot keep the limit is not subtracted from its traction."""
-    weak = railcar(traction=[{"to": 2.5, "force": FORCE}, {"to": 60, "power": 250e3}])
-    line = plain_line(speed_limits=[{"at": 0, "speed_kmh": 100}], tunnels=[{**TUNNEL, "end": 3000}])
-    found = plan_profile(line, weak, PlanSettings(begin=50, end=2900))
-    speed, power = np.array(found.profile.velocity), found.force * np.array(found.profile.velocity)
-    balance = ((1 - found.settings.force_margin) * 500e3 / 34) ** (1 / 3)  # traction = 34 v² N
-    assert power.max() <= 500e3 * (1 + 1e-6) and 0.95 * balance < speed.max() <= balance
 
 
 def test_the_plant_follows_the_plan_through_the_sections(plans: dict[str, Plan]) -> None:
@@ -401,10 +393,15 @@ OTHER_WAY: dict[str, Any] = {
 
 
 def test_a_line_against_its_direction_by_hand() -> None:
-    """Breaks if a grade keeps its sign, a step holds on the wrong side, or a section is not mirrored."""
+    """Breaks if a grade keeps its sign, a step holds on the wrong side, or a train gets no limit at its begin."""
     line, other = (build_model(Line, data, "hand") for data in (MIRRORED, OTHER_WAY))
     assert reversed_line(line) == other
     assert reversed_line(other).model_dump(exclude={"grades"}) == line.model_dump(exclude={"grades"})
+    line = build_model(Line, MIRRORED | {"speed_limits": [{"at": 0, "speed": 20}]}, "hand")
+    with pytest.raises(ValueError, match="speed_limits: none before 0 m"):
+        reversed_line(line)
+    with pytest.raises(ValueError, match="the file has one line; remove it"):
+        load_line("level:backwards")
 
 
 def test_a_mirrored_line_run_backwards_gives_the_same_run(tmp_path: Path) -> None:
@@ -433,15 +430,6 @@ def test_shipped_lines_twice_reversed_are_the_same(name: str) -> None:
         assert [(e.begin, e.radius) for e in one.curves] == [(pytest.approx(e.begin), e.radius) for e in other.curves]
 
 
-def test_a_line_without_a_limit_at_its_begin_is_not_reversed() -> None:
-    """Breaks if a train in the other direction gets no limit where the line has none."""
-    line = build_model(Line, MIRRORED | {"speed_limits": [{"at": 0, "speed": 20}]}, "hand")
-    with pytest.raises(ValueError, match="speed_limits: none before 0 m"):
-        reversed_line(line)
-    with pytest.raises(ValueError, match="the file has one line; remove it"):
-        load_line("level:backwards")
-
-
 def line(**parts) -> Line:
     return Line.model_validate({"schema": "train_ato/line/1", "name": "l", "begin": 0, "end": 5000, **parts})
 
@@ -460,14 +448,10 @@ def test_a_quarter_circle_by_hand() -> None:
 
 
 def test_curves_without_a_side_turn_in_turn() -> None:
-    """Breaks if all curves turn to one side: a long line becomes a spiral."""
+    """Breaks if all curves turn to one side, the height does not begin at 0, or a grade goes on beyond the line."""
     curves = [{"begin": 500, "end": 900, "radius": 800}, {"begin": 2000, "end": 2400, "radius": 800}]
     found = Alignment(line(curves=curves)).at(np.array([1000.0, 3000.0]))
     assert found.heading == pytest.approx([0.5, 0.0])
-
-
-def test_height_is_the_sum_of_the_grades() -> None:
-    """Breaks if the height does not begin at 0, or a grade goes on beyond the line."""
     grades = [{"at": 1000, "grade": 0.01}, {"at": 2000, "grade": -0.02}]
     found = Alignment(line(begin=500, grades=grades)).at(np.array([500.0, 1500.0, 2000.0, 3000.0, 6000.0]))
     np.testing.assert_allclose(found.z, [0, 5, 10, -10, -50], atol=1e-9)
@@ -475,7 +459,7 @@ def test_height_is_the_sum_of_the_grades() -> None:
 
 
 def test_coordinates_give_plan_and_heading() -> None:
-    """Breaks if latitude and longitude are exchanged, or the plan ignores the coordinates."""
+    """Breaks if latitude and longitude are exchanged, the plan ignores the coordinates, or takes a single one."""
     north = np.degrees(1000.0 / EARTH_RADIUS)
     found = line(
         coordinates=[
@@ -490,9 +474,6 @@ def test_coordinates_give_plan_and_heading() -> None:
     latitude, longitude = Alignment(found).coordinates(np.array([500.0]))
     assert (latitude[0], longitude[0]) == pytest.approx((40.0 + north / 2, 113.0))
     assert Alignment(line()).coordinates(np.array([0.0])) is None
-
-
-def test_one_coordinate_is_refused() -> None:
     with pytest.raises(ValueError, match="coordinates has one entry; give at least two"):
         line(coordinates=[{"at": 0, "latitude": 40, "longitude": 113}])
 
@@ -506,8 +487,7 @@ def test_the_plan_is_as_long_as_the_line_and_has_no_gap(curves, places) -> None:
     alignment = Alignment(line(curves=[{"begin": b, "end": b + n, "radius": r} for b, n, r in curves]))
     place = np.array(places)
     here, ahead = alignment.at(place), alignment.at(place + 1e-3)
-    step = np.hypot(ahead.x - here.x, ahead.y - here.y)
-    np.testing.assert_allclose(step, 1e-3, rtol=1e-5)
+    np.testing.assert_allclose(np.hypot(ahead.x - here.x, ahead.y - here.y), 1e-3, rtol=1e-5)
     np.testing.assert_allclose(np.cos(np.arctan2(ahead.y - here.y, ahead.x - here.x) - here.heading), 1.0, atol=1e-5)
 
 
@@ -519,8 +499,7 @@ def test_a_drawn_track_follows_every_shipped_line(name: str) -> None:
     places = alignment.drawn_places()
     assert (places[0], places[-1]) == (found.begin, found.end)
     heading = alignment.at(places).heading
-    assert np.abs(np.diff(heading)).max(initial=0.0) <= MAX_TURN + 1e-9
-    assert len(places) < 3000
+    assert np.abs(np.diff(heading)).max(initial=0.0) <= MAX_TURN + 1e-9 and len(places) < 3000
 
 
 POSTS = Path(__file__).parent.parent / "examples" / "metro" / "posts.yaml"
