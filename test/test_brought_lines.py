@@ -120,16 +120,12 @@ def test_a_doubtful_table_is_told(tmp_path: Path, text: str, told: str, capsys: 
 
 
 def test_a_table_with_marks_at_the_ends_of_its_rows(tmp_path: Path) -> None:
-    """Breaks if the empty last column of a spreadsheet is refused, or one with a value is dropped."""
+    """Breaks if an empty last column, `sep=`, UTF-16 or a line break in a cell is refused, or a value is dropped."""
     text = "km;speed_limit_kmh;;\r\n0;80;;\r\n1,5;60;;\r\n"
     line = load_line(written(tmp_path / "a.csv", text))
     assert line.end == 1500 and len(line.speed_limits) == 1
     with pytest.raises(ValueError, match="unknown column ''"):
         load_line(written(tmp_path / "a.csv", text.replace("1,5;60;", "1,5;60;7")))
-
-
-def test_tables_of_a_spreadsheet(tmp_path: Path) -> None:
-    """Breaks if the line ``sep=``, UTF-16 or a line break in a cell is refused or shown."""
     text = 'sep=;\nkm;speed_limit_kmh;stop\n1;80;"A\nB"\n3;60;C\n'
     (tmp_path / "a.csv").write_bytes(text.encode("utf-16"))
     line = load_line(str(tmp_path / "a.csv"))
@@ -171,9 +167,7 @@ def gpx(points: list[list[float]], stations: dict[str, list[float]]) -> str:
 
 @pytest.mark.parametrize("form", ["gpx", "geojson"])
 @pytest.mark.parametrize("noise", [0.0, 1.5])
-def test_a_track_with_heights_by_hand(
-    tmp_path: Path, form: str, noise: float, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_track_with_heights_by_hand(tmp_path: Path, form: str, noise: float, capsys) -> None:
     """Breaks if distances, heights or stations are wrong, or noise of 1.5 m becomes grades of 150 per mille."""
     points = track(noise=noise)
     spots = {"Start": points[0][:2], "End": [points[-1][0], 48.0005], "Far": [11.0, 49.0]}
@@ -267,9 +261,7 @@ def test_a_faulty_track_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("ending", ["gpx", "geojson"])
-def test_a_line_with_coordinates_as_a_track_and_back(
-    tmp_path: Path, ending: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_line_with_coordinates_as_a_track_and_back(tmp_path: Path, ending: str, capsys) -> None:
     """Breaks if a place, a height or a name is lost, a name is no XML, or a key that a track has not has no line."""
     spots = {"Start & <West>": track()[0][:2], "E\vnd": track()[-1][:2]}
     data = yaml.safe_load(own_yaml(load_line(written(tmp_path / "way.json", json.dumps(geojson(track(), spots))))))
@@ -339,7 +331,7 @@ LINKS = [
 
 
 def test_an_altrios_network_by_hand(tmp_path: Path) -> None:
-    """Breaks if a heading over north is a curve of 344°, or a via point, a speed set or a flip is passed over."""
+    """Breaks if a heading over north is a curve of 344°, or a via point, speed set, flip or resistance is lost."""
     name = written(tmp_path / "net.yaml", yaml.safe_dump([{"max_grade": 0.06}, LINKS]))
     found = read_line(Path(name), "1..4")
     line = found.line
@@ -350,8 +342,7 @@ def test_an_altrios_network_by_hand(tmp_path: Path) -> None:
     assert curve.radius == pytest.approx(600 / turn)
     assert curve.resistance_n_per_kn == pytest.approx(1e3 * 0.056 * turn / 600)  # below 1° per 100 ft
     assert Track(line).dry.max() == pytest.approx(0.056 * turn / 600)
-    assert [e.speed for e in line.speed_limits] == [15.0]
-    assert set(found.left_out) == {"[].osm_id"}
+    assert [e.speed for e in line.speed_limits] == [15.0] and set(found.left_out) == {"[].osm_id"}
     assert read_line(Path(name), "1..4,Passenger").line.speed_limits[0].speed == 25.0
     assert line_for(line, ["Passenger"]).speed_limits[0].speed == 25.0
     assert read_line(Path(name), "1..3..4").line.end == 3500
@@ -364,6 +355,7 @@ def test_an_altrios_network_by_hand(tmp_path: Path) -> None:
     ):
         with pytest.raises(ValueError, match=message):
             read_line(Path(name), wrong)
+    assert curve_resistance(0.01) == pytest.approx(3.20666e-5 + 4.136338e-3 + 9.1140e-7, rel=1e-5)
 
 
 def changed(data: Any, *keys: Any, value: Any = None) -> Any:
@@ -377,6 +369,62 @@ def changed(data: Any, *keys: Any, value: Any = None) -> Any:
     else:
         place[keys[-1]] = value
     return data
+
+
+def test_assumptions_and_flips_of_an_altrios_network(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if the limits of another kind of train are taken without a word, or a wrong flip makes another path."""
+    name = Path(written(tmp_path / "n.yaml", yaml.safe_dump(changed(LINKS, 0, "speed_sets", "Freight"))))
+    read_line(name, "1..4, Passenger")
+    assert "no 'Freight'" not in capsys.readouterr().err
+    read_line(name, "1 .. 4")
+    assert "link 1: speed_sets: no 'Freight'; limits of 'Passenger'" in capsys.readouterr().err
+    read_line(Path(written(tmp_path / "h.yaml", yaml.safe_dump(changed(LINKS, 0, "elevs", value=[])))), "1..4")
+    assert "link 1: elevs: fewer than two; assumed level" in capsys.readouterr().err
+    wrong = written(tmp_path / "f.yaml", yaml.safe_dump(changed(LINKS, 1, "idx_flip", value=8)))
+    with pytest.raises(ValueError, match="the path is not navigable from 8 to 8"):
+        read_line(Path(wrong), "1..2..4", against=True)
+
+
+CAR = {
+    "car_type": "Loaded", "freight_type": "Ore", "length_meters": 12.0, "axle_count": 4, "brake_count": 1,
+    "mass_static_base_kilograms": 28e3, "mass_freight_kilograms": 92e3, "speed_max_meters_per_second": 20.0,
+    "braking_ratio": 0.11, "mass_rot_per_axle_kilograms": 750.0, "bearing_res_per_axle_newtons": 40.0,
+    "rolling_ratio": 0.0015, "davis_b_seconds_per_meter": 1e-5, "cd_area_square_meters": 4.0, "curve_coeff_0": 0.056,
+    "curve_coeff_1": 0.4387579, "curve_coeff_2": 0.01025485,
+}  # fmt: skip
+LOCOMOTIVE = {"mass_kilograms": 195e3, "force_max_newtons": 667.2e3, "pwr_out_max_watts": 3.3e6, "pwr_aux_offset": 8e3}
+ORE: dict[str, Any] = {
+    "train_id": "ore", "train_config": {"rail_vehicles": [CAR], "n_cars_by_type": {"Loaded": 40}},
+    "loco_con": {"loco_vec": [LOCOMOTIVE, LOCOMOTIVE]},
+}  # fmt: skip
+"""Train of ALTRIOS with made-up figures."""
+
+
+def test_an_altrios_train_by_hand(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if the drag gets a half, an axle counts once, or a rolling resistance or a car of equal name is lost."""
+    found = read_train(Path(written(tmp_path / "ore.yaml", yaml.safe_dump(ORE))))
+    loco, car = found.consist.vehicles[0], found.consist.vehicles[2]
+    assert found.consist.mass == pytest.approx(2 * 195e3 + 40 * 120e3) and len(found.consist.vehicles) == 42
+    assert car.resistance.n == pytest.approx((160 + 0.0015 * 120e3 * 9.81, 1e-5 * 120e3 * 9.81, 1.225 * 4.0))
+    assert car.inertia == pytest.approx(123e3) and loco.resistance.n == pytest.approx((0.0015 * 195e3 * 9.81, 0, 0))
+    forces = [segment.at(v) for segment, v in zip(loco.traction, (1.0, 15.0), strict=True)]
+    assert forces == pytest.approx([667.2e3, 3.3e6 / 15]) and loco.independent_power
+    limits = found.consist.plan_limits
+    assert limits.speed == 20
+    inertia = 40 * 123e3 + 2 * 195e3
+    assert limits.deceleration == pytest.approx(0.11 * 40 * 120e3 * 9.81 / inertia)
+    assert "train_config.rail_vehicles[].freight_type" in found.left_out
+    assert "loco_con.loco_vec[].pwr_aux_offset" in found.left_out
+    told = capsys.readouterr().err
+    assert "rigid couplers" in told and "locomotives of 22 m" in told
+    for change, message in (({"loco_con": None}, "loco_con: no locomotives"), ({"train_config": {
+        "rail_vehicles": [CAR], "n_cars_by_type": {}}}, "n_cars_by_type: Loaded: this key is missing")):  # fmt: skip
+        with pytest.raises(ValueError, match=message):
+            read_train(Path(written(tmp_path / "bad.yaml", yaml.safe_dump(ORE | change))))
+    ore = {"train_id": "x", "loco_con": ORE["loco_con"], "train_config": {
+        "rail_vehicles": [CAR | {"car_type": "locomotive 0"}], "n_cars_by_type": {"locomotive 0": 40}}}  # fmt: skip
+    found = read_train(Path(written(tmp_path / "t.yaml", yaml.safe_dump(ore))))
+    assert found.consist.mass == pytest.approx(2 * 195e3 + 40 * 120e3)
 
 
 LIMIT = ("speed_sets", "Freight", "speed_limits", 0)
@@ -396,75 +444,6 @@ LIMIT = ("speed_sets", "Freight", "speed_limits", 0)
         ((0, *LIMIT, "offset_end_meters"), 1800.0, "offset_end_meters = 1800: must lie between 0 and 1001"),
         ((0, *LIMIT, "offset_start_meters"), 1001.0, "offset_end_meters = 1000: must lie between 1001 and 1001"),
         ((0, "speed_set"), {"speed_limits": []}, "speed_sets and speed_set are the same quantity"),
-    ],
-)
-def test_a_faulty_altrios_network_is_refused(tmp_path: Path, keys: Any, value: Any, message: str) -> None:
-    """Breaks if a fault of a link gives another line without a word, or the message has another cause."""
-    with pytest.raises(ValueError, match=message) as caught:
-        read_line(Path(written(tmp_path / "n.yaml", yaml.safe_dump(changed(LINKS, *keys, value=value)))), "1..4")
-    assert "\n" not in str(caught.value)
-
-
-def test_assumptions_and_flips_of_an_altrios_network(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Breaks if the limits of another kind of train are taken without a word, or a wrong flip makes another path."""
-    name = Path(written(tmp_path / "n.yaml", yaml.safe_dump(changed(LINKS, 0, "speed_sets", "Freight"))))
-    read_line(name, "1..4, Passenger")
-    assert "no 'Freight'" not in capsys.readouterr().err
-    read_line(name, "1 .. 4")
-    assert "link 1: speed_sets: no 'Freight'; limits of 'Passenger'" in capsys.readouterr().err
-    read_line(Path(written(tmp_path / "h.yaml", yaml.safe_dump(changed(LINKS, 0, "elevs", value=[])))), "1..4")
-    assert "link 1: elevs: fewer than two; assumed level" in capsys.readouterr().err
-    wrong = written(tmp_path / "f.yaml", yaml.safe_dump(changed(LINKS, 1, "idx_flip", value=8)))
-    with pytest.raises(ValueError, match="the path is not navigable from 8 to 8"):
-        read_line(Path(wrong), "1..2..4", against=True)
-
-
-def test_curve_resistance_of_altrios_by_hand() -> None:
-    """At 0.01 rad/m: 1°/30.48 m = 5.7262e-4; 0.056 of it, 0.4387579 of the rest, 0.01025485 of its square."""
-    assert curve_resistance(0.01) == pytest.approx(3.20666e-5 + 4.136338e-3 + 9.1140e-7, rel=1e-5)
-
-
-CAR = {
-    "car_type": "Loaded", "freight_type": "Ore", "length_meters": 12.0, "axle_count": 4, "brake_count": 1,
-    "mass_static_base_kilograms": 28e3, "mass_freight_kilograms": 92e3, "speed_max_meters_per_second": 20.0,
-    "braking_ratio": 0.11, "mass_rot_per_axle_kilograms": 750.0, "bearing_res_per_axle_newtons": 40.0,
-    "rolling_ratio": 0.0015, "davis_b_seconds_per_meter": 1e-5, "cd_area_square_meters": 4.0, "curve_coeff_0": 0.056,
-    "curve_coeff_1": 0.4387579, "curve_coeff_2": 0.01025485,
-}  # fmt: skip
-LOCOMOTIVE = {"mass_kilograms": 195e3, "force_max_newtons": 667.2e3, "pwr_out_max_watts": 3.3e6, "pwr_aux_offset": 8e3}
-ORE: dict[str, Any] = {
-    "train_id": "ore", "train_config": {"rail_vehicles": [CAR], "n_cars_by_type": {"Loaded": 40}},
-    "loco_con": {"loco_vec": [LOCOMOTIVE, LOCOMOTIVE]},
-}  # fmt: skip
-"""Train of ALTRIOS with made-up figures."""
-
-
-def test_an_altrios_train_by_hand(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Breaks if the drag gets a half, an axle is counted once, or the rolling resistance of a locomotive is lost."""
-    found = read_train(Path(written(tmp_path / "ore.yaml", yaml.safe_dump(ORE))))
-    loco, car = found.consist.vehicles[0], found.consist.vehicles[2]
-    assert found.consist.mass == pytest.approx(2 * 195e3 + 40 * 120e3) and len(found.consist.vehicles) == 42
-    assert car.resistance.n == pytest.approx((160 + 0.0015 * 120e3 * 9.81, 1e-5 * 120e3 * 9.81, 1.225 * 4.0))
-    assert car.inertia == pytest.approx(123e3) and loco.resistance.n == pytest.approx((0.0015 * 195e3 * 9.81, 0, 0))
-    forces = [segment.at(v) for segment, v in zip(loco.traction, (1.0, 15.0), strict=True)]
-    assert forces == pytest.approx([667.2e3, 3.3e6 / 15]) and loco.independent_power
-    limits = found.consist.plan_limits
-    assert limits is not None and limits.speed == 20
-    inertia = 40 * 123e3 + 2 * 195e3
-    assert limits.deceleration == pytest.approx(0.11 * 40 * 120e3 * 9.81 / inertia)
-    assert "train_config.rail_vehicles[].freight_type" in found.left_out
-    assert "loco_con.loco_vec[].pwr_aux_offset" in found.left_out
-    told = capsys.readouterr().err
-    assert "rigid couplers" in told and "locomotives of 22 m" in told
-    for change, message in (({"loco_con": None}, "loco_con: no locomotives"), ({"train_config": {
-        "rail_vehicles": [CAR], "n_cars_by_type": {}}}, "n_cars_by_type: Loaded: this key is missing")):  # fmt: skip
-        with pytest.raises(ValueError, match=message):
-            read_train(Path(written(tmp_path / "bad.yaml", yaml.safe_dump(ORE | change))))
-
-
-@pytest.mark.parametrize(
-    ("keys", "value", "message"),
-    [
         (("train_config", "rail_vehicles", 0, "axle_count"), 4.5, "axle_count = 4.5: must be a whole number"),
         (("train_config", "n_cars_by_type", "Loaded"), 40.7, "Loaded = 40.7: must be a whole number"),
         (("train_config", "n_cars_by_type", "Empty"), 20, "n_cars_by_type: unknown key 'Empty'"),
@@ -475,19 +454,13 @@ def test_an_altrios_train_by_hand(tmp_path: Path, capsys: pytest.CaptureFixture[
         (("train_id",), ["a"], r"train_id = \['a'\]: must be one text"),
     ],
 )
-def test_a_faulty_altrios_train_is_refused(tmp_path: Path, keys: Any, value: Any, message: str) -> None:
-    """Breaks if cars are counted twice, cut to a whole number or left out without a word."""
+def test_a_faulty_altrios_file_is_refused(tmp_path: Path, keys: Any, value: Any, message: str) -> None:
+    """Breaks if a fault gives another line or train without a word, or the message has another cause."""
+    network = isinstance(keys[0], int)
+    path = Path(written(tmp_path / "a.yaml", yaml.safe_dump(changed(LINKS if network else ORE, *keys, value=value))))
     with pytest.raises(ValueError, match=message) as caught:
-        read_train(Path(written(tmp_path / "t.yaml", yaml.safe_dump(changed(ORE, *keys, value=value)))))
+        read_line(path, "1..4") if network else read_train(path)
     assert "\n" not in str(caught.value)
-
-
-def test_a_car_may_have_the_name_of_a_locomotive(tmp_path: Path) -> None:
-    """Breaks if a locomotive replaces the cars of this name."""
-    ore = {"train_id": "x", "loco_con": ORE["loco_con"], "train_config": {
-        "rail_vehicles": [CAR | {"car_type": "locomotive 0"}], "n_cars_by_type": {"locomotive 0": 40}}}  # fmt: skip
-    found = read_train(Path(written(tmp_path / "t.yaml", yaml.safe_dump(ore))))
-    assert found.consist.mass == pytest.approx(2 * 195e3 + 40 * 120e3)
 
 
 CATEGORIES: dict[str, Any] = {
@@ -496,9 +469,7 @@ CATEGORIES: dict[str, Any] = {
 }  # fmt: skip
 
 
-def test_limits_by_category_are_checked_as_those_of_all_trains(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_limits_by_category_are_checked_as_those_of_all_trains(tmp_path: Path, capsys) -> None:
     """Breaks if a category counts twice, or its missing or doubtful limit has no note."""
     place = ("category_limits", 0, "speed_limits", 0)
     for keys, value, told in (
@@ -601,8 +572,7 @@ DRAGS = RAIL_STOCK[: RAIL_STOCK.index("<trainResistance")] + RAIL_STOCK[RAIL_STO
 
 def test_a_railml_train_by_hand(tmp_path: Path) -> None:
     """Breaks if the order, a unit, the share of the resistance or the brake of a formation is read wrongly."""
-    name = written(tmp_path / "stock.railml", RAIL_STOCK)
-    consist = read_train(Path(name)).consist
+    consist = read_train(Path(written(tmp_path / "stock.railml", RAIL_STOCK))).consist
     assert [vehicle.length for vehicle in consist.vehicles] == [25, 20, 25] and consist.mass == 200e3
     loco = consist.vehicles[1]
     traction = Envelope(loco.traction)
@@ -610,8 +580,8 @@ def test_a_railml_train_by_hand(tmp_path: Path) -> None:
     assert loco.independent_power and loco.inertia == pytest.approx(138e3)
     assert loco.resistance.n == pytest.approx((0.6 * 4000, 0.6 * 40 * 3.6, 0.6 * 2.5 * 12.96))
     limits, rating = consist.plan_limits, consist.rating
-    assert limits is not None and (limits.speed, limits.deceleration, limits.acceleration) == (110 / 3.6, 0.9, 0.4)
-    assert rating is not None and (rating.axle_load, rating.brake_percentage) == (20e3, 130)
+    assert (limits.speed, limits.deceleration, limits.acceleration) == (110 / 3.6, 0.9, 0.4)
+    assert (rating.axle_load, rating.brake_percentage) == (20e3, 130)
     brake = 0.9 * (138e3 + 2 * 42e3) + 0.05 * 9.81 * 200e3
     assert Envelope(loco.brake).force(10.0) == pytest.approx(brake)
     first = read_train(Path(written(tmp_path / "own.railml", DRAGS))).consist.vehicles[0]
@@ -713,8 +683,7 @@ def test_a_faulty_railml_train_is_refused(tmp_path: Path, before: str, after: st
 
 def test_a_path_over_via_points_is_the_shortest_one_that_passes_them() -> None:
     """Breaks if a via point is left out, the order of two is exchanged, or the train turns at one."""
-    lengths = {"a": 100.0, "b": 100.0, "c": 300.0, "d": 100.0, "e": 50.0}
-    network = Network("net", lengths)
+    network = Network("net", {"a": 100.0, "b": 100.0, "c": 300.0, "d": 100.0, "e": 50.0})
     for one, other in (("a", "b"), ("a", "c"), ("b", "d"), ("c", "d"), ("d", "e")):
         network.join((one, END), (other, BEGIN))
     assert [name for name, _ in network.path("a..e").parts] == ["a", "b", "d", "e"]

@@ -11,19 +11,18 @@ from train_ato.cli.main import main
 from train_ato.program.display_units import displayed_in, shown_data, shown_table, shown_text
 from train_ato.report.quantities import axis_title, style_of
 
-DATA = Path(__file__).resolve().parent / "data"
-TEXTS = (
-    ("speed error 100 km/h rms", "speed error 62.1 mph rms"),  # 100 / 1.609344
-    ("couplers -413 ... +505 kN (limits 1125 kN)", "couplers -92800 ... +114000 lbf (limits 252900 lbf)"),
-    ("overspeed 2.50 km/h (limit 5) at 3.0 s, km 16.093", "overspeed 1.55 mph (limit 3.11) at 3.0 s, mi 9.9997"),
-    ("falls at 19.4-25.3, 33.4 and 42.2 km", "falls at 12.1-15.7, 20.8 and 26.2 mi"),
-    ("stopped 1 m short; takeovers 1 (limit 0)", "stopped 3.28 ft short; takeovers 1 (limit 0)"),
-    ("105 C80, 2 m/s², 12+345 km 84+500, 500 kPa", "105 C80, 2 m/s², 12+345 km 84+500, 72.5 psi"),
+
+@pytest.mark.parametrize(
+    ("text", "us"),
+    [  # by hand: 1 mi is 1609.344 m, 1 lbf is 4.44822 N, 1 psi is 6894.76 Pa
+        ("speed error 100 km/h rms", "speed error 62.1 mph rms"),  # 100 / 1.609344
+        ("couplers -413 ... +505 kN (limits 1125 kN)", "couplers -92800 ... +114000 lbf (limits 252900 lbf)"),
+        ("overspeed 2.50 km/h (limit 5) at 3.0 s, km 16.093", "overspeed 1.55 mph (limit 3.11) at 3.0 s, mi 9.9997"),
+        ("falls at 19.4-25.3, 33.4 and 42.2 km", "falls at 12.1-15.7, 20.8 and 26.2 mi"),
+        ("stopped 1 m short; takeovers 1 (limit 0)", "stopped 3.28 ft short; takeovers 1 (limit 0)"),
+        ("105 C80, 2 m/s², 12+345 km 84+500, 500 kPa", "105 C80, 2 m/s², 12+345 km 84+500, 72.5 psi"),
+    ],
 )
-"""Texts, and the same in US units by hand: 1 mi is 1609.344 m, 1 lbf is 4.44822 N, 1 psi is 6894.76 Pa."""
-
-
-@pytest.mark.parametrize(("text", "us"), TEXTS)
 def test_a_quantity_of_a_text_is_shown_in_us_units(text, us):
     """Breaks if a factor is wrong, a range is converted in part, or a number without a unit changes."""
     assert shown_text(text) == text
@@ -82,7 +81,7 @@ def test_commands_print_and_export_us_units(run, tmp_path, capsys):
 
 def test_braking_curves_have_one_system_of_units(tmp_path, capsys):
     """Breaks if a table, a deviation or a release speed keeps metres, or the head of its column does."""
-    case = str(DATA / "etcs_braking_cases.json")
+    case = str(Path(__file__).parent / "data" / "etcs_braking_cases.json")
 
     def printed(*more: str) -> str:
         assert main(["curves", case, *more]) == 0

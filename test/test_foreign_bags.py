@@ -256,8 +256,7 @@ def cut_last(folder: Path, share: float = 0.7) -> Path:
 def killed(messages: list[RawMessage], file: Path) -> Path:
     """Write what `ros2 bag record --storage-preset-profile fastwrite` leaves: no end, the last message incomplete."""
     data = mcap(messages, file, use_chunking=False, use_statistics=False, use_summary_offsets=False).read_bytes()
-    end = data.rindex(messages[-1].data)
-    file.write_bytes(data[: end + 4])
+    file.write_bytes(data[: data.rindex(messages[-1].data) + 4])
     return file
 
 
@@ -349,23 +348,16 @@ def test_an_error_names_the_bag_and_not_its_copy(messages, tmp_path, capsys):
         assert capsys.readouterr().err.startswith(f"train-ato: {bag}: ")
 
 
-def test_a_bag_of_ros_1_names_its_converter(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Breaks if a bag of ROS 1 is called damaged, or `recover` is named for it."""
+def test_files_that_are_no_whole_bag_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str], messages) -> None:
+    """Breaks if a bag of ROS 1 or an empty one is called damaged, or a missing file of a split bag has no name."""
     bag = tmp_path / "old.bag"
     bag.write_bytes(b"#ROSBAG V2.0\n" + bytes(5000))
     for command in ("info", "export", "recover"):
         assert main([command, str(bag)]) == 2
         assert "ROS 1; convert it: `rosbags-convert --src" in capsys.readouterr().err
-
-
-def test_an_empty_bag_is_called_empty(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Breaks if `recover` is named for a file of 0 bytes, which it refuses."""
     (bag := tmp_path / "a.mcap").touch()
     assert main(["info", str(bag)]) == 2
     assert capsys.readouterr().err == f"train-ato: {bag}: is empty; nothing was recorded in it\n"
-
-
-def test_a_missing_file_of_a_split_bag_is_named(messages, tmp_path, capsys):
     bag = split(messages, tmp_path / "long", metadata=True)
     (bag / "long_4.mcap").unlink()
     assert main(["info", str(bag)]) == 2

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from engine_runs import setup_of
 from plant_trains import plain_line, train
 from test_brought_lines import LINKS, ORE, RAIL_STOCK_2, TABLE, gpx, track
 from test_networks import RAIL_2
@@ -24,8 +25,6 @@ from train_ato.cli.main import main
 from train_ato.profile.planner.planner import plan_profile
 from train_ato.profile.planner.settings import find_train
 from train_ato.profile.planner.train_tables import TrainTables
-from train_ato.scenario.scenario import load_scenario
-from train_ato.scenario.setup import prepare
 
 
 def quantity(value: float, unit: str) -> dict[str, Any]:
@@ -80,14 +79,13 @@ def test_a_bench_train_by_hand() -> None:
     strong = ttobench_train(UNIT_TRAIN | {"max pn braking force": quantity(1220, "kN")}, "hand.json")
     assert Envelope(strong.vehicles[0].brake).largest() == pytest.approx(134.2e3 + 0.05 * 9.81 * 122e3)
     limits = read.plan_limits
-    assert limits is not None
     assert (limits.deceleration, limits.acceleration, limits.speed) == (1.0, None, pytest.approx(160 / 3.6))
     assert (limits.traction_efficiency, limits.recovery_efficiency) == pytest.approx((0.9, 0.8))
     assert Envelope(vehicle.electric_brake).force(1.0) == 100e3
     assert [vehicle.tunnel_coefficient(area) for area in (10, 24, 32, 99)] == pytest.approx(
         [15.16, 15.16, 11.195, 7.23]
     )
-    assert strong.emergency_brake is not None and strong.emergency_brake.deceleration == 0.83
+    assert strong.emergency_brake.deceleration == 0.83
 
 
 def test_former_layout_and_etcs_data_of_a_bench_train(capsys: pytest.CaptureFixture[str]) -> None:
@@ -110,7 +108,7 @@ def test_former_layout_and_etcs_data_of_a_bench_train(capsys: pytest.CaptureFixt
     consist = ttobench_train(former, "former.json")
     assert consist.length == 100 and "former.json: length is missing; assumed 100 m" in capsys.readouterr().err
     brake = consist.emergency_brake
-    assert brake is not None and brake.delay + brake.time_constant == pytest.approx(2.0)
+    assert brake.delay + brake.time_constant == pytest.approx(2.0)
     for kmh, most in ((0, 1.2), (99, 1.2), (100, 0.9), (160, 0.9)):
         assert brake.deceleration * (2 * kmh + 150) / (3 * kmh + 150) <= most * (1 + 1e-12)
 
@@ -135,7 +133,7 @@ def test_a_faulty_bench_train_is_refused_in_one_line(tmp_path: Path, key: str, v
 
 
 def test_a_point_mass_needs_no_length(tmp_path: Path) -> None:
-    """Breaks if a plan with a point mass refuses a train without a length, or uses an assumed one."""
+    """Breaks if a point mass needs a length or uses an assumed one, or the efficiencies of the file are lost."""
     file = tmp_path / "unit.json"
     file.write_text(json.dumps({key: value for key, value in UNIT_TRAIN.items() if key != "length"}))
     consist, settings = find_train(str(file), point_mass=True)
@@ -143,16 +141,12 @@ def test_a_point_mass_needs_no_length(tmp_path: Path) -> None:
     point = settings.model_copy(update={"point_mass": True, "end": 3000.0})
     times = [plan_profile(load_line("xuzhou_metro_test"), train, point).running_time for train in (consist, whole)]
     assert times[0] == times[1]
-
-
-def test_efficiencies_of_the_file_are_those_of_the_plan(tmp_path: Path) -> None:
     settings = find_train(_written(tmp_path / "unit.json", UNIT_TRAIN))[1]
     assert (settings.efficiency, settings.recovered) == pytest.approx((0.9, 0.8))
 
 
-def test_only_the_electric_part_of_a_brake_is_regenerated() -> None:
-    # 100 kN and 2.6 MW of the 180 kN are electric; from 30 m/s on a level line, the electric part follows from the
-    # motion at constant force, less the running resistance.
+def test_electric_and_friction_part_of_a_brake() -> None:
+    """Breaks if friction counts as regenerated, or a neutral section takes it away or leaves the electric brake."""
     consist = ttobench_train(UNIT_TRAIN, "hand.json")
     made = train(consist, plain_line(), start={"position": 100, "speed": 30}, holding_speed=0.0)
     for _ in range(200):
@@ -167,14 +161,8 @@ def test_only_the_electric_part_of_a_brake_is_regenerated() -> None:
             break
     assert totals.regenerated == pytest.approx(work, rel=3e-3)
     assert totals.balance == pytest.approx(0.0, abs=1.0)
-    tables = TrainTables(consist, 160 / 3.6)
-    _, part, rest = tables.forces_at(np.array([1.0, 26.0, 40.0]))
+    _, part, rest = TrainTables(consist, 160 / 3.6).forces_at(np.array([1.0, 26.0, 40.0]))
     assert part == pytest.approx([100e3, 100e3, 65e3]) and rest == pytest.approx([80e3] * 3)
-
-
-def test_the_friction_part_of_a_brake_works_in_a_neutral_section() -> None:
-    """Breaks if a neutral section takes away the pneumatic brake, or leaves the electric one."""
-    consist = ttobench_train(UNIT_TRAIN, "hand.json")
     line = plain_line(neutral_sections=[{"begin": 0, "end": 5000}])
     made = train(consist, line, start={"position": 100, "speed": 40}, holding_speed=0.0)
     for _ in range(20):
@@ -195,12 +183,11 @@ def test_a_scenario_takes_every_file_that_plan_reads(files: Path, consist: str, 
         "schema": "train_ato/scenario/1", "name": "foreign", "duration": 2, "plant": {"consist": consist, "line": line},
         "profile": {"steps": [{"at": 0, "speed": 0}], "until": 1},
     }  # fmt: skip
-    (files / "s.yaml").write_text(yaml.safe_dump(scenario))
-    setup = prepare(*load_scenario(str(files / "s.yaml")))
+    setup = setup_of(_written(files / "s.yaml", scenario))
     assert setup.consist == find_train(str(files / consist))[0] and setup.line == load_line(str(files / line))
     resolved = files / "resolved.yaml"
     resolved.write_text(setup.resolved_yaml())
-    again = prepare(*load_scenario(str(resolved)))
+    again = setup_of(str(resolved))
     assert (again.consist, again.line) == (setup.consist, setup.line)
 
 
@@ -258,10 +245,7 @@ def test_keys_below_carried_ones_need_an_entry_of_their_own() -> None:
 
 
 def effort(scale: float) -> dict[str, list[float]]:
-    return {
-        "speeds": [0.0, 10.0, 25.0, 40.0],
-        "max_efforts": [200e3 * scale, 200e3 * scale, 80e3 * scale, 50e3 * scale],
-    }
+    return {"speeds": [0.0, 10.0, 25.0, 40.0], "max_efforts": [scale * f for f in (200e3, 200e3, 80e3, 50e3)]}
 
 
 STOCK: dict[str, Any] = {
@@ -314,7 +298,7 @@ def test_an_osrd_train_has_the_curve_of_its_conditions(
         assert Envelope(vehicle.brake).force(44.0) == pytest.approx(132e3 * 0.7 + 0.05 * 9.81 * 120e3)
         assert (settings.deceleration, settings.acceleration, settings.speed_max) == (0.7, 0.6, 44.0)
         brake = consist.emergency_brake
-        assert brake is not None and brake.delay + brake.time_constant == pytest.approx(2.0)
+        assert brake.delay + brake.time_constant == pytest.approx(2.0)
         for kmh, most in ((0, 1.2), (71, 1.2), (72, 0.9), (158, 0.9)):
             assert brake.deceleration * (2 * kmh + 150) / (3 * kmh + 150) <= most * (1 + 1e-12)
     bounded = STOCK | {"gamma": {"type": "MAX", "value": 0.5}, "const_gamma": None}
@@ -354,8 +338,7 @@ def test_a_brought_file_is_planned_run_reported_and_converted(tmp_path: Path, fo
         "plant": {"consist": consist, "line": line, "start": {"position": BROUGHT[form][2]}},
         "profile": {"phases": [{"cruise_for": 2}, {"accelerate_to": 2}, {"brake_to": 0}]},
     }  # fmt: skip
-    (tmp_path / "s.yaml").write_text(yaml.safe_dump(scenario))
-    assert main(["run", "--engine", str(tmp_path / "s.yaml"), "--out", str(tmp_path / "run")]) == 0
+    assert main(["run", "--engine", _written(tmp_path / "s.yaml", scenario), "--out", str(tmp_path / "run")]) == 0
     assert main(["report", str(tmp_path / "run")]) == 0
     assert (tmp_path / "run" / "report.html").stat().st_size > 1000
     for name, load in ((consist, load_consist), (line, load_line)):
@@ -435,8 +418,7 @@ def test_an_unknown_condition_is_refused(tmp_path: Path, wrong: str) -> None:
 
 def test_an_envelope_as_points_has_the_forces_between_them(tmp_path: Path) -> None:
     """Breaks if points of speed and force are refused, take a wrong unit, or bend between the points."""
-    text = own_yaml(load_consist("xuzhou_metro_3"))
-    data = yaml.safe_load(text)
+    data = yaml.safe_load(own_yaml(load_consist("xuzhou_metro_3")))
     name, kind = next((name, kind) for name, kind in data["vehicle_types"].items() if kind.get("traction"))
     kind["traction"] = {"speed_kmh": [0, 36, 72], "force_kn": [100, 90, 30]}
     vehicle = build_model(Consist, data, "x").vehicle_types[name]

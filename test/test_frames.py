@@ -1,19 +1,29 @@
-"""Tables of a log: equal bit for bit to single decoded messages, for logs of any tool."""
+"""Tables of a log, loaded and exported: equal bit for bit to single decoded messages, for logs of any tool."""
 
+import csv
 import dataclasses
+import json
+import sys
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pyarrow.parquet
 import pytest
 from case_costs import sampled
-from frames_logs import TICK, write_log
+from engine_runs import record_run, setup_of
+from frames_logs import TICK, write_foreign, write_log, write_two_trains
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.interfaces import Nodetype
 from test_wire import LAYOUTS, LONG, message
 
 import train_ato
+from plant_sim.alignment import Alignment
+from train_ato.cli.main import main
+from train_ato.log import table_files as writing
+from train_ato.log import table_loading as loading
+from train_ato.log import tables
 from train_ato.log.bag_layout import table_name
 from train_ato.log.mcap_records import stream
 from train_ato.log.reading import read_log
@@ -21,15 +31,13 @@ from train_ato.log.recorded import read_recording
 from train_ato.log.run_folder import RunFolder, read_run_folder
 from train_ato.log.run_log import RunLog
 from train_ato.log.table_columns import column, unit_of
-from train_ato.loop.engine import run_engine
+from train_ato.log.table_files import file_names
 from train_ato.messages.cdr import layout_of, typestore
 from train_ato.messages.codec import Wire
 from train_ato.messages.topic import SUPERVISED, Owner
 from train_ato.messages.topics import BY_NAME, EPOCH_NS, FORMER, TOPICS
 from train_ato.messages.types import Diagnostic, Trajectory
 from train_ato.messages.variable_codec import message_key
-from train_ato.scenario.scenario import load_scenario
-from train_ato.scenario.setup import prepare
 
 BLOCKS = {
     "train/vehicles": [("{vehicle}_position_m", "position"), ("{vehicle}_speed_m_s", "velocity"),
@@ -134,12 +142,10 @@ def test_tables_hold_what_was_written_bit_by_bit(tmp_path, layout):
 @pytest.mark.parametrize("name", ["daqin_heavy_haul:disturbed+noise", "freight_consensus", "crh380a_funnel:replanned"])
 def test_a_run_of_the_engine_opens_with_the_same_bits(tmp_path, name):
     """Breaks if a real log has another layout: several units, disturbances, a planned stop."""
-    setup = prepare(*load_scenario(name, (), {"duration": 12.0}))
-    folder = RunFolder.make(tmp_path / "run", setup.scenario.name)
-    with folder.sink(setup) as sink:
-        run_engine(setup, sink=sink)
-    frames = train_ato.load(folder.path)
-    assert_equal(frames, folder.path, setup.layout)
+    setup = setup_of(name, changes={"duration": 12.0})
+    run = record_run(setup, tmp_path / "run")
+    frames = train_ato.load(run)
+    assert_equal(frames, run, setup.layout)
     said = frames["/diagnostics"]
     numbers = {str(key) for key in said.columns[said.dtypes == np.float64]}
     counts = {"unsound_measurements", "saturated_steps", "swaps", "commands_lost", "knots", "replans", "refusals",
@@ -158,16 +164,14 @@ def test_a_log_of_the_former_types_is_read_as_one_of_today(tmp_path):
         "train/odometry", "train/protection", "atp/brake_release", "ato/state",
     ]  # fmt: skip
     setup, _ = read_run_folder(FORMER_LOG)
-    folder = RunFolder.make(tmp_path / "run", setup.scenario.name)
-    with folder.sink(setup) as sink:
-        run_engine(setup, sink=sink)
-    before, after = train_ato.load(FORMER_LOG), train_ato.load(folder.path)
+    run = record_run(setup, tmp_path / "run")
+    before, after = train_ato.load(FORMER_LOG), train_ato.load(run)
     assert set(before) == set(after)
     for topic in set(after) - {"/diagnostics"}:
         pd.testing.assert_frame_equal(before[topic], after[topic], check_like=True, rtol=1e-6)
     assert before["train/protection"]["emergency_brake_active"].tolist() == [0.0] * 6 + [1.0] * 4
     assert before["ato/state"]["ato_state"].tolist() == [3.0] * 6 + [4.0, 4.0, 1.0, 1.0]
-    former, today = (read_recording(run, setup) for run in (FORMER_LOG, folder.path))
+    former, today = (read_recording(log, setup) for log in (FORMER_LOG, run))
     for topic, samples in today.topics.items():
         for name, values in samples.values.items():
             np.testing.assert_allclose(former.topics[topic].values[name], values, rtol=1e-6, err_msg=f"{topic} {name}")
@@ -191,7 +195,7 @@ def test_every_number_of_the_topic_table_has_a_column():
 
 
 def test_topics_are_chosen_by_either_name(tmp_path):
-    """Breaks if a selection changes the numbers or adds topics."""
+    """Breaks if a selection changes the numbers or adds topics, or a wrong one has no line of its own."""
     write_log(tmp_path, LONG, 20)
     whole = train_ato.load(tmp_path)
     some = train_ato.load(tmp_path / "run.mcap", topics=["ato/command", "/train/vehicles", "/clock"])
@@ -201,20 +205,13 @@ def test_topics_are_chosen_by_either_name(tmp_path):
     assert whole["/ato/command"] is whole["ato/command"]
     with pytest.raises(KeyError, match=r"no table 'train/vehiclez'; did you mean 'train/vehicles'"):
         whole["train/vehiclez"]
-
-
-REFUSED = [
-    ({"topics": ["ato/comand"]}, r"run\.mcap: holds no topic 'ato/comand'; did you mean '/ato/command'\? \(it has"),
-    ({"topics": "ato/command"}, r"'ato/command' is one name; give a list"),
-]
-
-
-@pytest.mark.parametrize(("options", "text"), REFUSED)
-def test_a_wrong_choice_is_refused_in_one_line(tmp_path, options, text):
-    write_log(tmp_path, LONG, 3)
-    with pytest.raises(ValueError, match=text) as refusal:
-        train_ato.load(tmp_path, **options)
-    assert "\n" not in str(refusal.value)
+    for topics, text in (
+        (["ato/comand"], r"run\.mcap: holds no topic 'ato/comand'; did you mean '/ato/command'\? \(it has"),
+        ("ato/command", r"'ato/command' is one name; give a list"),
+    ):
+        with pytest.raises(ValueError, match=text) as refusal:
+            train_ato.load(tmp_path, topics=topics)
+        assert "\n" not in str(refusal.value)
 
 
 def test_a_killed_run_names_the_remedy(tmp_path):
@@ -295,8 +292,6 @@ def test_padding_byte_order_and_the_order_of_names_are_free(tmp_path):
 
 def test_two_trains_in_one_log_do_not_mix(tmp_path):
     """Breaks if the topics of two namespaces are put into one table."""
-    from frames_logs import write_two_trains
-
     write_two_trains(tmp_path)
     frames = train_ato.load(tmp_path)
     assert set(frames) == {"/one/ato/command", "/two/ato/command"}
@@ -307,8 +302,6 @@ def test_two_trains_in_one_log_do_not_mix(tmp_path):
 
 def test_logs_of_others_open_too(tmp_path):
     """Breaks if a foreign topic is read as one of the topic table, or stops the reading of the others."""
-    from frames_logs import write_foreign
-
     write_foreign(tmp_path / "robot.mcap")
     frames = train_ato.load(tmp_path / "robot.mcap")
     assert set(frames) == {"/imu", "/rosout", "/joints", "/mine"}
@@ -381,3 +374,159 @@ def test_a_layout_finds_every_part_of_any_message(data):
             assert [tuple(entry) for entry in records[leaf.path]] == [(expected.sec, expected.nanosec)] * 2
         else:
             assert np.array_equal(records[leaf.path][1], expected), leaf.path
+
+
+@pytest.fixture
+def run(tmp_path):
+    folder = tmp_path / "run"
+    folder.mkdir()
+    write_log(folder, LONG, 25)
+    return folder
+
+
+def test_parquet_gives_the_same_tables_with_units(run, capsys):
+    """Breaks if a number loses a bit, the index is lost, or a unit is missing."""
+    assert main(["export", str(run), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    frames = train_ato.load(run)
+    assert {entry["topic"] for entry in told["files"]} == set(frames) and told["left_out"] == {}
+    for entry in told["files"]:
+        path = run / "export" / entry["file"]
+        assert entry["size_bytes"] == path.stat().st_size
+        table, frame = pd.read_parquet(path), frames[entry["topic"]]
+        assert (entry["rows"], entry["columns"]) == frame.shape
+        pd.testing.assert_frame_equal(table, frame, check_exact=True)
+        assert table.index.name == "time_s"
+    schema = pyarrow.parquet.read_schema(run / "export" / "train_vehicles.parquet")
+    assert schema.names[0] == "time_s"
+    units = {name: schema.field(name).metadata[b"unit"].decode() for name in schema.names}
+    assert units["time_s"] == "s" and units["vehicle_17_coupler_force_n"] == "N"
+    assert units["vehicle_105_speed_m_s"] == "m/s"
+    assert schema.metadata[b"topic"] == b"train/vehicles"
+
+
+def test_csv_loses_no_bit(run, tmp_path, capsys):
+    """Breaks if numbers are rounded in the text, or a text with a comma splits a row."""
+    out = tmp_path / "tables"
+    assert main(["export", str(run), "--csv", "--out", str(out), "--topics", "train/vehicles", "/diagnostics"]) == 0
+    assert "train_vehicles.csv" in capsys.readouterr().out
+    assert sorted(path.name for path in out.iterdir()) == ["diagnostics.csv", "train_vehicles.csv"]
+    frames = train_ato.load(run)
+    for name, topic in (("train_vehicles", "train/vehicles"), ("diagnostics", "/diagnostics")):
+        with (out / f"{name}.csv").open(newline="") as file:
+            head, *rows = csv.reader(file)
+        frame = frames[topic]
+        assert head == ["time_s", *frame.columns] and len(rows) == len(frame)
+        for place, key in enumerate(head):
+            values = frame.index if key == "time_s" else frame[key]
+            texts = [row[place] for row in rows]
+            if values.dtype.kind in "fi":
+                assert bits([float(text or "nan") for text in texts]) == bits(values), key
+            else:
+                assert texts == ["" if pd.isna(value) else value for value in values], key
+
+
+def test_both_formats_of_a_log_that_is_not_ours(tmp_path, capsys):
+    """Breaks if a log of another tool cannot be exported, or omitted topics are not reported."""
+    write_foreign(tmp_path / "robot.mcap")
+    assert main(["export", str(tmp_path / "robot.mcap"), "--csv", "--parquet"]) == 0
+    assert "omitted: /camera" in capsys.readouterr().out
+    names = {path.name for path in (tmp_path / "robot-export").iterdir()}
+    assert names == {
+        f"{topic}.{ending}" for topic in ("imu", "rosout", "joints", "mine") for ending in ("csv", "parquet")
+    }
+    assert pd.read_csv(tmp_path / "robot-export" / "mine.csv")["depth"].tolist() == [3, 4]
+    assert pd.read_parquet(tmp_path / "robot-export" / "rosout.parquet")["line"].tolist() == list(range(200))
+
+
+def assert_parts_are_the_tables(run, out, monkeypatch, capsys, size):
+    """Export a log in parts of ``size`` bytes and messages, and compare the files with the loaded tables."""
+    monkeypatch.setattr(loading, "PART", size)
+    monkeypatch.setattr(loading, "REPORTS_OF_PART", size)
+    monkeypatch.setattr(tables, "PORTION", size)
+    assert main(["export", str(run), "--out", str(out), "--json"]) == 0
+    frames = train_ato.load(run)
+    files = json.loads(capsys.readouterr().out)["files"]
+    assert {entry["topic"] for entry in files} == {topic for topic, frame in frames.items() if len(frame)}
+    for entry in files:
+        table = pd.read_parquet(out / entry["file"])
+        pd.testing.assert_frame_equal(table, frames[entry["topic"]], check_exact=True, check_dtype=True)
+
+
+@pytest.mark.parametrize("size", [1, 30_000])
+def test_a_table_in_parts_is_the_same_table(run, tmp_path, monkeypatch, capsys, size):
+    """Breaks if a part is lost, exchanged, sorted by itself, or has the columns of the first part only."""
+    assert_parts_are_the_tables(run, tmp_path / "ours", monkeypatch, capsys, size)
+    write_foreign(tmp_path / "robot.mcap")
+    assert_parts_are_the_tables(tmp_path / "robot.mcap", tmp_path / "others", monkeypatch, capsys, size)
+
+
+def test_parts_with_other_columns_and_late_diagnostics_are_the_same_table(tmp_path, monkeypatch, capsys):
+    """Breaks if a key that is a text once becomes numbers, keeps the form of its part, or a late message its place."""
+    setup = setup_of("demo", "duration=1")
+    told = [(0, {"a": "1", "b": "2"}), (40, {"a": "x"}), (20, {"c": "3.50"}), (20, {"c": "nan", "b": "7"}), (5, {})]
+    folder = RunFolder.make(tmp_path / "run", "run")
+    with folder.sink(setup) as sink:
+        for at, (stamp, values) in enumerate(told):
+            sink.add("/diagnostics", Diagnostic(stamp * 10**9, "plan"[: 4 - at % 2], 0, "7", values), stamp * 10**9)
+    assert_parts_are_the_tables(folder.path, tmp_path / "out", monkeypatch, capsys, 1)
+    table = pd.read_parquet(tmp_path / "out" / "diagnostics.parquet")
+    assert table.index.tolist() == [0, 5, 20, 20, 40]
+    assert table["a"].dropna().to_dict() == {0.0: "1", 40.0: "x"}
+    assert table["b"].tolist()[0] == 2.0 and table["message"].tolist() == ["7"] * 5
+
+
+def test_a_full_disk_leaves_nothing(run, tmp_path, monkeypatch, capsys):
+    """Breaks if an incomplete export remains."""
+    real = writing.FORMATS["csv"]
+
+    def full(schema, parts, path):
+        if path.name.startswith("train_measurement"):
+            raise OSError(28, "No space left on device")
+        return real(schema, parts, path)
+
+    monkeypatch.setitem(writing.FORMATS, "csv", full)
+    assert main(["export", str(run), "--csv", "--out", str(tmp_path / "deep" / "tables")]) == 1
+    assert "No space left" in capsys.readouterr().err and not (tmp_path / "deep").exists()
+
+
+def test_names_of_files_are_short_and_do_not_meet(tmp_path):
+    """Breaks if 300 letters make a file name that no file system accepts, or two topics are written into one file."""
+    topics = ["/" + "ä" * 300, "/" + "ä" * 299 + "b"]
+    names = list(file_names(topics).values())
+    assert len(set(names)) == 2
+    for name in names:
+        (tmp_path / f"{name}.parquet").write_text("")
+    topics = ["/a/b_c", "/a_b/c", "a/b/c", "/"]
+    assert file_names(topics) == {"/a/b_c": "a_b_c", "/a_b/c": "a_b_c_2", "a/b/c": "a_b_c_3", "/": "topic"}
+
+
+def test_a_recording_for_rerun_has_the_numbers_of_the_log(demo_run, tmp_path):
+    """Breaks if a curve has another time or value than the log, or a box is not at its vehicle."""
+    run = demo_run("duration=20")
+    chunk = pytest.importorskip("rerun.chunk", reason="needs pip install rerun-sdk, Python 3.11 or later")
+    assert main(["export", str(run), "--rerun", "--out", str(tmp_path / "out")]) == 0
+    chunks: dict[str, list] = {}  # a slow machine writes several for one path
+    for entry in chunk.RrdReader(tmp_path / "out" / "run.rrd").stream():
+        if not entry.is_static:
+            chunks.setdefault(entry.entity_path, []).append(entry.to_record_batch())
+    found = {path: pyarrow.Table.from_batches(batches).sort_by("simulated_time") for path, batches in chunks.items()}
+    table = train_ato.open_run(run)["train/measurement"]
+    speed = next(batch for path, batch in found.items() if path.endswith("train/measurement/unit_0_speed_m_s"))
+    assert speed["simulated_time"].cast("int64").to_numpy() == pytest.approx(table.index.to_numpy() * 1e9)
+    values = [entry[0] for entry in speed["Scalars:scalars"].to_pylist()]
+    assert values == table["unit_0_speed_m_s"].tolist()
+    assert not any("train/vehicles" in path for path in found), "a table of 424 columns is no set of curves"
+    boxes, states = found["/scene/vehicles"], train_ato.open_run(run)["train/vehicles"]
+    assert boxes.num_rows == 20 * 5 + 1
+    positions = states[[name for name in states if str(name).endswith("position_m")]].to_numpy()[-1]
+    track = Alignment(read_run_folder(run)[0].line).at(positions)
+    centers = np.array(boxes["Boxes3D:centers"].to_pylist()[-1])
+    assert centers[:, :2] == pytest.approx(np.column_stack((track.x, track.y)), abs=1e-3)
+
+
+def test_the_missing_package_of_rerun_is_named(demo_run, tmp_path, monkeypatch, capsys):
+    """Breaks if the base installation without the viewer's package ends in a traceback."""
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    assert main(["export", str(demo_run("duration=20")), "--rerun", "--out", str(tmp_path / "out")]) == 2
+    assert "pip install rerun-sdk" in capsys.readouterr().err and not (tmp_path / "out").exists()

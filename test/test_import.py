@@ -60,25 +60,15 @@ def test_a_coarse_recorder_gives_a_profile_that_can_be_driven(tmp_path, capsys):
     truth = metro(profile.time)
     assert np.sqrt(np.mean((profile.velocity - truth[0]) ** 2)) < 0.25
     assert np.abs(profile.position - truth[1]).max() < 5.0
-    assert -1.0 < profile.acceleration.min() < -0.6
-    assert 0.7 < profile.acceleration.max() < 1.1
+    assert -1.0 < profile.acceleration.min() < -0.6 and 0.7 < profile.acceleration.max() < 1.1
     cruise = (profile.time > CRUISE[0] + 5) & (profile.time < CRUISE[1] - 5)
-    assert np.abs(profile.acceleration[cruise]).max() < 0.03
-    assert not profile.ends_rolling
+    assert np.abs(profile.acceleration[cruise]).max() < 0.03 and not profile.ends_rolling
     assert told["measured_rows"] == 121
     capsys.readouterr()
-    assert (
-        main(
-            [
-                "run", str(tmp_path / "imported" / "scenario.yaml"), "--engine", "--json", "--out",
-                str(tmp_path / "again"),
-            ]
-        )
-        == 0
-    )  # fmt: skip
+    scenario, again = str(tmp_path / "imported" / "scenario.yaml"), str(tmp_path / "again")
+    assert main(["run", scenario, "--engine", "--json", "--out", again]) == 0
     driven = json.loads(capsys.readouterr().out)
-    assert driven["speed_rmse_kmh"] < 0.5
-    assert abs(driven["stop_error_m"]) < 0.5
+    assert driven["speed_rmse_kmh"] < 0.5 and abs(driven["stop_error_m"]) < 0.5
 
 
 def test_the_profile_fits_into_another_scenario(tmp_path, capsys):
@@ -99,18 +89,15 @@ def test_the_profile_fits_into_another_scenario(tmp_path, capsys):
 
 def test_what_reads_runs_reads_a_measured_one(tmp_path, capsys):
     """Breaks if info, replay, report, compare or export refuse it, or verify has no reason for its refusal."""
-    time = np.arange(0.0, 100.1, 0.2)
-    v, _, f = metro(time)
+    v, _, f = metro(np.arange(0.0, 100.1, 0.2))
     text = recorded(0.2, 100.0, reference_speed_kmh=3.6 * v + 0.36, command_force_kn=f / 1e3 + 1)
     take(tmp_path, capsys, text)
     run = str(tmp_path / "imported")
     assert main(["info", run, "--json"]) == 0
     info = json.loads(capsys.readouterr().out)
-    assert info["controller"] == "measured"
-    assert info["status"] == "done"
+    assert info["controller"] == "measured" and info["status"] == "done"
     assert info["speed_rmse_kmh"] == pytest.approx(0.36, abs=0.01)
-    assert info["command_variation_kn_per_s"] > 0
-    assert info["coupler_draft_max_kn"] is None
+    assert info["command_variation_kn_per_s"] > 0 and info["coupler_draft_max_kn"] is None
     assert info["stop_error_m"] is None
     frames = train_ato.load(run)
     assert "train/vehicles" not in frames, "vehicles were not measured"
@@ -152,8 +139,7 @@ def test_a_law_beside_a_measured_run_is_not_compared_with_a_law(tmp_path, capsys
     run = str(tmp_path / "imported")
     assert main(["replay", run, "--law", "pid"]) == 0
     said = " ".join(capsys.readouterr().out.split())
-    assert "force at the wheel, measured" in said
-    assert "pid, recorded" not in said
+    assert "force at the wheel, measured" in said and "pid, recorded" not in said
     assert main(["replay", run, "--law", "pid", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["recorded_controller"] == "measured"
     other = tmp_path / "demanded"
@@ -173,8 +159,7 @@ def test_the_log_of_a_measured_run_alone_says_that_it_is_one(tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)["recorded_controller"] == "measured"
     assert main(["report", str(log), "--json", "--out", str(tmp_path / "alone.html")]) == 0
     page = (tmp_path / "alone.html").read_text()
-    assert "measured run" in page
-    assert "the command was not measured" in page
+    assert "measured run" in page and "the command was not measured" in page
     log.rename(tmp_path / "imported" / "run.mcap")
     (tmp_path / "imported" / "summary.json").unlink()
     capsys.readouterr()
@@ -295,16 +280,15 @@ def test_the_profile_alone_needs_no_force(tmp_path, capsys):
     options = ["--profile-only", "--ignore", "force_kn", "position_m", "--from-km", "12.5", "--out", str(out)]
     assert main(["import", str(tmp_path / "gps.csv"), *TRAIN, *options, "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
-    profile = read_profile(out)
-    assert profile.position[0] == pytest.approx(12_500 - 59)
+    assert read_profile(out).position[0] == pytest.approx(12_500 - 59)
     assert told["distance_m"] == pytest.approx(metro(120.0)[1] - 500, rel=1e-3)
     assert "the unit of 'speed_kmh' (1.2 km at up to 54 km/h): no places, no force" in told["measured_notes"][0]
     assert main(["import", str(tmp_path / "gps.csv"), *TRAIN, *options]) == 2
     assert "exists already" in capsys.readouterr().err
 
 
-def test_a_missing_file_and_a_taken_folder(tmp_path, capsys):
-    """Breaks if an existing folder is overwritten."""
+def test_a_missing_file_and_a_taken_folder(tmp_path, capsys, monkeypatch):
+    """Breaks if an existing folder is overwritten, or a partial run folder remains after a full disk."""
     assert main(["import", str(tmp_path / "no.csv"), *TRAIN]) == 2
     assert re.search(r"no\.csv: cannot be read .No such file", capsys.readouterr().err)
     (tmp_path / "run.csv").write_text(recorded())
@@ -313,10 +297,6 @@ def test_a_missing_file_and_a_taken_folder(tmp_path, capsys):
     assert "exists already" in capsys.readouterr().err
     assert list((tmp_path / "imported").iterdir()) == []
 
-
-def test_a_full_disk_leaves_nothing(tmp_path, capsys, monkeypatch):
-    """Breaks if a partial run folder remains."""
-
     def full(setup, series, sink, progress):
         sink.add("/clock", measured_run.Tick(0), 0)
         raise OSError(28, "No space left on device")
@@ -324,5 +304,4 @@ def test_a_full_disk_leaves_nothing(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("train_ato.api.importing.write_messages", full)
     (tmp_path / "run.csv").write_text(recorded())
     assert main(["import", str(tmp_path / "run.csv"), *TRAIN, "--out", str(tmp_path / "deep" / "run")]) == 1
-    assert "No space left" in capsys.readouterr().err
-    assert not (tmp_path / "deep").exists()
+    assert "No space left" in capsys.readouterr().err and not (tmp_path / "deep").exists()

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from frames_logs import write_foreign
 from report_runs import drive, without
 
 from train_ato.cli import main
@@ -18,9 +19,7 @@ from train_ato.messages.cdr import typestore
 pytestmark = pytest.mark.usefixtures("without_figure")
 
 TRAINS = {"heavy": ["demo", "--observer=ndo"], "one mass": ["crh380a_funnel"], "three units": ["crh380a_gpc"]}
-FORMER_TYPES = Path(__file__).parent / "data" / "former_types.mcap"
 CASES = [*TRAINS, "commands only", "former types"]
-MULTIPLICATION = re.compile(r"\.@mul\([\d.]+\)$")
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +34,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
                 scenario, *options = TRAINS[case]
                 made[case] = drive(scratch, "run", scenario, "--set=duration=3", *options)
             elif case == "former types":
-                (scratch / "run.mcap").write_bytes(FORMER_TYPES.read_bytes())
+                (scratch / "run.mcap").write_bytes((Path(__file__).parent / "data" / "former_types.mcap").read_bytes())
                 made[case] = scratch
             else:
                 topics = ["train/vehicles", "train/measurement", "/diagnostics", "train/brake_pipe", "ato/reference"]
@@ -68,7 +67,7 @@ def written(run: Path, folder: Path, viewer: str) -> Path:
 
 def foxglove_value(messages: dict[str, Any], path: str) -> Any:
     """Follow a message path such as ``/train/vehicles.effort[0].@mul(0.001)``."""
-    topic, *parts = MULTIPLICATION.sub("", path).split(".")
+    topic, *parts = re.sub(r"\.@mul\([\d.]+\)$", "", path).split(".")
     value = messages[topic]
     for part in parts:
         name, index = re.fullmatch(r"(\w+)(?:\[(\d+|:)\])?", part).groups()
@@ -143,38 +142,29 @@ def test_every_curve_of_plotjuggler_gives_numbers(case: str, run, tmp_path: Path
     for path in sorted(paths):
         assert isinstance(plotjuggler_value(messages, path), float), path
     (file,) = root.iter("fileInfo")
-    assert (
-        (target.parent / file.get("filename"))
-        .resolve()
-        .samefile(run(case) / "run.mcap" if run(case).is_dir() else run(case))
-    )
+    log = run(case) / "run.mcap" if run(case).is_dir() else run(case)
+    assert (target.parent / file.get("filename")).resolve().samefile(log)
     (options,) = file.iter("parameters")
     assert (options.get("use_timestamp"), options.get("use_mcap_log_time")) == ("1", "0")
     assert set(options.get("selected_topics").split(";")) == set(messages) - {"told"}
     assert root.find("use_relative_time_offset").get("enabled") == "1"
 
 
-def test_the_gauge_reaches_the_top_speed_of_the_run(run, tmp_path: Path) -> None:
-    """Breaks if the range is that of another train."""
+def test_files_and_gauge_of_a_layout(run, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if the range of the gauge is that of another train, or a file is replaced or not beside the log."""
     panels = json.loads(written(run("one mass"), tmp_path, "foxglove").read_text())["configById"]
     assert panels["Gauge!speed"]["maxValue"] == 310, "the profile has 300 km/h"
-
-
-def test_the_default_file_is_beside_the_log(run, capsys: pytest.CaptureFixture[str]) -> None:
     folder = run("three units")
     capsys.readouterr()  # what the run has printed, if this is the first case with it
     assert main(["layout", str(folder), "--foxglove", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
-    assert found["layout"] == str(folder / "foxglove.json")
-    assert "/train/vehicles" in found["topics"]
+    assert found["layout"] == str(folder / "foxglove.json") and "/train/vehicles" in found["topics"]
     assert main(["layout", str(folder), "--foxglove"]) == 2
     assert "exists already; give another file with --out" in capsys.readouterr().err
 
 
 def test_a_log_without_a_run_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Breaks if the layout of a foreign log is empty, or a crash."""
-    from frames_logs import write_foreign
-
     write_foreign(tmp_path / "robot.mcap")
     assert main(["layout", str(tmp_path / "robot.mcap"), "--plotjuggler"]) == 2
     assert "has no message of a run; name the log of a run" in capsys.readouterr().err

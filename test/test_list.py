@@ -38,21 +38,21 @@ def test_every_name_has_one_line(capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.parametrize("name", sampled(NAMES, every=3))
 def test_every_listed_name_has_details(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     for title, facts in listed(capsys, name).items():
-        assert title.endswith(f" {name}")
-        assert facts["summary"]
+        assert title.endswith(f" {name}") and facts["summary"]
 
 
 def test_figures_of_a_train_a_line_and_a_law(capsys: pytest.CaptureFixture[str]) -> None:
-    """Values calculated by hand in test_plan_checks.py and test_plant_library.py; a parameter with unit and range."""
+    """Values by hand of test_plan_checks.py and test_plant_library.py; a parameter with its unit; a law of 004."""
     train = listed(capsys, "hxd1_c80_105")["consist hxd1_c80_105"]
     assert train["balancing speed"].startswith("110 km/h at 0 per mille, 80 km/h at 2 per mille")
     assert train["steepest starting grade"] == "6.3 per mille"
     line = listed(capsys, "daqin_section")["line daqin_section"]
-    assert line["grades"] == "-11.2 ... 2 per mille"
-    assert line["extent"] == "from km 0 to km 52"
+    assert line["grades"] == "-11.2 ... 2 per mille" and line["extent"] == "from km 0 to km 52"
     assert listed(capsys, "pid")["law pid"]["filter_time"].startswith("0.0 s (0 ... 60): time constant")
     assert list(listed(capsys, "none")) == ["observer none", "compensation none"]
     assert listed(capsys, "daqin_heavy_haul:ideal")["scenario daqin_heavy_haul:ideal"]["compensation"] == "none"
+    facts = listed(capsys, "crh380a_gpc")["scenario crh380a_gpc"]
+    assert (facts["law"], facts["compensation"]) == ("gpc", "preview")
 
 
 @pytest.mark.parametrize(
@@ -73,18 +73,12 @@ def test_a_file_has_the_details_of_its_name(path: Path, name: str, capsys: pytes
     }
 
 
-def test_crh380a_gpc_runs_its_law(capsys: pytest.CaptureFixture[str]) -> None:
-    """Breaks if the scenario of paper 004 runs another law by default, or without the preview that its law now uses."""
-    facts = listed(capsys, "crh380a_gpc")["scenario crh380a_gpc"]
-    assert (facts["law"], facts["compensation"]) == ("gpc", "preview")
+def compared(folder: Path, *options: str) -> int:
+    short = ["--set=duration=3", "--set=supervision.enabled=false"]
+    return main(["compare", *options, *short, f"--out={folder / 'compared'}"])
 
 
-SHORT = ["--set=duration=3", "--set=supervision.enabled=false"]
-
-
-def test_a_leaderboard_counts_the_laws_over_scenarios_and_seeds(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_leaderboard_counts_the_laws_over_scenarios_and_seeds(tmp_path: Path, capsys) -> None:
     """Breaks if a run is counted twice or for another law, a seed is repeated, or a refused law has a run."""
     words = ["--laws=pid,lag_smc", "--seeds=2", "--seed=4", "--set=plant.lag=0.4", "--set=model.lag=0"]
     folder = tmp_path / "compared"
@@ -119,10 +113,6 @@ def test_ctrl_c_keeps_the_finished_comparisons(tmp_path, monkeypatch, capsys) ->
     told = json.loads((tmp_path / "compared" / "summary.json").read_text())
     assert [row["seed"] for rows in told["runs"] for row in rows] == [1, 2] and told["laws"][0]["runs"] == 2
     assert "ended after 2 of 4 comparisons" in (tmp_path / "compared" / "leaderboard.md").read_text()
-
-
-def compared(folder: Path, *options: str) -> int:
-    return main(["compare", *options, *SHORT, f"--out={folder / 'compared'}"])
 
 
 def test_gains_of_every_law_have_their_source(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
