@@ -78,6 +78,16 @@ class Plain(Gain):
         self.gain = gain
 
 
+def local(factor=1.0):
+    """Return a class of a function, as a notebook cell that is run again gives one."""
+
+    class Same(Gain):
+        def step(self, inputs):
+            return LawOutput(super().step(inputs).force * factor)
+
+    return Same
+
+
 class Breaking(Gain):
     """Raise an error after two seconds."""
 
@@ -161,7 +171,7 @@ def test_every_mode_gives_the_same_run(mode, own_module):
 
 
 def test_laws_need_no_registration(own_module, capsys):
-    """Breaks if a law object, its class with the same parameters and the class name result in different runs."""
+    """Breaks if a law object, its class and its name differ, or a class of a registered law loses its parameters."""
     run = ta.run("demo", law=Gain(gain=0.3), set=SHORT)
     name = f"{__name__}:Gain"
     assert run.metrics["controller"] == name
@@ -174,6 +184,9 @@ def test_laws_need_no_registration(own_module, capsys):
     assert main([*arguments, "--set", f"laws.{own_module}:Own.gain=0.3"]) == 0
     found = yaml.safe_load(capsys.readouterr().out)
     assert found["speed_rmse_kmh"] == run.metrics["speed_rmse_kmh"]
+    from train_ato.control.laws.smc import Smc
+
+    assert ta.run("demo", law=Smc, set=SHORT).metrics["controller"] == "smc"
 
 
 def test_the_template_takes_its_parameters_as_keywords(monkeypatch):
@@ -206,27 +219,12 @@ def test_every_template_passes_where_its_docstring_runs_it(monkeypatch, scenario
     assert (whole.metrics["tracking"], whole.metrics["verdict"]) == ("tracked", "passed")
 
 
-def test_a_class_of_a_registered_law_has_its_name():
-    """Breaks if a law class does not use the parameters of the shipped scenario."""
-    from train_ato.control.laws.smc import Smc
-
-    assert ta.run("demo", law=Smc, set=SHORT).metrics["controller"] == "smc"
-
-
 def test_a_class_that_is_defined_again_replaces_the_first():
     """Breaks if a second run of a notebook cell uses the first version of the law."""
-
-    def make(factor):
-        class Same(Gain):
-            def step(self, inputs):
-                return LawOutput(super().step(inputs).force * factor)
-
-        return Same
-
-    strong, weak = ta.run("demo", law=make(1.0), set=SHORT), ta.run("demo", law=make(0.5), set=SHORT)
+    strong, weak = ta.run("demo", law=local(), set=SHORT), ta.run("demo", law=local(0.5), set=SHORT)
     assert strong.metrics["controller"] == weak.metrics["controller"]
     assert weak.metrics["energy_traction_kwh"] < 0.9 * strong.metrics["energy_traction_kwh"]
-    table = ta.compare("demo", [make(1.0), make(0.5)], set=SHORT).table
+    table = ta.compare("demo", [local(), local(0.5)], set=SHORT).table
     energies = [run.metrics["energy_traction_kwh"] for run in (weak, strong)]
     assert sorted(table["energy_traction_kwh"]) == energies
 
@@ -243,14 +241,10 @@ def test_a_saved_run_with_a_law_of_its_own_is_verified_or_refused(own_module, tm
     found = ta.run("demo", law=f"{own_module}:Own", set={"duration": 5}).save("found")
     done = in_a_new_process("verify", str(found), folder=tmp_path)
     assert (done.returncode, done.stderr) == (0, "") and "are equal" in done.stdout
-
-    class Local(Gain):
-        pass
-
-    lost = ta.run("demo", law=Local(0.2), set={"duration": 5}).save("lost")
+    lost = ta.run("demo", law=local()(0.2), set={"duration": 5}).save("lost")
     done = in_a_new_process("verify", str(lost), folder=tmp_path)
     assert done.returncode == 2 and len(done.stderr.splitlines()) == 1
-    assert "Local was defined in a script, a notebook or a function; move the class into a module" in done.stderr
+    assert "Same was defined in a script, a notebook or a function; move the class into a module" in done.stderr
     code = f"import train_ato as ta; run = ta.open_run({str(lost)!r}); print(len(run['ato/command']), run)"
     done = subprocess.run(
         [sys.executable, "-c", code], env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True, text=True,
@@ -286,6 +280,7 @@ class NotKept(Gain):
         ({"law": "no_such_module:Law"}, r"module 'no_such_module' cannot be imported"),
         ({"law": "__main__:Law"}, r"Law was defined in a script.*my_law\.py"),
         ({"law": Gain, "mode": "processes", "set": {"plant": 1}}, r"plant = 1"),
+        ({"law": local()(), "mode": "processes"}, "'processes': another process cannot import the law: .*my_law:MyLaw"),
         ({"mode": "thread"}, r"mode 'thread': choose from engine, composed, processes"),
         ({"rate": 0}, r"^rate 0: give a number above 0"),
         ({"restarts": 1}, r"^restart: only a node in a process of its own can be restarted"),
@@ -301,8 +296,7 @@ def test_bad_input_is_refused_in_one_line(options, message, tmp_path, monkeypatc
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ValueError, match=message) as caught:
         ta.run("demo", **options)
-    assert "\n" not in str(caught.value)
-    assert list(tmp_path.iterdir()) == []
+    assert "\n" not in str(caught.value) and list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("kind", ["law", "observer"])
@@ -346,17 +340,6 @@ def test_an_error_at_the_start_of_an_own_component_has_its_file_and_line(
     (tmp_path / f"{module}_all.py").write_text("\n1 / 0\n")
     assert main(["run", "demo", "--engine", f"--{option}", f"{module}_all:Own", "--out", "a"]) == 2
     assert f"ZeroDivisionError: division by zero, {tmp_path / module}_all.py:2" in capsys.readouterr().err
-
-
-def test_a_law_of_a_function_cannot_go_to_other_processes():
-    """Breaks if the refusal comes from another process, or without the remedy."""
-
-    class Local(Gain):
-        pass
-
-    refusal = r"mode 'processes': another process cannot import the law: .*my_law:MyLaw"
-    with pytest.raises(ValueError, match=refusal):
-        ta.run("demo", law=Local(), mode="processes")
 
 
 @pytest.mark.parametrize(("law", "error", "status"), [(Breaking, ta.RunFailed, "failed"),
@@ -506,7 +489,7 @@ def test_a_run_in_a_thread(tmp_path):
 
 
 def test_python_has_the_commands_of_the_shell(tmp_path: Path) -> None:
-    """Breaks if a function of Python has another result than its command, or accepts what the command refuses."""
+    """Breaks if a function of Python differs from its command, accepts what that refuses, or has no help of its own."""
     found = ta.plan("xuzhou_metro_test", "xuzhou_metro_3", end_km=1, out=tmp_path / "profile.csv", period=1)
     assert found.profile.position[-1] == pytest.approx(1000.0 - 118.0 / 2)  # centre of the train, front at km 1
     assert (tmp_path / "profile.csv").is_file()
@@ -517,16 +500,9 @@ def test_python_has_the_commands_of_the_shell(tmp_path: Path) -> None:
     assert ta.convert("level", tmp_path / "level.yaml")["kind"] == "line"
     kinds = (ta.laws, ta.observers, ta.compensations, ta.trains, ta.lines)
     assert [*catalogue().values()][2:] == [kind() for kind in kinds]
-
-
-@pytest.mark.usefixtures("without_figure")
-def test_a_run_is_verified_from_python(tmp_path: Path) -> None:
-    """Breaks if ``ta.verify`` compares nothing, or accepts a tolerance that the command refuses."""
-    ta.run("demo", set={"duration": 5}, out=tmp_path / "run", progress=False)
-    found = ta.verify(tmp_path / "run")
-    assert found.equal and found.messages > 300
-    with pytest.raises(ValueError, match="relative 1: out of range"):
-        ta.verify(tmp_path / "run", 1)
+    text = pydoc.plain(pydoc.render_doc(ta.scenario))
+    assert "function scenario" in text and "scenario(name" in text
+    assert "law: " in pydoc.plain(pydoc.render_doc(ta.run)).partition("\n\n")[2].partition("\n")[0]
 
 
 def test_a_scenario_is_a_name_a_dict_or_an_object() -> None:
@@ -595,9 +571,10 @@ def test_a_run_is_a_dataset_of_xarray(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("without_figure")
 def test_every_error_is_of_one_tree(tmp_path: Path) -> None:
-    """Breaks if a refusal of a function or method is no ``ta.Error``, or a user's ValueError becomes one."""
+    """Breaks if a refusal is no ``ta.Error``, a user's ValueError becomes one, or ``ta.verify`` compares nothing."""
     run = ta.run("demo", set={"duration": 5})
-    run.save(tmp_path / "run")
+    found = ta.verify(run.save(tmp_path / "run"))
+    assert found.equal and found.messages > 300
     for refused in (
         lambda: ta.run("demmo"),
         lambda: ta.scenario("demo").with_(duratio=3),
@@ -608,6 +585,7 @@ def test_every_error_is_of_one_tree(tmp_path: Path) -> None:
         lambda: ta.import_run(tmp_path / "none.csv", train="hxd1_c80_105", line="level"),
         lambda: ta.replay(tmp_path / "run", "pid", set={"tick": 0.2}),
         lambda: ta.replay(tmp_path / "run", speed=2),
+        lambda: ta.verify(tmp_path / "run", 1),
     ):
         with pytest.raises(ta.InputError) as caught:
             refused()
@@ -631,13 +609,6 @@ def test_a_measured_run_and_braking_curves_are_those_of_the_commands(tmp_path: P
     assert main(["curves", "demo", "--at-km", "3.5", "--json"]) == 0
     (found,) = ta.curves("demo", at_km=3.5).values()
     assert found == json.loads(capsys.readouterr().out)
-
-
-def test_help_shows_functions() -> None:
-    """Breaks if the help of a public name shows a package, or a parameter is hidden by a wrapper."""
-    text = pydoc.plain(pydoc.render_doc(ta.scenario))
-    assert "function scenario" in text and "scenario(name" in text
-    assert "law: " in pydoc.plain(pydoc.render_doc(ta.run)).partition("\n\n")[2].partition("\n")[0]
 
 
 @pytest.mark.usefixtures("without_figure")

@@ -1,38 +1,44 @@
-"""Engagement, disengagement and takeover of the ATO."""
+"""Engagement, disengagement and takeover of the ATO, and its requests: in the log, and in the repeated run."""
 
+import dataclasses
+import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import yaml
+from engine_runs import record_run, setup_of
+from request_desk import beside_a_run
 
+from train_ato.cli.main import main
 from train_ato.control.assurance import AT_ONCE
 from train_ato.control.laws.pid import Pid
 from train_ato.control.takeover import TakeoverRamp
 from train_ato.judge.recording import Recording
 from train_ato.judge.result import RunResult
+from train_ato.log.difference import compare_logs
+from train_ato.log.recorded import read_changes
+from train_ato.log.run_folder import read_run_folder
 from train_ato.loop.controller import ControllerStage
 from train_ato.loop.engine import TickLoop, run_engine
 from train_ato.loop.profile import REJOINED, ProfileStage
 from train_ato.loop.stamp_synchronizer import StampSynchronizer
 from train_ato.loop.supervisor import SupervisorStage
-from train_ato.messages.types import AtoState, Reference, Tick, Trajectory
+from train_ato.messages.codec import Wire
+from train_ato.messages.types import AtoState, Diagnostic, Reference, Tick, Trajectory
 from train_ato.ros.graph.runner import run_graph
+from train_ato.scenario.changes import RunChanges
 from train_ato.scenario.scenario import load_scenario
-from train_ato.scenario.setup import RunSetup, prepare
+from train_ato.scenario.setup import RunSetup
 from train_ato.supervision.supervisor import SupervisionState
 
 METRO = "xuzhou_metro:disturbed"
 TICK_S, LAG_S, PERIOD_S = 0.05, 0.4, 0.4
-BRAKED = (
-    "interventions=[{at: 60, do: emergency_brake}, {at: 90, do: emergency_brake, applied: false}]",
-    "ato_requests=[{at: 95, do: engage}]",
-)
 
 
 def driven(name: str, *changes: str) -> tuple[RunResult, Recording]:
-    result = run_engine(prepare(*load_scenario(name, changes)))
-    assert result.recording is not None
+    result = run_engine(setup_of(name, *changes))
     return result, result.recording
 
 
@@ -51,8 +57,7 @@ def test_the_demo_with_an_emergency_brake_on_its_way_stops_at_its_place() -> Non
     assert [state for _, state in states(recording)] == [
         AtoState.ENGAGED, AtoState.DISENGAGING, AtoState.AVAILABLE, AtoState.READY, AtoState.ENGAGED,
     ]  # fmt: skip
-    assert abs(result.summary["stop_error_m"]) < 0.5
-    assert result.summary["status"] == "done"
+    assert abs(result.summary["stop_error_m"]) < 0.5 and result.summary["status"] == "done"
 
 
 def test_the_emergency_brake_cuts_the_traction_at_once() -> None:
@@ -72,17 +77,17 @@ def test_an_engagement_is_refused_while_a_brake_is_in_effect() -> None:
     brake = "interventions=[{at: 30, do: emergency_brake}, {at: 80, do: emergency_brake, applied: false}]"
     _, recording = driven(METRO, brake, "ato_requests=[{at: 40, do: engage}]", "duration=100")
     engaged = [time for time, state in states(recording) if state is AtoState.ENGAGED]
-    assert engaged[0] == 0.0
-    assert engaged[1] > 80.0
+    assert engaged[0] == 0.0 and engaged[1] > 80.0
 
 
 def test_the_ways_of_running_agree_over_a_disengagement(tmp_path: Path) -> None:
     """Breaks if a state of the ATO or a new plan reaches a node at another tick than in the engine."""
-    setup = prepare(*load_scenario(METRO, (*BRAKED, "duration=120")))
+    setup = setup_of(
+        METRO, "interventions=[{at: 60, do: emergency_brake}, {at: 90, do: emergency_brake, applied: false}]",
+        "ato_requests=[{at: 95, do: engage}]", "duration=120",
+    )  # fmt: skip
     engine, graph = run_engine(setup), run_graph(setup, tmp_path, mode="composed")
-    assert graph.failure is None
-    assert graph.recording is not None
-    assert engine.recording is not None
+    assert graph.failure is None and graph.recording is not None and engine.recording is not None
     for topic, samples in engine.recording.topics.items():
         for name, values in samples.values.items():
             np.testing.assert_array_equal(values, graph.recording.topics[topic].values[name], err_msg=topic)
@@ -99,10 +104,8 @@ def test_a_law_that_raises_stops_the_train_before_the_run_fails(monkeypatch: pyt
 
     monkeypatch.setattr(Pid, "step", failing)
     result, recording = driven(METRO, "law=pid", "duration=120")
-    assert result.failure is not None
     assert result.failure.startswith("node controller failed: law pid: ZeroDivisionError: gain is 0, ")
-    assert recording.front_velocity[-1] < 0.1
-    assert 30.0 < recording.time[-1] < 80.0
+    assert recording.front_velocity[-1] < 0.1 and 30.0 < recording.time[-1] < 80.0
 
 
 def test_the_braking_law_keeps_a_bad_law_below_the_warning_limit(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -122,8 +125,7 @@ def test_the_braking_law_keeps_a_bad_law_below_the_warning_limit(monkeypatch: py
         reports = [report for report in recording.reports if report.node == "supervisor"]
         return int(reports[-1].values["brake_interventions"])
 
-    assert interventions(bad) > 0
-    assert interventions(kept) == 0
+    assert interventions(bad) > 0 and interventions(kept) == 0
     assert max(int(report.values.get("takeovers", 0)) for report in kept.reports) > 0
 
 
@@ -131,7 +133,7 @@ STRUCK_S = 30.0
 
 
 def metro(*changes: str) -> RunSetup:
-    return prepare(*load_scenario("xuzhou_metro:disturbed", ("duration=120", *changes)))
+    return setup_of("xuzhou_metro:disturbed", "duration=120", *changes)
 
 
 def begun(setup: RunSetup) -> TickLoop:
@@ -172,22 +174,16 @@ def test_the_demand_begins_at_the_force_that_acts_and_keeps_the_jerk(case: str) 
     demand, applied = demands(loop.recording.finish())
     largest = float(np.abs(setup.profile.jerk()).max()) * setup.model.inertia * setup.tick
     assert abs(demand[0] - applied[0]) <= largest * (1 + 1e-9)
-    ramp = demand[: int(demand.argmin()) + 1]
-    assert np.abs(np.diff(ramp)).max() <= largest * (1 + 1e-9)
+    assert np.abs(np.diff(demand[: int(demand.argmin()) + 1])).max() <= largest * (1 + 1e-9)
     assert demand.min() == pytest.approx(float(setup.model.force_limits(np.full(setup.model.n_units, 5.0))[0].sum()))
     assert loop.controller.ato.machine.reason.endswith("restarted" if case == "new process" else "test")
 
 
-def test_a_takeover_without_a_valid_measurement_begins_at_no_force() -> None:
-    """Breaks if NaN reaches the train."""
+def test_takeover_ramps_without_a_measurement_and_at_a_limit() -> None:
+    """Breaks if NaN reaches the train, the brake waits for its jerk at a limit, or the law returns as steeply."""
     ramp = TakeoverRamp(metro().model, 0.5)
     units = np.full(metro().model.n_units, np.nan)
-    assert np.isfinite(ramp.step(np.zeros(units.size), units)).all()
-    assert ramp.ended
-
-
-def test_a_limit_makes_the_ramp_steeper_but_not_the_return() -> None:
-    """Breaks if the brake waits for its jerk although the supervisor would intervene, or the law returns as steeply."""
+    assert np.isfinite(ramp.step(np.zeros(units.size), units)).all() and ramp.ended
     model = metro().model
     brake, none = np.full(model.n_units, -2e5), np.zeros(model.n_units)
     plain, steeper, at_once = (TakeoverRamp(model, 0.5, none, least) for least in (0.0, 2.0, AT_ONCE))
@@ -225,8 +221,7 @@ def test_a_profile_that_joins_is_sent_again_with_its_first_reference() -> None:
     loop.profile.join()
     stamp = loop.plant.stamp
     go_on(loop, STRUCK_S + 20.0)
-    assert loop.profile.planned == stamp
-    assert loop.profile.profile == setup.profile
+    assert loop.profile.planned == stamp and loop.profile.profile == setup.profile
     recording = loop.recording.finish()
     assert [plan.stamp for plan in recording.profiles] == [0, stamp]
     reports = [report for report in recording.reports if report.node == "profile" and report.stamp >= stamp]
@@ -249,8 +244,7 @@ def test_a_supervisor_that_joins_releases_at_standstill() -> None:
     assert later[0].values["reason"] == "node supervisor restarted"
     assert later[-1].message == SupervisionState.NORMAL.text
     released = next(report for report in later if report.message == SupervisionState.NORMAL.text)
-    speed = np.interp(released.stamp * 1e-9, recording.time, recording.front_velocity)
-    assert abs(speed) < 0.1
+    assert abs(np.interp(released.stamp * 1e-9, recording.time, recording.front_velocity)) < 0.1
 
 
 def test_messages_of_incomplete_stamps_are_not_counted_after_a_restart() -> None:
@@ -263,8 +257,92 @@ def test_messages_of_incomplete_stamps_are_not_counted_after_a_restart() -> None
     inputs.put("estimate", Tick(100))
     inputs.put("measurement", Tick(110))
     inputs.put("reference", Reference(110, 0.0, 0.0, 0.0))
-    assert inputs.put("estimate", Tick(110))
-    assert inputs.ignored == 0
+    assert inputs.put("estimate", Tick(110)) and inputs.ignored == 0
     inputs.put("measurement", Tick(120))
     inputs.put("measurement", Tick(120))
     assert inputs.ignored == 1
+
+
+SECOND = 1_000_000_000
+AT_REST = "[{at: 1, do: disengage}, {at: 2.5, do: engage}, {at: 2.5, do: disengage}, {at: 9, do: reset}]"
+"""Requests to a train that does not yet move; the third waits for the engagement, the last is never possible."""
+LOST = "faults=[{topic: ato/reference, begin: 0.5, end: 3, do: drop}]"
+"""A loss of the reference, after which the ATO fails before the train moves; the run goes on."""
+
+
+def test_an_accepted_request_is_in_summary_log_and_info(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if a request is missing in ``changes``, has its planned time, or one that was not accepted is listed."""
+    run = record_run(setup_of("demo", "duration=15", f"ato_requests={AT_REST}"), tmp_path / "run")
+    rows = json.loads((run / "summary.json").read_text())["changes"]
+    assert [(row["at_s"], row["name"], row["value"], row["planned"]) for row in rows] == [
+        (1.2, "ato_request", "disengage", True),
+        (2.8, "ato_request", "engage", True),
+        (3.2, "ato_request", "disengage", True),
+    ]
+    assert read_changes(run).requests == [
+        (1_200_000_000, "disengage"), (2_800_000_000, "engage"), (3_200_000_000, "disengage"),
+    ]  # fmt: skip
+    assert main(["info", str(run / "run.mcap"), "--json"]) == 0
+    listed = json.loads(capsys.readouterr().out)["changes"]
+    assert [(row["at_s"], row["value"]) for row in listed] == [(1.2, "disengage"), (2.8, "engage"), (3.2, "disengage")]
+
+
+def test_accepted_requests_drive_the_run_again(tmp_path: Path) -> None:
+    """Breaks if the repeated run lacks a request, has it at another step, or forgets one that still waits."""
+    setup = setup_of("demo", "duration=15", f"ato_requests={AT_REST}")
+    run = record_run(setup, tmp_path / "run")
+    plain = dataclasses.replace(setup, scenario=setup.scenario.model_copy(update={"ato_requests": ()}))
+    again = dataclasses.replace(setup, scenario=read_changes(run).driven(plain.scenario))
+    assert [(entry.at, entry.do) for entry in again.scenario.ato_requests] == [
+        (1.2, "disengage"), (2.8, "engage"), (3.2, "disengage"),
+    ]  # fmt: skip
+    assert compare_logs(run, record_run(again, tmp_path / "again"), Wire(setup.layout)).first is None
+    assert [entry.do for entry in read_changes(run).driven(setup.scenario).ato_requests][-1] == "reset"
+
+
+def test_a_request_is_planned_if_the_scenario_has_it() -> None:
+    """Breaks if an accepted request counts as a plan of another kind or of a later time, or as two plans."""
+    scenario, _ = load_scenario(
+        "demo", ("ato_requests=[{at: 1, do: reset}, {at: 2, do: engage}, {at: 9, do: engage}]",)
+    )
+    found = RunChanges(requests=[(3 * SECOND, "engage"), (4 * SECOND, "engage")])
+    assert [row["planned"] for row in found.rows(scenario)] == [True, False]
+    assert [(entry.at, entry.do) for entry in found.driven(scenario).ato_requests] == [
+        (1.0, "reset"), (3.0, "engage"), (4.0, "engage"), (9.0, "engage"),
+    ]  # fmt: skip
+
+
+def test_a_request_of_another_version_is_refused() -> None:
+    """Breaks if a repeated run omits a request that this version cannot read."""
+    message = Diagnostic(SECOND, "controller", 0, "engaged", {"ato_request": "fly"})
+    with pytest.raises(ValueError, match="ato_request 'fly': not written by this version"):
+        RunChanges.of([message])
+    other = Diagnostic(SECOND, "plant", 0, "running", {"ato_request": "engage"})
+    assert RunChanges.of([other]).requests == []
+
+
+@pytest.mark.campaign
+def test_live_requests_are_recorded_and_verified(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Breaks if a service call is missing in the log or ``verify`` omits it, or a refusal has no reason."""
+    pytest.importorskip("rclpy")
+    run = tmp_path / "run"
+    with beside_a_run(run, monkeypatch, f"--set={LOST}", "--set=duration=60") as (desk, summary):
+        early = desk.inject("engage")
+        assert early.returncode == 2
+        assert "engage: refused by the controller: engage: the ATO is" in early.stderr
+        desk.steps(32)  # past the loss of the reference, in the state failure
+        for action in ("reset", "engage", "disengage"):
+            done = desk.inject(action)
+            assert done.returncode == 0, done.stderr
+            assert f"controller on domain {desk.domain}: {action}" in done.stdout
+            desk.steps(8)
+    rows = summary["changes"]
+    assert [(row["name"], row["value"], row["planned"]) for row in rows] == [
+        ("ato_request", action, False) for action in ("reset", "engage", "disengage")
+    ]
+    planned = yaml.safe_load((run / "scenario.yaml").read_text())["ato_requests"]
+    assert [(entry["at"], entry["do"]) for entry in planned] == [(row["at_s"], row["value"]) for row in rows]
+    setup, _ = read_run_folder(run)
+    silent = dataclasses.replace(setup, scenario=setup.scenario.model_copy(update={"ato_requests": ()}))
+    first = compare_logs(run, record_run(silent, tmp_path / "other"), Wire(setup.layout)).first
+    assert first is not None and first.stamp == round(rows[0]["at_s"] * SECOND)

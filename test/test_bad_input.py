@@ -9,10 +9,12 @@ import subprocess
 import sys
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
 from case_costs import sampled
+from engine_runs import setup_of
 
 import train_ato as ta
 from plant_sim.library import consist_path, line_path
@@ -20,33 +22,22 @@ from train_ato.api.progress import COMPILE_NOTE, PLANNER_NOTE
 from train_ato.cli import main
 from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
 from train_ato.profile.motion import change_of_speed
-from train_ato.scenario.scenario import load_scenario
-from train_ato.scenario.setup import prepare
 
 ROOT = Path(__file__).resolve().parents[1]
 NINES = "9" * 5000
 
 
-def consist(**changes: object) -> dict[str, object]:
-    return {**yaml.safe_load(consist_path("hxd1_c80_105").read_text()), **changes}
+def data(path: Path, **changes: object) -> dict[str, Any]:
+    return {**yaml.safe_load(path.read_text()), **changes}
 
 
-def light(mass_t: float) -> dict[str, object]:
-    data = consist()
-    types = data["vehicle_types"]
-    assert isinstance(types, dict)
-    types["c80"]["mass_t"] = mass_t
-    return data
+TRAIN, TRACK = consist_path("hxd1_c80_105"), line_path("daqin_section")
 
 
-def tilted(grade_permille: float) -> dict[str, object]:
-    data = yaml.safe_load(line_path("daqin_section").read_text())
-    data["grades"] = [{"at": data.get("begin", 0.0), "grade_permille": grade_permille}]
-    return dict(data)
-
-
-def short_line() -> dict[str, object]:
-    return {**yaml.safe_load(line_path("daqin_section").read_text()), "end_km": 2.0}
+def light(mass_t: float) -> dict[str, Any]:
+    train = data(TRAIN)
+    train["vehicle_types"]["c80"]["mass_t"] = mass_t
+    return train
 
 
 def refused_commands() -> dict[str, str]:
@@ -87,10 +78,11 @@ FILES: list[tuple[str, str, dict[str, object], str]] = [
      r"train\.yaml: vehicle_types\.c80: mass 1\.8.* kg is above 1000000000 kg"),
     ("mass that is a truth value", "consist", light(True),
      r"train\.yaml: vehicle_types\.c80\.mass_t = True: .*a number"),
-    ("grade that is a truth value", "line", tilted(True), r"track\.yaml: grades\.0\.grade_permille = True: .*a number"),
-    ("empty consist", "consist", consist(train=[]), r"train\.yaml: train.*at least 1"),
-    ("unknown type", "consist", consist(train=[{"type": "c70"}]), r"train\.yaml: .*'c70'"),
-    ("profile beyond the line", "line", short_line(), r"beyond the end of line 'daqin_section' at km 2\.000"),
+    ("grade that is a truth value", "line", data(TRACK, grades=[{"at": 0.0, "grade_permille": True}]),
+     r"track\.yaml: grades\.0\.grade_permille = True: .*a number"),
+    ("empty consist", "consist", data(TRAIN, train=[]), r"train\.yaml: train.*at least 1"),
+    ("unknown type", "consist", data(TRAIN, train=[{"type": "c70"}]), r"train\.yaml: .*'c70'"),
+    ("profile beyond it", "line", data(TRACK, end_km=2.0), r"beyond the end of line 'daqin_section' at km 2\.000"),
 ]  # fmt: skip
 
 
@@ -160,13 +152,7 @@ def test_scenario_files_that_are_none(text, tmp_path, monkeypatch, capsys):
     refused(["run", "mine.yaml"], r"mine\.yaml: ", tmp_path, monkeypatch, capsys)
 
 
-def refused(
-    arguments: list[str],
-    message: str,
-    folder: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def refused(arguments: list[str], message: str, folder: Path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(folder)
     before = sorted(path.name for path in folder.rglob("*"))
     try:
@@ -323,8 +309,7 @@ def test_help_and_usage_errors_need_no_heavy_library() -> None:
         cwd=ROOT, env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True, text=True, check=False,
     )  # fmt: skip
     errors = [line for line in done.stderr.splitlines() if not line.startswith("train-ato")]
-    assert (done.returncode, errors) == (0, [])
-    assert "run a scenario and record it" in done.stdout
+    assert (done.returncode, errors) == (0, []) and "run a scenario and record it" in done.stdout
 
 
 @pytest.mark.parametrize("arguments", [["list"], ["list", "--json"], ["list", "pid"]])
@@ -354,8 +339,7 @@ def shell(words: str, folder: Path, **variables: str) -> subprocess.CompletedPro
 def test_closed_streams_do_not_end_a_run(closed: str, tmp_path: Path) -> None:
     """Breaks on a traceback after the run, a run that is refused in silence, or prints in a file of the run."""
     done = shell(f"train-ato run demo --engine --set duration=2 --out run {closed}", tmp_path)
-    assert done.returncode == 0
-    assert "Traceback" not in done.stderr
+    assert done.returncode == 0 and "Traceback" not in done.stderr
     assert main(["verify", str(tmp_path / "run")]) == 0
     assert shell(f"train-ato run demmo {closed}", tmp_path).returncode == 2
 
@@ -371,8 +355,8 @@ def test_characters_outside_an_encoding_are_escapes(tmp_path: Path) -> None:
     assert json.loads(shell("train-ato list --json", tmp_path, PYTHONIOENCODING="ascii").stdout)
 
 
-def test_a_full_disk_is_a_failure_and_no_bad_input(monkeypatch, capsys):
-    """Breaks if the exit status of a failed write is that of a wrong argument, or the file has no name."""
+def test_a_full_disk_and_sys_exit_in_a_component_are_failures(monkeypatch, capsys):
+    """Breaks if a failed write has the status of a wrong argument, or ``sys.exit(0)`` of a user that of success."""
 
     def execute(options: object) -> int:
         raise OSError(28, "No space left on device", "out/run.mcap")
@@ -380,13 +364,8 @@ def test_a_full_disk_is_a_failure_and_no_bad_input(monkeypatch, capsys):
     monkeypatch.setattr("train_ato.cli.list.execute", execute)
     assert main(["list"]) == 1
     assert capsys.readouterr().err == "train-ato: out/run.mcap: No space left on device\n"
-
-
-def test_sys_exit_in_a_component_is_a_failure(monkeypatch, capsys):
-    """Breaks if ``sys.exit(0)`` in the code of a user ends a command with status 0."""
     monkeypatch.setattr("train_ato.cli.list.execute", lambda options: sys.exit(0))
-    assert main(["list"]) == 1
-    assert "called sys.exit(0)" in capsys.readouterr().err
+    assert main(["list"]) == 1 and "called sys.exit(0)" in capsys.readouterr().err
 
 
 UNMEASURED = "plant.sensors.couplers=[]"
@@ -414,7 +393,7 @@ SPECIAL = (
 def refusal(name: str, *assignments: str) -> str:
     """Return the message of a refused scenario, "" for an accepted one."""
     try:
-        prepare(*load_scenario(name.partition(" ")[0], (*PLACES.get(name, ()), *assignments)))
+        setup_of(name.partition(" ")[0], *PLACES.get(name, ()), *assignments)
     except ValueError as error:
         return str(error)
     return ""

@@ -17,8 +17,6 @@ import figures  # noqa: E402
 def loaded(path: Path, name: str) -> ModuleType:
     """Return the module of a script."""
     spec = importlib.util.spec_from_file_location(name, path)
-    assert spec is not None
-    assert spec.loader is not None
     module = sys.modules[name] = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
@@ -50,8 +48,7 @@ def test_figures_of_a_script_are_collected(tmp_path: Path, monkeypatch: pytest.M
     figures.publish(figures.Figure("lost", 1.0, bound=0.0), figures.Figure("plain", 2.0, "us"))
     a, lost, plain = map(json.loads, file.read_text().splitlines())
     assert (a["ratio"], a["verdict"], a["beside"]) == (2.0, "met", "floor")
-    assert (lost["verdict"], lost["ratio"]) == ("missed widely", None)
-    assert plain["verdict"] == ""
+    assert (lost["verdict"], lost["ratio"]) == ("missed widely", None) and plain["verdict"] == ""
 
 
 @pytest.mark.parametrize("name", command.BENCHMARKS)
@@ -92,5 +89,4 @@ def test_a_missed_goal_has_exit_status_0_and_a_failed_script_1(tmp_path, monkeyp
     out, err = capfd.readouterr()
     found = json.loads(out)
     assert (found["failed"], [figure["what"] for figure in found["figures"]]) == (["broken"], ["time"])
-    assert "RuntimeError: no" in err
-    assert command.main(["--only", "none"]) == 2
+    assert "RuntimeError: no" in err and command.main(["--only", "none"]) == 2

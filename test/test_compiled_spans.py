@@ -19,8 +19,9 @@ from train_ato.loop.engine import COMPILED_FROM, TickLoop, run_engine
 from train_ato.loop.train_protection import TrainProtection, command_age
 from train_ato.messages.links import DelayJump
 
-FILE = Path(__file__).with_name("data") / "span_cases.yaml"
-CASES, COMPONENTS, SUPERVISED = yaml.safe_load(FILE.read_text(encoding="utf-8")).values()
+CASES, COMPONENTS, SUPERVISED = yaml.safe_load(
+    (Path(__file__).parent / "data" / "span_cases.yaml").read_text()
+).values()
 """Scenario and changes of runs by name, for laws, for components and for runs with a supervisor."""
 
 
@@ -57,7 +58,6 @@ def test_noise_ahead_is_the_noise_of_the_ticks() -> None:
     plain, ahead = (SensorSet(sensors, (0, 1), np.zeros(2), 0.05, 7) for _ in range(2))
     state = VehicleStates(0, np.array([10.0, 0.0]), np.array([1.0, 1.0]), np.zeros(2))
     for count in (1, 200, 40, 300, 5):
-        assert ahead._position_noise is not None and ahead._velocity_noise is not None
         expected = np.array(ahead._position_noise.ahead(count))
         measured = [plain.measure(state, np.zeros(2)).position - state.position for _ in range(count)]
         assert np.abs(np.array(measured) - expected).max() < 1e-14
@@ -74,7 +74,6 @@ def test_policies_of_the_cases_change_the_pressure() -> None:
     """Breaks if an application or a release is not reached, so that the comparison above has no decision in it."""
     for case in ("policy trip", "policy trigger", "policy blend", "policy predictive"):
         recording = run_engine(setup_of(*COMPONENTS[case]), compiled=True).recording
-        assert recording is not None
         pressure = recording.topics[BRAKE_PIPE_COMMAND]["pressure"].ravel()
         assert np.count_nonzero(np.diff(pressure)) >= 2, case
 
@@ -90,12 +89,8 @@ def test_laws_without_a_compiled_step_are_called_in_python(name: str, changes: d
     """Breaks if a parameter that the compiled step lacks is accepted: the run would have the numbers of another one."""
     loop = TickLoop(setup_of(name, changes), None)
     loop.start()
-    assert loop.controller.stack is not None
-    assert not is_in_loop(loop.controller.stack.law)
+    assert loop.controller.stack is not None and not is_in_loop(loop.controller.stack.law)
     Both(setup_of(name, changes)).assert_equal()
-
-
-FULL = ("daqin_heavy_haul", "daqin_heavy_haul:twin", "daqin_heavy_haul:disturbed+mismatch")
 
 
 MOSTLY = ("heavy haul", "balises", "gust", "varying delay", "commands late and lost at random")
@@ -111,7 +106,7 @@ def test_supervised_ticks_give_messages_and_recording_of_python(case: str) -> No
 
 
 @pytest.mark.campaign
-@pytest.mark.parametrize("name", FULL)
+@pytest.mark.parametrize("name", ["daqin_heavy_haul", "daqin_heavy_haul:twin", "daqin_heavy_haul:disturbed+mismatch"])
 def test_a_whole_supervised_run_is_equal(name: str) -> None:
     """Breaks if a state drifts over a long run: brake applications, indication and stop at the end of authority."""
     Both(setup_of(name, {})).assert_equal()
@@ -124,7 +119,6 @@ def test_a_train_above_its_limit_is_left_to_the_supervisor() -> None:
     loop.start()
     while loop.plant.stamp < 100_000_000_000:
         loop.advance()
-    assert loop._spans is not None and loop.supervisor is not None
     before, ceilings = loop._spans.ticks, loop.supervisor.supervisor.track.records.ceilings
     assert loop._spans.supervised.is_quiet
     for name in ("permitted", "warning", "service"):

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from engine_runs import setup_of
 
 from train_ato.cli import main
 from train_ato.log.difference import compare_logs
@@ -30,8 +31,6 @@ from train_ato.ros.graph.graph_result import GraphOptions
 from train_ato.ros.graph.runner import run_graph
 from train_ato.ros.nodes.controller import ControllerNode
 from train_ato.ros.nodes.endpoints import NodeEndpoints
-from train_ato.scenario.scenario import load_scenario
-from train_ato.scenario.setup import prepare
 
 pytestmark = pytest.mark.usefixtures("without_figure")
 
@@ -41,20 +40,17 @@ ROOT = Path(__file__).resolve().parents[1]
 
 @pytest.fixture(scope="module")
 def setup():
-    return prepare(*load_scenario("demo", ("duration=12",)))
+    return setup_of("demo", "duration=12")
 
 
 def test_a_composed_run_records_every_message(setup, tmp_path):
     out = tmp_path / "run"
     out.mkdir()
-    seen = []
-    outcome = run_graph(setup, out, mode="composed", progress=seen.append)
-    assert outcome.failure is None
-    assert not outcome.interrupted
+    outcome = run_graph(setup, out, mode="composed", progress=lambda _: None)
+    assert outcome.failure is None and not outcome.interrupted
     recorded = {name.lstrip("/"): count for name, count in message_counts(out).items()}
     published = {name.lstrip("/"): n for name, n in outcome.published.items() if n and BY_NAME[name].recorded}
-    assert recorded == published
-    assert recorded["train/vehicles"] == setup.ticks + 1
+    assert recorded == published and recorded["train/vehicles"] == setup.ticks + 1
     assert recorded["ato/command"] == setup.ticks
     assert outcome.published["recorder/progress"] == (setup.ticks + 1) // 100
     assert sorted(path.name for path in out.iterdir()) == ["metadata.yaml", "run.mcap"]
@@ -81,8 +77,7 @@ def test_a_node_that_fails_is_named_and_the_log_is_closed(role, target, name, se
     monkeypatch.setattr(target, name, fails)
     outcome = run_graph(setup, tmp_path, mode="composed")
     assert outcome.failure == f"node {role} failed: ZeroDivisionError: rail broken"
-    assert outcome.summary["ticks"] == 29
-    assert message_counts(tmp_path)["/train/measurement"] == 30
+    assert outcome.summary["ticks"] == 29 and message_counts(tmp_path)["/train/measurement"] == 30
     assert "rail broken" in (tmp_path / "log" / f"{role}.traceback.txt").read_text()
 
 
@@ -139,13 +134,12 @@ def test_a_full_disk_fails_the_recorder_by_name(setup, tmp_path, monkeypatch):
     monkeypatch.setattr(McapWriter, "write_chunk", full)
     outcome = run_graph(setup, tmp_path, mode="composed")
     assert outcome.failure.startswith("node recorder failed: ")
-    assert "No space left on device" in outcome.failure
-    assert not (tmp_path / "run.mcap").exists()
+    assert "No space left on device" in outcome.failure and not (tmp_path / "run.mcap").exists()
 
 
 def test_a_planned_swap_is_shown_by_the_parameter_and_has_no_jump(setup, tmp_path, domain):
     """The first output after a swap equals the last command before it, up to the usual change of a tick."""
-    swapping = prepare(*load_scenario("demo", ("duration=40", "law_changes=[{at: 30, law: smc}]")))
+    swapping = setup_of("demo", "duration=40", "law_changes=[{at: 30, law: smc}]")
     shown = []
     original = ControllerNode._sync_parameters
     with pytest.MonkeyPatch.context() as patch:
@@ -193,8 +187,7 @@ def test_the_memory_of_a_killed_run_is_removed_by_the_next_one(setup, tmp_path):
         left = {path for path in files[0] - files[1] if path.exists()}
         # runs of other tests use some ports again: these files are in use
         assert not left.difference(*(_mapped_by(folder.name) for folder in Path("/proc").glob("[0-9]*")))
-        assert runs[1].poll() is None
-        assert all(path.exists() for path in files[1])
+        assert runs[1].poll() is None and all(path.exists() for path in files[1])
     finally:
         for process in runs:
             process.terminate()
@@ -235,15 +228,12 @@ def test_every_message_is_equal_in_all_ways(way: list[str], engine_run: Path, tm
     assert (run / "scenario.yaml").read_text() == (engine_run / "scenario.yaml").read_text()
 
 
-def test_another_seed_is_seen(engine_run: Path, tmp_path: Path) -> None:
-    """Breaks if the comparison above cannot fail."""
+def test_another_seed_is_seen_and_the_resolved_scenario_is_enough(engine_run: Path, tmp_path: Path, capsys) -> None:
+    """Breaks if the comparison above cannot fail, or a file named by the scenario is not in the run folder."""
     run = drive(tmp_path, "run", "--engine", *ROUGH, "--seed=2")
     setup, _ = read_run_folder(run)
     found = compare_logs(engine_run, run, Wire(setup.layout))
     assert {"ato/command", "train/vehicles", "train/measurement"} <= set(found.topics)
-
-
-def test_resolved_scenario_alone_reproduces_the_run(engine_run, tmp_path, capsys):
-    """Breaks if a file named by the scenario is not copied into the run folder."""
+    capsys.readouterr()
     assert main(["verify", str(engine_run), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["equal"] is True

@@ -33,20 +33,6 @@ except ValueError as error:
 """
 
 
-def test_runs_with_another_tmpdir_find_the_lock(tmp_path: Path) -> None:
-    """Breaks if the place of the lock depends on the environment: a second run ends the first one."""
-    with claim_domain() as domain:
-        environment = {
-            **os.environ, "TMPDIR": str(tmp_path), "PYTHONPATH": str(Path(train_ato.__file__).resolve().parents[1])
-        }  # fmt: skip
-        done = subprocess.run(
-            [sys.executable, "-c", CLAIM, str(domain)], env=environment, capture_output=True, text=True, check=False
-        )
-        assert f"--domain {domain}: another run holds it" in done.stderr
-        assert domain in held_domains()
-    assert domain not in held_domains()
-
-
 def test_a_private_run_keeps_out_of_the_domains_of_namespaces(monkeypatch: pytest.MonkeyPatch) -> None:
     """Breaks if a run without a domain meets the nodes of trains that share one."""
     with claim_domain(namespace="/a") as domain:
@@ -134,12 +120,22 @@ def alive(processes: list[int]) -> bool:
 
 
 def test_the_lock_has_the_scope_of_the_network(tmp_path: Path) -> None:
-    """Breaks if containers of one network, with a folder /tmp each, take one domain."""
+    """Breaks if containers of one network take one domain, or the place of the lock depends on the environment."""
     with claim_domain() as domain:
         with pytest.raises(ValueError, match=f"--domain {domain}: another run holds it"), claim_domain(domain):
             pass
         names = Path("/proc/net/unix").read_text(encoding="ascii", errors="replace")
         assert f"@{DomainLock(domain).name}\n" in names
+    assert domain not in held_domains()
+    with claim_domain() as domain:
+        environment = {
+            **os.environ, "TMPDIR": str(tmp_path), "PYTHONPATH": str(Path(train_ato.__file__).resolve().parents[1])
+        }  # fmt: skip
+        done = subprocess.run(
+            [sys.executable, "-c", CLAIM, str(domain)], env=environment, capture_output=True, text=True, check=False
+        )
+        assert f"--domain {domain}: another run holds it" in done.stderr
+        assert domain in held_domains()
     assert domain not in held_domains()
 
 

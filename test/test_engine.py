@@ -1,7 +1,4 @@
-"""Engine: failures, signals and rate; runs that keep their summary only.
-
-Plan of a law: in the log once a second in every mode of a run, with the same texts, and on the live page.
-"""
+"""Engine: failures, signals, rate and runs with their summary only; plan of a law in log and page."""
 
 import dataclasses
 import json
@@ -74,8 +71,7 @@ def test_a_law_that_raises_fails_the_run_by_name(tmp_path, monkeypatch, capsys):
 def test_a_broken_package_of_somebody_else_harms_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
     """Breaks if one law that cannot be loaded makes the list, or a run with another law, impossible."""
     monkeypatch.setitem(LAWS._targets, "gone", "no_such_package:Law")
-    assert "gone" in LAWS.names()
-    assert "gone" not in LAWS.loadable()
+    assert "gone" in LAWS.names() and "gone" not in LAWS.loadable()
     assert main(["list", "--json"]) == 0
 
 
@@ -88,12 +84,10 @@ def test_signals_end_a_run_with_a_readable_log(number: signal.Signals, tmp_path:
     wait_for(lambda: (out / "run.mcap.partial").exists() or child.poll() is not None)
     child.send_signal(number)
     _, errors = child.communicate(timeout=LIMIT_S)
-    assert child.returncode == 1
-    assert "; recorded data:" in errors.strip().splitlines()[-1]
+    assert child.returncode == 1 and "; recorded data:" in errors.strip().splitlines()[-1]
     counts = message_counts(out)
     assert counts.get("/ato/command", 0) == counts.get("/train/measurement", 0)
-    assert not (out / "run.mcap.partial").exists()
-    assert main(["info", str(out), "--json"]) == 0
+    assert not (out / "run.mcap.partial").exists() and main(["info", str(out), "--json"]) == 0
 
 
 def test_the_rate_limits_the_engine(tmp_path: Path) -> None:
@@ -170,7 +164,7 @@ def test_compiled_ticks_leave_out_what_no_summary_needs() -> None:
     loop.start()
     while not loop.plant.finished:
         loop.advance()
-    assert loop._spans is not None and loop._spans.ticks > 0.5 * loop.ticks
+    assert loop._spans.ticks > 0.5 * loop.ticks
     assert {topic: set(samples.values) for topic, samples in loop.recording.finish().topics.items()} == {
         "train/vehicles": {
             "front_position", "front_velocity", "rear_position", "unit_position", "unit_velocity", "coupler_draft_max",
@@ -218,14 +212,19 @@ PLAN = LawPlan(
 )  # fmt: skip
 
 
-def test_a_plan_is_read_as_it_was_written() -> None:
-    """Breaks if a key, a digit of a number or the time of the measurement is lost."""
+def test_a_plan_is_read_as_it_was_written_and_shown_while_it_lasts() -> None:
+    """Breaks if a key, digit or time of a plan is lost, an old one stays on the page, or all laws have one."""
     found = plan_from_text(plan_to_text(TimedPlan(100.0, PLAN)))
-    assert found is not None
     for entry in dataclasses.fields(LawPlan):
         value = getattr(PLAN, entry.name)
         assert np.all(getattr(found.plan, entry.name) == (value + 100.0 if entry.name == "times" else value))
     assert plan_to_text(TimedPlan(0.0, PLAN), held=True)[STATUS] == "held"
+    last = float(PLAN.times[0]) + PLAN_LASTS
+    assert plan_words(PLAN, last - 0.1) == "plan iterations, 1.8 km/h above the limit"
+    assert plan_words(PLAN, last + 0.1) == plan_words(None, 0.0) == ""
+    recording = run_engine(setup_of("demo", {**FREE, "duration": 5})).recording
+    assert not [key for key in recording.diagnostics["controller"].values if key.startswith("plan.")]
+    assert math.isfinite(recording.diagnostics["controller"].time[-1])
 
 
 @pytest.mark.parametrize(
@@ -241,12 +240,10 @@ def test_an_invalid_plan_is_not_read(spoilt) -> None:
 ], ids=["every step", "every second step", "slow control"])  # fmt: skip
 def test_a_plan_in_compiled_ticks_is_that_of_python(changes) -> None:
     """Breaks if a report of a compiled span has the plan of another tick, or none."""
-    case = "demo", {**FREE, "duration": 30, "law": f"{HERE}:Planner", **changes}
-    both = Both(setup_of(*case))
+    both = Both(setup_of("demo", {**FREE, "duration": 30, "law": f"{HERE}:Planner", **changes}))
     both.assert_equal(least=0.0 if "control_period" in changes else 0.4)
     status = both.recording.diagnostics["controller"].texts(STATUS)
-    assert status[0] is None
-    assert len({text for text in status if text is not None}) > 20
+    assert status[0] is None and len({text for text in status if text is not None}) > 20
 
 
 def _plans(run):
@@ -265,36 +262,18 @@ def test_engine_and_graph_record_the_same_plan(tmp_path) -> None:
     (graph := tmp_path / "graph").mkdir()
     assert run_graph(setup, graph, mode="composed").failure is None
     plans = _plans(run)
-    assert set(plans[STATUS]) == {"solved"}
-    assert plans == _plans(graph)
+    assert set(plans[STATUS]) == {"solved"} and plans == _plans(graph)
     recording = open_recording(run)
     reference = recording.topics["ato/reference"]
     row = next(k for k, time in enumerate(recording.diagnostics["controller"].time) if time == 3.0)
     found = plan_from_text({key: texts[row] for key, texts in plans.items()})
-    assert found is not None
     assert found.plan.times[0] == pytest.approx(4.2)
     near = found.plan.times < 5.9
     expected = np.interp(found.plan.times[near], reference.time, reference["velocity"][:, 0])
     assert np.abs(found.plan.speed[near] - expected).max() < 0.05
     feed = RecordedFeed(run)
     feed.seek(3.05)
-    assert feed.frame is not None
-    assert feed.frame.now["law"] == ["mpc, plan solved"]
+    assert feed.frame is not None and feed.frame.now["law"] == ["mpc, plan solved"]
     shown = plan_columns(feed.frame.moment.plan, 3.05, feed.facts)
     assert shown["place"] == pytest.approx((found.plan.position + feed.facts.nose) / 1e3)
     assert shown["speed"] == pytest.approx(KMH * found.plan.speed)
-
-
-def test_an_old_plan_is_not_shown() -> None:
-    """Breaks if the plan of a law that does not drive any more stays on the page."""
-    last = float(PLAN.times[0]) + PLAN_LASTS
-    assert plan_words(PLAN, last - 0.1) == "plan iterations, 1.8 km/h above the limit"
-    assert plan_words(PLAN, last + 0.1) == plan_words(None, 0.0) == ""
-
-
-def test_a_law_without_a_plan_has_none_in_its_log() -> None:
-    """Breaks if the logs of all laws change."""
-    recording = run_engine(setup_of("demo", {**FREE, "duration": 5})).recording
-    assert recording is not None
-    assert not [key for key in recording.diagnostics["controller"].values if key.startswith("plan.")]
-    assert math.isfinite(recording.diagnostics["controller"].time[-1])

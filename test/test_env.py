@@ -76,7 +76,8 @@ def test_a_state_continues_bit_for_bit(case):
         state = env.save()
         ahead = [next(forces) for _ in range(20)]
         first = [_outcome(env.step(force)) for force in ahead]
-        assert _flat(env.restore(state)[0]) == _flat(env.restore(pickle.loads(pickle.dumps(state)))[0])
+        first_seen, again = (env.restore(given)[0] for given in (state, pickle.loads(pickle.dumps(state))))
+        assert first_seen.tobytes() == again.tobytes()
         assert [_outcome(env.step(force)) for force in ahead] == first
         other = ta.Env(name, set=changes, flat=True)
         other.restore(state)
@@ -106,11 +107,7 @@ def test_a_state_of_a_random_place_continues_bit_for_bit(places):
 
 def _outcome(step: Any) -> tuple[Any, ...]:
     observation, reward, ended, _, info = step
-    return _flat(observation), reward, ended, info["command"].tobytes(), info["brake"]
-
-
-def _flat(observation: Any) -> bytes:
-    return observation.tobytes()
+    return observation.tobytes(), reward, ended, info["command"].tobytes(), info["brake"]
 
 
 OTHER = """
@@ -308,8 +305,7 @@ def test_a_wrong_force_is_refused_before_the_step(force, text):
     env.reset()
     with pytest.raises(ValueError, match=text) as refused:
         env.step(force)
-    assert "\n" not in str(refused.value)
-    assert env.step(0.0)[4]["time"] == pytest.approx(0.05)
+    assert "\n" not in str(refused.value) and env.step(0.0)[4]["time"] == pytest.approx(0.05)
 
 
 def test_wrong_uses_are_refused_in_one_line():

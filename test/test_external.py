@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from engine_runs import setup_of
 
 pytest.importorskip("rclpy")
 
@@ -27,8 +28,6 @@ from train_ato.control.contract import LawInput
 from train_ato.control.guard import GuardedLaw
 from train_ato.log.reading import iter_raw
 from train_ato.ros.graph.runner import run_graph
-from train_ato.scenario.scenario import load_scenario
-from train_ato.scenario.setup import prepare
 
 pytestmark = pytest.mark.usefixtures("without_figure")
 
@@ -79,13 +78,8 @@ def test_the_example_answers_only_with_both_readers() -> None:
     assert counts == [] and [list(command.effort) for command in sent] == [pytest.approx([60e3])]
 
 
-def test_a_controller_of_ones_own_drives_as_the_same_law_inside(
-    free_domain: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Breaks if a program must send more than commands, its commands act at another tick, or its domain is not said.
-
-    The program goes on after a run. Its messages of that run are no part of the next one.
-    """
+def test_a_controller_of_ones_own_drives_as_the_same_law_inside(free_domain: int, tmp_path: Path, capsys) -> None:
+    """Breaks if a program must send more than commands, or they act at another tick or in the next run."""
     # in motion from the begin: at standstill the controller of the project uses no law
     changes = {
         "duration": 15, "supervision.enabled": False, "plant.start": {"speed_kmh": 50}, "profile.phases": None,
@@ -144,7 +138,7 @@ def test_commands_without_a_stamp_are_taken_without_lockstep(free_domain: int, t
     program.write_text(Path(EXAMPLE).read_text().replace("header=header, ", ""))
     folder = tmp_path / "run"
     folder.mkdir()
-    setup = prepare(*load_scenario("demo", ("duration=2",)))
+    setup = setup_of("demo", "duration=2")
     # a tick of 0.5 s of wall time: a busy machine answers in it
     options: dict[str, Any] = {"rate": 0.2, "timeout": LIMIT_S, "domain": free_domain, "external": "controller"}
     with program_on(free_domain, str(program)):
@@ -169,7 +163,7 @@ def test_a_controller_of_ones_own_that_dies_stops_the_train(mode: Any, free_doma
         pytest.raises(ta.RunFailed, match="node controller failed: it left the run at ") as caught,
     ):
         ta.run("demo", mode=mode, external="controller", domain=free_domain, set={"duration": 60})
-    assert caught.value.run is not None and caught.value.run.metrics["strongest_reaction"] != "none"
+    assert caught.value.run.metrics["strongest_reaction"] != "none"
 
 
 LATE = """
@@ -231,7 +225,7 @@ def test_an_observer_that_raises_stops_the_train_of_an_external_controller(
     said = re.escape(f"node observer failed: observer Raises: ValueError: no measurement, {__file__}:")
     with program_on(free_domain, EXAMPLE), pytest.raises(ta.RunFailed, match=said) as caught:
         ta.run("demo", observer=Raises, mode=mode, external="controller", domain=free_domain)
-    assert caught.value.run is not None and caught.value.run.metrics["strongest_reaction"] == "service brake"
+    assert caught.value.run.metrics["strongest_reaction"] == "service brake"
     assert caught.value.run["train/measurement"].to_numpy()[-1, 1] == pytest.approx(0.0, abs=0.1)
 
 
@@ -281,10 +275,7 @@ SUPERVISED = """
 @pytest.mark.graph
 @pytest.mark.parametrize("every", [8, 4, 16])
 def test_a_plant_of_ones_own_is_supervised(every: int, free_domain: int, tmp_path: Path) -> None:
-    """Breaks if the supervisor needs more than odometry and brakes, or a plant with another period stops without word.
-
-    The period of the scenario is 8 ticks.
-    """
+    """Breaks if the supervisor needs more than odometry and brakes, or another period stops without a word."""
     text, program = Path(PLANT).read_text(), tmp_path / "supervised.py"
     begin, before = 'super().__init__("my_plant")\n', '        state = {"position"'
     assert begin in text and before in text
@@ -318,7 +309,7 @@ def test_a_plant_of_ones_own_that_dies_fails_the_run(mode: Any, free_domain: int
         pytest.raises(ta.RunFailed, match=r"node plant failed: it left the run at 1\.450 s") as caught,
     ):
         ta.run("xuzhou_metro:ideal", mode=mode, external="plant", domain=free_domain)
-    assert caught.value.run is not None and caught.value.run.metrics["ticks"] == 29
+    assert caught.value.run.metrics["ticks"] == 29
 
 
 @pytest.mark.graph
@@ -330,7 +321,7 @@ def test_a_node_that_dies_beside_a_plant_of_ones_own_fails_the_run(free_domain: 
         pytest.raises(ta.RunFailed, match="node observer failed: its process was ended by SIGKILL") as caught,
     ):
         ta.run("xuzhou_metro:ideal", set=changes, mode="processes", external="plant", domain=free_domain)
-    assert caught.value.run is not None and 19 <= caught.value.run.metrics["ticks"] <= 20
+    assert 19 <= caught.value.run.metrics["ticks"] <= 20
 
 
 @pytest.mark.parametrize(
@@ -344,9 +335,7 @@ def test_a_node_that_dies_beside_a_plant_of_ones_own_fails_the_run(free_domain: 
         (["--external=supervisor", "--set=supervision.enabled=false"], "the run has none; set supervision.enabled"),
     ],
 )  # fmt: skip
-def test_an_external_node_that_cannot_be_is_refused(
-    options: list[str], text: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_external_node_that_cannot_be_is_refused(options: list[str], text: str, capsys) -> None:
     """Breaks if a run begins that waits for ever."""
     assert main(["run", "demo", *options]) == 2
     said = capsys.readouterr()

@@ -16,6 +16,7 @@ from waiting import LIMIT_S, wait_for
 import train_ato as ta
 from train_ato.api.scenario_choice import choose_scenario
 from train_ato.cli import main
+from train_ato.loop.engine import run_engine
 from train_ato.scenario.dimensions import read_dimensions
 from train_ato.studies.falsify import study
 from train_ato.studies.falsify.search import FalsificationSearch, GaussianProcess, SearchSpace, search_space
@@ -55,17 +56,13 @@ def searched(space: SearchSpace, function: Callable[..., float], runs: int, seed
 
 
 def test_the_smallest_departure_of_a_half_space_is_found() -> None:
-    """Breaks if the search ends with a break that is far from the nearest one: x + y > 1.5 is 0.354 from (0.5, 0.5)."""
+    """Breaks if the break is far from the nearest one (x + y > 1.5: 0.354), or names a key that does not matter."""
     nearest = 0.5 / math.sqrt(2.0)
     found = [
         searched(unit_space(0.5, 0.5), lambda x, y: 1.5 - x - y, 60, seed).smallest.departure for seed in range(10)
     ]
     assert min(found) >= nearest
     assert np.median(found) <= 1.05 * nearest, found
-
-
-def test_a_key_without_effect_returns_to_its_nominal_value() -> None:
-    """Breaks if the smallest departure names a key that does not matter."""
     for seed in range(5):
         search = searched(unit_space(0.5, 0.2, 0.8), lambda x, y, z: 0.8 - x, 60, seed)
         assert search.smallest.point[1:].tolist() == [0.2, 0.8]
@@ -87,26 +84,16 @@ def test_a_rare_break_needs_a_third_of_the_runs_of_random_search() -> None:
     assert np.median(needed) <= math.log(0.5) / math.log(0.99) / 3, needed
 
 
-def test_no_run_beyond_the_budget_and_none_twice() -> None:
-    """Breaks if a batch overruns the number of runs, or a point is run again."""
+def test_a_search_keeps_its_budget_and_ends_at_a_broken_nominal_scenario() -> None:
+    """Breaks if a batch overruns the budget, a point or a broken nominal is run again, or a failed run is a break."""
     for batch in (1, 4):
         search = searched(unit_space(0.5, 0.5), lambda x, y: 1.0, 19, batch=batch)
         points = {tuple(row.point) for row in search.rows}
-        assert len(points) == len(search.rows) == 19
-        assert search.smallest is None
-
-
-def test_a_broken_nominal_scenario_ends_the_search() -> None:
-    """Breaks if runs are spent on a requirement that the scenario itself breaks."""
+        assert len(points) == len(search.rows) == 19 and search.smallest is None
     search = searched(unit_space(0.5), lambda x: -1.0, 50)
     assert (len(search.rows), search.smallest.departure) == (1, 0.0)
-
-
-def test_runs_without_robustness_do_not_end_the_search() -> None:
-    """Breaks if a refused or failed run is taken for a break, or stops the Gaussian process."""
     search = searched(unit_space(0.5, 0.5), lambda x, y: math.nan if x < 0.4 else 0.3 - y, 40)
-    assert search.smallest is not None
-    assert search.smallest.point[1] > 0.3
+    assert search.smallest is not None and search.smallest.point[1] > 0.3
     assert searched(unit_space(0.5), lambda x: math.nan, 12).smallest is None
 
 
@@ -121,8 +108,7 @@ def test_the_gaussian_process_interpolates_and_is_uncertain_elsewhere() -> None:
     found, spread = process.predict(other)
     assert (np.abs(found - np.sin(3 * other[:, 0]) - other[:, 1]) <= 4 * spread + 1e-3).all()
     far, alone = GaussianProcess(points[:2], values[:2]).predict(np.array([[5.0, 5.0]]))
-    assert alone[0] > 100 * deviation.max()
-    assert far[0] == pytest.approx(values[:2].mean(), rel=0.1)
+    assert alone[0] > 100 * deviation.max() and far[0] == pytest.approx(values[:2].mean(), rel=0.1)
 
 
 def test_lists_integers_suffixes_and_entries_of_lists() -> None:
@@ -152,8 +138,6 @@ def test_lists_integers_suffixes_and_entries_of_lists() -> None:
 @pytest.mark.parametrize("requirement", ["overspeed", "speed_error", "coupler_buff", "jerk"])
 def test_a_criterion_has_its_limit_minus_the_metric(requirement: str) -> None:
     """Breaks if a criterion is compared in another unit or sign."""
-    from train_ato.loop.engine import run_engine
-
     choice = choose_scenario("demo").with_({"duration": 10, "criteria.jerk": 0.3})
     setup = choice.prepare()
     result = run_engine(setup)
@@ -162,9 +146,7 @@ def test_a_criterion_has_its_limit_minus_the_metric(requirement: str) -> None:
     assert target.robustness(setup, result) == row["limit"] - abs(row["value"])
 
 
-def test_the_written_scenario_reproduces_the_break(
-    cheap: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_written_scenario_reproduces_the_break(cheap: str, tmp_path: Path, capsys) -> None:
     """Breaks if the counterexample is not complete, lacks the requirement, or has other numbers than the search."""
     spec = tmp_path / "spec.yaml"
     spec.write_text(json.dumps({"over": {**MASS, **DELAY}}))
@@ -172,16 +154,14 @@ def test_the_written_scenario_reproduces_the_break(
     arguments = [cheap, "--requirement", SLOW, "--over", str(spec), "--out", str(out)]
     assert main(["falsify", *arguments, "--runs", "25", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
-    assert found["found"]
-    assert found["robustness"] < 0
+    assert found["found"] and found["robustness"] < 0
     rows = (out / "runs.csv").read_text().splitlines()
     assert len(rows) == found["runs"] + 1
     assert rows[0] == "run,phase,plant.mismatch.mass_scale,links.command.delay,departure,robustness,problem"
     summary = ta.run(out / "counterexample.yaml").metrics
     (row,) = [row for row in summary["criteria"] if row.get("formula") == SLOW]
     assert (row["value"], summary["verdict"]) == (found["robustness"], "failed")
-    text = (out / "counterexample.yaml").read_text()
-    assert text.startswith(f"# breaks falsified: {SLOW}\n")
+    assert (out / "counterexample.yaml").read_text().startswith(f"# breaks falsified: {SLOW}\n")
     assert main(["falsify", *arguments[:-1], str(tmp_path / "strict"), "--runs", "8", "--first", "--strict"]) == 1
     assert "broken: falsified: smallest departure" in capsys.readouterr().err
 
@@ -209,15 +189,8 @@ def test_the_runs_of_workers_are_those_of_one_process(cheap: str) -> None:
     assert not found.found
     choice = found.scenario
     for row in found.rows:
-        alone = found.target.robustness(*_run(choice.with_(found.space.values(row.point))))
-        assert row.run.robustness == alone
-
-
-def _run(choice):
-    from train_ato.loop.engine import run_engine
-
-    setup = choice.prepare()
-    return setup, run_engine(setup)
+        setup = choice.with_(found.space.values(row.point)).prepare()
+        assert row.run.robustness == found.target.robustness(setup, run_engine(setup))
 
 
 @pytest.mark.parametrize(
@@ -241,8 +214,7 @@ def test_bad_input_is_refused_in_one_line(requirement: str, over: dict, message:
     """Breaks if a search starts with a wrong key, range or requirement."""
     with pytest.raises(ValueError, match=r"\w") as error:
         ta.falsify("demo", requirement, over, set={"duration": 2}, runs=3)
-    assert message in str(error.value)
-    assert "\n" not in str(error.value)
+    assert message in str(error.value) and "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize("jobs", ["1", "2"])
@@ -270,14 +242,12 @@ def test_ctrl_c_keeps_the_results_and_leaves_no_process(jobs: str, cheap: str, t
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
         env={**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[1])},
     )  # fmt: skip
-    assert process.stdout is not None
-    assert process.stdout.readline() == "run\n"
+    assert process.stdout is not None and process.stdout.readline() == "run\n"
     assert process.stdout.readline() == "run\n"
     os.killpg(process.pid, signal.SIGINT)
     _, printed = process.communicate(timeout=LIMIT_S)
     assert process.returncode == 1, printed
-    assert "interrupted; results so far" in printed
-    assert "Traceback" not in printed
+    assert "interrupted; results so far" in printed and "Traceback" not in printed
     assert len((out / "runs.csv").read_text().splitlines()) >= 3
     assert json.loads((out / "falsify.json").read_text())["interrupted"] is True
     wait_for(lambda: not _group_is_alive(process.pid), "the end of the workers")

@@ -13,6 +13,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from engine_runs import record_run, setup_of
 
 pytest.importorskip("rclpy")
 
@@ -40,8 +41,6 @@ from train_ato.ros.graph.environment import applied, claim_domain, variables
 from train_ato.ros.graph.graph_result import GraphOptions, GraphResult
 from train_ato.ros.graph.recorded import recorded_result
 from train_ato.ros.standalone import discovery
-from train_ato.scenario.scenario import load_scenario
-from train_ato.scenario.setup import prepare
 
 ROOT = Path(__file__).resolve().parents[1]
 WAYS = pytest.mark.parametrize(
@@ -147,7 +146,7 @@ def test_messages_of_other_programs_do_not_disturb_the_run(way, start):
     assert code == 1
     assert re.fullmatch(rf"train-ato: interrupted: .+; recorded data: {run.out}", said)
     assert run.summary["status"] == "interrupted"
-    decode = Wire(prepare(*load_scenario("demo")).layout).decode
+    decode = Wire(setup_of("demo").layout).decode
     told = [decode("/diagnostics", m.data) for m in stream(run.out / "run.mcap") if m.channel.topic == "/diagnostics"]
     assert {message.node for message in told} == {"plant", "supervisor", "profile", "observer", "controller"}
 
@@ -158,7 +157,7 @@ def test_a_reader_gets_the_parts_of_the_force(start):
     run.foreign.node.create_subscription(JointState, "ato/force_parts", heard.append, 1000)
     run.foreign.until(lambda: all(any(message.effort[part] for message in heard) for part in range(3)))
     run.interrupt()
-    decode = Wire(prepare(*load_scenario("demo")).layout).decode
+    decode = Wire(setup_of("demo").layout).decode
     sent = {stamp: decode("ato/command", data).force for _, stamp, data in iter_raw(run.out, ("ato/command",))}
     for message in heard:
         assert message.name == ["feed_forward_0", "feedback_0", "estimate_0"]
@@ -182,11 +181,8 @@ TAKEOVERS = [
 @pytest.fixture(scope="module")
 def true_cars(tmp_path_factory: pytest.TempPathFactory) -> list[bytes]:
     """Return the states of the train without another program."""
-    folder = RunFolder.make(tmp_path_factory.mktemp("true") / "run", "demo")
-    setup = prepare(*load_scenario("demo", ("duration=600",)))
-    with folder.sink(setup) as sink:
-        run_engine(setup, sink=sink)
-    return [data for _, _, data in iter_raw(folder.path, ("train/vehicles",))]
+    run = record_run(setup_of("demo", "duration=600"), tmp_path_factory.mktemp("true") / "run")
+    return [data for _, _, data in iter_raw(run, ("train/vehicles",))]
 
 
 @pytest.mark.parametrize(("topic", "message", "options"), TAKEOVERS)
@@ -194,15 +190,13 @@ def test_a_second_publisher_ends_the_run_by_its_name(topic, message, options, st
     """Fails if the run continues, names a node of its own, or the foreign commands drive the train."""
     run = start(*options)
     run.driving()
-    encode = Wire(prepare(*load_scenario("demo")).layout).encode
+    encode = Wire(setup_of("demo").layout).encode
     now = max(m.publish_ns for m in stream(run.out / "run.mcap.partial", broken=True)) - EPOCH_NS
     for ahead in range(60):
         run.foreign.publish(topic, encode(topic, message(now + ahead * TICK)))
     code, said = run.end()
-    assert code == 1
-    assert f"{topic} has more than one publisher: node intruder too; end it" in said
-    assert run.summary["status"] == "failed"
-    assert str(run.summary["failure"]) in said
+    assert code == 1 and f"{topic} has more than one publisher: node intruder too; end it" in said
+    assert run.summary["status"] == "failed" and str(run.summary["failure"]) in said
     found = [data for _, _, data in iter_raw(run.out, ("train/vehicles",))]
     assert options != [SLOW] or found == true_cars[: len(found)]
 
@@ -212,21 +206,20 @@ def test_a_publisher_that_has_left_is_noticed_too(start):
     """Breaks if a node can send one message and leave undetected."""
     run = start(SLOW)
     run.driving()
-    wire = Wire(prepare(*load_scenario("demo")).layout)
+    wire = Wire(setup_of("demo").layout)
     run.foreign.publish("ato/estimate", wire.encode("ato/estimate", DisturbanceEstimate(0, np.zeros(1))))
     publisher = run.foreign.publisher("ato/estimate")
     assert publisher.wait_for_all_acked(Duration(seconds=LIMIT_S))
     run.foreign.node.destroy_publisher(publisher)
     code, said = run.end()
-    assert code == 1
-    assert "ato/estimate has more than one publisher" in said
+    assert code == 1 and "ato/estimate has more than one publisher" in said
 
 
 def test_a_run_does_not_begin_beside_a_second_publisher(tmp_path):
     """Fails if the run ends without the name of the foreign node, or continues after its discovery."""
     # On a loaded machine its discovery may take longer than the start of the run, and any node may name it first;
     # `test_two_controllers_are_refused` has the discovery before the start.
-    setup = prepare(*load_scenario("demo", ("duration=3600",)))
+    setup = setup_of("demo", "duration=3600")
     with claim_domain() as domain, applied(variables(domain, tmp_path / "log")), ForeignNode(domain) as foreign:
         foreign.publisher("ato/command")
         foreign.settle(0.1)
@@ -263,7 +256,7 @@ def test_an_answer_that_comes_after_the_next_request_counts(monkeypatch):
     client = SimpleNamespace(service_is_ready=lambda: True, call_async=request)
     ends = SimpleNamespace(
         node=SimpleNamespace(create_client=lambda *_: client),
-        wire=Wire(prepare(*load_scenario("demo", ("duration=1", "supervision.enabled=false"))).layout),
+        wire=Wire(setup_of("demo", "duration=1", "supervision.enabled=false").layout),
         senders=lambda topic: (),
         external=None,
         missing=lambda roles: [],
@@ -318,7 +311,7 @@ def _nan(wire: Wire, topic: str) -> bytes:
 )
 def test_a_record_that_cannot_be_read_fails_the_run_and_keeps_its_figures(topic, bad, says, tmp_path):
     """Fails if one damaged record counts as bad input, or the records before it are not used."""
-    setup = prepare(*load_scenario("demo", ("duration=20",)))
+    setup = setup_of("demo", "duration=20")
     folder = RunFolder.make(tmp_path / "run", "demo")
     with folder.sink(setup) as sink:
         add = sink.add
@@ -333,8 +326,7 @@ def test_a_record_that_cannot_be_read_fails_the_run_and_keeps_its_figures(topic,
         run_engine(setup, sink=sink)
     outcome = recorded_result(setup, folder.path, GraphResult(ticks=200))
     assert outcome.failure.startswith(f"node recorder failed: {folder.path / 'run.mcap'}: {topic} for 10.000 s: ")
-    assert says in outcome.failure
-    assert outcome.summary["status"] == "failed"
+    assert says in outcome.failure and outcome.summary["status"] == "failed"
     assert outcome.recording.time.size in (100, 101)
 
 

@@ -1,7 +1,4 @@
-"""Full disk: one line with the failure and the remedy; no files of a run that did not start.
-
-A limit on the size of files replaces the full disk: writing fails at the same place, without special rights.
-"""
+"""Full disk, as a limit on the size of files: one line with failure and remedy; no files of a run without start."""
 
 import errno
 import json
@@ -14,6 +11,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from engine_runs import setup_of
 from waiting import LIMIT_S, wait_for
 
 import plant_sim
@@ -25,8 +23,6 @@ from train_ato.judge.result import RunResult
 from train_ato.log.run_folder import RunFolder
 from train_ato.loop.engine import run_engine
 from train_ato.program.errors import FirstFailure, RunFailed
-from train_ato.scenario.scenario import load_scenario
-from train_ato.scenario.setup import prepare
 
 PROGRAM = """
 import resource, signal, sys
@@ -118,8 +114,7 @@ def test_a_series_that_finds_no_more_room_keeps_its_runs_and_goes_on(command, tm
         "make room and repeat the command to go on",
         said,
     )
-    assert main([*words, "--out", "out"]) == 0
-    assert main([*words, "--out", "whole"]) == 0
+    assert main([*words, "--out", "out"]) == 0 and main([*words, "--out", "whole"]) == 0
     numbers = [[json.loads(line)["run"] for line in _whole_lines(Path(name))] for name in ("out", "whole")]
     assert sorted(numbers[0]) == sorted(numbers[1])
 
@@ -176,21 +171,16 @@ def test_a_reproduction_without_room_names_its_file(largest: int, name: str, tmp
     done = run(largest, "reproduce", "002", "--jobs=1", "--claim=delay", "--out", str(out))
     line = next(row for row in done.stderr.splitlines() if row.startswith("train-ato: "))
     assert done.returncode == 1 and "Traceback" not in done.stderr
-    assert line == f"train-ato: {out / name}: File too large"
-    assert not out.exists()
+    assert line == f"train-ato: {out / name}: File too large" and not out.exists()
 
 
-def test_what_failed_is_told_where_its_traceback_finds_no_room(tmp_path: Path) -> None:
-    """Breaks if an error from writing the traceback file replaces the original failure."""
+def test_the_original_failure_is_reported(tmp_path: Path) -> None:
+    """Breaks if an error from writing the traceback or the summary replaces the original failure."""
     (tmp_path / "taken").write_text("")
     watch = FirstFailure(tmp_path / "taken" / "log")
     watch.fail("plant", OSError("run.mcap.partial: writing failed"))
     assert watch.failure == "node plant failed: run.mcap.partial: writing failed"
-
-
-def test_the_original_failure_is_reported_if_the_summary_cannot_be_written(tmp_path: Path) -> None:
-    """Breaks if an error from writing the summary replaces the original failure."""
-    setup = prepare(*load_scenario("demo"))
+    setup = setup_of("demo")
     folder = RunFolder.make(tmp_path / "run", "demo")
     (folder.path / "run.mcap.partial").touch()
     (folder.path / "summary.json").mkdir()
@@ -221,14 +211,13 @@ for folder in ("full", "again"):
         (tmp_path / folder).mkdir()
     (tmp_path / "again" / name).write_text("earlier")
     done = subprocess.run([sys.executable, "-c", program, name], cwd=tmp_path, env=ENVIRONMENT, check=False)
-    assert done.returncode == 0
-    assert not list((tmp_path / "full").iterdir())
+    assert done.returncode == 0 and not list((tmp_path / "full").iterdir())
     assert [path.read_text() for path in (tmp_path / "again").iterdir()] == ["earlier"]
 
 
 def test_a_full_disk_leaves_no_empty_summary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Breaks if the summary is written in place: `info` then names a file that is not JSON."""
-    setup = prepare(*load_scenario("demo", ("duration=1",)))
+    setup = setup_of("demo", "duration=1")
     folder = RunFolder.make(tmp_path / "run", "demo")
     folder.begin(setup)
     with folder.sink(setup) as sink:
@@ -261,8 +250,7 @@ def test_a_folder_removed_during_the_run_is_named(mode: str, tmp_path: Path) -> 
     wait_for(lambda: partial.exists() and partial.stat().st_size > 100_000, "a run that records")
     shutil.rmtree(tmp_path / "out")
     out, err = process.communicate(timeout=LIMIT_S)
-    assert process.returncode == 1
-    assert out == ""
+    assert process.returncode == 1 and out == ""
     notes = ("ROS domain ", "waiting for ", COMPILE_NOTE.strip())
     errors = [line for line in err.splitlines() if line.strip() and not line.startswith(notes)]
     assert errors == ["train-ato: --out out: was removed during the run; nothing is recorded"]

@@ -30,10 +30,7 @@ ENDED = (1, -signal.SIGINT)
 
 @contextmanager
 def started(folder: Path, *arguments: str) -> Iterator[subprocess.Popen[str]]:
-    """Start a command in a session of its own, as a terminal does, with a folder of its own for scratch files.
-
-    Whatever becomes of the test, nothing of the command lives longer.
-    """
+    """Start a command in a session and a folder of its own, as a terminal does; nothing of it lives longer."""
     (folder / "scratch").mkdir()
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "TMPDIR": str(folder / "scratch"), "MARK": str(folder)}
     process = subprocess.Popen(
@@ -61,7 +58,11 @@ def descendants(folder: Path) -> list[str]:
     return found
 
 
-COMPARE = ["compare", "demo", "--laws", "pid,smc", "--out", "out"]
+def python(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    return subprocess.run([sys.executable, *arguments], cwd=cwd, env=environment, capture_output=True, text=True)
+
+
 REPRODUCE = ["reproduce", "002", "--out", "out"]
 RUN = ["run", "demo", "--engine", "--rate", "20", "--out", "out"]
 
@@ -70,7 +71,7 @@ RUN = ["run", "demo", "--engine", "--rate", "20", "--out", "out"]
 @pytest.mark.parametrize(
     ("arguments", "number"),
     [
-        pytest.param(COMPARE, signal.SIGINT, id="compare"),
+        pytest.param(["compare", "demo", "--laws", "pid,smc", "--out", "out"], signal.SIGINT, id="compare"),
         pytest.param(REPRODUCE, signal.SIGINT, id="reproduce"),
         pytest.param(REPRODUCE, signal.SIGTERM, id="reproduce-term"),
         pytest.param(RUN, signal.SIGINT, id="run"),
@@ -140,8 +141,7 @@ def test_an_error_that_a_library_makes_of_ctrl_c_is_ctrl_c(made_of_it, monkeypat
         return 0
 
     monkeypatch.setattr("train_ato.cli.list.execute", execute)
-    assert main(["list"]) == 1
-    assert capsys.readouterr().err == "train-ato: interrupted\n"
+    assert main(["list"]) == 1 and capsys.readouterr().err == "train-ato: interrupted\n"
 
 
 @pytest.mark.parametrize("interrupted", [True, False])
@@ -181,8 +181,7 @@ def test_a_plan_is_interrupted_at_any_moment(moment: float, tmp_path: Path) -> N
     if process.returncode == 0:
         assert "plan.csv" in out
     else:
-        assert process.returncode in ENDED
-        assert err.splitlines()[-1] == "train-ato: interrupted"
+        assert process.returncode in ENDED and err.splitlines()[-1] == "train-ato: interrupted"
         assert out == ""
 
 
@@ -197,7 +196,7 @@ def test_nohup_is_respected(tmp_path: Path) -> None:
         "    signal.raise_signal(signal.SIGTERM)\n"
         "    assert interrupt.asked\n"
     )
-    subprocess.run([sys.executable, "-c", code], env={**os.environ, "PYTHONPATH": str(ROOT)}, check=True)
+    assert (done := python("-c", code, cwd=tmp_path)).returncode == 0, done.stderr
 
 
 LAWS = """
@@ -234,8 +233,7 @@ def test_a_law_that_exits_fails_the_run(mode: str, end: str, tmp_path: Path) -> 
     call = end.partition(",")[0].rstrip(")").replace("execl", "execv")
     line = 1 + LAWS[: LAWS.index("{then}")].count("\n")
     assert re.search(rf"node controller failed: law Ends: called {re.escape(call)}\), \S*own_laws\.py:{line}\b", err)
-    assert "Traceback" not in err
-    assert (tmp_path / "out" / "summary.json").is_file()
+    assert "Traceback" not in err and (tmp_path / "out" / "summary.json").is_file()
 
 
 @pytest.mark.parametrize(("end", "kind"), [("sys.exit(0)", "SystemExit"), ("os._exit(0)", "ProcessExit")])
@@ -282,8 +280,7 @@ def test_a_signal_ends_the_script_of_two_runs(number: signal.Signals, status: in
         "    with RunFolder.make(Path(name), name).sink(setup) as sink:\n"
         f"        run_engine(setup, sink=sink, compiled=False, progress=lambda p: os.kill(os.getpid(), {number:d}))\n"
     )
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    ended = subprocess.run([sys.executable, script], cwd=tmp_path, env=environment, capture_output=True, text=True)
+    ended = python(str(script), cwd=tmp_path)
     assert ended.returncode == status, ended.stderr
     assert (tmp_path / "one" / "run.mcap").is_file() and not (tmp_path / "two").exists()
     assert number == signal.SIGINT or ended.stderr == ""
@@ -307,6 +304,5 @@ def test_the_first_worker_of_a_program_gets_no_ctrl_c(tmp_path: Path) -> None:
         "        thread.start()\n"
         "    thread.join()\n"
     )
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    found = subprocess.run([sys.executable, script], env=environment, capture_output=True, text=True, check=True)
-    assert found.stdout == "True\n"
+    found = python(str(script), cwd=tmp_path)
+    assert (found.returncode, found.stdout) == (0, "True\n"), found.stderr

@@ -6,10 +6,13 @@ import os
 import subprocess
 import sys
 import threading
+from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
+from engine_runs import record_run, setup_of
 from waiting import LIMIT_S, reserved_domain, wait_for
 
 import train_ato
@@ -37,16 +40,13 @@ from train_ato.scenario.interventions import (
     make_intervention,
     planned_for,
 )
-from train_ato.scenario.scenario import load_scenario
-from train_ato.scenario.setup import prepare
 
 SECOND = 1_000_000_000
 UNSUPERVISED = "supervision.enabled=false"
-METRO = ("supervision.enabled=true", "duration=45")
 
 
 def demo(*assignments):
-    return prepare(*load_scenario("demo", ("duration=90", *assignments)))
+    return setup_of("demo", "duration=90", *assignments)
 
 
 def with_planned(setup, *entries):
@@ -93,24 +93,6 @@ class Loop:
         return float(np.abs(self.plant.train.velocity).max())
 
 
-def test_a_gust_from_outside_is_the_gust_of_a_scenario():
-    """Breaks if a gust starts a tick late, has another duration, or leaves a force."""
-    blown = run_engine(with_planned(demo(), (30 * SECOND, gust(-0.02, 12.0, 2.0))))
-    planned = "plant.disturbances=[{kind: gust, begin: 30, end: 42, ramp: 2, acceleration: -0.02}]"
-    written = run_engine(demo(planned))
-    assert blown.failure is None
-    np.testing.assert_array_equal(last_speeds(blown), last_speeds(written))
-    assert np.abs(last_speeds(blown) - last_speeds(run_engine(demo()))).max() > 0.05
-
-
-def test_a_delay_jump_from_outside_is_the_jump_of_a_scenario():
-    """Breaks if the jump affects commands in flight, or has no lasting effect."""
-    sudden = run_engine(with_planned(demo(), (40 * SECOND, DelayJumpNow(factor=1.5, add=0.4))))
-    written = run_engine(demo("links.command.jump={at: 40, factor: 1.5, add: 0.4}"))
-    np.testing.assert_array_equal(last_speeds(sudden), last_speeds(written))
-    assert not np.array_equal(last_speeds(sudden), last_speeds(run_engine(demo())))
-
-
 @pytest.mark.parametrize(
     ("entry", "written"),
     [
@@ -120,15 +102,15 @@ def test_a_delay_jump_from_outside_is_the_jump_of_a_scenario():
         (MessageFreezeNow(topic="train/measurement", duration=3.0), "plant.sensors.freeze=[{begin: 20, end: 23}]"),
         (TrainJumpNow(what="gain", factor=0.5), "plant.jumps=[{at: 20, what: gain, factor: 0.5}]"),
         (TrainJumpNow(what="brake", factor=0.5), "plant.jumps=[{at: 20, what: brake, factor: 0.5}]"),
+        (gust(-0.02, 12.0, 2.0),
+         "plant.disturbances=[{kind: gust, begin: 20, end: 32, ramp: 2, acceleration: -0.02}]"),
+        (DelayJumpNow(factor=1.5, add=0.4), "links.command.jump={at: 20, factor: 1.5, add: 0.4}"),
     ],
-    ids=["loss", "freeze", "frozen measurement", "drives", "brakes"],
+    ids=["loss", "freeze", "frozen measurement", "drives", "brakes", "gust", "delay"],
 )  # fmt: skip
 def test_a_fault_from_outside_is_the_fault_of_a_scenario(entry, written):
     """Breaks if a fault on request begins or ends at another tick than a planned one, or has another strength."""
-
-    def metro(*more):
-        return prepare(*load_scenario("xuzhou_metro", (*METRO, *more)))
-
+    metro = partial(setup_of, "xuzhou_metro", "supervision.enabled=true", "duration=45")
     sudden, planned = run_engine(with_planned(metro(), (20 * SECOND, entry))), run_engine(metro(written))
     np.testing.assert_array_equal(last_speeds(sudden), last_speeds(planned))
     assert sudden.changes.listed()[0]["name"] == entry.do
@@ -158,26 +140,12 @@ def test_emergency_brake_stops_the_train_whatever_the_law_commands():
     loop.until(80 * SECOND)
     assert loop.seen["train/brake_pipe"].pressure == ATMOSPHERE
     assert float(loop.seen["train/brake_shoes"].shoe_force.sum()) > 3e6
-    assert abs(loop.seen["train/measurement"].applied).max() < 1.0
-    assert loop.speed < 1e-3
+    assert abs(loop.seen["train/measurement"].applied).max() < 1.0 and loop.speed < 1e-3
     loop.until(110 * SECOND)
     assert loop.speed < 1e-3
     loop.plant.request(EmergencyBrakeNow(applied=False))
     loop.until(260 * SECOND)
-    assert loop.seen["train/brake_pipe"].pressure == 600e3
-    assert loop.speed > 1.0
-
-
-def test_a_train_with_dead_drives_is_stopped():
-    """Breaks if the emergency brake of a run acts through the drives or the command link."""
-    dead = ("duration=120", "plant.mismatch={electric_brake_scale: 0.0}", "links.command={delay: 60}")
-    setup = prepare(*load_scenario("xuzhou_metro", dead))
-    loop = Loop(setup)
-    loop.until(10 * SECOND)
-    loop.plant.train.arrays.state[k.V] = 20.0
-    loop.plant.request(EmergencyBrakeNow())
-    loop.until(40 * SECOND)
-    assert loop.speed == 0.0
+    assert loop.seen["train/brake_pipe"].pressure == 600e3 and loop.speed > 1.0
 
 
 def test_gusts_that_are_over_are_forgotten_one_by_one():
@@ -186,12 +154,9 @@ def test_gusts_that_are_over_are_forgotten_one_by_one():
     forces.add(Gust(kind="gust", begin=0.0, end=2.0, ramp=0.0, force=5.0, vehicles=(0,)))
     forces.add(Gust(kind="gust", begin=0.0, end=3.0, ramp=0.0, acceleration=0.1, vehicles=(2,)))
     assert forces.tick(0, np.zeros(3))[0].tolist() == [[5.0, 10.0]] * 2
-    assert not forces.drop_over(1.0)
-    assert forces.drop_over(2.0)
-    assert forces.vehicles.tolist() == [2]
+    assert not forces.drop_over(1.0) and forces.drop_over(2.0) and forces.vehicles.tolist() == [2]
     assert forces.tick(2 * SECOND, np.zeros(3))[0].tolist() == [[10.0]] * 2
-    assert forces.drop_over(3.0)
-    assert not forces.gusty
+    assert forces.drop_over(3.0) and not forces.gusty
 
 
 def test_a_later_jump_of_mass_keeps_the_weight_of_other_disturbances():
@@ -241,8 +206,7 @@ def test_a_scenario_plans_interventions():
     release = "interventions=[{at: 30, do: emergency_brake}, {at: 40, do: emergency_brake, applied: false}]"
     setup = demo(release, UNSUPERVISED)
     outcome = run_engine(setup)
-    assert last_speeds(outcome)[-1] > 0.01
-    assert "do: emergency_brake" in setup.resolved_yaml()
+    assert last_speeds(outcome)[-1] > 0.01 and "do: emergency_brake" in setup.resolved_yaml()
     with pytest.raises(ValueError, match="an entry has no 'at'"):
         demo("interventions=[{do: emergency_brake}]")
 
@@ -255,15 +219,13 @@ def test_a_release_planned_for_a_moving_train_waits_for_its_standstill():
     loop = Loop(held)
     loop.until(85 * SECOND)
     told = [(message.stamp, message.values[KEY]) for message in loop.reports if KEY in message.values]
-    assert told[0][0] == 60 * SECOND
-    assert 61 * SECOND < told[1][0] < 85 * SECOND
+    assert told[0][0] == 60 * SECOND and 61 * SECOND < told[1][0] < 85 * SECOND
     assert not interventions_from_json(told[1][1])[0].applied
 
 
 rclpy = pytest.importorskip("rclpy")
 
 from train_ato.log.difference import compare_logs  # noqa: E402
-from train_ato.log.run_folder import RunFolder  # noqa: E402
 from train_ato.messages.codec import Wire  # noqa: E402
 from train_ato.ros.graph.environment import applied, claim_domain, variables  # noqa: E402
 from train_ato.ros.graph.remote import graph_client  # noqa: E402
@@ -322,40 +284,38 @@ def test_a_run_with_interventions_is_driven_again_from_its_log(tmp_path, way):
         TrainJumpNow(what="gain", factor=0.5),
     ]  # fmt: skip
     setup = demo("duration=100")
-    again = RunFolder.make(tmp_path / "again", "again")
-    with again.sink(setup) as sink:
-        run_engine(with_planned(setup, *found), sink=sink)
-    assert compare_logs(running.folder, again.path, Wire(setup.layout)).differing == 0
+    again = record_run(with_planned(setup, *found), tmp_path / "again")
+    assert compare_logs(running.folder, again, Wire(setup.layout)).differing == 0
+
+
+@contextmanager
+def composed_run(folder, setup, rate, on_tick=None):
+    """Start a composed run in a thread; yield its client and the list of its end."""
+    domain, ends = reserved_domain(), []
+    with claim_domain(domain), applied(variables(domain, folder)):
+        from train_ato.ros.graph.composed import run_composed
+        from train_ato.ros.graph.graph_result import GraphOptions
+
+        (folder / "run").mkdir()
+        given = (setup, folder / "run", domain, GraphOptions(rate=rate), on_tick)
+        work = threading.Thread(target=lambda: ends.append(run_composed(*given)), daemon=True)
+        work.start()
+        with graph_client(domain) as remote:
+            yield remote, ends
+        work.join(timeout=LIMIT_S)
+    assert ends and ends[0].failure is None
 
 
 def test_refusals_name_their_reason(tmp_path):
     """Breaks if an invalid size, a step without pause or an unknown run is accepted or gives a traceback."""
     domain = reserved_domain()
     assert "holds it; running: " in do(domain, "gust").stderr
-    with claim_domain(domain), applied(variables(domain, tmp_path)):
-        from train_ato.ros.graph.composed import run_composed
-        from train_ato.ros.graph.graph_result import GraphOptions
-
-        ends = []
-        folder = tmp_path / "run"
-        folder.mkdir()
-        options = GraphOptions(rate=2.0)
-        work = threading.Thread(
-            target=lambda: ends.append(run_composed(demo("duration=3600"), folder, domain, options)), daemon=True
-        )
-        work.start()
-        with graph_client(domain) as remote:
-            assert remote.set_parameter("plant", "gust.duration", -1.0) is not None
-            success, reason = remote.call("plant/step")
-            assert not success
-            assert "pause first" in reason
-            assert remote.call("plant/pause", True)[0]
-            wait_for(lambda: remote.call("plant/step")[0], "a tick between two pauses")
-            assert remote.call("plant/emergency_brake", True)[0]
-            assert remote.call("plant/stop")[0]
-        work.join(timeout=LIMIT_S)
-    assert ends
-    assert ends[0].failure is None
+    with composed_run(tmp_path, demo("duration=3600"), 2.0) as (remote, _):
+        assert remote.set_parameter("plant", "gust.duration", -1.0) is not None
+        success, reason = remote.call("plant/step")
+        assert not success and "pause first" in reason and remote.call("plant/pause", True)[0]
+        wait_for(lambda: remote.call("plant/step")[0], "a tick between two pauses")
+        assert remote.call("plant/emergency_brake", True)[0] and remote.call("plant/stop")[0]
     assert "has no parameter 'hard=1'" in do(domain, "pause", "hard=1").stderr
     assert "name=number" in do(domain, "gust", "duration=long").stderr
 
@@ -385,45 +345,34 @@ def test_a_reset_run_begins_again_with_the_log_of_a_fresh_one(mode, tmp_path):
     assert ended["interruption"].startswith("reset by a request at ")
     assert f"{ended['interruption']}; it begins again in {tmp_path / 'run-2'}" in said
     assert train_ato.load(out)["train/vehicles"].index.size == ended["ticks"] + 1 < begun["ticks"]
-    assert begun["controller"] == "pid"
-    assert train_ato.verify(tmp_path / "run-2").equal
+    assert begun["controller"] == "pid" and train_ato.verify(tmp_path / "run-2").equal
 
 
 def test_the_rate_holds_lockstep_back_and_lets_it_go(tmp_path):
     """Breaks if a slow rate does not delay a tick, or a new rate has no effect within a tick."""
-    domain = reserved_domain()
-    with claim_domain(domain), applied(variables(domain, tmp_path)):
-        from train_ato.ros.graph.composed import run_composed
-        from train_ato.ros.graph.graph_result import GraphOptions
-
-        ends, ticks = [], []
-        folder = tmp_path / "run"
-        folder.mkdir()
-        setup = demo()
-        work = threading.Thread(
-            target=lambda: ends.append(run_composed(setup, folder, domain, GraphOptions(rate=1e-4), ticks.append)),
-            daemon=True,
-        )
-        work.start()
-        with graph_client(domain) as remote:
-            assert remote.set_parameter("plant", "gust.duration", 5.0) is None
-            held = max(ticks, default=0)
-            assert remote.set_parameter("plant", "rate", 0.0) is None
-        work.join(timeout=LIMIT_S)
-    assert held <= 1
-    assert ends[0].failure is None
-    assert ends[0].ticks == setup.ticks
+    setup, ticks = demo(), []
+    with composed_run(tmp_path, setup, 1e-4, ticks.append) as (remote, ends):
+        assert remote.set_parameter("plant", "gust.duration", 5.0) is None
+        held = max(ticks, default=0)
+        assert remote.set_parameter("plant", "rate", 0.0) is None
+    assert held <= 1 and ends[0].ticks == setup.ticks
 
 
 def test_a_metro_is_stopped_by_its_own_brake_alone():
-    """Breaks if a train without an air brake cannot be stopped, a brake pipe is required, or the drives act."""
-    setup = prepare(*load_scenario("xuzhou_metro", ("duration=120",)))
+    """Breaks if a train without an air brake or with dead drives is not stopped, or the drives or the link act."""
+    setup = setup_of("xuzhou_metro", "duration=120")
     outcome = run_engine(with_planned(setup, (60 * SECOND, EmergencyBrakeNow())))
-    assert outcome.failure is None
-    assert last_speeds(outcome)[round(59 / setup.tick)] > 20.0
+    assert outcome.failure is None and last_speeds(outcome)[round(59 / setup.tick)] > 20.0
     assert abs(last_speeds(outcome)[-1]) < 1e-6
     assert abs(outcome.recording.applied[round(70 / setup.tick) :]).max() < 1.0
     assert outcome.recording.applied.min() > -230e3
+    dead = ("duration=120", "plant.mismatch={electric_brake_scale: 0.0}", "links.command={delay: 60}")
+    loop = Loop(setup_of("xuzhou_metro", *dead))
+    loop.until(10 * SECOND)
+    loop.plant.train.arrays.state[k.V] = 20.0
+    loop.plant.request(EmergencyBrakeNow())
+    loop.until(40 * SECOND)
+    assert loop.speed == 0.0
 
 
 def ticked(plant, count):
@@ -433,8 +382,8 @@ def ticked(plant, count):
         plant.act()
 
 
-def test_requested_gusts_are_limited_in_number():
-    """Breaks if requests add up without bound: 400 gusts in a second accelerate a train to any speed."""
+def test_requests_are_limited_in_number_and_a_delay_has_no_overflow():
+    """Breaks if requests add up without bound, also in a pause, or the product of delay jumps is not a number."""
     plant = PlantStage(demo())
     for _ in range(5):
         plant.request(gust(0.01, 2.0))
@@ -445,21 +394,12 @@ def test_requested_gusts_are_limited_in_number():
         plant.request(gust(0.01, 2.0))
     ticked(plant, 11)
     plant.request(gust(0.01, 2.0))
-
-
-def test_requested_delay_jumps_are_limited_in_number_and_a_delay_has_no_overflow():
-    """Breaks if delay jumps add up without bound, or their product is not a number."""
-    plant = PlantStage(demo())
     for _ in range(100):
         plant.request(DelayJumpNow(factor=1000.0))
     with pytest.raises(ValueError, match="100 requests of delay_jump are in force, the maximum"):
         plant.request(DelayJumpNow(factor=1000.0))
     plant.observe()
     plant.act(Command(0, np.zeros(plant.setup.layout.n_units)), None)
-
-
-def test_requests_during_a_pause_are_limited_in_number():
-    """Breaks if requests to a paused run are queued without bound."""
     plant = PlantStage(demo())
     for _ in range(10):
         plant.request(EmergencyBrakeNow())

@@ -55,8 +55,7 @@ def test_launch_files_describe_a_launch(file: Path) -> None:
     from launch import LaunchContext
     from launch.launch_description_sources import PythonLaunchDescriptionSource
 
-    source = PythonLaunchDescriptionSource(str(file))
-    description = source.get_launch_description(LaunchContext())
+    description = PythonLaunchDescriptionSource(str(file)).get_launch_description(LaunchContext())
     names = [argument.name for argument in description.get_launch_arguments()]
     assert names and all(argument.description for argument in description.get_launch_arguments())
 

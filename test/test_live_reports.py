@@ -42,8 +42,7 @@ WITH_LAW = os.pathsep.join([str(Path(ta.__file__).parents[1]), str(Path(__file__
 @pytest.fixture(scope="module")
 def trains(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Run], dict[str, dict[str, Any]]]:
     """Return two trains that ran one after the other, and their scenarios for live reports."""
-    folder = tmp_path_factory.mktemp("live")
-    file = load_following(following_file(folder), CHANGES)
+    file = load_following(following_file(tmp_path_factory.mktemp("live")), CHANGES)
     scenarios = {train.name: file.scenario_of(number) for number, train in enumerate(file.spec.trains)}
     scenarios["t2"]["leader"]["train"] = "/t1"
     return run_following(file, RunMode("engine"), shown=False).runs, scenarios
@@ -115,9 +114,7 @@ def test_a_train_drives_on_behind_one_that_was_killed(trains: Any, tmp_path: Pat
 
 
 @pytest.mark.graph
-def test_view_and_scene_show_the_train_of_their_namespace(
-    trains: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_view_and_scene_show_the_train_of_their_namespace(trains: Any, tmp_path: Path, capsys) -> None:
     """Breaks if a page of t2 shows t1 or its parameters, and if no scene finds a train in a namespace."""
     with programs_of(trains[1], tmp_path, "--rate=1") as programs:
         from train_ato.ros.graph.environment import applied, variables
@@ -173,9 +170,7 @@ def test_one_command_starts_all_trains(trains: Any, tmp_path: Path, monkeypatch:
 
 
 @pytest.mark.graph
-def test_the_first_train_that_fails_ends_the_others(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_first_train_that_fails_ends_the_others(tmp_path: Path, capsys, monkeypatch) -> None:
     """Breaks if the train ahead runs on, at its rate for an hour here, or if the line does not name the train."""
     pytest.importorskip("rclpy")
     law = Path(__file__).resolve().parents[1].joinpath("examples", "my_law.py").read_text()
@@ -193,8 +188,7 @@ def test_the_first_train_that_fails_ends_the_others(
 
 def test_the_newest_report_is_delivered_with_the_stamp_of_its_step(trains: Any) -> None:
     """Breaks if a report acts before it was sent, or if a train drives without any."""
-    setup = choose_scenario(trains[1]["t2"]).prepare()
-    radio = ReportRadio(setup)
+    radio = ReportRadio(choose_scenario(trains[1]["t2"]).prepare())
     with pytest.raises(ValueError, match="no report of the train ahead up to"):
         radio.newest(0)
     for stamp in (0, 400_000_000, 800_000_000):
@@ -210,8 +204,7 @@ def test_a_repeated_delivery_is_no_new_report(trains: Any) -> None:
     for stamp in range(0, 6_000_000_000, 400_000_000):
         receiver.hear(TrainAhead(stamp, np.array([last.front, last.rear, last.stop]), np.full(3, 15.0), 0))
         receiver.receive(stamp)
-    assert receiver.newest(6_000_000_000) == last
-    assert receiver.age(6_000_000_000) == 6.0
+    assert receiver.newest(6_000_000_000) == last and receiver.age(6_000_000_000) == 6.0
 
 
 @pytest.mark.parametrize(
@@ -229,9 +222,7 @@ def test_a_repeated_delivery_is_no_new_report(trains: Any) -> None:
         (["--live"], "--live: demo has one train; remove it, or name following trains"),
     ],
 )
-def test_bad_input_is_refused_in_one_line(
-    words: list[str], problem: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_bad_input_is_refused_in_one_line(words: list[str], problem: str, capsys, monkeypatch) -> None:
     """Breaks if a train waits for reports that cannot come, or in a domain without other trains."""
     monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
     assert main(["run", "demo", *words]) == 2
