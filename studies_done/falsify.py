@@ -26,7 +26,7 @@ from planted_faults import BASE, FAULTS
 
 import train_ato as ta
 from train_ato.studies.falsify.search import FalsificationSearch
-from train_ato.studies.falsify.study import FalsificationStudy, prepare_study
+from train_ato.studies.falsify.study import FalsificationStudy
 from train_ato.studies.falsify.study import TargetRun, run_target
 
 POOL = 400
@@ -123,7 +123,7 @@ def main() -> int:
     parser.add_argument("--shares", action="store_true", help="measure the shares of the space that break")
     options = parser.parse_args()
     base = ta.scenario("xuzhou_metro").with_(BASE)
-    studies = {fault.name: prepare_study(base, fault.requirement, fault.over, 1, jobs=1) for fault in FAULTS}
+    studies = {fault.name: FalsificationStudy(base, fault.requirement, fault.over, 1, jobs=1) for fault in FAULTS}
     rows: dict[str, dict[str, Any]] = {
         name: {"keys": study.space.size, "random": median_of_random(BREAKS)} for name, study in studies.items()
     }

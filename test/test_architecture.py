@@ -37,6 +37,8 @@ CONVENTIONS = {
     "execute": "action of a command: one per module of train_ato.cli",
     "draw": "figures of a paper: one per paper",
     "page": "text of a page: one per kind of page in msgs_docs.generate",
+    "measure": "runs of a table of a page and its figures: one per table in msgs_docs.generate",
+    "unmeasured": "rows of such a table without current figures: one per table",
     "main": "start of a program: the command and the page generator",
 }
 """Public names that several modules declare, each with one meaning; the caller chooses the module."""

@@ -9,15 +9,7 @@ import pytest
 
 from msgs_docs.generate import left_out_page
 from msgs_docs.generate.equation_page import EQUATION_TABLES, EquationTable, Form, problems, source_line
-from msgs_docs.generate.left_out_page import (
-    CHOICES,
-    MEASURED,
-    ChoiceRun,
-    ChoiceTable,
-    drive_choice,
-    unmeasured_choices,
-    wanted,
-)
+from msgs_docs.generate.left_out_page import CHOICES, MEASURED, ChoiceRun, ChoiceTable, drive_choice, unmeasured, wanted
 from msgs_docs.generate.rows import read_rows
 from plant_sim.gears import ClipGear
 from plant_sim.library import load_consist
@@ -132,9 +124,9 @@ def test_runs_of_choices_change_plant_and_model_and_are_listed(tmp_path: Path) -
         gear = consist.draft_gears["mt2_mt2"]
         assert isinstance(gear, ClipGear) and (gear.slack, gear.stroke) == (0.012, 0.166)
     (tmp_path / "msgs_docs").mkdir()
-    assert len(unmeasured_choices(tmp_path)) == len(RUNS)
+    assert len(unmeasured(tmp_path)) == len(RUNS)
     (tmp_path / "msgs_docs" / "left_out_measured.json").write_text('{"other": {}}', encoding="utf-8")
-    assert unmeasured_choices(tmp_path)[-1].startswith("choice other: no such run")
+    assert unmeasured(tmp_path)[-1].startswith("choice other: no such run")
 
 
 def test_a_measured_figure_is_that_of_its_run() -> None:

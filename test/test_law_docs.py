@@ -17,7 +17,7 @@ from msgs_docs.generate import __main__ as command_line
 from msgs_docs.generate import any_law_page as table
 from msgs_docs.generate.__main__ import LAWS as FOLDER
 from msgs_docs.generate.__main__ import law_pages, main, stale, unmeasured
-from msgs_docs.generate.law_pages.measure import command, measure
+from msgs_docs.generate.law_pages.measure import command, measure_components
 from msgs_docs.generate.law_pages.pages import (
     DEMO_RUNS,
     Component,
@@ -160,13 +160,13 @@ def test_measuring_drives_and_draws(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     """Breaks if the command makes no table and small figure out of runs, or puts half of a run on a page."""
     component = short(monkeypatch)
     shares: list[float] = []
-    found = measure([component], tmp_path, lambda share, _: shares.append(share))
+    found = measure_components([component], tmp_path, lambda share, _: shares.append(share))
     assert shares == [0.5, 1.0] and [row["run"] for row in found[component.key]] == ["a", "b"]
     assert 0.0 < found[component.key][0]["speed_rmse_kmh"] < 1.0
     assert (tmp_path / "pid.png").stat().st_size < MAX_PNG
     component = short(monkeypatch, law="smcc")
     with pytest.raises(OSError, match=r"train-ato run xuzhou_metro .*unknown law 'smcc'"):
-        measure([component], tmp_path, lambda *_: None)
+        measure_components([component], tmp_path, lambda *_: None)
     assert not list(tmp_path.iterdir())
 
 
@@ -202,7 +202,7 @@ def test_one_scenario_is_measured_and_the_other_rows_remain(tmp_path: Path, monk
     path.parent.mkdir()
     kept = {"scenario": "xuzhou_metro:ideal", "law": "pid", "gains": "fitted", "outcome": "lost"}
     path.write_text(json.dumps([kept, {**kept, "scenario": "former"}, {**kept, "scenario": "demo"}]))
-    table.measure_any_law(tmp_path, ["demo"])
+    table.measure(tmp_path, ["demo"])
     rows = json.loads(path.read_text())
     assert [(row["scenario"], row["gains"]) for row in rows] == [
         ("demo", "fitted"), ("demo", "printed"), ("xuzhou_metro:ideal", "fitted"),

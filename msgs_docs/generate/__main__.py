@@ -32,7 +32,7 @@ from msgs_docs.generate import (
     topic_page,
 )
 from msgs_docs.generate.equation_page import EQUATION_TABLES, problems
-from msgs_docs.generate.law_pages.measure import command, measure
+from msgs_docs.generate.law_pages.measure import command, measure_components
 from msgs_docs.generate.law_pages.pages import Component, Measured, components, demo_of, index, page
 from msgs_docs.generate.rows import read_rows, write_rows
 from plant_sim.input_error import close_match
@@ -44,17 +44,11 @@ from train_ato.scenario.setup import prepare
 ROOT = Path(__file__).resolve().parents[2]
 LAWS = ROOT / "msgs_docs" / "laws"
 MEASURED = LAWS / "measured.json"
-TABLES = {
-    fault_page.NAME: fault_page.measure_faults,
-    hazard_page.NAME: hazard_page.measure_hazards,
-    random_runs.NAME: random_runs.measure_random_runs,
-    left_out_page.NAME: left_out_page.measure_choices,
-    any_law_page.NAME: any_law_page.measure_any_law,
-    swap_cells.NAME: swap_cells.measure_swaps,
-    any_law_page.LEADERBOARD_NAME: any_law_page.measure_leaderboard,
-    gallery_page.NAME: gallery_page.measure_gallery,
-}
+CHECKED = (fault_page, hazard_page, random_runs, left_out_page)
+"""Pages with a table of runs that can be older than the code."""
+TABLES = {module.NAME: module.measure for module in (*CHECKED, any_law_page, swap_cells, gallery_page)}
 """Measurement of a table of runs by name of its page."""
+TABLES[any_law_page.LEADERBOARD_NAME] = any_law_page.measure_leaderboard
 
 
 def law_pages(measured: Measured) -> dict[Path, str]:
@@ -72,12 +66,7 @@ def generated() -> dict[Path, str]:
     """Return the text of every generated file by path."""
     return {
         ROOT / topic_page.PAGE: topic_page.page(),
-        ROOT / fault_page.PAGE: fault_page.page(ROOT),
-        ROOT / hazard_page.PAGE: hazard_page.page(ROOT),
-        ROOT / random_runs.PAGE: random_runs.page(ROOT),
-        ROOT / equation_page.PAGE: equation_page.page(ROOT),
-        ROOT / left_out_page.PAGE: left_out_page.page(ROOT),
-        ROOT / any_law_page.PAGE: any_law_page.page(ROOT),
+        **{ROOT / module.PAGE: module.page(ROOT) for module in (*CHECKED, equation_page, any_law_page)},
         ROOT / node_page.PAGE: node_page.page(ROOT / node_page.PAGE),
         ROOT / node_page.REQUIREMENT_PAGE: node_page.requirement_page(ROOT / node_page.REQUIREMENT_PAGE),
         **{ROOT / "config" / f"{name}.yaml": parameter_page(name) for name in ("demo", "xuzhou_metro")},
@@ -135,7 +124,7 @@ def measure_pages(names: list[str]) -> None:
     pages = [name for name in names if name not in TABLES and not name.startswith(part)]
     wanted = chosen(pages) if pages or not names else []
     if scenarios:
-        any_law_page.measure_any_law(ROOT, scenarios)
+        any_law_page.measure(ROOT, scenarios)
     for name, measure_table in TABLES.items():
         if not names or name in names:
             measure_table(ROOT)
@@ -144,7 +133,7 @@ def measure_pages(names: list[str]) -> None:
     LAWS.mkdir(parents=True, exist_ok=True)
     measured: dict[str, Any] = dict(read_rows(MEASURED))
     with share_bar("demonstration runs") as report:
-        measured |= measure(wanted, LAWS, report)
+        measured |= measure_components(wanted, LAWS, report)
     write_rows(MEASURED, dict(sorted(measured.items())), 2)
 
 
@@ -176,9 +165,7 @@ def main(arguments: list[str] | None = None) -> int:
     files = generated()
     if options.check:
         lines = stale(files) + unmeasured(read_rows(MEASURED))
-        lines += fault_page.unmeasured_faults(ROOT) + hazard_page.unmeasured_hazards(ROOT)
-        lines += random_runs.unmeasured_random_runs(ROOT)
-        lines += left_out_page.unmeasured_choices(ROOT) + gallery_page.unmeasured_gallery(ROOT)
+        lines += [line for module in (*CHECKED, gallery_page) for line in module.unmeasured(ROOT)]
         lines += [line for table in EQUATION_TABLES for line in problems(table, ROOT)]
         sys.stdout.write("".join(f"{line}\n" for line in lines))
         return 1 if lines else 0

@@ -140,7 +140,7 @@ def _force_suffices(setup: RunSetup) -> bool:
     return True
 
 
-def measure_any_law(root: Path, scenarios: Sequence[str] = ()) -> None:
+def measure(root: Path, scenarios: Sequence[str] = ()) -> None:
     """Run every law on every scenario with both gains, and write the rows after every scenario.
 
     Parameters

@@ -258,13 +258,13 @@ def figures_of(row: FaultRow, run: FaultRun) -> dict[str, Any]:
     }
 
 
-def measure_faults(root: Path) -> None:
+def measure(root: Path) -> None:
     """Run all rows and write their figures."""
     figures = {row.name: figures_of(row, run_row(row)) for row in ROWS}
     write_rows(root / MEASURED, figures)
 
 
-def unmeasured_faults(root: Path) -> list[str]:
+def unmeasured(root: Path) -> list[str]:
     """Return one line per row without current figures, and per leftover."""
     return unmeasured_rows("fault", NAME, {row.name: _key(row) for row in ROWS}, read_rows(root / MEASURED))
 

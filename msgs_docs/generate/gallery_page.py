@@ -72,7 +72,7 @@ def measured_row(name: str) -> dict[str, Any]:
     }
 
 
-def measure_gallery(top: Path) -> None:
+def measure(top: Path) -> None:
     """Run every shipped scenario and write its row."""
     names, rows = scenario_names(), {}
     with share_bar("gallery") as report:
@@ -82,7 +82,7 @@ def measure_gallery(top: Path) -> None:
     write_rows(top / MEASURED, rows)
 
 
-def unmeasured_gallery(top: Path) -> list[str]:
+def unmeasured(top: Path) -> list[str]:
     """Return one line if a scenario has no row, or a row no scenario."""
     changed = set(scenario_names()) ^ set(read_rows(top / MEASURED))
     remedy = f"run python -m msgs_docs.generate --measure {NAME}"

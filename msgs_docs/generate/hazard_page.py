@@ -406,7 +406,7 @@ def pair_figures(row: HazardRow) -> dict[str, Any]:
     }
 
 
-def measure_hazards(root: Path) -> None:
+def measure(root: Path) -> None:
     """Run all pairs and write their figures."""
     figures = {row.requirement: pair_figures(row) for row in ROWS if row.pair is not None}
     for entry in OPEN:
@@ -428,7 +428,7 @@ def _mutation_rows(root: Path) -> list[str]:
     return rows
 
 
-def unmeasured_hazards(root: Path) -> list[str]:
+def unmeasured(root: Path) -> list[str]:
     """Return one line per row without current figures, and per leftover."""
     keys: dict[str, Any] = {row.requirement: _pair_key(row) for row in ROWS if row.pair is not None}
     keys |= {entry.text: _open_key(entry) for entry in OPEN}

@@ -145,7 +145,7 @@ def wanted() -> Iterator[tuple[ChoiceRun, str]]:
                 yield from ((run, choice.metric) for run in (table.bases[choice.base], *choice.others))
 
 
-def measure_choices(root: Path) -> None:
+def measure(root: Path) -> None:
     """Drive all runs and write their metrics."""
     metrics: dict[str, set[str]] = {}
     runs: dict[str, ChoiceRun] = {}
@@ -166,7 +166,7 @@ def drive_choice(run: ChoiceRun, metrics: list[str]) -> dict[str, float | str]:
     return {name: LOST if result.failure else float(f"{result.summary[name]:.3g}") for name in metrics}
 
 
-def unmeasured_choices(root: Path) -> list[str]:
+def unmeasured(root: Path) -> list[str]:
     """Return one line per run without a measured metric, and per leftover."""
     found, remedy = read_rows(root / MEASURED), f"run python -m msgs_docs.generate --measure {NAME}"
     missing = {run.key for run, metric in wanted() if metric not in found.get(run.key, {})}

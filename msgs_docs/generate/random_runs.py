@@ -277,12 +277,12 @@ FAULTLESS = ("without_fault", "interventions_without_fault")
 """Numbers of runs without a fault, and of those with an intervention."""
 
 
-def measure_random_runs(root: Path) -> None:
+def measure(root: Path) -> None:
     """Make the runs of the page and write their summary."""
     write_rows(root / MEASURED, measure_draws(COUNT, SEED, os.cpu_count() or 1), 2)
 
 
-def unmeasured_random_runs(root: Path) -> list[str]:
+def unmeasured(root: Path) -> list[str]:
     """Return one line if the summary is not that of the present runs."""
     if read_rows(root / MEASURED).get("runs") == digest(draws(COUNT, SEED)):
         return []

@@ -81,7 +81,7 @@ def change(recording: Recording, begin: float, tick: float, lasting: float = HEL
     return np.asarray(np.abs(np.diff(recording.command[held], axis=0)).max(axis=0))
 
 
-def measure_swaps(root: Path) -> None:
+def measure(root: Path) -> None:
     """Drive all cells, and write a row for every place of a scenario."""
     rows = []
     for scenario, places in PLACES.items():

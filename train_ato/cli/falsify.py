@@ -49,12 +49,12 @@ def execute(options: argparse.Namespace) -> None:
     from train_ato.api.scenario_choice import choose_scenario
     from train_ato.api.series_folder import SearchFolder
     from train_ato.cli.screen import note_compilation
-    from train_ato.studies.falsify.study import Falsification, prepare_study, write_study
+    from train_ato.studies.falsify.study import Falsification, FalsificationStudy, write_study
     from train_ato.studies.sweep.row import data_hash
 
     components = chosen_components(options)
     choice = choose_scenario(options.scenario).assigned(options.assignments).changed(components, options.seed)
-    study = prepare_study(choice, options.requirement, options.over, options.runs, jobs=options.jobs, dash="--")
+    study = FalsificationStudy(choice, options.requirement, options.over, options.runs, jobs=options.jobs, dash="--")
     note_compilation()
     folder = SearchFolder.opened(options.out, name=f"falsify-{choice.name}")
     seed = 1 if options.seed is None else options.seed

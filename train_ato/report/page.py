@@ -149,17 +149,12 @@ def _sources(events: list[Event]) -> dict[str, tuple[ColumnDataSource, ColumnDat
         if of_kind:
             moments = [event for event in of_kind if event.end is None]
             stretches = [event for event in of_kind if event.end is not None]
-            result[kind] = (
-                ColumnDataSource({"begin": [e.begin for e in moments], "text": [e.text for e in moments]}),
-                ColumnDataSource(
-                    {
-                        "begin": [e.begin for e in stretches],
-                        "end": [e.end for e in stretches],
-                        "text": [e.text for e in stretches],
-                    }
-                ),
-            )
+            result[kind] = (_table(moments, "begin", "text"), _table(stretches, "begin", "end", "text"))
     return result
+
+
+def _table(events: list[Event], *names: str) -> ColumnDataSource:
+    return ColumnDataSource({name: [getattr(event, name) for event in events] for name in names})
 
 
 def _plain(axis: str, height: int, **options: Any) -> Figure:

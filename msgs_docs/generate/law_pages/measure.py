@@ -126,7 +126,7 @@ KEPT = ("speed_rmse_kmh", "speed_error_max_kmh", "position_error_max_m", "comman
 WORKERS = 2
 
 
-def measure(
+def measure_components(
     chosen: Iterable[Component], folder: Path, report: Callable[[float, str], None]
 ) -> dict[str, list[dict[str, Any]]]:
     """Execute the runs of some pages and draw their figures.

@@ -1,7 +1,6 @@
 """Braking curves and supervision limits of the cases of a file, or of the train of a scenario on its line."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -88,37 +87,13 @@ LINE_CURVES = ("EBD", "EBI", "SBI2", "Warning", "Permitted", "Indication")
 """Curves of the table of an end of authority; SBD and SBI1 are added if the service brake has a curve."""
 
 
-@dataclass(frozen=True)
-class LineCurves:
-    """Curves to the end of authority of a supervision, with the speed limits of the line.
-
-    Attributes
-    ----------
-    title : str
-        Train and line.
-    supervision : TrackSupervision
-        All targets.
-    table : CurveTable
-        Speeds [km/h] and distances before the end of authority [m].
-    """
-
-    title: str
-    supervision: TrackSupervision
-    table: CurveTable
-
-    @property
-    def end(self) -> TargetLimits:
-        """Limits of the end of authority."""
-        return self.supervision.targets[-1]
-
-
-def line_curves(title: str, supervision: TrackSupervision, motion: MotionEstimate = EXACT_MOTION) -> LineCurves:
+def line_curves(supervision: TrackSupervision, motion: MotionEstimate = EXACT_MOTION) -> CurveTable:
     """Return the curves to the end of authority, every 5 km/h up to the maximum speed."""
     end = supervision.targets[-1]
     top = round(supervision.train.max_speed * KMH / TABLE_STEP_KMH, 6)
     speeds = [TABLE_STEP_KMH * i for i in range(int(top) + 1)]
     names = [*LINE_CURVES, *(("SBD", "SBI1") if end.sbd is not None else ())]
-    return LineCurves(title, supervision, tabulate(end, motion, dict.fromkeys(names, speeds)))
+    return tabulate(end, motion, dict.fromkeys(names, speeds))
 
 
 CURVE_COLOURS = {
@@ -297,10 +272,10 @@ def _of_scenario(case: GivenScenario, given: Mapping[str, Any], dash: str) -> di
         supervision = line_supervision(
             consist, line, scenario.plant, at, max_speed=None if fastest is None else fastest / KMH
         )
-        found = line_curves(name, supervision, _motion(given, supervision.train.max_speed, dash))
+        found = line_curves(supervision, _motion(given, supervision.train.max_speed, dash))
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
-    return {name: {"inputs": _train_data(found.supervision), "curves": found.table}}
+    return {name: {"inputs": _train_data(supervision), "curves": found}}
 
 
 def _refuse_case_file(path: Path) -> None:

@@ -313,20 +313,50 @@ def falsify(
     (True, ['plant.mismatch.mass_scale'])
     """
     choice = choose_scenario(scenario).changed(set, None)
-    study = prepare_study(choice, requirement, over, runs, jobs=jobs)
+    study = FalsificationStudy(choice, requirement, over, runs, jobs=jobs)
     with share_bar(f"falsify {choice.name}", shown=progress) as update:
         return study.search(
             runs, seed, jobs, shrink=shrink, note=lambda row: update(row.number / runs, f"run {row.number}")
         )
 
 
-@dataclass(frozen=True)
 class FalsificationStudy:
-    """Checked input of a falsification."""
+    """Checked input of a falsification.
 
-    scenario: ScenarioChoice
-    target: RequirementTarget
-    space: SearchSpace
+    Parameters
+    ----------
+    choice
+        Nominal scenario.
+    requirement, over, runs, jobs
+        As for :func:`falsify`.
+    dash
+        Begin of the names of arguments in messages.
+
+    Raises
+    ------
+    ValueError
+        Bad input.
+    """
+
+    def __init__(
+        self,
+        choice: ScenarioChoice,
+        requirement: str,
+        over: Mapping[str, Any] | str | Path,
+        runs: int,
+        *,
+        jobs: int,
+        dash: str = "",
+    ) -> None:
+        for name, value in (("runs", runs), ("jobs", jobs)):
+            if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+                raise ValueError(f"{dash}{name} {value}: give an integer of at least 1")
+        self.scenario = choice
+        self.target = requirement_target(requirement, choice.checked, f"{dash}requirement")
+        where = "over" if isinstance(over, Mapping) else f"{over}: over"
+        dimensions = read_dimensions(over, where) if isinstance(over, Mapping) else read_spec(Path(over))
+        check_signals(self.target, choice.prepare(), f"{dash}requirement")
+        self.space = search_space(choice, dimensions, where)
 
     def spec(self, seed: int) -> dict[str, Any]:
         """Return what determines the runs of a search beside the scenario, as plain data."""
@@ -358,26 +388,6 @@ class FalsificationStudy:
             except KeyboardInterrupt:
                 interrupted = True
         return Falsification(self.scenario, self.target, self.space, search.rows, interrupted)
-
-
-def prepare_study(
-    choice: ScenarioChoice,
-    requirement: str,
-    over: Mapping[str, Any] | str | Path,
-    runs: int,
-    *,
-    jobs: int,
-    dash: str = "",
-) -> FalsificationStudy:
-    """Check the input of a falsification; ``dash`` precedes the names of arguments in messages."""
-    for name, value in (("runs", runs), ("jobs", jobs)):
-        if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-            raise ValueError(f"{dash}{name} {value}: give an integer of at least 1")
-    target = requirement_target(requirement, choice.checked, f"{dash}requirement")
-    where = "over" if isinstance(over, Mapping) else f"{over}: over"
-    dimensions = read_dimensions(over, where) if isinstance(over, Mapping) else read_spec(Path(over))
-    check_signals(target, choice.prepare(), f"{dash}requirement")
-    return FalsificationStudy(choice, target, search_space(choice, dimensions, where))
 
 
 COUNTEREXAMPLE, RUNS_TABLE, RESULT = "counterexample.yaml", "runs.csv", "falsify.json"

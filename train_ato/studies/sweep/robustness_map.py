@@ -213,17 +213,17 @@ def box_plot(spec: SweepSpec, table: pd.DataFrame, metric: str) -> Figure:
         for group in groups
     ]  # fmt: skip
     axes.set_xticks(places, labels)
-    _use_logarithm(axes, np.concatenate(values))
+    _use_logarithm(axes, "y", np.concatenate(values))
     axes.set_ylabel(words)
     axes.set_xlabel(key)
     figure.suptitle(f"{spec.title}: {words} of the tracked runs by {key}", fontsize=8.5)
     return figure
 
 
-def _use_logarithm(axes: object, values: np.ndarray) -> None:
-    """Use a logarithmic axis for positive values over more than two decades."""
+def _use_logarithm(axes: Any, axis: str, values: Any) -> None:
+    """Use a logarithmic axis ``x`` or ``y`` for positive values over more than two decades."""
     if values.min() > 0.0 and values.max() > 100.0 * values.min():
-        axes.set_yscale("log")  # type: ignore[attr-defined]
+        getattr(axes, f"set_{axis}scale")("log")
 
 
 VARIATION = "command_variation_kn_per_s"
@@ -285,9 +285,7 @@ def pareto_figure(table: pd.DataFrame, metric: str, name: str) -> Figure:
     if not drawn:
         raise NotDrawable("no run is tracked")
     for axis, values in (("x", table[VARIATION]), ("y", table[metric].abs())):
-        shown = values[inside(table)].dropna()
-        if shown.min() > 0.0 and shown.max() > 100.0 * shown.min():
-            getattr(axes, f"set_{axis}scale")("log")
+        _use_logarithm(axes, axis, values[inside(table)].dropna())
     axes.set_xlabel(metric_words(table, VARIATION))
     axes.set_ylabel(words)
     add_print_legend(axes)
