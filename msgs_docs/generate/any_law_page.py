@@ -201,12 +201,8 @@ def summary_figures(summary: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _short(value: float | None) -> float | None:
-    return None if value is None else float(f"{value:.4g}")
-
-
-def _exact(value: float | None) -> float | None:
-    """Return a figure as it is kept: counts whole, others short."""
-    return value if isinstance(value, int) else _short(value)
+    """Return a figure as it is kept: counts whole, others to four digits."""
+    return value if value is None or isinstance(value, int) else float(f"{value:.4g}")
 
 
 def holds(found: dict[str, Any]) -> bool:
@@ -258,7 +254,7 @@ def measure_leaderboard(root: Path) -> None:
         command = ["compare", *names, "--seeds", str(SEEDS), "--laws", laws, "--out", "leaderboard"]
         subprocess.run([sys.executable, "-m", "train_ato", *command], cwd=folder, env=environment, check=False)
         found = json.loads((folder / "leaderboard" / "summary.json").read_text(encoding="utf-8"))
-    rows = [{"law": row["law"], **{key: _exact(row[key]) for key in STANDINGS}} for row in found["laws"]]
+    rows = [{"law": row["law"], **{key: _short(row[key]) for key in STANDINGS}} for row in found["laws"]]
     for row in rows:
         for name, file in zip(DISTURBED, names, strict=True):
             own = [[run for run in runs if run["scenario"] == Path(file).stem] for runs in found["runs"]]

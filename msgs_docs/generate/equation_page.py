@@ -221,18 +221,15 @@ def page(root: Path) -> str:
         heads = ("equation", "content", "form", "place", "note", "settings")
         lines += table_lines(heads, (_row(row, root) for row in table.rows))
     forms = [f"| {form.value} | {MEANINGS[form]} |" for form in Form]
-    return page_text(PAGE.stem, forms=forms, counts=_counts(), tables=lines)
+    rows = [(table.paper, len(table.rows), *counts(table).values()) for table in EQUATION_TABLES]
+    counted = table_lines(("paper", "equations", *(form.value for form in Form)), rows)
+    return page_text(PAGE.stem, forms=forms, counts=counted, tables=lines)
 
 
 def counts(table: EquationTable) -> dict[Form, int]:
     """Return the number of equations of a paper by form."""
     found = Counter(row.form for row in table.rows)
     return {form: found[form] for form in Form}
-
-
-def _counts() -> list[str]:
-    rows = [(table.paper, len(table.rows), *counts(table).values()) for table in EQUATION_TABLES]
-    return table_lines(("paper", "equations", *(form.value for form in Form)), rows)
 
 
 def _row(row: Equation, root: Path) -> list[str]:

@@ -365,9 +365,8 @@ def chosen_topics(found: Mapping[str, LogTopic], options: ReplayOptions) -> dict
     for option, names in named:
         for name in names:
             if absolute(name) not in found:
-                raise ValueError(
-                    f"{option} {name}: not in the log{close_match(absolute(name), found)}; it has: {_list(found)}"
-                )
+                near, known = close_match(absolute(name), found), ", ".join(sorted(found))
+                raise ValueError(f"{option} {name}: not in the log{near}; it has: {known}")
     wanted = {absolute(name) for name in options.topics} or set(found)
     wanted -= {absolute(name) for name in options.exclude}
     if options.clock_hz is not None:
@@ -393,7 +392,3 @@ def _check_names(chosen: Mapping[str, LogTopic]) -> None:
                 f"{other.name} ({other.type}) and {topic.name} ({topic.type}) would both be published as "
                 f"{topic.published_as}; change --remap"
             )
-
-
-def _list(names: Mapping[str, object]) -> str:
-    return ", ".join(sorted(names))

@@ -97,7 +97,8 @@ class Player:
         self._full: Sender | None = None
         self._full_since = 0.0
         self._period = 1 / clock_hz if clock_hz is not None else None
-        self._clock = self._sender(_clock_topic()) if clock_hz is not None else None
+        clock = LogTopic(CLOCK, CLOCK, "rosgraph_msgs/msg/Clock", False, _QUEUE)
+        self._clock = self._sender(clock) if clock_hz is not None else None
         self._next_clock = time.monotonic()
 
     @property
@@ -251,10 +252,6 @@ def _class_of(topic: LogTopic) -> Any:
             f"{topic.name}: messages of type {topic.type} are not installed; install them, or exclude the topic "
             "with --exclude-topics"
         ) from None
-
-
-def _clock_topic() -> LogTopic:
-    return LogTopic(CLOCK, CLOCK, "rosgraph_msgs/msg/Clock", False, _QUEUE)
 
 
 def _clock_message(moment_ns: int) -> Any:

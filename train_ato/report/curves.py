@@ -81,8 +81,8 @@ def found_delay(time: Array, demand: Array, applied: Array, longest: float, lag:
     edges = np.arange(shifts, time.size, max(1, width), dtype=np.intp)
     if edges.size < 2:
         return np.empty(0), np.empty(0)
-    errors = np.array([_window_sums((applied[shifts:] - _shifted(demand, lag, shifts)) ** 2, edges - shifts)
-                       for lag in range(shifts)])  # fmt: skip
+    shifted = (demand[shifts - shift : demand.size - shift] for shift in range(shifts))
+    errors = np.array([_window_sums((applied[shifts:] - earlier) ** 2, edges - shifts) for earlier in shifted])
     counts = np.diff(edges).astype(np.float64)
     best = errors.argmin(axis=0)
     delay = step * _refined(errors, best)
@@ -104,10 +104,6 @@ def _lagged(values: Array, lag: float, tick: float) -> Array:
         values[:-1].tolist(), lambda force, held: force + gain * (held - force), initial=float(values[0])
     )
     return np.fromiter(steps, dtype=np.float64, count=values.size)
-
-
-def _shifted(values: Array, lag: int, begin: int) -> Array:
-    return values[begin - lag : values.size - lag]
 
 
 def _window_sums(values: Array, edges: NDArray[np.intp]) -> Array:

@@ -64,7 +64,7 @@ class PlaybackControls:
         sheets = {"stylesheets": [WIDGETS]}
         begin, end = feed.span
         self._play = Button(label="play", width=84, name="play", **sheets)
-        self._play.on_click(self._toggle)
+        self._play.on_click(lambda: feed.set_playing(playing=not feed.playing))
         back = Button(label="◀ tick", width=72, name="back", **sheets)
         back.on_click(lambda: self._step(-1))
         on = Button(label="tick ▶", width=72, name="on", **sheets)
@@ -97,9 +97,6 @@ class PlaybackControls:
         self.column = Column(children=[Div(text=_summary(feed), width=WIDTH), self._events], width=WIDTH, name="panel")
         # The running time must not move a slider during a drag.
         self._slider.js_on_change("value", CustomJS(code="window.trainAtoDragged = Date.now()"))
-
-    def _toggle(self) -> None:
-        self._feed.set_playing(playing=not self._feed.playing)
 
     def _step(self, ticks: int) -> None:
         self._feed.playing = False

@@ -45,7 +45,7 @@ class Panel:
         self._law.on_change("value", lambda attr, old, law: self._set("controller", "law", law))
         self._parameters = Column(children=[], width=WIDTH, name="parameters")
         self._brake = Button(label="EMERGENCY BRAKE", button_type="danger", width=WIDTH, height=44, **sheets)
-        self._brake.on_click(self._emergency)
+        self._brake.on_click(lambda: feed.controls.call("emergency_brake", say, not self._applied))
         self._requirements = Div(text="", width=WIDTH, name="requirements", styles={"margin-left": "5px"})
         shown = [_heading("requirements"), self._requirements] if self._with_requirements else []
         ato = [_heading("ATO"), self._requests()] if feed.facts.layout.supervised else []
@@ -119,9 +119,6 @@ class Panel:
         if not done:
             self._number = -1
         self._say(done, text)
-
-    def _emergency(self) -> None:
-        self._feed.controls.call("emergency_brake", self._say, not self._applied)
 
     @property
     def _applied(self) -> bool:

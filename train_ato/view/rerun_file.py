@@ -177,7 +177,7 @@ def write_rerun(
         (f"{topic}/{name}", times, column)
         for topic, frame in frames.items()
         if 0 < frame.shape[1] <= MAX_COLUMNS
-        for times in [_seconds(frame)]
+        for times in [np.asarray(frame.index, dtype=np.float64)]
         for name, column in _numbers(frame)
     ]
     _send_scene(rerun, recording, run, setup, rate=rate, progress=lambda share: progress(0.7 * share, "scene"))
@@ -228,11 +228,6 @@ def _quaternion(heading: float, slope: float) -> tuple[float, float, float, floa
         -np.sin(yaw) * np.sin(pitch), np.cos(yaw) * np.sin(pitch),
         np.sin(yaw) * np.cos(pitch), np.cos(yaw) * np.cos(pitch),
     )  # fmt: skip
-
-
-def _seconds(frame: pd.DataFrame) -> Array:
-    """Return the simulated times of a table [s]."""
-    return np.asarray(frame.index, dtype=np.float64)
 
 
 def _numbers(frame: pd.DataFrame) -> list[tuple[str, Array]]:

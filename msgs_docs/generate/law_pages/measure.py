@@ -171,7 +171,7 @@ def measure_components(
 
 def row(label: str, case: Case, result: Result) -> dict[str, Any]:
     """Return one row of a table: label, scenario, command line, outcome and metrics to four digits."""
-    figures: dict[str, Any] = {key: _rounded(result.summary[key]) for key in KEPT}
+    figures: dict[str, Any] = {key: float(f"{result.summary[key]:.4g}") for key in KEPT}
     buff, draft = result.summary["coupler_buff_max_kn"], result.summary["coupler_draft_max_kn"]
     figures["couplers"] = f"{buff:.0f} ... {draft:+.0f}" if buff or draft else None
     found = summary_figures(result.summary)
@@ -179,10 +179,6 @@ def row(label: str, case: Case, result: Result) -> dict[str, Any]:
         name: value for name, value in found.get("missed", {}).items() if value is not None
     }  # no supervisor
     return {"run": label, "scenario": case.scenario, "command": command(case), "outcome": verdict(found), **figures}
-
-
-def _rounded(value: float) -> float:
-    return float(f"{value:.4g}")
 
 
 def command(case: Case) -> str:

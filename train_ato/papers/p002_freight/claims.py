@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from train_ato.messages.types import Array
 from train_ato.papers.checks import conclude, mean_speed_error, position_error, printed_forms_table
 from train_ato.papers.checks import recording as series_of
 from train_ato.papers.claims import (
@@ -24,7 +23,7 @@ from train_ato.papers.claims import (
 from train_ato.papers.drawing import HELD, panel_grid, save_grid
 from train_ato.papers.p002_freight import checks as judge
 from train_ato.papers.p002_freight.cases import CASES, DELAYS, LAWS, OBSERVER_TICKS, PRINTED_FORMS, RATIOS
-from train_ato.papers.p002_freight.checks import time_text
+from train_ato.papers.p002_freight.checks import MASS, OFFSETS, time_text
 from train_ato.papers.p002_freight.observer_trials import FORMS
 from train_ato.report.quantities import COLOURS
 
@@ -134,10 +133,6 @@ def derivative(results: Results) -> Judgement:
         changed=reason,
         otherwise=reason,
     )
-
-
-OFFSETS: Array = 80.0 * np.arange(5, dtype=np.float64)
-MASS = 80e3
 
 
 def draw(results: Results, folder: Path) -> list[FigureFile]:
