@@ -76,6 +76,12 @@ def thinned(time: Array, values: Array) -> tuple[Array, Array]:
     return time[rows], values[rows]
 
 
+def between(series: Iterable[Series], begin: float, end: float) -> list[Series]:
+    """Return the parts of series in a time range [s]."""
+    parts = [(name, (time >= begin) & (time <= end), time, values) for name, time, values in series]
+    return [(name, time[part], values[part]) for name, part, time, values in parts]
+
+
 def inset(
     panel: Axes,
     series: Iterable[Series],
@@ -87,12 +93,10 @@ def inset(
 ) -> None:
     """Draw an enlarged time range inside a panel (place: x, y, width, height as fractions of the panel)."""
     small = panel.inset_axes(place)
-    if reference is not None:
-        part = (reference[1] >= begin) & (reference[1] <= end)
-        small.plot(reference[1][part], reference[2][part], color=GREY, lw=2.6, alpha=0.65)
-    for index, (_, time, values) in enumerate(series):
-        part = (time >= begin) & (time <= end)
-        small.plot(time[part], values[part], color=COLOURS[index % len(COLOURS)], lw=0.9)
+    for _, time, values in between([] if reference is None else [reference], begin, end):
+        small.plot(time, values, color=GREY, lw=2.6, alpha=0.65)
+    for index, (_, time, values) in enumerate(between(series, begin, end)):
+        small.plot(time, values, color=COLOURS[index % len(COLOURS)], lw=0.9)
     small.set_xlim(begin, end)
     small.set_xlabel("time in s", fontsize="x-small")
     small.tick_params(labelsize="x-small")

@@ -7,7 +7,7 @@ from typing import Any
 from train_ato.control.laws.rbf_smc import RbfSmcParameters
 from train_ato.papers.checks import largest_kmh, printed_forms_table, recording, rms_kmh, variation
 from train_ato.papers.claims import CaseTable, FigureFile, Paper, Results
-from train_ato.papers.drawing import HELD, Series, inset, panel_grid, panels, save, trace
+from train_ato.papers.drawing import HELD, Series, between, inset, panel_grid, panels, save, trace
 from train_ato.papers.p000_heavy_haul import checks, lag_checks
 from train_ato.papers.p000_heavy_haul.cases import (
     CASES,
@@ -42,12 +42,7 @@ def draw(results: Results, folder: Path) -> list[FigureFile]:
     return [
         _tracking(results, folder, "", "5-6"),
         _tracking(results, folder, " disturbed", "11-12"),
-        _network(results, folder),
-        _force(results, folder),
-        _couplers(results, folder),
-        _observer(results, folder),
-        _limit(results, folder),
-        _twin(results, folder),
+        *(one(results, folder) for one in (_network, _force, _couplers, _observer, _limit, _twin)),
     ]
 
 
@@ -108,16 +103,7 @@ def _force(results: Results, folder: Path) -> FigureFile:
     lines: list[Series] = [(label, run.time, run.command[:, 0] / 1e3) for label, run in runs.items()]
     trace(force, lines, "force in kN", **HELD)
     force.set_xlabel("time in min")
-    trace(
-        detail,
-        [
-            (label, time[(time >= 1290) & (time <= 1320)], kn[(time >= 1290) & (time <= 1320)])
-            for label, time, kn in lines
-        ],
-        "force in kN",
-        minutes=False,
-        **HELD,
-    )
+    trace(detail, between(lines, 1290.0, 1320.0), "force in kN", minutes=False, **HELD)
     detail.set_xlabel("time in s: the air brake is applied")
     return save(figure, folder / "paper000_force.png")
 
@@ -150,8 +136,7 @@ def _observer(results: Results, folder: Path) -> FigureFile:
     ]
     trace(whole, lines, "d in m/s²")
     whole.set_xlabel("time in min")
-    part = (run.time >= 600) & (run.time <= 620)
-    trace(detail, [(label, time[part], d[part]) for label, time, d in lines], "d in m/s²", minutes=False)
+    trace(detail, between(lines, 600.0, 620.0), "d in m/s²", minutes=False)
     detail.set_xlabel("time in s")
     return save(figure, folder / "paper000_observer.png")
 

@@ -9,7 +9,7 @@ import numpy as np
 from train_ato.messages.types import Array
 from train_ato.papers.checks import printed_forms_table, recording
 from train_ato.papers.claims import CaseTable, FigureFile, Paper, Result, Results
-from train_ato.papers.drawing import HELD, Series, inset, panels, save, trace
+from train_ato.papers.drawing import HELD, Series, between, inset, panels, save, trace
 from train_ato.papers.p001_metro import checks as judges
 from train_ato.papers.p001_metro.cases import CASES, INERTIA, LAWS, PRINTED_FORMS, TRAINS
 from train_ato.report.quantities import COLOURS
@@ -17,13 +17,7 @@ from train_ato.report.quantities import COLOURS
 
 def draw(results: Results, folder: Path) -> list[FigureFile]:
     """Draw the figures of paper 001 into a folder; return them."""
-    return [
-        _tracking(results, folder),
-        _chattering(results, folder),
-        _disturbed(results, folder),
-        _literal(results, folder),
-        _delay(results, folder),
-    ]
+    return [one(results, folder) for one in (_tracking, _chattering, _disturbed, _literal, _delay)]
 
 
 def _errors(results: Results, named: Mapping[str, str]) -> list[Series]:
@@ -72,11 +66,10 @@ def _chattering(results: Results, folder: Path) -> FigureFile:
         color=COLOURS[1],
         **HELD,
     )
-    lines: list[Series] = []
-    for label, run in (("sgn(s)", relay), ("RBF network", network)):
-        part = (run.time >= 20.0) & (run.time <= 22.0)
-        lines.append((label, run.time[part], run.command[part, 0] / INERTIA))
-    trace(detail, lines, "ideal: u/M in m/s²", minutes=False, **HELD)
+    lines: list[Series] = [
+        (label, run.time, run.command[:, 0] / INERTIA) for label, run in (("sgn(s)", relay), ("RBF network", network))
+    ]
+    trace(detail, between(lines, 20.0, 22.0), "ideal: u/M in m/s²", minutes=False, **HELD)
     run = recording(results["sign nominal"])
     smooth = recording(results["tanh nominal"])
     lines = [
