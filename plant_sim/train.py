@@ -138,13 +138,15 @@ class Train:
 
     def observe(self) -> Observation:
         """Return true state and measurement at the present stamp; draws sensor noise, so call it once per tick."""
-        vehicles = VehicleStates(self.stamp, self.position, self.velocity, self.coupler_force)
-        measured = self.sensor_set.measure(vehicles, self.arrays.unit[k.APPLIED].copy())
+        a, n, stamp = self.arrays, self.n, self.stamp
+        force = a.state[k.COUPLER, 1 : n + 1].copy()
+        vehicles = VehicleStates(stamp, a.state[k.X, :n].copy(), a.state[k.V, :n].copy(), force)
+        measured = self.sensor_set.measure(vehicles, a.unit[k.APPLIED].copy())
         if self.pipe is None or self._pressure is None:
             return Observation(vehicles, measured, None, None, None)
-        head, tail = self.pipe_pressures(self.time)
-        shoes = BrakeShoes(self.stamp, self.shoe_force)
-        return Observation(vehicles, measured, Pipe(self.stamp, head), Pipe(self.stamp, tail), shoes)
+        head, tail = self.pipe_pressures(stamp * 1e-9)
+        shoes = BrakeShoes(stamp, a.state[k.SHOE_FORCE, :n].copy())
+        return Observation(vehicles, measured, Pipe(stamp, head), Pipe(stamp, tail), shoes)
 
     def pipe_pressures(self, time: float) -> tuple[float, ...]:
         """Return the brake-pipe pressure at the first and the last vehicle [Pa]; times [s] must not decrease."""
@@ -188,7 +190,7 @@ class Train:
         # a finite sum of squares proves finite commands, in 0.6 instead of 2.9 us; one that is not may be an overflow
         if not math.isfinite(flat.dot(flat)) and not np.isfinite(demand).all():
             raise ValueError(f"demand at {self.time:.3f} s is not finite; correct the law that sent it")
-        time = self.time
+        time = self.stamp * 1e-9
         if brake_pipe_pa is not None:
             if self.pipe is None:
                 raise ValueError(

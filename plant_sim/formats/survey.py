@@ -311,5 +311,6 @@ def line_gpx(line: Line) -> tuple[str, tuple[str, ...]]:
 
     stations = "".join(element("wpt", spot, name) for name, spot in _named(line, points))
     rows = "".join(element("trkpt", spot) for _, spot in points)
-    head = '<?xml version="1.0" encoding="UTF-8"?>\n<gpx version="1.1" creator="train_ato" xmlns="http://www.topografix.com/GPX/1/1">'
+    gpx = '<gpx version="1.1" creator="train_ato" xmlns="http://www.topografix.com/GPX/1/1">'
+    head = f'<?xml version="1.0" encoding="UTF-8"?>\n{gpx}'
     return f"{head}\n{stations}<trk><name>{shown(line.name)}</name><trkseg>\n{rows}</trkseg></trk></gpx>\n", left

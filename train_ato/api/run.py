@@ -223,7 +223,8 @@ class Run:
             from train_ato.log.table_loading import load  # pandas: not needed for metrics only
 
             assert self._record is not None or self._path is not None
-            self._tables = load(self._path if self._record is None else self._record.written().path)  # type: ignore[arg-type]
+            path = self._path if self._record is None else self._record.written().path
+            self._tables = load(path)  # type: ignore[arg-type]
         return self._tables
 
     @property

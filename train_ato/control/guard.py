@@ -93,9 +93,11 @@ def limit_demands(units: Records[LawUnit]) -> bool:
 
 
 @compiled
-def is_at_limit(units: Records[LawUnit]) -> bool:
-    """Return True if the command of a unit is at one of its limits."""
-    found = False
+def limit_commands(units: Records[LawUnit]) -> int:
+    """Limit the demands as :func:`limit_demands`; return 1 with a command at a limit, 0 without, -1 for no change."""
+    if not limit_demands(units):
+        return -1
+    found = 0
     for x in units:
         found |= x.force != 0.0 and not x.force_min < x.force < x.force_max
     return found
@@ -178,7 +180,9 @@ def write_inputs(i: LawInput, now: Any, units: Any, line_force: float = 0.0) -> 
         now, 0, i.t, i.acceleration_at_effect, i.jerk_at_effect, i.delay_to_effect, line_force, i.train_shoe_force,
         sensed,
     )  # fmt: skip
-    return is_valid_preview(i.preview) and is_valid_lookahead(i.lookahead)
+    if i.preview.velocity.size and not is_valid_preview(i.preview):
+        return False
+    return not i.lookahead.velocity.size or is_valid_lookahead(i.lookahead)
 
 
 def is_valid(inputs: LawInput) -> bool:

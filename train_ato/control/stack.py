@@ -25,7 +25,7 @@ from train_ato.control.component_fault import (
     unless_raised,
 )
 from train_ato.control.contract import Law, LawInput, LawOutput
-from train_ato.control.guard import LawUnit, all_within, is_at_limit, is_valid, is_valid_state, limit_demands
+from train_ato.control.guard import LawUnit, all_within, is_valid, is_valid_state, limit_commands
 from train_ato.control.plan_text import TimedPlan, plan_to_text
 from train_ato.control.registry import LAWS
 from train_ato.control.takeover import (
@@ -335,11 +335,11 @@ class ControlStack:
     def _decide(
         self, measurement: Measurement, reference: Reference, estimate: DisturbanceEstimate | None
     ) -> list[float]:
-        low, high = self.model.limits_of_units(measurement.velocity.tolist())
+        low, high = self.model.force_limits(measurement.velocity)
         known = measurement
         if self._displacement is not None:
             known = self._displacement.without(measurement, self.model.front(measurement.position))
-        answered = self._answered(known, reference, estimate, np.array(low), np.array(high))
+        answered = self._answered(known, reference, estimate, low, high)
         if answered is None:
             return self._last
         inputs, output = answered
@@ -353,16 +353,18 @@ class ControlStack:
         else:
             self._hold.in_a_row = 0
         if self._air_brake and output.brake_pipe is not None:
-            self.pressure = min(max(output.brake_pipe, 0.0), self.model.consist.air_brake.charged)  # type: ignore[union-attr]
+            brake = self.model.consist.air_brake
+            self.pressure = min(max(output.brake_pipe, 0.0), brake.charged)  # type: ignore[union-attr]
             self.law_brakes = True
         units = self._units
         units["wanted"], units["force_min"], units["force_max"] = output.force, low, high
-        self.saturated = bool(limit_demands(units) and is_at_limit(units))
+        self.saturated = bool(limit_commands(units) > 0)
         self.saturated_steps += self.saturated
         sent: list[float] = units["force"].tolist()
         if self._distribution is None:
             return sent
-        return self._distribution.forces(self.model.front(measurement.position), sent, low, high)
+        front = self.model.front(measurement.position)
+        return self._distribution.forces(front, sent, low.tolist(), high.tolist())
 
     def _answered(
         self,
@@ -383,7 +385,8 @@ class ControlStack:
                 with self._compensation_limit:
                     inputs = self.law_input(measurement, reference, estimate, low, high)
                 self._shoes_act = inputs.train_shoe_force != 0.0
-                inputs = self._on_joined_reference(inputs)
+                if self._joins or self._joined is not None:
+                    inputs = self._on_joined_reference(inputs)
                 kind, name = "law", self._name
                 with self._law_limit:
                     if self._transition is not None:

@@ -6,10 +6,12 @@ The plant may differ from it: a mismatch changes the block ``plant:`` only.
 import copy
 import math
 from array import array
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from plant_sim.air_brake import BrakeForecast
 from plant_sim.compiled import compiled
@@ -20,6 +22,7 @@ from plant_sim.railway import (
     DRY_FRICTION_SPEED,
     between_entries,
     each_between_entries,
+    envelope_force,
     fading_resistance,
     running_resistance,
 )
@@ -65,6 +68,23 @@ def own_resistances(
     found = np.empty(vehicles.size)
     for u in range(vehicles.size):
         found[u] = own_resistance(vehicles[u], specific, learned, velocity[u], position[u])
+    return found
+
+
+@compiled
+def unit_limits(limits: Array, segments: NDArray[np.int64], velocity: float) -> tuple[float, float]:
+    """Return the smallest and the largest force of a unit [N] at a speed [m/s], from its row of the envelopes."""
+    speed = abs(velocity)
+    brake = envelope_force(limits, segments[0], segments[1], speed)
+    return -brake, envelope_force(limits, segments[2], segments[3], speed)
+
+
+@compiled
+def limits_of_all(limits: Array, segments: NDArray[np.int64], velocity: Array) -> Array:
+    """Return :func:`unit_limits` of all units [N], shape (2, units)."""
+    found = np.empty((2, len(segments)))
+    for u in range(len(segments)):
+        found[0, u], found[1, u] = unit_limits(limits, segments[u], velocity[u])
     return found
 
 
@@ -139,6 +159,9 @@ class TrainModel:
         Part of a total force for every unit, in proportion to its largest traction force; the sum is 1.
     vehicles : Records of UnitVehicle, shape (units,)
         Vehicles of the power units.
+    envelopes : tuple of Array
+        Segments of all envelopes, shape (segments, 4), and rows of the units: first segment and end of the brake, then
+        those of the traction.
     tables : tuple of Array
         Line force per mass [N/kg], line force on the whole train [N], and learned part of the force per mass [N/kg]
         (empty without one). They begin at the ``line_begin`` of the vehicles, with a value at every :data:`GRID`.
@@ -177,6 +200,7 @@ class TrainModel:
         self.unit_inertia: Array = self.unit_mass * [vehicles[unit].rotating_mass_factor for unit in self.units]
         self.traction = tuple(Envelope(vehicles[unit].traction) for unit in self.units)
         self.brake = tuple(Envelope(vehicles[unit].brake) for unit in self.units)
+        self.envelopes = _envelope_arrays(self.brake, self.traction)
         self.share = self._shares()
         self.air_brake = BrakeForecast(consist) if consist.air_brake is not None else None
         polynomials = np.array([vehicle.resistance.polynomial(vehicle.mass, consist.gravity) for vehicle in vehicles])
@@ -255,21 +279,28 @@ class TrainModel:
 
     def force_limits(self, velocity: Array) -> tuple[Array, Array]:
         """Return the smallest and largest force of every unit at its speed [N], each of shape (units,)."""
-        low, high = self.limits_of_units(velocity.tolist())
-        return np.array(low), np.array(high)
+        low, high = limits_of_all(*self.envelopes, velocity)
+        return low, high
 
     def limits_of_units(self, velocity: list[float]) -> tuple[list[float], list[float]]:
-        """Return :meth:`force_limits` for and as lists, for use in every tick."""
-        low, high = [], []
-        for v, brake, traction in zip(velocity, self.brake, self.traction, strict=True):
-            speed = abs(v)
-            low.append(-brake.force(speed))
-            high.append(traction.force(speed))
-        return low, high
+        """Return :meth:`force_limits` for and as lists."""
+        low, high = self.force_limits(np.array(velocity))
+        return low.tolist(), high.tolist()
 
     def rigid_force(self, position: float, velocity: float, acceleration: float, shoe_force: float = 0.0) -> float:
         """Return the total force that accelerates the rigid train at ``acceleration`` [N]; arguments in SI."""
         return self.inertia * acceleration + self.running_resistance(velocity) + self.line_force(position) + shoe_force
+
+
+def _envelope_arrays(brakes: Sequence[Envelope], tractions: Sequence[Envelope]) -> tuple[Array, NDArray[np.int64]]:
+    """Return the envelopes of all units as arrays, see :class:`TrainModel`."""
+    segments, bounds, end = [np.zeros((0, 4))], [], 0
+    for brake, traction in zip(brakes, tractions, strict=True):
+        middle, last = end + len(brake.rows), end + len(brake.rows) + len(traction.rows)
+        segments += [brake.rows, traction.rows]
+        bounds.append((end, middle, middle, last))
+        end = last
+    return np.concatenate(segments), np.array(bounds, dtype=np.int64).reshape(-1, 4)
 
 
 def _over_train(specific: Array, masses: Array, offsets: Array) -> Array:

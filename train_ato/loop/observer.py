@@ -51,7 +51,7 @@ class ObserverStage:
         self._given = given or {}
         observer = setup.component(OBSERVERS, setup.observer, setup.observer_parameters, setup.tick)
         self.on_fault: Callable[[ComponentFailed], None] | None = None
-        self._observer, self._limit = observer, step_limit(observer)
+        self._name, self._observer, self._limit = setup.observer, observer, step_limit(observer)
         self.failure: ComponentFailed | None = None
         self.answer: DisturbanceEstimate | BaseException | None = None
         self.stack = ObserverStack(setup.model, observer, setup.brake_policy())
@@ -70,7 +70,7 @@ class ObserverStage:
                 try:
                     with self._limit:
                         estimate: DisturbanceEstimate = stamped(self.stack.step(arrived), stamp)
-                    text = estimate_fault(setup.observer, self._observer, estimate.force, setup.model.n_units)
+                    text = estimate_fault(self._name, self._observer, estimate.force, setup.model.n_units)
                     if not text:
                         return DisturbanceEstimate(estimate.stamp, np.asarray(estimate.force, dtype=np.float64))
                 except BaseException as error:  # a user-defined observer may raise any

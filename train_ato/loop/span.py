@@ -29,7 +29,6 @@ from train_ato.control.observers.contract import ObserverStack
 from train_ato.control.observers.none import NoObserver
 from train_ato.control.observers.record_observer import RecordObserver
 from train_ato.control.stack import ControlStack
-from train_ato.control.train_model import TrainModel
 from train_ato.judge.recording_builder import RecordingBuilder
 from train_ato.loop import span_kernel as kernel
 from train_ato.loop.forecast import Forecast
@@ -218,20 +217,6 @@ class ObserverShoes:
                 self._kept.demand(t, self._pressure)
 
 
-def envelope_arrays(model: TrainModel) -> tuple[Array, Any]:
-    """Return the segments of all envelopes, shape (segments, 4), and their ranges in it, shape (units, 4).
-
-    The row of a unit has the first segment and the end of its brake, then those of its traction.
-    """
-    segments, bounds, end = [np.zeros((0, 4))], [], 0
-    for brake, traction in zip(model.brake, model.traction, strict=True):
-        middle, last = end + len(brake.rows), end + len(brake.rows) + len(traction.rows)
-        segments += [brake.rows, traction.rows]
-        bounds.append((end, middle, middle, last))
-        end = last
-    return np.concatenate(segments), np.array(bounds, dtype=np.int64)
-
-
 LawStep = RecordStep | CallerStep | PythonCall
 """Step of a law in the compiled ticks."""
 MIN_SPAN = 4
@@ -291,7 +276,7 @@ class CompiledSpans:
         self._memory: dict[str, Array] = {}
         self.supervised = SupervisedTicks(stages)
         model = stages.setup.model
-        self.model = model.vehicles, model.tables, *envelope_arrays(model)
+        self.model = model.vehicles, model.tables, *model.envelopes
         self.brief = recording.summary_only and not stages.setup.layout.disturbed
         units, vehicles = stages.plant.train.units, stages.plant.train.n
         shown = (0, *units, vehicles - 1) if self.brief else range(vehicles)

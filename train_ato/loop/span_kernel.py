@@ -7,17 +7,17 @@ from dataclasses import dataclass
 from plant_sim import kernel as k
 from plant_sim.compiled import compiled
 from plant_sim.elementary import numpy_total
-from plant_sim.railway import between_entries, envelope_force, shoe_force
+from plant_sim.railway import between_entries, shoe_force
 from plant_sim.record import quantity
 from plant_sim.sensors import measure_train
 from train_ato.control.air_brake.record_policy import electric_brake_available
 from train_ato.control.algorithms.couplers import opposing
 from train_ato.control.command_hold import command_at_standstill
 from train_ato.control.compensation.predictor import predict
-from train_ato.control.guard import is_at_limit, limit_demands
+from train_ato.control.guard import limit_commands
 from train_ato.control.law import STEPPED
 from train_ato.control.law_call import address
-from train_ato.control.train_model import GRID, own_resistance
+from train_ato.control.train_model import GRID, own_resistance, unit_limits
 from train_ato.loop.supervision_kernel import MAX_POSITION, MAX_SPEED, copy_states, supervised_tick
 from train_ato.loop.train_protection import command_age
 from train_ato.messages.links import arrive, push
@@ -76,11 +76,9 @@ def changes_brake(t, position, velocity, applied, braking):
 def set_inputs(tick, reference, feedforward, own, limits, segments, inputs, now):
     """Write reference, feed-forward and limits of a step of the law."""
     for u in range(inputs.size):
-        speed = abs(inputs[u].velocity)
         inputs[u].reference_position = reference[0, tick] - own[u].offset
         inputs[u].feedforward = feedforward[tick, u]
-        inputs[u].force_min = -envelope_force(limits, segments[u, 0], segments[u, 1], speed)
-        inputs[u].force_max = envelope_force(limits, segments[u, 2], segments[u, 3], speed)
+        inputs[u].force_min, inputs[u].force_max = unit_limits(limits, segments[u], inputs[u].velocity)
         inputs[u].reference_velocity, inputs[u].reference_acceleration = reference[1, tick], reference[2, tick]
     now.acceleration_at_effect, now.jerk_at_effect = reference[3, tick], reference[4, tick]
     now.delay_to_effect = reference[5, tick]
@@ -113,11 +111,12 @@ def law_step(tick, t, coupler_forces, own, tables, shoes, law, predicting, histo
     for u in range(inputs.size):
         inputs[u].shoe_force = shoes[tick, 1 + u]
     opposing(couplers, coupler_forces, own, tables[0], tables[2], inputs)
-    if call_law(tick, law, inputs) != 0 or not limit_demands(inputs):
+    if call_law(tick, law, inputs) != 0:
         return -1
+    limited = limit_commands(inputs)
     for u in range(inputs.size):
         sent[u] = inputs[u].force
-    return int(is_at_limit(inputs))
+    return int(limited)
 
 
 # Rows of `measured` (ticks, rows, units).

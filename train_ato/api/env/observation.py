@@ -21,7 +21,6 @@ from train_ato.control.component_fault import place_of
 from train_ato.control.train_model import GRID
 from train_ato.loop.controller import ControllerStage, Received
 from train_ato.loop.engine import TickLoop
-from train_ato.loop.span import envelope_arrays
 from train_ato.messages.topic import FIXED_NAMES, Owner
 from train_ato.messages.types import Array, Measurement
 from train_ato.scenario.setup import RunSetup
@@ -110,7 +109,9 @@ ENGAGED, SUPERVISED, DIRECTION = 0, 1 + len(BRAKES), 1 + len(BRAKES) + len(LIMIT
 
 
 @compiled(allocates=False)
-def write_values(found, t, measured, couplers, reference, disturbance, in_flight, state, sight):  # type: ignore[no-untyped-def]
+def write_values(  # type: ignore[no-untyped-def]
+    found, t, measured, couplers, reference, disturbance, in_flight, state, sight
+):
     """Write the values of all quantities in their order, :func:`observed`.
 
     Parameters
@@ -188,7 +189,7 @@ class Sight:
 
     def __init__(self, setup: RunSetup) -> None:
         model, limits = setup.model, LimitsAhead(setup.model)
-        rows, segments = envelope_arrays(model)
+        rows, segments = model.envelopes
         self.flight = CommandHistory(model, setup.tick).in_flight().shape[0]
         weight, line_begin = model.mass * setup.consist.gravity, model.specific_line_force()[1]
         numbers = np.array((float(setup.profile.position[-1]), weight, line_begin))

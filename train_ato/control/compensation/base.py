@@ -176,7 +176,7 @@ class CompensationBase:
             Coupler forces at the time of the state [N]; default: the measured ones.
         """
         measurement = inputs.measurement
-        profile, horizon = self.rigid.profile, inputs.horizon
+        profile, horizon, later = self.rigid.profile, inputs.horizon, inputs.lookahead_times
         place, speed, acceleration, jerk = profile.at(effect)
         pull, lead, state = acceleration, 0.0, predicted
         if state is None:
@@ -207,13 +207,11 @@ class CompensationBase:
             force_min=inputs.force_min,
             force_max=inputs.force_max,
             saturated=inputs.saturated,
-            lookahead=self._lookahead(inputs, effect, inputs.lookahead_times),
+            lookahead=NO_LOOKAHEAD if later is None else self._lookahead(inputs, effect, later),
         )
 
-    def _lookahead(self, inputs: CompensationInput, effect: float, later: Array | None) -> Lookahead:
+    def _lookahead(self, inputs: CompensationInput, effect: float, later: Array) -> Lookahead:
         """Return the reference and known forces at the times of the law; the shoe force of the effect lasts."""
-        if later is None:
-            return NO_LOOKAHEAD
         times = inputs.t + later
         position, velocity, acceleration = self.rigid.profile.at_times(times)
         resistance = self.rigid.resistances(times)

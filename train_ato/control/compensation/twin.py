@@ -117,14 +117,11 @@ class Twin(PreviewFeedforward):
         """Return the force of every unit of the twin at a time from the last step on [N], shape (units,)."""
         return np.array([self._force(unit, t) for unit in range(self.model.n_units)])
 
-    def _lookahead(self, inputs: CompensationInput, effect: float, later: Array | None) -> Lookahead:
+    def _lookahead(self, inputs: CompensationInput, effect: float, later: Array) -> Lookahead:
         """Return the lookahead with the force of the twin until the last command takes effect."""
-        found = super()._lookahead(inputs, effect, later)
-        if later is None:
-            return found
         times = later[later <= self._longest + self.lag + 1e-9].tolist()
         force = np.array([total_of_units(self._forces_at(inputs.t + time)) for time in times])
-        return replace(found, simulated_force=force)
+        return replace(super()._lookahead(inputs, effect, later), simulated_force=force)
 
     def feedforwards(self, times: Array, shoes: Array) -> Array:
         """Return the feed-forward at consecutive times [N], shape (times, units); :meth:`rewind` makes some unread."""

@@ -52,7 +52,7 @@ class ControllerNode:
         self._advice = ""
         self._declare()
         endpoints.parameter_services.on_accepted = lambda: self._advice
-        endpoints.ignored = lambda: self.ignored
+        endpoints.counter = self._inputs
         endpoints.awaited = lambda: KINDS.get(self._inputs.awaited, "")
         endpoints.subscribe({topic: partial(self._step, kind) for kind, topic in KINDS.items()}, stage.setup.tick_ns)
         for request in REQUESTS:

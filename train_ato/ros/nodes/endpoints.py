@@ -6,7 +6,7 @@ import sys
 import time
 from collections.abc import Callable, Collection, Mapping
 from functools import partial
-from typing import Any
+from typing import Any, Protocol
 
 from rcl_interfaces.msg import Log as LogMessage
 from rclpy.clock import Clock, ClockType
@@ -91,6 +91,12 @@ def _of_ticks(handler: Callable[[Any], None], tick_ns: int) -> Callable[[Any], N
     return receive
 
 
+class HasIgnored(Protocol):
+    """Counter of messages that were read and not used."""
+
+    ignored: int
+
+
 class NodeEndpoints:
     """Node with its publishers, subscriptions and message counts.
 
@@ -123,8 +129,8 @@ class NodeEndpoints:
         Called with a topic and the reason after the appearance of a second publisher; False fails the run.
     awaited : callable
         Returns the topic for which the node waits, "" for none.
-    ignored : callable
-        Returns the number of messages that the node has read and not used; the first of each topic is named.
+    counter : object
+        Its ``ignored`` is the number of messages that the node has read and not used; the first of each topic is named.
     lacking : callable
         Returns further missing conditions for the start.
     on_note : callable
@@ -158,7 +164,7 @@ class NodeEndpoints:
         self.last_stamp = -1
         self.on_second_publisher: Callable[[str, str], bool] = lambda topic, reason: False
         self.awaited: Callable[[], str] = lambda: ""
-        self.ignored: Callable[[], int] = lambda: 0
+        self.counter: HasIgnored | None = None
         self.lacking: Callable[[], list[str]] = list
         self.on_note: Callable[[str], Any] = lambda text: sys.stderr.write(f"{text}\n")
         self._ignored, self._unused = 0, set[str]()
@@ -178,13 +184,7 @@ class NodeEndpoints:
             self._repeatable.clear()
         if external is not None:
             self.node.create_timer(REPEAT_S, self._repeat_first, clock=Clock(clock_type=ClockType.STEADY_TIME))
-        for topic in published_by(role):
-            if topic.exists(wire.layout):
-                self._publishers[topic.name] = self.node.create_publisher(
-                    message_class(topic.type), placed(self.node, topic.name), quality_of_service(topic)
-                )
-                self._senders[topic.name] = self._publishers[topic.name].handle.publish_raw
-                self.published[topic.name] = 0
+        self._advertise()
         self._log = self.node.create_publisher(LogMessage, "/rosout", ROSOUT)
         self.joining, self.handled = False, 0
         self._end: Diagnostic | None = None
@@ -193,6 +193,16 @@ class NodeEndpoints:
             self._take_end, _ = self.taker(END_TOPIC)
         elif role in BY_NAME[END_TOPIC].readers:
             self.subscribe({END_TOPIC: self._on_end})
+
+    def _advertise(self) -> None:
+        """Create the publishers of the role."""
+        for topic in published_by(self.role):
+            if topic.exists(self.wire.layout):
+                self._publishers[topic.name] = self.node.create_publisher(
+                    message_class(topic.type), placed(self.node, topic.name), quality_of_service(topic)
+                )
+                self._senders[topic.name] = self._publishers[topic.name].handle.publish_raw
+                self.published[topic.name] = 0
 
     def _on_end(self, notice: Diagnostic) -> None:
         self._end = notice
@@ -311,8 +321,9 @@ class NodeEndpoints:
                         sender = source.name or "/".join(role.value for role in topic.publishers)
                         raise ValueError(f"{error}; sent by {sender}") from error
                     handler(message)
-                    if (count := self.ignored()) != self._ignored:
-                        self._ignored = count
+                    counter = self.counter
+                    if counter is not None and counter.ignored != self._ignored:
+                        self._ignored = counter.ignored
                         self.name_unused(name, message.stamp)
                 except (Exception, SystemExit) as error:
                     watch.fail(node, error)

@@ -32,7 +32,7 @@ class ProfileNode:
         self.endpoints = endpoints
         self._inputs = AwaitedReport(stage.setup, lambda: endpoints.left_out("ato/state"))
         self._joins = False
-        endpoints.ignored = lambda: self.ignored
+        endpoints.counter = self._inputs
         endpoints.awaited = lambda: "ato/state" if self._inputs.waits else ""
         endpoints.subscribe(
             {
@@ -70,7 +70,7 @@ class SupervisorNode:
         self.stage = stage
         self.endpoints = endpoints
         self.ignored = 0
-        endpoints.ignored = lambda: self.ignored
+        endpoints.counter = self
         self._odometry: Odometry | None = None
         self._ahead: TrainAhead | None = None
         endpoints.subscribe({"train/odometry": self._on_odometry, AHEAD: self._on_ahead})
@@ -112,7 +112,7 @@ class ObserverNode:
     def __init__(self, setup: RunSetup, endpoints: NodeEndpoints) -> None:
         self.endpoints = endpoints
         self.ignored = 0
-        endpoints.ignored = lambda: self.ignored
+        endpoints.counter = self
         changed = self._declared(setup)
         scenario = RunChanges(given={self.endpoints.name: changed}).begun(setup.scenario)
         self.stage = ObserverStage(replace(setup, scenario=scenario), changed)

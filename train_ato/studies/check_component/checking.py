@@ -283,7 +283,11 @@ def check_component(
         if kind == "law" and (note := getattr(component, "gains_note", None)):
             delays = f"delay {rig.model.delay.max():g} s, lag {rig.model.lag:g} s"
             findings.append(Finding(name, "gains of the model", None, f"{delays}: {note(rig.model, values or {})}"))
-        for finding in _on_train(lambda model=rig.model: component(parameters, model, PERIOD), rig, of.tests):  # type: ignore[misc]
+        for finding in _on_train(
+            lambda model=rig.model: component(parameters, model, PERIOD),  # type: ignore[misc]
+            rig,
+            of.tests,
+        ):
             findings.append(finding)
             if progress is not None:
                 done = (index + (1 + list(of.tests).index(finding.test)) / len(of.tests)) / len(TRAINS)
