@@ -24,7 +24,7 @@ def series(error: Array, command: Array, period: float = 0.05) -> Recording:
     time, speed = period * np.arange(error.size), np.full(error.size, 20.0)
     place = 20.0 * time
     return recording_of(
-        time, position=place, velocity=speed + error, front_position=place, front_velocity=speed + error,
+        time, 1, position=place, velocity=speed + error, front_position=place, front_velocity=speed + error,
         applied=command, command=command, reference_position=place, reference_velocity=speed,
     )  # fmt: skip
 
