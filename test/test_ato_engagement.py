@@ -19,7 +19,7 @@ from train_ato.judge.recording import Recording
 from train_ato.judge.result import RunResult
 from train_ato.log.difference import compare_logs
 from train_ato.log.recorded import read_changes
-from train_ato.log.run_folder import read_run_folder
+from train_ato.log.run_folder import RunFolder, read_run_folder
 from train_ato.loop.controller import ControllerStage
 from train_ato.loop.engine import TickLoop, run_engine
 from train_ato.loop.profile import REJOINED, ProfileStage
@@ -344,5 +344,8 @@ def test_live_requests_are_recorded_and_verified(tmp_path: Path, monkeypatch: py
     assert [(entry["at"], entry["do"]) for entry in planned] == [(row["at_s"], row["value"]) for row in rows]
     setup, _ = read_run_folder(run)
     silent = dataclasses.replace(setup, scenario=setup.scenario.model_copy(update={"ato_requests": ()}))
-    first = compare_logs(run, record_run(silent, tmp_path / "other"), Wire(setup.layout)).first
+    other = RunFolder.make(tmp_path / "other", "other")
+    with other.sink(silent) as sink:
+        run_engine(silent, sink=sink)  # without the requests it fails
+    first = compare_logs(run, other.path, Wire(setup.layout)).first
     assert first is not None and first.stamp == round(rows[0]["at_s"] * SECOND)
