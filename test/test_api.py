@@ -280,7 +280,10 @@ class NotKept(Gain):
         ({"law": "no_such_module:Law"}, r"module 'no_such_module' cannot be imported"),
         ({"law": "__main__:Law"}, r"Law was defined in a script.*my_law\.py"),
         ({"law": Gain, "mode": "processes", "set": {"plant": 1}}, r"plant = 1"),
-        ({"law": local()(), "mode": "processes"}, "'processes': another process cannot import the law: .*my_law:MyLaw"),
+        (
+            {"law": local()(), "mode": "processes"},
+            "mode 'processes': another process cannot import the law: .*my_law:MyLaw",
+        ),
         ({"mode": "thread"}, r"mode 'thread': choose from engine, composed, processes"),
         ({"rate": 0}, r"^rate 0: give a number above 0"),
         ({"restarts": 1}, r"^restart: only a node in a process of its own can be restarted"),
@@ -590,6 +593,7 @@ def test_every_error_is_of_one_tree(tmp_path: Path) -> None:
         with pytest.raises(ta.InputError) as caught:
             refused()
         assert isinstance(caught.value, (ta.Error, ValueError)) and "\n" not in str(caught.value)
+    assert "relative 1: out of range" in str(caught.value)  # of the last one
     assert issubclass(ta.RunInterrupted, ta.RunFailed) and issubclass(ta.RunFailed, ta.Error)
 
     with pytest.raises(ValueError, match="invalid literal") as raised:

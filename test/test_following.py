@@ -87,9 +87,7 @@ REPORTS = [report(k + 1, 0.4 * k, 1000.0 + 6.0 * k) for k in range(5)]
     [
         pytest.param(REPORTS, (0.0, 0.4, 1.6), {"rear_margin": 10}, [990.0, 996.0, 1014.0], id="rear less margin"),
         # the shortest stop of 200 m counts up to the timeout: 5 s after the last report of 1.6 s
-        pytest.param(
-            REPORTS, (1.6, 6.6, 6.7), {"authority": "relative", "timeout": 5}, [1214, 1214, 1014], id="timeout"
-        ),
+        pytest.param(REPORTS, (1.6, 6.6, 6.7, 60.0), RELATIVE, [1214.0, 1214.0, 1014.0, 1014.0], id="timeout"),
         pytest.param(REPORTS, (1.6, 100.0), {}, [1014.0, 1014.0], id="no more reports"),
         pytest.param([*REPORTS, report(6, 2.0, 1004.0)], (1.6, 2.0), {}, [1014.0, 994.0], id="nearer end"),
         pytest.param(REPORTS, (0.4, 1.1, 1.2), {"link": {"delay": 0.8}}, [990.0, 990.0, 996.0], id="delay"),
@@ -231,7 +229,7 @@ def test_the_profile_follows_the_leader_without_a_lag() -> None:
     assert found[1] == pytest.approx(own[1], abs=0.2)
 
 
-def test_places_speeds_and_accelerations_of_the_profile_agree() -> None:
+def test_profiles_behind_a_leader_agree_join_and_keep_the_own_stop() -> None:
     """Fails for an error in a derivative, a step of the reference at a new report, or a moved own stop."""
     _, _, profiles = shifted_profile(0.3)
     for profile in profiles:

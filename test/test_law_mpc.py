@@ -22,7 +22,7 @@ from train_ato.control.algorithms.train_constants import (
 from train_ato.control.mpc.actuator_identification import ActuatorIdentification
 from train_ato.control.mpc.force_plan import horizon_model, node_times, ramp_response, responses
 from train_ato.control.mpc.motion_observer import RAMP_TIME, MotionObserver, motion_by_rate
-from train_ato.control.mpc.predictive_plan import decide, free_motion, go_on, node_values
+from train_ato.control.mpc.predictive_plan import bounds, decide, free_motion, go_on, node_values
 from train_ato.control.mpc.unit_deviations import UnitDeviations, filter_gain, regulator_gain
 from train_ato.control.observers.force_balance import lag_weight
 
@@ -426,3 +426,20 @@ def test_gusts_and_unknown_grades_of_the_metro(variant, rms, largest):
 def test_force_of_a_long_train_does_not_follow_the_steps_of_its_line_force():
     """Wagon by wagon the line force changes by 3 kN; with its derivative through the lag the variation is 12.6 kN/s."""
     assert _driven("daqin_heavy_haul", set={"duration": 550}).metrics["command_variation_kn_per_s"] < 7.0
+
+
+def test_the_bounds_of_a_plan_by_hand():
+    """Breaks if a change of force is one between other nodes: 20 kN before, 50, 90 and 60 kN at the nodes, 100 t."""
+    required, far, tables = np.array([10e3, 50e3, 90e3, 60e3]), np.full((2, 4), 1e9), (np.full(50, 200e3),) * 2
+    far[0] *= -1.0
+    allowed, zeros = np.zeros(28), np.zeros((2, 4))
+    bounds(
+        required, np.array([[0.0] * 4, [10.0] * 4]), np.array([[0.0, 12.0]]), np.array([0.0, -20.0, 0.5, 7.0]),
+        np.array([-100e3, 150e3]), zeros, (np.zeros((4, 1)), np.zeros(1)), np.zeros(3), tables, far, 100e3, 2.0,
+        np.full(4, 0.5), np.zeros(4), 0.25, 20e3, allowed,
+    )  # fmt: skip
+    change = np.array([0.25, 0.3, 0.4, -0.3])
+    expected = [(np.array([150e3, 200e3, 200e3, 200e3]) - required) / 100e3, (required + 200e3) / 100e3]
+    expected[1][0] = (10e3 + 100e3) / 100e3
+    expected += [2.0 * 0.5 - change, 2.0 * 0.5 + change, np.full(4, 2.5), np.full(4, 7.0), np.full(4, 7.0)]
+    np.testing.assert_allclose(allowed, np.concatenate(expected), rtol=1e-12)

@@ -447,7 +447,7 @@ def test_a_quarter_circle_by_hand() -> None:
     assert not found.z.any() and not found.slope.any()
 
 
-def test_curves_without_a_side_turn_in_turn() -> None:
+def test_curves_turn_in_turn_and_height_is_the_sum_of_the_grades() -> None:
     """Breaks if all curves turn to one side, the height does not begin at 0, or a grade goes on beyond the line."""
     curves = [{"begin": 500, "end": 900, "radius": 800}, {"begin": 2000, "end": 2400, "radius": 800}]
     found = Alignment(line(curves=curves)).at(np.array([1000.0, 3000.0]))

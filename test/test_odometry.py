@@ -155,7 +155,7 @@ def estimated(*steps: Odometry) -> list[Any]:
 
 
 def test_the_larger_odometer_counts() -> None:
-    """Breaks if locked wheels hide the motion, the radar must count, or a rolling train has a positive speed."""
+    """Breaks if locked wheels hide the motion of the radar, or a train that rolls back has the slower speed or +."""
     (motion,) = estimated(Odometry(0, np.array([900.0, 1000.0]), np.array([0.0, 20.0]), np.array([10.0, 110.0])))
     assert motion[["stamp", "front", "speed"]].tolist() == (0, 1000.0, 20.0)
     assert motion["position_error"] == pytest.approx(5.0 + 0.05 * 110.0)

@@ -48,7 +48,7 @@ def figures(run):
 
 
 def test_names_classes_and_objects_give_the_same_run(templates, capsys, without_figure):
-    """Breaks if an object, a class with parameters, a name and the command result in different runs."""
+    """Breaks if object, class, name and command result in different runs, or a component loses its module."""
     observer, compensation = templates
     by_object = ta.run("demo", observer=observer(filter_time=2.0), compensation=compensation(0.5), set=SHORT)
     assert by_object.metrics["observer"] == OBSERVER and by_object.metrics["compensation"] == COMPENSATION

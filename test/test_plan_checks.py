@@ -173,7 +173,10 @@ def test_an_impossible_plan_is_refused_with_place_and_reason(parts, asked, messa
 @pytest.mark.parametrize(
     ("asked", "message"),
     [
-        (lambda: plan_profile(line(1000), train(traction=[{"to": 20, "force": 1000}])), "neither an electric brake"),
+        (
+            lambda: plan_profile(line(1000), train(traction=[{"to": 20, "force": 1000}])),
+            "neither an electric brake nor an air brake",
+        ),
         (lambda: PlanSettings(point_mass=True, grade_over_length=True), "grade_over_length = true with point_mass = t"),
         (lambda: ta.plan(*LINE_AND_TRAIN, time=480, allowance=[{"share": 0.05}]), "allowance with time"),
         (lambda: ta.plan(*LINE_AND_TRAIN, allowance=[{"share": 0.05, "begin_km": 9}]), "km 9.000 ... 5.200 lies outs"),

@@ -268,7 +268,9 @@ def test_traction_above_its_envelope_on_a_descent_before_a_climb() -> None:
     assert result.running_time <= 1.03 * fastest
 
 
-@pytest.mark.parametrize(("kmh", "told"), [(288, "train 'car' permits at"), (180, "line 'slow' permits at most 40")])
+@pytest.mark.parametrize(
+    ("kmh", "told"), [(288, "train 'car' permits at most"), (180, "line 'slow' permits at most 40")]
+)
 def test_a_largest_speed_of_another_unit_is_noted(kmh: float, told: str, capsys: pytest.CaptureFixture[str]) -> None:
     """Breaks if ``speed_max: 80`` m/s of a metro, which has no effect, is taken without a word."""
     line = line_of(900, name="slow", speed_limits=[{"at": 0, "speed_kmh": 40}])

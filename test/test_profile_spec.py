@@ -177,7 +177,7 @@ def test_a_wrong_block_is_refused_by_its_model(block: dict[str, Any], message: s
         ({"phases": [{"accelerate_to_kmh": 80}, {"stop_at": 200}]}, r"phase 1: stop_at = km 0\.200 .* earliest place"),
         ({"phases": [{"accelerate_to_kmh": 80}]}, "ends rolling"),
         ({"phases": [{"accelerate_to_kmh": 50}, {"accelerate_to_kmh": 20}]}, "phase 1: accelerate_to is below"),
-        ({"phases": [{"cruise_for": 9}, {"cruise_until": 5}]}, r"cruise_until = 5 s is before the begin .* at 9\.00"),
+        ({"phases": [{"cruise_for": 9}, {"cruise_until": 5}]}, r"phase 1: cruise_until = 5 s is before .* at 9\.00"),
         ({"phases": [{"accelerate_to_kmh": 150}, {"brake_to": 0}], "limits": {"traction_fraction": 0.8}}, "150.0 km/h"),
         ({"start": 100, "phases": [{"accelerate_to": -9}, {"cruise_for": 60}, {"brake_to": 0}]}, "before the begin"),
         ({"points": [{"time": 0, "speed": 1}, {"time": 0, "speed": 0}]}, "number 1"),

@@ -24,7 +24,7 @@ SENTENCE = re.compile(
     re.IGNORECASE,
 )
 ANY_WORD = re.compile(
-    r"[\"']\s*(Whether|Where|How)\b|\bwhether\b"
+    r"[\"']\s*(What|Who|Whether|Where|How)\b|\bwhether\b"
     r"|(?<!\.)\b(?i:tells?|told|believes?|asks?|asked|knows?|stands?|somebody|nobody|anybody)\b(?!\()"
     r"|\b(?i:(what|who)\W+(f[\"']\W*)?(is|are|was|has|it|they|no))\b"
 )

@@ -118,8 +118,8 @@ def test_a_killed_process_loses_two_chunks_at_most(name: str, tmp_path: Path) ->
         written = max([written, *map(int, process.stdout.read().split("\n")[:-1])])
     found = recover(tmp_path)
     assert found.messages >= written - 2 * CHUNK / SIZE
-    for count, message in enumerate(stream(found.path)):
-        assert message.data == count.to_bytes(8, "little") * (SIZE // 8)
+    recovered = [message.data for message in stream(found.path)]
+    assert recovered == [count.to_bytes(8, "little") * (SIZE // 8) for count in range(found.messages)]
 
 
 def test_a_failure_of_the_packing_thread_ends_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -239,7 +239,7 @@ def test_a_recorded_run_with_two_profiles_is_replayed_through_the_law(engine_run
     assert replay_open_loop(setup, engine_run).summary()["difference_max_kn"] == 0
 
 
-def test_settings_that_are_null_survive_the_resolved_scenario() -> None:
+def test_null_survives_the_resolved_scenario_and_no_block_is_no_replanner() -> None:
     """Breaks if ``jerk: null`` (no limit) is lost in the resolved scenario, or a run without the block replans."""
     setup = setup_of("xuzhou_metro", "replan={plan: {jerk: null, force_margin: 0.2}, retry: 60}")
     again = check_scenario(yaml.safe_load(setup.resolved_yaml()), "resolved")

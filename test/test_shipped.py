@@ -239,7 +239,7 @@ def overlay(folder: Path, base: str, more: str = "") -> str:
 
 
 def test_base_can_be_a_variant(tmp_path: Path) -> None:
-    """Breaks if the variant of a base is ignored, or if the variants of the base are lost."""
+    """Breaks if the variant of a base is ignored, an unknown one accepted, or the variants of the base are lost."""
     name = overlay(tmp_path, "xuzhou_metro:slower", "laws: {pid: {kp: 1.0}}\n")
     scenario = load_scenario(name)[0]
     assert scenario.plant.lag == 0.5 and scenario.laws["pid"] == {"kp": 1.0, "ki": 0.43, "integral_limit": 0.7}

@@ -91,8 +91,8 @@ def test_odometry_that_is_not_finite_applies_the_emergency_brake(supervisor: Sup
     assert supervisor.step(broken).state is SupervisionState.EMERGENCY_BRAKE
 
 
-def test_a_correction_by_a_balise_is_no_movement_backwards(supervisor: Supervisor) -> None:
-    """Breaks if it counts, or the brake of a train that rolled back ends at standstill: it rolls again and again."""
+def test_a_train_that_rolls_back_is_braked_after_two_metres_and_is_not_released(supervisor: Supervisor) -> None:
+    """Breaks if a correction by a balise counts, or the brake ends at standstill: the train rolls again and again."""
     supervisor.step(odometry(0, 1000.0, 0.0))
     found = [supervisor.step(odometry(index, 970.0, 5.0)) for index in (1, 2)]
     assert found[-1].state is SupervisionState.NORMAL
@@ -167,6 +167,11 @@ def test_the_ramp_of_the_braking_law_ends_before_the_intervention(above: float, 
     assert monitor.least_jerk == pytest.approx(jerk)
 
 
+def test_the_braking_law_knows_its_delay_lag_and_period() -> None:
+    """Breaks if a part is missing: 0.3 s of delay, 0.4 s of lag, and a period of the supervisor of 0.4 s."""
+    assert metro("links.command.delay=0.3").assurance_reaction == pytest.approx(0.3 + 0.4 + 0.4)
+
+
 def test_a_steady_speed_at_the_permitted_speed_is_left_to_the_law() -> None:
     """Breaks if the braking law takes over in nominal driving."""
     monitor = AssuranceMonitor(2.0, SupervisionSpec())
@@ -195,10 +200,9 @@ def test_the_states_of_the_ato_from_a_brake_to_the_next_engagement() -> None:
 
 
 def test_a_failure_lasts_until_a_reset_at_standstill() -> None:
-    """Breaks if a failed ATO recovers by itself, or the train rolls on without a driver."""
+    """Breaks if a failed ATO recovers by itself, or is reset while the train moves."""
     machine = AtoStateMachine()
     machine.fail(0, "the law gave nothing")
-    assert machine.brakes(0)
     machine.update(1, valid=True, standstill=True, locked="")
     assert machine.state is AtoState.FAILURE
     with pytest.raises(ValueError, match="wait for standstill"):
@@ -206,7 +210,13 @@ def test_a_failure_lasts_until_a_reset_at_standstill() -> None:
     machine.request(3, "reset", standstill=True)
     machine.update(4, valid=True, standstill=True, locked="")
     assert machine.state is AtoState.READY
-    coasting = AtoStateMachine()
+
+
+def test_a_disengaged_ato_coasts_for_the_takeover_time_and_a_failed_one_brakes_at_once() -> None:
+    """Breaks if a driver has no time to take over, or a train without a driver rolls on."""
+    coasting, failed = AtoStateMachine(), AtoStateMachine()
+    failed.fail(0, "the law gave nothing")
+    assert failed.brakes(0)
     coasting.request(0, "disengage", standstill=False)
     assert [coasting.brakes(round(s * 1e9)) for s in (0.0, TAKEOVER_TIME - 0.1, TAKEOVER_TIME)] == [False, False, True]
 

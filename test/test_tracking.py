@@ -216,7 +216,7 @@ def test_a_limit_cycle_between_noise_is_found() -> None:
     ],
     ids=["switching at every tick", "phases", "decaying"],
 )
-def test_steps_and_decaying_oscillations_are_no_limit_cycle(command: Any, found: str) -> None:
+def test_switching_is_a_limit_cycle_and_steps_and_decaying_oscillations_are_none(command: Any, found: str) -> None:
     """Breaks if the phases of a profile, or an oscillation that dies out, count as sustained, or switching does not."""
     setup = demo()
     assert outcome(setup, run_of(setup, 400.0, command=lambda t: command(t, 5 * dead_time(setup)))) == found

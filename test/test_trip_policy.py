@@ -64,7 +64,7 @@ def places(model: TrainModel, shares: list[tuple[float, float]], speed: float = 
     ("shares", "speed", "change", "place"),
     [
         # as planned; a train with more resistance than planned waits; one without a reserve releases later
-        ([(0.0, 0.4), (6000.0, 0.3)], 18.0, 0, APPLY), ([(0.0, 0.4), (6000.0, 0.3)], 18.0, 1, RELEASE),
+        ([(0.0, 0.4), (6000.0, 0.3)], 18.0, slice(None), [APPLY, RELEASE]),
         ([(0.0, 0.1), (6000.0, 0.3)], 18.0, 0, APPLY + SHIFT), ([(0.0, 0.1), (5100.0, 0.3)], 18.0, 0, 5100.0),
         ([(0.0, 0.4), (6000.0, 0.6)], 18.0, 1, RELEASE + SHIFT),
         ([(0.0, 0.4), (6000.0, 0.6), (8100.0, 0.3)], 18.0, 1, 8100.0),
