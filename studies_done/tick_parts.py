@@ -21,7 +21,7 @@ from figures import Figure, publish
 from tick import stage_times
 
 from train_ato.log.run_folder import Encoder
-from train_ato.log.run_log import RunLog
+from train_ato.log.log_writer import RunLog
 from train_ato.loop.engine import TickLoop
 from train_ato.scenario.setup import RunSetup, prepare
 from train_ato.loop import span

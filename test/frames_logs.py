@@ -7,7 +7,7 @@ from test_wire import message
 
 from train_ato.log.bag_layout import qos_profiles, qos_text
 from train_ato.log.definitions import from_typestore
-from train_ato.log.run_log import LogFile, RunLog
+from train_ato.log.log_writer import LogFile, RunLog
 from train_ato.messages.cdr import typestore
 from train_ato.messages.codec import Wire
 from train_ato.messages.topic import TrainLayout

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from train_ato.cli import main
 from train_ato.log.bag_layout import table_name
+from train_ato.log.log_writer import LogFile
 from train_ato.log.mcap_records import stream
-from train_ato.log.run_log import LogFile
 
 EVENTFUL = [
     "--set=duration=70",

@@ -17,7 +17,7 @@ from train_ato.judge.recording import BRAKE_PIPE_COMMAND
 from train_ato.loop import span_kernel as kernel
 from train_ato.loop.engine import COMPILED_FROM, TickLoop, run_engine
 from train_ato.loop.train_protection import TrainProtection, command_age
-from train_ato.messages.links import DelayJump
+from train_ato.messages.delay_lines import DelayJump
 
 CASES, COMPONENTS, SUPERVISED = yaml.safe_load(
     (Path(__file__).parent / "data" / "span_cases.yaml").read_text()

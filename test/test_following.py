@@ -29,9 +29,9 @@ from train_ato.api.following import (
 from train_ato.api.run import Run
 from train_ato.cli.main import main
 from train_ato.cli.run import print_following
+from train_ato.log.log_writer import LogFile
 from train_ato.log.mcap_records import stream
 from train_ato.log.recorded import open_recording
-from train_ato.log.run_log import LogFile
 from train_ato.loop.headway import HeadwayProfile
 from train_ato.loop.train_ahead import MovingAuthority, ReportReceiver
 from train_ato.scenario.following import load_following

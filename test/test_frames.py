@@ -25,11 +25,11 @@ from train_ato.log import table_files as writing
 from train_ato.log import table_loading as loading
 from train_ato.log import tables
 from train_ato.log.bag_layout import table_name
+from train_ato.log.log_writer import RunLog
 from train_ato.log.mcap_records import stream
 from train_ato.log.reading import read_log
 from train_ato.log.recorded import read_recording
 from train_ato.log.run_folder import RunFolder, read_run_folder
-from train_ato.log.run_log import RunLog
 from train_ato.log.table_columns import column, unit_of
 from train_ato.log.table_files import file_names
 from train_ato.messages.cdr import layout_of, typestore

@@ -16,10 +16,10 @@ from engine_runs import setup_of
 from train_ato.cli import main
 from train_ato.log.bag_layout import table_name
 from train_ato.log.difference import compare_logs
+from train_ato.log.log_writer import LogFile
 from train_ato.log.mcap_records import stream
 from train_ato.log.reading import attachments
 from train_ato.log.run_folder import read_run_folder
-from train_ato.log.run_log import LogFile
 from train_ato.log.versions import VERSIONS, read_versions, versions
 from train_ato.messages.codec import Wire
 from train_ato.messages.topics import EPOCH_NS, topics_of

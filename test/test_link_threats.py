@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from plant_sim.elementary import random_stream
 from train_ato.loop.engine import run_engine
-from train_ato.messages.links import NEVER, DelayJump, Link, LinkSpec, MessageLink, VaryingDelay
+from train_ato.messages.delay_lines import NEVER, DelayJump, Link, LinkSpec, MessageLink, VaryingDelay
 
 STEP = 5_000_000
 TICK = 20 * STEP

@@ -24,7 +24,7 @@ from std_srvs.srv import SetBool, Trigger
 from waiting import LIMIT_S, wait_for
 
 from plant_sim.alignment import Alignment
-from train_ato.log.run_log import RunLog
+from train_ato.log.log_writer import RunLog
 from train_ato.loop.plant import PlantStage
 from train_ato.loop.profile import ProfileStage
 from train_ato.loop.stamp_synchronizer import StampSynchronizer

@@ -18,10 +18,10 @@ from waiting import pause, wait_for
 from train_ato.log.bag_layout import log_name, table_name
 from train_ato.log.chunk_thread import CLOSE_AFTER_S
 from train_ato.log.definitions import definition, from_typestore, installed
+from train_ato.log.log_writer import RunLog
 from train_ato.log.mcap_records import stream
 from train_ato.log.reading import iter_raw, log_file, read_log
 from train_ato.log.recover import recover
-from train_ato.log.run_log import RunLog
 from train_ato.messages.codec import Wire
 from train_ato.messages.topics import EPOCH_NS, TOPICS, Rate, topics_of
 

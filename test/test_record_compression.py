@@ -14,10 +14,10 @@ from test_record import wait_for
 import train_ato
 from train_ato.cli import main
 from train_ato.log.compression import COMPRESSIONS
+from train_ato.log.log_writer import CHUNK, LogFile
 from train_ato.log.mcap_records import stream
 from train_ato.log.mcap_writer import McapWriter
 from train_ato.log.recover import recover
-from train_ato.log.run_log import CHUNK, LogFile
 
 pytestmark = pytest.mark.usefixtures("without_figure")
 
@@ -28,7 +28,7 @@ SIZE = 1000
 WRITER = f"""
 import sys
 from pathlib import Path
-from train_ato.log.run_log import LogFile
+from train_ato.log.log_writer import LogFile
 log = LogFile(Path(sys.argv[1]), compression=sys.argv[2])
 number = log.channel("/bytes", "std_msgs/msg/Byte", "byte data", "", "[]")
 count = 0

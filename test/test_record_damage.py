@@ -26,10 +26,10 @@ from rosbags.rosbag2 import Reader
 
 from train_ato.cli import main
 from train_ato.log.definitions import definition
+from train_ato.log.log_writer import LogFile
 from train_ato.log.mcap_records import Damage, chunk_content, stream
 from train_ato.log.reading import attachments, log_file
 from train_ato.log.recover import recover
-from train_ato.log.run_log import LogFile
 from train_ato.log.table_loading import load
 
 pytestmark = pytest.mark.usefixtures("without_figure")

@@ -9,10 +9,10 @@ from engine_runs import setup_of
 from train_ato.cli import main
 from train_ato.log.chunk_thread import CLOSE_AFTER_S
 from train_ato.log.compression import COMPRESSIONS
+from train_ato.log.log_writer import CHUNK, LogFile
 from train_ato.log.mcap_records import stream
 from train_ato.log.overview import log_overview
 from train_ato.log.run_folder import RunFolder
-from train_ato.log.run_log import CHUNK, LogFile
 from train_ato.loop.engine import run_engine
 from train_ato.messages.topic import SUPERVISED
 from train_ato.messages.topics import EPOCH_NS, TOPICS

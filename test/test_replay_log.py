@@ -9,8 +9,8 @@ from mcap.writer import CompressionType, Writer
 from refusals import one_line
 from test_wire import LONG, message
 
+from train_ato.log.log_writer import RunLog
 from train_ato.log.mcap_records import stream
-from train_ato.log.run_log import RunLog
 from train_ato.messages.codec import Wire
 from train_ato.messages.topics import EPOCH_NS, Rate, topics_of
 from train_ato.playback.log import ReplayLog, ReplayOptions, chosen_topics, parse_remap

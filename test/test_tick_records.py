@@ -11,9 +11,9 @@ from mcap.records import Chunk, MessageIndex
 from mcap.stream_reader import StreamReader
 from span_runs import setup_of
 
+from train_ato.log.log_writer import RunLog
 from train_ato.log.mcap_writer import MESSAGE, MESSAGE_TYPE
 from train_ato.log.run_folder import Encoder
-from train_ato.log.run_log import RunLog
 from train_ato.loop.engine import run_engine
 from train_ato.messages.codec import Wire
 from train_ato.messages.topics import topics_of

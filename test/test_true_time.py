@@ -13,11 +13,11 @@ import pytest
 from rosbags.rosbag2 import Reader
 
 from train_ato.cli import main
+from train_ato.log.log_writer import LogFile, RunLog
 from train_ato.log.mcap_records import stream
 from train_ato.log.reading import WallTime, read_wall_time
 from train_ato.log.recover import recover
 from train_ato.log.run_folder import read_run_folder
-from train_ato.log.run_log import LogFile, RunLog
 from train_ato.messages.codec import Wire
 from train_ato.messages.topics import EPOCH_NS, topics_of
 from train_ato.ros.nodes import recorder
@@ -142,7 +142,7 @@ def test_recovery_keeps_the_begin_of_a_killed_run(tmp_path: Path) -> None:
     """Breaks if the begin is written only at the end of a run, or is not copied."""
     killed = f"""
 import os, pathlib
-from train_ato.log.run_log import RunLog
+from train_ato.log.log_writer import RunLog
 log = RunLog(pathlib.Path({str(tmp_path)!r}))
 log.add("/clock", 1, 1, bytes(12))
 log.flush()

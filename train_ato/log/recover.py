@@ -26,6 +26,7 @@ from mcap.records import Attachment
 from plant_sim.data_text import parse_yaml
 from train_ato.log.bag_layout import LOG, METADATA, NEVER, PARTIAL, ChannelCount, bag_information, metadata_yaml
 from train_ato.log.foreign_bag import BAG, PACKED, ROS_1, SQLITE, bag_files, head_of, of_damaged_sqlite, unpack
+from train_ato.log.log_writer import LogFile
 from train_ato.log.mcap_records import (
     CHUNK,
     HEAD,
@@ -42,7 +43,6 @@ from train_ato.log.mcap_records import (
 )
 from train_ato.log.mcap_writer import MAGIC
 from train_ato.log.reading import WALL_TIME, WallTime, being_written, log_file
-from train_ato.log.run_log import LogFile
 from train_ato.log.whole_file import write_whole
 
 

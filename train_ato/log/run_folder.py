@@ -18,8 +18,8 @@ from plant_sim.input_error import explain, kind_of
 from train_ato.judge.result import RunResult
 from train_ato.log.bag_layout import LOG, PARTIAL, not_a_run
 from train_ato.log.compression import DEFAULT
+from train_ato.log.log_writer import RunLog
 from train_ato.log.reading import attachments, log_file
-from train_ato.log.run_log import RunLog
 from train_ato.log.versions import SCENARIO, SUMMARY, attachments_for
 from train_ato.log.whole_file import write_whole
 from train_ato.messages.codec import Wire

@@ -17,7 +17,7 @@ from train_ato.loop.ato_mode import AtoMode
 from train_ato.loop.inputs import StageInputs
 from train_ato.loop.stage_messages import ControllerMessages, diagnostics_due, stamped
 from train_ato.loop.train_ahead import AuthorityAhead
-from train_ato.messages.links import MessageLink
+from train_ato.messages.delay_lines import MessageLink
 from train_ato.messages.topics import Role
 from train_ato.messages.types import (
     Array,

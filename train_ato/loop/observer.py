@@ -16,7 +16,7 @@ from train_ato.control.observers.contract import ObserverStack
 from train_ato.control.registry import OBSERVERS
 from train_ato.loop.inputs import StageInputs
 from train_ato.loop.stage_messages import ObserverMessages, diagnostics_due, stamped
-from train_ato.messages.links import MessageLink
+from train_ato.messages.delay_lines import MessageLink
 from train_ato.messages.topics import Role
 from train_ato.messages.types import Diagnostic, DisturbanceEstimate, Measurement
 from train_ato.program.interrupt import ComponentCall

@@ -20,8 +20,8 @@ from train_ato.loop.inputs import StageInputs
 from train_ato.loop.stage_messages import PlantMessages, PlantTruth, diagnostics_due
 from train_ato.loop.train_ahead import ReportRadio, ReportSender
 from train_ato.loop.train_protection import TrainProtection
+from train_ato.messages.delay_lines import DelayJump, Link, LinkSpec
 from train_ato.messages.faults import DropFault, FreezeFault
-from train_ato.messages.links import DelayJump, Link, LinkSpec
 from train_ato.messages.topics import Role
 from train_ato.messages.types import (
     Array,

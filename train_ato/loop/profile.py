@@ -8,7 +8,7 @@ from train_ato.control.guard import is_valid_state
 from train_ato.loop.headway import HeadwayProfile
 from train_ato.loop.inputs import StageInputs
 from train_ato.loop.stage_messages import ProfileMessages, ProfileStart, diagnostics_due
-from train_ato.messages.links import MessageLink
+from train_ato.messages.delay_lines import MessageLink
 from train_ato.messages.topics import Role
 from train_ato.messages.types import AtoReport, AtoState, Diagnostic, Measurement, Reference, TrainAhead
 from train_ato.profile.planner.plan_from_state import TrainState, replan

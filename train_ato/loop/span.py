@@ -38,7 +38,7 @@ from train_ato.loop.span_messages import SpanArrays, SpanMessages
 from train_ato.loop.stage_messages import SECOND_NS
 from train_ato.loop.stages import Stages
 from train_ato.loop.supervision_kernel import SupervisedTicks
-from train_ato.messages.links import LinkSpec
+from train_ato.messages.delay_lines import LinkSpec
 from train_ato.messages.topics import TickBlock
 from train_ato.messages.types import Array, AtoReport
 from train_ato.scenario.changes import requested_stamp

@@ -20,7 +20,7 @@ from train_ato.control.law_call import address
 from train_ato.control.train_model import GRID, own_resistance, unit_limits
 from train_ato.loop.supervision_kernel import MAX_POSITION, MAX_SPEED, copy_states, supervised_tick
 from train_ato.loop.train_protection import command_age
-from train_ato.messages.links import arrive, push
+from train_ato.messages.delay_lines import arrive, push
 
 
 @compiled

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from plant_sim.states import Odometry
-from train_ato.messages.links import Link
+from train_ato.messages.delay_lines import Link
 from train_ato.messages.types import Array, TrainAhead
 from train_ato.scenario.setup import RunSetup
 from train_ato.supervision.limits import BrakingTarget

@@ -15,7 +15,7 @@ import numpy as np
 
 from plant_sim.compiled import compiled
 from plant_sim.record import Records, quantity, zeros
-from train_ato.messages.links import DelayJump, DelayLine, Link, MessageLink, Stamps, UnitQueue, arrive
+from train_ato.messages.delay_lines import DelayJump, DelayLine, Link, MessageLink, Stamps, UnitQueue, arrive
 from train_ato.messages.types import Array, BrakeRelease, Protection
 from train_ato.scenario.setup import RunSetup
 

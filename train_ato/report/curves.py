@@ -26,7 +26,7 @@ from train_ato.judge.recording import (
 )
 from train_ato.judge.series import aligned
 from train_ato.loop.engine import SIGNALS
-from train_ato.messages.links import LinkSpec
+from train_ato.messages.delay_lines import LinkSpec
 from train_ato.messages.topic import FIXED_NAMES, Owner
 from train_ato.messages.types import Array
 from train_ato.program.display_units import display_unit

@@ -16,8 +16,8 @@ from pydantic import Field, TypeAdapter, ValidationError
 
 from plant_sim.si_model import SiModel, option
 from plant_sim.units import Acceleration, Number, Time, number_text
+from train_ato.messages.delay_lines import MAX_DELAY
 from train_ato.messages.faults import MAX_FAULT_TIME
-from train_ato.messages.links import MAX_DELAY
 
 KEY = "interventions"
 """Key of the plant's diagnostics that contains the interventions of one tick."""

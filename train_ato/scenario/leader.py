@@ -7,7 +7,7 @@ from pydantic import field_validator, model_validator
 
 from plant_sim.si_model import SiModel, option
 from plant_sim.units import Place, Time
-from train_ato.messages.links import LinkSpec
+from train_ato.messages.delay_lines import LinkSpec
 
 NAMESPACE = r"(/[A-Za-z_][A-Za-z0-9_]*)+"
 """Form of a namespace of ROS 2."""

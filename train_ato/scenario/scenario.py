@@ -26,8 +26,8 @@ from plant_sim.units import Place, Time, Usual, number_text
 from train_ato.control.air_brake.policy import BrakeSpec
 from train_ato.control.force_distribution import DisplacementAt, SharesAt
 from train_ato.control.learned_resistance import LearnedResistance
+from train_ato.messages.delay_lines import LinkSpec
 from train_ato.messages.faults import Fault
-from train_ato.messages.links import LinkSpec
 from train_ato.profile.planner.settings import ReplanSpec
 from train_ato.scenario.criteria import Criteria, Expectation
 from train_ato.scenario.interventions import AtoRequest, Intervention

@@ -11,9 +11,9 @@ import pandas as pd
 from plant_sim.alignment import Alignment
 from train_ato.log.bag_layout import qos_profiles, qos_text, table_name
 from train_ato.log.definitions import definition
+from train_ato.log.log_writer import LogFile
 from train_ato.log.mcap_records import Progress, stream
 from train_ato.log.reading import attachments, iter_raw, log_file, read_wall_time
-from train_ato.log.run_log import LogFile
 from train_ato.log.table_loading import Frames
 from train_ato.log.whole_file import writing
 from train_ato.messages.cdr import SECOND

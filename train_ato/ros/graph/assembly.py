@@ -178,7 +178,7 @@ def make_node(
 def _make_recorder(setup: RunSetup, endpoints: NodeEndpoints, folder: Path, compression: str) -> RecorderNode:
     """Return the recorder; only its process imports the log, 0.05 s."""
     from train_ato.log.bag_layout import log_name, table_name
-    from train_ato.log.run_log import RunLog
+    from train_ato.log.log_writer import RunLog
     from train_ato.log.versions import attachments_for
     from train_ato.ros.nodes.recorder import RecorderNode
 

@@ -16,8 +16,8 @@ from std_srvs.srv import SetBool, Trigger
 from train_ato.control.contract import Parameter
 from train_ato.judge.run_end import RESET
 from train_ato.loop.plant import PlantStage
+from train_ato.messages.delay_lines import MAX_DELAY
 from train_ato.messages.faults import MAX_FAULT_TIME
-from train_ato.messages.links import MAX_DELAY
 from train_ato.ros.nodes.endpoints import NodeEndpoints
 from train_ato.ros.nodes.parameters import OF_NODES, Declared, declare
 from train_ato.ros.nodes.simulation_services import serve_simulation

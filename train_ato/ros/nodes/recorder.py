@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from operator import itemgetter
 from types import MappingProxyType
 
-from train_ato.log.run_log import RunLog
+from train_ato.log.log_writer import RunLog
 from train_ato.messages.cdr import stamp_of, with_stamp
 from train_ato.messages.topics import BY_NAME, EPOCH_NS, Rate, Role, published_by, tick_topics, topics_of
 from train_ato.messages.types import Tick
