@@ -2,7 +2,7 @@
 
     python bench/mutation.py                       # all mutants, about an hour on one core
     python bench/mutation.py --sample 150          # random mutants, about 15 minutes
-    python bench/mutation.py --only gradient.py    # mutants of one file
+    python bench/mutation.py --only limits.py      # mutants of one file
     python bench/mutation.py --write               # all, and their numbers for msgs_docs/hazards.md
 
 A mutant is the program with one small change. mutmut changes statements in functions, ``table_mutants.py`` the numbers

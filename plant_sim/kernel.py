@@ -4,7 +4,7 @@ Scheme: symplectic Euler (speed first, position with the new speed). Dry frictio
 without it, then its impulse brings the speed towards 0 and never beyond, so a train at rest does not creep or roll
 back. Powers are taken at the mean of the old and the new speed, so the energy balance closes to rounding.
 
-All compiled code and all row names are in this file, because the cache of numba detects changes of this file only.
+The equations of the train's motion and all row names are in this file; the laws of the railway are in `railway.py`.
 Arrays are two-dimensional with one quantity per row, because every argument of a compiled function costs time.
 """
 

@@ -202,7 +202,7 @@ def _repeated(error: ErrorDetails) -> InitErrorDetails:
 class SiModel(BaseModel):
     """Base of the models of data files: no unknown keys, finite numbers, unit suffixes."""
 
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True, populate_by_name=True, defer_build=True)
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True, populate_by_name=True)
 
     @classmethod
     def suffixed_keys(cls) -> dict[str, tuple[str, float]]:

@@ -165,7 +165,8 @@ def _execute_following(options: argparse.Namespace, file: Path) -> None:
             remedy = "remove it" if name == "external" else f"write --set all.{name}={value}"
             raise ValueError(f"--{name} {value}: a following file has several trains; {remedy}")
     for name in ("restart", "restart_limit", "namespace", "followed"):
-        if getattr(options, name):
+        value = getattr(options, name)
+        if value or (value is not None and name == "restart_limit"):
             raise ValueError(f"--{name.replace('_', '-')}: not with a following file; remove it")
     run_mode = _run_mode(options)
     if options.live and options.engine:

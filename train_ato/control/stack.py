@@ -339,7 +339,7 @@ class ControlStack:
         known = measurement
         if self._displacement is not None:
             known = self._displacement.without(measurement, self.model.front(measurement.position))
-        answered = self._answered(known, reference, estimate, low, high)
+        answered = self._answered(known, reference, estimate, low.copy(), high.copy())  # a law may write into them
         if answered is None:
             return self._last
         inputs, output = answered

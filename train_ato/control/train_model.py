@@ -279,6 +279,8 @@ class TrainModel:
 
     def force_limits(self, velocity: Array) -> tuple[Array, Array]:
         """Return the smallest and largest force of every unit at its speed [N], each of shape (units,)."""
+        if len(velocity) != self.n_units:  # compiled code would read beyond the array
+            raise ValueError(f"{len(velocity)} speeds for {self.n_units} power units; give one for each unit")
         low, high = limits_of_all(*self.envelopes, velocity)
         return low, high
 

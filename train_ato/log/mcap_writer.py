@@ -4,10 +4,9 @@ The ``mcap`` package encodes rare records. All other messages are encoded here f
 vehicles takes 2.5 µs of processor time without compression (6.5 µs in the package's writer) and 3.3 µs with the default
 compression (12 µs there), by ``python studies_done/recorder.py``. Another thread can write the full chunks.
 
-Records of the log for the messages of consecutive ticks, encoded at once.
-
-A message of every tick has a fixed length, so that all ticks have the same bytes except for times and numbers. These
-are written into the records of the messages; the other messages are put between them.
+The messages of consecutive ticks are encoded at once. A message of every tick has a fixed length, so that all ticks
+have the same bytes except for times and numbers. These are written into the records of the messages; the other messages
+are put between them.
 """
 
 import struct

@@ -448,7 +448,6 @@ def publish_run(
         topics = chosen_topics(log.topics, options)
         log.check_place("--start-offset", options.start_offset)
         note_far_stamp(run, log.length, options)
-        from train_ato.playback.publishing import Player
         from train_ato.ros.graph.assembly import executor_of
 
         def interrupted() -> bool:

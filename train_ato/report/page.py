@@ -278,7 +278,7 @@ class Placed:
 
 @dataclass(frozen=True)
 class PageSection:
-    """Figures under one title; ``anchor`` is the target of the navigation; ``verdict``: on the first screen."""
+    """Figures under one title; ``anchor`` is the target of the navigation."""
 
     anchor: str
     title: str

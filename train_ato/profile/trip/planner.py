@@ -4,7 +4,7 @@ Plans of one train for one set of limits; :class:`TripSearch` varies the limits 
 
 1. A dynamic programming on the reduced model decides traction, electric brake and applications (:mod:`.search`).
 2. The nominal train with all vehicles is driven along this journey (:mod:`.driven_run`).
-3. The running time of 2 corrects the price of time of 1, until the timetable is kept (:mod:`.running_time`).
+3. The running time of 2 corrects the price of time of 1, until the timetable is kept.
 4. The averaged speed of the last run is the profile, with brake waves and couplers (:mod:`.run_profile`).
 
 Objective of a trip plan: energy, time and fatigue of the couplers, with the limits of force as free values.
