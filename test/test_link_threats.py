@@ -267,3 +267,25 @@ def test_wrong_values_are_refused(spec: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         Link(LinkSpec.model_validate(spec), 3, STEP, 1, "x")
     assert list(LinkSpec(delay=(0.0, 600.0)).per_unit(2, "links.x")[0]) == [0.0, 600.0]
+
+
+def test_repeated_values_and_skipped_draws_are_those_of_single_ticks() -> None:
+    """Breaks if a value in flight or held is forgotten, a tick is left out, or compiled ticks use other draws."""
+    link = Link(LinkSpec(delay=0.3), 1, STEP, 1, "c", initial=5.0)
+    assert link.delivers_only(5.0) and not link.delivers_only(4.0)
+    link.push(0, (4.0,))
+    assert not link.delivers_only(5.0)  # 4 is in flight
+    link.repeat(TICK, TICK, 2, 4.0)
+    assert not link.delivers_only(4.0)  # 5 is held up to 0.3 s
+    link.repeat(3 * TICK, TICK, 1, 4.0)
+    assert link.delivers_only(4.0) and not link.delivers_only(5.0)
+    link.push(4 * TICK, (3.0,))
+    link.repeat(5 * TICK, TICK, 2, 2.0)
+    assert [float(link.pop(tick * TICK)[0]) for tick in (6, 7, 8, 9)] == [4.0, 3.0, 2.0, 2.0]
+    single, skipped = (Link(LinkSpec(jitter=0.1, loss=0.2), 1, STEP, 1, "c") for _ in range(2))
+    for tick in range(3):
+        single.push(tick * TICK, (1.0,))
+    skipped.draws(3)  # compiled ticks look at them, and use as many as they run
+    skipped.skip_draws(2)
+    skipped.skip_draws(1)
+    np.testing.assert_array_equal(single.draws(5), skipped.draws(5))
