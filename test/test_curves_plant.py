@@ -8,7 +8,7 @@ import pytest
 
 from plant_sim import kernel as k
 from plant_sim.library import load_consist, load_line
-from plant_sim.line import SCHEMA, Line
+from plant_sim.line import SCHEMA, AdhesionSection, Line
 from plant_sim.plant_setup import PlantSetup
 from plant_sim.traction import Envelope
 from plant_sim.train import Train
@@ -162,6 +162,32 @@ def test_line_gives_its_limits_and_grades_to_the_supervision() -> None:
     dry, wet = (line_supervision(consist, line, setup, 3000.0, kdry=kdry).targets for kdry in (1.0, 0.8))
     assert [entry.target.location for entry in dry] == [0.0, 3000.0]
     assert dry[-1].target.kind == "EOA" and wet[-1].emergency(10.0) < dry[-1].emergency(10.0)
+
+
+@pytest.mark.parametrize("factors", [(0.5, 0.8, 1.5), (1.5,)])
+@pytest.mark.parametrize(
+    ("adhesion", "lowered"),
+    [
+        ({"kind": "constant", "coefficient": 0.16}, {"kind": "constant", "coefficient": 0.08}),
+        ({"kind": "curtius_kniffler", "factor": 0.7}, {"kind": "curtius_kniffler", "factor": 0.35}),
+        (None, {"kind": "curtius_kniffler", "factor": 0.5}),
+    ],
+)
+def test_the_curves_have_the_lowest_adhesion_of_the_line(
+    factors: tuple[float, ...], adhesion: dict[str, Any] | None, lowered: dict[str, Any]
+) -> None:
+    """Breaks if sections raise the adhesion, another than the lowest counts, or dry rail has no limit."""
+    consist, level = load_consist("xuzhou_metro_3"), load_line("level")
+    sections = tuple(AdhesionSection(begin=1e3 * k, end=1e3 * k + 500, factor=f) for k, f in enumerate(factors))
+    line = level.model_copy(update={"adhesion": sections})
+    if factors == (1.5,):
+        lowered = adhesion or {"kind": "curtius_kniffler"}
+    speeds = []
+    for place, limit in ((line, adhesion), (level, lowered)):
+        setup = PlantSetup.model_validate(LAG | {"adhesion": limit})
+        limits = line_supervision(consist, place, setup, 4e3, max_speed=80 / 3.6).targets[-1]
+        speeds.append([limits.emergency(speed) for speed in (2.0, 10.0, 20.0)])
+    assert speeds[0] == speeds[1]
 
 
 def test_command_for_a_scenario(capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,7 +1,9 @@
 """Braking curves and limits against SUBSET-026, 3.13, a small-step integration, and numbers by hand."""
 
 import math
+from math import inf
 
+import numpy as np
 import pytest
 from curve_trains import FIXED, LEVEL, ONE
 from curve_trains import supervised_train as train
@@ -29,7 +31,13 @@ from train_ato.supervision.step_function import (
     gradient_acceleration,
     lowest_under_train,
 )
-from train_ato.supervision.track_supervision import WIDEST_MOTION, TrackSupervision, ceiling, limits_under_train
+from train_ato.supervision.track_supervision import (
+    WIDEST_MOTION,
+    TrackSupervision,
+    ceiling,
+    limits_under_train,
+    speeds_to_end,
+)
 from train_ato.supervision.train_model import (
     LIMIT_EXPONENT,
     LIMIT_FACTOR,
@@ -566,6 +574,41 @@ def test_a_later_target_with_an_earlier_begin() -> None:
     with pytest.raises(ValueError, match="the braking curve ends at"):
         short.targets[0].indication(50.0, WIDEST_MOTION)
     assert short.evaluate(600.0).emergency < 25.0
+    behind = TrackSupervision(train(service=None), grades, [(0.0, 50.0), (900.0, 20.0)], END)
+    assert list(behind.records.targets["begin"]) == [-inf, -inf]
+
+
+def test_the_indication_of_a_line_is_that_of_its_targets() -> None:
+    """Breaks if the indication is not that of motion and speed, or a curve that ends below the speed has no reason."""
+    line, motion = TrackSupervision(train(), [], [(0.0, 45.0), (3000.0, 30.0)], END), MotionEstimate(0.2, 1.0, 30.0)
+    place = line.targets[-1].indication(20.0, motion) - motion.under_reading
+    assert not line.indicates(place - 0.1, 20.0, motion) and line.indicates(place + 0.1, 20.0, motion)
+    exact = line.targets[-1].indication(20.0)
+    assert exact - place > 50.0 and not line.indicates(exact - 0.1, 20.0) and line.indicates(exact + 0.1, 20.0)
+    steep = TrackSupervision(train(service=None), [(-5458.0, -200.0), (-658.0, 0.0)], [], END)
+    with pytest.raises(ValueError, match=r"the braking curve ends at 19\d\.\d km/h"):
+        steep.indicates(0.0, 50.0, MotionEstimate(0.0, 5.0))
+
+
+def test_speeds_to_the_end_have_the_error_since_the_last_balise() -> None:
+    """Breaks if the error is not 5 m + 5 % of the distance from a balise, or a limit of the line counts as the end."""
+    for release in (None, 4.0):
+        line = TrackSupervision(train(), [], [(0.0, 45.0), (500.0, 30.0)], END, release=release)
+        fronts, errors = np.array([-50.0, 250.0, 700.0, 990.0]), (17.5, 17.5, 10.0, 9.5)  # balises every 300 m
+        end = line.targets[-1]
+        expected = [
+            end.speeds(front, MotionEstimate(0.0, 2.0 / 3.6, error, error)).permitted
+            for front, error in zip(fronts, errors, strict=True)
+        ]
+        expected[-1] = 0.0 if release is None else release
+        found = speeds_to_end(line.records.targets, line.records.arcs, fronts, 300.0)
+        np.testing.assert_allclose(found, expected, atol=1e-9)
+        assert all(np.diff(found) < 0)
+    alone = TrackSupervision(train(), [], [], END).records
+    assert speeds_to_end(alone.targets, alone.arcs, fronts, 300.0)[-1] == 0.0
+    for limits in ([], [(0.0, 45.0), (500.0, 30.0)]):
+        open_end = TrackSupervision(train(), [], limits, None).records
+        assert list(speeds_to_end(open_end.targets, open_end.arcs, fronts, 300.0)) == [inf] * 4
 
 
 @pytest.mark.parametrize(
@@ -581,6 +624,9 @@ def test_begin_of_the_targets_covers_the_widest_motion(limits: list[tuple[float,
         every += [t.speeds(front, WIDEST_MOTION) for t in line.targets if front + 2500.0 <= t.target.location]
         lowest = tuple(min(getattr(speeds, name) for speeds in every) for name in NAMES)
         assert line.evaluate(front, WIDEST_MOTION) == lowest
+    top = ceiling_speeds(50.0).emergency
+    begins = [target.indication(top, WIDEST_MOTION) - 2500.0 for target in line.targets]
+    assert list(line.records.targets["begin"]) == [min(begins[k:]) for k in range(len(begins))]
 
 
 def test_release_speed_of_a_line() -> None:
@@ -589,6 +635,7 @@ def test_release_speed_of_a_line() -> None:
     limits = [(0.0, 40.0), (500.0, 3.0), (600.0, 40.0)]
     line = TrackSupervision(given_train, [], limits, END, release=4.0)
     assert line.evaluate(1005.0) == SupervisionSpeeds(4.0, 4.0, 4.0, 4.0)
+    assert line.evaluate(499.0).permitted == line.targets[1].speeds(499.0).permitted < 4.0
     for motion in (MotionEstimate(), MotionEstimate(0.3, 1.0, 60.0, 20.0)):
         start = release_start(line.targets[-1], 4.0, motion)
         assert start > 850.0 and line.evaluate(start, motion).service == 4.0

@@ -57,6 +57,38 @@ def test_units_have_their_own_delays() -> None:
     assert Link(LinkSpec(delay=0.3), 0, STEP, 1, "c").window(0, 4).shape == (4, 0)
 
 
+def test_the_slowest_unit_gives_the_delay_of_a_single_link() -> None:
+    """Breaks if the delay in braking, a unit or jitter is left out, or no unit has a delay."""
+    given = LinkSpec(delay=(0.3, 0.1), delay_brake=0.2, jitter=0.05, varying=VaryingDelay(amplitude=0.4))
+    assert given.newest() == given.model_copy(update={"delay": 0.3, "delay_brake": None})
+    assert given.longest == pytest.approx(0.75)
+    assert LinkSpec(delay=0.1, delay_brake=(0.2, 0.5)).newest() == LinkSpec(delay=0.5)
+    assert LinkSpec(delay=()).newest() == LinkSpec()
+
+
+def test_a_queue_has_room_for_all_values_of_a_window() -> None:
+    """Breaks if many values of compiled ticks at once find too few columns, or values in flight are lost."""
+    link = Link(LinkSpec(delay=1.0), 1, STEP, 1, "c")
+    for tick in range(5):
+        link.push(tick * TICK, (tick + 1.0,))
+    for count in (12, 100, 1):
+        _, units, due, values = link.records(5 * TICK, count)
+        first, end = int(units["first"][0]), int(units["end"][0])
+        assert due.shape == values.shape and due.shape[1] - end >= count
+        assert list(values[0, first:end]) == [1.0, 2.0, 3.0, 4.0, 5.0]
+        assert list(due[0, first:end]) == [1_000_000_000 + tick * TICK for tick in range(5)]
+    assert due.dtype == np.int64
+
+
+def test_the_next_jump_is_the_first_one_after_a_stamp() -> None:
+    """Breaks if a span of compiled ticks passes a jump, or a jump that has happened ends it."""
+    link = Link(LinkSpec(jump=DelayJump(at=9.0)), 1, STEP, 1, "c")
+    link.jump(DelayJump(at=4.0))
+    assert [link.next_jump(second * 10**9) for second in (0, 4, 8)] == [4 * 10**9, 9 * 10**9, 9 * 10**9]
+    assert link.next_jump(9 * 10**9) > 10**18
+    assert link.draws(3).tolist() == [[0.0, 1.0]] * 3  # neither late nor lost
+
+
 def test_jumps_change_the_delay_from_their_time_on() -> None:
     """Breaks if a jump acts on commands in flight, a sum is multiplied, or a shorter delay brings an old one back."""
     link = Link(LinkSpec(delay=0.2, jump=DelayJump(at=0.5, factor=2.0)), 1, STEP, 1, "c")

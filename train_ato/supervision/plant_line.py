@@ -76,9 +76,9 @@ def line_supervision(
 def _with_lowest_adhesion(line: Line, setup: PlantSetup) -> PlantSetup:
     """Return the setup with the lowest adhesion of the line, which the braking curves then have everywhere."""
     adhesion = with_adhesion_of(line, setup).adhesion
-    lowest = min((1.0, *(entry.factor for entry in line.adhesion)))
-    if adhesion is None or lowest == 1.0:
+    if adhesion is None:
         return setup
+    lowest = min((1.0, *(entry.factor for entry in line.adhesion)))
     key = "factor" if isinstance(adhesion, SpeedAdhesion) else "coefficient"
     lower = adhesion.model_copy(update={key: lowest * getattr(adhesion, key)})
     return setup.model_copy(update={"adhesion": lower})
