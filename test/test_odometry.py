@@ -13,6 +13,8 @@ from train_ato.messages.types import Odometry
 from train_ato.supervision.odometry import (
     ACCELERATION_TIME,
     OdometryCheck,
+    PastSpeed,
+    add_speed,
     estimate_motion,
     odometer_error,
     past_speeds,
@@ -102,8 +104,20 @@ def test_a_jump_is_found_beyond_the_tolerance(beside: float, valid: bool) -> Non
     assert valid or found == f"moved by {moved:.1f} m in 0.4 s at 72.0 km/h"
 
 
+def test_a_problem_is_told_with_the_values_of_the_wheel() -> None:
+    """Breaks if the text mixes wheel and radar or counts the time from 0, or a jump without a balise is frozen."""
+    first, second = odometry(7.0, (100.0, 50.0), 20.0, 10.0), odometry(7.4, (120.0, 90.0), (20.0, 21.0), 30.0)
+    assert checked(first, second)[1] == "moved by 20.0 m in 0.4 s at 72.0 km/h"
+    frozen = odometry(7.4, (100.0, 50.0), (20.0, 21.0), 10.0)
+    assert checked(first, frozen)[1] == "moved by 0.0 m in 0.4 s at 72.0 km/h"
+    still = odometry(7.01, (100.0, 50.0), (20.0, 21.0), 10.0)
+    assert checked(first, still)[1] == "frozen at 72.0 km/h"
+    assert checked(first, odometry(7.4, (110.0, 60.0), 20.0, 10.0))[1] == "moved by 10.0 m in 0.4 s at 72.0 km/h"
+
+
 @pytest.mark.parametrize(
-    ("before", "after", "moved"), [(20.0, 10.0, 4.0), (20.0, 10.0, 8.0), (10.0, 20.0, 8.0), (10.0, 20.0, 4.0)]
+    ("before", "after", "moved"),
+    [(20.0, 10.0, 4.0), (20.0, 10.0, 8.0), (10.0, 20.0, 8.0), (10.0, 20.0, 4.0), (0.0, 40.0, 17.7), (40.0, 0.0, -1.7)],
 )
 def test_the_distance_is_between_those_of_both_speeds(before: float, after: float, moved: float) -> None:
     """Breaks if a brake or an acceleration counts as a jump, because one end of the step only is compared."""
@@ -156,10 +170,12 @@ def estimated(*steps: Odometry) -> list[Any]:
 
 def test_the_larger_odometer_counts() -> None:
     """Breaks if locked wheels hide the motion of the radar, or a train that rolls back has the slower speed or +."""
-    (motion,) = estimated(Odometry(0, np.array([900.0, 1000.0]), np.array([0.0, 20.0]), np.array([10.0, 110.0])))
-    assert motion[["stamp", "front", "speed"]].tolist() == (0, 1000.0, 20.0)
-    assert motion["position_error"] == pytest.approx(5.0 + 0.05 * 110.0)
-    assert (motion["speed_error"], motion["acceleration"]) == (speed_measurement_error(20.0), 0.0)
+    values = np.array([[900.0, 1000.0], [0.0, 20.0], [10.0, 110.0]])
+    for positions, speeds, since in (values, values[:, ::-1]):  # wheel and radar, either may be the larger one
+        (motion,) = estimated(Odometry(0, positions, speeds, since))
+        assert motion[["stamp", "front", "speed"]].tolist() == (0, 1000.0, 20.0)
+        assert motion["position_error"] == pytest.approx(5.0 + 0.05 * 110.0)
+        assert (motion["speed_error"], motion["acceleration"]) == (speed_measurement_error(20.0), 0.0)
     (back,) = estimated(odometry(0.0, 0.0, (-1.0, -2.0)))
     assert (back["speed"], back["speed_error"]) == (-2.0, speed_measurement_error(2.0))
 
@@ -176,7 +192,7 @@ def test_a_value_that_is_not_finite_gives_no_estimate(place: int, value: float) 
 
 def test_the_acceleration_is_the_mean_of_the_last_periods() -> None:
     """Breaks if the time base or the sign is wrong, or the time of the mean is not 1.2 s."""
-    speeds = [0.0, 4.0, 5.0, 7.0, 10.0, 14.0, 19.0]
+    speeds = [0.0, 4.0, 5.0, 7.0, 10.0, 14.0, 19.0, 18.0, 12.0, 13.0, 11.0, 3.0]
     found = estimated(*(odometry(7.0 + PERIOD * k, 0.0, speed) for k, speed in enumerate(speeds)))
     periods = round(ACCELERATION_TIME / PERIOD)
     expected = [0.0]
@@ -185,3 +201,12 @@ def test_the_acceleration_is_the_mean_of_the_last_periods() -> None:
         expected.append((speeds[k] - speeds[first]) / (PERIOD * (k - first)))
     assert periods == 3
     assert [motion["acceleration"] for motion in found] == pytest.approx(expected)
+    slow = estimated(*(odometry(2.0 * k, 0.0, float(k * k)) for k in range(5)))  # periods longer than the time
+    assert [motion["acceleration"] for motion in slow] == pytest.approx([0.0, 0.5, 1.5, 2.5, 3.5])
+
+
+def test_the_speeds_of_the_mean_have_room() -> None:
+    """Breaks if more speeds than there is room for are lost in another order than that of their times."""
+    own, past = zeros(SupervisorState, 1)[0], zeros(PastSpeed, 4)
+    firsts = [add_speed(own, past, stamp * 1_000_000, float(stamp)).speed for stamp in range(11)]
+    assert firsts == [0.0] * 4 + [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]

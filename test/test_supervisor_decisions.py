@@ -5,11 +5,13 @@ from functools import cache
 
 import numpy as np
 import pytest
+from curve_trains import supervised_train
 from engine_runs import setup_of
 from pydantic import ValidationError
 
 from train_ato.messages.types import Odometry
 from train_ato.scenario.setup import RunSetup
+from train_ato.supervision.limits import BrakingTarget
 from train_ato.supervision.settings import MIN_INDICATION_TIME, FailsafeSpec, SupervisionSpec
 from train_ato.supervision.step_function import ceiling_speeds
 from train_ato.supervision.supervisor import SupervisionDecision, SupervisionState, Supervisor
@@ -175,6 +177,7 @@ def test_without_odometry_the_emergency_brake_acts_with_its_reason(supervisor: S
     decision = supervisor.step(None)
     assert (decision.state, decision.reason) == (State.EMERGENCY_BRAKE, "no valid odometry")
     assert tuple(decision.speeds) == (0.0, 0.0, 0.0, 0.0) and decision.motion is None
+    assert supervisor.state["reason_limit"] == 0.0
 
 
 def test_a_restarted_supervisor_brakes_until_standstill(supervisor: Supervisor) -> None:
@@ -184,6 +187,22 @@ def test_a_restarted_supervisor_brakes_until_standstill(supervisor: Supervisor) 
     assert [one.state for one in found] == [State.EMERGENCY_BRAKE, State.EMERGENCY_BRAKE, State.NORMAL]
     assert (found[0].reason, found[-1].reason) == ("node supervisor restarted", "")
     assert supervisor.interventions == 1
+    supervisor.join()  # the train may roll back slowly meanwhile: its time without a supervisor is no distance
+    assert [one.state for one in at(supervisor, -1.0, 0.0, first=900)] == [State.EMERGENCY_BRAKE, State.NORMAL]
+
+
+def test_a_speed_without_a_curve_is_an_error_where_no_limit_is_exceeded() -> None:
+    """Breaks if a curve that ends below the speed goes unnoticed, or stops a run that is braked anyway."""
+    grades = [(-5458.0, -200.0), (-658.0, 0.0)]
+    steep = TrackSupervision(
+        supervised_train(service=None, t_traction_cut_off=3.0), grades, [], BrakingTarget(1000.0, kind="EOA")
+    )
+    braked = steps(Supervisor(steep, SupervisionSpec()), [(0.0, 52.0)] * 3 + [(0.0, 60.0)])
+    assert [one.state for one in braked] == [State.EMERGENCY_BRAKE] * 4
+    far = -3000.0
+    assert steep.evaluate(far).permitted > 49.9
+    with pytest.raises(ValueError, match=r"the braking curve ends at"):
+        steps(Supervisor(steep, SupervisionSpec()), [(far, 46.0)] * 3 + [(far, 49.9)])
 
 
 @pytest.mark.parametrize("forwards", [0.0, 0.5])
