@@ -9,8 +9,17 @@ from engine_runs import setup_of
 from train_ato.control.assurance import AT_ONCE, AssuranceMonitor
 from train_ato.control.ato_state import TAKEOVER_TIME, AtoStateMachine
 from train_ato.control.plausibility import MeasurementCheck
+from train_ato.loop.ato_mode import AtoMode
 from train_ato.loop.train_protection import TrainProtection
-from train_ato.messages.types import AtoState, BrakeRelease, Measurement, Odometry, Protection, SupervisedSpeeds
+from train_ato.messages.types import (
+    AtoState,
+    BrakeRelease,
+    Measurement,
+    Odometry,
+    Protection,
+    ProtectionState,
+    SupervisedSpeeds,
+)
 from train_ato.scenario.setup import RunSetup
 from train_ato.supervision.settings import SupervisionSpec
 from train_ato.supervision.step_function import ceiling_speeds
@@ -219,6 +228,24 @@ def test_a_disengaged_ato_coasts_for_the_takeover_time_and_a_failed_one_brakes_a
     assert failed.brakes(0)
     coasting.request(0, "disengage", standstill=False)
     assert [coasting.brakes(round(s * 1e9)) for s in (0.0, TAKEOVER_TIME - 0.1, TAKEOVER_TIME)] == [False, False, True]
+
+
+def test_an_engagement_without_a_profile_in_time_is_a_failure() -> None:
+    """Breaks if an engaged ATO without a profile drives, waits without an end, or fails before 10 s."""
+    setup = metro()
+    mode = AtoMode(setup)
+    place = 1000.0 - float(setup.model.offsets[0]) - setup.consist.vehicles[0].length / 2
+    mode.machine.request(0, "disengage", standstill=True)
+    late = 50_000_000_000
+    found = []
+    for stamp in (late - PERIOD, late, late + PERIOD, late + 10_000_000_000, late + 10_000_000_000 + PERIOD):
+        if stamp == late:
+            mode.request("engage")
+        mode.update(measured(stamp, place, 0.0), ProtectionState(stamp, np.zeros(3)), supervised(stamp, 1000.0, 0.0))
+        found.append((mode.machine.state, mode.awaits_profile, mode.drives))
+    waits = (AtoState.ENGAGED, True, False)
+    assert found == [(AtoState.READY, False, False), *[waits] * 3, (AtoState.FAILURE, False, False)]
+    assert mode.machine.reason.startswith("no profile from the present place")
 
 
 def released(stamp: int, *values: float) -> BrakeRelease:
