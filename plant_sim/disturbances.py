@@ -334,6 +334,10 @@ class OutsideForces:
         The same numbers.
     mean : Array, shape (2, listed vehicles)
         Means of force [N] and force per speed [N s/m] over the last tick.
+    added_gusts : list of Gust
+        Gusts that are not in the scenario and have not ended.
+    planned_columns : list of int
+        Columns of the vehicles of the scenario.
     """
 
     def __init__(
@@ -365,19 +369,19 @@ class OutsideForces:
         self._cubes: Array = np.zeros(0)
         self._means: Array = np.zeros(0)
         self._block_begin = -BLOCK * tick_ns
-        self._added_gusts: list[Gust] = []
+        self.added_gusts: list[Gust] = []
         self._arrange()
 
     def _arrange(self) -> None:
         """Assign a column to every listed vehicle."""
-        added = [gust.listed(len(self._mass)) for gust in self._added_gusts]
+        added = [gust.listed(len(self._mass)) for gust in self.added_gusts]
         listed = sorted({*self._planned, *(i for vehicles in added for i in vehicles)})
         self.vehicles = np.array(listed, dtype=np.int64)
         self.listed = _columns(listed)
-        self._planned_columns = [listed.index(i) for i in self._planned]
+        self.planned_columns = [listed.index(i) for i in self._planned]
         self._gusts = [
             (gust, [listed.index(i) for i in vehicles], self._mass[list(vehicles)])
-            for gust, vehicles in zip(self._added_gusts, added, strict=True)
+            for gust, vehicles in zip(self.added_gusts, added, strict=True)
         ]
         self.acts = bool(listed)
         self._sum = np.zeros((3, self._steps, len(listed)))
@@ -386,20 +390,15 @@ class OutsideForces:
     def add(self, gust: Gust) -> None:
         """Add a gust that is not in the scenario; it is removed after its end."""
         gust.listed(len(self._mass))
-        self._added_gusts.append(gust)
+        self.added_gusts.append(gust)
         self._arrange()
-
-    @property
-    def gusty(self) -> bool:
-        """True while an added gust has not ended."""
-        return bool(self._added_gusts)
 
     def drop_over(self, now: float) -> bool:
         """Remove the added gusts that ended before a time [s]; return True if the columns changed."""
-        remaining = [gust for gust in self._added_gusts if now < gust.end + (gust.shift or 0.0)]
-        if len(remaining) == len(self._added_gusts):
+        remaining = [gust for gust in self.added_gusts if now < gust.end + (gust.shift or 0.0)]
+        if len(remaining) == len(self.added_gusts):
             return False
-        self._added_gusts = remaining
+        self.added_gusts = remaining
         self._arrange()
         return True
 
@@ -427,14 +426,17 @@ class OutsideForces:
             return block
         self._sum[:] = 0.0
         if self._planned:
-            self._sum[:, :, self._planned_columns] = self._block[index]
+            self._sum[:, :, self.planned_columns] = self._block[index]
         if self._cubes.size:
-            self._sum[1][:, self._planned_columns] += self._cubes[index] * speed[self._planned] ** 2
-        t = stamp * 1e-9 + self._offsets
-        for gust, columns, mass in self._gusts:
-            self._sum[0][:, columns] += gust.tick(gust.local(t), mass).force
+            self._sum[1][:, self.planned_columns] += self._cubes[index] * speed[self._planned] ** 2
+        self._add_gusts(stamp * 1e-9 + self._offsets, self._sum)
         self.mean = np.add.reduce(self._sum[:2], axis=1) / self._steps
         return self._sum
+
+    def _add_gusts(self, t: Array, forces: Array) -> None:
+        """Add the gusts at the times of the plant steps of a tick [s] to its forces [N]."""
+        for gust, columns, mass in self._gusts:
+            forces[0][:, columns] += gust.tick(gust.local(t), mass).force
 
     def rest_of_block(self, stamp: int, count: int) -> Array:
         """Return the forces of at most ``count`` ticks from a stamp [ns] on, without added gusts and cubes.
@@ -450,7 +452,7 @@ class OutsideForces:
         return block
 
     def ahead(self, stamp: int, count: int) -> tuple[Array, Array, Array]:
-        """Return the forces of the ticks from a stamp on, without added gusts.
+        """Return the forces of the ticks from a stamp on, up to the end of the next added gust.
 
         Parameters
         ----------
@@ -463,7 +465,7 @@ class OutsideForces:
         -------
         forces : Array, shape (ticks, 3, steps, listed vehicles)
             A copy of force [N], force per speed [N s/m] and drift speed [m/s].
-        cubes : Array, shape (ticks, steps, listed vehicles)
+        cubes : Array, shape (ticks, steps, planned columns)
             Force per third power of the speed [N s³/m³]; its part is not in ``forces``.
         means : Array, shape (ticks, 2, listed vehicles)
             Means over the ticks, without the cubes.
@@ -478,8 +480,15 @@ class OutsideForces:
             self._keep(stamp, *(np.concatenate(parts) for parts in zip(kept, more, strict=True)))
             index = 0
         part = slice(index, index + count)
+        forces, means = self._block[part].copy(), self._means[part]
         cubes = self._cubes[part] if self._cubes.size else np.zeros((count, self._steps, 0))
-        return self._block[part].copy(), cubes, self._means[part]
+        if self._gusts:
+            planned, forces = forces, np.zeros((count, *self._sum.shape))
+            forces[..., self.planned_columns] = planned
+            for t, force in zip((stamp + self._tick_ns * np.arange(count)) * 1e-9, forces, strict=True):
+                self._add_gusts(t + self._offsets, force)
+            means = np.add.reduce(forces[:, :2], axis=2) / self._steps
+        return forces, cubes, means
 
     def _keep(self, begin: int, block: Array, means: Array, cubes: Array) -> None:
         self._block_begin, self._block, self._means, self._cubes = begin, block, means, cubes

@@ -89,7 +89,6 @@ class Train:
         self.jumps = Jumps(setup, consist, self.arrays, self.parted, step_ns=step_ns, tick_ns=tick_ns)
         self._kinetic_start = self.kinetic_energy
         self._outside_force = np.zeros(self.n)
-        self.has_added_gusts = False
 
     @property
     def time(self) -> float:
@@ -197,7 +196,7 @@ class Train:
                     f"brake-pipe pressure demanded, but train '{self.consist.name}' has no air brake; demand None"
                 )
             self.pipe.demand(time, brake_pipe_pa)
-        if self.has_added_gusts:
+        if self.outside.added_gusts:
             self._drop_gusts()
         if self._sections.exist:
             self._sections.apply(self.stamp, self.tick_ns)
@@ -216,7 +215,7 @@ class Train:
     @property
     def is_quiet(self) -> bool:
         """True if ticks need no Python: no brake wave, jump, added gust, parted coupler or force by the cubed speed."""
-        changes = self.jumps.planned or self.has_added_gusts or self.parted.parted or self.brake.propagating()
+        changes = self.jumps.planned or self.outside.added_gusts or self.parted.parted or self.brake.propagating()
         return not (changes or self.outside.has_cubes or self.ticks_before_section == 0)
 
     @property
@@ -248,7 +247,6 @@ class Train:
     def add_gust(self, gust: Gust) -> None:
         """Add a gust that is not in the setup, from the next tick on."""
         self.outside.add(gust)
-        self.has_added_gusts = True
 
     def add_jump(self, jump: Jump) -> None:
         """Add a jump that is not in the setup."""
@@ -259,7 +257,6 @@ class Train:
         if self.outside.drop_over(self.time):
             self.arrays.state[k.DRIVE_FORCE] = 0.0
             self._outside_force[:] = 0.0
-            self.has_added_gusts = self.outside.gusty
 
     def apply_emergency_brake(self) -> None:
         """Vent the brake pipe from now on, or without an air brake open the loop of the friction emergency brake.

@@ -150,14 +150,16 @@ def test_emergency_brake_stops_the_train_whatever_the_law_commands():
 
 
 def test_gusts_that_are_over_are_forgotten_one_by_one():
-    """Breaks if a second gust ends with the first, or a vehicle keeps a column that nothing fills."""
+    """Breaks if a second gust ends with the first, a vehicle keeps a column that nothing fills, or spans miss one."""
     forces = OutsideForces((), np.full(3, 100.0), 500_000_000, SECOND, ())
     forces.add(Gust(kind="gust", begin=0.0, end=2.0, ramp=0.0, force=5.0, vehicles=(0,)))
     forces.add(Gust(kind="gust", begin=0.0, end=3.0, ramp=0.0, acceleration=0.1, vehicles=(2,)))
     assert forces.tick(0, np.zeros(3))[0].tolist() == [[5.0, 10.0]] * 2
+    ahead, _, means = forces.ahead(0, 2)
+    assert ahead[:, 0].tolist() == [[[5.0, 10.0]] * 2] * 2 and means[:, 0].tolist() == [[5.0, 10.0]] * 2
     assert not forces.drop_over(1.0) and forces.drop_over(2.0) and forces.vehicles.tolist() == [2]
     assert forces.tick(2 * SECOND, np.zeros(3))[0].tolist() == [[10.0]] * 2
-    assert forces.drop_over(3.0) and not forces.gusty
+    assert forces.drop_over(3.0) and not forces.added_gusts
 
 
 def test_a_later_jump_of_mass_keeps_the_weight_of_other_disturbances():

@@ -57,12 +57,16 @@ UNRECORDED, BRIEF = 4, 16
 """Factor of both without a log and without disturbances, whose arrays are large, and with the series of the summary."""
 
 
-def has_compiled_form(compensation: Any, law: Any, setup: RunSetup) -> bool:
-    """Return True for a compensation whose values compiled ticks compute; another one is called in every tick.
+def has_compiled_form(stack: ControlStack, law: Any, setup: RunSetup) -> bool:
+    """Return True for a control stack whose compensation compiled ticks compute; another one is called as a whole.
 
-    Computed are values that depend only on the time and, for `predictor`, on the state of the units.
+    Computed are values that depend only on the time and, for `predictor`, on the state of the units. The diagnostics of
+    a law in Python with a longer period are those of its last step.
     """
+    compensation: Any = stack.compensation
     kind = type(compensation)
+    if stack.every > 1 and not isinstance(law, RecordLaw) and (stack.plan or hasattr(law, "diagnostics")):
+        return False
     if _COMPENSATION_STEPS.get(kind) is not getattr(kind, "step", None):
         return False
     if getattr(law, "lookahead_times", None) is not None:
@@ -82,9 +86,9 @@ def ticks_to_event(
 ) -> int:
     """Return the number of ticks before the next planned event, at most those of the longest span.
 
-    An event is a change, a jump, an intervention, a fault, a request, a decision of the policy `predictive`, or the end
-    of the run. It is 0 for the first tick, at which the control stack has no pressure of the brake pipe yet, and for a
-    train without power units.
+    An event is a change, a jump, an intervention, the end of an added gust, a fault, a request, a decision of the
+    policy `predictive`, or the end of the run. It is 0 for the first tick, at which the control stack has no pressure
+    of the brake pipe yet, and for a train without power units.
     """
     setup, plant, controller = stages.setup, stages.plant, stages.controller
     tick, stamp = setup.tick_ns, plant.stamp
@@ -98,6 +102,7 @@ def ticks_to_event(
     ends = [stamp + longest * tick, setup.ticks * tick, plant.link.next_jump(stamp)]
     ends += [requested_stamp(change) for change in controller.planned]
     ends += [at for at, _ in plant.interventions.due]
+    ends += [round((gust.end + (gust.shift or 0.0)) * 1e9) for gust in plant.train.outside.added_gusts]
     ends += [inputs.next_fault(stamp) for inputs in _inputs(stages)]
     ends += supervised.next_request(stamp)
     if stages.profile.headway is not None:
@@ -111,17 +116,10 @@ def ticks_to_event(
 
 def is_regular(stages: Stages, supervised: SupervisedTicks, stack: ControlStack) -> bool:
     """Return True if train and receiving ends are in a state that the compiled ticks contain."""
-    plant, controller, stamp = stages.plant, stages.controller, stages.plant.stamp
-    train, pipe = plant.train, plant.train.brake
+    plant, stamp, pipe = stages.plant, stages.plant.stamp, stages.plant.train.brake
     if not supervised.is_quiet or not all(inputs.is_regular(stamp) for inputs in _inputs(stages)):
         return False
-    if stages.supervisor is not None and stages.setup.links.measurement != LinkSpec():
-        return False  # the report of the ATO has the delayed place
-    if controller.asked or controller.changed or controller.ato.changed or controller.failed:
-        return False
-    if plant.reports is not None or plant.radio is not None:
-        return False  # messages of trains in a common domain
-    if train.parted._since is not None or train.has_added_gusts:
+    if plant.train.parted.parted:
         return False
     if plant.pipe_link is not None and not plant.pipe_link.delivers_only(stack.pressure):
         return False
@@ -138,26 +136,6 @@ def is_in_state(stages: Stages, stack: ControlStack) -> bool:
             return True
         return own.shoes.fitted and own.shoes.pressure != stack.pressure
     return False
-
-
-def is_called(stages: Stages, stack: ControlStack, law: Any) -> bool:
-    """Return True for a control stack that is called as a whole: one of its parts or links has no compiled form."""
-    setup = stages.setup
-    scenario, links = setup.scenario, setup.links
-    if scenario.replan or scenario.force_shares or scenario.unit_displacements or observer_is_called(stages):
-        return True
-    if any(link != LinkSpec() for link in (links.reference, links.estimate)):
-        return True
-    if stack.every > 1 and not isinstance(law, RecordLaw) and (stack.plan or hasattr(law, "diagnostics")):
-        return True  # the diagnostics are those of the last step
-    return not has_compiled_form(stack.compensation, law, setup)
-
-
-def observer_is_called(stages: Stages) -> bool:
-    """Return True for an observer that is called: in Python, or with a delay of the measurement."""
-    kind = type(stages.observer.stack.observer)
-    compiled = kind is NoObserver or (issubclass(kind, RecordObserver) and kind.step is _OBSERVER_STEP)
-    return not compiled or stages.setup.links.measurement != LinkSpec()
 
 
 def _inputs(stages: Stages) -> list[StageInputs]:
@@ -284,6 +262,15 @@ class CompiledSpans:
         self.policy_call: LawCall | None = None
         self.observer: Any = stages.observer.stack.observer
         self.observing = _call_of_observer(self.observer)
+        kind, setup = type(self.observer), stages.setup
+        scenario, links = setup.scenario, setup.links
+        compiled = kind is NoObserver or (issubclass(kind, RecordObserver) and kind.step is _OBSERVER_STEP)
+        self._calls_observer = not compiled or links.measurement != LinkSpec()
+        planned = scenario.replan or scenario.force_shares or scenario.unit_displacements
+        late = any(link != LinkSpec() for link in (links.reference, links.estimate))
+        self._calls_stack = bool(planned or late or self._calls_observer)
+        if stages.plant.radio or (setup.layout.supervised and links.measurement != LinkSpec()):
+            self._retry = setup.ticks * setup.tick_ns  # reports of another train, or of the ATO with a delayed place
 
     def run(self) -> int:
         """Run the ticks up to the next event; return their number, 0 if the next tick is left to Python."""
@@ -304,10 +291,10 @@ class CompiledSpans:
         without_python
             True: None for a law or a control stack that the compiled ticks call in Python, too.
         """
-        plant, stack = self.stages.plant, self.stages.controller.stack
+        controller, stack = self.stages.controller, self.stages.controller.stack
         assert stack is not None
         self.has_answer = False
-        if plant.stamp < self._retry:
+        if self.stages.plant.stamp < self._retry:
             return None
         count = ticks_to_event(self.stages, self.supervised, stack, logged=self.logged, brief=self.brief)
         if count < MIN_SPAN or not is_regular(self.stages, self.supervised, stack):
@@ -315,6 +302,8 @@ class CompiledSpans:
         law = self._step_of(stack)
         if without_python and isinstance(law, PythonCall):
             return None
+        controller.changed = {}
+        controller.ato.begin_step()
         if self._pause > 1:  # probably another span without a tick, whose arrays cost as much as those of a full one
             count = min(count, RETRIED)
         return Span(self, stack, law, count)
@@ -359,7 +348,8 @@ class CompiledSpans:
     def _step_of(self, stack: ControlStack) -> LawStep:
         """Return the compiled step of the present law, or the call of the law or of the control stack in Python."""
         law: Any = stack.law
-        whole = is_in_state(self.stages, stack) or is_called(self.stages, stack, law)
+        in_state = is_in_state(self.stages, stack)
+        whole = in_state or self._calls_stack or not has_compiled_form(stack, law, self.stages.setup)
         of = stack, law, whole
         if self._step is None or any(new is not known for new, known in zip(of, self._of, strict=True)):
             self._of = of
@@ -370,7 +360,7 @@ class CompiledSpans:
                 step: Any = CallerStep if given else RecordStep if is_in_loop(law) else None
                 self._step = PythonLaw(self.stages, law) if step is None else step(law)
         if isinstance(self._step, PythonStack):
-            self._step.observes = observer_is_called(self.stages) or is_in_state(self.stages, stack)
+            self._step.observes = in_state or self._calls_observer
         return self._step
 
     def forecast(self, stack: ControlStack, first: int, count: int) -> Forecast:
@@ -452,7 +442,7 @@ class Span:
         train, out, spans = self._train, self.arrays, self._spans
         link, protection, stamps = self._plant.link, self._plant.protection, self._plant.protection.stamps
         a, events = train.arrays, train.brake.propagating()
-        cubed = np.arange(train.outside.vehicles.size if out.cubes.shape[2] else 0)
+        cubed = np.array(train.outside.planned_columns[: out.cubes.shape[2]], dtype=np.int64)
         law, sensors, observing, braking = self.law, train.sensor_set.records, self._observing(), self._braking()
         law_state = law.state.view(np.uint8)
         places = [np.empty_like(state) for state in (law_state, observing[1], self._inputs, braking[1], sensors.units)]
