@@ -9,6 +9,7 @@ from curve_trains import supervised_train
 from engine_runs import setup_of
 from pydantic import ValidationError
 
+from plant_sim.si_model import unusual_values
 from train_ato.messages.types import Odometry
 from train_ato.scenario.setup import RunSetup
 from train_ato.supervision.limits import BrakingTarget
@@ -255,6 +256,16 @@ def test_ranges(model, key, accepted, refused):
     for value in refused:
         with pytest.raises(ValidationError, match=key):
             model.model_validate({key: value})
+
+
+@pytest.mark.parametrize(
+    ("key", "low", "high"), [("overlap", 1.0, 5e3), ("roll_away", 0.05, 20.0), ("position_difference", 0.5, 1e3)]
+)
+def test_usual_magnitudes(key: str, low: float, high: float) -> None:
+    """Breaks if a distance in another unit has no note, or a usual one has one."""
+    for value, noted in ((low, False), (high, False), (0.99 * low, True), (1.01 * high, True)):
+        notes = list(unusual_values(SupervisionSpec.model_validate({key: value})))
+        assert [note.startswith(f"{key} = ") for note in notes] == [True] * noted, value
 
 
 def test_states_by_severity() -> None:
