@@ -23,6 +23,7 @@ from train_ato.cli import main
 from train_ato.control.contract import LawInput, LawOutput, LawPlan, parameter
 from train_ato.control.plan_text import STATUS, TimedPlan, plan_from_text, plan_to_text
 from train_ato.control.registry import LAWS
+from train_ato.judge.recording_builder import reduced
 from train_ato.log.recorded import open_recording
 from train_ato.loop.engine import TickLoop, run_engine
 from train_ato.studies.sweep.row import WALL_TIMES
@@ -175,6 +176,21 @@ def test_compiled_ticks_leave_out_what_no_summary_needs() -> None:
         "ato/command": {"force"},
         "ato/state": {"state"},
     }  # fmt: skip
+
+
+def test_the_samples_of_a_recording_by_the_number_of_vehicles() -> None:
+    """Breaks if the extremes of a coupler, the samples of four vehicles, or a total of some units is left out."""
+    forces = np.array([[5.0, -7.0, 2.0, 4.0], [1.0, 3.0, -9.0, 0.0]])
+    coupler = {"coupler_draft_max": [[5.0], [3.0]], "coupler_buff_max": [[-7.0], [-9.0]]}
+    expected = {1: {}, 2: {"coupler_draft_max": [[5.0], [3.0]], "coupler_buff_max": [[-7.0], [1.0]]},
+                4: {**coupler, "coupler_samples": [[5.0, -7.0, 2.0], [1.0, 3.0, -9.0]]}}  # fmt: skip
+    for count, values in expected.items():
+        kept = reduced("train/vehicles", {"coupler_force": forces[:, :count]}, [0])
+        assert {name: part.tolist() for name, part in kept.items()} == values
+    assert "coupler_samples" not in reduced("train/vehicles", {"coupler_force": forces[:, :3]}, [0])
+    kept = reduced("train/disturbance", {"force": forces}, [0, 2])
+    assert kept["total"].tolist() == [[4.0], [-5.0]] and kept["unit_force"].tolist() == [[5.0, 2.0], [1.0, -9.0]]
+    assert set(reduced("train/disturbance", {"force": forces[:, :2]}, [0, 1])) == {"unit_force"}
 
 
 HERE = "test_engine"

@@ -14,6 +14,7 @@ import yaml
 from engine_runs import setup_of
 
 from train_ato.cli import main
+from train_ato.log import difference
 from train_ato.log.bag_layout import table_name
 from train_ato.log.difference import compare_logs
 from train_ato.log.log_writer import LogFile
@@ -44,11 +45,14 @@ def wire() -> Wire:
     return Wire(setup_of(str(FOLDER / "short_train.yaml")).layout)
 
 
-def altered(folder: Path, topic: str, number: int, change) -> Path:
-    """Write the golden run again with one message of a topic changed; ``change`` gets and returns its bytes."""
+def altered(folder: Path, topic: str, number: int, change, *, at_end: bool = False) -> Path:
+    """Write the golden run again with one message of a topic changed; ``change`` gets and returns its bytes.
+
+    ``at_end`` writes it after all others.
+    """
     log = LogFile(folder, attachments(GOLDEN))
     channels: dict[str, int] = {}
-    count = 0
+    count, held = 0, []
     for message in stream(GOLDEN):
         name = message.channel.topic
         if name not in channels:
@@ -60,9 +64,14 @@ def altered(folder: Path, topic: str, number: int, change) -> Path:
         if name == topic:
             if count == number:
                 data = change(data)
+                if at_end:
+                    held.append((channels[name], message.publish_ns, message.log_ns, data))
+                    data = None
             count += 1
         if data is not None:
             log.write(channels[name], message.publish_ns, message.log_ns, data)
+    for entry in held:
+        log.write(*entry)
     log.close()
     return log.path
 
@@ -113,6 +122,17 @@ def test_a_missing_message_is_one_difference(tmp_path: Path, wire: Wire) -> None
     found = compare_logs(GOLDEN, log, wire)
     assert found.topics == {"ato/estimate": 1}
     assert str(found.first) == "ato/estimate at 7.700 s, message: there and missing"
+
+
+def test_a_late_message_is_compared_in_its_place(tmp_path, wire, monkeypatch):
+    """Breaks if a message that comes after its stamp is closed, to the very stamp, is a difference."""
+    monkeypatch.setattr(difference, "PORTION", 25)
+    monkeypatch.setattr(difference, "WINDOW_NS", 1_000_000_000)
+    count = sum(message.channel.topic == "/ato/estimate" for message in stream(GOLDEN))
+    for number in range(count - 14, count - 6):
+        (folder := tmp_path / str(number)).mkdir()
+        log = altered(folder, "/ato/estimate", number, lambda data: data, at_end=True)
+        assert compare_logs(GOLDEN, log, wire).equal, number
 
 
 def test_tolerance_is_a_part_of_the_field(tmp_path: Path, wire: Wire) -> None:
