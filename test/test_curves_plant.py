@@ -177,17 +177,20 @@ def test_the_curves_have_the_lowest_adhesion_of_the_line(
     factors: tuple[float, ...], adhesion: dict[str, Any] | None, lowered: dict[str, Any]
 ) -> None:
     """Breaks if sections raise the adhesion, another than the lowest counts, or dry rail has no limit."""
-    consist, level = load_consist("xuzhou_metro_3"), load_line("level")
+    metro, level = load_consist("xuzhou_metro_3"), load_line("level")
+    strong = metro.emergency_brake.model_copy(update={"deceleration": 3.0})  # more than dry rails permit
+    consist = metro.model_copy(update={"emergency_brake": strong})
     sections = tuple(AdhesionSection(begin=1e3 * k, end=1e3 * k + 500, factor=f) for k, f in enumerate(factors))
     line = level.model_copy(update={"adhesion": sections})
     if factors == (1.5,):
         lowered = adhesion or {"kind": "curtius_kniffler"}
     speeds = []
-    for place, limit in ((line, adhesion), (level, lowered)):
+    for place, limit in ((line, adhesion), (level, lowered), (level, None)):
         setup = PlantSetup.model_validate(LAG | {"adhesion": limit})
         limits = line_supervision(consist, place, setup, 4e3, max_speed=80 / 3.6).targets[-1]
         speeds.append([limits.emergency(speed) for speed in (2.0, 10.0, 20.0)])
     assert speeds[0] == speeds[1]
+    assert all(limited < free - 1.0 for limited, free in zip(speeds[0][1:], speeds[2][1:], strict=True))
 
 
 def test_command_for_a_scenario(capsys: pytest.CaptureFixture[str]) -> None:
