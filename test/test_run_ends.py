@@ -451,3 +451,32 @@ def test_the_lateness_of_ticks_is_counted(monkeypatch: pytest.MonkeyPatch) -> No
     assert lateness.report()["wall_ticks_late"] == "1"
     last = lateness.report()  # at the end of a run, after no further tick
     assert last["wall_ticks_late"] == "1" and "wall_tick_begin_ns" not in last
+
+
+def test_the_time_without_an_answer_leaves_out_suspensions(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Breaks if a brake release counts as a command, the older one does not count, or a suspension fails the run."""
+    pytest.importorskip("rclpy")
+    from train_ato.ros.nodes import answer_watch
+
+    clock = [50.0]
+    monkeypatch.setattr(answer_watch.time, "monotonic", lambda: clock[0])
+    watch = answer_watch.AnswerWatch()
+
+    def silence() -> tuple[float, ...]:
+        found = watch.silent_for(released=False), watch.release_silent_for(), watch.silent_for(released=True)
+        return tuple(round(value, 9) for value in found)
+
+    clock[0] = 51.0
+    watch.hear()
+    assert silence() == (0.0, 1.0, 1.0)
+    clock[0] = 51.25
+    watch.hear(released=True)
+    assert silence() == (0.25, 0.0, 0.25)
+    watch.restart()
+    watch.begin()
+    clock[0] += answer_watch.SUSPENDED_S
+    watch.check()
+    assert watch.suspended == 0.0 and silence() == (0.25,) * 3
+    clock[0] += 8.0
+    watch.check()
+    assert watch.suspended == 8.0 and silence() == (0.35,) * 3, "a suspension counts as one period of 0.1 s"
