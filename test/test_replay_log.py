@@ -14,6 +14,7 @@ from train_ato.log.mcap_records import stream
 from train_ato.messages.codec import Wire
 from train_ato.messages.topics import EPOCH_NS, Rate, topics_of
 from train_ato.playback.log import ReplayLog, ReplayOptions, chosen_topics, parse_remap
+from train_ato.playback.playback import Playback
 from train_ato.playback.publishing import note_far_stamp
 
 TICK, TICKS = 100_000_000, 3000
@@ -97,6 +98,12 @@ def test_a_moment_is_found_in_a_few_chunks(log):
     assert len(log._chunks) > 20
     next(log.messages({"/train/vehicles"}, EPOCH_NS + 250 * 10**9))
     assert len(log._spans) <= 3 + 8
+
+
+def test_an_absolute_time_is_a_place_of_the_log(log: ReplayLog) -> None:
+    """Breaks if a service of rosbag2, whose times are absolute, enters a log at another moment."""
+    playback = Playback(log, log.topics, ReplayOptions(), None, interrupted=lambda: False)
+    assert [playback.place_of(EPOCH_NS + round(place * 1e9)) for place in (0.0, 0.1, 123.4)] == [0.0, 0.1, 123.4]
 
 
 @pytest.mark.parametrize(("tick", "profiles"), [(0, [0]), (REPLANNED - 1, [0]), (REPLANNED, [0, REPLANNED])])
