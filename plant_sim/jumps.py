@@ -30,6 +30,11 @@ class PartedCouplers:
     brake
         Events of its brake pipe or of its emergency loop.
 
+    Attributes
+    ----------
+    since : float or None
+        Time of the first parting [s]; None before it.
+
     Raises
     ------
     ValueError
@@ -41,12 +46,7 @@ class PartedCouplers:
         self._offsets: Array = np.array(consist.offsets)
         self._gaps: Array = (self._offsets + np.array([vehicle.length / 2 for vehicle in consist.vehicles]))[:-1]
         self._units = np.array(consist.power_units, dtype=np.int64)
-        self._since: float | None = None
-
-    @property
-    def parted(self) -> bool:
-        """True after the first parting."""
-        return self._since is not None
+        self.since: float | None = None
 
     def check(self, couplers: Sequence[int]) -> None:
         """Raise ValueError if the couplers behind these vehicles are missing or rigid."""
@@ -64,10 +64,10 @@ class PartedCouplers:
         a.gear[k.HALF_SLACK, parted] = NO_LIMIT
         a.run[:, k.EQUAL] = 0
         distance = np.abs(self._offsets[:, None] - self._gaps[parted][None, :]).min(axis=1)
-        if self._since is None:
-            self._since = time
+        if self.since is None:
+            self.since = time
         else:  # the distance from a later gap, as if its wave had started with the first one
-            later = distance + (time - self._since) * self._brake.apply_wave
+            later = distance + (time - self.since) * self._brake.apply_wave
             distance = np.minimum(a.vehicle[k.PARTED_DISTANCE], later)
         a.vehicle[k.PARTED_DISTANCE] = distance
         a.vehicle_index[k.PARTED_ORDER] = np.argsort(distance, kind="stable")
@@ -75,19 +75,16 @@ class PartedCouplers:
 
     def reached(self, time: float) -> NDArray[np.bool_]:
         """Return True for every vehicle that the wave from a gap has reached at a time [s], shape (n,)."""
-        if self._since is None:
-            return np.zeros(len(self._offsets), dtype=np.bool_)
-        arrival = self._since + self._arrays.vehicle[k.PARTED_DISTANCE] / self._brake.apply_wave
+        assert self.since is not None
+        arrival = self.since + self._arrays.vehicle[k.PARTED_DISTANCE] / self._brake.apply_wave
         return np.asarray(time >= arrival)
 
     def noticed(self, time: float) -> bool:
         """Return True if the wave from a gap has reached the first vehicle at a time [s]."""
-        return self._since is not None and bool(self.reached(time)[0])
+        return bool(self.reached(time)[0])
 
     def without_traction(self, time: float, demand: Array) -> Array:
         """Return the demands [N] of shape (steps, units), 0 for units that the wave has reached."""
-        if self._since is None:
-            return demand
         return np.ascontiguousarray(np.where(self.reached(time)[self._units], 0.0, demand))
 
 

@@ -215,8 +215,9 @@ class Train:
     @property
     def is_quiet(self) -> bool:
         """True if ticks need no Python: no brake wave, jump, added gust, parted coupler or force by the cubed speed."""
-        changes = self.jumps.planned or self.outside.added_gusts or self.parted.parted or self.brake.propagating()
-        return not (changes or self.outside.has_cubes or self.ticks_before_section == 0)
+        if self.parted.since is not None or self.jumps.planned or self.outside.added_gusts or self.outside.has_cubes:
+            return False
+        return not (self.brake.propagating() or self.ticks_before_section == 0)
 
     @property
     def ticks_before_section(self) -> int:
@@ -276,7 +277,8 @@ class Train:
         time = (self.stamp + begin * self.step_ns) * 1e-9
         if end - begin < self.substeps:
             demand, outside = demand[begin:end], np.ascontiguousarray(outside[:, begin:end])
-        demand = self.parted.without_traction(time, demand)
+        if self.parted.since is not None:
+            demand = self.parted.without_traction(time, demand)
         events = self.brake.propagating()
         k.advance(
             time, self.step, a.state, a.vehicle, a.vehicle_index, a.gear,

@@ -113,7 +113,25 @@ def output_fault(name: str, law: Any, output: Any, units: int) -> str:
     units
         Number of power units.
     """
-    found = _wrong_part(output, units)
+    force, found = getattr(output, "force", None), ""
+    if not isinstance(output, LawOutput):
+        found = type(output).__name__
+    elif not isinstance(force, np.ndarray):
+        found = f"force of type {type(force).__name__}"
+    elif force.shape != (units,):
+        found = f"{str(force.tolist())[:60]} N, shape {force.shape}"
+    elif force.dtype.kind not in "fiu":
+        found = f"force of {force.dtype}"
+    elif not all(map(math.isfinite, force.tolist())):
+        found = f"{str(force.tolist())[:60]} N"
+    elif output.brake_pipe is not None and not isinstance(output.brake_pipe, (int, float)):
+        found = f"brake_pipe of type {type(output.brake_pipe).__name__}"
+    elif output.brake_pipe is not None and not math.isfinite(output.brake_pipe):
+        found = f"brake_pipe {output.brake_pipe} Pa"
+    elif not isinstance(output.held, str):
+        found = f"held of type {type(output.held).__name__}"
+    elif output.plan is not None and not isinstance(output.plan, LawPlan):
+        found = f"plan of type {type(output.plan).__name__}"
     if not found:
         return ""
     place, method = _step_of(law)
@@ -130,30 +148,6 @@ def estimate_fault(name: str, observer: Any, estimate: Any, units: int) -> str:
         found = f"{str(estimate.tolist())[:60]} N"
     text = f"observer {short_name(name)}: step() returned {found}; return an array of {units}"
     return f"{text}{_step_of(observer)[0]}"
-
-
-def _wrong_part(output: Any, units: int) -> str:
-    """Return the part of an output that is not of the contract, as text; "" without one."""
-    if not isinstance(output, LawOutput):
-        return type(output).__name__
-    force = output.force
-    if not isinstance(force, np.ndarray):
-        return f"force of type {type(force).__name__}"
-    if force.shape != (units,):
-        return f"{str(force.tolist())[:60]} N, shape {force.shape}"
-    if force.dtype.kind not in "fiu":
-        return f"force of {force.dtype}"
-    if not all(map(math.isfinite, force.tolist())):
-        return f"{str(force.tolist())[:60]} N"
-    if output.brake_pipe is not None and not isinstance(output.brake_pipe, (int, float)):
-        return f"brake_pipe of type {type(output.brake_pipe).__name__}"
-    if output.brake_pipe is not None and not math.isfinite(output.brake_pipe):
-        return f"brake_pipe {output.brake_pipe} Pa"
-    if not isinstance(output.held, str):
-        return f"held of type {type(output.held).__name__}"
-    if output.plan is not None and not isinstance(output.plan, LawPlan):
-        return f"plan of type {type(output.plan).__name__}"
-    return ""
 
 
 def _step_of(law: Any) -> tuple[str, str]:

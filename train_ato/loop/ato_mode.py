@@ -29,6 +29,8 @@ class AtoMode:
         True at a step with a change of the state.
     assurance : AssuranceMonitor or None
         Choice between the law and the braking law.
+    assured : bool
+        True while the braking law drives in place of the law.
     returned : bool
         True at the step at which the law drives again after the braking law.
     standstill : bool
@@ -45,7 +47,7 @@ class AtoMode:
         spec, offset = setup.scenario.supervision, float(setup.model.offsets[0]) if setup.model.n_units else 0.0
         self.check = MeasurementCheck(spec, offset + setup.consist.vehicles[0].length / 2.0)
         self.assurance = AssuranceMonitor(setup.assurance_reaction, spec) if spec.assurance else None
-        self.returned = False
+        self.assured = self.returned = False
         self.waiting = sorted(setup.scenario.ato_requests, key=lambda request: request.at)
         self._accepted = ""
         self.standstill = False
@@ -55,11 +57,6 @@ class AtoMode:
     def drives(self) -> bool:
         """True if the law drives the train."""
         return self.machine.state is AtoState.ENGAGED and not self.awaits_profile
-
-    @property
-    def assured(self) -> bool:
-        """True while the braking law drives in place of the law."""
-        return self.assurance is not None and self.assurance.brakes
 
     def begin_step(self) -> None:
         """Begin a tick: changes and an accepted request are reported at their step only."""
@@ -124,7 +121,8 @@ class AtoMode:
         self._take_request(stamp)
         self.changed = machine.state is not before or bool(self._accepted)
         if self.assurance is not None and speeds is not None and self.assurance.step(speeds):
-            self.changed, self.returned = True, not self.assurance.brakes
+            self.changed, self.assured = True, self.assurance.brakes
+            self.returned = not self.assured
         return AtoReport(
             stamp, measurement.position[:1] + self._offset, measurement.velocity[:1], np.array([float(machine.state)])
         )
@@ -167,7 +165,7 @@ class AtoMode:
         values = {"ato_state": self.machine.state.text, "ato_reason": self.machine.reason}
         if self.assurance is not None:
             values["takeovers"] = str(self.assurance.takeovers)
-            if self.assurance.brakes:
+            if self.assured:
                 values["takeover"] = self.assurance.reason
         return {**values, REQUEST_KEY: self._accepted} if self._accepted else values
 

@@ -15,7 +15,7 @@ from train_ato.control.component_fault import (
 from train_ato.control.observers.contract import ObserverStack
 from train_ato.control.registry import OBSERVERS
 from train_ato.loop.inputs import StageInputs
-from train_ato.loop.stage_messages import ObserverMessages, diagnostics_due, stamped
+from train_ato.loop.stage_messages import ObserverMessages, diagnostics_due
 from train_ato.messages.delay_lines import MessageLink
 from train_ato.messages.topics import Role
 from train_ato.messages.types import Diagnostic, DisturbanceEstimate, Measurement
@@ -69,10 +69,10 @@ class ObserverStage:
             if self.failure is None:
                 try:
                     with self._limit:
-                        estimate: DisturbanceEstimate = stamped(self.stack.step(arrived), stamp)
+                        estimate = self.stack.step(arrived)
                     text = estimate_fault(self._name, self._observer, estimate.force, setup.model.n_units)
                     if not text:
-                        return DisturbanceEstimate(estimate.stamp, np.asarray(estimate.force, dtype=np.float64))
+                        return DisturbanceEstimate(stamp, np.asarray(estimate.force, dtype=np.float64))
                 except BaseException as error:  # a user-defined observer may raise any
                     raise_if_interrupted(error)
                     cause, text = error, fault_of_error("observer", setup.observer, error)

@@ -325,13 +325,13 @@ class PlantStage:
         and counts nowhere.
         """
         pressure = self._receive(command, pipe, release)
-        stamp, protection = self.stamp, self.protection
+        stamp, protection, parted = self.stamp, self.protection, self.train.parted
         demand: Array = self.link.window(stamp, self._substeps)
         before = protection.level
         level = protection.step(
             stamp,
             standstill=protection.awaits_standstill and self.standstill,
-            separated=self.train.parted.noticed(self.train.time),
+            separated=parted.since is not None and parted.noticed(self.train.time),
         )
         if level is not Protection.NONE:
             pressure = self._brake(level, demand, pressure)

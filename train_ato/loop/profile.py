@@ -92,10 +92,16 @@ class ProfileStage:
         decided, self.joins = self.joins, False
         if decided:  # the profile of the scenario is sent again, as that of the first reference
             self.planned, self._sent_again = stamp, True
-        decided = decided or self._begun_again(stamp, arrived, report)
+        if not decided and report is not None and is_valid_state(arrived):
+            decided = self._begun_again(stamp, arrived, report)
         if not decided and self.headway is not None and (behind := self.headway.step(stamp, ahead)) is not None:
             self.profile, self.planned, decided = behind, stamp, True
-        decided = decided or self._replanned(stamp, arrived)
+        answer, self.answer = self.answer, None
+        (decision,) = (None,) if decided else self.decided(stamp, arrived) if answer is None else answer
+        if decision is not None:
+            self._decision, decided = decision, True
+            if decision.profile is not None:
+                self.profile, self.planned = decision.profile, stamp
         reported = self.inputs.take_changed() or decided or diagnostics_due(stamp, self.setup.tick_ns)
         return ProfileMessages(
             Reference(stamp, *self.profile.at(stamp * 1e-9)[:3], self.planned),
@@ -103,10 +109,8 @@ class ProfileStage:
             self.diagnostic(stamp) if reported else None,
         )
 
-    def _begun_again(self, stamp: int, measurement: Measurement, ato: AtoReport | None) -> bool:
+    def _begun_again(self, stamp: int, measurement: Measurement, ato: AtoReport) -> bool:
         """Plan from standstill after the ATO was engaged again; return True after this decision."""
-        if ato is None or not is_valid_state(measurement):
-            return False
         before, self.engaged = self.engaged, bool(ato.state[0] == AtoState.ENGAGED)
         if before or not self.engaged:
             return False
@@ -121,17 +125,6 @@ class ProfileStage:
             self._replanner = setup.replanner(self.profile)
         except ValueError as error:
             self._refusal = str(error)
-        return True
-
-    def _replanned(self, stamp: int, measurement: Measurement) -> bool:
-        """Check that the train can follow the profile; return True after a decision on re-planning."""
-        answer, self.answer = self.answer, None
-        (decision,) = self.decided(stamp, measurement) if answer is None else answer
-        if decision is None:
-            return False
-        self._decision = decision
-        if decision.profile is not None:
-            self.profile, self.planned = decision.profile, stamp
         return True
 
     def decided(self, stamp: int, measurement: Measurement) -> tuple[ReplanDecision | None]:

@@ -119,7 +119,7 @@ def is_regular(stages: Stages, supervised: SupervisedTicks, stack: ControlStack)
     plant, stamp, pipe = stages.plant, stages.plant.stamp, stages.plant.train.brake
     if not supervised.is_quiet or not all(inputs.is_regular(stamp) for inputs in _inputs(stages)):
         return False
-    if plant.train.parted.parted:
+    if plant.train.parted.since is not None:
         return False
     if plant.pipe_link is not None and not plant.pipe_link.delivers_only(stack.pressure):
         return False

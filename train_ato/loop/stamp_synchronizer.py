@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from plant_sim.states import frozen_for_types
-from train_ato.loop.train_ahead import is_early
 from train_ato.messages.types import (
     AtoReport,
     DisturbanceEstimate,
@@ -173,6 +172,7 @@ class AwaitedReport:
         self._held: Measurement | None = None
         self._report: AtoReport | None = None
         self._ahead: TrainAhead | None = None
+        self._heard = -1 if setup.layout.behind else sys.maxsize
         self._last = -1
         self.ignored = 0
 
@@ -201,7 +201,7 @@ class AwaitedReport:
 
     def ahead(self, ahead: TrainAhead) -> list[ProfileInputs]:
         """Add a report of the train ahead; return the inputs that it completes."""
-        self._ahead = ahead
+        self._ahead, self._heard = ahead, ahead.stamp
         return self._complete()
 
     def _complete(self) -> list[ProfileInputs]:
@@ -212,7 +212,7 @@ class AwaitedReport:
         due = supervised and held.stamp > 0
         if due and (report is None or report.stamp < held.stamp - self._period_ns) and not self._left_out():
             return []
-        if is_early(self._setup, held.stamp, self._ahead):
+        if supervised and self._heard < held.stamp:
             return []
         self._held = None
         return [(held, report if due else None, self._ahead)]

@@ -63,12 +63,6 @@ class ReportSender:
         return TrainAhead(stamp, np.full(3, np.nan), np.full(3, np.nan), stamp)
 
 
-def is_early(setup: RunSetup, stamp: int, ahead: TrainAhead | None) -> bool:
-    """Return True at a stamp [ns] of the supervisor whose live report has not come, in a run with live reports."""
-    due = setup.layout.behind and setup.supervised_at(stamp)
-    return due and (ahead is None or ahead.stamp < stamp)
-
-
 class ReportRadio:
     """Live reports of the train ahead on their way to the other nodes, at the plant of the train behind.
 

@@ -61,6 +61,8 @@ class TrainProtection:
         Reaction in effect.
     reason : str
         Reason of the reaction, "" without one.
+    awaits_standstill : bool
+        True while a missing message keeps the emergency brake on; only then :meth:`step` depends on standstill.
     requested : bool
         True if an intervention has applied the emergency brake.
     stamps : Link
@@ -88,7 +90,7 @@ class TrainProtection:
         self._decision = Protection.NONE
         self._lost = ""
         self._silent = Protection.NONE
-        self._unreleased = False
+        self._unreleased = self.awaits_standstill = False
 
     def jump(self, change: DelayJump) -> None:
         """Add a change of the command delays."""
@@ -107,11 +109,6 @@ class TrainProtection:
         """Take a brake release of the supervisor and the time of its reception [ns], by default its stamp."""
         self._release = self._release_link.pass_on(release.stamp if received is None else received, release)
         self._decision = _decision(self._release)
-
-    @property
-    def awaits_standstill(self) -> bool:
-        """True while a missing message keeps the emergency brake on; only then :meth:`step` depends on standstill."""
-        return self._unreleased or self._silent is Protection.EMERGENCY_BRAKE
 
     def is_idle(self, stamp: int, period_ns: int) -> bool:
         """Return True if only a late command makes a reaction in the ticks from a stamp [ns] on.
@@ -145,6 +142,7 @@ class TrainProtection:
                 demands.append((Protection.SERVICE_BRAKE, self._lost))
             demands.append(self._of_release(stamp, standstill=standstill))
             demands.append(self._of_command(stamp, standstill=standstill))
+            self.awaits_standstill = self._unreleased or self._silent is Protection.EMERGENCY_BRAKE
         self.level, self.reason = max(demands, key=itemgetter(0))  # of equal ones the first
         return self.level
 

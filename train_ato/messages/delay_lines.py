@@ -327,23 +327,19 @@ def _stamp_of(jump: DelayJump) -> int:
 class MessageLink:
     """A delay line for messages: returns the newest message that has arrived.
 
-    Before the first arrival it returns the first message sent, because the initial state is known.
+    Before the first arrival it returns the first message sent, because the initial state is known. ``is_idle`` is True
+    without delay, jitter and loss.
     """
 
     def __init__(self, spec: LinkSpec, step_ns: int, seed: int, name: str) -> None:
-        self._idle = spec == LinkSpec()
+        self.is_idle = spec == LinkSpec()
         self._link = Link(spec, 1, step_ns, seed, name)
         self._sent: dict[int, Any] = {}
         self._number = 0
 
-    @property
-    def is_idle(self) -> bool:
-        """True for a link without delay, jitter and loss."""
-        return self._idle
-
     def pass_on(self, stamp: int, message: Any) -> Any:
         """Queue a message at ``stamp`` [ns]; return the newest one that has arrived at this stamp."""
-        if self._idle:
+        if self.is_idle:
             return message
         self._number += 1
         self._sent[self._number] = message

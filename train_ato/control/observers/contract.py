@@ -113,13 +113,12 @@ class ObserverStack:
 
     def step(self, measurement: Measurement) -> DisturbanceEstimate:
         """Return the estimate with the stamp of the measurement."""
-        shoes = self._no_shoes
+        shoes, t, seen = self._no_shoes, measurement.stamp * 1e-9, measurement
         if self.shoes.fitted:
-            t = measurement.stamp * 1e-9
             if is_valid_state(measurement):
                 self.speed = float(measurement.velocity[0])
                 position, applied = float(measurement.position[0]), total_of_units(measurement.applied)
                 self.shoes.demand(t, self.policy.step(t, position, self.speed, applied))
             shoes = self.shoes.at(t, self.speed)
-        inputs = ObserverInput.of(measurement, shoes.own, shoes.total)
+        inputs = ObserverInput(t, seen.position, seen.velocity, seen.applied, seen.force, shoes.own, shoes.total)
         return DisturbanceEstimate(measurement.stamp, self.observer.step(inputs))

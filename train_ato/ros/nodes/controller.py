@@ -17,7 +17,6 @@ from train_ato.loop.controller import ControllerStage
 from train_ato.loop.stage_messages import diagnostics_due
 from train_ato.loop.stamp_synchronizer import StampSynchronizer
 from train_ato.messages.topics import AHEAD, FORCE_PARTS, Role
-from train_ato.messages.types import Command
 from train_ato.profile.profile import profile_of
 from train_ato.ros.nodes.endpoints import NodeEndpoints
 from train_ato.ros.nodes.parameters import Declared, block_parameters, declare
@@ -127,14 +126,10 @@ class ControllerNode:
             if self.stage.changed:
                 self._sync_parameters(self.stage.changed)
             self.endpoints.publish(*messages.published())
-            self._publish_parts(messages.command)
-
-    def _publish_parts(self, command: Command) -> None:
-        """Send the parts of a command if the topic has a reader; look for one every simulated second."""
-        if diagnostics_due(command.stamp, self.stage.setup.tick_ns):
-            self._heard = self.endpoints.readers(FORCE_PARTS) > 0
-        if self._heard and (parts := self.stage.force_parts(command)) is not None:
-            self.endpoints.publish((FORCE_PARTS, parts))
+            if diagnostics_due(messages.command.stamp, self.stage.setup.tick_ns):  # a look for a reader once a second
+                self._heard = self.endpoints.readers(FORCE_PARTS) > 0
+            if self._heard and (parts := self.stage.force_parts(messages.command)) is not None:
+                self.endpoints.publish((FORCE_PARTS, parts))
 
     def _request(self, request: Request, _: Any, response: Any) -> Any:
         """Answer a service request to the ATO; a refusal has its reason."""

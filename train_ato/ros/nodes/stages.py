@@ -4,6 +4,7 @@ The profile sends its latched speed profile at the start and after re-planning, 
 releases traction and brakes as long as the train keeps its limits. The observer sends the disturbance estimate.
 """
 
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -15,7 +16,6 @@ from train_ato.loop.observer import ObserverStage
 from train_ato.loop.profile import ProfileStage
 from train_ato.loop.stamp_synchronizer import AwaitedReport, ProfileInputs
 from train_ato.loop.supervisor import SupervisorStage
-from train_ato.loop.train_ahead import is_early
 from train_ato.messages.topics import AHEAD
 from train_ato.messages.types import Measurement, Odometry, TrainAhead
 from train_ato.ros.nodes.endpoints import NodeEndpoints
@@ -73,6 +73,7 @@ class SupervisorNode:
         endpoints.counter = self
         self._odometry: Odometry | None = None
         self._ahead: TrainAhead | None = None
+        self._heard = -1 if stage.setup.layout.behind else sys.maxsize
         endpoints.subscribe({"train/odometry": self._on_odometry, AHEAD: self._on_ahead})
 
     def join(self, stamp: int) -> None:
@@ -89,13 +90,13 @@ class SupervisorNode:
         self._step()
 
     def _on_ahead(self, ahead: TrainAhead) -> None:
-        self._ahead = ahead
+        self._ahead, self._heard = ahead, ahead.stamp
         self._step()
 
     def _step(self, *, waits: bool = True) -> None:
         """Take the step of an odometry; it waits for the report of the train ahead of this step, in a run with any."""
         odometry = self._odometry
-        if odometry is not None and not (waits and is_early(self.stage.setup, odometry.stamp, self._ahead)):
+        if odometry is not None and not (waits and self._heard < odometry.stamp):
             self._odometry = None
             self.endpoints.publish(*self.stage.step(odometry, self._ahead).published())
 
