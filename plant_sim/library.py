@@ -1,16 +1,20 @@
-"""Trains and lines by the name of a shipped file or by path."""
+"""Trains and lines by the name of a shipped file or by path; a reader of other formats loads with a file of a user."""
+
+from __future__ import annotations
 
 import re
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from plant_sim.consist import Consist
 from plant_sim.data_text import parse_yaml
 from plant_sim.formats.fields import note_lost_keys
-from plant_sim.formats.reading import ReadConsist, ReadLine, read_line, read_train
 from plant_sim.input_error import build_model, close_match
 from plant_sim.line import AGAINST, Line
+
+if TYPE_CHECKING:
+    from plant_sim.formats.reading import ReadConsist, ReadLine
 
 EVERY = ", see `train-ato convert`"
 """Remedy of a note with a part of the lost keys."""
@@ -111,6 +115,8 @@ def named_train(name: str, *, point_mass: bool = False) -> ReadConsist:
     point_mass
         Accept a train without a length.
     """
+    from plant_sim.formats.reading import read_train
+
     stem, selection = split_name(name)
     return read_train(consist_path(stem), point_mass=point_mass, selection=selection.removeprefix(":"))
 
@@ -125,6 +131,8 @@ def named_line(name: str) -> ReadLine:
         selects a path of a file with several paths. ``:reverse`` at the end gives the line for a train in the other
         direction.
     """
+    from plant_sim.formats.reading import read_line
+
     stem, selection = split_name(name)
     against = selection.endswith(f":{AGAINST}")
     selection = selection.removesuffix(f":{AGAINST}").removeprefix(":")

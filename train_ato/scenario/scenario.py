@@ -16,7 +16,6 @@ from pydantic import Field, ValidationError, model_validator
 
 from plant_sim.consist import Consist
 from plant_sim.formats.fields import print_assumption
-from plant_sim.formats.reading import kinds_of
 from plant_sim.input_error import build_model, close_match, explain, kind_of
 from plant_sim.library import read_yaml, split_name
 from plant_sim.line import Line
@@ -350,6 +349,8 @@ def check_scenario(data: dict[str, Any], source: str | Path) -> Scenario:
         One line: file, key, value, problem; fix.
     """
     if data.get("schema") != SCHEMA:
+        from plant_sim.formats.reading import kinds_of
+
         if held := kinds_of(data):
             what, kind = next(iter(held.items()))
             key = "line" if what == "line" else "consist"
