@@ -13,6 +13,7 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
@@ -377,7 +378,12 @@ def draw_stations(axes: Axes, stations: Sequence[tuple[float, str]]) -> None:
 def save_figure(figure: Figure, path: Path, dpi: int = DPI) -> None:
     """Write a figure in the common style, without date; equal figures result in equal files."""
     with writing(path):
-        figure.savefig(path, dpi=dpi, metadata={"Date": None} if path.suffix == ".svg" else {"Software": None})
+        if path.suffix == ".png":  # savefig draws twice: the first picture shows its borders only
+            former, figure.dpi = figure.dpi, dpi
+            FigureCanvasAgg(figure).print_png(path, metadata={"Software": None})
+            figure.dpi = former
+        else:
+            figure.savefig(path, dpi=dpi, metadata={"Date": None})
 
 
 def write_figure(figure: Figure, path: Path) -> None:
