@@ -35,23 +35,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> None:
     """Write the page, and the figures with --figures."""
-    import gc
-
     check_packages("report", "bokeh", "jinja2")
     from train_ato.api.progress import activity
     from train_ato.report.page_data import motion_differences
     from train_ato.report.writing import checked
 
     request = checked(options.runs, options.out, options.figures, options.format)
-    gc.disable()  # a tenth of the time; the objects live until the end
-    try:
-        with activity("reading") as show:
-            pages = read(request, show)
-            show("drawing the page")
-            size = write_page(request, pages)
-            figures = write_figures(request, pages, show)
-    finally:
-        gc.enable()
+    with activity("reading") as show:
+        pages = read(request, show)
+        show("drawing the page")
+        size = write_page(request, pages)
+        figures = write_figures(request, pages, show)
     result: dict[str, Any] = {
         "report": str(request.page),
         "bytes": size,

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import gc
 import math
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -139,12 +136,11 @@ def execute(options: argparse.Namespace) -> None:
         return
     if options.live:
         raise ValueError(f"--live: {options.scenario} has one train; remove it, or name following trains")
-    with long_lived_objects():
-        from train_ato.api.drive import drive
-        from train_ato.api.progress import COMPILE_NOTE, compilation_noted
-        from train_ato.judge.verdict import unmet_requirements
+    from train_ato.api.drive import drive
+    from train_ato.api.progress import COMPILE_NOTE, compilation_noted
+    from train_ato.judge.verdict import unmet_requirements
 
-        setup, run_mode, out = prepared(options)
+    setup, run_mode, out = prepared(options)
     with compilation_noted(COMPILE_NOTE):
         ended = partial(_print_end, as_json=options.json, expected=expected_verdict(options))
         run = drive(setup, run_mode, out=out, option="--out", ended=ended)
@@ -235,23 +231,6 @@ def _print_end(run: Run, failure: RunFailed | None, *, as_json: bool, expected: 
 
         print_error(failure, FAILED)
         failure.printed = True
-
-
-@contextmanager
-def long_lived_objects() -> Iterator[None]:
-    """Take the objects of the block out of the garbage collection: they live until the end of the process.
-
-    Most objects that the start of a run makes are modules and classes. Their repeated inspection takes 0.3 of the 1.7 s
-    of processor time up to the first tick (``python bench/startup.py``).
-    """
-    collecting = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        gc.freeze()
-        if collecting:
-            gc.enable()
 
 
 def print_run(run: Run, *, as_json: bool, failure: str = "", expected: Expectation | None = None) -> None:
