@@ -210,7 +210,7 @@ def _send_scene(
         last = stamp // period
         states = wire.decode(VEHICLES, data)
         pose = alignment.at(states.position)
-        turn = [_quaternion(*angles) for angles in zip(pose.heading, pose.slope, strict=True)]
+        turn = np.column_stack(pose.quaternion)
         recording.set_time(TIMELINE, duration=stamp * 1e-9)
         centers = np.column_stack((pose.x, pose.y, pose.z + HEIGHT / 2))
         colors = force_color(larger_coupler_force(states.coupler_force), full)
@@ -219,15 +219,6 @@ def _send_scene(
             rerun.Boxes3D(centers=centers, half_sizes=half, quaternions=turn, colors=colors, fill_mode="solid"),
         )
         progress(min(1.0, stamp * 1e-9 / setup.scenario.duration))
-
-
-def _quaternion(heading: float, slope: float) -> tuple[float, float, float, float]:
-    """Return x, y, z, w of the rotation by the heading about z, then by the slope about y (nose up)."""
-    yaw, pitch = heading / 2, -slope / 2
-    return (
-        -np.sin(yaw) * np.sin(pitch), np.cos(yaw) * np.sin(pitch),
-        np.sin(yaw) * np.cos(pitch), np.cos(yaw) * np.cos(pitch),
-    )  # fmt: skip
 
 
 def _numbers(frame: pd.DataFrame) -> list[tuple[str, Array]]:
