@@ -13,7 +13,7 @@ from train_ato.log.run_folder import next_free
 from train_ato.program.errors import RunFailed, RunInterrupted
 from train_ato.scenario.setup import RunSetup
 from train_ato.studies.sweep.result import FIRST, LAST, SweepFolder, read_results
-from train_ato.studies.sweep.row import Row, code_of_process, one_line, row_metrics, scenario_hash
+from train_ato.studies.sweep.row import Row, code_of_process, one_line, row_end, scenario_hash
 from train_ato.studies.sweep.spec import read_sweep
 from train_ato.studies.sweep.sweep import sweep_base
 
@@ -132,15 +132,7 @@ def _run(
         raise
     except RunFailed as error:
         summary = {"status": "failed", "failure": str(error)} if error.run is None else error.run.metrics
-    row = {
-        "status": summary["status"],
-        "reason": " ".join(str(summary.get("failure", "")).split()),
-        "verdict": summary.get("verdict"),
-        "tracking": summary.get("tracking"),
-        "sha256": scenario_hash(setup),
-        "metrics": row_metrics(summary),
-    }
-    return row, folder
+    return {"sha256": scenario_hash(setup), **row_end(summary)}, folder
 
 
 def _first_difference(before: Row, again: Row) -> str:

@@ -72,15 +72,7 @@ def drive_point(base: ScenarioChoice, number: int, point: Mapping[str, Any], par
         reason = " ".join(f"{type(error).__name__}: {error}".split())
         return {**row, "status": "failed", "reason": reason, **_times(begin)}
     engine = time.perf_counter() - start
-    return {
-        **row,
-        "status": summary["status"],
-        "reason": " ".join(str(summary.get("failure", "")).split()),
-        "verdict": summary.get("verdict"),
-        "tracking": summary.get("tracking"),
-        "metrics": row_metrics(summary),
-        **_times(begin, engine, float(summary["wall_s"])),
-    }
+    return {**row, **row_end(summary), **_times(begin, engine, float(summary["wall_s"]))}
 
 
 def _times(begin: float, engine: float = 0.0, loop: float = 0.0) -> dict[str, float]:
@@ -94,12 +86,18 @@ def one_line(error: Exception, base: ScenarioChoice) -> str:
     return " ".join(text.split()).removeprefix(f"{base.path}: ")
 
 
-def row_metrics(summary: Mapping[str, Any]) -> dict[str, float | int]:
-    """Return the numeric metrics of a run, without wall times and seed."""
+def row_end(summary: Mapping[str, Any]) -> Row:
+    """Return end, verdicts and numeric metrics of a run, without wall times and seed."""
     return {
-        key: value
-        for key, value in summary.items()
-        if isinstance(value, (int, float)) and not isinstance(value, bool) and key not in (*WALL_TIMES, "seed")
+        "status": summary["status"],
+        "reason": " ".join(str(summary.get("failure", "")).split()),
+        "verdict": summary.get("verdict"),
+        "tracking": summary.get("tracking"),
+        "metrics": {
+            key: value
+            for key, value in summary.items()
+            if isinstance(value, (int, float)) and not isinstance(value, bool) and key not in (*WALL_TIMES, "seed")
+        },
     }
 
 
