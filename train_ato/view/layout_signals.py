@@ -18,6 +18,7 @@ from train_ato.messages.cdr import typestore
 from train_ato.messages.topic import FIXED_NAMES, JOINT_STATE, Owner
 from train_ato.messages.topics import topic_of
 from train_ato.messages.variable_codec import decode_trajectory, node_of
+from train_ato.report.quantities import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
 from train_ato.view.train_scene import MARKERS
 
 DIAGNOSTICS = "/diagnostics"
@@ -174,11 +175,8 @@ def _add_reports(reports: dict[str, dict[str, str]], statuses: dict[str, tuple[s
             reports.setdefault(node, {})[pair.key] = _series(message, status, pair.key)
 
 
-BLUE, ORANGE, GREEN, PURPLE, SKY, RED, BLACK, GREY = (
-    "#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#222222", "#7f8790",
-)  # fmt: skip
-CYCLE = (BLUE, ORANGE, GREEN, PURPLE, SKY, RED, BLACK, GREY)
-"""Colours of several parts of a train, distinct for colour-blind readers (Okabe and Ito)."""
+CYCLE = (BLUE, ORANGE, GREEN, PURPLE, SKY, VERMILION, BLACK, GREY)
+"""Colours of several parts of a train."""
 MAX_CURVES = 5
 """Vehicles, and power units, in one panel."""
 KILO = 1e-3
@@ -230,7 +228,7 @@ def panels_of(log: LogSignals) -> dict[str, LayoutPanel]:
         LayoutPanel("protection", "traction cut-off and brakes", "", "", 1.0, _curves(_brakes(log)), steps=True),
         LayoutPanel(
             "along", "coupler forces along the train (draft > 0)", "kN", "N", KILO,
-            _curves(_all(log, "train/vehicles", "coupler behind the vehicle", RED)), along=True,
+            _curves(_all(log, "train/vehicles", "coupler behind the vehicle", VERMILION)), along=True,
         ),
         LayoutPanel(
             "shoes", "shoe forces along the train", "kN", "N", KILO,

@@ -10,7 +10,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from train_ato.messages.variable_codec import message_key
-from train_ato.view.layout_signals import BLUE, GREEN, RED, LayoutPanel, LogSignals, Signal, panels_of
+from train_ato.report.quantities import BLUE, GREEN, VERMILION
+from train_ato.view.layout_signals import LayoutPanel, LogSignals, Signal, panels_of
 
 TABS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("driving", ("speed", "error", "force")),
@@ -19,8 +20,8 @@ TABS: tuple[tuple[str, tuple[str, ...]], ...] = (
 )
 """Tabs with the keys of their panels."""
 TOTALS = (
-    ("energy in J", (("energy_traction", RED), ("energy_regenerated", GREEN))),
-    ("coupler extremes so far in N", (("coupler_draft_max", RED), ("coupler_buff_max", BLUE))),
+    ("energy in J", (("energy_traction", VERMILION), ("energy_regenerated", GREEN))),
+    ("coupler extremes so far in N", (("coupler_draft_max", VERMILION), ("coupler_buff_max", BLUE))),
 )
 """Panels with totals in the diagnostics of the plant."""
 LOADER = "DataLoad MCAP"
