@@ -32,7 +32,7 @@ from train_ato.studies.sweep.row import SweepBase, run_batch
 from train_ato.studies.sweep.sweep import sweep_base
 from train_ato.studies.sweep.cluster import sweep_client
 from train_ato.studies.sweep.spec import Point, design_points
-from train_ato.studies.sweep.sweep import execute_points
+from train_ato.studies.sweep.sweep import Execution
 from train_ato.studies.sweep.row import Row
 from train_ato.studies.sweep.spec import read_sweep
 from train_ato.loop.engine import run_engine
@@ -84,9 +84,9 @@ def swept(workers: int, runs: int, duration: float, *, kill: bool = False) -> tu
         client.wait_for_workers(workers)
         warm = client.map(_first_run, [base] * workers, points[:workers], pure=False, workers=None)
         client.gather(warm)
-        execute_points(client, base, points[: 4 * workers], lambda new: None)
+        Execution(client, base, points[: 4 * workers], lambda new: None).run()
         begin, cpu = time.perf_counter(), time.process_time()
-        execute_points(client, base, points, _taking(client, rows, runs // 2 if kill else 0))
+        Execution(client, base, points, _taking(client, rows, runs // 2 if kill else 0)).run()
         return time.perf_counter() - begin, time.process_time() - cpu, rows
 
 

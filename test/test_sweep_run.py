@@ -460,7 +460,7 @@ def test_ctrl_c_pressed_three_times_keeps_the_table(tmp_path: Path, monkeypatch:
         write_results(*arguments)
 
     monkeypatch.setattr(sweep_module, "sweep_client", lambda *_, **__: nullcontext())
-    monkeypatch.setattr(sweep_module, "execute_points", pressed)
+    monkeypatch.setattr(sweep_module, "Execution", pressed)
     monkeypatch.setattr(sweep_module, "write_results", written)
     with ending_like_ctrl_c(Interrupt()), pytest.raises(ta.RunInterrupted, match="2 finished runs"):
         ta.sweep(SPEC | {"set": {"duration": 5}}, out=tmp_path / "out", progress=False)

@@ -141,16 +141,8 @@ NO_WORKER_S = 300.0
 """Wall time without a worker after which a sweep ends [s]; a worker that was killed starts again within seconds."""
 
 
-def execute_points(
-    client: Any,
-    base: SweepBase,
-    points: Sequence[tuple[int, Point]],
-    take: Callable[[list[Row]], None],
-    announce: Callable[[str], None] = lambda text: None,
-    *,
-    local: bool = False,
-) -> None:
-    """Run points on the workers of a client.
+class Execution:
+    """Batches under way and points that wait.
 
     A batch of a killed or frozen worker runs again on another one.  The points of a batch whose workers are killed
     again and again, or of one that does not end, run at the end, one at a time and nothing beside them: the row of a
@@ -170,17 +162,7 @@ def execute_points(
         Called with a line that names the runs under way if none ends for long.
     local
         True for workers of this sweep alone, which are started again if they do not end a batch.
-
-    Raises
-    ------
-    RunFailed
-        If the scheduler is lost, or a worker cannot run any point.
     """
-    _Execution(client, base, points, take, announce, local=local).run()
-
-
-class _Execution:
-    """Batches under way and points that wait."""
 
     def __init__(
         self,
@@ -188,9 +170,9 @@ class _Execution:
         base: SweepBase,
         points: Sequence[tuple[int, Point]],
         take: Callable[[list[Row]], None],
-        announce: Callable[[str], None],
+        announce: Callable[[str], None] = lambda text: None,
         *,
-        local: bool,
+        local: bool = False,
     ) -> None:
         self._local = local
         self._client, self._base, self._take, self._announce = client, base, take, announce
@@ -202,7 +184,13 @@ class _Execution:
         self._seconds, self._rows, self._longest = 0.0, 0, 0.0
 
     def run(self) -> None:
-        """Run all points."""
+        """Run all points.
+
+        Raises
+        ------
+        RunFailed
+            If the scheduler is lost, or a worker cannot run any point.
+        """
         self._fill()
         while self._running:
             for future in self._ended():
@@ -497,7 +485,7 @@ class PreparedSweep:
                 rows.extend(new)
                 self._report(bar, rows)
 
-            execute_points(client, self.base, missing, take, announce, local=self._scheduler is None)
+            Execution(client, self.base, missing, take, announce, local=self._scheduler is None).run()
 
     def _kept(self, folder: SweepFolder) -> list[Row]:
         """Return the rows of the finished runs of a folder."""
