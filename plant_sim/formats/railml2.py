@@ -25,8 +25,6 @@ from plant_sim.formats.railml_collection import (
 )
 
 TOPOLOGY, ELEMENTS = "infrastructure.tracks.track.trackTopology", "infrastructure.tracks.track.trackElements"
-PROPULSION = "rollingstock.vehicles.vehicle.engine.propulsion"
-FORMATION = "rollingstock.formations.formation"
 CARRIED = names_in("""
     @version, infrastructure.{operationControlPoints.ocp.{@id, @name}, speedProfiles.speedProfile.{@id,
     @influence, @maxAxleLoad, @name, braking.@minimumBrakePercentage}, tracks.track.{@id,

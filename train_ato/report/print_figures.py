@@ -57,7 +57,7 @@ from train_ato.report.quantities import (
     none_to_full,
     traces_of,
 )
-from train_ato.report.words import ENDS, MODES, driven_laws, evaluation_note
+from train_ato.report.words import MODES, driven_laws, evaluation_note
 from train_ato.scenario.setup import RunSetup
 
 WIDTH = 6.7
@@ -590,6 +590,6 @@ def titles(summary: dict[str, Any]) -> list[str]:
         f"compensation {summary['compensation']}, seed {summary['seed']}"
     )
     mode = MODES.get(str(summary.get("mode")), "")
-    end = ENDS.get(str(summary.get("status")), "")
-    more = ", ".join(part for part in (f"mode: {mode}" if mode else "", end.upper()) if part)
+    end = summary["status"].upper() if summary.get("status") in ("interrupted", "failed", "killed") else ""
+    more = ", ".join(part for part in (f"mode: {mode}" if mode else "", end) if part)
     return [head, more] if more else [head]

@@ -14,8 +14,6 @@ MODES = {
     "processes": "ROS nodes, one process per node",
 }
 """Texts of the modes in ``summary.json``."""
-ENDS = {"interrupted": "interrupted", "failed": "failed", "killed": "killed"}
-"""Texts of an early end of a run."""
 REPORT, COMPARISON = "report.html", "comparison.html"
 """Default file names of the page of one run and of several."""
 
