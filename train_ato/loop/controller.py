@@ -3,6 +3,7 @@
 import time
 from array import array
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -15,7 +16,7 @@ from train_ato.control.stack import ControlStack
 from train_ato.control.takeover import DEFAULT_JERK, TakeoverRamp, transition_jerk
 from train_ato.loop.ato_mode import AtoMode
 from train_ato.loop.inputs import StageInputs
-from train_ato.loop.stage_messages import ControllerMessages, diagnostics_due, stamped
+from train_ato.loop.stage_messages import ControllerMessages, diagnostics_due
 from train_ato.loop.train_ahead import AuthorityAhead
 from train_ato.messages.delay_lines import MessageLink
 from train_ato.messages.topics import Role
@@ -322,7 +323,8 @@ class ControllerStage:
         self, stamp: int, measurement: Measurement, reference: Reference | None, estimate: DisturbanceEstimate | None
     ) -> Received:
         """Return the newest messages that their links have delivered at a stamp [ns]."""
-        seen = stamped(self._measurement_link.pass_on(stamp, measurement), stamp)
+        seen = self._measurement_link.pass_on(stamp, measurement)
+        seen = seen if seen.stamp == stamp else replace(seen, stamp=stamp)  # the stamp of its use
         expected = self._reference_link.pass_on(stamp, reference)
         return Received(seen, expected, self._estimate_link.pass_on(stamp, estimate))
 

@@ -87,13 +87,10 @@ def ticks_to_event(
     """Return the number of ticks before the next planned event, at most those of the longest span.
 
     An event is a change, a jump, an intervention, the end of an added gust, a fault, a request, a decision of the
-    policy `predictive`, or the end of the run. It is 0 for the first tick, at which the control stack has no pressure
-    of the brake pipe yet, and for a train without power units.
+    policy `predictive`, or the end of the run.
     """
     setup, plant, controller = stages.setup, stages.plant, stages.controller
     tick, stamp = setup.tick_ns, plant.stamp
-    if stamp == 0 or not setup.model.n_units:
-        return 0
     shoes = getattr(stack.compensation, "shoes", None)
     longest = MAX_SPAN if shoes is None or shoes.idle else BRAKED
     if not (logged or plant.train.outside.acts):
@@ -269,7 +266,7 @@ class CompiledSpans:
         planned = scenario.replan or scenario.force_shares or scenario.unit_displacements
         late = any(link != LinkSpec() for link in (links.reference, links.estimate))
         self._calls_stack = bool(planned or late or self._calls_observer)
-        if stages.plant.radio or (setup.layout.supervised and links.measurement != LinkSpec()):
+        if not model.n_units or stages.plant.radio or (setup.layout.supervised and links.measurement != LinkSpec()):
             self._retry = setup.ticks * setup.tick_ns  # reports of another train, or of the ATO with a delayed place
 
     def run(self) -> int:

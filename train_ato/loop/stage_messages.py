@@ -155,11 +155,6 @@ def without_values(measurement: Measurement) -> Measurement:
     return replace(measurement, **{name: np.full_like(getattr(measurement, name), np.nan) for name in names})
 
 
-def stamped(message: Any, stamp: int) -> Any:
-    """Return a delayed message with the stamp of its use [ns]."""
-    return message if message.stamp == stamp else replace(message, stamp=stamp)
-
-
 def diagnostics_due(stamp: int, tick_ns: int) -> bool:
     """Return True once a second: at the first stamp [ns] of every simulated second."""
     return stamp % SECOND_NS < tick_ns

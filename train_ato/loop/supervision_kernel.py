@@ -161,13 +161,13 @@ class SupervisedTicks:
         protection = plant.protection
         if protection.requested or protection.level is not Protection.NONE or plant.reported is not Protection.NONE:
             return False
-        if plant.lost or plant.outage_changed or controller.outage or controller.takeover or controller.error:
+        if controller.takeover or controller.error:
             return False
         if self._stages.supervisor is None:
             return True
         stamp, stage, ato, profile = plant.stamp, self._stages.supervisor, controller.ato, self._stages.profile
         supervisor = stage.supervisor
-        if stage.count is None or not supervisor.state["begun"][0] or not profile.engaged or profile.joins:
+        if not supervisor.state["begun"][0] or not profile.engaged:
             return False
         if supervisor.state["state"][0] >= SupervisionState.SERVICE_BRAKE or ato.machine.state is not AtoState.ENGAGED:
             return False
