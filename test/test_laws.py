@@ -41,6 +41,19 @@ def test_pid_per_mass_with_feedforward_and_disturbance():
     assert out.force == pytest.approx(np.full(5, 7e3 - 2e3 - 80e3 * (0.1 * 0.2 + 0.01 * 2.0)), rel=1e-9)
 
 
+@pytest.mark.parametrize("name", ["pid", "smc", "rbf_smc", "rbf_switching_smc", "fixed_time_smc", "funnel"])
+def test_an_estimated_disturbance_is_subtracted_from_the_force(name):
+    """Breaks if a law adds the estimate of the observer, or leaves it out."""
+    of, force = model(FIVE, lag=0.4), {}
+    for disturbance in (0.0, 2e3, -3e3):
+        law = printed_law(name, {}, of, 0.1)
+        law.step(inputs(of, velocity=np.full(5, 10.1)))
+        moved = {"t": 50.1, "velocity": np.full(5, 10.1), "position": 501.0 - of.offsets}
+        force[disturbance] = law.step(inputs(of, **moved, disturbance=np.full(5, disturbance))).force
+    for disturbance, found in force.items():
+        assert found - force[0.0] == pytest.approx(np.full(5, -disturbance), abs=1e-6)
+
+
 def test_pid_integral_holds_in_saturation_and_is_clamped():
     """Breaks without anti-windup: after 100 s at the limit the integral would be 500 m; the clamp is 20 m."""
     of = model(SINGLE)
