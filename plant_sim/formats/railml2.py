@@ -24,7 +24,6 @@ from plant_sim.formats.railml_collection import (
     tag_of,
 )
 
-TOPOLOGY, ELEMENTS = "infrastructure.tracks.track.trackTopology", "infrastructure.tracks.track.trackElements"
 CARRIED = names_in("""
     @version, infrastructure.{operationControlPoints.ocp.{@id, @name}, speedProfiles.speedProfile.{@id,
     @influence, @maxAxleLoad, @name, braking.@minimumBrakePercentage}, tracks.track.{@id,

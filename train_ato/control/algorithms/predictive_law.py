@@ -31,7 +31,6 @@ class Increments:
     def __init__(self, a: Array, b: Array, deviation: float) -> None:
         inner = np.array([1.0, 1.0 + a[1], 1.0 + a[1] + a[2]])
         self._nominal = np.concatenate((inner[1:], b))
-        self._a, self._b = np.array(a), np.array(b)
         self._deviation = deviation
         self._scale = deviation * _length(self._nominal[2:])
         self.reset()
