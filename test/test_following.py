@@ -132,6 +132,10 @@ def test_reports_keep_their_bits_as_text() -> None:
     """Fails if digits are lost in the scenario of the follower, which `verify` repeats."""
     reports = [TrainReport(1, 0.1 + 0.2, 1.0 / 3.0, -2.0 / 3.0, math.pi, 0.0)]
     assert parse_reports(reports_text(reports)) == tuple(reports)
+    header, line = reports_text(reports).splitlines()[:2]
+    for text in ("", header, f"{line}\n{line}", f"{header},more\n{line}"):
+        with pytest.raises(ValueError, match="the first line has to be number,time"):
+            parse_reports(text)
 
 
 def test_the_safe_rear_is_behind_the_rear_with_the_errors_of_both_odometers() -> None:

@@ -174,6 +174,22 @@ def test_diagnostics_are_plain_numbers_with_the_unit_in_the_key():
     assert Wire(LONG).decode("/diagnostics", older) == sent and status_name(older) == "controller"
 
 
+@pytest.mark.parametrize(
+    ("strongest", "level", "text"),
+    [(0, 0, "released"), (1, 1, "traction cut off"), (2, 1, "service brake"), (3, 1, "emergency brake")],
+)
+def test_the_strongest_brake_is_the_status_of_a_state(strongest, level, text):
+    """Breaks if a weaker brake hides a stronger one, or a brake in effect is an error of the train."""
+    active = np.array([float(number <= strongest) for number in (1, 2, 3)])
+    for topic, state in (
+        ("train/protection", types.ProtectionState(0, active)),
+        ("atp/brake_release", types.BrakeRelease(0, 1.0 - active, np.zeros(3))),
+    ):
+        found = typestore().deserialize_cdr(Wire(LONG).encode(topic, state), BY_NAME[topic].type)
+        (status,) = found.status
+        assert (status.level, status.message) == (level, text)
+
+
 @settings(max_examples=60, deadline=None)
 @given(
     stamp=st.integers(0, 10**15),
