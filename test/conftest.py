@@ -54,12 +54,9 @@ def demo_run(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
 
     @cache
     def recorded(*changes: str) -> Path:
-        from engine_runs import record_run
+        from engine_runs import record_run, setup_of
 
-        from train_ato.scenario.scenario import load_scenario
-        from train_ato.scenario.setup import prepare
-
-        return record_run(prepare(*load_scenario("demo", changes)), tmp_path_factory.mktemp("demo") / "run")
+        return record_run(setup_of("demo", *changes), tmp_path_factory.mktemp("demo") / "run")
 
     return recorded
 

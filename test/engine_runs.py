@@ -6,12 +6,16 @@ from typing import Any
 from train_ato.log.run_folder import RunFolder
 from train_ato.loop.engine import run_engine
 from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.scenario_data import PartCache
 from train_ato.scenario.setup import RunSetup, prepare
+
+PARTS = PartCache(256)
+"""Trains, lines, models and planned profiles of the cases of a process, each made once."""
 
 
 def setup_of(name: str = "demo", *assignments: str, changes: dict[str, Any] | None = None) -> RunSetup:
     """Return the prepared run of a scenario with assignments of `--set` and with changes."""
-    return prepare(*load_scenario(name, assignments, changes))
+    return prepare(*load_scenario(name, assignments, changes), parts=PARTS)
 
 
 def record_run(setup: RunSetup, path: Path) -> Path:
