@@ -12,8 +12,6 @@ import pytest
 import yaml
 from engine_runs import setup_of
 from law_trains import FIVE, LOCOMOTIVE, SPRING, WAGON, asked, consist, inputs, measured, model, profile, stack
-from scipy.linalg import toeplitz
-from scipy.optimize import linprog
 
 import plant_sim
 from msgs_docs.generate.rows import read_rows
@@ -133,6 +131,9 @@ def test_all_pairs_of_laws_swap_one_after_another_in_one_run() -> None:
 
 def left_by_the_bound(setup: RunSetup, begin: float) -> float:
     """Return the least largest speed error of any command that keeps the bound from a time on [m/s]."""
+    from scipy.linalg import toeplitz  # its import is a tenth of a collection
+    from scipy.optimize import linprog
+
     # A linear programme over the accelerations demanded in the next 5 s of one unit behind its lag, from the demand of
     # the profile on; the first command is the last one.
     model, tick = setup.model, setup.tick
