@@ -22,6 +22,7 @@ from train_ato.api.progress import COMPILE_NOTE, PLANNER_NOTE
 from train_ato.cli import main
 from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
 from train_ato.profile.motion import change_of_speed
+from train_ato.scenario.overlays import caused_by
 
 ROOT = Path(__file__).resolve().parents[1]
 NINES = "9" * 5000
@@ -474,3 +475,16 @@ def test_a_refused_pair_names_its_options(tmp_path: Path, capsys: pytest.Capture
         assert found == {"--law lag_smc", spelled}
     assert main(["compare", "demo", "--laws=pid,smcc", out]) == 2
     assert capsys.readouterr().err.startswith("train-ato: --laws: unknown law 'smcc'; did you mean 'smc'?")
+
+
+def test_a_change_is_named_by_its_key_a_name_in_quotes_or_its_file() -> None:
+    """Breaks if the refusal of a change names the file of the scenario, which has no fault, or another change."""
+    changes = [("seed", "--seed 1"), ("plant.line", "--line nowhere"), ("profile.file", "--profile a/plan.csv")]
+    for problem, option in (
+        ("seed = 1: too small", "--seed 1"),
+        ("no line 'nowhere'; see list", "--line nowhere"),
+        ("a/plan.csv: no columns", "--profile a/plan.csv"),
+    ):
+        told = str(caused_by(ValueError(f"a.yaml: {problem}"), Path("a.yaml"), changes))
+        assert told.startswith(f"{option}: ") and "a.yaml" not in told
+    assert str(caused_by(ValueError("a.yaml: law = x: none"), Path("a.yaml"), changes)) == "a.yaml: law = x: none"

@@ -13,6 +13,7 @@ import pytest
 from rosbags.rosbag2 import Reader
 
 from train_ato.cli import main
+from train_ato.log import reading
 from train_ato.log.log_writer import LogFile, RunLog
 from train_ato.log.mcap_records import stream
 from train_ato.log.reading import WallTime, read_wall_time
@@ -136,6 +137,12 @@ def test_wall_time_is_a_metadata_record(mode: str, run: Callable[[str], Path], c
     assert json.loads(capsys.readouterr().out)["wall_time"] == found.listed()
     assert main(["info", str(run(mode))]) == 0
     assert f"recorded from {found.begin}" in capsys.readouterr().out
+
+
+def test_the_duration_of_a_recording_is_its_wall_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Breaks if the time between both clock readings is not the duration."""
+    monkeypatch.setattr(reading, "clock_ns", lambda: EPOCH_NS + 3_500_000_000)
+    assert WallTime(EPOCH_NS).ended().duration_s == pytest.approx(3.5, rel=1e-12)
 
 
 def test_recovery_keeps_the_begin_of_a_killed_run(tmp_path: Path) -> None:
