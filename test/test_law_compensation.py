@@ -233,3 +233,17 @@ def test_measured_state_passes_through_twin_and_preview():
         assert (view.position == seen.position).all()
         assert view.reference_velocity[0] == along.at(20.0)[1]
         assert view.delay_to_effect == pytest.approx(0.5 if name in ("preview", "twin") else 0.0)
+
+
+@pytest.mark.parametrize("every", [1, 5])
+def test_a_law_slower_than_the_loop_estimates_the_same_delay(every: int) -> None:
+    """Breaks if the ticks between two calls are not counted: a true delay of 0.5 s counts as one of 0.1 s."""
+    of = model(SINGLE, delay=0.2)
+    layer = COMPENSATIONS.make("predictor", {"delay": "estimated"}, of, every * of.tick)
+    layer.set_profile(RigidForce(of, profile()))
+    random = np.random.default_rng(3)
+    sent = np.repeat(random.uniform(-100e3, 100e3, 300 // every), every)[:, None]
+    for tick in range(10 * every, 300 - every, every):
+        state = (np.array([100.0]), np.array([10.0]), sent[tick - 6])
+        layer.step(step_input(of, profile(), tick * of.tick, state, sent[tick - 2 * every : tick]))
+    assert layer.actuators["forward"].tolist() == pytest.approx([0.5])

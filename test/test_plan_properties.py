@@ -1,6 +1,7 @@
 """Properties of every plan: a better train is never slower, on any line and with any jerk limit."""
 
 from itertools import pairwise
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from plan_cases import line_of as own_line
 from plant_sim.consist import Consist
 from plant_sim.library import load_consist, load_line
 from plant_sim.line import Line, reversed_line
+from train_ato.profile.planner.jerk_limit import _faster
 from train_ato.profile.planner.line_tables import SpeedLimits
 from train_ato.profile.planner.planner import net_energy_bound, plan_profile
 from train_ato.profile.planner.settings import PlanSettings
@@ -419,3 +421,11 @@ def test_the_electric_brake_recovers_nothing_where_it_is_off(works: bool) -> Non
     acting = 2.0 if works else ((cars < 3700) | (cars >= 4150)).sum(axis=1)
     work = float((np.minimum(np.maximum(-force, 0), 25e3 * acting) * speed).sum() * 0.001) / 3.6e6
     assert found.summary()["energy_electric_brake_kwh"] == pytest.approx(work, rel=5e-3)
+
+
+def test_the_faster_of_two_ways_to_limit_the_jerk() -> None:
+    """Breaks if a way without a window hides the one that has a window, or the slower one is taken."""
+    slow, quick = (SimpleNamespace(time=lambda seconds=seconds: seconds) for seconds in (90.0, 80.0))
+    pairs = [(slow, None), (None, slow), (slow, quick), (quick, slow), (None, None)]
+    assert [_faster(*pair) for pair in pairs] == [slow, slow, quick, quick, None]
+    assert _faster(slow, SimpleNamespace(time=lambda: 90.0)) is slow
