@@ -13,7 +13,7 @@ from plant_sim.consist import Consist
 from plant_sim.library import load_consist, load_line
 from plant_sim.line import Line, reversed_line
 from train_ato.profile.planner.jerk_limit import _faster
-from train_ato.profile.planner.line_tables import SpeedLimits
+from train_ato.profile.planner.line_tables import LineForce, SpeedLimits
 from train_ato.profile.planner.planner import net_energy_bound, plan_profile
 from train_ato.profile.planner.settings import PlanSettings
 from train_ato.profile.planner.train_tables import TrainTables
@@ -429,3 +429,16 @@ def test_the_faster_of_two_ways_to_limit_the_jerk() -> None:
     pairs = [(slow, None), (None, slow), (slow, quick), (quick, slow), (None, None)]
     assert [_faster(*pair) for pair in pairs] == [slow, slow, quick, quick, None]
     assert _faster(slow, SimpleNamespace(time=lambda: 90.0)) is slow
+
+
+def test_the_steps_of_the_force_of_a_line_are_those_of_grade_and_curve_together() -> None:
+    """Breaks if a curve that takes over from a grade is a step, or a step of one of both is none."""
+    curves = [{"begin": begin, "end": begin + 500.0, "radius": 200.0} for begin in (1000.0, 2000.0)]
+    grades = [{"at": 0.0, "grade": 0.005}, {"at": 1000.0, "grade": 0.002}]  # the first curve, 600 / 200 per mille, replaces 3 per mille
+    line = own_line(4000.0, grades=grades, curves=curves)
+    consist = load_consist("crh380a_one_mass")
+    force, middle = LineForce(line, TrainTables(consist)), consist.length / 2
+    assert force.steps() - middle == pytest.approx([0.0, 1500.0, 2000.0, 2500.0, 4000.0], abs=1e-6)
+    places = middle + np.array([500.0, 1200.0, 1700.0, 2200.0])
+    weight = consist.vehicles[0].mass * 9.8
+    assert force.at(places) == pytest.approx(weight * np.array([5e-3, 5e-3, 2e-3, 5e-3]), rel=1e-12)
