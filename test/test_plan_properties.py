@@ -434,7 +434,7 @@ def test_the_faster_of_two_ways_to_limit_the_jerk() -> None:
 def test_the_steps_of_the_force_of_a_line_are_those_of_grade_and_curve_together() -> None:
     """Breaks if a curve that takes over from a grade is a step, or a step of one of both is none."""
     curves = [{"begin": begin, "end": begin + 500.0, "radius": 200.0} for begin in (1000.0, 2000.0)]
-    grades = [{"at": 0.0, "grade": 0.005}, {"at": 1000.0, "grade": 0.002}]  # the first curve, 600 / 200 per mille, replaces 3 per mille
+    grades = [{"at": 0.0, "grade": 0.005}, {"at": 1000.0, "grade": 0.002}]  # as much less as 600 / 200 N/kN of a curve
     line = own_line(4000.0, grades=grades, curves=curves)
     consist = load_consist("crh380a_one_mass")
     force, middle = LineForce(line, TrainTables(consist)), consist.length / 2
