@@ -142,7 +142,7 @@ def execute(options: argparse.Namespace) -> None:
     from train_ato.judge.verdict import unmet_requirements
 
     setup, run_mode, out = prepared(options)
-    gc.freeze()  # most objects live until the end; a look at them at the exit of Python takes 0.2 s
+    gc.freeze()  # most objects live until the end; after an engine run a look at them at the exit takes 0.2 s
     with compilation_noted(COMPILE_NOTE):
         ended = partial(_print_end, as_json=options.json, expected=expected_verdict(options))
         run = drive(setup, run_mode, out=out, option="--out", ended=ended)

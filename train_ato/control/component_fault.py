@@ -113,7 +113,7 @@ def output_fault(name: str, law: Any, output: Any, units: int) -> str:
     units
         Number of power units.
     """
-    force, found = getattr(output, "force", None), ""
+    force, found = output.force if isinstance(output, LawOutput) else None, ""
     if not isinstance(output, LawOutput):
         found = type(output).__name__
     elif not isinstance(force, np.ndarray):

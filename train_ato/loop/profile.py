@@ -56,6 +56,7 @@ class ProfileStage:
         self.inputs = StageInputs(setup, self.role)
         self._link = MessageLink(setup.links.measurement, setup.step_ns, setup.seed, "measurement")
         self._decision: ReplanDecision | None = None
+        self._counts = 0, 0
         self.answer: tuple[ReplanDecision | None] | None = None
         self.engaged = True
         self.joins = self._sent_again = False
@@ -100,6 +101,8 @@ class ProfileStage:
         (decision,) = (None,) if decided else self.decided(stamp, arrived) if answer is None else answer
         if decision is not None:
             self._decision, decided = decision, True
+            if self._replanner is not None:  # the reports of compiled ticks are made after the next decision
+                self._counts = self._replanner.replans, self._replanner.refusals
             if decision.profile is not None:
                 self.profile, self.planned = decision.profile, stamp
         reported = self.inputs.take_changed() or decided or diagnostics_due(stamp, self.setup.tick_ns)
@@ -122,7 +125,7 @@ class ProfileStage:
             rest = replan(state, setup.profile, setup.model.line, setup.model.consist, settings).profile
             self.profile, self.planned, self._refusal = self.profile.followed_by(rest), stamp, ""
             self.headway = None  # from here on a plan of its own, which the end of authority limits
-            self._replanner = setup.replanner(self.profile)
+            self._replanner, self._counts = setup.replanner(self.profile), (0, 0)
         except ValueError as error:
             self._refusal = str(error)
         return True
@@ -139,7 +142,7 @@ class ProfileStage:
 
     def diagnostic(self, stamp: int) -> Diagnostic:
         """Return the state of the profile, with the reason of re-planning or of its refusal."""
-        profile, replanner, decision = self.profile, self._replanner, self._decision
+        profile, decision = self.profile, self._decision
         values = {"knots": str(profile.time.size), "period": repr(profile.period)}
         values["remaining"] = repr(self.remaining(stamp))
         values |= self.inputs.diagnostics()
@@ -151,12 +154,12 @@ class ProfileStage:
             return Diagnostic(stamp, "profile", 0, "following, sent again", {**values, "reason": REJOINED})
         if self.planned and decision is None:
             return Diagnostic(stamp, "profile", 0, "following, planned again", values)
-        if replanner is None or decision is None:
+        if self._replanner is None or decision is None:
             return Diagnostic(stamp, "profile", 0, "following", values)
         values |= {
             "planned": repr(self.planned * 1e-9),
-            "replans": str(replanner.replans),
-            "refusals": str(replanner.refusals),
+            "replans": str(self._counts[0]),
+            "refusals": str(self._counts[1]),
             "reason": decision.reason,
         }
         if decision.profile is None:

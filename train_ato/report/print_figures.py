@@ -383,7 +383,7 @@ def save_figure(figure: Figure, path: Path, dpi: int = DPI) -> None:
             FigureCanvasAgg(figure).print_png(path, metadata={"Software": None})
             figure.dpi = former
         else:
-            figure.savefig(path, dpi=dpi, metadata={"Date": None})
+            figure.savefig(path, dpi=dpi, metadata={"Date" if path.suffix == ".svg" else "Software": None})
 
 
 def write_figure(figure: Figure, path: Path) -> None:
