@@ -45,14 +45,14 @@ def test_mutants_of_tables() -> None:
     assert found == [SOURCE.replace(before, after) for before, after in changes]
 
 
-@pytest.mark.parametrize(("survivors", "status"), [(9, 0), (10, 1)])
-def test_verdict(survivors: int, status: int, capsys: pytest.CaptureFixture[str]) -> None:
-    """Breaks if a score below 91 % passes, an equivalent mutant counts, or a killed one in its list does not."""
+@pytest.mark.parametrize(("survivors", "each", "status"), [(9, True, 0), (10, True, 1), (15, False, 0), (16, False, 1)])
+def test_verdict(survivors: int, each: bool, status: int, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if a score below 91 % passes, below 85 % of a sample, or an equivalent mutant counts, a killed one not."""
     one = ("a.py", "f", "x = 1", "x = 2")
     outcomes = ["survived"] * survivors + ["killed"] * 80 + ["timeout"] * (20 - survivors)
     mutants = [mutation.Mutant("a.py", "f", f"x = {k}", "x = None", outcome) for k, outcome in enumerate(outcomes)]
     mutants += [mutation.Mutant(*one, "survived")] * 5 + [mutation.Mutant("b.py", "", "y", "z", "killed")]
-    assert mutation.report(*mutation.counted(mutants, {one: "reason"}), each=True) == status
+    assert mutation.report(*mutation.counted(mutants, {one: "reason"}), each=each) == status
     lines = capsys.readouterr().out
     assert lines.count("x = None") == survivors
     killed, late = 101 - survivors, 20 - survivors

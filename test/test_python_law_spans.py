@@ -101,6 +101,17 @@ class Observed:
         return {"steps": str(len(self.received))}
 
 
+@dataclasses.dataclass
+class Pushing:
+    """Full traction for 70 of every 100 s, so that the braking law takes over and gives back."""
+
+    def reset(self) -> None:
+        """Keep nothing."""
+
+    def step(self, inputs: LawInput) -> LawOutput:
+        return LawOutput(inputs.force_max if inputs.t % 100.0 > 30.0 else 0.0 * inputs.force_max)
+
+
 class Counted(CompensationBase):
     """Feed-forward of the present time, with its calls and the commands as they were sent."""
 
@@ -173,6 +184,13 @@ def test_a_law_in_python_sends_the_messages_of_python(case: str) -> None:
 def test_a_control_stack_is_called_as_a_whole(case: str) -> None:
     """Breaks if a delayed message, a pressure, a decision or an estimate is taken twice, late or not at all."""
     Both(setup_of(*WHOLE[case])).assert_equal(least=0.6)
+
+
+def test_a_law_drives_again_after_the_braking_law_as_in_python() -> None:
+    """Breaks if the step at which the braking law gives back is reported at the ticks after it too."""
+    runs = Both(setup_of("crh380a_funnel:short", {"law": f"{HERE}:Pushing", "duration": 300}))
+    runs.assert_equal(least=0.5)
+    assert runs._other.summary["takeovers"] > 1
 
 
 def test_the_case_of_replanning_has_a_new_profile() -> None:
