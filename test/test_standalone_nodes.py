@@ -7,12 +7,14 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 pytest.importorskip("rclpy")
 
+from rcl_interfaces.msg import Log
 from waiting import LIMIT_S, wait_for
 
 import train_ato
@@ -22,8 +24,11 @@ from train_ato.log.difference import compare_logs
 from train_ato.log.mcap_records import stream
 from train_ato.log.run_folder import read_run_folder
 from train_ato.messages.codec import Wire
+from train_ato.messages.topics import BY_NAME, Role
 from train_ato.ros.graph import shared_memory
 from train_ato.ros.graph.environment import claim_domain
+from train_ato.ros.nodes.publishers import OnePublisher
+from train_ato.ros.standalone.runner import StandaloneRunner
 
 ROOT = Path(train_ato.__file__).resolve().parents[1]
 """Path of the tested package: installed, or the source."""
@@ -224,3 +229,28 @@ def test_a_law_that_raises_ends_a_run_by_hand_as_in_the_engine(terminals, tmp_pa
     keys = ("status", "failure", "ticks", "strongest_reaction", "tracking")
     assert {key: hand[key] for key in keys} == {key: engine[key] for key in keys}
     assert "late.py:6" in engine["failure"] and ended["plant"] == (1, engine["failure"])
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "stored"),
+    [
+        ("observer", "node observer failed: no estimate", True),
+        ("controller", "train stopped: node observer failed: no estimate", True),
+        ("controller", "node observer failed: no estimate", False),
+        ("observer", "the observer waits", False),
+    ],
+)
+def test_a_plant_stores_the_failure_that_a_node_says_of_itself(name: str, text: str, stored: bool) -> None:
+    """Breaks if a node that ends with a reason only left the run, or one node can say the failure of another."""
+    plant = SimpleNamespace(role=Role.PLANT, _said={})
+    StandaloneRunner._hear(plant, Log(level=Log.ERROR, name=name, msg=text))
+    assert (name in plant._said) is stored
+
+
+def test_a_message_between_the_first_and_the_next_is_refused_after_a_restart() -> None:
+    """Breaks if messages of a node that is started again can be lost before its first one."""
+    source = OnePublisher(None, BY_NAME["ato/command"])
+    source.renew()
+    for number in (0, 2, 3):
+        with pytest.raises(ValueError, match=f"ato/command: message {number} came first after the restart of contr"):
+            source.take(number)
