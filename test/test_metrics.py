@@ -136,9 +136,28 @@ def test_rms_starts_at_first_motion_and_ends_with_the_scored_part() -> None:
     still = np.where(np.arange(10) < 4, 0.0, 10.0)
     standing = recording(front_velocity=still, reference_velocity=still, velocity=still[:, None])
     assert evaluated_ticks(setup_of(), standing) == slice(4, 10)
-    until = setup_of("demo", "evaluation.until=6.5")
-    assert evaluated_ticks(until, recording()) == slice(0, 7)
-    assert evaluated_ticks(setup_of("demo", "evaluation.until_time=0.35"), recording()) == slice(0, 4)
+    for key, value, last in (("until", 6.5, 7), ("until_time", 0.35, 4)):
+        setup = setup_of()
+        ends = setup.scenario.evaluation.model_copy(update={key: value})
+        setup = replace(setup, scenario=setup.scenario.model_copy(update={"evaluation": ends}))
+        assert evaluated_ticks(setup, recording()) == slice(0, last)
+
+
+@pytest.mark.parametrize("key", ["until=0", "until=-10", "until_time=0.6"])
+def test_an_evaluation_that_ends_before_the_first_motion_is_refused(key: str) -> None:
+    """Breaks if the errors of no tick are 0, and so pass their criteria: centre at 0 m, departure at 5 s."""
+    with pytest.raises(ValueError, match=r"evaluation\.until.*the profile begins .*remove the key"):
+        setup_of("demo", f"evaluation.{key}")
+
+
+def test_backward_running_above_a_limit_is_overspeed() -> None:
+    """At -15 m/s, 20 m/s permitted and 10 m/s from km 1: breaks if the sign of the speed counts."""
+    setup = setup_of("demo", "duration=20")
+    limits = (SpeedLimit(at=0.0, speed=20.0), SpeedLimit(at=1000.0, speed=10.0))
+    setup = replace(setup, line=setup.line.model_copy(update={"speed_limits": limits}))
+    places = np.array([3000.0, 900.0])
+    run = recording_of(0.1 * np.arange(2), front_position=places, front_velocity=np.full(2, -15.0))
+    assert excess_speed(setup, run) == pytest.approx([5.0, -5.0])
 
 
 @pytest.mark.parametrize("tick", [0.05, 0.1])

@@ -26,6 +26,7 @@ from train_ato.judge.requirements import (
     robustness_series,
     signal_series,
 )
+from train_ato.judge.stops import planned_stops
 from train_ato.judge.verdict import judge_run
 from train_ato.loop.engine import run_engine
 from train_ato.report.page_data import empty_page_data
@@ -102,6 +103,17 @@ def test_every_signal_has_a_series_and_a_unit() -> None:
     for signal in SIGNALS.values():
         assert signal.unit in {"s", "m", "m/s", "m/s²", "m/s³", "N", "Pa"}
         assert signals_of(parse_formula(f"G {signal.name} >= 0")) == (signal.name,)
+
+
+def test_the_way_back_has_its_own_distance_to_the_stop() -> None:
+    """To 100 m, a stop of 20 s, and back to 40 m: breaks if a train 30 m before the second stop is beyond it."""
+    there = {"accelerate_to": 5.0}, {"brake_to": 0.0}, {"cruise_for": 20.0}
+    setup = setup_of("xuzhou_metro", f"profile={{phases: {[*there, {'accelerate_to': -3.0}, {'brake_to': 0.0}]}}}")
+    first, last = planned_stops(setup.profile)
+    assert last.position < first.position
+    times, places = np.array([0.0, last.arrival]), np.array([first.position - 30.0, last.position + 30.0])
+    found = signal_series(["distance_to_stop"], setup, recording_of(times, 1, front_position=places))
+    assert found["distance_to_stop"] == pytest.approx([30.0, 30.0])
 
 
 def test_signals_have_the_values_of_the_recording() -> None:

@@ -266,11 +266,14 @@ def overspeed(setup: RunSetup, recording: Recording) -> float:
 
 
 def excess_speed(setup: RunSetup, recording: Recording) -> Array:
-    """Return speed minus limit for the whole train at every tick [m/s], shape (k,); (0,) on a line without limits."""
+    """Return speed in either direction minus limit for the whole train at every tick [m/s], shape (k,).
+
+    On a line without limits the shape is (0,).
+    """
     if not setup.line.speed_limits:
         return np.zeros(0)
     limit = limit_over_train(setup.line, front_of_train(setup, recording), setup.consist.length)
-    return np.asarray(recording.front_velocity - limit)
+    return np.asarray(np.abs(recording.front_velocity) - limit)
 
 
 def front_of_train(setup: RunSetup, recording: Recording) -> Array:

@@ -262,12 +262,13 @@ def _jerk(setup: RunSetup, recording: Recording) -> Array:
 
 
 def _distance_to_stop(setup: RunSetup, recording: Recording) -> Array:
-    """Return the distance to the next stop [m]: a stop is the next one up to its planned departure."""
+    """Return the way to the next stop [m]: a stop is the next one up to its planned departure."""
     stops = planned_stops(setup.profile) or [PlannedStop(float(setup.profile.position[-1]), 0.0, np.inf)]
     rows = np.searchsorted([stop.departure for stop in stops], recording.time, side="right")
-    places = np.array([stop.position for stop in stops])[np.minimum(rows, len(stops) - 1)]
-    sign = 1.0 if setup.profile.position[-1] >= setup.profile.position[0] else -1.0
-    return np.asarray(sign * (places - recording.front_position))
+    rows = np.minimum(rows, len(stops) - 1)
+    places = np.array([float(setup.profile.position[0]), *(stop.position for stop in stops)])
+    sign = np.where(np.diff(places) < 0.0, -1.0, 1.0)  # a train can run back after a stop
+    return np.asarray(sign[rows] * (places[1:][rows] - recording.front_position))
 
 
 SERIES: dict[str, Callable[[RunSetup, Recording], Array]] = {

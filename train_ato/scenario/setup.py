@@ -10,6 +10,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import yaml
 
 from plant_sim.consist import Consist
@@ -17,6 +18,7 @@ from plant_sim.data_text import TextDumper
 from plant_sim.line import Line, line_for
 from plant_sim.plant_setup import Jump
 from plant_sim.train import Train
+from plant_sim.units import number_text
 from train_ato.control.air_brake.policy import make_brake_policy
 from train_ato.control.air_brake.record_policy import BrakePolicy
 from train_ato.control.algorithms.loop_gains import is_unstable
@@ -143,6 +145,23 @@ def check_requirements(scenario: Scenario, layout: TrainLayout, line: Line) -> N
     for name, text in (scenario.criteria.requirements or {}).items():
         if reason := unavailable_signal(signals_of(parse_formula(text)), layout, line):
             raise ValueError(f"criteria.requirements.{name}: {reason}")
+
+
+def check_evaluation(scenario: Scenario, profile: Profile) -> None:
+    """Check that the evaluation does not end before the first motion: an error of no tick would be 0."""
+    evaluation, start, train = scenario.evaluation, float(profile.position[0]), scenario.plant.start
+    if evaluation.until is not None and evaluation.until <= start:
+        raise ValueError(
+            f"evaluation.until: {number_text(evaluation.until)} m: the profile begins at {number_text(start)} m; give "
+            "a place beyond it, or remove the key"
+        )
+    moves = np.flatnonzero(profile.velocity)
+    rest = float(profile.time[moves[0] - 1]) if moves.size and moves[0] and not (train.speed or train.speeds) else 0.0
+    if evaluation.until_time is not None and evaluation.until_time <= rest:
+        raise ValueError(
+            f"evaluation.until_time: {number_text(evaluation.until_time)} s: the profile begins to move at "
+            f"{number_text(rest)} s; give a later time, or remove the key"
+        )
 
 
 def check_parameters(scenario: Scenario) -> None:
@@ -476,6 +495,7 @@ def _check_choices(setup: RunSetup) -> None:
     """Check the combination: create train, laws, observer, compensation and brake policy once."""
     check_replan(setup.scenario, setup.layout)
     check_requirements(setup.scenario, setup.layout, setup.line)
+    check_evaluation(setup.scenario, setup.profile)
     check_parameters(setup.scenario)
     check_leader(setup)
     _check_laws(setup)
