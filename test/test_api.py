@@ -26,6 +26,7 @@ from train_ato.cli.list import catalogue
 from train_ato.cli.main import main
 from train_ato.control.contract import LawOutput, parameter
 from train_ato.control.registry import LAWS
+from train_ato.judge.motion_difference import DrivenMotion, motion_difference
 from train_ato.program.errors import refusing
 from train_ato.scenario.scenario import check_scenario
 
@@ -638,6 +639,23 @@ def test_the_difference_of_two_runs_is_that_of_their_motion(tmp_path: Path) -> N
     assert same.energy["energy_traction_kwh"] == 0
     assert same._repr_html_().startswith("<p><b>speed differs by up to 0 km/h")
     assert "traction energy by +0 kWh" in same.line
+
+
+def test_the_difference_of_two_runs_back_is_that_at_each_place_and_stop() -> None:
+    """From 0 to 50 and back to -50 m at 5 m/s, the second one 2 s later: breaks if only the way on counts."""
+    stops = [{"km": 0.0, "planned_s": at, "arrival_s": at, "delay_s": 0.0, "beyond_m": 0.0} for at in (9.0, 20.0)]
+    seconds, motions = np.arange(31.0), []
+    for late in (0.0, 2.0):
+        moved = np.maximum(seconds - late, 0.0)
+        front, rows = (
+            50.0 - np.abs(50.0 - 5.0 * moved),
+            [{**row, "arrival_s": row["arrival_s"] + late} for row in stops],
+        )
+        motions.append(DrivenMotion(seconds, front, np.full(31, 18.0), np.zeros(31), {"stops": rows}))
+    found = motion_difference(*motions, step=10.0)
+    assert found.place.tolist() == [-40.0, -30.0, -20.0, -10.0, 0.0, 10.0, 20.0, 30.0, 40.0, 50.0]
+    assert found.over_place["time_s"] == pytest.approx(np.where(found.place == 0.0, 0.0, 2.0))
+    assert [row["difference_arrival_s"] for row in found.stops] == [2.0, 2.0]
 
 
 @pytest.mark.usefixtures("without_figure")

@@ -97,10 +97,13 @@ def motion_difference(first: DrivenMotion, second: DrivenMotion, *, step: float 
 
 
 def _first_passing(front: Array, time: Array, place: Array) -> Array:
-    """Return the times at which the front of a train is first at each place [s]."""
-    farthest = np.maximum.accumulate(front)
-    new = np.diff(farthest, prepend=-np.inf) > 0
-    return np.interp(place, farthest[new], time[new])
+    """Return the times at which the front of a train is first at each place [s]; it runs forward or back."""
+    found = []
+    for sign in (1.0, -1.0):
+        farthest = np.maximum.accumulate(sign * front)
+        new = np.diff(farthest, prepend=-np.inf) > 0
+        found.append(np.interp(sign * place, farthest[new], time[new]))
+    return np.where(place >= front[0], *found)
 
 
 def _minus(second: float | None, first: float | None) -> float | None:
@@ -130,10 +133,14 @@ def _stops(first: DrivenMotion, second: DrivenMotion) -> list[dict[str, float | 
     """Return the stops of either run by place, with the differences of arrival and error."""
     own, other = TypedResult.of(first.metrics).stops, TypedResult.of(second.metrics).stops
     own, other = own or tuple(_standstills(first, other)), other or tuple(_standstills(second, own))
-    pairs = [(a, next((b for b in other if abs(a.km - b.km) <= NEAR_KM), None)) for a in own]
-    lone = [(None, b) for b in other if all(abs(a.km - b.km) > NEAR_KM for a in own)]
+    left = list(other)
+    pairs: list[tuple[StopOfRun | None, StopOfRun | None]] = []
+    for one in own:  # a train that runs back stops twice at one place
+        same = next((stop for stop in left if abs(one.km - stop.km) <= NEAR_KM), None)
+        left = [stop for stop in left if stop is not same]
+        pairs.append((one, same))
     rows = []
-    for a, b in (*pairs, *lone):
+    for a, b in (*pairs, *((None, stop) for stop in left)):
         arrivals = [None if stop is None else stop.arrival_s for stop in (a, b)]
         errors = [None if stop is None else stop.beyond_m for stop in (a, b)]
         km = next(stop.km for stop in (a, b) if stop is not None)
