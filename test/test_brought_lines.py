@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from refusals import one_line
 
 from plant_sim.alignment import Alignment
 from plant_sim.consist import SupplyCurve
@@ -251,9 +252,8 @@ def test_a_faulty_track_is_refused(tmp_path: Path) -> None:
         ("a.json", json.dumps(geojson([[1, 2, 3, 4], [1, 2]], {})), "longitude, latitude, height"),
         ("a.json", json.dumps({"type": "FeatureCollection", "features": []}), "0 tracks"),
     ):
-        with pytest.raises(ValueError, match=message) as caught:
+        with one_line(message):
             load_line(written(tmp_path / name, text))
-        assert "\n" not in str(caught.value)
     assert load_line(f"{written(tmp_path / 'a.gpx', two)}:B").name == "B"
     assert load_line(f"{written(tmp_path / 'a.gpx', two)}:2").name == "B"
     good["features"].append({"type": "Feature", "properties": None, "geometry": None})
@@ -458,9 +458,8 @@ def test_a_faulty_altrios_file_is_refused(tmp_path: Path, keys: Any, value: Any,
     """Breaks if a fault gives another line or train without a word, or the message has another cause."""
     network = isinstance(keys[0], int)
     path = Path(written(tmp_path / "a.yaml", yaml.safe_dump(changed(LINKS if network else ORE, *keys, value=value))))
-    with pytest.raises(ValueError, match=message) as caught:
+    with one_line(message):
         read_line(path, "1..4") if network else read_train(path)
-    assert "\n" not in str(caught.value)
 
 
 CATEGORIES: dict[str, Any] = {
@@ -676,9 +675,8 @@ def test_a_train_as_railml_and_back(tmp_path: Path, text: Any) -> None:
 )
 def test_a_faulty_railml_train_is_refused(tmp_path: Path, before: str, after: str, message: str) -> None:
     """Breaks if a fault is a traceback, or names neither file nor element."""
-    with pytest.raises(ValueError, match=message) as caught:
+    with one_line(message, "s.railml"):
         read_train(Path(written(tmp_path / "s.railml", RAIL_STOCK.replace(before, after, 1))))
-    assert "\n" not in str(caught.value) and "s.railml" in str(caught.value)
 
 
 def test_a_path_over_via_points_is_the_shortest_one_that_passes_them() -> None:

@@ -15,6 +15,7 @@ from engine_runs import record_run, setup_of
 from frames_logs import TICK, write_foreign, write_log, write_two_trains
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from refusals import one_line
 from rosbags.interfaces import Nodetype
 from test_wire import LAYOUTS, LONG, message
 
@@ -209,9 +210,8 @@ def test_topics_are_chosen_by_either_name(tmp_path):
         (["ato/comand"], r"run\.mcap: holds no topic 'ato/comand'; did you mean '/ato/command'\? \(it has"),
         ("ato/command", r"'ato/command' is one name; give a list"),
     ):
-        with pytest.raises(ValueError, match=text) as refusal:
+        with one_line(text):
             train_ato.load(tmp_path, topics=topics)
-        assert "\n" not in str(refusal.value)
 
 
 def test_a_killed_run_names_the_remedy(tmp_path):
@@ -227,9 +227,8 @@ def test_a_killed_run_names_the_remedy(tmp_path):
     for name, content in (("cut", whole[: len(whole) // 2]), ("text", b"time_s,speed\n" * 99)):
         (tmp_path / name).write_bytes(content)
         says = "no log: a text; name the log" if name == "text" else "damaged or no log: .*no message in it is readable"
-        with pytest.raises(ValueError, match=f"{name}: {says}") as refusal:
+        with one_line(f"{name}: {says}"):
             train_ato.load(tmp_path / name)
-        assert "\n" not in str(refusal.value)
 
 
 @pytest.mark.parametrize("seed", sampled(range(25), every=3))

@@ -1,21 +1,43 @@
-"""First screen of a report: verdict, criteria, speed against profile; best values of a comparison."""
+"""First screen and protection of a report and of a summary: verdict, criteria, states, events, comparison."""
 
+import json
 import re
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 from chromium import Page, browser
-from report_runs import drive
+from report_runs import drive, without
 
 import train_ato as ta
-from train_ato.cli import main
 from train_ato.cli.info import print_summary
+from train_ato.cli.main import main
+from train_ato.judge.protection_record import (
+    StateSpan,
+    protection_note,
+    protection_summary,
+    state_spans,
+    summary_events,
+)
 from train_ato.judge.ranking import best_value, difference_from_best, rank_of
+from train_ato.log.reading import read_log
 from train_ato.log.recorded import open_recording
+from train_ato.log.run_folder import read_run_folder
+from train_ato.messages.codec import Wire
+from train_ato.messages.types import Diagnostic
+from train_ato.report.events import detect_events
 from train_ato.report.page_data import PageData, empty_page_data, page_data
 from train_ato.report.page_sections import run_sections
-from train_ato.report.summary_rows import best_text, criterion_cells, typeset, verdict_texts
+from train_ato.report.summary_rows import (
+    SUPERVISION,
+    best_text,
+    criterion_cells,
+    filled_groups,
+    run_groups,
+    typeset,
+    verdict_texts,
+)
 from train_ato.report.writing import write_comparison_page
 
 
@@ -168,3 +190,198 @@ def test_a_run_that_is_not_tracked_is_marked_as_failed() -> None:
     assert text.state == "failed" and text.text.startswith("lost: 900 m behind; passed (1 criterion): ")
     (text,) = verdict_texts([judged("good", 0.05, tracking="tracked", tracking_findings=[])])
     assert text.state == "passed" and text.text.startswith("passed (1 criterion): ")
+
+
+def report(time: float, node: str, message: str, **values: str) -> Diagnostic:
+    return Diagnostic(round(time * 1e9), node, 0, message, values)
+
+
+def supervised(*states: tuple[float, str, str]) -> list[Diagnostic]:
+    return [report(at, "supervisor", state, **({"reason": reason} if reason else {})) for at, state, reason in states]
+
+
+def test_equal_states_are_one_span_with_the_first_reason() -> None:
+    """Breaks if a report of every second begins a new state, or a span ends at its own last report."""
+    found = state_spans(
+        [
+            report(0.0, "plant", "running"),
+            report(1.0, "plant", "coast", protection="no command for 0.6 s"),
+            report(2.0, "plant", "coast", protection="no command for 1.5 s"),
+            report(2.5, "controller", "engaged", ato_state="engaged", ato_reason="request"),
+            report(3.0, "plant", "running"),
+            report(4.0, "plant", "running"),
+        ],
+        "plant",
+    )
+    assert found == [
+        StateSpan(0.0, 1.0, "running", ""),
+        StateSpan(1.0, 3.0, "coast", "no command for 0.6 s"),
+        StateSpan(3.0, 4.0, "running", ""),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("states", "count", "first"),
+    [
+        ([(0, "normal", ""), (9, "warning", "82 km/h")], 0, None),
+        ([(0, "normal", ""), (9, "service brake", "84 km/h"), (12, "emergency brake", "88 km/h")], 1, 9.0),
+        ([(0, "emergency brake", "a"), (8, "normal", ""), (9, "service brake", "b"), (10, "normal", "")], 2, 0.0),
+    ],
+)
+def test_an_intervention_ends_with_the_release(states: list[tuple[float, str, str]], count: int, first: float) -> None:
+    """Breaks if a rising reaction counts twice, a warning counts, or a second intervention is left out."""
+    found = protection_summary(supervised(*states))
+    assert (found["brake_interventions"], found["first_intervention_s"]) == (count, first)
+    reasons = [f"{state}: {why}" for _, state, why in states if "brake" in state]
+    assert found["first_intervention"] == (reasons[0] if reasons else None)
+
+
+def test_the_end_of_the_last_engagement_counts() -> None:
+    """Breaks if an earlier disengagement, or the last change of the state, is taken for the end of the engagement."""
+    states = [(0, "engaged", "start"), (5, "disengaging", "a"), (9, "engaged", "request"), (20, "failure", "b")]
+    rows = [report(at, "controller", "x", ato_state=state, ato_reason=why) for at, state, why in states]
+    found = protection_summary([*supervised((0, "normal", "")), *rows])
+    assert (found["ato_state"], found["ato_disengaged_s"], found["ato_disengaged"]) == ("failure", 20.0, "b")
+    found = protection_summary([*supervised((0, "normal", "")), *rows[:3]])
+    assert (found["ato_state"], found["ato_disengaged_s"]) == ("engaged", None)
+    assert summary_events(found) == ""
+
+
+def test_a_braked_run_has_the_reason_in_summary_table_and_line(tmp_path, capsys):
+    """Breaks if an intervention is not counted, the strongest reaction is that of the end, or the line is missing."""
+    folder = tmp_path / "run"
+    gust = "--set=interventions=[{at: 150, do: gust, acceleration: 0.5, duration: 60}]"  # faster than the limit
+    assert main(["run", "demo", "--engine", "--set=duration=280", gust, "--out", str(folder)]) == 0
+    printed = capsys.readouterr()
+    summary = json.loads((folder / "summary.json").read_text())
+    assert summary["brake_interventions"] == 1
+    assert summary["first_intervention"].startswith("service brake: 8")
+    assert summary["strongest_reaction"] == "emergency brake"
+    assert summary["ato_state"] == "ready"
+    assert summary["first_intervention_s"] < summary["ato_disengaged_s"] < 210.0
+    assert "interventions of the supervisor" in printed.out
+    (line,) = (line for line in printed.err.splitlines() if line.startswith("train-ato: "))
+    assert line == f"train-ato: {protection_note(summary, str(folder))}"
+    for part in (summary["first_intervention"], "service brake in effect", f"report {folder}", "inject engage"):
+        assert part in line
+    opened = ta.open_run(folder)
+    assert "<td>strongest reaction of the train</td><td>emergency brake</td>" in opened._repr_html_()
+
+
+def test_a_run_without_events_has_no_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if every supervised run has the line, or a run without a supervisor has new entries."""
+    options = ["run", "demo", "--engine", "--set=duration=3", "--json"]
+    assert main([*options, "--out", str(tmp_path / "a")]) == 0
+    printed = capsys.readouterr()
+    assert "train-ato: " not in printed.err
+    summary = json.loads(printed.out)
+    new = {"brake_interventions": 0, "strongest_reaction": "none", "ato_state": "engaged"}
+    assert new.items() <= summary.items()
+    assert main([*options, "--set=supervision.enabled=false", "--out", str(tmp_path / "b")]) == 0
+    plain = json.loads(capsys.readouterr().out)
+    others = "first_intervention first_intervention_s takeovers first_takeover first_takeover_s ato_disengaged"
+    assert set(summary) - set(plain) == {*new, *others.split(), "ato_disengaged_s"}
+
+
+def test_a_comparison_names_the_braked_law(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """Breaks if a law that the supervisor replaced is compared without a notice."""
+    options = ["compare", "demo", "--laws=pid,smc", "--set=duration=6", "--out", str(tmp_path / "both")]
+    assert main([*options, "--set=ato_requests=[{at: 2, do: disengage}]"]) == 0
+    lines = [line for line in capsys.readouterr().err.splitlines() if "ATO was disengaged at 2.0 s (request)" in line]
+    assert [line.split(": ")[1] for line in lines] == ["pid", "smc"]
+
+
+LIMITS = ("permitted_speed", "warning_speed", "service_brake_speed", "emergency_brake_speed")
+
+
+@pytest.fixture(scope="module")
+def braked_demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a run in which a gust accelerates the train beyond its limit; after its stop the ATO is engaged again."""
+    gust = "interventions=[{at: 150, do: gust, acceleration: 0.5, duration: 60}]"
+    options = (f"--set={gust}", "--set=ato_requests=[{at: 270, do: engage}]")
+    return drive(tmp_path_factory.mktemp("braked"), "run", "demo", "--set=duration=290", *options)
+
+
+def test_the_limits_of_the_supervisor_are_in_the_speed_figure(braked_demo: Path) -> None:
+    """Breaks if two limits are exchanged, have another unit, or are drawn at other times."""
+    columns = page_data(open_recording(braked_demo)).curves["speed"].columns
+    setup, _ = read_run_folder(braked_demo)
+    sent = [message for _, _, message in read_log(braked_demo, Wire(setup.layout).decode, ("atp/speeds",))]
+    for place, name in enumerate(LIMITS, start=1):
+        values = 3.6 * np.array([message.speed[place] for message in sent])
+        assert np.nanmax(columns[name]) == pytest.approx(values.max())
+        assert columns[name][0] == pytest.approx(values[0])
+    low, high = (columns[name] for name in ("permitted_speed", "emergency_brake_speed"))
+    assert (low <= high)[np.isfinite(low)].all()
+    assert np.isfinite(low).mean() > 0.95
+
+
+def test_events_have_states_and_reasons(braked_demo: Path) -> None:
+    """Breaks if a state has another time or reason, a change of the ATO is lost, or an event is also a fault."""
+    found = detect_events(open_recording(braked_demo))
+    summary = json.loads((braked_demo / "summary.json").read_text())
+    kinds = ("supervision", "protection", "ato", "plan")
+    texts = {kind: [event.text for event in found if event.kind == kind] for kind in kinds}
+    states = [text.partition(" for ")[0] for text in texts["supervision"]]
+    assert states == ["overspeed", "warning", "service brake", "emergency brake"]
+    first = next(event for event in found if event.text.startswith("service brake for"))
+    assert first.begin == summary["first_intervention_s"]
+    assert first.text.endswith(summary["first_intervention"].removeprefix("service brake"))
+    assert texts["protection"] == ["train: service brake: supervisor", "train: emergency brake: supervisor"]
+    assert [text.partition(": ")[0] for text in texts["ato"] if text.startswith("ATO ")] == [
+        "ATO engaged → disengaging", "ATO disengaging → available", "ATO available → ready", "ATO ready → engaged",
+    ]  # fmt: skip
+    assert [event.end for event in found if event.kind == "protection"][-1] < 270.0
+    assert not [event for event in found if event.kind == "fault"]
+    assert texts["plan"] == ["profile planned after the engagement"]
+
+
+def test_a_profile_over_distance_begins_after_the_engagement(braked_demo: Path) -> None:
+    """Breaks if the line of the new plan jumps back from the profile before it."""
+    first, again = page_data(open_recording(braked_demo)).profiles
+    assert all((np.diff(places[0]) >= 0.0).all() for places in (first, again))
+    assert again[0][0] == pytest.approx(open_recording(braked_demo).front_position[2700] / 1e3, abs=0.01)
+
+
+def test_page_and_print_figures_are_written(braked_demo: Path, tmp_path: Path) -> None:
+    """Breaks if the page has no line or rows of the intervention, or the legends leave no room in a figure."""
+    page = tmp_path / "page.html"
+    assert main(["report", str(braked_demo), f"--out={page}", f"--figures={tmp_path / 'figures'}"]) == 0
+    text = page.read_text()
+    warning = re.search(r'class="warning">([^<]*)<', text)
+    assert warning is not None
+    assert warning[1].startswith("One brake intervention of the supervisor, at 192.8 s (service brake: 8")
+    summary = json.loads((braked_demo / "summary.json").read_text())
+    (rows,) = (rows for title, rows in run_groups(summary) if title == SUPERVISION)
+    shown = {row.key: (texts[0], row.meaning) for row, texts in rows}
+    assert shown["brake_interventions"][0] == "1"
+    assert shown["first_intervention_s"] == (f"{summary['first_intervention_s']:.1f}", summary["first_intervention"])
+    assert shown["strongest_reaction"][0] == "emergency brake"
+    assert shown["ato_state"] == ("engaged", "")
+    assert SUPERVISION not in [title for title, _ in filled_groups([summary, summary])]
+    assert (tmp_path / "figures" / "speed.png").stat().st_size > 30_000
+
+
+def test_faults_of_the_scenario_and_their_reactions_are_events(tmp_path: Path) -> None:
+    """Breaks if a fault has another interval, or the reaction of the train lacks its reason."""
+    faults = "{do: drop, topic: ato/command, begin: 20, end: 24}, {do: slow, node: observer, at: 5, delay: 0.2}"
+    run = drive(tmp_path, "faulty", "demo", "--set=duration=30", f"--set=faults=[{faults}]")
+    found = detect_events(open_recording(run))
+    listed = {(event.begin, event.text, event.end) for event in found if event.kind == "fault"}
+    assert (20.0, "drop ato/command: probability 1.0", 24.0) in listed
+    assert (5.0, "node observer: slow by 0.2 s", None) in listed
+    states = [event.text.split(": ")[1] for event in found if event.kind == "protection"]
+    assert states[:2] == ["coast", "service brake"]
+    assert all("no command for" in event.text for event in found if event.kind == "protection")
+
+
+def test_without_supervision_nothing_is_added(braked_demo: Path, tmp_path: Path) -> None:
+    """Breaks if a run or a log without a supervisor has its events, lines or rows."""
+    plain = drive(tmp_path, "plain", "demo", "--set=duration=30", "--set=supervision.enabled=false",
+                  "--set=interventions=[{at: 20, do: emergency_brake}]")  # fmt: skip
+    recording = open_recording(plain)
+    assert {event.kind for event in detect_events(recording)} == {"outside", "limit"}
+    assert not set(LIMITS) & set(page_data(recording).curves["speed"].columns)
+    assert SUPERVISION not in dict(run_groups(json.loads((plain / "summary.json").read_text())))
+    cut = without(braked_demo, tmp_path / "cut", {"atp/speeds"})
+    assert not set(LIMITS) & set(page_data(open_recording(cut)).curves["speed"].columns)

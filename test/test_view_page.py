@@ -1,4 +1,4 @@
-"""Live page in a real browser: drawing, following the train, and requests to the running nodes."""
+"""Live page in a real browser: drawing, the display, following the train, requests, the end of a run and its server."""
 
 import asyncio
 import json
@@ -17,7 +17,11 @@ from tornado.websocket import websocket_connect
 
 pytest.importorskip("rclpy")
 
-from chromium import browser
+import os
+import signal
+
+import pytest
+from chromium import Page, browser
 from view_browser import answer, choose, click, number, opened, strangers, text, viewing
 from waiting import still, wait_for
 
@@ -193,3 +197,127 @@ def test_pages_of_other_origins_are_refused(recorded):
                 with socket.socket() as outside:
                     outside.settimeout(5)
                     assert outside.connect_ex((address, port)) != 0
+
+
+SAID = "document.getElementById('verdict').innerText"
+
+
+def test_a_run_waits_for_its_page_ends_with_a_verdict_and_is_run_again(tmp_path: Path) -> None:
+    """Breaks if ticks pass before the page, the end has no verdict, report or locked controls, or no run follows."""
+    short = ("--set=duration=60", "--set=profile.phases=[{cruise_for: 5}, {accelerate_to_kmh: 10}, {brake_to: 0}]")
+    options = ("--scenario", "demo", "--rate", "20", "--out", str(tmp_path / "run"), *short)
+    with browser() as page, viewing(*options) as view:
+        opened(page, view.url, frames=1)
+        page.wait_for("document.body.dataset.state == 'finished'")
+        page.wait_for(f"{SAID}.includes('stop')")
+        assert "finished" in page.evaluate(SAID)
+        begin = "model('strip_error').renderers[3].data_source.data.time[0]"
+        assert page.evaluate(begin) < 2.0, "the page has the first seconds of the run"
+        assert page.evaluate('deep(e => e.tagName == "BUTTON" && e.textContent.trim() == "EMERGENCY BRAKE").disabled')
+        assert "m/s" in page.evaluate("model('gust.acceleration').html_attributes.title")
+        report = page.evaluate("fetch(document.querySelector('#verdict a').href).then(answer => answer.text())")
+        assert "<html" in report
+        assert (tmp_path / "run" / "report.html").is_file()
+        assert page.console == []
+        assert strangers(page, view.url) == []
+        page.evaluate("window.former = true")
+        click(page, "run again")
+        page.wait_for("!window.former && window.trainAto && window.trainAto.frames >= 1")
+        page.wait_for("document.body.dataset.state == 'running'")
+        assert view.end() == 0
+    assert (tmp_path / "run-2" / "run.mcap").is_file()
+
+
+def test_a_page_without_its_server_says_so(demo_run) -> None:
+    """Breaks if the page of a stopped server looks alive, or that of a server that goes on looks dead."""
+    run = demo_run("duration=5")
+    with browser() as page, viewing(str(run)) as view:
+        opened(page, view.url, frames=1)
+        lost = "document.body.classList.contains('unserved')"
+        assert page.evaluate("document.getElementById('lost').hidden")
+        view.process.send_signal(signal.SIGSTOP)
+        try:
+            page.wait_for(lost)
+            assert "No server" in page.evaluate("document.getElementById('lost').innerText")
+        finally:
+            view.process.send_signal(signal.SIGCONT)
+        page.wait_for(f"!{lost}")
+        os.kill(view.process.pid, signal.SIGKILL)
+        view.process.wait()
+        page.wait_for(lost)
+
+
+COLOURS = """(name => {{
+  const shown = document.getElementById(name), canvas = document.createElement("canvas");
+  canvas.width = shown.width;
+  canvas.height = shown.height;
+  if (!canvas.width || !canvas.height) return [];
+  const pen = canvas.getContext("2d", {{willReadFrequently: true}});
+  pen.drawImage(shown, 0, 0);
+  const pixels = pen.getImageData(0, 0, canvas.width, canvas.height).data, found = new Set();
+  for (let i = 0; i < pixels.length; i += 4) found.add([...pixels.slice(i, i + 3)].join());
+  return [...found];
+}})("{0}")"""
+STOP, TRAIN, ZONE = "255,210,74", "86,180,233", "31,143,95"
+
+
+def colours(page: Page, name: str) -> set[str]:
+    """Return the colours of the pixels of a canvas."""
+    return set(page.evaluate(COLOURS.format(name)))
+
+
+def test_the_display_has_line_target_and_messages_of_its_time(demo_run) -> None:
+    """Breaks if planning area, target bar, train on the elevation profile, gauge or messages are not drawn."""
+    run = demo_run("duration=220", "interventions=[{at: 150, do: gust, acceleration: 0.5, duration: 60}]")
+    with browser() as page, viewing(str(run)) as view:
+        opened(page, view.url, frames=1)
+        page.evaluate("model('time').value = 193.5")
+        page.wait_for("document.body.dataset.supervision == 'service brake'")
+        page.wait_for("dmi.row.guidance[0] == 'service brake'")
+        wait_for(lambda: STOP in colours(page, "planning"), "the stop in the planning area")
+        assert page.evaluate("dmi.row.needle[0]") == "#e8202a"
+        wait_for(lambda: "232,32,42" in colours(page, "target"), "the bar in the colour of the state")
+        wait_for(lambda: len(colours(page, "elevation") - colours(page, "planning")) > 5, "vehicles of many colours")
+        first = "document.querySelector('#messages > *').textContent"
+        page.wait_for(f"{first}.includes('ATO disengaging')")
+        assert page.evaluate("document.querySelectorAll('#messages .waiting').length") == 0
+        page.evaluate("dmi.zoom(32000)")
+        parts = page.evaluate("[0, 800, 16000, 32000].map(metres => dmi.part(metres, 32000))")
+        assert parts == pytest.approx([0.0, 0.125, 0.8356, 1.0], abs=1e-3)
+        lost = "elevation.at([[0, 0, 0], [400, -10, 0], [900, 5, -5]], 1000)"
+        assert page.evaluate(lost) == pytest.approx(-4.5)
+        for width in (390, 1280, 1920):
+            page.send("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False)
+            page.wait_for(f"window.innerWidth == {width}")
+            page.wait_for(f"document.documentElement.scrollWidth <= {width}")
+        assert page.console == []
+        assert view.end() == 0
+
+
+def test_the_stop_window_appears_before_the_stop(demo_run) -> None:
+    """Breaks if the last metres have no scale, or the scale is there on the open line."""
+    slow = "profile.phases=[{cruise_for: 5}, {accelerate_to_kmh: 10}, {brake_to: 0}]"
+    run = demo_run(slow, "duration=400", "criteria.stop_window=10")  # it stops 5.8 m short of its target
+    with browser() as page, viewing(str(run)) as view:
+        opened(page, view.url, frames=1)
+        page.evaluate("model('time').value = 60.0")
+        page.wait_for("dmi.row && dmi.row.front_m && dmi.row.clock_text[0] == '0:01:00.0'")
+        page.wait_for("document.getElementById('stopping').hidden")
+        page.evaluate("model('time').value = 400.0")
+        page.wait_for("!document.getElementById('stopping').hidden")
+        wait_for(lambda: {TRAIN, ZONE} <= colours(page, "window"), "the train in the window")
+        assert page.console == []
+
+
+def test_an_intervention_is_acknowledged_on_the_page(tmp_path: Path) -> None:
+    """Breaks if an emergency brake leaves no message, or a click on it has no effect in the run's display."""
+    with browser() as page, viewing("--scenario", "demo", "--rate", "5", "--out", str(tmp_path / "run")) as view:
+        opened(page, view.url)
+        click(page, "EMERGENCY BRAKE")
+        page.wait_for("[...document.querySelectorAll('#messages > *')].some(e => e.textContent.includes('emergency'))")
+        waiting = "document.querySelectorAll('#messages .waiting').length"
+        page.wait_for(f"{waiting} > 0")
+        page.evaluate("document.querySelector('#messages .waiting').click()")
+        page.wait_for(f"{waiting} == 0")
+        assert page.console == []
+        assert view.end() == 0
