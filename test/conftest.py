@@ -1,6 +1,7 @@
 """Fixtures for all tests: signals, data of open projects, a ROS domain, one hypothesis profile; marks by cost."""
 
 import gc
+import os
 import signal
 from collections.abc import Callable, Iterator
 from functools import cache
@@ -11,6 +12,9 @@ import pytest
 from hypothesis import HealthCheck, Phase, settings
 
 pytest_plugins = ("case_costs",)
+HERE = Path(__file__).resolve().parent
+MODULES = filter(None, (str(HERE.parent), str(HERE), os.environ.get("PYTHONPATH")))
+os.environ["PYTHONPATH"] = os.pathsep.join(MODULES)  # for the programs that the tests start
 settings.register_profile(
     "train_ato", deadline=None, derandomize=True, max_examples=50, suppress_health_check=[HealthCheck.too_slow]
 )

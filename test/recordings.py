@@ -9,6 +9,7 @@ import numpy as np
 
 from train_ato.judge.recording import COMMAND, DISTURBANCE, ESTIMATE, MEASUREMENT, REFERENCE, TRUTH, Recording
 from train_ato.judge.series import TopicSamples
+from train_ato.log.bag_layout import PARTIAL
 from train_ato.log.mcap_records import stream
 from train_ato.log.reading import log_file
 
@@ -52,6 +53,12 @@ def with_final(recording: Recording, position: float, velocity: float) -> Record
     }
     time = np.append(truth.time, truth.time[-1] + 0.1)
     return replace(recording, topics={**recording.topics, TRUTH: TopicSamples(time, values)})
+
+
+def commands_in(run: Path) -> int:
+    """Return the number of commands in the closed chunks of a log that is being written."""
+    log = run / PARTIAL
+    return sum(m.channel.topic == "/ato/command" for m in stream(log, broken=True)) if log.exists() else 0
 
 
 def message_counts(run: Path) -> dict[str, int]:

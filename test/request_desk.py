@@ -1,18 +1,15 @@
 """Requests of other processes to a running graph, by the commands of the program, at chosen ticks."""
 
 import json
-import os
 import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
+from programs import begun, python
 from waiting import LIMIT_S, LOOK_S, reserved_domain, wait_for
-
-ROOT = Path(__file__).resolve().parents[1]
 
 
 class Desk:
@@ -70,7 +67,7 @@ def beside_a_run(out: Path, monkeypatch: pytest.MonkeyPatch, *options: str) -> I
         monkeypatch.setenv(name, value)
     domain = reserved_domain()
     words = ["run", "demo", "--rate=1", "--json", f"--domain={domain}", f"--out={out}", *options]
-    process = started(*words, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    process = begun(*words)
     desk, summary = Desk(domain), {}
     try:
         desk.pause(True)
@@ -89,10 +86,4 @@ def beside_a_run(out: Path, monkeypatch: pytest.MonkeyPatch, *options: str) -> I
 
 
 def command(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return started(*arguments, run=subprocess.run, capture_output=True, timeout=LIMIT_S)
-
-
-def started(*arguments: str, run=subprocess.Popen, **options):
-    words = [sys.executable, "-m", "train_ato", *arguments]
-    environment = {**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'test'}"}
-    return run(words, text=True, cwd=ROOT, env=environment, **options)
+    return python("-m", "train_ato", *arguments)

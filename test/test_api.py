@@ -4,10 +4,8 @@ import doctest
 import importlib
 import importlib.metadata
 import json
-import os
 import pydoc
 import signal
-import subprocess
 import sys
 import threading
 import types
@@ -19,6 +17,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
+from programs import python
 
 import train_ato as ta
 from train_ato.api import progress
@@ -230,28 +229,17 @@ def test_a_class_that_is_defined_again_replaces_the_first():
     assert sorted(table["energy_traction_kwh"]) == energies
 
 
-def in_a_new_process(*arguments, folder):
-    return subprocess.run(
-        [sys.executable, "-m", "train_ato", *arguments],
-        cwd=folder, env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True, text=True, check=False,
-    )  # fmt: skip
-
-
 def test_a_saved_run_with_a_law_of_its_own_is_verified_or_refused(own_module, tmp_path):
     """Breaks if verify uses another law, its refusal has no remedy, or the tables need the law."""
     found = ta.run("demo", law=f"{own_module}:Own", set={"duration": 5}).save("found")
-    done = in_a_new_process("verify", str(found), folder=tmp_path)
+    done = python("-m", "train_ato", "verify", str(found), folder=tmp_path)
     assert (done.returncode, done.stderr) == (0, "") and "are equal" in done.stdout
     lost = ta.run("demo", law=local()(0.2), set={"duration": 5}).save("lost")
-    done = in_a_new_process("verify", str(lost), folder=tmp_path)
+    done = python("-m", "train_ato", "verify", str(lost), folder=tmp_path)
     assert done.returncode == 2 and len(done.stderr.splitlines()) == 1
     assert "Same was defined in a script, a notebook or a function; move the class into a module" in done.stderr
     code = f"import train_ato as ta; run = ta.open_run({str(lost)!r}); print(len(run['ato/command']), run)"
-    done = subprocess.run(
-        [sys.executable, "-c", code], env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True, text=True,
-        check=True,
-    )  # fmt: skip
-    assert done.stdout.startswith("50 <Run demo")
+    assert python("-c", code).stdout.startswith("50 <Run demo")
 
 
 class NoReset:
@@ -434,7 +422,7 @@ def test_importing_the_package_is_light():
         "import train_ato.scenario.scenario\n"
         "assert train_ato.scenario.scenario.load_scenario and ta.scenario('demo').name == 'demo'\n"
     )
-    subprocess.run([sys.executable, "-c", code], env={**os.environ, "PYTHONPATH": str(ROOT)}, check=True)
+    assert python("-c", code).returncode == 0
     assert ta.__version__ == importlib.import_module("train_ato.program.version").VERSION
     with pytest.raises(AttributeError, match="no attribute 'runn'"):
         ta.runn  # noqa: B018

@@ -15,6 +15,7 @@ import pytest
 import yaml
 from case_costs import sampled
 from engine_runs import setup_of
+from programs import begun, python
 
 import train_ato as ta
 from plant_sim.library import consist_path, line_path
@@ -305,10 +306,7 @@ def test_help_and_usage_errors_need_no_heavy_library() -> None:
         f"    heavy = {libraries} & set(sys.modules)\n"
         "    if heavy: sys.exit(f'{words}: {sorted(heavy)}')"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        cwd=ROOT, env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True, text=True, check=False,
-    )  # fmt: skip
+    done = python("-c", code)
     errors = [line for line in done.stderr.splitlines() if not line.startswith("train-ato")]
     assert (done.returncode, errors) == (0, []) and "run a scenario and record it" in done.stdout
 
@@ -318,22 +316,16 @@ def test_a_closed_reader_is_not_an_error(arguments: list[str]) -> None:
     """`train-ato list | head -0`: breaks if a traceback or an error of the pipe is printed."""
     reader, writer = os.pipe()
     os.close(reader)
-    done = subprocess.run(
-        [sys.executable, "-m", "train_ato", *arguments],
-        cwd=ROOT, env={**os.environ, "PYTHONPATH": str(ROOT)},
-        stdout=writer, stderr=subprocess.PIPE, text=True, check=False,
-    )  # fmt: skip
+    process = begun(*arguments, stdout=writer)
     os.close(writer)
-    assert done.stderr == ""
+    assert process.communicate()[1] == ""
 
 
 def shell(words: str, folder: Path, **variables: str) -> subprocess.CompletedProcess[str]:
     """Run a command with redirections of a shell; ``train-ato`` is the command of the source tree."""
     command = words.replace("train-ato", f"{shlex.quote(sys.executable)} -m train_ato")
-    return subprocess.run(
-        ["bash", "-c", command], cwd=folder, env={**os.environ, "PYTHONPATH": str(ROOT), **variables},
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
+    environment = {**os.environ, **variables}
+    return subprocess.run(["bash", "-c", command], cwd=folder, env=environment, capture_output=True, text=True)
 
 
 @pytest.mark.parametrize("closed", [">&-", "2>&-", "<&- >&- 2>&-"])

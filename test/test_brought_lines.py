@@ -1,6 +1,5 @@
 """Lines and trains that people bring: tables, GPX and GeoJSON with heights, ALTRIOS, paths over via points."""
 
-import copy
 import json
 import math
 from itertools import pairwise
@@ -11,6 +10,7 @@ import numpy as np
 import pytest
 import yaml
 from refusals import one_line
+from test_readers import changed
 
 from plant_sim.alignment import Alignment
 from plant_sim.consist import SupplyCurve
@@ -358,29 +358,16 @@ def test_an_altrios_network_by_hand(tmp_path: Path) -> None:
     assert curve_resistance(0.01) == pytest.approx(3.20666e-5 + 4.136338e-3 + 9.1140e-7, rel=1e-5)
 
 
-def changed(data: Any, *keys: Any, value: Any = None) -> Any:
-    """Return data with another value at a place; without a value that key is removed."""
-    data = copy.deepcopy(data)
-    place = data
-    for key in keys[:-1]:
-        place = place[key]
-    if value is None:
-        del place[keys[-1]]
-    else:
-        place[keys[-1]] = value
-    return data
-
-
 def test_assumptions_and_flips_of_an_altrios_network(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Breaks if the limits of another kind of train are taken without a word, or a wrong flip makes another path."""
-    name = Path(written(tmp_path / "n.yaml", yaml.safe_dump(changed(LINKS, 0, "speed_sets", "Freight"))))
+    name = Path(written(tmp_path / "n.yaml", yaml.safe_dump(changed(LINKS, (0, "speed_sets", "Freight"), KeyError))))
     read_line(name, "1..4, Passenger")
     assert "no 'Freight'" not in capsys.readouterr().err
     read_line(name, "1 .. 4")
     assert "link 1: speed_sets: no 'Freight'; limits of 'Passenger'" in capsys.readouterr().err
-    read_line(Path(written(tmp_path / "h.yaml", yaml.safe_dump(changed(LINKS, 0, "elevs", value=[])))), "1..4")
+    read_line(Path(written(tmp_path / "h.yaml", yaml.safe_dump(changed(LINKS, (0, "elevs"), [])))), "1..4")
     assert "link 1: elevs: fewer than two; assumed level" in capsys.readouterr().err
-    wrong = written(tmp_path / "f.yaml", yaml.safe_dump(changed(LINKS, 1, "idx_flip", value=8)))
+    wrong = written(tmp_path / "f.yaml", yaml.safe_dump(changed(LINKS, (1, "idx_flip"), 8)))
     with pytest.raises(ValueError, match="the path is not navigable from 8 to 8"):
         read_line(Path(wrong), "1..2..4", against=True)
 
@@ -434,7 +421,7 @@ LIMIT = ("speed_sets", "Freight", "speed_limits", 0)
     ("keys", "value", "message"),
     [
         ((1, "idx_curr"), 1, "link 1: idx_curr = 1: two links have this number"),
-        ((1, "idx_curr"), None, "idx_curr: this key is missing"),
+        ((1, "idx_curr"), KeyError, "idx_curr: this key is missing"),
         ((1, "length_meters"), 0, "link 2: length_meters = 0: must lie between"),
         ((1,), "x", r"\[1\]: holds 'x' in place of keys and values"),
         ((0, "elevs", 1, "offset_meters"), 500.0, "link 1: elevs: from 0 to 500 m of a link of 1000 m"),
@@ -457,7 +444,7 @@ LIMIT = ("speed_sets", "Freight", "speed_limits", 0)
 def test_a_faulty_altrios_file_is_refused(tmp_path: Path, keys: Any, value: Any, message: str) -> None:
     """Breaks if a fault gives another line or train without a word, or the message has another cause."""
     network = isinstance(keys[0], int)
-    path = Path(written(tmp_path / "a.yaml", yaml.safe_dump(changed(LINKS if network else ORE, *keys, value=value))))
+    path = Path(written(tmp_path / "a.yaml", yaml.safe_dump(changed(LINKS if network else ORE, keys, value))))
     with one_line(message):
         read_line(path, "1..4") if network else read_train(path)
 
@@ -482,7 +469,7 @@ def test_limits_by_category_are_checked_as_those_of_all_trains(tmp_path: Path, c
         ((*place, "speed_kmh"), 600, "category_limits 'freight': speed 166.667 is 600 km/h"),
         ((*place, "at"), 1500, "category_limits 'freight': none from 0 to 1500 m"),
     ):
-        file = Path(written(tmp_path / "l.yaml", yaml.safe_dump(changed(CATEGORIES, *keys, value=value))))
+        file = Path(written(tmp_path / "l.yaml", yaml.safe_dump(changed(CATEGORIES, keys, value))))
         try:
             read_line(file)
         except ValueError as error:

@@ -15,7 +15,7 @@ import numba
 import pytest
 from numba.core.codegen import CPUCodegen
 from numba.core.registry import CPUDispatcher
-from waiting import LIMIT_S
+from programs import python
 
 import plant_sim
 from plant_sim import kernel_cache
@@ -37,14 +37,6 @@ def law(value):
     return FACTOR * callee.plus(value)
 """,
 }
-
-
-def run(arguments: list[str], **environment: str) -> subprocess.CompletedProcess[str]:
-    source = str(Path(plant_sim.__file__).parents[1])
-    return subprocess.run(
-        [sys.executable, *arguments], env={**os.environ, "PYTHONPATH": source, **environment}, capture_output=True,
-        text=True, timeout=LIMIT_S, check=False,
-    )  # fmt: skip
 
 
 def law_of(folder: Path, value: float = 1.5, **changed: str) -> tuple[float, bool]:
@@ -114,7 +106,7 @@ from kernel_package.caller import law
 value = {value!r}
 print(law(value) == 2.0 * ({part}), *{{"numba.np.arraymath", "scipy.linalg"}} & sys.modules.keys())
 """
-    found = run(["-c", code], NUMBA_CACHE_DIR=str(kernels)).stdout.split()
+    found = python("-c", code, NUMBA_CACHE_DIR=str(kernels)).stdout.split()
     assert found[:1] == ["True"] and (found == ["True"] or value == "brake")
 
 
@@ -154,7 +146,7 @@ def test_kernels_of_two_processes_are_told_apart(tmp_path: Path, order: list[str
     scope: dict[str, Any] = {}
     exec(f"def value(own):\n    x = own.value\n{STEPS}\n    return x", scope)
     for names in ([order[0]], [order[1]], order):
-        done = run([str(tmp_path / "records.py"), *names], NUMBA_CACHE_DIR=str(tmp_path / "kernels"))
+        done = python(str(tmp_path / "records.py"), *names, NUMBA_CACHE_DIR=str(tmp_path / "kernels"))
         assert [float(text) for text in done.stdout.split()] == [scope["value"](own)] * len(names), done.stderr
 
 
@@ -252,7 +244,7 @@ def test_a_run_needs_no_folder_for_what_it_compiles(tmp_path: Path) -> None:
     """Breaks if a run without a writable folder ends, or says that later ones start at once."""
     out = tmp_path / "out"
     command = ["-m", "train_ato", "run", "demo", "--engine", "--json", "--set", "duration=5", "--out", str(out)]
-    done = run(command, NUMBA_CACHE_DIR="/dev/null/kernels")
+    done = python(*command, NUMBA_CACHE_DIR="/dev/null/kernels")
     assert done.returncode == 0, done.stderr
     assert "NUMBA_CACHE_DIR" in done.stderr and "once on this machine" not in done.stderr
     assert json.loads(done.stdout)["ticks"] == 50
@@ -273,7 +265,7 @@ def test_a_run_without_compiler_has_the_same_bits() -> None:
     """With NUMBA_DISABLE_JIT=1 all compiled functions are plain Python: law, loop and train have the same bits."""
     found = set()
     for value in ("1", "0"):
-        done = run(["-c", DRIVE_DEMO], NUMBA_DISABLE_JIT=value)
+        done = python("-c", DRIVE_DEMO, NUMBA_DISABLE_JIT=value)
         assert done.returncode == 0, done.stderr
         found |= set(done.stdout.split())
     assert len(found) == 1, found

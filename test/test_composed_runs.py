@@ -1,14 +1,12 @@
 """Runs with all nodes in one process: recorded messages, equal to the other ways, and texts of failures."""
 
 import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 from engine_runs import setup_of
+from programs import begun
 
 from train_ato.cli import main
 from train_ato.log.difference import compare_logs
@@ -35,7 +33,6 @@ from train_ato.ros.nodes.endpoints import NodeEndpoints
 pytestmark = pytest.mark.usefixtures("without_figure")
 
 TICK = 100_000_000
-ROOT = Path(__file__).resolve().parents[1]
 
 
 @pytest.fixture(scope="module")
@@ -172,8 +169,8 @@ def test_the_memory_of_a_killed_run_is_removed_by_the_next_one(setup, tmp_path):
     """Breaks if the files of a run that was ended by SIGKILL remain, or those of another running run are removed."""
     runs, files = [], []
     for name in ("killed", "running"):
-        words = ["-m", "train_ato", "run", "demo", "--set=duration=6000", "--rate=20", f"--out={tmp_path / name}"]
-        runs.append(subprocess.Popen([sys.executable, *words], cwd=ROOT, env={**os.environ, "PYTHONPATH": str(ROOT)}))
+        words = ["run", "demo", "--set=duration=6000", "--rate=20", f"--out={tmp_path / name}"]
+        runs.append(begun(*words, stdout=None, stderr=None))
     try:
         for name, process in zip(("killed", "running"), runs, strict=True):
             partial = tmp_path / name / "run.mcap.partial"

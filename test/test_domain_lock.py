@@ -2,13 +2,12 @@
 
 import os
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from programs import begun, python
 from waiting import reserved_domain, wait_for
 
-import train_ato
 from train_ato.cli import main
 from train_ato.ros.graph import environment
 from train_ato.ros.graph.domain_lock import TRAINS, DomainLock
@@ -86,13 +85,7 @@ def test_a_domain_is_locked_until_the_last_node_of_a_killed_run_has_ended(tmp_pa
     """Breaks if the next run meets the nodes of a killed one, which end about two seconds after it."""
     domain = reserved_domain()
     words = ["run", "demo", "--processes", "--rate=5", f"--domain={domain}", f"--out={tmp_path / 'run'}"]
-    environment = {**os.environ, "PYTHONPATH": str(Path(train_ato.__file__).resolve().parents[1])}
-    run = subprocess.Popen(
-        [sys.executable, "-m", "train_ato", *words],
-        env=environment,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
+    run = begun(*words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     partial = tmp_path / "run" / "run.mcap.partial"
     wait_for(lambda: run.poll() is not None or (partial.exists() and partial.stat().st_size > 0), "the log")
     nodes = children(run.pid)
@@ -128,12 +121,7 @@ def test_the_lock_has_the_scope_of_the_network(tmp_path: Path) -> None:
         assert f"@{DomainLock(domain).name}\n" in names
     assert domain not in held_domains()
     with claim_domain() as domain:
-        environment = {
-            **os.environ, "TMPDIR": str(tmp_path), "PYTHONPATH": str(Path(train_ato.__file__).resolve().parents[1])
-        }  # fmt: skip
-        done = subprocess.run(
-            [sys.executable, "-c", CLAIM, str(domain)], env=environment, capture_output=True, text=True, check=False
-        )
+        done = python("-c", CLAIM, str(domain), TMPDIR=str(tmp_path))
         assert f"--domain {domain}: another run holds it" in done.stderr
         assert domain in held_domains()
     assert domain not in held_domains()

@@ -3,10 +3,7 @@
 import dataclasses
 import json
 import math
-import os
 import signal
-import subprocess
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -14,6 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 from engine_runs import record_run
+from programs import begun
 from recordings import message_counts
 from span_runs import Both, setup_of
 from waiting import LIMIT_S, wait_for
@@ -80,8 +78,7 @@ def test_a_broken_package_of_somebody_else_harms_nobody(monkeypatch: pytest.Monk
 def test_signals_end_a_run_with_a_readable_log(number: signal.Signals, tmp_path: Path) -> None:
     """Breaks if the engine dies in the middle of a tick, or leaves run.mcap.partial."""
     out = tmp_path / "run"
-    command = [sys.executable, "-m", "train_ato", "run", "demo", "--engine", "--rate", "20", "--out", str(out)]
-    child = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env={**os.environ})
+    child = begun("run", "demo", "--engine", "--rate=20", f"--out={out}")
     wait_for(lambda: (out / "run.mcap.partial").exists() or child.poll() is not None)
     child.send_signal(number)
     _, errors = child.communicate(timeout=LIMIT_S)

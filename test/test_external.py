@@ -39,7 +39,7 @@ PLANT = str(ROOT / "examples" / "ros" / "my_plant.py")
 @contextmanager
 def program_on(domain: int, *command: str, ends: bool = False) -> Iterator[None]:
     """Run a Python program on a domain to the end of the block, or to its own end if it ``ends`` earlier."""
-    environment = {**os.environ, "ROS_DOMAIN_ID": str(domain), "PYTHONPATH": str(ROOT)}
+    environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
     process = subprocess.Popen([sys.executable, *command], env=environment, stderr=subprocess.PIPE, text=True)
     try:
         yield
@@ -217,11 +217,8 @@ class Raises:
 
 @pytest.mark.graph
 @pytest.mark.parametrize("mode", ["composed", "processes"])
-def test_an_observer_that_raises_stops_the_train_of_an_external_controller(
-    mode: Any, free_domain: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_observer_that_raises_stops_the_train_of_an_external_controller(mode: Any, free_domain: int) -> None:
     """Breaks if the run ends while the train moves, or the line lacks the file: nothing stops the controller itself."""
-    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parent))
     said = re.escape(f"node observer failed: observer Raises: ValueError: no measurement, {__file__}:")
     with program_on(free_domain, EXAMPLE), pytest.raises(ta.RunFailed, match=said) as caught:
         ta.run("demo", observer=Raises, mode=mode, external="controller", domain=free_domain)

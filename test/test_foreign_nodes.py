@@ -2,11 +2,8 @@
 
 import itertools
 import json
-import os
 import re
 import signal
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -14,6 +11,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from engine_runs import record_run, setup_of
+from programs import begun
+from recordings import commands_in
 
 pytest.importorskip("rclpy")
 
@@ -42,7 +41,6 @@ from train_ato.ros.graph.graph_result import GraphOptions, GraphResult
 from train_ato.ros.graph.recorded import recorded_result
 from train_ato.ros.standalone import discovery
 
-ROOT = Path(__file__).resolve().parents[1]
 WAYS = pytest.mark.parametrize(
     "way", [[], pytest.param(["--processes"], marks=pytest.mark.graph)], ids=["composed", "processes"]
 )
@@ -56,20 +54,12 @@ class Running:
         self.domain = reserved_domain()
         self.out = folder / "run"
         words = ["run", "demo", f"--set=duration={duration}", f"--domain={self.domain}", f"--out={self.out}", "--json"]
-        self.process = subprocess.Popen(
-            [sys.executable, "-m", "train_ato", *words, *options],
-            env={**os.environ, "PYTHONPATH": str(ROOT)},
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
+        self.process = begun(*words, *options)
         self.foreign = ForeignNode(self.domain)
 
     def driving(self) -> None:
         """Wait until the train moves."""
-        partial = self.out / "run.mcap.partial"
-        commands = lambda: any(m.channel.topic == "/ato/command" for m in stream(partial, broken=True))  # noqa: E731
-        self.foreign.until(lambda: self.process.poll() is not None or (partial.exists() and commands()))
+        self.foreign.until(lambda: self.process.poll() is not None or commands_in(self.out))
         assert self.process.poll() is None, self.process.communicate()
 
     def end(self, limit: float = LIMIT_S) -> tuple[int, str]:

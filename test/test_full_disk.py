@@ -2,19 +2,17 @@
 
 import errno
 import json
-import os
 import re
 import shlex
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from engine_runs import setup_of
+from programs import begun, python
 from waiting import LIMIT_S, wait_for
 
-import plant_sim
 from train_ato.api.drive import finish
 from train_ato.api.progress import COMPILE_NOTE
 from train_ato.api.run import Run, RunRecord
@@ -33,18 +31,13 @@ signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]), resource.RLIM_INFINITY))
 sys.exit(main(sys.argv[2:]))
 """
-ENVIRONMENT = {
-    **os.environ, "PYTHONPATH": str(Path(plant_sim.__file__).parents[1]), "PYTHONDONTWRITEBYTECODE": "1"
-}  # fmt: skip
+ENVIRONMENT = {"PYTHONDONTWRITEBYTECODE": "1"}
 """Variables of the programs: Python would leave cut files of bytecode, which later tests cannot import."""
 
 
 def run(largest: int, *arguments: str, program: str = PROGRAM) -> subprocess.CompletedProcess[str]:
     """Run a command with a limit on the size of its files [bytes], after compilation of the kernel."""
-    return subprocess.run(
-        [sys.executable, "-c", program, str(largest), *arguments], env=ENVIRONMENT, capture_output=True, text=True,
-        timeout=LIMIT_S, check=False,
-    )  # fmt: skip
+    return python("-c", program, str(largest), *arguments, **ENVIRONMENT)
 
 
 def test_a_run_that_cannot_begin_leaves_nothing(tmp_path: Path) -> None:
@@ -210,7 +203,7 @@ for folder in ("full", "again"):
     for folder in ("full", "again"):
         (tmp_path / folder).mkdir()
     (tmp_path / "again" / name).write_text("earlier")
-    done = subprocess.run([sys.executable, "-c", program, name], cwd=tmp_path, env=ENVIRONMENT, check=False)
+    done = python("-c", program, name, folder=tmp_path, **ENVIRONMENT)
     assert done.returncode == 0 and not list((tmp_path / "full").iterdir())
     assert [path.read_text() for path in (tmp_path / "again").iterdir()] == ["earlier"]
 
@@ -240,12 +233,7 @@ def test_a_folder_removed_during_the_run_is_named(mode: str, tmp_path: Path) -> 
     if mode != "--engine":
         pytest.importorskip("rclpy")
     options = [] if mode == "--composed" else [mode]
-    process = subprocess.Popen(
-        [sys.executable, "-m", "train_ato", "run", "demo", *options, "--rate", "20", "--set", "duration=60",
-         "--out", "out"],
-        cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(Path(plant_sim.__file__).parents[1])},
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+    process = begun("run", "demo", *options, "--rate=20", "--set=duration=60", "--out=out", cwd=tmp_path)
     partial = tmp_path / "out" / "run.mcap.partial"
     wait_for(lambda: partial.exists() and partial.stat().st_size > 100_000, "a run that records")
     shutil.rmtree(tmp_path / "out")

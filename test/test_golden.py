@@ -1,10 +1,8 @@
 """Golden run and `verify`: a new run gives the same messages; a difference is reported in one short line."""
 
 import json
-import os
 import random
 import shutil
-import subprocess
 import sys
 from collections.abc import Mapping
 from dataclasses import replace
@@ -14,6 +12,7 @@ import numpy as np
 import pytest
 import yaml
 from engine_runs import setup_of
+from programs import python
 
 import train_ato as ta
 from train_ato.cli import main
@@ -272,6 +271,5 @@ def test_another_cpu_target_has_the_same_bits(tmp_path: Path) -> None:
     """Breaks if the kernel has other bits without AVX and FMA; `.ci/grid` has all targets."""
     variables = {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": "", "NUMBA_CACHE_DIR": str(tmp_path)}
     ta.run("demo", set={"duration": 3}, out=tmp_path / "one", progress=False)
-    command = [sys.executable, "-m", "train_ato", "verify", str(tmp_path / "one")]
-    done = subprocess.run(command, env=os.environ | variables, capture_output=True, text=True, check=False)
+    done = python("-m", "train_ato", "verify", str(tmp_path / "one"), **variables)
     assert done.returncode == 0 and "messages are equal, bit for bit" in done.stdout, done.stderr

@@ -14,16 +14,14 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
+from programs import begun, python
 from waiting import LIMIT_S, pause, wait_for
 
-import train_ato
 from train_ato.api.progress import COMPILE_NOTE, PLANNER_NOTE
 from train_ato.cli.main import main
 from train_ato.program.interrupt import Interrupt, ending_like_ctrl_c
 from train_ato.scenario.scenario import load_scenario
 
-ROOT = Path(train_ato.__file__).resolve().parents[1]
-"""Path of the tested package: installed, or the source."""
 ENDED = (1, -signal.SIGINT)
 """Python itself leaves by SIGINT when Ctrl-C fell into an ``exec`` of a module that was being imported."""
 
@@ -32,11 +30,8 @@ ENDED = (1, -signal.SIGINT)
 def started(folder: Path, *arguments: str) -> Iterator[subprocess.Popen[str]]:
     """Start a command in a session and a folder of its own, as a terminal does; nothing of it lives longer."""
     (folder / "scratch").mkdir()
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "TMPDIR": str(folder / "scratch"), "MARK": str(folder)}
-    process = subprocess.Popen(
-        [sys.executable, "-m", "train_ato", *arguments],
-        cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
-    )  # fmt: skip
+    environment = {**os.environ, "TMPDIR": str(folder / "scratch"), "MARK": str(folder)}
+    process = begun(*arguments, cwd=folder, env=environment, start_new_session=True)
     try:
         yield process
     finally:
@@ -56,11 +51,6 @@ def descendants(folder: Path) -> list[str]:
             except OSError:
                 continue
     return found
-
-
-def python(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    return subprocess.run([sys.executable, *arguments], cwd=cwd, env=environment, capture_output=True, text=True)
 
 
 REPRODUCE = ["reproduce", "002", "--out", "out"]
@@ -196,7 +186,7 @@ def test_nohup_is_respected(tmp_path: Path) -> None:
         "    signal.raise_signal(signal.SIGTERM)\n"
         "    assert interrupt.asked\n"
     )
-    assert (done := python("-c", code, cwd=tmp_path)).returncode == 0, done.stderr
+    assert (done := python("-c", code, folder=tmp_path)).returncode == 0, done.stderr
 
 
 LAWS = """
@@ -280,7 +270,7 @@ def test_a_signal_ends_the_script_of_two_runs(number: signal.Signals, status: in
         "    with RunFolder.make(Path(name), name).sink(setup) as sink:\n"
         f"        run_engine(setup, sink=sink, compiled=False, progress=lambda p: os.kill(os.getpid(), {number:d}))\n"
     )
-    ended = python(str(script), cwd=tmp_path)
+    ended = python(str(script), folder=tmp_path)
     assert ended.returncode == status, ended.stderr
     assert (tmp_path / "one" / "run.mcap").is_file() and not (tmp_path / "two").exists()
     assert number == signal.SIGINT or ended.stderr == ""
@@ -304,5 +294,5 @@ def test_the_first_worker_of_a_program_gets_no_ctrl_c(tmp_path: Path) -> None:
         "        thread.start()\n"
         "    thread.join()\n"
     )
-    found = python(str(script), cwd=tmp_path)
+    found = python(str(script), folder=tmp_path)
     assert (found.returncode, found.stdout) == (0, "True\n"), found.stderr

@@ -2,9 +2,6 @@
 
 import dataclasses
 import json
-import os
-import subprocess
-import sys
 import threading
 from contextlib import contextmanager
 from functools import partial
@@ -13,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from engine_runs import record_run, setup_of
+from programs import begun, python
 from waiting import LIMIT_S, reserved_domain, wait_for
 
 import train_ato
@@ -239,12 +237,7 @@ class Running:
 
     def __init__(self, folder: Path, domain: int, *arguments: str) -> None:
         self.folder = folder
-        self.process = subprocess.Popen(
-            [sys.executable, "-m", "train_ato", "run", *arguments, "--domain", str(domain), "--out", str(folder)],
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
+        self.process = begun("run", *arguments, f"--domain={domain}", f"--out={folder}")
 
     def end(self):
         _, errors = self.process.communicate(timeout=LIMIT_S)
@@ -252,8 +245,7 @@ class Running:
 
 
 def do(domain, *arguments):
-    command = [sys.executable, "-m", "train_ato", "inject", *arguments, "--domain", str(domain)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S)
+    return python("-m", "train_ato", "inject", *arguments, f"--domain={domain}")
 
 
 @pytest.mark.campaign
@@ -329,11 +321,7 @@ def test_a_reset_run_begins_again_with_the_log_of_a_fresh_one(mode, tmp_path):
     """Breaks if the ended log is lost, if a change of the ended run lasts, or if the new run is not a fresh one."""
     domain, out = reserved_domain(), tmp_path / "run"
     words = ["run", "demo", "--set=duration=30", "--rate=10", f"--domain={domain}", f"--out={out}", *mode]
-    run = subprocess.Popen(
-        [sys.executable, "-m", "train_ato", *words, "--start-limit=none"],
-        env={**os.environ, "PYTHONPATH": str(Path(train_ato.__file__).resolve().parents[1])},
-        stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+    run = begun(*words, "--start-limit=none", stdout=None)
     try:
         wait_for(lambda: (out / "run.mcap.partial").exists())
         with graph_client(domain) as remote:
@@ -343,12 +331,12 @@ def test_a_reset_run_begins_again_with_the_log_of_a_fresh_one(mode, tmp_path):
     finally:
         run.kill()
     assert run.returncode == 0, said
-    ended, begun = (json.loads((tmp_path / name / "summary.json").read_text()) for name in ("run", "run-2"))
-    assert (ended["status"], begun["status"]) == ("interrupted", "done")
+    ended, fresh = (json.loads((tmp_path / name / "summary.json").read_text()) for name in ("run", "run-2"))
+    assert (ended["status"], fresh["status"]) == ("interrupted", "done")
     assert ended["interruption"].startswith("reset by a request at ")
     assert f"{ended['interruption']}; it begins again in {tmp_path / 'run-2'}" in said
-    assert train_ato.load(out)["train/vehicles"].index.size == ended["ticks"] + 1 < begun["ticks"]
-    assert begun["controller"] == "pid" and train_ato.verify(tmp_path / "run-2").equal
+    assert train_ato.load(out)["train/vehicles"].index.size == ended["ticks"] + 1 < fresh["ticks"]
+    assert fresh["controller"] == "pid" and train_ato.verify(tmp_path / "run-2").equal
 
 
 def test_the_rate_holds_lockstep_back_and_lets_it_go(tmp_path):

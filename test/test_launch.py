@@ -2,13 +2,12 @@
 
 import ast
 import json
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
+from programs import python
 
 from train_ato.cli.main import main
 from train_ato.messages.topics import Role
@@ -81,7 +80,6 @@ def test_the_parameters_of_a_scenario_are_those_of_its_nodes(capsys: pytest.Capt
 def test_a_node_that_the_scenario_lacks_is_refused() -> None:
     """Breaks if a supervisor of a run without supervision ends with a traceback."""
     pytest.importorskip("rclpy")
-    words = [sys.executable, "-m", "train_ato.cli.nodes", "supervisor", "--scenario=xuzhou_metro"]
-    ended = subprocess.run(words, capture_output=True, text=True, check=False)
+    ended = python("-m", "train_ato.cli.nodes", "supervisor", "--scenario=xuzhou_metro")
     assert ended.returncode == BAD_INPUT
     assert ended.stderr == "supervisor: xuzhou_metro: the run has no supervision; set supervision.enabled: true\n"

@@ -3,7 +3,6 @@
 import json
 import os
 import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -13,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from programs import begun
 from test_following import following_file, report
 from waiting import LIMIT_S, reserved_domain, wait_for
 
@@ -34,9 +34,6 @@ CHANGES = (
     "t2.law=end_law:SeesTheEnd",
 )  # fmt: skip
 """The train behind is on its way for longer than the train ahead, and sees its rear; a third of the reports is lost."""
-
-WITH_LAW = os.pathsep.join([str(Path(ta.__file__).parents[1]), str(Path(__file__).parent)])
-"""Search path of modules for a program that runs the law."""
 
 
 @pytest.fixture(scope="module")
@@ -85,11 +82,7 @@ def programs_of(
         path = folder / f"{name}.yaml"
         path.write_text(yaml.safe_dump({"schema": "train_ato/scenario/1", **scenarios[name]}))
         words = ["run", str(path), f"--namespace=/{name}", f"--domain={domain}", f"--out={folder / name}", *more]
-        programs[name] = subprocess.Popen(
-            [sys.executable, "-m", "train_ato", *words, "--start-limit=none"],
-            env={**os.environ, "PYTHONPATH": WITH_LAW},
-            stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
-        )  # fmt: skip
+        programs[name] = begun(*words, "--start-limit=none", stdout=subprocess.DEVNULL)
     try:
         yield programs
     finally:
@@ -156,10 +149,9 @@ def test_two_programs_drive_as_one_train_after_the_other(trains: Any, tmp_path: 
 
 
 @pytest.mark.graph
-def test_one_command_starts_all_trains(trains: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_command_starts_all_trains(trains: Any, tmp_path: Path) -> None:
     """Breaks if a figure of the common summary is not that of the trains one after the other."""
     pytest.importorskip("rclpy")
-    monkeypatch.setenv("PYTHONPATH", WITH_LAW)
     out = tmp_path / "out"
     words = [str(following_file(tmp_path)), "--live", f"--out={out}", *(f"--set={change}" for change in CHANGES)]
     assert main(["run", *words]) == 0
@@ -179,7 +171,7 @@ def test_the_first_train_that_fails_ends_the_others(tmp_path: Path, capsys, monk
     ends = '        import os, sys\n        if "--namespace=/t2" in sys.argv: os.kill(os.getpid(), 9)\n'
     (tmp_path / "dies.py").write_text(law.replace(demand, ends + demand))
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
     changes = ("t2.law=dies:MyLaw", "all.duration=60")
     words = [str(following_file(tmp_path)), "--live", "--rate=0.02", *(f"--set={change}" for change in changes)]
     assert main(["run", *words, f"--out={tmp_path / 'out'}"]) == 1

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from recordings import commands_in
 
 pytest.importorskip("rclpy")
 
@@ -17,10 +18,8 @@ from foreign_node import ForeignNode
 from two_hosts import HOSTS, two_hosts  # noqa: F401
 from waiting import LIMIT_S, reserved_domain, wait_for
 
-from train_ato.log.mcap_records import stream
 from train_ato.ros.graph.environment import middleware, opened_by
 
-ROOT = Path(__file__).resolve().parents[1]
 VARIABLES = ("ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_STATIC_PEERS", "FASTRTPS_DEFAULT_PROFILES_FILE")
 BRAKE = """
 import sys
@@ -38,8 +37,7 @@ with ForeignNode(int(sys.argv[1])) as foreign:
 
 def environment(**variables: str) -> dict[str, str]:
     """Return an environment with only these variables of ROS set."""
-    kept = {name: value for name, value in os.environ.items() if name not in VARIABLES}
-    return {**kept, "PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'test'}", **variables}
+    return {**{name: value for name, value in os.environ.items() if name not in VARIABLES}, **variables}
 
 
 class Drive:
@@ -55,13 +53,8 @@ class Drive:
 
     def wait(self) -> None:
         """Wait until the train moves."""
-        partial = self.out / "run.mcap.partial"
-
-        def moves() -> bool:
-            assert self.process.poll() is None, self.process.communicate()
-            return partial.exists() and any(m.channel.topic == "/ato/command" for m in stream(partial, broken=True))
-
-        wait_for(moves, "the first command")
+        wait_for(lambda: self.process.poll() is not None or commands_in(self.out), "the first command")
+        assert self.process.poll() is None, self.process.communicate()
 
     def end(self) -> str:
         """End the run with Ctrl-C and return its stderr."""

@@ -3,6 +3,7 @@
 import importlib
 import inspect
 import json
+import os
 import sys
 import time
 from dataclasses import dataclass
@@ -36,7 +37,7 @@ CHANGES = {f"observers.{OBSERVER}.filter_time": 2.0, f"compensations.{COMPENSATI
 @pytest.fixture
 def templates(monkeypatch):
     """Make the templates importable; return the classes of observer and compensation."""
-    monkeypatch.setenv("PYTHONPATH", f"{EXAMPLES}:{EXAMPLES.parent}")
+    monkeypatch.setenv("PYTHONPATH", str(EXAMPLES), prepend=os.pathsep)
     monkeypatch.syspath_prepend(str(EXAMPLES))
     for registry in (OBSERVERS, COMPENSATIONS):
         monkeypatch.setattr(registry, "_unregistered", {})
@@ -327,9 +328,8 @@ def test_a_supervised_run_stops_in_the_same_way() -> None:
 @pytest.mark.parametrize(
     "mode", ["engine", *(pytest.param(mode, marks=pytest.mark.graph) for mode in ("composed", "processes"))]
 )
-def test_an_observer_that_raises_stops_the_train(mode: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_observer_that_raises_stops_the_train(mode: Any) -> None:
     """Breaks if the run ends while the train moves, or the line lacks the observer, the file or the node."""
-    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parent))
     brakes_after(UnsoundObserver, "UnsoundObserver: ValueError: no measurement", mode=mode)
 
 

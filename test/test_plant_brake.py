@@ -373,7 +373,7 @@ def test_vented_shoes_of_a_stop_without_drives() -> None:
 
 def test_force_begins_after_the_delay_and_fades_without_one() -> None:
     """Breaks if the delay is not that of the data, or acts on the release too, or a waiting application survives it."""
-    plant = train(load_consist("crh380a_one_mass"), start={"speed": 30.0}, tick_ns=5_000_000)
+    plant = train(load_consist("crh380a_one_mass"), start={"speed": 30.0})
     plant.apply_emergency_brake()
     drive(plant, 0.5)
     plant.release_emergency_brake()

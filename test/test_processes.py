@@ -1,7 +1,6 @@
 """Nodes in separate processes: a failed process is named, and no process remains."""
 
 import functools
-import json
 import os
 import queue
 import re
@@ -15,10 +14,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from engine_runs import setup_of
+from programs import begun, python
+
+from train_ato.log.bag_layout import PARTIAL
 
 pytest.importorskip("rclpy")
 
-from recordings import message_counts
+from recordings import commands_in, message_counts
 from remains import processes_of
 from waiting import LIMIT_S, LOOK_S, wait_for
 
@@ -44,13 +46,6 @@ PACED = 20.0
 @pytest.fixture(scope="module")
 def setup():
     return setup_of("demo", "duration=600")
-
-
-def commands_in(log: Path) -> int:
-    """Count the commands in the closed chunks of a log that is being written."""
-    if not log.exists():
-        return 0
-    return sum(message.channel.topic == "/ato/command" for message in stream(log, broken=True))
 
 
 def nothing_left(folder: Path) -> bool:
@@ -86,26 +81,6 @@ def test_a_node_that_dies_or_hangs_is_named(victim, number, limit, says, setup, 
     assert nothing_left(tmp_path)
     wait_for(lambda: not shared_memory.abandoned())
     assert message_counts(tmp_path)["/train/measurement"] >= 50
-
-
-@pytest.mark.graph
-def test_a_law_that_raises_ends_the_run_as_in_the_engine(tmp_path):
-    """Breaks if the plant brakes a train that the ATO has stopped: other ticks, and the reaction of a lost node."""
-    (tmp_path / "late.py").write_text(
-        "from train_ato.control.laws.pid import Pid\n\n\n"
-        "class Late(Pid):\n    def step(self, inputs):\n"
-        "        return super().step(inputs) if inputs.t < 5 else 1 / 0\n"
-    )
-    found = []
-    for mode in ("--engine", "--processes"):
-        command = [sys.executable, "-m", "train_ato", "run", "demo", mode, "--law=late:Late", "--set=duration=60"]
-        place = {"cwd": tmp_path, "env": {**os.environ, "PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"}}
-        run = subprocess.run([*command, "--json", f"--out={mode}"], capture_output=True, check=False, **place)
-        summary = json.loads((tmp_path / mode / "summary.json").read_text())
-        keys = ("status", "failure", "ticks", "strongest_reaction", "tracking")
-        found.append((run.returncode, *(summary[key] for key in keys), message_counts(tmp_path / mode)))
-    assert found[0] == found[1]
-    assert found[0][0] == 1 and "ZeroDivisionError" in found[0][2] and found[0][3] > 50
 
 
 @pytest.mark.graph
@@ -159,7 +134,7 @@ def test_a_run_that_was_stopped_before_its_first_tick_blames_no_recorder():
 @pytest.mark.graph
 def test_a_killed_recorder_leaves_a_log_that_can_be_recovered(setup, tmp_path):
     """All messages of the chunks closed before the kill are recovered, without a gap."""
-    partial = tmp_path / "run.mcap.partial"
+    partial = tmp_path / PARTIAL
     struck = []
 
     def strike(progress):
@@ -244,15 +219,12 @@ def test_a_node_ends_while_its_middleware_holds_the_lock_of_the_interpreter():
     """Breaks if the exit of a node by hand needs the interpreter: Ctrl-C would not end it either."""
     code = "import ctypes; from train_ato.ros.standalone.entry import exit_within; print('said', end=''); "
     code += "exit_within(0.3, 7); ctypes.PyDLL(None).sleep(600)"
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=120)
+    done = python("-c", code)
     assert (done.returncode, done.stdout, done.stderr) == (7, "said", "")
 
 
 def _command_line(folder: Path, *options: str) -> subprocess.Popen[str]:
-    code = "import sys; from train_ato.cli.main import main; sys.exit(main())"
-    command = [sys.executable, "-c", code, "run", "demo", "--set=duration=600", f"--out={folder}", *options]
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    return subprocess.Popen(command, cwd=ROOT, env={**os.environ, "PYTHONPATH": str(ROOT)}, **pipes)
+    return begun("run", "demo", "--set=duration=600", f"--out={folder}", *options)
 
 
 @pytest.mark.parametrize(
@@ -269,8 +241,7 @@ def test_ctrl_c_ends_a_run_cleanly(way, number, tmp_path):
     folder = tmp_path / "run"
     options = [way] if way == "--processes" else []
     process = _command_line(folder, *options, f"--rate={PACED:g}")
-    log = folder / "run.mcap.partial"
-    wait_for(lambda: commands_in(log) > 10)
+    wait_for(lambda: commands_in(folder) > 10)
     process.send_signal(number)
     _, err = process.communicate(timeout=LIMIT_S)
     assert process.returncode == 1, err
@@ -279,7 +250,7 @@ def test_ctrl_c_ends_a_run_cleanly(way, number, tmp_path):
     assert "interrupted" in lines[0]
     counts = message_counts(folder)
     assert counts["/ato/command"] == counts["/train/measurement"] == counts["/train/vehicles"] - 1 > 5
-    assert not log.exists()
+    assert not (folder / PARTIAL).exists()
     assert nothing_left(folder)
     wait_for(lambda: not shared_memory.abandoned())
 
@@ -289,14 +260,13 @@ def test_a_killed_runner_leaves_no_orphans(setup, tmp_path):
     """The nodes detect the closed pipe and end; the recorder closes the log with all earlier messages."""
     folder = tmp_path / "run"
     process = _command_line(folder, "--processes", f"--rate={PACED:g}")  # lockstep: no tick without a command
-    log = folder / "run.mcap.partial"
-    wait_for(lambda: commands_in(log) > 50)
+    wait_for(lambda: commands_in(folder) > 50)
     assert sorted(processes_of(folder)) == ["controller", "observer", "plant", "profile", "recorder", "supervisor"]
-    seen = commands_in(log)
+    seen = commands_in(folder)
     process.kill()
     process.communicate(timeout=LIMIT_S)
     wait_for(lambda: nothing_left(folder))
-    assert not log.exists()
+    assert not (folder / PARTIAL).exists()
     stamps = {topic.name: [] for topic in topics_of(setup.layout) if topic.rate is Rate.TICK}
     for topic, stamp, _ in iter_raw(folder, stamps):
         stamps[topic].append(stamp)
@@ -331,7 +301,7 @@ def test_a_law_is_swapped_from_another_process_without_a_jump(setup, tmp_path):
             for name in ("controller", "plant"):
                 clients[name] = node.create_client(SetParameters, f"{name}/set_parameters")
                 wait_for(clients[name].service_is_ready, "the nodes", turn)
-            wait_for(lambda: commands_in(tmp_path / "run.mcap.partial") > 100)  # the train has set off
+            wait_for(lambda: commands_in(tmp_path) > 100)  # the train has set off
             asked = ("controller", "law", "nosuch"), ("controller", "law", "smc"), ("plant", "rate", 0.0)
             for name, key, value in asked:
                 request = SetParameters.Request(parameters=[Parameter(key, value=value).to_parameter_msg()])

@@ -434,7 +434,8 @@ def test_the_open_bench_lines_are_read_whole(open_data: Path, name: str) -> None
     assert line.end == raw["stops"]["values"][-1]
 
 
-def changed(base: dict[str, Any], path: tuple[Any, ...], value: Any) -> dict[str, Any]:
+def changed(base: Any, path: tuple[Any, ...], value: Any) -> Any:
+    """Return data with another value at a place, or without it for `KeyError`."""
     data = copy.deepcopy(base)
     target: Any = data
     for part in path[:-1]:

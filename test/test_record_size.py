@@ -1,7 +1,6 @@
 """Size and compression of a record, and what info says of it."""
 
 import json
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -261,9 +260,8 @@ def test_an_unknown_compression_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", COMPRESSIONS)
 def test_a_killed_process_loses_two_chunks_at_most(name: str, tmp_path: Path) -> None:
     """Breaks if chunks accumulate before the packing thread: a kill would lose all of them."""
-    environment = {**os.environ, "PYTHONPATH": str(Path(train_ato.__file__).parents[1])}
     command, written = [sys.executable, "-c", WRITER, str(tmp_path), name], 0
-    with subprocess.Popen(command, stdout=subprocess.PIPE, env=environment, text=True) as process:
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         while written < 20 * CHUNK // SIZE:
             written = int(process.stdout.readline())
         process.kill()

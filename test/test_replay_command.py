@@ -7,11 +7,11 @@ import pty
 import select
 import signal
 import subprocess
-import sys
 import time
 from pathlib import Path
 
 import pytest
+from programs import begun
 from recordings import message_counts
 from replay_listener import Replaying
 from test_replay import COMMAND, PROFILE, SECONDS, TICKS, domain, listen, paused, recorded, run  # noqa: F401
@@ -27,9 +27,7 @@ from train_ato.playback.publishing import NODE
 def started(log: Path, *arguments: str, **more) -> subprocess.Popen:
     """Start the command; it selects its own middleware profile."""
     environment = {key: value for key, value in os.environ.items() if key != "FASTRTPS_DEFAULT_PROFILES_FILE"}
-    pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **more}
-    command = [sys.executable, "-m", "train_ato", "replay", str(log), *arguments]
-    return subprocess.Popen(command, env=environment, text=True, **pipes)
+    return begun("replay", str(log), *arguments, env=environment, **{"stdin": subprocess.DEVNULL, **more})
 
 
 @pytest.fixture

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from engine_runs import setup_of
+from recordings import commands_in
 from two_hosts import HOSTS, two_hosts  # noqa: F401
 from waiting import LIMIT_S, pause, wait_for
 
@@ -24,7 +25,6 @@ from train_ato.judge.series import TopicSamples
 from train_ato.judge.tracking import tracking_summary
 from train_ato.judge.verdict import tracking_text, verdict_line
 from train_ato.log.bag_layout import PARTIAL
-from train_ato.log.mcap_records import stream
 from train_ato.log.overview import log_overview
 from train_ato.log.recorded import open_recording
 from train_ato.log.recover import recover
@@ -306,12 +306,6 @@ sys.exit(controller())
 """A controller that forgets the stamps of its commands."""
 
 
-def begun(folder: Path) -> bool:
-    """Return True if the log of a run has commands."""
-    log = folder / PARTIAL
-    return log.exists() and any(m.channel.topic == "/ato/command" for m in stream(log, broken=True))
-
-
 def commands(case: Case, out: Path, hosts: dict[str, tuple[str, ...]]) -> dict[str, list[str]]:
     """Return the command of every process of a case."""
     python, length = (sys.executable, "-m"), f"--set=duration={DURATION}"
@@ -339,8 +333,8 @@ def ended(case: Case, out: Path, hosts: dict[str, tuple[str, ...]], environment:
             processes[role] = subprocess.Popen(
                 words, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
             )
-        wait_for(lambda: begun(out) or not all(each.poll() is None for each in processes.values()))
-        assert begun(out), [each.communicate()[0] for each in processes.values() if each.poll() is not None]
+        wait_for(lambda: commands_in(out) or not all(each.poll() is None for each in processes.values()))
+        assert commands_in(out), [each.communicate()[0] for each in processes.values() if each.poll() is not None]
         if case.victim == "link":
             hit = int(hosts["controller"][1].partition("=")[2])
         else:

@@ -2,8 +2,6 @@
 
 import json
 import re
-import subprocess
-import sys
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -16,6 +14,7 @@ import yaml
 from case_costs import sampled
 from engine_runs import setup_of
 from jsonschema.validators import validator_for
+from programs import python
 from pydantic import TypeAdapter, ValidationError
 
 import train_ato as ta
@@ -227,8 +226,7 @@ def test_setup_runs_as_a_link_of_colcon(tmp_path: Path) -> None:
     """Breaks if setup.py looks for its files beside the link that `colcon build --symlink-install` makes in `build`."""
     for name in ("setup.py", "setup.cfg", "train_ato", "plant_sim"):
         (tmp_path / name).symlink_to(REPO / name)
-    command = [sys.executable, "setup.py", "-q", "--version"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    done = python("setup.py", "-q", "--version", folder=tmp_path)
     assert (done.returncode, done.stdout.split()[-1:]) == (0, [VERSION]), done.stderr
 
 

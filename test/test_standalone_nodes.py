@@ -11,13 +11,13 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from recordings import commands_in, message_counts
 
 pytest.importorskip("rclpy")
 
 from rcl_interfaces.msg import Log
 from waiting import LIMIT_S, wait_for
 
-import train_ato
 from msgs_docs.generate import node_page as node_docs
 from train_ato.cli import main
 from train_ato.log.difference import compare_logs
@@ -30,8 +30,6 @@ from train_ato.ros.graph.environment import claim_domain
 from train_ato.ros.nodes.publishers import OnePublisher
 from train_ato.ros.standalone.runner import StandaloneRunner
 
-ROOT = Path(train_ato.__file__).resolve().parents[1]
-"""Path of the tested package: installed, or the source."""
 ROLES = ("recorder", "supervisor", "profile", "observer", "controller", "plant")
 WALL = ("wall_s", "real_time_factor", "step_time_us_median", "step_time_us_p99", "mode")
 
@@ -42,12 +40,7 @@ class Terminals:
     def __init__(self, folder: Path, domain: int) -> None:
         self.folder = folder
         self.processes: dict[str, subprocess.Popen[str]] = {}
-        self._environment = {
-            **os.environ,
-            "PYTHONPATH": str(ROOT),
-            "ROS_DOMAIN_ID": str(domain),
-            "ROS_LOG_DIR": str(folder / "log"),
-        }
+        self._environment = {**os.environ, "ROS_DOMAIN_ID": str(domain), "ROS_LOG_DIR": str(folder / "log")}
         self._environment.pop("ROS_AUTOMATIC_DISCOVERY_RANGE", None)
 
     def start(self, role: str, *arguments: str) -> subprocess.Popen[str]:
@@ -142,8 +135,7 @@ def driving(terminals: Terminals, tmp_path: Path) -> Path:
     """Start all nodes; return their log of a few commands.  In lockstep no message is late on a busy machine."""
     terminals.start_all(600, ("--rate=20", PATIENT))
     partial = tmp_path / "alone" / "run.mcap.partial"
-    topics = lambda: [m.channel.topic for m in stream(partial, broken=True)]  # noqa: E731
-    wait_for(lambda: partial.exists() and topics().count("/ato/command") > 10)
+    wait_for(lambda: commands_in(partial.parent) > 10)
     return partial
 
 
@@ -210,8 +202,8 @@ def test_node_page_is_that_of_the_nodes() -> None:
 
 
 @pytest.mark.graph
-def test_a_law_that_raises_ends_a_run_by_hand_as_in_the_engine(terminals, tmp_path, monkeypatch):
-    """Fails if the failure lacks the line of the law, or the train brakes again at standstill."""
+def test_a_law_that_raises_ends_a_run_of_processes_as_in_the_engine(terminals, tmp_path, monkeypatch):
+    """Breaks if the failure lacks the line of the law, or the plant brakes a train that the ATO has stopped."""
     (tmp_path / "late.py").write_text(
         "from train_ato.control.laws.pid import Pid\n\n\n"
         "class Late(Pid):\n    def step(self, inputs):\n"
@@ -224,11 +216,15 @@ def test_a_law_that_raises_ends_a_run_by_hand_as_in_the_engine(terminals, tmp_pa
     ended = terminals.ends()
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
-    assert main(["run", "demo", "--engine", "--law=late:Late", "--set=duration=60", "--out=engine"]) == 1
-    hand, engine = (json.loads((tmp_path / name / "summary.json").read_text()) for name in ("hand", "engine"))
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
+    for mode in ("engine", "processes"):
+        assert main(["run", "demo", f"--{mode}", "--law=late:Late", "--set=duration=60", f"--out={mode}"]) == 1
+    names = ("engine", "processes", "hand")
+    engine, *others = (json.loads((tmp_path / name / "summary.json").read_text()) for name in names)
     keys = ("status", "failure", "ticks", "strongest_reaction", "tracking")
-    assert {key: hand[key] for key in keys} == {key: engine[key] for key in keys}
-    assert "late.py:6" in engine["failure"] and ended["plant"] == (1, engine["failure"])
+    assert all(other[key] == engine[key] for other in others for key in keys)
+    assert message_counts(tmp_path / "processes") == message_counts(tmp_path / "engine")
+    assert "late.py:6" in engine["failure"] and ended["plant"] == (1, engine["failure"]) and engine["ticks"] > 50
 
 
 @pytest.mark.parametrize(

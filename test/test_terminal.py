@@ -3,10 +3,8 @@
 import csv
 import importlib
 import json
-import os
 import re
 import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +12,7 @@ import numpy as np
 import pytest
 from case_costs import sampled
 from import_files import TRAIN, recorded
+from programs import python
 
 import train_ato as ta
 from plant_sim.library import consist_path, line_path
@@ -27,17 +26,12 @@ from train_ato.program.display_units import displayed_in, shown_data, shown_tabl
 from train_ato.report.quantities import axis_title, style_of
 from train_ato.scenario.scenario import shipped_following, shipped_scenarios
 
-ROOT = Path(__file__).resolve().parents[1]
 SHORT = ["--set=duration=2", "--set=supervision.enabled=false"]
 
 
 def program(*arguments: str, folder: Path, **variables: str) -> subprocess.CompletedProcess[str]:
     """Run the program of the source tree with its output in pipes."""
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "40", **variables}
-    return subprocess.run(
-        [sys.executable, "-m", "train_ato", *arguments],
-        cwd=folder, env=environment, capture_output=True, text=True, check=False,
-    )  # fmt: skip
+    return python("-m", "train_ato", *arguments, folder=folder, **{"COLUMNS": "40", **variables})
 
 
 def test_no_arguments_print_the_help(capsys: pytest.CaptureFixture[str]) -> None:

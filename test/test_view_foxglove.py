@@ -1,6 +1,7 @@
 """Foxglove WebSocket: topics with definitions, bytes of the log, time; pages and tools of other origins."""
 
 import asyncio
+import http.client
 import json
 import socket
 import struct
@@ -14,12 +15,8 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("foxglove")
 
-import http.client
-
-import pytest
-from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import websocket_connect
-from view_browser import viewing
+from view_browser import connects, viewing
 from waiting import LIMIT_S
 
 from train_ato.log.reading import iter_raw
@@ -221,18 +218,6 @@ def answer(port: int, path: str, host: str) -> http.client.HTTPResponse:
     return connection.getresponse()
 
 
-async def connects(url: str, origin: str | None, host: str = "") -> bool:
-    """Return True if a WebSocket is accepted."""
-    headers = ({} if origin is None else {"Origin": origin}) | ({"Host": host} if host else {})
-    try:
-        asked = HTTPRequest(url, headers=headers)
-        (await websocket_connect(asked, subprotocols=["foxglove.sdk.v1"])).close()
-    except HTTPClientError as error:
-        assert error.code == 403
-        return False
-    return True
-
-
 def test_the_page_is_in_no_frame_and_under_no_other_name(short_run):
     """Breaks if a page of another origin can frame the live page, or read it after a change of its name server."""
     with viewing(str(short_run)) as view:
@@ -255,8 +240,8 @@ def test_only_pages_of_this_machine_and_foxglove_read_the_topics(short_run):
     with viewing(str(short_run), "--foxglove", "0", lines=2) as view:
         url = view.lines[1].strip()
         for origin, allowed in ORIGINS:
-            assert asyncio.run(connects(url, origin)) is allowed, origin
-        assert asyncio.run(connects(url, None, host="evil.example")) is False
+            assert asyncio.run(connects(url, origin, PROTOCOLS[0])) is allowed, origin
+        assert asyncio.run(connects(url, None, PROTOCOLS[0], host="evil.example")) is False
         assert view.end() == 0
 
 

@@ -2,7 +2,9 @@
 
 import asyncio
 import json
+import os
 import re
+import signal
 import socket
 from pathlib import Path
 from urllib.request import urlopen
@@ -12,17 +14,11 @@ from bokeh.client import pull_session
 from bokeh.document import Document
 from bokeh.document.models import DocumentModelManager
 from bokeh.util.token import get_session_id
-from tornado.httpclient import HTTPClientError, HTTPRequest
-from tornado.websocket import websocket_connect
 
 pytest.importorskip("rclpy")
 
-import os
-import signal
-
-import pytest
 from chromium import Page, browser
-from view_browser import answer, choose, click, number, opened, strangers, text, viewing
+from view_browser import answer, choose, click, connects, number, opened, strangers, text, viewing
 from waiting import still, wait_for
 
 from train_ato.ros.graph.environment import held_domains
@@ -174,23 +170,12 @@ def test_two_browsers_see_the_same(recorded):
         wait_for(lambda: clock_of(other) == 66.0)
 
 
-async def handshake(address: str, origin: str) -> bool:
-    """Return True if a page of an origin gets a WebSocket."""
-    try:
-        asked = HTTPRequest(address, headers={"Origin": origin})
-        (await websocket_connect(asked, subprotocols=["bokeh", "no token"])).close()
-    except HTTPClientError as error:
-        assert error.code == 403
-        return False
-    return True
-
-
 def test_pages_of_other_origins_are_refused(recorded):
     """Breaks if any page in the browser can control the train, or other machines can connect."""
     with viewing(str(recorded)) as view:
         port = int(view.url.rstrip("/").rpartition(":")[2])
         for origin, allowed in (("http://evil.example", False), (view.url.rstrip("/"), True)):
-            assert asyncio.run(handshake(f"ws://127.0.0.1:{port}/ws", origin)) is allowed, origin
+            assert asyncio.run(connects(f"ws://127.0.0.1:{port}/ws", origin, "bokeh", "no token")) is allowed, origin
         others = {found[4][0] for found in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)}
         for address in others - {"127.0.0.1"}:
             if not address.startswith("127."):

@@ -4,11 +4,11 @@ import contextlib
 import os
 import signal
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from programs import begun
 
 pytest.importorskip("rclpy")
 
@@ -33,11 +33,8 @@ def short(demo_run) -> Path:
 @contextlib.contextmanager
 def running(domain: int, out: Path, scenario: str = "demo", rate: str = "5"):
     """Start a run on a domain in a new session, longer than a loaded machine needs for a view and a browser."""
-    command = [sys.executable, "-m", "train_ato", "run", scenario, "--no-lockstep", "--rate", rate, "--domain"]
-    process = subprocess.Popen(
-        [*command, str(domain), "--set=duration=7200", f"--out={out}"], stderr=subprocess.DEVNULL,
-        start_new_session=True,
-    )  # fmt: skip
+    words = ["run", scenario, "--no-lockstep", f"--rate={rate}", f"--domain={domain}", "--set=duration=7200"]
+    process = begun(*words, f"--out={out}", stdout=None, stderr=subprocess.DEVNULL, start_new_session=True)
     try:
         yield process
     finally:

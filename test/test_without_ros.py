@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from packaging.requirements import Requirement
+from programs import python
 
 from train_ato.cli import main
 
@@ -90,11 +91,8 @@ def test_ros_that_does_not_load_is_refused_with_the_remedy(mode, tmp_path):
     """Breaks if a library that is missing gives a traceback, another exit status than 2, or an empty run folder."""
     (tmp_path / "rclpy").mkdir()
     (tmp_path / "rclpy" / "__init__.py").write_text("raise ImportError('librcl.so: cannot open shared object file')\n")
-    done = subprocess.run(
-        [sys.executable, "-m", "train_ato", "run", "demo", "--out=run", *["--processes"][: mode == "processes"]],
-        cwd=tmp_path, capture_output=True, text=True, check=False,
-        env={**os.environ, "PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"},
-    )  # fmt: skip
+    words = ["-m", "train_ato", "run", "demo", "--out=run", *["--processes"][: mode == "processes"]]
+    done = python(*words, folder=tmp_path, PYTHONPATH=f"{tmp_path}{os.pathsep}{ROOT}")
     said = done.stderr.splitlines()[-1]
     assert said.startswith("train-ato: ROS 2 does not load (librcl.so: cannot open shared object file); run the engine")
     assert (done.returncode, "Traceback" in done.stderr, done.stdout) == (2, False, "")

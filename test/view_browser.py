@@ -11,6 +11,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from chromium import Page
+from programs import begun
+from tornado.httpclient import HTTPClientError, HTTPRequest
+from tornado.websocket import websocket_connect
 from waiting import LIMIT_S, LOOK_S, pause
 
 _DEEP = """
@@ -46,8 +49,7 @@ class View:
 @contextmanager
 def viewing(*arguments: str, lines: int = 1) -> Iterator[View]:
     """Start the command on a free port, wait for a number of output lines, stop it at the end."""
-    command = [sys.executable, "-m", "train_ato", "view", *arguments, "--port", "0", "--no-browser"]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    process = begun("view", *arguments, "--port=0", "--no-browser")
     try:
         os.set_blocking(process.stdout.fileno(), False)
         printed, last = "", time.monotonic() + LIMIT_S
@@ -114,3 +116,14 @@ def answer(page: Page, part: str) -> str:
 def strangers(page: Page, url: str) -> list[str]:
     """Return the addresses requested by the page from other servers."""
     return [asked for asked in page.requests if not asked.startswith((url, "data:", "blob:"))]
+
+
+async def connects(url: str, origin: str | None, *protocols: str, host: str = "") -> bool:
+    """Return True if a WebSocket is accepted."""
+    headers = ({} if origin is None else {"Origin": origin}) | ({"Host": host} if host else {})
+    try:
+        (await websocket_connect(HTTPRequest(url, headers=headers), subprotocols=list(protocols))).close()
+    except HTTPClientError as error:
+        assert error.code == 403
+        return False
+    return True
