@@ -1,36 +1,46 @@
-"""Runs with all nodes in one process: recorded messages, equal to the other ways, and texts of failures."""
+"""Runs with all nodes in one process, or each started alone: the log of the other ways, texts of failures."""
 
 import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
-from engine_runs import setup_of
-from programs import begun
-
-from train_ato.cli import main
-from train_ato.log.difference import compare_logs
-from train_ato.log.run_folder import read_run_folder
-from train_ato.messages.codec import Wire
 
 pytest.importorskip("rclpy")
 
-from recordings import message_counts
-from waiting import wait_for
+from engine_runs import setup_of
+from programs import begun
+from rcl_interfaces.msg import Log
+from recordings import commands_in, message_counts
+from waiting import LIMIT_S, wait_for
 
+from msgs_docs.generate import node_page as node_docs
+from train_ato.cli.main import main
+from train_ato.log.difference import compare_logs
+from train_ato.log.mcap_records import stream
 from train_ato.log.reading import read_log
+from train_ato.log.run_folder import read_run_folder
 from train_ato.loop.controller import ControllerStage
 from train_ato.loop.observer import ObserverStage
 from train_ato.loop.profile import ProfileStage
-from train_ato.messages.topics import BY_NAME
+from train_ato.messages.codec import Wire
+from train_ato.messages.topics import BY_NAME, Role
 from train_ato.ros.graph import shared_memory
 from train_ato.ros.graph.composed import run_composed
+from train_ato.ros.graph.environment import claim_domain
 from train_ato.ros.graph.graph_result import GraphOptions
 from train_ato.ros.graph.runner import run_graph
 from train_ato.ros.nodes.controller import ControllerNode
 from train_ato.ros.nodes.endpoints import NodeEndpoints
-
-pytestmark = pytest.mark.usefixtures("without_figure")
+from train_ato.ros.nodes.publishers import OnePublisher
+from train_ato.ros.standalone.runner import StandaloneRunner
 
 TICK = 100_000_000
 
@@ -214,6 +224,7 @@ def engine_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return drive(tmp_path_factory.mktemp("engine"), "run", "--engine", *ROUGH)
 
 
+@pytest.mark.usefixtures("without_figure")
 @pytest.mark.parametrize("way", [[], ["--processes"]], ids=["composed", "processes"])
 def test_every_message_is_equal_in_all_ways(way: list[str], engine_run: Path, tmp_path: Path) -> None:
     """Breaks if a result depends on the order of arrival, on the process of a random number, or on the encoding."""
@@ -225,6 +236,7 @@ def test_every_message_is_equal_in_all_ways(way: list[str], engine_run: Path, tm
     assert (run / "scenario.yaml").read_text() == (engine_run / "scenario.yaml").read_text()
 
 
+@pytest.mark.usefixtures("without_figure")
 def test_another_seed_is_seen_and_the_resolved_scenario_is_enough(engine_run: Path, tmp_path: Path, capsys) -> None:
     """Breaks if the comparison above cannot fail, or a file named by the scenario is not in the run folder."""
     run = drive(tmp_path, "run", "--engine", *ROUGH, "--seed=2")
@@ -234,3 +246,224 @@ def test_another_seed_is_seen_and_the_resolved_scenario_is_enough(engine_run: Pa
     capsys.readouterr()
     assert main(["verify", str(engine_run), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["equal"] is True
+
+
+ROLES = ("recorder", "supervisor", "profile", "observer", "controller", "plant")
+
+
+class Terminals:
+    """One terminal for each node, all on one ROS domain."""
+
+    def __init__(self, folder: Path, domain: int) -> None:
+        self.folder = folder
+        self.processes: dict[str, subprocess.Popen[str]] = {}
+        self._environment = {**os.environ, "ROS_DOMAIN_ID": str(domain), "ROS_LOG_DIR": str(folder / "log")}
+        self._environment.pop("ROS_AUTOMATIC_DISCOVERY_RANGE", None)
+
+    def start(self, role: str, *arguments: str) -> subprocess.Popen[str]:
+        """Start the main function that the installed command ``ROLE_node`` calls."""
+        process = subprocess.Popen(
+            [sys.executable, "-m", "train_ato.cli.nodes", role, *arguments],
+            cwd=self.folder,
+            env=self._environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_DFL),  # ignored if the tests run under nohup
+        )
+        self.processes[role if role not in self.processes else f"second {role}"] = process
+        return process
+
+    def start_all(self, duration: float, plant: tuple[str, ...] = (), ros: Any = None, order: Any = ROLES) -> None:
+        """Start all nodes of a recorded run of the demo; its log is in ``alone``."""
+        own = {"recorder": ("--out=alone",), "plant": ("--recorded", *plant)}
+        for role in order:
+            words = () if ros is None else ("--ros-args", "-r", "__ns:=/left", *ros.get(role, ()))
+            self.start(role, "--scenario=demo", f"--set=duration={duration:g}", *own.get(role, ()), *words)
+
+    def ends(self) -> dict[str, tuple[int, str]]:
+        """Wait for all; return exit status and output without the lines on missing nodes: slow starts print them."""
+        said = {role: process.communicate(timeout=LIMIT_S)[0] for role, process in self.processes.items()}
+        kept = {role: [line for line in text.splitlines() if "not begun: " not in line] for role, text in said.items()}
+        return {role: (self.processes[role].returncode, "\n".join(lines)) for role, lines in kept.items()}
+
+
+@pytest.fixture
+def terminals(tmp_path: Path) -> Iterator[Terminals]:
+    with claim_domain() as domain:
+        opened = Terminals(tmp_path, domain)
+        try:
+            yield opened
+        finally:
+            for process in opened.processes.values():
+                process.kill()
+                process.communicate(timeout=LIMIT_S)
+            shared_memory.clean()
+
+
+def check_as_composed(folder: Path, *options: str) -> Path:
+    """Check that the run of the nodes is that of one process, which is returned; the wall time is left out."""
+    one = folder / "composed"
+    assert main(["run", "demo", "--json", f"--out={one}", "--set=duration=20", *options]) == 0
+    setup, summary = read_run_folder(one)
+    again, alone = read_run_folder(folder / "alone")
+    assert compare_logs(one, folder / "alone", Wire(setup.layout)).first is None
+    assert again.fingerprint() == setup.fingerprint()
+    assert {k: v for k, v in alone.items() if k not in WALL} == {k: v for k, v in summary.items() if k not in WALL}
+    return one
+
+
+PATIENT = f"--timeout={LIMIT_S}"
+"""A loaded machine does not make a node silent."""
+
+
+@pytest.mark.parametrize(
+    "order",
+    [
+        pytest.param(ROLES, id="recorder first"),
+        pytest.param(tuple(reversed(ROLES)), id="plant first", marks=pytest.mark.graph),
+    ],
+)
+def test_nodes_started_alone_leave_the_folder_of_a_composed_run(order, terminals, tmp_path):
+    """Breaks if the train starts before all nodes are ready, or a node ends before its last message is received."""
+    terminals.start_all(20, (PATIENT,), order=order)
+    assert terminals.ends() == dict.fromkeys(order, (0, ""))
+    one = check_as_composed(tmp_path)
+    assert all(message.log_ns == message.publish_ns for message in stream(tmp_path / "alone" / "run.mcap"))
+    assert {path.name for path in (tmp_path / "alone").iterdir()} == {path.name for path in one.iterdir()}
+    wait_for(lambda: not shared_memory.abandoned())
+
+
+@pytest.mark.graph
+def test_ros_parameters_and_a_namespace_reach_nodes_started_alone(terminals: Terminals, tmp_path: Path) -> None:
+    """Law, observer and parameters by ``-p``, two trains by ``__ns``: the same as by the scenario, summary included."""
+    given = {
+        "controller": ["-p", "law:=smc", "-p", "smc.ks:=0.3"],
+        "observer": ["-p", "observer:=ndo", "-p", "ndo.omega:=5.0"],
+        "plant": ["-p", f"timeout:={LIMIT_S}"],
+    }
+    terminals.start_all(20, ros=given)
+    assert terminals.ends() == dict.fromkeys(ROLES, (0, ""))
+    changes = ("--law=smc", "--observer=ndo", "--set=laws.smc.ks=0.3", "--set=observers.ndo.omega=5.0")
+    check_as_composed(tmp_path, *changes)
+
+
+def driving(terminals: Terminals, tmp_path: Path) -> Path:
+    """Start all nodes; return their log of a few commands.  In lockstep no message is late on a busy machine."""
+    terminals.start_all(600, ("--rate=20", PATIENT))
+    partial = tmp_path / "alone" / "run.mcap.partial"
+    wait_for(lambda: commands_in(partial.parent) > 10)
+    return partial
+
+
+@pytest.mark.graph
+def test_ctrl_c_on_the_plant_ends_all_nodes(terminals: Terminals, tmp_path: Path) -> None:
+    """Breaks if a node waits for ever for a plant that has ended, or the log is not closed."""
+    partial = driving(terminals, tmp_path)
+    terminals.processes["plant"].send_signal(signal.SIGINT)
+    assert terminals.ends() == dict.fromkeys(ROLES, (0, ""))
+    summary = json.loads((tmp_path / "alone" / "summary.json").read_text())
+    assert summary["status"] == "interrupted" and 10 < summary["ticks"] < 6000
+    assert not partial.exists()
+
+
+@pytest.mark.graph
+def test_a_plant_that_is_killed_fails_all_nodes(terminals: Terminals, tmp_path: Path) -> None:
+    """Breaks if a cut link counts as the end of the run: exit status 0, or a summary of a complete run."""
+    driving(terminals, tmp_path)
+    terminals.processes["plant"].kill()
+    ends = terminals.ends()
+    said = "node plant failed: its messages ended without the notice of the end of the run"
+    summary = json.loads((tmp_path / "alone" / "summary.json").read_text())
+    assert summary["status"] == "failed" and summary["failure"].startswith(said)
+    for role in ROLES[:-1]:
+        status, text = ends[role]
+        assert (status, len(text.splitlines()), text.startswith(said)) == (1, 1, True), (role, text)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP], ids=["Ctrl-C", "closed terminal"])
+def test_a_plant_that_waits_says_for_whom(number: signal.Signals, terminals: Terminals, tmp_path: Path) -> None:
+    """Breaks if a missing node is not reported, or a signal in the wait gives a traceback, or kills the node."""
+    plant = terminals.start("plant", "--scenario=demo")
+    assert plant.stdout is not None
+    assert "not begun: supervisor is not there" in plant.stdout.readline()
+    plant.send_signal(number)
+    status, rest = terminals.ends()["plant"]
+    assert status == 0
+    assert "Traceback" not in rest
+
+
+@pytest.mark.parametrize(
+    ("role", "arguments", "says"),
+    [
+        ("controller", ["--scenario=demo", "--ros-args", "-p", "pid.kpp:=1.0"], "pid.kpp: node controller has none"),
+        ("observer", ["--scenario=demmo"], "unknown scenario 'demmo'; did you mean 'demo'?"),
+        ("recorder", ["--scenario=demo", "--out=/proc/nowhere"], "/proc/nowhere"),
+        ("plant", ["--scenario=demo", "--rate=-1"], "--rate: -1: not a rate"),
+        ("profile", [], "--scenario"),
+    ],
+)  # fmt: skip
+def test_bad_input_to_a_node_is_one_line(role: str, arguments: list[str], says: str, terminals: Terminals) -> None:
+    """Breaks on a traceback, another exit status than 2, or a vague message."""
+    terminals.start(role, *arguments)
+    status, said = terminals.ends()[role]
+    assert status == 2, said
+    assert says in said
+    assert len(said.strip().splitlines()) == 1, said
+
+
+def test_node_page_is_that_of_the_nodes() -> None:
+    """Breaks if a parameter or service changes but its page does not; run python -m msgs_docs.generate."""
+    page = Path(__file__).resolve().parents[1] / node_docs.PAGE
+    assert page.read_text(encoding="utf-8") == node_docs.page(page)
+
+
+@pytest.mark.graph
+def test_a_law_that_raises_ends_a_run_of_processes_as_in_the_engine(terminals, tmp_path, monkeypatch):
+    """Breaks if the failure lacks the line of the law, or the plant brakes a train that the ATO has stopped."""
+    (tmp_path / "late.py").write_text(
+        "from train_ato.control.laws.pid import Pid\n\n\n"
+        "class Late(Pid):\n    def step(self, inputs):\n"
+        "        return super().step(inputs) if inputs.t < 5 else 1 / 0\n"
+    )
+    options = ("--scenario=demo", "--set=duration=60", "--set=law=late:Late")
+    more = {"recorder": ["--out=hand"], "plant": ["--recorded"]}
+    for role in ROLES:
+        terminals.start(role, *options, *more.get(role, ()))
+    ended = terminals.ends()
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
+    for mode in ("engine", "processes"):
+        assert main(["run", "demo", f"--{mode}", "--law=late:Late", "--set=duration=60", f"--out={mode}"]) == 1
+    names = ("engine", "processes", "hand")
+    engine, *others = (json.loads((tmp_path / name / "summary.json").read_text()) for name in names)
+    keys = ("status", "failure", "ticks", "strongest_reaction", "tracking")
+    assert all(other[key] == engine[key] for other in others for key in keys)
+    assert message_counts(tmp_path / "processes") == message_counts(tmp_path / "engine")
+    assert "late.py:6" in engine["failure"] and ended["plant"] == (1, engine["failure"]) and engine["ticks"] > 50
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "stored"),
+    [
+        ("observer", "node observer failed: no estimate", True),
+        ("controller", "train stopped: node observer failed: no estimate", True),
+        ("controller", "node observer failed: no estimate", False),
+        ("observer", "the observer waits", False),
+    ],
+)
+def test_a_plant_stores_the_failure_that_a_node_says_of_itself(name: str, text: str, stored: bool) -> None:
+    """Breaks if a node that ends with a reason only left the run, or one node can say the failure of another."""
+    plant = SimpleNamespace(role=Role.PLANT, _said={})
+    StandaloneRunner._hear(plant, Log(level=Log.ERROR, name=name, msg=text))
+    assert (name in plant._said) is stored
+
+
+def test_a_message_between_the_first_and_the_next_is_refused_after_a_restart() -> None:
+    """Breaks if messages of a node that is started again can be lost before its first one."""
+    source = OnePublisher(None, BY_NAME["ato/command"])
+    source.renew()
+    for number in (0, 2, 3):
+        with pytest.raises(ValueError, match=f"ato/command: message {number} came first after the restart of contr"):
+            source.take(number)

@@ -25,7 +25,7 @@ from rclpy.duration import Duration
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool
-from test_standalone_nodes import terminals  # noqa: F401
+from test_composed_runs import terminals  # noqa: F401
 from waiting import LIMIT_S, reserved_domain
 
 from train_ato.log.mcap_records import stream
