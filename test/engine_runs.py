@@ -3,8 +3,10 @@
 from pathlib import Path
 from typing import Any
 
-from train_ato.log.run_folder import RunFolder
+from train_ato.log.difference import LogComparison, compare_logs
+from train_ato.log.run_folder import RunFolder, read_run_folder
 from train_ato.loop.engine import run_engine
+from train_ato.messages.codec import Wire
 from train_ato.scenario.scenario import load_scenario
 from train_ato.scenario.scenario_data import PartCache
 from train_ato.scenario.setup import RunSetup, prepare
@@ -27,3 +29,8 @@ def record_run(setup: RunSetup, path: Path) -> Path:
     assert outcome.failure is None
     folder.finish(setup, outcome)
     return folder.path
+
+
+def compared(run: Path, other: Path) -> LogComparison:
+    """Compare the log of a run folder with another log."""
+    return compare_logs(run, other, Wire(read_run_folder(run)[0].layout))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from engine_runs import record_run, setup_of
+from engine_runs import compared, record_run, setup_of
 from request_desk import beside_a_run
 
 from train_ato.cli.main import main
@@ -300,7 +300,7 @@ def test_accepted_requests_drive_the_run_again(tmp_path: Path) -> None:
     assert [(entry.at, entry.do) for entry in again.scenario.ato_requests] == [
         (1.2, "disengage"), (2.8, "engage"), (3.2, "disengage"),
     ]  # fmt: skip
-    assert compare_logs(run, record_run(again, tmp_path / "again"), Wire(setup.layout)).first is None
+    assert compared(run, record_run(again, tmp_path / "again")).first is None
     assert [entry.do for entry in read_changes(run).driven(setup.scenario).ato_requests][-1] == "reset"
 
 
@@ -351,7 +351,7 @@ def test_live_requests_are_recorded_and_verified(tmp_path: Path, monkeypatch: py
     other = RunFolder.make(tmp_path / "other", "other")
     with other.sink(silent) as sink:
         run_engine(silent, sink=sink)  # without the requests it fails
-    first = compare_logs(run, other.path, Wire(setup.layout)).first
+    first = compared(run, other.path).first
     assert first is not None and first.stamp == round(rows[0]["at_s"] * SECOND)
 
 
@@ -377,8 +377,7 @@ def test_a_planned_change_is_told_at_the_step_that_begins_to_use_it(tmp_path: Pa
     ]
     assert not (run / STARTED).exists()
     plain = drive(tmp_path / "plain")
-    setup, _ = read_run_folder(run)
-    assert compare_logs(plain, run, Wire(setup.layout)).first is not None
+    assert compared(plain, run).first is not None
 
 
 def test_what_took_effect_drives_the_run_again(tmp_path: Path) -> None:
@@ -391,15 +390,14 @@ def test_what_took_effect_drives_the_run_again(tmp_path: Path) -> None:
     again = told.driven(setup_of("demo", "duration=40").scenario)
     assert [swap.at for swap in again.law_changes] == [0.0, 7.8]
     other = driven_again(dataclasses.replace(setup, scenario=again), tmp_path / "again")
-    assert compare_logs(run, other, Wire(setup.layout)).first is None
+    assert compared(run, other).first is None
 
 
 def test_a_swap_at_the_start_is_the_law_of_the_start(tmp_path: Path) -> None:
     """Breaks if the initial law starts with the transition of a swap."""
     swapped = drive(tmp_path / "a", "law_changes=[{at: 0, law: smc}]")
     chosen = drive(tmp_path / "b", "law=smc")
-    setup, _ = read_run_folder(chosen)
-    found = compare_logs(swapped, chosen, Wire(setup.layout))
+    found = compared(swapped, chosen)
     assert found.topics == {"/diagnostics": 1}
     assert "changed" in str(found.first)
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from engine_runs import setup_of
+from engine_runs import compared, setup_of
 
 from plant_sim.library import load_consist
 from train_ato.cli import main
@@ -17,10 +17,8 @@ from train_ato.control.compensation.rigid import RigidForce
 from train_ato.control.registry import COMPENSATIONS
 from train_ato.control.train_model import TrainModel
 from train_ato.judge.recording import BRAKE_PIPE_COMMAND, Recording
-from train_ato.log.difference import compare_logs
 from train_ato.log.run_folder import read_run_folder
 from train_ato.loop.engine import run_engine
-from train_ato.messages.codec import Wire
 from train_ato.messages.types import Measurement, Reference
 from train_ato.profile.driver import average_speed
 from train_ato.scenario.scenario import shipped_scenarios
@@ -288,7 +286,7 @@ def test_the_nodes_decide_as_the_engine(way: list[str], tmp_path: Path) -> None:
         assert main(["run", "demo", "--json", f"--out={tmp_path / name}", *options, *sets]) == 0
     setup, _ = read_run_folder(tmp_path / "nodes")
     assert len(changes_of(recording_of(setup))) >= 2
-    assert compare_logs(tmp_path / "engine", tmp_path / "nodes", Wire(setup.layout)).first is None
+    assert compared(tmp_path / "engine", tmp_path / "nodes").first is None
 
 
 @pytest.mark.campaign

@@ -15,7 +15,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from engine_runs import setup_of
+from engine_runs import compared, setup_of
 from programs import begun
 from rcl_interfaces.msg import Log
 from recordings import commands_in, message_counts
@@ -23,7 +23,6 @@ from waiting import LIMIT_S, wait_for
 
 from msgs_docs.generate import node_page as node_docs
 from train_ato.cli.main import main
-from train_ato.log.difference import compare_logs
 from train_ato.log.mcap_records import stream
 from train_ato.log.reading import read_log
 from train_ato.log.run_folder import read_run_folder
@@ -229,8 +228,8 @@ def engine_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_every_message_is_equal_in_all_ways(way: list[str], engine_run: Path, tmp_path: Path) -> None:
     """Breaks if a result depends on the order of arrival, on the process of a random number, or on the encoding."""
     run = drive(tmp_path, "run", *way, *ROUGH)
-    setup, summary = read_run_folder(run)
-    assert compare_logs(engine_run, run, Wire(setup.layout)).first is None
+    _, summary = read_run_folder(run)
+    assert compared(engine_run, run).first is None
     of_engine = json.loads((engine_run / "summary.json").read_text())
     assert {k: v for k, v in summary.items() if k not in WALL} == {k: v for k, v in of_engine.items() if k not in WALL}
     assert (run / "scenario.yaml").read_text() == (engine_run / "scenario.yaml").read_text()
@@ -240,8 +239,7 @@ def test_every_message_is_equal_in_all_ways(way: list[str], engine_run: Path, tm
 def test_another_seed_is_seen_and_the_resolved_scenario_is_enough(engine_run: Path, tmp_path: Path, capsys) -> None:
     """Breaks if the comparison above cannot fail, or a file named by the scenario is not in the run folder."""
     run = drive(tmp_path, "run", "--engine", *ROUGH, "--seed=2")
-    setup, _ = read_run_folder(run)
-    found = compare_logs(engine_run, run, Wire(setup.layout))
+    found = compared(engine_run, run)
     assert {"ato/command", "train/vehicles", "train/measurement"} <= set(found.topics)
     capsys.readouterr()
     assert main(["verify", str(engine_run), "--json"]) == 0
@@ -307,7 +305,7 @@ def check_as_composed(folder: Path, *options: str) -> Path:
     assert main(["run", "demo", "--json", f"--out={one}", "--set=duration=20", *options]) == 0
     setup, summary = read_run_folder(one)
     again, alone = read_run_folder(folder / "alone")
-    assert compare_logs(one, folder / "alone", Wire(setup.layout)).first is None
+    assert compared(one, folder / "alone").first is None
     assert again.fingerprint() == setup.fingerprint()
     assert {k: v for k, v in alone.items() if k not in WALL} == {k: v for k, v in summary.items() if k not in WALL}
     return one

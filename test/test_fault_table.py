@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from engine_runs import compared
 from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
@@ -14,9 +15,6 @@ from pydantic import TypeAdapter, ValidationError
 from msgs_docs.generate.fault_page import BASES, MEASURED, NOTHING, ROWS, STANDSTILL, run_row
 from msgs_docs.generate.rows import read_rows
 from train_ato.cli import main
-from train_ato.log.difference import compare_logs
-from train_ato.log.run_folder import read_run_folder
-from train_ato.messages.codec import Wire
 from train_ato.messages.faults import FAULT_TOPICS, Fault, message_faults
 from train_ato.messages.receiver import Receiver
 from train_ato.messages.topics import BY_NAME, TOPICS, Rate, Role
@@ -90,23 +88,19 @@ def engine_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-def equal(run: Path, other: Path) -> bool:
-    return compare_logs(run, other, Wire(read_run_folder(run)[0].layout)).first is None
-
-
 @pytest.mark.parametrize(
     "way", [(), pytest.param(("--processes",), marks=pytest.mark.campaign)], ids=["one process", "several"]
 )
 def test_faults_have_equal_numbers_in_every_mode(engine_run: Path, tmp_path: Path, way: tuple[str, ...]) -> None:
     """Breaks if a fault acts on the transport of a mode or the process of its reader, or is not seeded."""
-    assert drive(tmp_path / "run", MIXED, *way) == 0 and equal(engine_run, tmp_path / "run")
+    assert drive(tmp_path / "run", MIXED, *way) == 0 and compared(engine_run, tmp_path / "run").first is None
 
 
 def test_a_killed_node_is_silent_in_one_process(tmp_path: Path, engine_run: Path, capsys) -> None:
     """Breaks if engine and composed graph treat a lost node differently, or the resolved scenario loses a fault."""
     kill = "[{do: kill, node: controller, at: 20}]"
     assert [drive(tmp_path / name, kill, *options) for name, options in (("a", ["--engine"]), ("b", []))] == [0, 0]
-    assert equal(tmp_path / "a", tmp_path / "b")
+    assert compared(tmp_path / "a", tmp_path / "b").first is None
     capsys.readouterr()
     assert main(["verify", str(engine_run), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["equal"] is True

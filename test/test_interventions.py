@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from engine_runs import record_run, setup_of
+from engine_runs import compared, record_run, setup_of
 from programs import begun, python
 from waiting import LIMIT_S, reserved_domain, wait_for
 
@@ -226,7 +226,6 @@ def test_a_release_planned_for_a_moving_train_waits_for_its_standstill():
 
 rclpy = pytest.importorskip("rclpy")
 
-from train_ato.log.difference import compare_logs  # noqa: E402
 from train_ato.messages.codec import Wire  # noqa: E402
 from train_ato.ros.graph.environment import applied, claim_domain, variables  # noqa: E402
 from train_ato.ros.graph.remote import graph_client  # noqa: E402
@@ -280,7 +279,7 @@ def test_a_run_with_interventions_is_driven_again_from_its_log(tmp_path, way):
     ]  # fmt: skip
     setup = demo("duration=100")
     again = record_run(with_planned(setup, *found), tmp_path / "again")
-    assert compare_logs(running.folder, again, Wire(setup.layout)).differing == 0
+    assert compared(running.folder, again).differing == 0
 
 
 @contextmanager

@@ -7,16 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from engine_runs import setup_of
+from engine_runs import compared, setup_of
 
 from train_ato.cli import main
 from train_ato.judge.result import RunResult
-from train_ato.log.difference import compare_logs
 from train_ato.log.run_folder import read_run_folder
 from train_ato.loop.engine import Sink, run_engine
 from train_ato.loop.profile import ProfileStage
 from train_ato.loop.stamp_synchronizer import StampSynchronizer
-from train_ato.messages.codec import Wire
 from train_ato.messages.types import DisturbanceEstimate, Measurement, Reference, Trajectory
 from train_ato.playback.open_loop import replay_open_loop
 from train_ato.profile.planner.replanner import Sample, ShortfallDetector, _regression_end
@@ -227,9 +225,8 @@ def test_all_modes_change_the_profile_at_the_same_stamp(way: list[str], engine_r
     pytest.importorskip("rclpy")
     out = tmp_path / "run"
     assert main(["run", "xuzhou_metro", "--json", f"--out={out}", *way, *SHORT]) == 0
-    setup, summary = read_run_folder(out)
-    assert summary["replans"] == 1
-    assert compare_logs(engine_run, out, Wire(setup.layout)).first is None
+    assert read_run_folder(out)[1]["replans"] == 1
+    assert compared(engine_run, out).first is None
 
 
 def test_a_recorded_run_with_two_profiles_is_replayed_through_the_law(engine_run: Path) -> None:
