@@ -205,7 +205,7 @@ def test_every_listed_name_has_details(name: str, capsys: pytest.CaptureFixture[
 
 
 def test_figures_of_a_train_a_line_and_a_law(capsys: pytest.CaptureFixture[str]) -> None:
-    """Values by hand of test_plan_checks.py and test_plant_library.py; a parameter with its unit; a law of 004."""
+    """Values by hand of test_plan_checks.py and test_shipped.py; a parameter with its unit; a law of 004."""
     train = listed(capsys, "hxd1_c80_105")["consist hxd1_c80_105"]
     assert train["balancing speed"].startswith("110 km/h at 0 per mille, 80 km/h at 2 per mille")
     assert train["steepest starting grade"] == "6.3 per mille"
