@@ -158,18 +158,6 @@ def test_the_record_is_the_same_wherever_it_is_held(tmp_path, monkeypatch):
     assert not left.exists()
 
 
-@pytest.mark.campaign
-@pytest.mark.parametrize("mode", ["composed", "processes"])
-def test_every_mode_gives_the_same_run(mode, own_module):
-    """Breaks if other processes do not find a law by its module, or its parameters are lost."""
-    changes = {f"laws.{own_module}:Own.gain": 0.3, **SHORT}
-    engine = ta.run("demo", law=f"{own_module}:Own", set=changes)
-    graph = ta.run("demo", law=f"{own_module}:Own", set=changes, mode=mode)
-    assert graph.path is None and graph.metrics["mode"] == mode
-    pd.testing.assert_frame_equal(engine["train/vehicles"], graph["train/vehicles"], check_exact=True)
-    assert graph.save("graph").is_dir()
-
-
 def test_laws_need_no_registration(own_module, capsys):
     """Breaks if a law object, its class and its name differ, or a class of a registered law loses its parameters."""
     run = ta.run("demo", law=Gain(gain=0.3), set=SHORT)

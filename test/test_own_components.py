@@ -71,7 +71,9 @@ def test_names_classes_and_objects_give_the_same_run(templates, capsys, without_
 
 @pytest.fixture(autouse=True)
 def _in_an_empty_folder(tmp_path, monkeypatch):
+    """Write and read in a folder of the test, from which own modules are found too."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
 
 
 def test_a_comparison_uses_the_components(templates):
@@ -92,10 +94,10 @@ def test_a_class_of_a_registered_component_has_its_name():
 @pytest.mark.parametrize("mode", ["composed", "processes"])
 def test_every_mode_gives_the_same_run(mode, templates):
     """Breaks if a node does not find a component by its module, or its parameters are lost."""
-    changes = {**CHANGES, **SHORT}
-    engine, graph = (
-        ta.run("demo", observer=OBSERVER, compensation=COMPENSATION, set=changes, mode=way) for way in ("engine", mode)
-    )
+    own = {"law": "my_law:MyLaw", "observer": OBSERVER, "compensation": COMPENSATION}
+    changes = {"laws.my_law:MyLaw.gain": 0.3, **CHANGES, **SHORT}
+    engine, graph = (ta.run("demo", **own, set=changes, mode=way) for way in ("engine", mode))
+    assert graph.path is None and graph.metrics["mode"] == mode and graph.save("graph").is_dir()
     for topic in ("train/vehicles", "ato/estimate", "ato/command"):
         pd.testing.assert_frame_equal(engine[topic], graph[topic], check_exact=True)
 
@@ -368,13 +370,6 @@ def test_a_law_that_loops_stops_the_nodes_of_one_process(monkeypatch: pytest.Mon
     assert_stopped(error)
 
 
-@pytest.fixture(autouse=True)
-def in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Write and read in a folder of the test, from which own modules are found too."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.syspath_prepend(tmp_path)
-
-
 @pytest.mark.parametrize(
     ("files", "arguments"),
     [
@@ -411,7 +406,7 @@ def test_a_scenario_like_a_shipped_one_has_its_profile() -> None:
 def test_new_code_drives(kind: str, like: bool, capsys: pytest.CaptureFixture[str]) -> None:
     """Breaks if a template is not renamed, or a shipped law, observer or compensation does not run as a copy."""
     first = {"law": "pid", "observer": "eso", "compensation": "preview"}[kind]
-    assert main(["new", kind, f"{'copied' if like else 'own'}_{kind}", *(["--like", first] if like else [])]) == 0
+    assert main(["new", kind, f"{'copied' if like else 'begun'}_{kind}", *(["--like", first] if like else [])]) == 0
     (target,) = [word for word in capsys.readouterr().out.split() if ":" in word and word != "next:"]
     run = ta.run("demo", set={"duration": 20}, progress=False, **{kind: target})
     assert run.metrics["tracking"] == "tracked"
