@@ -8,7 +8,7 @@ from typing import Any
 
 
 def python(*words: str, folder: Path | None = None, **variables: str) -> subprocess.CompletedProcess[str]:
-    """Run Python to its end in a folder, with more variables of its environment; what it prints is kept."""
+    """Run Python to its end in a folder, with more variables of its environment and its output kept."""
     environment = {**os.environ, **variables}
     return subprocess.run([sys.executable, *words], cwd=folder, env=environment, capture_output=True, text=True)
 
