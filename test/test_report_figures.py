@@ -14,6 +14,7 @@ from engine_runs import setup_of
 from hypothesis import given
 from hypothesis import strategies as st
 from import_files import MASS, metro, recorded, take, text_of
+from recordings import recording_of
 from report_runs import drive
 
 from plant_sim.library import load_line
@@ -26,7 +27,7 @@ from train_ato.log.recorded import open_recording
 from train_ato.loop.engine import run_engine
 from train_ato.messages.types import Diagnostic
 from train_ato.report.curves import CURVES, NotAvailable, _without_saturation, found_delay
-from train_ato.report.events import detect_events
+from train_ato.report.events import detect_events, scenario_events
 from train_ato.report.page_data import NO_CODE, PageData, heat_map, kept, page_data, track_shape
 from train_ato.report.page_sections import comparison_sections, run_sections
 from train_ato.report.print_figures import SHEET_SIZE, STYLE, comparison_figure, run_figure, styled, titles
@@ -464,6 +465,22 @@ def test_error_figures_name_the_part_that_the_metrics_leave_out(tmp_path: Path) 
         captions = {placed.heading: placed.caption for section in sections for placed in section.placed}
         assert note in captions["Speed error"] and note in captions["Position error"]
         assert note not in captions["Extremes" if "Extremes" in captions else "Largest draft along the train"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "times"),
+    [
+        ("gust, begin: 10, end: 20, acceleration: 0.05", [(17.0, 27.0)]),
+        ("paper001", [(67.0, 87.0)]),
+        ("travelling_load, acceleration: -0.05, begin: 10, duration: 5, interval: 2", [(17.0, 32.0)]),
+        ("travelling_load, acceleration: -0.05, begin: 10, duration: 5, period: 20", [(17.0, 99.0)]),
+    ],
+)
+def test_a_disturbance_has_the_times_of_its_forces(kind: str, times: list[tuple[float, float]]) -> None:
+    """Breaks if the shift of 7 s, the way of a load over six vehicles, or its repetition is left out."""
+    setup = setup_of("demo", f"plant.disturbances=[{{kind: {kind}, shift: 7, vehicles: [0, 1, 2, 3, 4, 5]}}]")
+    run = replace(recording_of(np.arange(100.0), 1), setup=setup)
+    assert [(event.begin, event.end) for event in scenario_events(run)] == times
 
 
 def test_events_at_a_force_limit_include_those_of_the_law() -> None:

@@ -54,20 +54,22 @@ def _disturbances(recording: Recording) -> Iterator[Event]:
     assert recording.setup is not None
     begin, end = recording.span
     for source in recording.setup.plant.disturbances:
+        late = getattr(source, "shift", None) or 0.0
         if isinstance(source, Gust):
             text = f"gust of {source.acceleration:+g} m/s²" if source.acceleration else f"gust of {source.force:+g} N"
-            yield from _within(Event("disturbance", source.begin, text, source.end), begin, end)
+            yield from _within(Event("disturbance", source.begin + late, text, source.end + late), begin, end)
         elif isinstance(source, UnmodelledGrade):
             for piece in source.pieces:
                 text = f"{1e3 * piece.grade:+g} ‰ grade, not in the nominal model"
                 yield from _over_places(recording, "disturbance", piece.begin, piece.end, text)
         elif isinstance(source, TravellingLoad):
-            first = Event("disturbance", source.begin, "travelling load", source.begin + source.duration)
-            yield from _within(first, begin, end)
+            behind = source.interval * (len(source.listed(len(recording.setup.consist.vehicles))) - 1)
+            last = np.inf if source.period else source.begin + behind + source.duration + late
+            yield from _within(Event("disturbance", source.begin + late, "travelling load", last), begin, end)
         elif isinstance(source, Paper001):
             for at, until, size in ((60.0, 80.0, -0.10), (300.0, 312.0, 0.12)):
                 text = f"disturbance of {source.scale * size:+.2f} m/s²"
-                yield from _within(Event("disturbance", at, text, until), begin, end)
+                yield from _within(Event("disturbance", at + late, text, until + late), begin, end)
         else:
             yield Event("disturbance", begin, f"disturbance '{source.kind}' from the start")
 
