@@ -26,7 +26,7 @@ from train_ato.judge.tracking import time_at_force_limit
 from train_ato.log.recorded import open_recording
 from train_ato.loop.engine import run_engine
 from train_ato.messages.types import Diagnostic
-from train_ato.report.curves import CURVES, NotAvailable, _without_saturation, found_delay
+from train_ato.report.curves import CURVES, NotAvailable, _without_saturation, delays, found_delay
 from train_ato.report.events import detect_events, scenario_events
 from train_ato.report.page_data import NO_CODE, PageData, heat_map, kept, page_data, track_shape
 from train_ato.report.page_sections import comparison_sections, run_sections
@@ -481,6 +481,15 @@ def test_a_disturbance_has_the_times_of_its_forces(kind: str, times: list[tuple[
     setup = setup_of("demo", f"plant.disturbances=[{{kind: {kind}, shift: 7, vehicles: [0, 1, 2, 3, 4, 5]}}]")
     run = replace(recording_of(np.arange(100.0), 1), setup=setup)
     assert [(event.begin, event.end) for event in scenario_events(run)] == times
+
+
+def test_the_delay_as_set_follows_jumps_of_lag_and_the_delay_of_every_unit() -> None:
+    """Delays of 0, .1 and .8 s, .2 s less from 10 s on, lag .4 s and then .6 s: .3 + .4, then (0 + 0 + .6)/3 + .6."""
+    jump, delay = "plant.jumps=[{at: 10, what: lag, factor: 1.5}]", "links.command={delay: [0, 0.1, 0.8]}"
+    setup = setup_of("crh380a_gpc:strong", jump, delay, "plant.lag=0.4")
+    run = replace(recording_of(np.arange(20.0), 3), setup=setup)
+    found = delays(run, [(10.0, 1.0, -0.2)])["delay_set"]
+    assert found == pytest.approx(np.where(np.arange(20.0) < 10, 0.7, 0.8))
 
 
 def test_events_at_a_force_limit_include_those_of_the_law() -> None:

@@ -7,6 +7,7 @@ from itertools import accumulate, pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from plant_sim.plant_setup import Jump, PlantSetup
 from plant_sim.units import KMH
 from train_ato.control.train_model import TrainModel
 from train_ato.judge.metrics import limit_over_train
@@ -127,14 +128,31 @@ def _refined(errors: Array, best: NDArray[np.intp]) -> Array:
     return np.where(best == inner, inner + np.clip(offset, -0.5, 0.5), best)
 
 
-def set_delay(link: LinkSpec, lag: float, jumps: list[tuple[float, float, float]], time: Array, demand: Array) -> Array:
+def set_lag(recording: Recording, plant: PlantSetup, time: Array, units: int) -> Array:
+    """Return the lag of the actuators with its jumps at every stamp [s], mean over the power units, shape (k,)."""
+    lag = np.array(np.broadcast_to(np.asarray(plant.lag), (time.size, units)), dtype=np.float64)
+    motion = recording.motion
+    for jump in plant.jumps:
+        if not isinstance(jump, Jump) or jump.what != "lag":
+            continue
+        begin = np.inf if jump.at is None else jump.at
+        if jump.place is not None and motion is not None and "position" in motion:
+            begin = min(motion.time[motion["position"][:, 0] >= jump.place], default=np.inf)
+        changed = np.isin(np.arange(units), np.arange(units) if jump.units is None else jump.units)
+        lag[np.outer(time >= begin, changed)] *= jump.factor
+    return np.asarray(lag.mean(axis=1))
+
+
+def set_delay(
+    link: LinkSpec, lag: Array, jumps: list[tuple[float, float, float]], time: Array, demand: Array
+) -> Array:  # fmt: skip
     """Return the delay of the command link plus the lag of the actuators at every tick [s], mean over the power units.
 
     Parameters
     ----------
     link
         Delay of the command in the scenario; the mean of the jitter is added.
-    lag
+    lag : Array, shape (k,)
         Time constant of the actuators, mean over the units [s].
     jumps
         Time [s], factor and addition [s] of the interventions.
@@ -144,13 +162,13 @@ def set_delay(link: LinkSpec, lag: float, jumps: list[tuple[float, float, float]
         A negative demand has the delay of the brake.
     """
     traction, brake = link.per_unit(demand.shape[1], "command")
-    delay = np.where(demand < 0, brake, traction).mean(axis=1)
+    delay = np.where(demand < 0, brake, traction)
     changes = [*jumps] if link.jump is None else [(link.jump.at, link.jump.factor, link.jump.add), *jumps]
-    factor, add = np.ones(time.size), np.zeros(time.size)
+    factor, add = np.ones((time.size, 1)), np.zeros((time.size, 1))
     for at, times, more in changes:
         factor[time >= at] *= times
         add[time >= at] += more
-    delay = np.maximum(0.0, delay * factor + add + link.jitter / 2)
+    delay = np.maximum(0.0, delay * factor + add + link.jitter / 2).mean(axis=1)
     if link.varying is not None:
         delay = delay + link.varying.amplitude * np.abs(np.sin(link.varying.omega * time + link.varying.phase))
     return np.asarray(delay + lag)
@@ -199,8 +217,9 @@ def delays(recording: Recording, jumps: list[tuple[float, float, float]]) -> dic
     longest, lag = DEFAULT_MAX_DELAY, 0.0
     result: dict[str, Array] = {}
     if recording.setup is not None:
+        lags = set_lag(recording, recording.setup.plant, time, demand.shape[1])
         lag = float(np.mean(recording.setup.plant.lag))
-        known = set_delay(recording.setup.links.command, lag, jumps, time, demand)
+        known = set_delay(recording.setup.links.command, lags, jumps, time, demand)
         result["delay_set"] = known
         longest = 2.0 * float(known.max() - lag) + 1.0
     found = _without_saturation(recording, *found_delay(time, demand.sum(axis=1), force.sum(axis=1), longest, lag))
