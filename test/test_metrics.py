@@ -123,14 +123,6 @@ def test_of_several_units_rms_is_the_mean_and_the_largest_error_that_of_the_wors
     assert figures["position_error_max_m"] == pytest.approx(6.0)
 
 
-def test_rms_is_the_square_root_of_the_mean_square() -> None:
-    """Paper 000 prints (41) without the square: alternating +-0.1 m/s would then give 0."""
-    error = 0.1 * (-1.0) ** np.arange(10)
-    figures = summarise(setup_of(), recording(velocity=(10.0 + error)[:, None]))
-    assert figures["speed_rmse_kmh"] == pytest.approx(0.36)
-    assert figures["speed_error_max_kmh"] == pytest.approx(0.36)
-
-
 def test_rms_starts_at_first_motion_and_ends_with_the_scored_part() -> None:
     """Breaks if standstill lowers the rms, or the stop is part of the evaluation."""
     still = np.where(np.arange(10) < 4, 0.0, 10.0)

@@ -188,14 +188,19 @@ def test_mixed_quantities_have_no_unit() -> None:
     assert (found.unit, found.value) == ("", 0.0)
 
 
-def test_requirements_decide_the_verdict_of_a_run() -> None:
-    """Breaks if a requirement is not evaluated in a run, or its failure does not fail the run."""
+def test_requirements_decide_the_verdict_of_a_run_and_are_on_its_page() -> None:
+    """Breaks if a requirement is not evaluated in a run, its failure does not fail the run, or the page lacks it."""
     run = short(limit=LAW, force="G abs(command) <= 1 kN")
     rows = {row["criterion"]: row for row in run.metrics["criteria"]}
     assert run.metrics["verdict"] == "failed"
     assert (rows["limit"]["passed"], rows["force"]["passed"]) == (True, False)
     assert rows["force"]["value"] == pytest.approx(1e3 - np.abs(run["ato/command"]["unit_0_force_n"]).max())
     assert judge_run(run.setup.scenario.criteria, {"status": "done"}, [rows["limit"]])["verdict"] == "incomplete"
+    page = empty_page_data("run", run.metrics, "")
+    found = {entry.words: entry.cells for entry in criterion_cells([page])}
+    assert found[f"limit: {LAW}"][0][1] == "passed"
+    assert found["force: G abs(command) <= 1 kN"][0][1] == "failed"
+    assert "force: robustness −" in verdict_texts([page])[0].text
 
 
 def test_the_log_gives_the_rows_of_the_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -209,16 +214,6 @@ def test_the_log_gives_the_rows_of_the_run(tmp_path: Path, capsys: pytest.Captur
     assert main(["info", str(folder)]) == 0
     assert f"limit: {LAW} in m/s" in capsys.readouterr().out
     assert main(["verify", str(folder)]) == 0
-
-
-def test_the_report_has_formula_and_robustness() -> None:
-    """Breaks if the page of a run leaves out its requirements."""
-    metrics = short(limit=LAW, force="G abs(command) <= 1 kN").metrics
-    page = empty_page_data("run", metrics, "")
-    found = {entry.words: entry.cells for entry in criterion_cells([page])}
-    assert found[f"limit: {LAW}"][0][1] == "passed"
-    assert found["force: G abs(command) <= 1 kN"][0][1] == "failed"
-    assert "force: robustness −" in verdict_texts([page])[0].text
 
 
 def test_a_scenario_without_requirements_is_unchanged() -> None:
