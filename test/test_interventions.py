@@ -5,7 +5,6 @@ import json
 import threading
 from contextlib import contextmanager
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -231,18 +230,6 @@ from train_ato.ros.graph.environment import applied, claim_domain, variables  # 
 from train_ato.ros.graph.remote import graph_client  # noqa: E402
 
 
-class Running:
-    """``train-ato run`` in a separate process on a known domain."""
-
-    def __init__(self, folder: Path, domain: int, *arguments: str) -> None:
-        self.folder = folder
-        self.process = begun("run", *arguments, f"--domain={domain}", f"--out={folder}")
-
-    def end(self):
-        _, errors = self.process.communicate(timeout=LIMIT_S)
-        assert self.process.returncode == 0, errors
-
-
 def do(domain, *arguments):
     return python("-m", "train_ato", "inject", *arguments, f"--domain={domain}")
 
@@ -251,8 +238,8 @@ def do(domain, *arguments):
 @pytest.mark.parametrize("way", [(), ("--processes",)], ids=["composed", "processes"])
 def test_a_run_with_interventions_is_driven_again_from_its_log(tmp_path, way):
     """Breaks if an intervention acts on another tick than in the log, in one process or several."""
-    domain = reserved_domain()
-    running = Running(tmp_path / "run", domain, "demo", *way, "--set", "duration=100", "--rate", "1")
+    domain, run = reserved_domain(), tmp_path / "run"
+    running = begun("run", "demo", *way, "--set=duration=100", "--rate=1", f"--domain={domain}", f"--out={run}")
     wait_for(lambda: do(domain, "pause").returncode == 0, "the run")
     assert do(domain, "step").returncode == 0
     blown = do(domain, "gust", "acceleration=0.05", "duration=40", "--json")
@@ -265,11 +252,11 @@ def test_a_run_with_interventions_is_driven_again_from_its_log(tmp_path, way):
     with graph_client(domain) as remote:
         assert remote.set_parameter("plant", "rate", 0.0) is None
         assert remote.set_parameter("plant", "paused", False) is None
-    running.end()
-
+    _, errors = running.communicate(timeout=LIMIT_S)
+    assert running.returncode == 0, errors
     found = [
         (message.stamp, entry)
-        for _, _, message in read_log(running.folder, Wire(demo().layout).decode, ("/diagnostics",))
+        for _, _, message in read_log(run, Wire(demo().layout).decode, ("/diagnostics",))
         if message.node == "plant" and KEY in message.values
         for entry in interventions_from_json(message.values[KEY])
     ]
@@ -279,7 +266,7 @@ def test_a_run_with_interventions_is_driven_again_from_its_log(tmp_path, way):
     ]  # fmt: skip
     setup = demo("duration=100")
     again = record_run(with_planned(setup, *found), tmp_path / "again")
-    assert compared(running.folder, again).differing == 0
+    assert compared(run, again).differing == 0
 
 
 @contextmanager
