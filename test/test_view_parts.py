@@ -532,3 +532,17 @@ def test_a_measured_run_is_shown_as_it_was_recorded(tmp_path: Path, capsys: pyte
     assert np.isfinite(part["speed"]).all()
     feed.step(1)
     assert feed.time == pytest.approx(30.1)
+
+
+def test_without_a_limit_the_dial_has_no_hook():
+    """Breaks if a line without limits shows a limit at the end of the dial."""
+    values = {name: np.zeros(1) for name in ("position", "velocity", "coupler", "applied", "command", "estimate")}
+    standing = snapshot.Snapshot(time=0.0, shoe=None, reference=(0.0, 0.0, 0.0), **values)
+    row = snapshot.now(standing, Facts("none", TrainLayout(1, 1)), None, 60.0)
+    assert (row["limited"], row["limit_text"]) == ([0.0], ["–"])
+
+
+@pytest.mark.parametrize(("value", "digits", "shown"), [(-0.004, 2, "+0.00"), (-0.04, 1, "+0.0"), (-1.25, 1, "-1.2")])
+def test_nothing_has_no_minus(value, digits, shown):
+    """Breaks if an error that rounds to zero is shown as -0.0."""
+    assert snapshot.signed(value, digits) == shown
