@@ -197,6 +197,15 @@ def test_a_train_without_an_air_brake_is_driven(tmp_path: Path, capsys: pytest.C
     assert 3.6 * made[:, 2].max() < 75
 
 
+def test_a_driver_begins_at_the_begin_of_the_line(tmp_path: Path) -> None:
+    """Breaks if the train starts at km 0 of a line that begins at km 3: 3.2 km in place of 200 m."""
+    line, out = tmp_path / "line.yaml", tmp_path / "driven.csv"
+    line.write_text("{schema: train_ato/line/1, name: from_km_3, begin_km: 3, end_km: 5}")
+    assert main(["driver", str(line), "xuzhou_metro_3", "--until-km", "3.2", f"--out={out}"]) == 0
+    places = np.loadtxt(out, delimiter=",", comments=("#", "time"))[:, 1]
+    assert places[0] == 3000 and places[-1] == pytest.approx(3200, abs=20)
+
+
 def changes_of(recording: Recording) -> list[tuple[float, float, float]]:
     """Return time [s], place [m] and reduction [Pa] of every change of the pressure."""
     times, pressure = recording.of(BRAKE_PIPE_COMMAND, "pressure")  # type: ignore[misc]

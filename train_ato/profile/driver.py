@@ -124,7 +124,8 @@ def simulate_driver(
     ValueError
         If the train is at rest for 60 s before ``until``.
     """
-    train = Train(consist, line, PlantSetup(), step_ns=round(STEP * 1e9), tick_ns=round(PERIOD * 1e9), seed=0)
+    setup = PlantSetup.model_validate({"start": {"position": line.begin}})
+    train = Train(consist, line, setup, step_ns=round(STEP * 1e9), tick_ns=round(PERIOD * 1e9), seed=0)
     model = nominal_train_model(consist, line, PERIOD)
     policy = make_brake_policy(BrakeSpec(policy="trigger" if consist.air_brake else "none"), model, line)
     control = DriverForce(driver, consist, model)
