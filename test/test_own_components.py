@@ -410,3 +410,11 @@ def test_new_code_drives(kind: str, like: bool, capsys: pytest.CaptureFixture[st
     (target,) = [word for word in capsys.readouterr().out.split() if ":" in word and word != "next:"]
     run = ta.run("demo", set={"duration": 20}, progress=False, **{kind: target})
     assert run.metrics["tracking"] == "tracked"
+
+
+@pytest.mark.parametrize("name", ["numpy", "class", "train_ato"])
+def test_new_code_has_a_name_that_python_can_import(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if ``new`` writes a file that another module hides, so that the printed next command is refused."""
+    assert main(["new", "law", name]) == 2
+    assert f"NAME {name}: Python has this word or module already" in capsys.readouterr().err
+    assert not list(Path().iterdir())

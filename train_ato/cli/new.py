@@ -2,6 +2,8 @@
 
 import argparse
 import re
+from importlib.util import find_spec
+from keyword import iskeyword
 from pathlib import Path
 
 YAML_KINDS = ("train", "line", "journey", "scenario")
@@ -36,6 +38,8 @@ def execute(options: argparse.Namespace) -> None:
     texts, following = (_code if options.kind in CODE_KINDS else _data)(options.kind, options.name, options.like)
     for path in texts:
         check_new_file(path, (path.suffix,), "NAME")
+    if options.kind in CODE_KINDS and (iskeyword(options.name) or find_spec(options.name)):
+        raise ValueError(f"NAME {options.name}: Python has this word or module already; choose another name")
     for path, text in texts.items():
         try:
             write_whole(path, text)
