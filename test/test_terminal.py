@@ -21,6 +21,8 @@ from train_ato.api.compare import compare
 from train_ato.cli.list import catalogue
 from train_ato.cli.main import COMMANDS, MODULES, WITHOUT_JSON, main
 from train_ato.cli.screen import print_names, print_table
+from train_ato.control.laws.pid import Pid
+from train_ato.control.registry import LAWS
 from train_ato.judge.metric_names import PROTECTION, RESULTS, format_value, metric_heading
 from train_ato.program.display_units import displayed_in, shown_data, shown_table, shown_text
 from train_ato.report.quantities import axis_title, style_of
@@ -103,6 +105,22 @@ def test_a_pipe_has_complete_rows(tmp_path: Path) -> None:
 def test_every_command_with_data_has_json() -> None:
     without = {name for name, _ in COMMANDS if f"train_ato.cli.{MODULES.get(name, name)}" in WITHOUT_JSON}
     assert without == {"completion"}
+
+
+class Talks(Pid):
+    """Law that prints."""
+
+    def step(self, inputs):
+        print("spoken")
+        return super().step(inputs)
+
+
+def test_json_is_the_only_output_of_a_law_that_prints(tmp_path, monkeypatch, capsys):
+    """Breaks if a program that reads the JSON of a run meets a text of the law before it."""
+    monkeypatch.setitem(LAWS._loaded, "talks", Talks)
+    assert main(["run", "demo", "--engine", "--law", "talks", *SHORT, "--json", "--out", str(tmp_path / "run")]) == 0
+    out, err = capsys.readouterr()
+    assert json.loads(out)["ticks"] == 20 and err.count("spoken") == 20
 
 
 def test_the_output_of_a_run_fits_a_screen_and_its_page_explains_every_line(tmp_path, capsys):

@@ -137,8 +137,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _executed(options: argparse.Namespace) -> int:
     """Execute the command; ``sys.exit(0)`` and ``os._exit()`` in the code of a user are failures."""
+    from train_ato.cli.screen import kept_for_result
+
+    as_json, units = getattr(options, "json", False), getattr(options, "units", None)
     try:
-        with no_silent_exit(), displayed_in(getattr(options, "units", None)):
+        with no_silent_exit(), displayed_in(units), kept_for_result(as_json=as_json):
             options.execute(options)
         return DONE
     except SystemExit as error:

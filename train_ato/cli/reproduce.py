@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import sys
 import time
@@ -11,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from train_ato.cli.screen import note_compilation
+from train_ato.cli.screen import note_compilation, print_json
 from train_ato.program.errors import RunFailed
 
 if TYPE_CHECKING:
@@ -96,7 +97,7 @@ def execute(options: argparse.Namespace) -> None:
     if kept:
         sys.stderr.write(f"papers judged before, not run again: {', '.join(kept)}\n")
     if options.json:
-        sys.stdout.write((folder.path / "reproduce.json").read_text(encoding="utf-8"))
+        print_json(json.loads((folder.path / "reproduce.json").read_text(encoding="utf-8")))
     else:
         sys.stdout.write(f"claims, results of all cases and figures in {folder.path}\n")
 

@@ -8,8 +8,9 @@ from __future__ import annotations
 import io
 import json
 import sys
-from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, redirect_stdout
+from typing import TYPE_CHECKING, Any, TextIO
 
 from train_ato.program.display_units import shown_data, shown_table
 
@@ -19,6 +20,22 @@ if TYPE_CHECKING:
 
 FILE_WIDTH = 100_000
 """Width of a table in a pipe or a file: no cell is folded or cut [characters]."""
+_standard_output: list[TextIO] = []
+"""Standard output of the command that runs with ``--json``; empty without the option."""
+
+
+@contextmanager
+def kept_for_result(*, as_json: bool) -> Iterator[None]:
+    """Keep standard output for the one JSON value of ``--json``: what a law prints in the block goes to stderr."""
+    if not as_json:
+        yield
+        return
+    _standard_output.append(sys.stdout)
+    try:
+        with redirect_stdout(sys.stderr):
+            yield
+    finally:
+        _standard_output.pop()
 
 
 def note_compilation() -> None:
@@ -32,8 +49,10 @@ def note_compilation() -> None:
 
 def print_json(value: Any) -> None:
     """Print one JSON value on standard output."""
-    unicode = (sys.stdout.encoding or "").lower().startswith("utf")
-    sys.stdout.write(json.dumps(shown_data(value), indent=2, ensure_ascii=not unicode, allow_nan=False) + "\n")
+    stream = _standard_output[-1] if _standard_output else sys.stdout
+    unicode = (stream.encoding or "").lower().startswith("utf")
+    stream.write(json.dumps(shown_data(value), indent=2, ensure_ascii=not unicode, allow_nan=False) + "\n")
+    stream.flush()
 
 
 def print_result(data: Any, text: str, *, as_json: bool) -> None:
