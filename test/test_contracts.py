@@ -168,6 +168,12 @@ class Beyond(NoReset):
         pass
 
 
+def test_a_default_outside_its_range_is_refused_by_every_run():
+    """Breaks if the engine drives with a default that the graph refuses as a ROS parameter."""
+    with pytest.raises(ValueError, match=r"Beyond.gain: default 3 is outside 0 ... 2; correct one of them"):
+        OBSERVERS.check_parameters("test_contracts:Beyond", {})
+
+
 def broken(base, **members):
     return type("Broken", (base,), members)
 
@@ -270,6 +276,7 @@ FAULTS = {
         },
         "same inputs, same bits": {
             "ends the program": estimate(lambda part, given, force: fail(SystemExit(3))),
+            "raises no Exception": estimate(lambda part, given, force: fail(GeneratorExit())),
             "adds a random force": estimate(lambda part, given, force: force + np.random.default_rng().normal()),
         },
         "finite estimate of every unit": {
@@ -431,10 +438,20 @@ def test_the_commands_end_with_the_status_of_the_checks(kind, component, monkeyp
         ("no_such_module:Law", "module 'no_such_module' cannot be imported"),
         ("train_ato.control.laws.pid:Pidd", r"has no class 'Pidd'; did you mean 'Pid'\?"),
         ("law", "'law' does not name a class; write package.module:Class"),
+        (".law:Law", "'.law:Law' does not name a class; write package.module:Class"),
+        ("bad_value:Law", "module 'bad_value' cannot be imported: ValueError: 3, .*bad_value.py:2; correct name"),
+        ("bad_exit:Law", "module 'bad_exit' cannot be imported: called sys.exit\\(3\\), .*bad_exit.py:2; "),
+        ("bad_text:Law", "module 'bad_text' cannot be imported: SyntaxError: .*bad_text.py, line 2\\); correct name"),
+        ("bad_null:Law", "module 'bad_null' cannot be imported: SyntaxError: source code .*null bytes"),
         ("laws/my_law.py:MyLaw", "'laws/my_law.py:MyLaw' names a file; write my_law:MyLaw, in the folder laws"),
     ],
 )
-def test_a_target_that_is_no_class_is_refused(target, message):
+def test_a_target_that_is_no_class_is_refused(target, message, tmp_path, monkeypatch):
+    """Breaks if a module that cannot be imported gives a traceback or another exit status, or its line is missing."""
+    bad = {"value": "raise ValueError(3)", "exit": "raise SystemExit(3)", "text": "class Law(", "null": "\0"}
+    for name, line in bad.items():
+        (tmp_path / f"bad_{name}.py").write_text(f"import sys\n{line}\n")
+    monkeypatch.syspath_prepend(tmp_path)
     with pytest.raises(ValueError, match=message):
         load_class(target)
 

@@ -20,10 +20,10 @@ import train_ato as ta
 from train_ato.cli.main import main
 from train_ato.cli.new import CODE_KINDS
 from train_ato.control.compensation.base import CompensationBase
-from train_ato.control.component_fault import output_fault
+from train_ato.control.component_fault import output_fault, text_of_error
 from train_ato.control.contract import LawOutput
 from train_ato.control.guard import GuardedLaw
-from train_ato.control.registry import COMPENSATIONS, OBSERVERS, in_contract_form
+from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS, in_contract_form
 from train_ato.program import interrupt
 from train_ato.program.errors import RunFailed
 
@@ -296,17 +296,45 @@ class Demands(GuardedLaw):
         return self.wanted
 
 
-@pytest.mark.parametrize("wanted", [None, 1000.0, "pull", [1e3], [1e3, 1e3, 1e3, 1e3, "1 kN"]])
+NO_FORCES = (
+    None, 1000.0, "pull", [1e3], [1e3, 1e3, 1e3, 1e3, "1 kN"], "11111", b"11111", ["1000"] * 5, dict.fromkeys(range(5)),
+    set(range(5)), [True] * 5, np.full(5, 1e3 + 1j), np.full(5, 5, "m8[s]"), [[1.0], [1.0, 2.0], 1.0, 1.0, 1.0],
+    iter([1e3] * 5),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("wanted", NO_FORCES)
 def test_a_demand_that_is_no_list_of_all_units_is_refused(wanted: Any) -> None:
-    """Breaks if one number counts for all five units, or if the line names the guard in place of the own law."""
+    """Breaks if one number counts for all five units, or if the line names the guard in place of the own law.
+
+    Keys of a dictionary, bytes of a text and the real part of complex numbers are no forces either.
+    """
     law = Demands(wanted)
     law.bind(model(FIVE), 0.1)
     found = output_fault("own:Demands", law, law.step(inputs(law.model)), 5)
     assert found.startswith("law Demands: demand() returned ")
-    assert "; return a list of 5 forces, " in found
+    assert "; return a list of 5 forces, " in found and " 0x" not in found
     assert found.endswith(f", {__file__}:{inspect.getsourcelines(Demands.demand)[1]}")
     law.wanted = np.full(5, 1e3)
     assert output_fault("own:Demands", law, law.step(inputs(law.model)), 5) == ""
+
+
+def test_the_text_of_an_error_is_printable() -> None:
+    """Breaks if a log refuses half of a character in the text of an error, or a text that cannot be made hides it."""
+
+    class Wordless(Exception):
+        def __str__(self) -> str:
+            raise RuntimeError("no text")
+
+    assert text_of_error(ValueError("bad \udcff\nend")).startswith(r"ValueError: bad \udcff end")
+    assert text_of_error(Wordless()).startswith("Wordless: its text cannot be made")
+
+
+def test_a_horizon_that_is_no_number_is_refused_at_the_start() -> None:
+    """Breaks if the run begins and then blames the compensation, which reads the horizon of the law."""
+    law = type("Ahead", (Demands,), {"horizon": "all", "__init__": lambda law: None})
+    with pytest.raises(ValueError, match=r"law '.*Ahead': horizon is 'all'; give a number of entries, 0 or more"):
+        LAWS.make(LAWS.name_of(law), {}, model(FIVE), 0.1)
 
 
 def test_a_bind_without_its_base_is_named() -> None:

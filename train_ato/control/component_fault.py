@@ -55,14 +55,23 @@ def fault_of_error(kind: str, name: str, error: BaseException) -> str:
     error
         The exception; its traceback begins in this project.
     """
-    reason = " ".join(str(error).split())
+    return f"{kind} {short_name(name)}: {text_of_error(error)}"
+
+
+def text_of_error(error: BaseException) -> str:
+    """Return an exception in the code of a user in one line: its kind, its reason, file and line."""
     if isinstance(error, SystemExit):
         text = text_of_exit(error)
     elif isinstance(error, TimedOut):
         text = f"step() did not return within {STEP_LIMIT_S:g} s"
     else:
-        text = f"{type(error).__name__}: {reason}" if reason else type(error).__name__
-    return f"{kind} {short_name(name)}: {text}{place_of(error)}"
+        try:
+            reason = str(error).encode("utf-8", "backslashreplace").decode()  # a log keeps no half of a character
+        except Exception:
+            reason = "its text cannot be made"
+        text = ": ".join(filter(None, (type(error).__name__, " ".join(reason.split()))))
+    place = "" if isinstance(error, SyntaxError) else place_of(error)  # a syntax error names its place
+    return f"{text}{place}"
 
 
 @contextmanager
@@ -118,10 +127,10 @@ def output_fault(name: str, law: Any, output: Any, units: int) -> str:
         found = type(output).__name__
     elif not isinstance(force, np.ndarray):
         found = f"force of type {type(force).__name__}"
+    elif force.dtype.kind not in "fiu":
+        found = f"force of type {type(force.item(0) if force.size else force).__name__}"
     elif force.shape != (units,):
         found = f"{str(force.tolist())[:60]} N, shape {force.shape}"
-    elif force.dtype.kind not in "fiu":
-        found = f"force of {force.dtype}"
     elif not all(map(math.isfinite, force.tolist())):
         found = f"{str(force.tolist())[:60]} N"
     elif output.brake_pipe is not None and not isinstance(output.brake_pipe, (int, float)):

@@ -370,6 +370,13 @@ def make_parameters(dataclass_type: type, values: Mapping[str, Any], owner: str)
             listed = ", ".join(known) or "none"
             raise ValueError(f"{owner}.{name}: no such parameter{close_match(name, known)}; {owner} has: {listed}")
         checked[name] = _checked(known[name], value, f"{owner}.{name}")
+    for entry in known.values():
+        default = entry.default
+        if isinstance(default, (bool, str)) or entry.low <= default <= entry.high:
+            continue
+        bounds = f"{number_text(entry.low)} ... {number_text(entry.high)}"
+        text = f"{owner}.{entry.name}: default {number_text(default)} is outside {bounds}"
+        raise ValueError(f"{text}; correct one of them")
     return dataclass_type(**checked)
 
 

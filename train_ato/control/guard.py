@@ -300,11 +300,12 @@ class GuardedLaw:
             return self._hold(inputs, f"invalid inputs: {', '.join(invalid_inputs(inputs))}")
         wanted = self.demand(inputs)
         try:
-            if len(wanted) != self.n:  # one number would count for every unit
-                return LawOutput(np.array(wanted))
-            units["wanted"] = [*wanted]
-        except (TypeError, ValueError):  # no numbers: the loop refuses them with the place of demand()
-            return LawOutput(np.array(wanted, dtype=object))
+            given = np.asarray(wanted)
+        except ValueError:  # rows of several lengths
+            given = np.array(wanted, dtype=object)
+        if given.shape != (self.n,) or given.dtype.kind not in "fiu":  # one number would count for every unit
+            return LawOutput(given)  # the loop refuses it with the place of demand()
+        units["wanted"] = given
         if not limit_demands(units):
             self.clear_state()
             return self._hold(inputs, f"computed {str(wanted)[:60]} N")

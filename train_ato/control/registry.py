@@ -23,8 +23,10 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import numpy as np
+
 from plant_sim.input_error import close_match
-from train_ato.control.component_fault import place_of, refused_at_start
+from train_ato.control.component_fault import refused_at_start, text_of_error
 from train_ato.control.contract import Parameter, RefusedParameter, make_parameters, parameter, parameters_of
 from train_ato.control.gains import Gains, gains_of
 
@@ -225,13 +227,9 @@ class Registry:
             own = "" if hint else f"; one of your own is MODULE:CLASS, for example my_{self.kind}:My{self.kind.title()}"
             raise ValueError(f"unknown {self.kind} '{name}'{hint}; known: {', '.join(names)}{own}")
         try:
-            loaded = self._in_form(load_class(target) if target is not None else external[name].load())
+            loaded = self._in_form(load_class(target or "{0.module}:{0.attr}".format(external[name])))
         except ValueError as error:
-            raise ValueError(f"{self.kind} '{name}': {error}") from None
-        except (Exception, SystemExit) as error:
-            place = "" if isinstance(error, SyntaxError) else place_of(error)  # a syntax error names its place
-            text = f"cannot be loaded: {type(error).__name__}: {error}{place}"
-            raise ValueError(f"{self.kind} '{name}' {text}") from error
+            raise ValueError(f"{self.kind} '{name}': {error}") from error.__cause__
         known[name] = loaded
         return loaded
 
@@ -259,7 +257,10 @@ class Registry:
         parameters = make_parameters(component.Parameters, values, name)
         with refused_at_start(self.kind, name, component):
             try:
-                return component(parameters, *arguments)
+                made = component(parameters, *arguments)
+                if fault := horizon_fault(made):
+                    raise ValueError(fault)
+                return made
             except RefusedParameter as error:
                 raise error.of(self.kind, name) from None
             except ValueError as error:
@@ -277,6 +278,13 @@ class Registry:
     def _entry_points(self) -> dict[str, EntryPoint]:
         folders = (Path(entry).absolute() for entry in sys.path)
         return _installed(self.group, tuple((folder, _changed_at(folder)) for folder in folders))
+
+
+def horizon_fault(component: Any) -> str:
+    """Return the fault of the number of previewed entries of a component; "" without one."""
+    horizon = getattr(component, "horizon", 0)
+    right = isinstance(horizon, (int, np.integer)) and horizon >= 0
+    return "" if right else f"horizon is {horizon!r}; give a number of entries, 0 or more"
 
 
 class LawRegistry(Registry):
@@ -310,7 +318,7 @@ def load_class(target: str) -> type:
     module_name, _, attribute = target.partition(":") if ":" in target else target.rpartition(".")
     if target.endswith(".py"):
         module_name, attribute = target, "CLASS"
-    if not module_name or not attribute:
+    if not module_name or not attribute or module_name.startswith("."):
         raise ValueError(f"'{target}' does not name a class; write package.module:Class")
     if "/" in module_name or module_name.endswith(".py"):
         file = Path(module_name)
@@ -323,14 +331,17 @@ def load_class(target: str) -> type:
         )
     try:
         module = _module(module_name)
-    except (ImportError, TypeError) as error:  # TypeError: a relative name
+    except (Exception, SystemExit) as error:
         missing = isinstance(error, ModuleNotFoundError) and error.name == module_name.partition(".")[0]
-        problem = "there is none of this name here or in the Python path" if missing else str(error)
+        problem = "there is none of this name here or in the Python path" if missing else text_of_error(error)
         raise ValueError(f"module '{module_name}' cannot be imported: {problem}; correct name or module") from error
-    found = getattr(module, attribute, None)
+    found: Any = module
+    for name in attribute.split("."):
+        found = getattr(found, name, None)
     if not isinstance(found, type):
-        classes = [name for name, value in vars(module).items() if isinstance(value, type)]
-        raise ValueError(f"module '{module_name}' has no class '{attribute}'{close_match(attribute, classes)}")
+        near = close_match(attribute, [name for name, value in vars(module).items() if isinstance(value, type)])
+        origin = getattr(module, "__file__", None) or "a part of Python"
+        raise ValueError(f"module '{module_name}' has no class '{attribute}'{near}; its file is {origin}")
     return found
 
 

@@ -127,4 +127,6 @@ class FirstFailure:
             trace = "".join(traceback.format_exception(reason))
             with suppress(OSError):  # a full disk must not hide the failure itself
                 self._log_folder.mkdir(parents=True, exist_ok=True)
-                (self._log_folder / f"{node}.traceback.txt").write_text(trace, encoding="utf-8")
+                (self._log_folder / f"{node}.traceback.txt").write_text(
+                    trace, encoding="utf-8", errors="backslashreplace"
+                )

@@ -15,11 +15,20 @@ from typing import Any
 import numpy as np
 
 from plant_sim.units import number_text
-from train_ato.control.contract import LawInput, parameters_of
+from train_ato.control.component_fault import text_of_error
+from train_ato.control.contract import LawInput, make_parameters, parameters_of
 from train_ato.control.gains import has_rule
 from train_ato.control.laws.pid import Pid
 from train_ato.control.observers.contract import ObserverInput
-from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS, Registry, in_contract_form, load_class
+from train_ato.control.registry import (
+    COMPENSATIONS,
+    LAWS,
+    OBSERVERS,
+    Registry,
+    horizon_fault,
+    in_contract_form,
+    load_class,
+)
 from train_ato.messages.types import Array
 from train_ato.studies.check_component.common import (
     TOO_SLOW,
@@ -172,8 +181,6 @@ LAW_TESTS: dict[str, Test] = {
 TRAINS = ("xuzhou_metro_3", "freight_five", "crh380a_three_units", "hxd1_c80_105")
 """Shipped trains of the tests; the last has a sensor at its first coupler."""
 DESCRIBED = "describes its parameters"
-COMPONENT_ERRORS = (Exception, SystemExit)
-"""Exceptions of a component that make a test fail."""
 
 
 @dataclass(frozen=True)
@@ -272,8 +279,10 @@ def check_component(
         except ValueError as error:
             findings.append(Finding(name, "accepts the train", None, f"rejected: {error}"))
             continue
-        except COMPONENT_ERRORS as error:
-            findings.append(Finding(name, "accepts the train", False, f"raised {_named(error)}"))
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:
+            findings.append(Finding(name, "accepts the train", False, f"raised {text_of_error(error)}"))
             continue
         accepted += 1
         wrong = _misshapen(made, of)
@@ -341,12 +350,12 @@ def _described(component: Any) -> Finding:
         return Finding("", test, False, "the class has no dataclass `Parameters`; add one")
     try:
         listed = parameters_of(declared)
+        make_parameters(declared, {}, component.__name__)
     except KeyError as error:
         return Finding("", test, False, f"a field lacks {error}; declare it by parameter()")
+    except ValueError as error:
+        return Finding("", test, False, str(error))
     for entry in listed:
-        number = isinstance(entry.default, (int, float)) and not isinstance(entry.default, bool)
-        if number and not entry.low <= float(entry.default) <= entry.high:
-            return Finding("", test, False, f"default of {entry.name} is outside its range")
         if not entry.meaning:
             return Finding("", test, False, f"{entry.name} has no description")
     return Finding("", test, True, f"{len(listed)} parameters")
@@ -360,10 +369,7 @@ def _misshapen(component: Any, kind: ComponentKind) -> str:
     for name in kind.optional:
         if not callable(getattr(component, name, _misshapen)):
             return f"{name} is not a method"
-    horizon = getattr(component, "horizon", 0)
-    if isinstance(horizon, bool) or not isinstance(horizon, int) or horizon < 0:
-        return f"horizon is {horizon!r}; give a number of entries, 0 or more"
-    return ""
+    return horizon_fault(component)
 
 
 def _on_train(make: Callable[[], Any], rig: Rig, tests: dict[str, Test]) -> Iterator[Finding]:
@@ -371,12 +377,10 @@ def _on_train(make: Callable[[], Any], rig: Rig, tests: dict[str, Test]) -> Iter
     for test, run in tests.items():
         try:
             passed, detail = run(make, rig)
-        except COMPONENT_ERRORS as error:
-            passed, detail = False, f"raised {_named(error)}"
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # as in a run
+            passed, detail = False, f"raised {text_of_error(error)}"
         yield Finding(rig.name, test, passed, detail)
         if detail.startswith(TOO_SLOW):
             return
-
-
-def _named(error: BaseException) -> str:
-    return f"{type(error).__name__}: {error}"
