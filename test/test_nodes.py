@@ -611,6 +611,8 @@ def test_diagnostics_under_the_name_of_a_node_are_those_of_one_publisher(recordi
         recorder.poll_until(lambda: recorder.notes or foreign.publish("/diagnostics", _report(wire, "lidar", 3)))
         text = "node intruder publishes /diagnostics too; only messages of the run's nodes are recorded"
         assert (recorder.notes, counts()) == ([text], 3)
+        for _ in range(4):  # message 4 under the name of the node would follow its message 3
+            foreign.publish("/diagnostics", _report(wire, "lidar", 3))
         said = "/diagnostics: it sends under the name of node controller; end it"
         with pytest.raises(NodeFault, match=said) as found:
             recorder.poll_until(lambda: foreign.publish("/diagnostics", _report(wire, "controller", 3)[:60]))
