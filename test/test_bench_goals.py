@@ -62,7 +62,6 @@ def test_every_benchmark_is_a_script_that_publishes(name: str) -> None:
     loaded(path, f"bench_{name}")
 
 
-@pytest.mark.campaign
 @pytest.mark.parametrize("name", command.BENCHMARKS)
 def test_every_benchmark_runs(name: str) -> None:
     """Breaks if a benchmark ends early, or has no figure; the figures themselves are those of a loaded machine."""

@@ -340,7 +340,6 @@ def test_the_run_of_a_frozen_worker_is_named_and_runs_again(tmp_path, own_laws, 
     assert said[-1].startswith("no run has ended for ") and said[-1].endswith("under way: run 2"), said
 
 
-@pytest.mark.graph
 def test_a_run_that_does_not_end_is_a_row(own_laws: None, monkeypatch: pytest.MonkeyPatch) -> None:
     """Breaks if a run that never ends in a living worker keeps its sweep from its end, or costs the rows of others."""
     monkeypatch.setattr(sweep_module, "LOOK_S", 1.0)
