@@ -206,6 +206,15 @@ def own_line(folder: Path) -> str:
     return str(line)
 
 
+def test_a_train_that_will_run_back_sees_its_way_from_the_begin():
+    """Breaks if the way to the end is below 0, and the limits ahead are those behind, until the reference moves."""
+    back = {"start": 5000, "phases": [{"cruise_for": 2}, {"accelerate_to": -3}, {"brake_to": 0}]}
+    env = ta.Env("xuzhou_metro", set={"profile": back, "plant.start": {}, "plant.reversing": True, "duration": 5})
+    obs, _ = env.reset(seed=1)
+    places = env.setup.profile.position
+    assert obs["distance_to_end"] == pytest.approx(places[0] - places[-1]) and places[0] > places[-1]
+
+
 def test_limits_ahead_are_those_of_the_line(tmp_path):
     """Breaks if a limit is not that of the whole train, or its place not the distance ahead."""
     changes = {"plant.line": own_line(tmp_path), "duration": 2}

@@ -54,7 +54,7 @@ class Known:
     state : Array, shape (9,)
         1 if the ATO is engaged, so that the force of the caller drives. Newest traction cut-off, service and emergency
         brake (1: in effect). Supervised speed limits [m/s]. Direction of the reference along the line, 1 or -1; at rest
-        the direction of the last motion.
+        that of the last motion, at the start that of the first.
     """
 
     received: Received
@@ -74,7 +74,10 @@ class Known:
     @classmethod
     def of(cls, controller: ControllerStage) -> "Known":
         """Return the knowledge at the first step."""
-        return cls(controller.received, controller.in_flight)
+        known, speeds = cls(controller.received, controller.in_flight), controller.setup.profile.velocity
+        for speed in speeds[np.flatnonzero(speeds)[:1]]:
+            known.state[DIRECTION] = np.sign(speed)
+        return known
 
     def take(self, controller: ControllerStage) -> None:
         """Take the messages of a step; those of the supervisor are kept between its steps."""
