@@ -163,6 +163,7 @@ def test_logs_of_others_are_entered_too(tmp_path, options):
     [
         ("absent.mcap", None, "no such log"),
         ("empty.mcap", b"", "is empty; nothing was recorded in it"),
+        ("begun.mcap", b"\x89MCAP0\r\n", "damaged or no log: "),
         ("text.mcap", b"not a log at all, but a text that is longer than a footer is", "no log: a text; name the log"),
     ],
 )

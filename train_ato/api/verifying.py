@@ -12,7 +12,7 @@ from train_ato.log.difference import LogComparison, compare_logs
 from train_ato.log.reading import read_log
 from train_ato.log.recorded import late_commands, outside_nodes, read_changes, read_recording, read_reports
 from train_ato.log.run_folder import RunFolder, read_run_folder
-from train_ato.log.versions import SCENARIO
+from train_ato.log.versions import SCENARIO, SUMMARY
 from train_ato.loop.engine import SIGNALS, TickLoop, run_engine
 from train_ato.messages.codec import Wire
 from train_ato.messages.topics import AHEAD
@@ -54,7 +54,8 @@ def verify(run: str | Path, relative: float = 0.0) -> LogComparison:
             f"{place / SCENARIO}`"
         )
     if summary.get("status", "done") != "done":
-        status = {"killed": "was killed", "interrupted": "was interrupted"}.get(summary["status"], summary["status"])
+        words = {"killed": f"was killed or has no {SUMMARY}", "interrupted": "was interrupted"}
+        status = words.get(summary["status"], summary["status"])
         raise ValueError(f"{path}: the run {status}; name a complete run")
     outside = outside_nodes(read_reports(path), supervised=setup.layout.supervised, names=summary.get("external"))
     if outside:

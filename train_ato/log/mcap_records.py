@@ -328,7 +328,7 @@ def _is_text(path: Path) -> bool:
     """Return True if a file begins with text; the head of a log has zeros."""
     with path.open("rb") as file:
         begin = file.read(512)
-    return bool(begin) and not set(begin) & set(range(9))
+    return bool(begin) and begin[0] != MAGIC[0] and not set(begin) & set(range(9))
 
 
 @contextmanager
