@@ -270,6 +270,23 @@ def test_every_fault_of_a_law_stops_the_train_and_fails_the_run(fault: str, monk
     assert error.run.metrics["status"] == "failed"
 
 
+class Counts(Unsound):
+    """Law whose diagnostics have a number and a half of a character, and an error from a time on."""
+
+    def diagnostics(self) -> Any:
+        return {"steps": self.steps, "unit": "\udcff"} if self.steps < BEGIN_S / 0.05 else self.divides()
+
+
+def test_an_error_in_the_diagnostics_of_a_law_stops_the_train() -> None:
+    """Breaks if the run ends while the train moves, the message has no law, or a number in place of a text fails it."""
+    error = failed(law=Counts("whole"), set=METRO)
+    assert f"node controller failed: law Counts: {FAULTS['divides']}, {__file__}:" in str(error)
+    assert_stopped(error)
+    law = Counts("whole")
+    law.diagnostics = lambda: ["steps"]  # type: ignore[method-assign]
+    assert "law Counts: TypeError: diagnostics() returned list; return a dictionary" in str(failed(law=law, set=METRO))
+
+
 def test_an_output_that_is_nonsense_names_the_step_that_returned_it() -> None:
     """Breaks if a law that derives from another one is reported at the line of the law that it replaced."""
 
@@ -330,10 +347,20 @@ def test_the_text_of_an_error_is_printable() -> None:
     assert text_of_error(Wordless()).startswith("Wordless: its text cannot be made")
 
 
-def test_a_horizon_that_is_no_number_is_refused_at_the_start() -> None:
-    """Breaks if the run begins and then blames the compensation, which reads the horizon of the law."""
-    law = type("Ahead", (Demands,), {"horizon": "all", "__init__": lambda law: None})
-    with pytest.raises(ValueError, match=r"law '.*Ahead': horizon is 'all'; give a number of entries, 0 or more"):
+@pytest.mark.parametrize(
+    ("name", "value", "says"),
+    [
+        ("horizon", "all", "horizon is 'all'; give a number of entries, 0 or more"),
+        ("horizon", -1, "horizon is -1; give a number of entries, 0 or more"),
+        ("lookahead_times", [1.0, 2.0], r"lookahead_times is \[1.0, 2.0\]; give a numpy array of times in s"),
+        ("lookahead_times", np.array([1.0, np.nan]), r"lookahead_times is \[ 1. nan\]; give a numpy array"),
+        ("lookahead_times", np.ones((2, 2)), "lookahead_times is .*; give a numpy array"),
+    ],
+)
+def test_a_wrong_preview_is_refused_at_the_start(name: str, value: Any, says: str) -> None:
+    """Breaks if the run begins and then blames the compensation, which reads horizon and times of the law."""
+    law = type("Ahead", (Demands,), {name: value, "__init__": lambda law: None})
+    with pytest.raises(ValueError, match=f"law '.*Ahead': {says}"):
         LAWS.make(LAWS.name_of(law), {}, model(FIVE), 0.1)
 
 

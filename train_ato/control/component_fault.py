@@ -58,6 +58,11 @@ def fault_of_error(kind: str, name: str, error: BaseException) -> str:
     return f"{kind} {short_name(name)}: {text_of_error(error)}"
 
 
+def printable(text: str) -> str:
+    """Return a text of a component for a log, which keeps no half of a character."""
+    return text.encode("utf-8", "backslashreplace").decode()
+
+
 def text_of_error(error: BaseException) -> str:
     """Return an exception in the code of a user in one line: its kind, its reason, file and line."""
     if isinstance(error, SystemExit):
@@ -66,7 +71,7 @@ def text_of_error(error: BaseException) -> str:
         text = f"step() did not return within {STEP_LIMIT_S:g} s"
     else:
         try:
-            reason = str(error).encode("utf-8", "backslashreplace").decode()  # a log keeps no half of a character
+            reason = printable(str(error))
         except Exception:
             reason = "its text cannot be made"
         text = ": ".join(filter(None, (type(error).__name__, " ".join(reason.split()))))

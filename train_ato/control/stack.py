@@ -20,6 +20,7 @@ from train_ato.control.component_fault import (
     ComponentFailed,
     fault_of_error,
     output_fault,
+    printable,
     raise_if_interrupted,
     step_limit,
     unless_raised,
@@ -249,9 +250,28 @@ class ControlStack:
             "held_steps": str(self._hold.total),
             "saturated_steps": str(self.saturated_steps),
             "swaps": str(self._swaps),
-            **{f"{self._name}.{key}": value for key, value in getattr(self.law, "diagnostics", dict)().items()},
+            **self._texts_of_law(),
             **({} if self.plan is None else plan_to_text(self.plan, held=self.holding)),
         }
+
+    def _texts_of_law(self) -> dict[str, str]:
+        """Return the diagnostics of the law under its name; without them after an error, which ends its steps."""
+        try:
+            with self._law_limit:
+                found: Any = getattr(self.law, "diagnostics", dict)()
+                if not isinstance(found, Mapping):
+                    raise TypeError(f"diagnostics() returned {type(found).__name__}; return a dictionary of texts")
+                return {printable(f"{self._name}.{key}"): printable(str(value)) for key, value in found.items()}
+        except BaseException as error:  # a user-defined law may raise any
+            raise_if_interrupted(error)
+            if self._fault is None:
+                self._fault, self._fault_text = error, fault_of_error("law", self._name, error)
+            return {}
+
+    @property
+    def has_fault(self) -> bool:
+        """True after an error of the law or the compensation, which gets no further step."""
+        return self._fault is not None
 
     def step(
         self, measurement: Measurement, reference: Reference | None, estimate: DisturbanceEstimate | None

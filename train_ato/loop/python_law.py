@@ -114,6 +114,8 @@ class PythonLaw(PythonCall):
     def _step(self, tick: int) -> bool:
         """Call the law; return True for an output that is only a force, whose value the compiled code checks."""
         law: Any = self._law
+        if self._stack.has_fault:
+            return False
         with self._controller.call:
             try:
                 inputs = self._law_input(tick)

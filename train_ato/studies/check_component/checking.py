@@ -25,9 +25,9 @@ from train_ato.control.registry import (
     LAWS,
     OBSERVERS,
     Registry,
-    horizon_fault,
     in_contract_form,
     load_class,
+    preview_fault,
 )
 from train_ato.messages.types import Array
 from train_ato.studies.check_component.common import (
@@ -369,7 +369,7 @@ def _misshapen(component: Any, kind: ComponentKind) -> str:
     for name in kind.optional:
         if not callable(getattr(component, name, _misshapen)):
             return f"{name} is not a method"
-    return horizon_fault(component)
+    return preview_fault(component)
 
 
 def _on_train(make: Callable[[], Any], rig: Rig, tests: dict[str, Test]) -> Iterator[Finding]:
