@@ -326,10 +326,11 @@ def test_an_error_at_the_start_of_an_own_component_has_its_file_and_line(
                                                      (Pressing, KeyboardInterrupt, "interrupted")])  # fmt: skip
 @pytest.mark.parametrize("kept", [True, False])
 def test_a_run_that_does_not_end_well_keeps_its_record(law, error, status, kept, tmp_path):
-    """Breaks if recorded data are lost after a failure or Ctrl-C."""
+    """Breaks if recorded data are lost after a failure or Ctrl-C, or a line names data where no folder has them."""
     with pytest.raises(error) as caught:
         ta.run("demo", law=law, set=SHORT, out=tmp_path / "run" if kept else None)
     assert isinstance(caught.value, ta.RunFailed) and "\n" not in str(caught.value)
+    assert ("; recorded data: " in str(caught.value)) == (kept and status == "interrupted")
     run = caught.value.run
     assert run.metrics["status"] == status
     # after a failure the last command is held for a second, then the run ends at standstill

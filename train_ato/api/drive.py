@@ -335,8 +335,8 @@ def _failure(run: Run, outcome: RunResult, folder: RunFolder | None) -> RunFaile
     if outcome.failure:
         return RunFailed(outcome.failure, run)
     if outcome.interrupted:
-        place = folder.path if folder else "run of this error"
-        return RunInterrupted(f"interrupted: {outcome.summary['interruption']}; recorded data: {place}", run)
+        place = f"; recorded data: {folder.path}" if folder else ""
+        return RunInterrupted(f"interrupted: {outcome.summary['interruption']}{place}", run)
     return None
 
 
