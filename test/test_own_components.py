@@ -19,6 +19,7 @@ from refusals import one_line
 import train_ato as ta
 from train_ato.cli.main import main
 from train_ato.cli.new import CODE_KINDS
+from train_ato.control.command_hold import CommandHold
 from train_ato.control.compensation.base import CompensationBase
 from train_ato.control.component_fault import output_fault, text_of_error
 from train_ato.control.contract import LawOutput
@@ -275,6 +276,15 @@ class Counts(Unsound):
 
     def diagnostics(self) -> Any:
         return {"steps": self.steps, "unit": "\udcff"} if self.steps < BEGIN_S / 0.05 else self.divides()
+
+
+def test_the_text_of_a_held_command_is_printable() -> None:
+    """Breaks if half of a character in the text of a law fails the run by the codec, without the name of the law."""
+    hold = CommandHold(0.1, 0.05)
+    for _ in range(3):
+        hold.hold("law Own: \udcff", by_component=True)
+    with pytest.raises(RunFailed, match=r"law Own: \\udcff"):
+        hold.check_limit()
 
 
 def test_an_error_in_the_diagnostics_of_a_law_stops_the_train() -> None:

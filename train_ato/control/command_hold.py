@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from plant_sim.compiled import compiled
-from train_ato.control.component_fault import ComponentFailed
+from train_ato.control.component_fault import ComponentFailed, printable
 from train_ato.control.train_model import STANDSTILL_SPEED, TrainModel
 from train_ato.messages.types import Array
 from train_ato.program.errors import RunFailed
@@ -44,7 +44,7 @@ class CommandHold:
         """Count one repeated step with its reason; ``by_component`` for a fault of a law or a compensation."""
         self.total += 1
         self.in_a_row += 1
-        self._reason, self._by_component = reason, by_component
+        self._reason, self._by_component = printable(reason), by_component
 
     def check_limit(self) -> None:
         """Fail the run at the limit.
