@@ -6,11 +6,15 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from waiting import LIMIT_S
+
 
 def python(*words: str, folder: Path | None = None, **variables: str) -> subprocess.CompletedProcess[str]:
     """Run Python to its end in a folder, with more variables of its environment and its output kept."""
     environment = {**os.environ, **variables}
-    return subprocess.run([sys.executable, *words], cwd=folder, env=environment, capture_output=True, text=True)
+    return subprocess.run(
+        [sys.executable, *words], cwd=folder, env=environment, capture_output=True, text=True, timeout=2 * LIMIT_S
+    )
 
 
 def begun(*words: str, **options: Any) -> subprocess.Popen[str]:

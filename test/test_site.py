@@ -45,6 +45,7 @@ def test_the_site_is_built_without_a_warning_and_needs_no_network(tmp_path, capf
     assert sum(path.stat().st_size for path in (tmp_path / "site").rglob("*") if path.is_file()) < 15e6
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("page", TUTORIALS, ids=lambda page: page.stem)
 def test_a_tutorial_runs_to_a_passed_verdict(page, tmp_path):
     """Breaks if a command of a tutorial is refused, or its last run does not pass its criteria."""
