@@ -3,6 +3,7 @@
 import csv
 import importlib
 import json
+import os
 import re
 import subprocess
 from pathlib import Path
@@ -20,7 +21,7 @@ from plant_sim.units import number_text
 from train_ato.api.compare import compare
 from train_ato.cli.list import catalogue
 from train_ato.cli.main import COMMANDS, MODULES, WITHOUT_JSON, main
-from train_ato.cli.screen import print_names, print_table
+from train_ato.cli.screen import kept_for_result, print_json, print_names, print_table
 from train_ato.control.laws.pid import Pid
 from train_ato.control.registry import LAWS
 from train_ato.judge.metric_names import PROTECTION, RESULTS, format_value, metric_heading
@@ -121,6 +122,28 @@ def test_json_is_the_only_output_of_a_law_that_prints(tmp_path, monkeypatch, cap
     assert main(["run", "demo", "--engine", "--law", "talks", *SHORT, "--json", "--out", str(tmp_path / "run")]) == 0
     out, err = capsys.readouterr()
     assert json.loads(out)["ticks"] == 20 and err.count("spoken") == 20
+
+
+def test_json_is_the_only_output_of_workers_whose_law_prints(tmp_path, monkeypatch, capfd):
+    """Breaks if workers, which inherit descriptor 1, write a text of the law before the JSON of a sweep."""
+    (tmp_path / "talks_aloud.py").write_text("from train_ato.control.laws.pid import Pid\nprint('spoken')\n")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=":")
+    monkeypatch.syspath_prepend(tmp_path)
+    spec = tmp_path / "spec.yaml"
+    spec.write_text('{scenario: demo, over: {seed: [1]}, set: {duration: 2, law: "talks_aloud:Pid"}}')
+    assert main(["sweep", str(spec), "--jobs", "1", "--json", "--out", str(tmp_path / "out")]) == 0
+    out, err = capfd.readouterr()
+    assert json.loads(out)["counts"] == {"done": 1} and "spoken" in err
+
+
+def test_standard_output_is_back_after_a_broken_command(capfd):
+    """Breaks if an error in a command with ``--json`` leaves descriptor 1 with the errors."""
+    with pytest.raises(ValueError, match="broken"), kept_for_result(as_json=True):
+        os.write(1, b"spoken")
+        print_json(1)
+        raise ValueError("broken")
+    os.write(1, b"back")
+    assert capfd.readouterr() == ("1\nback", "spoken")
 
 
 def test_the_output_of_a_run_fits_a_screen_and_its_page_explains_every_line(tmp_path, capsys):

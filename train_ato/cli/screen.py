@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import io
 import json
+import os
 import sys
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, redirect_stdout
+from contextlib import contextmanager, redirect_stdout, suppress
 from typing import TYPE_CHECKING, Any, TextIO
 
 from train_ato.program.display_units import shown_data, shown_table
@@ -26,16 +27,33 @@ _standard_output: list[TextIO] = []
 
 @contextmanager
 def kept_for_result(*, as_json: bool) -> Iterator[None]:
-    """Keep standard output for the one JSON value of ``--json``: what a law prints in the block goes to stderr."""
+    """Keep standard output for the one JSON value of ``--json``: what a law prints in the block goes to stderr.
+
+    Worker processes inherit descriptor 1, which therefore is that of stderr in the block.
+    """
     if not as_json:
         yield
         return
-    _standard_output.append(sys.stdout)
+    sys.stdout.flush()
+    before, kept = sys.stdout, os.dup(1)
+    result = before
+    with suppress(AttributeError, OSError):  # a stream without a descriptor
+        if before.fileno() == 1:
+            result = os.fdopen(os.dup(1), "w", encoding=before.encoding, errors=before.errors)
+    _standard_output.append(result)
+    os.dup2(2, 1)
     try:
         with redirect_stdout(sys.stderr):
             yield
     finally:
         _standard_output.pop()
+        with suppress(OSError):
+            before.flush()
+        os.dup2(kept, 1)
+        os.close(kept)
+        if result is not before:
+            with suppress(OSError):  # of a closed pipe: printing has raised it
+                result.close()
 
 
 def note_compilation() -> None:
