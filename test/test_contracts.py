@@ -15,7 +15,7 @@ from law_trains import FIVE, SINGLE, inputs, model
 
 from train_ato.cli import main
 from train_ato.control.compensation.preview import PreviewFeedforward
-from train_ato.control.contract import LawInput, LawOutput, Lookahead, NoParameters, parameter
+from train_ato.control.contract import LawInput, LawOutput, Lookahead, NoParameters, make_parameters, parameter
 from train_ato.control.laws.pid import Pid
 from train_ato.control.observers.ndo import Ndo
 from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS, load_class
@@ -172,6 +172,12 @@ def test_a_default_outside_its_range_is_refused_by_every_run():
     """Breaks if the engine drives with a default that the graph refuses as a ROS parameter."""
     with pytest.raises(ValueError, match=r"Beyond.gain: default 3 is outside 0 ... 2; correct one of them"):
         OBSERVERS.check_parameters("test_contracts:Beyond", {})
+
+
+def test_a_default_that_is_no_number_has_no_range():
+    """Breaks if the range of a default of None is a traceback."""
+    field = ("extra", float, parameter(None, "1", 0.0, 2.0, "extra"))
+    assert make_parameters(dataclasses.make_dataclass("Optional", [field]), {}, "own").extra is None
 
 
 def broken(base, **members):

@@ -357,11 +357,21 @@ def test_the_text_of_an_error_is_printable() -> None:
     assert text_of_error(Wordless()).startswith("Wordless: its text cannot be made")
 
 
+def test_a_text_that_is_no_python_has_the_place_that_reads_it() -> None:
+    """Breaks if a SyntaxError in a step has the place in the text only, not file and line of the law."""
+    try:
+        eval("1 +")
+    except SyntaxError as error:
+        line = error.__traceback__.tb_lineno  # type: ignore[union-attr]
+        assert text_of_error(error) == f"SyntaxError: invalid syntax (<string>, line 1), {__file__}:{line}"
+
+
 @pytest.mark.parametrize(
     ("name", "value", "says"),
     [
         ("horizon", "all", "horizon is 'all'; give a number of entries, 0 or more"),
         ("horizon", -1, "horizon is -1; give a number of entries, 0 or more"),
+        ("horizon", True, "horizon is True; give a number of entries, 0 or more"),
         ("lookahead_times", [1.0, 2.0], r"lookahead_times is \[1.0, 2.0\]; give a numpy array of times in s"),
         ("lookahead_times", np.array([1.0, np.nan]), r"lookahead_times is \[ 1. nan\]; give a numpy array"),
         ("lookahead_times", np.ones((2, 2)), "lookahead_times is .*; give a numpy array"),
@@ -372,6 +382,12 @@ def test_a_wrong_preview_is_refused_at_the_start(name: str, value: Any, says: st
     law = type("Ahead", (Demands,), {name: value, "__init__": lambda law: None})
     with pytest.raises(ValueError, match=f"law '.*Ahead': {says}"):
         LAWS.make(LAWS.name_of(law), {}, model(FIVE), 0.1)
+
+
+def test_a_horizon_of_an_observer_is_its_own() -> None:
+    """Breaks if an observer is refused for a name that the program reads of laws only."""
+    observer = type("Ahead", (OBSERVERS.get("none"),), {"horizon": 2.5})
+    assert OBSERVERS.make(OBSERVERS.name_of(observer), {}, model(FIVE), 0.1).horizon == 2.5
 
 
 def test_a_bind_without_its_base_is_named() -> None:
@@ -483,3 +499,9 @@ def test_new_code_has_a_name_that_python_can_import(name: str, capsys: pytest.Ca
     assert main(["new", "law", name]) == 2
     assert f"NAME {name}: Python has this word or module already" in capsys.readouterr().err
     assert not list(Path().iterdir())
+
+
+def test_a_folder_may_have_the_name_of_new_code() -> None:
+    """Breaks if a folder without Python files counts as a module."""
+    Path("mine").mkdir()
+    assert main(["new", "law", "mine"]) == 0 and Path("mine.py").is_file()

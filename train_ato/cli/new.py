@@ -38,7 +38,7 @@ def execute(options: argparse.Namespace) -> None:
     texts, following = (_code if options.kind in CODE_KINDS else _data)(options.kind, options.name, options.like)
     for path in texts:
         check_new_file(path, (path.suffix,), "NAME")
-    if options.kind in CODE_KINDS and (iskeyword(options.name) or find_spec(options.name)):
+    if options.kind in CODE_KINDS and (iskeyword(options.name) or _is_module(options.name)):
         raise ValueError(f"NAME {options.name}: Python has this word or module already; choose another name")
     for path, text in texts.items():
         try:
@@ -47,6 +47,12 @@ def execute(options: argparse.Namespace) -> None:
             raise ValueError(f"{path}: cannot be written ({error.strerror}); choose another folder") from None
     text = "".join(f"{path}\n" for path in texts) + f"next: {following}\n"
     print_result({"files": [str(path) for path in texts], "next": following}, text, as_json=options.json)
+
+
+def _is_module(name: str) -> bool:
+    """Return True for the name of a module; a folder without ``__init__.py`` has no origin, and a file precedes it."""
+    found = find_spec(name)
+    return found is not None and found.origin is not None
 
 
 def _data(kind: str, name: str, like: str | None) -> tuple[dict[Path, str], str]:

@@ -75,8 +75,7 @@ def text_of_error(error: BaseException) -> str:
         except Exception:
             reason = "its text cannot be made"
         text = ": ".join(filter(None, (type(error).__name__, " ".join(reason.split()))))
-    place = "" if isinstance(error, SyntaxError) else place_of(error)  # a syntax error names its place
-    return f"{text}{place}"
+    return f"{text}{place_of(error)}"
 
 
 @contextmanager
@@ -101,7 +100,10 @@ def refused_at_start(kind: str, name: str, component: object) -> Iterator[None]:
 
 
 def place_of(error: BaseException) -> str:
-    """Return file and line of the last frame outside of this project and of libraries, as text with a comma."""
+    """Return file and line of the last frame outside of this project and of libraries, as text with a comma.
+
+    A file that cannot be compiled has no frame; the text of its SyntaxError names the place.
+    """
     frames = [
         (frame.f_code.co_filename, line)
         for frame, line in traceback.walk_tb(error.__traceback__)
@@ -112,6 +114,7 @@ def place_of(error: BaseException) -> str:
     if not own:
         last = list(traceback.walk_tb(error.__traceback__))[-1:]
         own = [(frame.f_code.co_filename, line) for frame, line in last]
+        own = [frame for frame in own if not frame[0].startswith("<frozen ")]
     return f", {own[-1][0]}:{own[-1][1]}" if own else ""
 
 

@@ -19,6 +19,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
+from numbers import Real
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
@@ -372,7 +373,7 @@ def make_parameters(dataclass_type: type, values: Mapping[str, Any], owner: str)
         checked[name] = _checked(known[name], value, f"{owner}.{name}")
     for entry in known.values():
         default = entry.default
-        if isinstance(default, (bool, str)) or entry.low <= default <= entry.high:
+        if not isinstance(default, Real) or isinstance(default, bool) or entry.low <= default <= entry.high:
             continue
         bounds = f"{number_text(entry.low)} ... {number_text(entry.high)}"
         text = f"{owner}.{entry.name}: default {number_text(default)} is outside {bounds}"

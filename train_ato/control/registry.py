@@ -258,7 +258,7 @@ class Registry:
         with refused_at_start(self.kind, name, component):
             try:
                 made = component(parameters, *arguments)
-                if fault := preview_fault(made):
+                if self.kind == "law" and (fault := preview_fault(made)):
                     raise ValueError(fault)
                 return made
             except RefusedParameter as error:
@@ -280,10 +280,10 @@ class Registry:
         return _installed(self.group, tuple((folder, _changed_at(folder)) for folder in folders))
 
 
-def preview_fault(component: Any) -> str:
-    """Return the fault of the horizon or of the lookahead times of a component; "" without one."""
-    horizon, times = getattr(component, "horizon", 0), getattr(component, "lookahead_times", None)
-    if not isinstance(horizon, (int, np.integer)) or horizon < 0:
+def preview_fault(law: Any) -> str:
+    """Return the fault of the horizon or of the lookahead times of a law; "" without one."""
+    horizon, times = getattr(law, "horizon", 0), getattr(law, "lookahead_times", None)
+    if isinstance(horizon, bool) or not isinstance(horizon, (int, np.integer)) or horizon < 0:
         return f"horizon is {horizon!r}; give a number of entries, 0 or more"
     numbers = isinstance(times, np.ndarray) and times.ndim == 1 and times.dtype.kind in "fiu"
     if times is None or (numbers and np.isfinite(times).all()):

@@ -369,7 +369,7 @@ def _misshapen(component: Any, kind: ComponentKind) -> str:
     for name in kind.optional:
         if not callable(getattr(component, name, _misshapen)):
             return f"{name} is not a method"
-    return preview_fault(component)
+    return preview_fault(component) if kind.registry is LAWS else ""
 
 
 def _on_train(make: Callable[[], Any], rig: Rig, tests: dict[str, Test]) -> Iterator[Finding]:
