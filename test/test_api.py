@@ -9,7 +9,7 @@ import signal
 import sys
 import threading
 import types
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -633,6 +633,22 @@ def test_the_difference_of_two_runs_back_is_that_at_each_place_and_stop() -> Non
     assert found.place.tolist() == [-40.0, -30.0, -20.0, -10.0, 0.0, 10.0, 20.0, 30.0, 40.0, 50.0]
     assert found.over_place["time_s"] == pytest.approx(np.where(found.place == 0.0, 0.0, 2.0))
     assert [row["difference_arrival_s"] for row in found.stops] == [2.0, 2.0]
+
+
+def test_a_measured_train_stops_at_its_target_after_each_way() -> None:
+    """Rest, 100 m on, rest, back to 0, rest, on, back, rest: breaks if a stop has the arrival of an earlier rest."""
+    at = np.array([0.0, 10.0, 20.0, 40.0, 50.0, 60.0, 80.0, 90.0])
+    time = np.arange(101.0)
+    front = np.interp(time, at, [0.0, 100.0, 100.0, 0.0, 0.0, 100.0, 0.5, 0.5])
+    speed = 3.6 * np.append(np.diff(front), 0.0)
+    stops = [{"km": km, "planned_s": due, "arrival_s": due, "delay_s": 0.0, "beyond_m": 0.0}
+             for km, due in ((0.1, 10.0), (0.0, 41.0), (0.0, 79.0))]  # fmt: skip
+    driven = DrivenMotion(time, front, speed, np.zeros(101), {"stops": stops})
+    for stops_of_law, arrivals in ((stops, [40.0, 80.0, 10.0]), (stops[1:2], [40.0])):
+        law = replace(driven, metrics={"stops": stops_of_law})
+        found = motion_difference(law, replace(driven, metrics={}, measured=True)).stops
+        assert [row["second_arrival_s"] for row in found] == arrivals
+    assert found[0]["difference_stop_m"] == 0.0 and found[0]["difference_arrival_s"] == -1.0
 
 
 @pytest.mark.usefixtures("without_figure")

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from engine_runs import setup_of
+from engine_runs import record_run, setup_of
 from programs import python
 
 import train_ato as ta
@@ -28,6 +28,7 @@ from train_ato.loop.engine import Sink, run_engine
 from train_ato.messages.codec import Wire
 from train_ato.messages.topics import EPOCH_NS, topics_of
 from train_ato.messages.types import Tick
+from train_ato.playback.replaying import setup_with_law
 from train_ato.scenario.setup import RunSetup
 
 FOLDER = Path(__file__).resolve().parent / "golden"
@@ -119,6 +120,19 @@ def test_the_first_difference_is_named_in_one_short_line(tmp_path, wire, capsys)
     assert "1 of " in line
     assert "messages differ; first: train/vehicles at 12.300 s, velocity[4]: " in line
     assert len(line) < 240
+
+
+def test_a_record_whose_evaluation_has_no_tick_is_repeated(tmp_path: Path) -> None:
+    """Breaks if a run of older code, with an evaluation that is now refused, can no longer be read."""
+    run = record_run(setup_of("demo", "duration=4"), tmp_path / "run")
+    file = run / "scenario.yaml"
+    data = yaml.safe_load(file.read_text())
+    file.write_text(yaml.safe_dump({**data, "evaluation": {**(data.get("evaluation") or {}), "until_time": 3.0}}))
+    with pytest.raises(ValueError, match=r"evaluation\.until_time: 3 s"):
+        setup_of(str(file))
+    assert ta.verify(run).equal
+    recorded, _ = read_run_folder(run)
+    assert setup_with_law(recorded, run, "smc", lambda choice: choice).controller == "smc"
 
 
 def test_a_missing_message_is_one_difference(tmp_path: Path, wire: Wire) -> None:

@@ -142,6 +142,26 @@ def test_an_evaluation_that_ends_before_the_first_motion_is_refused(key: str) ->
         setup_of("demo", f"evaluation.{key}")
 
 
+def test_a_start_with_the_speeds_0_is_at_rest() -> None:
+    """Breaks if the speeds of all vehicles at the start count as motion though they are 0."""
+    vehicles = len(setup_of().consist.vehicles)
+    with pytest.raises(ValueError, match=r"evaluation\.until_time.*the profile begins to move"):
+        setup_of("demo", f"plant.start.speeds={[0.0] * vehicles}", "evaluation.until_time=3")
+
+
+def test_an_evaluation_without_a_tick_has_no_errors_and_passes_nothing() -> None:
+    """The train moves from 0.4 s on: breaks if the errors until 0.3 s are 0, and so pass their criteria."""
+    setup, still = setup_of(), np.where(np.arange(10) < 4, 0.0, 10.0)
+    evaluation = setup.scenario.evaluation.model_copy(update={"until_time": 0.3})
+    setup = replace(setup, scenario=setup.scenario.model_copy(update={"evaluation": evaluation}))
+    metrics = summarise(setup, recording(front_velocity=still, reference_velocity=still, velocity=still[:, None]))
+    assert metrics["speed_rmse_kmh"] is None and metrics["position_error_max_m"] is None
+    assert metrics["speed_error_run_max_kmh"] == 0.0
+    judged = judge_run(Criteria(speed_error_rms=1.0, position_error=1.0), metrics)
+    assert [row["passed"] for row in judged["criteria"]] == [None, None] and judged["verdict"] == "incomplete"
+    assert "no speed error, because the evaluation ends before the first motion" in verdict_line({**metrics, **judged})
+
+
 def test_backward_running_above_a_limit_is_overspeed() -> None:
     """At -15 m/s, 20 m/s permitted and 10 m/s from km 1: breaks if the sign of the speed counts."""
     setup = setup_of("demo", "duration=20")

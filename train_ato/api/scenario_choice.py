@@ -137,10 +137,12 @@ class ScenarioChoice:
             assign(data, text)
         return ScenarioChoice(self._given, self.path, data, (*self._changes, *(("--set", text) for text in texts)))
 
-    def prepare(self, scenario: Scenario | None = None, parts: PartCache | None = None) -> RunSetup:
+    def prepare(
+        self, scenario: Scenario | None = None, parts: PartCache | None = None, *, recorded: bool = False
+    ) -> RunSetup:
         """Return the setup of a run; ``scenario`` replaces the checked one, ``parts`` are those of former runs."""
         try:
-            return prepare(scenario or self.checked, self.path, parts)
+            return prepare(scenario or self.checked, self.path, parts, recorded=recorded)
         except ValueError as error:
             raise self._caused(error) from None
 

@@ -19,6 +19,8 @@ OF_THE_PLANT = (
     "commands_lost", "commands_missed", "commands_refused", "commands_late",
 )  # fmt: skip
 """Metrics from every plant step."""
+OF_THE_EVALUATION = ("speed_rmse_kmh", "speed_error_max_kmh", "position_error_max_m", "position_rmse_m")
+"""Metrics without a value if the evaluation has no tick."""
 COMMAND_COUNTS = (
     ("commands_lost", ("commands_lost",)),
     ("commands_missed", ("missed ato/command", "wall_held")),
@@ -44,8 +46,9 @@ def summarise(setup: RunSetup, recording: Recording) -> dict[str, Any]:
 
     Without diagnostics of the plant, energies and saturation are omitted, and coupler forces are those at the ticks.
     Errors are v - v_d of the true state at the same stamp. They count at every tick from the first motion of train or
-    reference to the end of the evaluation. Metrics with ``run`` in the key count to the end of the run. Errors are
-    those of vehicle 0. With several power units rms uses the mean over the units, and a maximum uses the largest unit.
+    reference to the end of the evaluation, and are None without such a tick. Metrics with ``run`` in the key count to
+    the end of the run. Errors are those of vehicle 0. With several power units rms uses the mean over the units, and a
+    maximum uses the largest unit.
     """
     part = evaluated_ticks(setup, recording)
     whole_error = speed_errors(recording, slice(part.start, None))
@@ -79,6 +82,8 @@ def summarise(setup: RunSetup, recording: Recording) -> dict[str, Any]:
         "unsound_measurements": int(totals.get("unsound_measurements", 0)),
         **{key: int(sum(totals.get(name, 0) for name in names)) for key, names in COMMAND_COUNTS},
     }
+    if part.start == part.stop:
+        metrics |= dict.fromkeys(OF_THE_EVALUATION)
     metrics |= stop_not_kept(recording)
     if setup.scenario.evaluation.couplers:
         metrics["couplers"] = coupler_rows(recording)

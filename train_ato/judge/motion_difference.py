@@ -120,10 +120,15 @@ STANDS_M, STANDS_KMH = 50.0, 0.5
 def _standstills(motion: DrivenMotion, others: Sequence[StopOfRun]) -> list[StopOfRun]:
     """Return the standstills of a measured motion at the targets of another run; nothing for a simulated one."""
     found = []
+    begin = int(np.argmax(np.abs(motion.speed) > STANDS_KMH))  # the rest before the first motion is no stop
     for stop in others if motion.measured else ():
         beyond = motion.front - 1e3 * stop.km
-        stands = np.flatnonzero((np.abs(beyond) <= STANDS_M) & (np.abs(motion.speed) <= STANDS_KMH))
+        far = np.abs(beyond) > STANDS_M
+        stands = begin + np.flatnonzero(~far[begin:] & (np.abs(motion.speed[begin:]) <= STANDS_KMH))
         if stands.size:
+            away = np.cumsum(far)
+            stands = stands[away[stands] == away[stands[0]]]  # up to the departure: a train can come back
+            begin = int(stands[-1]) + 1
             arrival = float(motion.time[stands[0]])
             found.append(StopOfRun(stop.km, stop.planned_s, arrival, None, float(beyond[stands[-1]])))
     return found

@@ -192,7 +192,7 @@ def _error_text(summary: Metrics) -> str:
     """Return the rms of the speed error; if the evaluation ends before the run, also that of the whole run."""
     error, run = summary.get("speed_rmse_kmh"), summary.get("speed_rmse_run_kmh")
     if error is None:
-        return ""
+        return "" if run is None else "no speed error, because the evaluation ends before the first motion"
     whole = "" if run is None or run == error else f", {three_digits(run)} km/h with the braking to the stop"
     return f"speed error {three_digits(error)} km/h rms{whole}"
 

@@ -199,7 +199,7 @@ def read_run_folder(path: Path) -> tuple[RunSetup, dict[str, Any]]:
     if path.is_dir() and ((path / SCENARIO).is_file() or not (path / LOG).is_file()):
         summary = read_summary(path)
         file = path / SCENARIO
-        return prepare(*load_scenario(str(file))), summary
+        return prepare(*load_scenario(str(file)), recorded=True), summary
     attached = attachments(log_file(path))
     text = attached.get(SCENARIO)
     if text is None:
@@ -209,7 +209,7 @@ def read_run_folder(path: Path) -> tuple[RunSetup, dict[str, Any]]:
     except ValueError as error:
         raise ValueError(f"{path}: the attached {SCENARIO} is not YAML ({error}); name another log") from None
     unknown = {"status": "killed"} if path.is_dir() else {}
-    return prepare(check_scenario(data, path), path), _attached_summary(path, attached) or unknown
+    return prepare(check_scenario(data, path), path, recorded=True), _attached_summary(path, attached) or unknown
 
 
 def read_summary(path: Path) -> dict[str, Any]:

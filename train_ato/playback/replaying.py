@@ -108,7 +108,7 @@ def setup_with_law(
     scenario = put_components(choice.checked, law=law, importable=False)
     if scenario.law != recorded.controller:
         scenario = scenario.model_copy(update={"law_changes": ()})
-    changed = dataclasses.replace(choice.prepare(scenario), given=given_objects(scenario, law=law))
+    changed = dataclasses.replace(choice.prepare(scenario, recorded=True), given=given_objects(scenario, law=law))
     if changed.layout != recorded.layout or changed.tick_ns != recorded.tick_ns:
         raise ValueError(f"{option}: train, sensors and tick of a recording are fixed; change other keys")
     return changed

@@ -156,7 +156,8 @@ def check_evaluation(scenario: Scenario, profile: Profile) -> None:
             "a place beyond it, or remove the key"
         )
     moves = np.flatnonzero(profile.velocity)
-    rest = float(profile.time[moves[0] - 1]) if moves.size and moves[0] and not (train.speed or train.speeds) else 0.0
+    at_rest = moves.size and moves[0] and not any(train.speeds or (train.speed,))
+    rest = float(profile.time[moves[0] - 1]) if at_rest else 0.0
     if evaluation.until_time is not None and evaluation.until_time <= rest:
         raise ValueError(
             f"evaluation.until_time: {number_text(evaluation.until_time)} s: the profile begins to move at "
@@ -427,7 +428,7 @@ class RunSetup:
         return resolved_data(scenario, self.folder, self.consist, self.line, self.model)
 
 
-def prepare(scenario: Scenario, path: Path, parts: PartCache | None = None) -> RunSetup:
+def prepare(scenario: Scenario, path: Path, parts: PartCache | None = None, *, recorded: bool = False) -> RunSetup:
     """Return the prepared run of a scenario: load data, build model and profile, check their combination.
 
     Parameters
@@ -436,10 +437,14 @@ def prepare(scenario: Scenario, path: Path, parts: PartCache | None = None) -> R
         Checked scenario, and its file.
     parts
         Parts of former runs, reused where the values that determine them are equal; default: none.
+    recorded
+        The scenario is that of a recorded run, whose evaluation may have no tick.
     """
-    folder = path.parent
     try:
-        return _prepare(scenario, folder, parts or PartCache())
+        setup = _prepare(scenario, path.parent, parts or PartCache())
+        if not recorded:
+            check_evaluation(setup.scenario, setup.profile)
+        return setup
     except ValueError as error:
         message = str(error)
         raise ValueError(message if message.startswith(str(path)) else f"{path}: {message}") from None
@@ -495,7 +500,6 @@ def _check_choices(setup: RunSetup) -> None:
     """Check the combination: create train, laws, observer, compensation and brake policy once."""
     check_replan(setup.scenario, setup.layout)
     check_requirements(setup.scenario, setup.layout, setup.line)
-    check_evaluation(setup.scenario, setup.profile)
     check_parameters(setup.scenario)
     check_leader(setup)
     _check_laws(setup)
