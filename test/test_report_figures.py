@@ -14,6 +14,7 @@ from engine_runs import setup_of
 from hypothesis import given
 from hypothesis import strategies as st
 from import_files import MASS, metro, recorded, take, text_of
+from matplotlib.figure import Figure
 from recordings import recording_of
 from report_runs import drive
 
@@ -30,7 +31,7 @@ from train_ato.report.curves import CURVES, NotAvailable, _without_saturation, d
 from train_ato.report.events import detect_events, scenario_events
 from train_ato.report.page_data import NO_CODE, PageData, heat_map, kept, page_data, track_shape
 from train_ato.report.page_sections import comparison_sections, run_sections
-from train_ato.report.print_figures import SHEET_SIZE, STYLE, comparison_figure, run_figure, styled, titles
+from train_ato.report.print_figures import SHEET_SIZE, STYLE, comparison_figure, run_figure, save_figure, styled, titles
 from train_ato.report.quantities import axis_range
 from train_ato.report.summary_rows import GROUPS, filled_groups, shown
 from train_ato.report.words import driven_laws, longer
@@ -38,6 +39,16 @@ from train_ato.report.writing import comparison_title, write_comparison_page, wr
 
 ROOT = Path(__file__).resolve().parents[1]
 SPEED = np.array([0.0, 20.0, 30.0])
+
+
+@pytest.mark.parametrize("ending", [".png", ".PNG", ".svg", ".SVG", ".pdf", ".PDF", ".jpg", ".eps"])
+def test_a_figure_has_neither_date_nor_version_in_every_ending(ending: str, tmp_path: Path) -> None:
+    """Breaks if an ending is refused by the words of matplotlib, or equal figures give other files a second later."""
+    figure = Figure(figsize=(1, 1))
+    save_figure(figure, tmp_path / f"one{ending}")
+    written = (tmp_path / f"one{ending}").read_bytes()
+    dated = re.search(rb"Matplotlib v|Software|Date>|CreationDate", written, re.IGNORECASE)
+    assert written and (dated is None or ending in (".jpg", ".eps"))
 
 
 @pytest.fixture(scope="module")

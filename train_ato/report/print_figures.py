@@ -374,16 +374,25 @@ def draw_stations(axes: Axes, stations: Sequence[tuple[float, str]]) -> None:
         )  # fmt: skip
 
 
+UNDATED: dict[str, dict[str, Any]] = {
+    ".png": {"Software": None},
+    ".svg": {"Date": None, "Creator": None},
+    ".pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+}
+"""Entries with the date or the version of matplotlib that a figure leaves out, by ending; other formats keep theirs."""
+
+
 @styled()
 def save_figure(figure: Figure, path: Path, dpi: int = DPI) -> None:
     """Write a figure in the common style, without date; equal figures result in equal files."""
+    ending = path.suffix.lower()
     with writing(path):
-        if path.suffix == ".png":  # savefig draws twice: the first picture shows its borders only
+        if ending == ".png":  # savefig draws twice: the first picture shows its borders only
             former, figure.dpi = figure.dpi, dpi
-            FigureCanvasAgg(figure).print_png(path, metadata={"Software": None})
+            FigureCanvasAgg(figure).print_png(path, metadata=UNDATED[ending])
             figure.dpi = former
         else:
-            figure.savefig(path, dpi=dpi, metadata={"Date" if path.suffix == ".svg" else "Software": None})
+            figure.savefig(path, dpi=dpi, metadata=UNDATED.get(ending))
 
 
 def write_figure(figure: Figure, path: Path) -> None:
