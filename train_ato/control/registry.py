@@ -220,14 +220,15 @@ class Registry:
         if found is not None:
             return found
         target = self._targets.get(name, name if ":" in str(name) else None)
-        external = self._entry_points() if target is None else {}
-        if target is None and name not in external:
+        if target is None and (entry := self._entry_points().get(name)) is not None:
+            target = f"{entry.module}:{entry.attr}"
+        if target is None:
             names = self.names()
             hint = close_match(str(name), names)
             own = "" if hint else f"; one of your own is MODULE:CLASS, for example my_{self.kind}:My{self.kind.title()}"
             raise ValueError(f"unknown {self.kind} '{name}'{hint}; known: {', '.join(names)}{own}")
         try:
-            loaded = self._in_form(load_class(target or "{0.module}:{0.attr}".format(external[name])))
+            loaded = self._in_form(load_class(target))
         except ValueError as error:
             raise ValueError(f"{self.kind} '{name}': {error}") from error.__cause__
         known[name] = loaded
