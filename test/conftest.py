@@ -34,6 +34,12 @@ def pytest_collection() -> Iterator[None]:
         gc.enable()
 
 
+def pytest_sessionfinish() -> None:
+    """Look for garbage once at the end; pytest does so five times."""
+    gc.collect()
+    gc.freeze()
+
+
 @pytest.fixture(scope="session", autouse=True)
 def signals_of_a_terminal() -> Iterator[None]:
     """Handle signals as in a terminal; a shell ignores them in its background, which child processes inherit."""
@@ -75,10 +81,9 @@ def domain() -> Iterator[int]:
 
 
 @pytest.fixture
-def without_figure(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Leave out ``figure.png``, most of the time of a short run, where a test is about other files."""
-    from train_ato.api.run import Run
-    from train_ato.report import print_figures
+def without_figure() -> Iterator[None]:
+    """Leave out ``figure.png`` in the runs of a test."""
+    from engine_runs import no_figure
 
-    monkeypatch.setattr(Run, "finish", Run.folder)
-    monkeypatch.setattr(print_figures, "write_run_figure", lambda *_: None)
+    with no_figure():
+        yield

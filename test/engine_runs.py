@@ -1,7 +1,11 @@
 """Runs of the engine for tests, in the folder of the command ``run`` without its figure."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+
+import pytest
 
 from train_ato.log.difference import LogComparison, compare_logs
 from train_ato.log.run_folder import RunFolder, read_run_folder
@@ -18,6 +22,18 @@ PARTS = PartCache(256)
 def setup_of(name: str = "demo", *assignments: str, changes: dict[str, Any] | None = None) -> RunSetup:
     """Return the prepared run of a scenario with assignments of `--set` and with changes."""
     return prepare(*load_scenario(name, assignments, changes), parts=PARTS)
+
+
+@contextmanager
+def no_figure() -> Iterator[None]:
+    """Leave out ``figure.png``, most of the time of a short run, where a test is about other files."""
+    from train_ato.api.run import Run
+    from train_ato.report import print_figures
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Run, "finish", Run.folder)
+        patch.setattr(print_figures, "write_run_figure", lambda *_: None)
+        yield
 
 
 def record_run(setup: RunSetup, path: Path) -> Path:

@@ -4,6 +4,8 @@ import shutil
 from collections.abc import Collection
 from pathlib import Path
 
+from engine_runs import no_figure
+
 from train_ato.cli import main
 from train_ato.log.bag_layout import table_name
 from train_ato.log.log_writer import LogFile
@@ -26,7 +28,8 @@ then a second gust and the emergency brake."""
 def drive(folder: Path, name: str, scenario: str, *options: str) -> Path:
     """Drive a run in the engine and return its folder."""
     out = folder / name
-    assert main(["run", scenario, "--engine", "--json", f"--out={out}", *options]) == 0
+    with no_figure():
+        assert main(["run", scenario, "--engine", "--json", f"--out={out}", *options]) == 0
     return out
 
 

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 import yaml
 from case_costs import sampled
-from engine_runs import setup_of
+from engine_runs import no_figure, setup_of
 from programs import begun, python
 
 import train_ato as ta
@@ -52,7 +52,8 @@ def refused_commands() -> dict[str, str]:
 def exported_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Record a run of 15 s with the folder of an export."""
     folder = tmp_path_factory.mktemp("run") / "run"
-    ta.run("demo", set={"duration": 15}, progress=False).save(folder)
+    with no_figure():
+        ta.run("demo", set={"duration": 15}, progress=False).save(folder)
     (folder / "export").mkdir()
     return folder
 

@@ -15,7 +15,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from engine_runs import compared, setup_of
+from engine_runs import compared, no_figure, setup_of
 from programs import begun
 from rcl_interfaces.msg import Log
 from recordings import commands_in, message_counts
@@ -220,7 +220,8 @@ def drive(folder: Path, name: str, *options: str) -> Path:
 
 @pytest.fixture(scope="module")
 def engine_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return drive(tmp_path_factory.mktemp("engine"), "run", "--engine", *ROUGH)
+    with no_figure():
+        return drive(tmp_path_factory.mktemp("engine"), "run", "--engine", *ROUGH)
 
 
 @pytest.mark.usefixtures("without_figure")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from engine_runs import compared
+from engine_runs import compared, no_figure
 from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
@@ -84,7 +84,8 @@ def drive(out: Path, faults: str, *options: str) -> int:
 @pytest.fixture(scope="module")
 def engine_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("engine") / "run"
-    assert drive(out, MIXED, "--engine") == 0
+    with no_figure():
+        assert drive(out, MIXED, "--engine") == 0
     return out
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import yaml
 from end_law import SeesTheEnd
+from engine_runs import no_figure
 from span_runs import Both
 
 import train_ato as ta
@@ -281,7 +282,8 @@ def two(tmp_path_factory: pytest.TempPathFactory) -> tuple[FollowingResult, Path
     """Return two recorded trains and their folder."""
     folder = tmp_path_factory.mktemp("following")
     path = following_file(folder)
-    return run_following(load_following(path), RunMode("engine"), folder / "out", shown=False), folder / "out"
+    with no_figure():
+        return run_following(load_following(path), RunMode("engine"), folder / "out", shown=False), folder / "out"
 
 
 def test_a_page_shows_the_train_of_a_namespace_in_a_log_of_two(two: Any, tmp_path: Path) -> None:

@@ -141,6 +141,7 @@ def test_a_schedule_that_does_not_fit_is_refused(changes: dict[str, Any], proble
         setup_of(str(path))
 
 
+@pytest.mark.usefixtures("without_figure")
 def test_the_recorded_scenario_repeats_the_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Breaks if log and summary lose the actions of the driver: the run of the log is then another one."""
     path = tmp_path / "driven.yaml"

@@ -13,7 +13,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from engine_runs import record_run, setup_of
+from engine_runs import no_figure, record_run, setup_of
 from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader
 from test_record import wait_for
@@ -212,7 +212,8 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     folder = tmp_path_factory.mktemp("runs")
     for name in COMPRESSIONS:
         options = ("--set", "duration=30", "--compression", name, "--out", str(folder / name))
-        assert main(["run", "demo", "--engine", *options]) == 0
+        with no_figure():
+            assert main(["run", "demo", "--engine", *options]) == 0
     return {name: folder / name for name in COMPRESSIONS}
 
 

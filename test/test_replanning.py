@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from engine_runs import compared, setup_of
+from engine_runs import compared, no_figure, setup_of
 
 from train_ato.cli import main
 from train_ato.judge.result import RunResult
@@ -215,7 +215,8 @@ SHORT = ("--set=duration=30", *(f"--set={text}" for text in (*SLIPPERY, "replan=
 @pytest.fixture(scope="module")
 def engine_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("engine") / "run"
-    assert main(["run", "xuzhou_metro", "--json", f"--out={out}", "--engine", *SHORT]) == 0
+    with no_figure():
+        assert main(["run", "xuzhou_metro", "--json", f"--out={out}", "--engine", *SHORT]) == 0
     return out
 
 

@@ -247,6 +247,7 @@ def test_the_end_of_the_last_engagement_counts() -> None:
     assert summary_events(found) == ""
 
 
+@pytest.mark.usefixtures("without_figure")
 def test_a_braked_run_has_the_reason_in_summary_table_and_line(tmp_path, capsys):
     """Breaks if an intervention is not counted, the strongest reaction is that of the end, or the line is missing."""
     folder = tmp_path / "run"
@@ -268,6 +269,7 @@ def test_a_braked_run_has_the_reason_in_summary_table_and_line(tmp_path, capsys)
     assert "<td>strongest reaction of the train</td><td>emergency brake</td>" in opened._repr_html_()
 
 
+@pytest.mark.usefixtures("without_figure")
 def test_a_run_without_events_has_no_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Breaks if every supervised run has the line, or a run without a supervisor has new entries."""
     options = ["run", "demo", "--engine", "--set=duration=3", "--json"]
@@ -362,6 +364,7 @@ def test_page_and_print_figures_are_written(braked_demo: Path, tmp_path: Path) -
     assert (tmp_path / "figures" / "speed.png").stat().st_size > 30_000
 
 
+@pytest.mark.usefixtures("without_figure")
 def test_faults_of_the_scenario_and_their_reactions_are_events(tmp_path: Path) -> None:
     """Breaks if a fault has another interval, or the reaction of the train lacks its reason."""
     faults = "{do: drop, topic: ato/command, begin: 20, end: 24}, {do: slow, node: observer, at: 5, delay: 0.2}"
@@ -375,6 +378,7 @@ def test_faults_of_the_scenario_and_their_reactions_are_events(tmp_path: Path) -
     assert all("no command for" in event.text for event in found if event.kind == "protection")
 
 
+@pytest.mark.usefixtures("without_figure")
 def test_without_supervision_nothing_is_added(braked_demo: Path, tmp_path: Path) -> None:
     """Breaks if a run or a log without a supervisor has its events, lines or rows."""
     plain = drive(tmp_path, "plain", "demo", "--set=duration=30", "--set=supervision.enabled=false",

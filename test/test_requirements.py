@@ -203,6 +203,7 @@ def test_requirements_decide_the_verdict_of_a_run_and_are_on_its_page() -> None:
     assert "force: robustness −" in verdict_texts([page])[0].text
 
 
+@pytest.mark.usefixtures("without_figure")
 def test_the_log_gives_the_rows_of_the_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Breaks if the evaluation of a log differs from that in memory, or a new formula cannot be evaluated on a log."""
     run = short(limit=LAW)

