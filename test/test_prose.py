@@ -35,6 +35,7 @@ COMMENT = re.compile(rf"#[^\n]*(?:{SENTENCE.pattern})", re.IGNORECASE)
 """Comment, or sign in a text, before words of the pattern."""
 NO_SOURCES = ("build", "dist", "install", "log", "runs")
 TEXT_KEYWORDS = {"help", "description", "epilog"}
+TEXT_CALLS = {"write", "add", "add_option"}
 
 COUNTS: dict[str, int] = {
     "bench": 0, "examples": 0, "msgs_docs": 0, "pages": 0, "plant_sim": 0, "test": 0, "train_ato": 0,
@@ -82,7 +83,7 @@ def python_texts(source: str) -> Iterator[tuple[int, bool, str]]:
             for argument in node.exc.args:
                 yield node.lineno, False, text_of(argument)
         elif isinstance(node, ast.Call):
-            if isinstance(node.func, ast.Attribute) and node.func.attr == "write":
+            if getattr(node.func, "attr", getattr(node.func, "id", "")) in TEXT_CALLS:
                 yield from ((node.lineno, False, text_of(argument)) for argument in node.args)
             for keyword in node.keywords:
                 if keyword.arg in TEXT_KEYWORDS:
@@ -151,10 +152,11 @@ def test_the_patterns_find_the_faults_they_name(tmp_path: Path) -> None:
         '    raise ValueError(f"{x}: nobody {x} told; it stands")\n'
         'help(help="Who is `asked`", name="asked")\n'
         'file.write(f"{x} asks")\n'
+        'add("--out FILE", "file told")\n'
     )
     assert [(line, words) for line, words in sorted(faults(path))] == [
         (1, "What"), (3, "whether"), (4, "knows"), (5, "nobody"), (5, "stands"), (5, "told"), (6, "Who is"),
-        (7, "asks"),
+        (7, "asks"), (8, "told"),
     ]  # fmt: skip
     page = tmp_path / "page.md"
     page.write_text("The node tells `what is` next.\n\n```\nask who is\n```\n\n    told\n\nNobody asks.\n")

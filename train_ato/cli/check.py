@@ -6,6 +6,7 @@ import dataclasses
 import sys
 
 from train_ato.cli.screen import note_compilation, print_result
+from train_ato.program.arguments import add_option
 from train_ato.program.errors import RunFailed
 
 
@@ -13,10 +14,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of a check."""
     kind = parser.prog.rpartition("check-")[2]
     example = f"my_{kind}:My{kind.capitalize()}"
-    parser.add_argument(
-        "component",
-        metavar="NAME|MODULE:CLASS",
-        help=f"registered name, or for example {example}; modules in the current folder are found",
+    add_option(
+        parser,
+        "component NAME|MODULE:CLASS",
+        f"registered name, or for example {example}; modules in the current folder are found",
     )
 
 

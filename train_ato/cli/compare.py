@@ -5,11 +5,13 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from train_ato.cli.scenario_options import KINDS, add_change_options, check_component_name, chosen_components, listed
 from train_ato.cli.screen import note_compilation, print_json, print_table
+from train_ato.program.arguments import add_option
 from train_ato.program.errors import RunFailed, RunInterrupted, missing_packages
 
 if TYPE_CHECKING:
@@ -28,27 +30,19 @@ COMPARED = COLUMNS[:9]
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``compare``."""
-    parser.add_argument(
-        "scenario",
+    add = partial(add_option, parser)
+    add(
+        "scenario SCENARIO",
+        "a shipped name, NAME:variant, or a YAML file; several: the leaderboard of the laws",
         nargs="+",
-        metavar="SCENARIO",
-        help="a shipped name, NAME:variant, or a YAML file; several: the leaderboard of the laws",
     )
     add_change_options(parser)
-    parser.add_argument(
-        "--seeds", type=int, default=1, metavar="N", help="leaderboard over N seeds from --seed on (default: 1)"
-    )
-    parser.add_argument(
-        "--laws", metavar="A,B,...", help="laws: names or MODULE:CLASS (default: all that fit the train)"
-    )
-    parser.add_argument("--engine", action="store_true", help="as in run; a comparison always uses the engine")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="folder to make (default: runs/compare-NAME-N)")
-    parser.add_argument(
-        "--strict",
-        action="store_true",
-        help="exit status 1 if a run is not tracked or fails a criterion of the scenario",
-    )
-    parser.add_argument("--keep", action="store_true", help="keep every run with its log in DIR/LAW")
+    add("--seeds N", "leaderboard over N seeds from --seed on (default: 1)", default=1)
+    add("--laws A,B,...", "laws: names or MODULE:CLASS (default: all that fit the train)")
+    add("--engine", "as in run; a comparison always uses the engine")
+    add("--out DIR", "folder to make (default: runs/compare-NAME-N)")
+    add("--strict", "exit status 1 if a run is not tracked or fails a criterion of the scenario")
+    add("--keep", "keep every run with its log in DIR/LAW")
 
 
 def execute(options: argparse.Namespace) -> None:

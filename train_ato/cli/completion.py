@@ -10,7 +10,7 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
-from train_ato.program.arguments import OneLineParser
+from train_ato.program.arguments import OneLineParser, add_option
 
 SHELLS = ("bash", "zsh", "fish")
 PROGRAM = "train-ato"
@@ -24,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         f'bash, zsh:  eval "$({PROGRAM} completion bash)"    or completion zsh; in ~/.bashrc or ~/.zshrc\n'
         f"fish:       {PROGRAM} completion fish | source      in ~/.config/fish/config.fish"
     )
-    parser.add_argument("shell", choices=SHELLS, metavar="SHELL", help=f"one of {', '.join(SHELLS)}")
+    add_option(parser, "shell SHELL", f"one of {', '.join(SHELLS)}", choices=SHELLS)
 
 
 def execute(options: argparse.Namespace) -> None:

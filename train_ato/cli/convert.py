@@ -2,25 +2,25 @@
 
 import argparse
 import sys
-from pathlib import Path
+
+from train_ato.program.arguments import add_option
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``convert``."""
     from plant_sim.formats.fields import LINE_FORMATS, TRAIN_FORMATS
 
-    parser.add_argument(
-        "source",
-        metavar="IN",
-        help=f"line ({LINE_FORMATS}), train ({TRAIN_FORMATS}) or shipped name; a path through a network of tracks is "
+    add_option(
+        parser,
+        "source IN",
+        f"line ({LINE_FORMATS}), train ({TRAIN_FORMATS}) or shipped name; a path through a network of tracks is "
         "FILE:FROM..TO or FILE:FROM..VIA..TO, one of several paths or trains FILE:NAME, an effort curve TRAIN:MODE, a "
         "line against its direction LINE:reverse",
     )
-    parser.add_argument(
-        "target",
-        type=Path,
-        metavar="OUT",
-        help="new file; the ending is the format: .yaml of this package, .railml or .xml of railML 3, .json of "
+    add_option(
+        parser,
+        "target OUT",
+        "new file; the ending is the format: .yaml of this package, .railml or .xml of railML 3, .json of "
         "TTOBench for a line, of OSRD for a train, or .csv, .gpx or .geojson for a line",
     )
 

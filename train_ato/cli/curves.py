@@ -2,9 +2,10 @@
 
 import argparse
 import sys
-from pathlib import Path
+from functools import partial
 from typing import Any
 
+from train_ato.program.arguments import add_option
 from train_ato.program.display_units import display_unit
 
 DEVIATION_TITLE = "largest deviation in {}"
@@ -14,30 +15,17 @@ WIDTH = 11
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``curves``."""
-    parser.add_argument(
-        "case", metavar="CASE.json | SCENARIO", help="file of cases, or a scenario for its train and line"
+    add = partial(add_option, parser)
+    add("case CASE.json | SCENARIO", "file of cases, or a scenario for its train and line")
+    add("--at-km KM", "end of authority of a scenario [km] (default: last stop of the line, or its end)")
+    add(
+        "--max-speed-kmh V",
+        "maximum speed of the train of a scenario (default: highest limit of the line, 80 without limits)",
     )
-    parser.add_argument(
-        "--at-km", type=float, metavar="KM",
-        help="end of authority of a scenario [km] (default: last stop of the line, or its end)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--max-speed-kmh", type=float, metavar="V",
-        help="maximum speed of the train of a scenario (default: highest limit of the line, 80 without limits)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--acceleration", type=float, metavar="A",
-        help="estimated acceleration of the train of a scenario [m/s²] (default: 0)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--balise-m", type=float, metavar="D",
-        help="distance since the last balise, for the errors of the odometry (default: exact odometry)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--deviation", action="store_true",
-        help="print the largest deviation from the distances in the file, in place of the curves",
-    )  # fmt: skip
-    parser.add_argument("--out", type=Path, metavar="FILE", help="figure (.png, .pdf, .svg)")
+    add("--acceleration A", "estimated acceleration of the train of a scenario [m/s²] (default: 0)", type=float)
+    add("--balise-m D", "distance since the last balise, for the errors of the odometry (default: exact odometry)")
+    add("--deviation", "print the largest deviation from the distances in the file, in place of the curves")
+    add("--out FILE", "figure (.png, .pdf, .svg)")
 
 
 def execute(options: argparse.Namespace) -> None:

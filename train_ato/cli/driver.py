@@ -5,11 +5,11 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import sys
-from pathlib import Path
+from functools import partial
 from typing import TYPE_CHECKING
 
 from train_ato.cli.screen import print_result
-from train_ato.program.arguments import check_new_file
+from train_ato.program.arguments import add_option, check_new_file
 
 if TYPE_CHECKING:
     from plant_sim.line import Line
@@ -17,22 +17,13 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``driver``."""
-    parser.add_argument("line", metavar="LINE", help="shipped line or file")
-    parser.add_argument("consist", metavar="CONSIST", help="shipped train or file")
-    parser.add_argument(
-        "--until-km",
-        type=float,
-        required=True,
-        metavar="KM",
-        help="last position of vehicle 0; the train is still moving there",
-    )
-    parser.add_argument(
-        "--speed-kmh", type=float, default=70.0, metavar="V", help="target speed of the driver (default: 70)"
-    )
-    parser.add_argument(
-        "--spacing", type=float, default=0.5, metavar="S", help="time between the knots of the profile (default: 0.5)"
-    )
-    parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="profile to write (.csv, .yaml)")
+    add = partial(add_option, parser)
+    add("line LINE", "shipped line or file")
+    add("consist CONSIST", "shipped train or file")
+    add("--until-km KM", "last position of vehicle 0; the train is still moving there", required=True)
+    add("--speed-kmh V", "target speed of the driver (default: 70)", default=70.0)
+    add("--spacing S", "time between the knots of the profile (default: 0.5)", default=0.5)
+    add("--out FILE", "profile to write (.csv, .yaml)", required=True)
 
 
 def execute(options: argparse.Namespace) -> None:

@@ -6,30 +6,27 @@ import shutil
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 from train_ato.cli.screen import print_json, print_result, print_table
+from train_ato.program.arguments import add_option
 from train_ato.program.errors import check_packages
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``export``."""
-    parser.add_argument("run", type=Path, metavar="RUN", help="run folder or MCAP file")
-    parser.add_argument("--parquet", action="store_true", help="write Parquet (the default)")
-    parser.add_argument("--csv", action="store_true", help="write CSV; with --parquet both")
-    parser.add_argument("--scene", action="store_true", help="write a copy of the log with /tf, markers and track")
-    parser.add_argument(
-        "--rerun", action="store_true", help="write a recording for the Rerun viewer (pip install rerun-sdk)"
-    )
-    parser.add_argument("--figure", type=Path, metavar="FILE", help="with --scene: also a picture (PNG, SVG, PDF)")
-    parser.add_argument("--at", type=float, metavar="S", help="with --figure: time in s (default: the largest force)")
-    parser.add_argument(
-        "--rate", type=float, metavar="HZ", help="with --scene, --rerun: messages per second (default: 5)"
-    )
-    parser.add_argument(
-        "--out", type=Path, metavar="DIR", help="new folder (default: export or scene in the run folder)"
-    )
-    parser.add_argument("--topics", nargs="+", metavar="TOPIC", help="only these topics (default: all)")
+    add = partial(add_option, parser)
+    add("run RUN", "run folder or MCAP file")
+    add("--parquet", "write Parquet (the default)")
+    add("--csv", "write CSV; with --parquet both")
+    add("--scene", "write a copy of the log with /tf, markers and track")
+    add("--rerun", "write a recording for the Rerun viewer (pip install rerun-sdk)")
+    add("--figure FILE", "with --scene: also a picture (PNG, SVG, PDF)")
+    add("--at S", "with --figure: time in s (default: the largest force)")
+    add("--rate HZ", "with --scene, --rerun: messages per second (default: 5)")
+    add("--out DIR", "new folder (default: export or scene in the run folder)")
+    add("--topics TOPIC", "only these topics (default: all)", nargs="+")
 
 
 def execute(options: argparse.Namespace) -> None:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import argparse
 import sys
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from train_ato.cli.scenario_options import add_scenario_options, chosen_components
+from train_ato.program.arguments import add_option
 from train_ato.program.errors import RunFailed, RunInterrupted
 
 if TYPE_CHECKING:
@@ -21,26 +23,19 @@ RUNS = 100
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``falsify``."""
     add_scenario_options(parser)
-    parser.add_argument("--law", metavar="NAME", help="control law: a name, or MODULE:CLASS without registration")
-    parser.add_argument(
-        "--requirement",
+    add = partial(add_option, parser)
+    add("--law NAME", "control law: a name, or MODULE:CLASS without registration")
+    add(
+        "--requirement R",
+        "requirement or criterion of the scenario, or a formula such as 'G (speed <= limit + 1 km/h)'",
         required=True,
-        metavar="R",
-        help="requirement or criterion of the scenario, or a formula such as 'G (speed <= limit + 1 km/h)'",
     )
-    parser.add_argument(
-        "--over", required=True, type=Path, metavar="SPEC", help="YAML file with the keys that vary: block 'over:'"
-    )
-    parser.add_argument("--runs", type=int, default=RUNS, metavar="N", help=f"largest number of runs (default: {RUNS})")
-    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="number of processes (default: 1)")
-    parser.add_argument("--first", action="store_true", help="end with the first break, without a smaller departure")
-    parser.add_argument(
-        "--out",
-        type=Path,
-        metavar="DIR",
-        help="folder; a search that is already there is continued (default: runs/falsify-NAME-N)",
-    )
-    parser.add_argument("--strict", action="store_true", help="exit status 1 if the requirement was broken")
+    add("--over SPEC", "YAML file with the keys that vary: block 'over:'", required=True)
+    add("--runs N", f"largest number of runs (default: {RUNS})", default=RUNS)
+    add("--jobs N", "number of processes (default: 1)", default=1)
+    add("--first", "end with the first break, without a smaller departure")
+    add("--out DIR", "folder; a search that is already there is continued (default: runs/falsify-NAME-N)")
+    add("--strict", "exit status 1 if the requirement was broken")
 
 
 def execute(options: argparse.Namespace) -> None:

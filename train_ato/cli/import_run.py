@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import argparse
 import sys
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from train_ato.cli.plan import kilometre
 from train_ato.cli.screen import print_json, print_table
+from train_ato.program.arguments import add_option
 
 if TYPE_CHECKING:
     from train_ato.api.importing import MeasuredRun
@@ -61,44 +63,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = _columns_text()
-    parser.add_argument("csv", type=Path, metavar="CSV", help="file of the on-board recorder")
-    parser.add_argument("--train", "--consist", metavar="NAME", help="measured train: shipped name or file (required)")
-    parser.add_argument("--line", metavar="NAME", help="line of the measurement: shipped name or file (required)")
-    parser.add_argument(
-        "--layout",
-        metavar="NAME",
-        help=f"layout of the recorder, its titles, notches and units: a file, or {', '.join(layout_names())}",
+    add = partial(add_option, parser)
+    add("csv CSV", "file of the on-board recorder")
+    add("--train, --consist NAME", "measured train: shipped name or file (required)")
+    add("--line NAME", "line of the measurement: shipped name or file (required)")
+    add(
+        "--layout NAME",
+        f"layout of the recorder, its titles, notches and units: a file, or {', '.join(layout_names())}",
     )
-    parser.add_argument(
-        "--rename", nargs="+", action="extend", default=[], metavar="A:=B", help="read column A as column B"
-    )
-    parser.add_argument("--ignore", nargs="+", action="extend", default=[], metavar="COLUMN", help="ignore columns")
-    parser.add_argument(
-        "--from-km",
+    add("--rename A:=B", "read column A as column B", nargs="+", action="extend")
+    add("--ignore COLUMN", "ignore columns", nargs="+", action="extend")
+    add(
+        "--from-km KM",
+        "position of the front at the first row [km], or a post as 84+500, for a file without a position column",
         type=kilometre,
-        metavar="KM",
-        help="position of the front at the first row [km], or a post as 84+500, for a file without a position column",
     )
-    parser.add_argument("--tick", type=float, default=0.1, metavar="S", help="period of the run (default: 0.1 s)")
-    parser.add_argument(
-        "--largest-gap",
-        type=float,
-        default=MAX_GAP,
-        metavar="S",
-        help=f"longest gap to bridge (default: {MAX_GAP:g} s)",
-    )
-    parser.add_argument(
-        "--smooth",
-        type=float,
-        metavar="S",
-        help="averaging window of the profile, 0: none (default: from the resolution)",
-    )
-    parser.add_argument("--sort", action="store_true", help="sort the rows by time and remove repeated rows")
-    parser.add_argument("--profile-only", action="store_true", help="write only the profile; no force column is needed")
-    parser.add_argument("--name", metavar="NAME", help="name of the run (default: name of the file)")
-    parser.add_argument(
-        "--out", type=Path, metavar="DIR", help="new run folder; with --profile-only: CSV file to write"
-    )
+    add("--tick S", "period of the run (default: 0.1 s)", default=0.1)
+    add("--largest-gap S", f"longest gap to bridge (default: {MAX_GAP:g} s)", default=MAX_GAP)
+    add("--smooth S", "averaging window of the profile, 0: none (default: from the resolution)")
+    add("--sort", "sort the rows by time and remove repeated rows")
+    add("--profile-only", "write only the profile; no force column is needed")
+    add("--name NAME", "name of the run (default: name of the file)")
+    add("--out DIR", "new run folder; with --profile-only: CSV file to write")
 
 
 def execute(options: argparse.Namespace) -> None:

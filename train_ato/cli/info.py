@@ -6,11 +6,13 @@ import argparse
 import dataclasses
 import sys
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from plant_sim.units import number_text
 from train_ato.cli.screen import print_json, print_table
+from train_ato.program.arguments import add_option
 
 if TYPE_CHECKING:
     from train_ato.log.overview import Overview, TopicOverview
@@ -23,22 +25,19 @@ ALONE = Path()
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``info``."""
-    parser.add_argument("run", type=Path, metavar="RUN", help="run folder, single log, or run.mcap.partial")
-    parser.add_argument(
-        "--requirement",
+    add = partial(add_option, parser)
+    add("run RUN", "run folder, single log, or run.mcap.partial")
+    add(
+        "--requirement FORMULA",
+        "also evaluate a requirement on the log, such as 'G (speed <= limit + 1 km/h)'; may be repeated",
         action="append",
-        default=[],
-        metavar="FORMULA",
-        help="also evaluate a requirement on the log, such as 'G (speed <= limit + 1 km/h)'; may be repeated",
     )
-    parser.add_argument(
-        "--fatigue",
-        type=Path,
+    add(
+        "--fatigue OTHER",
+        "also count the force cycles of the couplers (rainflow) and print their fatigue damage. One cycle of 1 MN "
+        "counts 1, with the slope 5. With the run or log OTHER the ratio is printed too",
         nargs="?",
         const=ALONE,
-        metavar="OTHER",
-        help="also count the force cycles of the couplers (rainflow) and print their fatigue damage. One cycle of 1 MN "
-        "counts 1, with the slope 5. With the run or log OTHER the ratio is printed too",
     )
 
 

@@ -7,7 +7,7 @@ import argparse
 from typing import NamedTuple
 
 from train_ato.cli.screen import print_result
-from train_ato.program.arguments import add_train, parse_yaml_value
+from train_ato.program.arguments import add_option, add_train, parse_yaml_value
 
 
 class Action(NamedTuple):
@@ -49,12 +49,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``inject``."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = "actions:\n" + "\n".join(f"  {name:<16} {action.meaning}" for name, action in ACTIONS.items())
-    parser.add_argument("action", choices=tuple(ACTIONS), metavar="ACTION", help="one of the actions below")
-    parser.add_argument(
-        "parameters",
+    add_option(parser, "action ACTION", "one of the actions below", choices=tuple(ACTIONS))
+    add_option(
+        parser,
+        "parameters NAME=VALUE",
+        "parameter of a gust, a delay jump or a fault; kept for the next call",
         nargs="*",
-        metavar="NAME=VALUE",
-        help="parameter of a gust, a delay jump or a fault; kept for the next call",
     )
     add_train(parser)
 

@@ -1,24 +1,23 @@
 """``train-ato layout``: write a layout of a viewer for one run."""
 
 import argparse
+from functools import partial
 from pathlib import Path
 
 from train_ato.cli.screen import print_result
+from train_ato.program.arguments import add_option
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``layout``."""
-    parser.add_argument("run", type=Path, metavar="RUN", help="run folder or MCAP file")
+    add = partial(add_option, parser)
+    add("run RUN", "run folder or MCAP file")
     viewer = parser.add_mutually_exclusive_group(required=True)
-    viewer.add_argument("--foxglove", action="store_true", help="layout for Foxglove")
-    viewer.add_argument(
-        "--studio", action="store_true", help="layout for Foxglove Studio 1 (the last open version 1.87), in SI units"
-    )
-    viewer.add_argument("--plotjuggler", action="store_true", help="layout for PlotJuggler 3; it opens the log too")
-    parser.add_argument(
-        "--scene", action="store_true", help="Foxglove: with the train on its line, as `view RUN --foxglove` sends it"
-    )
-    parser.add_argument("--out", type=Path, metavar="FILE", help="new file (default: beside the log)")
+    add_option(viewer, "--foxglove", "layout for Foxglove")
+    add_option(viewer, "--studio", "layout for Foxglove Studio 1 (the last open version 1.87), in SI units")
+    add_option(viewer, "--plotjuggler", "layout for PlotJuggler 3; it opens the log too")
+    add("--scene", "Foxglove: with the train on its line, as `view RUN --foxglove` sends it")
+    add("--out FILE", "new file (default: beside the log)")
 
 
 def execute(options: argparse.Namespace) -> None:

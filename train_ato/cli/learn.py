@@ -2,9 +2,11 @@
 
 import argparse
 import sys
+from functools import partial
 from pathlib import Path
 
 from train_ato.cli.scenario_options import add_change_options, prepare_from
+from train_ato.program.arguments import add_option
 
 RUNS, SPACING, MEMORY = 5, 5.0, 20
 """Defaults of the options; the last two are those of :mod:`train_ato.studies.learn`."""
@@ -14,33 +16,18 @@ OF_REPEATED_RUNS = ("runs", "law", "observer", "compensation", "seed", "gust_shi
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``learn``."""
-    parser.add_argument(
-        "source", nargs="+", metavar="SCENARIO|RUN", help="one scenario to repeat, or folders of recorded runs"
-    )
-    parser.add_argument("--law", metavar="NAME", help="control law: a name, or MODULE:CLASS without registration")
+    add = partial(add_option, parser)
+    add("source SCENARIO|RUN", "one scenario to repeat, or folders of recorded runs", nargs="+")
+    add("--law NAME", "control law: a name, or MODULE:CLASS without registration")
     add_change_options(parser)
-    parser.add_argument("--runs", type=int, metavar="N", help=f"number of repeated runs (default: {RUNS})")
-    parser.add_argument(
-        "--gust-shift",
-        type=float,
-        metavar="S",
-        help="largest random shift of the disturbances that are functions of time, new in every run (default: 0)",
+    add("--runs N", f"number of repeated runs (default: {RUNS})")
+    add(
+        "--gust-shift S",
+        "largest random shift of the disturbances that are functions of time, new in every run (default: 0)",
     )
-    parser.add_argument(
-        "--spacing",
-        type=float,
-        default=SPACING,
-        metavar="M",
-        help=f"distance between the values (default: {SPACING:g})",
-    )
-    parser.add_argument(
-        "--memory",
-        type=int,
-        default=MEMORY,
-        metavar="N",
-        help=f"number of the last runs that count (default: {MEMORY})",
-    )
-    parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="learned resistance to write (.yaml)")
+    add("--spacing M", f"distance between the values (default: {SPACING:g})", default=SPACING)
+    add("--memory N", f"number of the last runs that count (default: {MEMORY})", default=MEMORY)
+    add("--out FILE", "learned resistance to write (.yaml)", required=True)
 
 
 def execute(options: argparse.Namespace) -> None:

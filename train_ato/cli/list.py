@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from plant_sim.input_error import close_match
 from plant_sim.units import number_text
 from train_ato.cli.screen import print_json, print_names
+from train_ato.program.arguments import add_option
 
 if TYPE_CHECKING:
     from plant_sim.consist import Consist
@@ -229,11 +230,11 @@ def _line(line: Line) -> Facts:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``list``."""
-    parser.add_argument(
-        "name",
+    add_option(
+        parser,
+        "name NAME | FILE.yaml",
+        "print details of this name, or of a scenario, following, consist or line file",
         nargs="?",
-        metavar="NAME | FILE.yaml",
-        help="print details of this name, or of a scenario, following, consist or line file",
     )
 
 

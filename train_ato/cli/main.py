@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from plant_sim.input_error import InputFaults
-from train_ato.program.arguments import BAD_INPUT, OneLineParser, prepare_streams, shortened
+from train_ato.program.arguments import BAD_INPUT, OneLineParser, add_option, prepare_streams, shortened
 from train_ato.program.display_units import displayed_in
 from train_ato.program.errors import RunFailed
 from train_ato.program.interrupt import Interrupt, ProcessExit, ending_like_ctrl_c, no_silent_exit, text_of_exit
@@ -77,13 +77,15 @@ class _Command(OneLineParser):
             module = importlib.import_module(self.module)
             module.add_arguments(self)
             if self.module not in WITHOUT_JSON:
-                self.add_argument("--json", action="store_true", help="print one JSON value and nothing else")
+                add_option(self, "--json", "print one JSON value and nothing else")
             if self.prog.rpartition(" ")[2] in WITH_UNITS:
-                self.add_argument(
-                    "--units", choices=("us", "metric"),
-                    help="units of the output: us (mph, mi, ft, ton, lbf, psi) or metric (km/h, t, kN, bar). The files "
+                add_option(
+                    self,
+                    "--units",
+                    "units of the output: us (mph, mi, ft, ton, lbf, psi) or metric (km/h, t, kN, bar). The files "
                     "of a run do not change (default: the unit in the name of each value)",
-                )  # fmt: skip
+                    choices=("us", "metric"),
+                )
             self.set_defaults(execute=module.execute)
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:

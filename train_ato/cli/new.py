@@ -2,9 +2,12 @@
 
 import argparse
 import re
+from functools import partial
 from importlib.util import find_spec
 from keyword import iskeyword
 from pathlib import Path
+
+from train_ato.program.arguments import add_option
 
 YAML_KINDS = ("train", "line", "journey", "scenario")
 CODE_KINDS = {"law": "MyLaw", "observer": "MyObserver", "compensation": "MyCompensation"}
@@ -19,11 +22,10 @@ MISSING = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``new``."""
-    parser.add_argument("kind", choices=(*YAML_KINDS, *CODE_KINDS), metavar="KIND", help="%(choices)s")
-    parser.add_argument("name", metavar="NAME", help="name of the new thing; the file is NAME.yaml or NAME.py")
-    parser.add_argument(
-        "--like", metavar="SHIPPED", help="begin with this shipped one (train-ato list) in place of the template"
-    )
+    add = partial(add_option, parser)
+    add("kind KIND", "%(choices)s", choices=(*YAML_KINDS, *CODE_KINDS))
+    add("name NAME", "name of the new thing; the file is NAME.yaml or NAME.py")
+    add("--like SHIPPED", "begin with this shipped one (train-ato list) in place of the template")
 
 
 def execute(options: argparse.Namespace) -> None:

@@ -4,17 +4,13 @@ import argparse
 import sys
 
 from train_ato.cli.screen import print_result
-from train_ato.program.arguments import add_train, parse_yaml_value
+from train_ato.program.arguments import add_option, add_train, parse_yaml_value
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``param``."""
-    parser.add_argument(
-        "assignment", metavar="NAME=VALUE", help="parameter and value, for example law=smc or pid.kp=0.04"
-    )
-    parser.add_argument(
-        "--node", default="controller", metavar="NAME", help="node of the parameter (default: controller)"
-    )
+    add_option(parser, "assignment NAME=VALUE", "parameter and value, for example law=smc or pid.kp=0.04")
+    add_option(parser, "--node NAME", "node of the parameter (default: controller)", default="controller")
     add_train(parser)
 
 

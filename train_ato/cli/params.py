@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from train_ato.cli.scenario_options import add_scenario_options, prepare_from
 from train_ato.cli.screen import print_result
+from train_ato.program.arguments import add_option
 
 if TYPE_CHECKING:
     from train_ato.scenario.setup import RunSetup
@@ -19,7 +20,7 @@ OF_EVERY_NODE = frozenset({"use_sim_time", "start_type_description_service", "sc
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``params``."""
     add_scenario_options(parser)
-    parser.add_argument("--law", metavar="NAME", help="control law (default: as in the scenario)")
+    add_option(parser, "--law NAME", "control law (default: as in the scenario)")
 
 
 def execute(options: argparse.Namespace) -> None:

@@ -8,11 +8,12 @@ import re
 import sys
 from collections.abc import Callable
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from plant_sim.input_error import InputFaults, explain
-from train_ato.program.arguments import OPTIONS_OF_PLAN, check_new_file
+from train_ato.program.arguments import OPTIONS_OF_PLAN, add_option, check_new_file
 from train_ato.program.errors import RunInterrupted, check_packages
 
 if TYPE_CHECKING:
@@ -42,19 +43,18 @@ _OPTIONS = {
 
 def add_trip_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of a trip plan."""
-    parser.add_argument(
-        "--trip",
-        nargs="?",
-        const=DEFAULTS,
-        metavar="FILE",
-        help="plan a long train with the applications of its air brake. FILE has weights and limits (YAML). The "
+    add_option(
+        parser,
+        "--trip FILE",
+        "plan a long train with the applications of its air brake. FILE has weights and limits (YAML). The "
         "objective in kWh is energy + time_weight T + fatigue_weight D. T is the running time in s; --time replaces "
         "time_weight. D is the damage of the couplers: one force cycle of 1 MN of one coupler counts 1 (10 to 20 on "
         "45 km with 10 700 t)",
+        nargs="?",
+        const=DEFAULTS,
+        type=None,
     )
-    parser.add_argument(
-        "--base", metavar="SCENARIO", help="with --trip: scenario with plant, delays and criteria of the written one"
-    )
+    add_option(parser, "--base SCENARIO", "with --trip: scenario with plant, delays and criteria of the written one")
 
 
 def trip_from_options(options: argparse.Namespace, report: Any = lambda _: None) -> dict[str, Any]:
@@ -165,89 +165,61 @@ def _trip_settings(options: argparse.Namespace) -> Any:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``plan``."""
     least = _number(0.0)
-    parser.add_argument(
-        "line",
-        metavar="LINE",
-        help="shipped line or file, in any format of `train-ato convert`; with :reverse, against its direction",
-    )
-    parser.add_argument(
-        "consist", metavar="CONSIST", help="shipped train, or file in any format of `train-ato convert`"
-    )
-    parser.add_argument(
-        "--from-km",
+    add = partial(add_option, parser)
+    add("line LINE", "shipped line or file, in any format of `train-ato convert`; with :reverse, against its direction")
+    add("consist CONSIST", "shipped train, or file in any format of `train-ato convert`")
+    add(
+        "--from-km KM",
+        "start position of the front [km], or a post as 84+500 (default: first stop)",
         dest="begin_km",
         type=kilometre,
-        metavar="KM",
-        help="start position of the front [km], or a post as 84+500 (default: first stop)",
     )
-    parser.add_argument(
-        "--to-km",
+    add(
+        "--to-km KM",
+        "stop position of the front [km], or a post as 84+500 (default: last stop)",
         dest="end_km",
         type=kilometre,
-        metavar="KM",
-        help="stop position of the front [km], or a post as 84+500 (default: last stop)",
     )
-    parser.add_argument(
-        "--time", type=least, metavar="S", help="timetable: running time with dwell times (default: minimum time)"
-    )
-    parser.add_argument(
-        "--allowance", type=_allowance, action="append", metavar="TIME",
-        help="supplement to the least running time between two stops, without --time: 5%%, 1.5min/100km, 10s/stop, "
+    add("--time S", "timetable: running time with dwell times (default: minimum time)", type=least)
+    add(
+        "--allowance TIME",
+        "supplement to the least running time between two stops, without --time: 5%%, 1.5min/100km, 10s/stop, "
         "joined by +. :KM..KM after it limits it to a section (kilometres, or posts as 84+500). May be repeated",
-    )  # fmt: skip
-    parser.add_argument(
-        "--journey",
-        metavar="FILE",
-        help="timing points with windows, in place of --time: train_ato YAML or TTOBench 1.5 JSON",
+        type=_allowance,
+        action="append",
+        default=None,
     )
-    parser.add_argument(
-        "--no-bound",
-        action="store_true",
-        help="with --time: without the lower bound of the energy, some seconds faster",
+    add(
+        "--journey FILE",
+        "timing points with windows, in place of --time: train_ato YAML or TTOBench 1.5 JSON",
+        type=None,
     )
-    parser.add_argument(
-        "--dwell", type=least, metavar="S", help="dwell time at intermediate stops (default: as in the line)"
-    )
-    parser.add_argument("--through", action="store_true", help="pass the intermediate stops of the line")
+    add("--no-bound", "with --time: without the lower bound of the energy, some seconds faster")
+    add("--dwell S", "dwell time at intermediate stops (default: as in the line)", type=least)
+    add("--through", "pass the intermediate stops of the line")
     _add_train_arguments(parser, least)
-    parser.add_argument(
-        "--period", type=least, default=0.1, metavar="S", help="time between the knots of the profile (default: 0.1)"
-    )
-    parser.add_argument(
-        "--out", type=Path, action="append", default=[], metavar="FILE",
-        help="profile (.csv, .yaml) or figure (.png, .pdf, .svg); may be repeated",
-    )  # fmt: skip
+    add("--period S", "time between the knots of the profile (default: 0.1)", type=least, default=0.1)
+    add("--out FILE", "profile (.csv, .yaml) or figure (.png, .pdf, .svg); may be repeated", action="append")
     add_trip_arguments(parser)
 
 
 def _add_train_arguments(parser: argparse.ArgumentParser, least: Callable[[str], float]) -> None:
     """Declare the options of comfort, forces and energy of the train."""
-    parser.add_argument("--acceleration", type=_limit, metavar="A", help="maximum acceleration [m/s²], or none")
-    parser.add_argument("--deceleration", type=_limit, metavar="A", help="maximum deceleration [m/s²], or none")
-    parser.add_argument("--jerk", type=_limit, metavar="J", help="jerk limit [m/s³], or none")
-    parser.add_argument(
-        "--force-margin", type=least, metavar="FRACTION", help="fraction of the maximum forces kept in reserve"
-    )
-    parser.add_argument(
-        "--efficiency",
+    add = partial(add_option, parser)
+    add("--acceleration A", "maximum acceleration [m/s²], or none", type=_limit)
+    add("--deceleration A", "maximum deceleration [m/s²], or none", type=_limit)
+    add("--jerk J", "jerk limit [m/s³], or none", type=_limit)
+    add("--force-margin FRACTION", "fraction of the maximum forces kept in reserve", type=least)
+    add("--efficiency FRACTION", "of traction, in the net energy (default: as in the train's file, else 1)", type=least)
+    add(
+        "--recovered FRACTION",
+        "share of the electric-brake work that returns to the line (default: as in the train's file, else 0)",
         type=least,
-        metavar="FRACTION",
-        help="of traction, in the net energy (default: as in the train's file, else 1)",
     )
-    parser.add_argument(
-        "--recovered",
-        type=least,
-        metavar="FRACTION",
-        help="share of the electric-brake work that returns to the line (default: as in the train's file, else 0)",
-    )
-    parser.add_argument("--auxiliary-kw", type=least, metavar="KW", help="auxiliary power in the net energy")
-    parser.add_argument("--max-speed-kmh", type=least, metavar="V", help="speed limit of the train")
-    parser.add_argument("--no-air-brake", action="store_true", help="use electric brakes only")
-    parser.add_argument(
-        "--point-mass",
-        action="store_true",
-        help="point mass at the front: speed limits and grades end where the front leaves them",
-    )
+    add("--auxiliary-kw KW", "auxiliary power in the net energy", type=least)
+    add("--max-speed-kmh V", "speed limit of the train", type=least)
+    add("--no-air-brake", "use electric brakes only")
+    add("--point-mass", "point mass at the front: speed limits and grades end where the front leaves them")
 
 
 def plan_from_options(options: argparse.Namespace) -> dict[str, Any]:

@@ -2,14 +2,14 @@
 
 import argparse
 import dataclasses
-from pathlib import Path
 
 from train_ato.cli.screen import print_result
+from train_ato.program.arguments import add_option
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``recover``."""
-    parser.add_argument("file", type=Path, metavar="FILE", help="run.mcap.partial, a damaged log, or its folder")
+    add_option(parser, "file FILE", "run.mcap.partial, a damaged log, or its folder")
 
 
 def execute(options: argparse.Namespace) -> None:

@@ -10,11 +10,12 @@ import select
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from train_ato.cli.screen import print_json, print_table
-from train_ato.program.arguments import parse_rate
+from train_ato.program.arguments import add_option, parse_rate
 
 if TYPE_CHECKING:
     from train_ato.playback.playback import Playback, ReplayState
@@ -85,59 +86,45 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "start_offset and playback_duration; see msgs_docs/replay.md. Keys: space pauses and resumes, right sends the "
         "next message during a pause, up and down change the rate by 10 %."
     )
-    parser.add_argument("run", type=Path, metavar="RUN", help="run folder or MCAP file")
-    publishing: list[argparse.Action] = []
-    _add_publishing(lambda *names, **settings: publishing.append(parser.add_argument(*names, **settings)))
-    parser.set_defaults(publishing=publishing)
+    add_option(parser, "run RUN", "run folder or MCAP file")
+    parser.set_defaults(publishing=_add_publishing(parser))
     law = parser.add_argument_group("evaluation of a law on the recorded inputs (no publishing)")
-    law.add_argument(
-        "--law", metavar="NAME", help="law to evaluate; a single MCAP file needs the scenario as an attachment"
-    )
-    law.add_argument(
-        "--set", action="append", default=[], metavar="A.B=V", help="change a key of the scenario; may be repeated"
-    )
-    law.add_argument("--out", type=Path, metavar="FILE", help="figure: .png, .svg or .pdf (default: beside the log)")
+    add_option(law, "--law NAME", "law to evaluate; a single MCAP file needs the scenario as an attachment")
+    add_option(law, "--set A.B=V", "change a key of the scenario; may be repeated", action="append")
+    add_option(law, "--out FILE", "figure: .png, .svg or .pdf (default: beside the log)")
 
 
-def _add_publishing(add: Callable[..., None]) -> None:
-    """Declare the options without effect with --law."""
-    add(
-        "-r",
-        "--rate",
-        type=parse_rate,
-        default=1.0,
-        metavar="R",
-        help="simulated seconds per second (default: 1); max: limited only by the subscribers",
-    )
-    add("--start-offset", type=float, default=0.0, metavar="S", help="start at this simulated time")
-    add("--playback-duration", type=float, metavar="S", help="simulated duration")
-    add("-d", "--delay", type=float, default=0.0, metavar="S", help="wall time before the start of every loop")
-    add("-l", "--loop", action="store_true", help="repeat until Ctrl-C")
-    add(
-        "-p",
-        "--start-paused",
-        action="store_true",
-        help="start in pause; only latched topics are sent before the service resume",
-    )
-    add(
-        "--clock",
-        type=float,
-        nargs="?",
-        const=40.0,
-        metavar="HZ",
-        help="publish /clock at this rate of wall time (without HZ: 40) instead of the recorded one",
-    )
-    add(
-        "--wait-for-all-acked",
-        type=int,
-        metavar="MS",
-        help="maximum wait at the end for the acknowledgement of all messages; 0: no limit (default: 5000)",
-    )
-    add("--topics", nargs="+", default=[], metavar="TOPIC", help="publish only these topics")
-    add("--exclude-topics", nargs="+", default=[], metavar="TOPIC", help="publish all other topics")
-    add("-m", "--remap", nargs="+", default=[], metavar="A:=B", help="publish a topic under another name")
-    add("--disable-keyboard-controls", action="store_true", help="do not read keys from the terminal")
-    add("--domain", type=int, metavar="N", help="ROS domain (default: ROS_DOMAIN_ID or 0)")
+def _add_publishing(parser: argparse.ArgumentParser) -> list[argparse.Action]:
+    """Declare the options without effect with --law, and return them."""
+    add = partial(add_option, parser)
+    return [
+        add(
+            "-r, --rate R",
+            "simulated seconds per second (default: 1); max: limited only by the subscribers",
+            type=parse_rate,
+            default=1.0,
+        ),
+        add("--start-offset S", "start at this simulated time", default=0.0),
+        add("--playback-duration S", "simulated duration"),
+        add("-d, --delay S", "wall time before the start of every loop", default=0.0),
+        add("-l, --loop", "repeat until Ctrl-C"),
+        add("-p, --start-paused", "start in pause; only latched topics are sent before the service resume"),
+        add(
+            "--clock HZ",
+            "publish /clock at this rate of wall time (without HZ: 40) instead of the recorded one",
+            nargs="?",
+            const=40.0,
+        ),
+        add(
+            "--wait-for-all-acked MS",
+            "maximum wait at the end for the acknowledgement of all messages; 0: no limit (default: 5000)",
+        ),
+        add("--topics TOPIC", "publish only these topics", nargs="+", default=[]),
+        add("--exclude-topics TOPIC", "publish all other topics", nargs="+", default=[]),
+        add("-m, --remap A:=B", "publish a topic under another name", nargs="+", default=[]),
+        add("--disable-keyboard-controls", "do not read keys from the terminal"),
+        add("--domain N", "ROS domain (default: ROS_DOMAIN_ID or 0)"),
+    ]
 
 
 def execute(options: argparse.Namespace) -> None:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from train_ato.cli.screen import print_json
+from train_ato.program.arguments import add_option
 from train_ato.program.errors import check_packages
 
 if TYPE_CHECKING:
@@ -18,19 +20,14 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``report``."""
-    parser.add_argument(
-        "runs", type=Path, nargs="+", metavar="RUN", help="run folder or log; several runs are compared"
+    add = partial(add_option, parser)
+    add("runs RUN", "run folder or log; several runs are compared", nargs="+")
+    add(
+        "--out FILE",
+        "HTML file (default: report.html in the run folder; for several runs comparison.html in this folder)",
     )
-    parser.add_argument(
-        "--out",
-        type=Path,
-        metavar="FILE",
-        help="HTML file (default: report.html in the run folder; for several runs comparison.html in this folder)",
-    )
-    parser.add_argument(
-        "--figures", type=Path, metavar="DIR", help="folder for the figures in print quality (default: none)"
-    )
-    parser.add_argument("--format", choices=("png", "svg"), default="png", help="format of the figures (default: png)")
+    add("--figures DIR", "folder for the figures in print quality (default: none)")
+    add("--format", "format of the figures (default: png)", choices=("png", "svg"), default="png")
 
 
 def execute(options: argparse.Namespace) -> None:

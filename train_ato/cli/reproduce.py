@@ -9,10 +9,12 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from train_ato.cli.screen import note_compilation, print_json
+from train_ato.program.arguments import add_option
 from train_ato.program.errors import RunFailed
 
 if TYPE_CHECKING:
@@ -35,21 +37,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``reproduce``."""
     from train_ato.papers import paper_packages
 
-    parser.add_argument("paper", nargs="?", default="all", help=f"{', '.join(paper_packages())} or all (default: all)")
-    parser.add_argument("--claim", metavar="TEXT", help="only claims that contain TEXT, with their cases; no figures")
-    parser.add_argument("--full", action="store_true", help="include the long cases over the whole line")
-    parser.add_argument(
-        "--jobs",
-        type=int,
+    add = partial(add_option, parser)
+    add("paper", f"{', '.join(paper_packages())} or all (default: all)", nargs="?", default="all")
+    add("--claim TEXT", "only claims that contain TEXT, with their cases; no figures")
+    add("--full", "include the long cases over the whole line")
+    add(
+        "--jobs N",
+        "number of worker processes (default: 2, at most the number of cores)",
         default=min(2, os.cpu_count() or 1),
-        metavar="N",
-        help="number of worker processes (default: 2, at most the number of cores)",
     )
     place = parser.add_mutually_exclusive_group()
-    place.add_argument("--out", type=Path, metavar="DIR", help="new folder (default: runs/reproduce-N)")
-    place.add_argument(
-        "--resume", type=Path, metavar="DIR", help="folder of an interrupted command; judged papers are not run again"
-    )
+    add_option(place, "--out DIR", "new folder (default: runs/reproduce-N)")
+    add_option(place, "--resume DIR", "folder of an interrupted command; judged papers are not run again")
 
 
 def execute(options: argparse.Namespace) -> None:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from train_ato.cli.scenario_options import add_scenario_options, prepare_from
 from train_ato.log.compression import add_compression
-from train_ato.program.arguments import add_followed, add_no_lockstep, add_rate, parse_limit, rate_of
+from train_ato.program.arguments import add_followed, add_no_lockstep, add_option, add_rate, parse_limit, rate_of
 from train_ato.program.errors import RunFailed
 
 if TYPE_CHECKING:
@@ -32,45 +32,34 @@ EXPLAINED = "msgs_docs/report.md, Output of a run"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``run``."""
     add_scenario_options(parser, "a shipped scenario, NAME:variant, shipped following trains, or a YAML file of either")
-    parser.add_argument("--law", metavar="NAME", help="control law: a name, or MODULE:CLASS without registration")
+    add = partial(add_option, parser)
+    add("--law NAME", "control law: a name, or MODULE:CLASS without registration")
     mode = parser.add_mutually_exclusive_group()
-    mode.add_argument("--engine", action="store_true", help="plain Python loop without ROS, same log")
-    mode.add_argument("--processes", action="store_true", help="one process for each node (default: all nodes in one)")
-    parser.add_argument("--restart", action="store_true", help="with --processes: restart a node whose process ends")
-    parser.add_argument(
-        "--restart-limit", type=int, metavar="N", help=f"restarts of each node, then the run fails (default: {LIMIT})"
+    add_option(mode, "--engine", "plain Python loop without ROS, same log")
+    add_option(mode, "--processes", "one process for each node (default: all nodes in one)")
+    add("--restart", "with --processes: restart a node whose process ends")
+    add("--restart-limit N", f"restarts of each node, then the run fails (default: {LIMIT})")
+    add(
+        "--external NODE",
+        "wait for a program of yours in place of this node: controller, observer, profile, supervisor or plant",
     )
-    parser.add_argument(
-        "--external", metavar="NODE",
-        help="wait for a program of yours in place of this node: controller, observer, profile, supervisor or plant",
-    )  # fmt: skip
     add_rate(parser)
     add_no_lockstep(parser)
-    parser.add_argument("--out", type=Path, metavar="DIR", help="run folder to make (default: runs/NAME-N)")
+    add("--out DIR", "run folder to make (default: runs/NAME-N)")
     add_compression(parser)
-    parser.add_argument(
+    add(
         "--strict",
-        action="store_true",
-        help="exit status 1 if the run is not tracked (lost, limit cycle, stopped short, ...) or fails a criterion",
+        "exit status 1 if the run is not tracked (lost, limit cycle, stopped short, ...) or fails a criterion",
     )
-    parser.add_argument(
-        "--start-limit",
+    add(
+        "--start-limit S",
+        "wall time for the nodes to find each other, or none (default: 30, with --processes 180, --external none)",
         type=parse_limit,
-        metavar="S",
-        help="wall time for the nodes to find each other, or none (default: 30, with --processes 180, --external none)",
     )
-    parser.add_argument(
-        "--domain", type=int, metavar="N", help="ROS domain, 0 to 232 (default: ROS_DOMAIN_ID, or a free one)"
-    )
-    parser.add_argument(
-        "--namespace", metavar="/NAME", default="",
-        help="namespace of all nodes, for one of several trains in a domain: /t1",
-    )  # fmt: skip
+    add("--domain N", "ROS domain, 0 to 232 (default: ROS_DOMAIN_ID, or a free one)")
+    add("--namespace /NAME", "namespace of all nodes, for one of several trains in a domain: /t1", default="")
     add_followed(parser)
-    parser.add_argument(
-        "--live", action="store_true",
-        help="run following trains at the same time, a program each with live reports in one ROS domain",
-    )  # fmt: skip
+    add("--live", "run following trains at the same time, a program each with live reports in one ROS domain")
 
 
 def restart_limit(*, wanted: bool, limit: int | None) -> int:

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterable
+from functools import partial
 from typing import TYPE_CHECKING, Any
+
+from train_ato.program.arguments import add_option
 
 if TYPE_CHECKING:
     from train_ato.scenario.setup import RunSetup
@@ -18,26 +21,21 @@ def add_scenario_options(
     parser: argparse.ArgumentParser, text: str = "a shipped name, NAME:variant, or a YAML file"
 ) -> None:
     """Add SCENARIO with its help, and the options that change it."""
-    parser.add_argument("scenario", metavar="SCENARIO", help=text)
+    add_option(parser, "scenario SCENARIO", text)
     add_change_options(parser)
 
 
 def add_change_options(parser: argparse.ArgumentParser) -> None:
     """Add the options that change a scenario."""
-    parser.add_argument(
-        "--observer", metavar="NAME", help="disturbance observer: a name, or MODULE:CLASS without registration"
-    )
-    parser.add_argument(
-        "--compensation", metavar="NAME", help="delay compensation: a name, or MODULE:CLASS without registration"
-    )
-    parser.add_argument("--seed", type=int, metavar="N", help="seed of every random stream")
-    parser.add_argument(
-        "--set",
+    add = partial(add_option, parser)
+    add("--observer NAME", "disturbance observer: a name, or MODULE:CLASS without registration")
+    add("--compensation NAME", "delay compensation: a name, or MODULE:CLASS without registration")
+    add("--seed N", "seed of every random stream")
+    add(
+        "--set A.B=VALUE",
+        "change any key of the scenario, the value written as YAML; may be repeated",
         action="append",
-        default=[],
-        metavar="A.B=VALUE",
         dest="assignments",
-        help="change any key of the scenario, the value written as YAML; may be repeated",
     )
 
 

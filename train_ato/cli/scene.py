@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from train_ato.cli.screen import print_result
-from train_ato.program.arguments import add_train
+from train_ato.program.arguments import add_option, add_train
 
 if TYPE_CHECKING:
     from train_ato.scenario.setup import RunSetup
@@ -16,13 +16,9 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``scene``."""
-    parser.add_argument(
-        "run", type=Path, nargs="?", metavar="RUN", help="run or log of a replay (default: the running simulation)"
-    )
+    add_option(parser, "run RUN", "run or log of a replay (default: the running simulation)", nargs="?")
     add_train(parser)
-    parser.add_argument(
-        "--rate", type=float, default=5.0, metavar="HZ", help="messages per simulated second (default: 5)"
-    )
+    add_option(parser, "--rate HZ", "messages per simulated second (default: 5)", default=5.0)
 
 
 def execute(options: argparse.Namespace) -> None:

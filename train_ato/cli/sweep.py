@@ -5,10 +5,12 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import sys
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from train_ato.cli.screen import note_compilation, print_json, print_table
+from train_ato.program.arguments import add_option
 from train_ato.program.errors import RunFailed
 
 if TYPE_CHECKING:
@@ -21,40 +23,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``sweep``."""
     from train_ato.studies.sweep.groups import BORDERS, ERROR_METRIC
 
-    parser.add_argument(
-        "sweep",
-        type=Path,
-        metavar="SPEC",
-        help="YAML file with scenario, design, over and set; or the folder of a sweep, to continue it",
-    )
-    parser.add_argument(
-        "--out",
-        type=Path,
-        metavar="DIR",
-        help="folder; a sweep that is already there is continued (default: runs/sweep-N)",
-    )
-    parser.add_argument("--jobs", type=int, metavar="N", help="local worker processes (default: one for each core)")
-    parser.add_argument(
-        "--scheduler", metavar="ADDRESS", help="tcp://HOST:PORT of a Dask scheduler with workers (default: local)"
-    )
-    parser.add_argument(
-        "--dashboard", action="store_true", help="serve the Dask dashboard of the local workers, on this machine only"
-    )
-    parser.add_argument(
-        "--metric", metavar="NAME", default=ERROR_METRIC, help=f"metric of the figures (default: {ERROR_METRIC})"
-    )
-    parser.add_argument(
+    add = partial(add_option, parser)
+    add("sweep SPEC", "YAML file with scenario, design, over and set; or the folder of a sweep, to continue it")
+    add("--out DIR", "folder; a sweep that is already there is continued (default: runs/sweep-N)")
+    add("--jobs N", "local worker processes (default: one for each core)")
+    add("--scheduler ADDRESS", "tcp://HOST:PORT of a Dask scheduler with workers (default: local)")
+    add("--dashboard", "serve the Dask dashboard of the local workers, on this machine only")
+    add("--metric NAME", f"metric of the figures (default: {ERROR_METRIC})", default=ERROR_METRIC)
+    add(
         "--border",
+        "border of stability in the map: outcome of tracking, or verdict (default: tracking)",
         choices=tuple(BORDERS),
         default="tracking",
-        help="border of stability in the map: outcome of tracking, or verdict (default: tracking)",
     )
-    parser.add_argument(
-        "--row",
-        type=int,
-        metavar="N",
-        help="run row N of the sweep in the folder SPEC, or of its results.parquet, alone and compare it",
-    )
+    add("--row N", "run row N of the sweep in the folder SPEC, or of its results.parquet, alone and compare it")
 
 
 def execute(options: argparse.Namespace) -> None:

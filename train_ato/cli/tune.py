@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import argparse
 import sys
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from train_ato.cli.scenario_options import KINDS, chosen_components, listed
 from train_ato.cli.screen import note_compilation, print_json, print_table
+from train_ato.program.arguments import add_option
 from train_ato.program.errors import RunFailed
 from train_ato.studies.tune.objective import TERMS
 
@@ -29,45 +31,31 @@ COLUMNS: tuple[tuple[str, str], ...] = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``tune``."""
-    parser.add_argument(
-        "scenario", metavar="SCENARIO[,...]", help="scenarios of the search: shipped names, NAME:variant, or YAML files"
-    )
-    parser.add_argument("--law", required=True, metavar="NAME", help="law to tune: a name, or MODULE:CLASS")
+    add = partial(add_option, parser)
+    add("scenario SCENARIO[,...]", "scenarios of the search: shipped names, NAME:variant, or YAML files")
+    add("--law NAME", "law to tune: a name, or MODULE:CLASS", required=True)
     for kind in KINDS[1:]:
         parser.add_argument(f"--{kind}", metavar="NAME", help=f"{kind}: a name, or MODULE:CLASS without registration")
-    parser.add_argument(
-        "--set",
+    add(
+        "--set A.B=VALUE",
+        "change any key of every scenario, the value written as YAML; may be repeated",
         action="append",
-        default=[],
-        metavar="A.B=VALUE",
         dest="assignments",
-        help="change any key of every scenario, the value written as YAML; may be repeated",
     )
-    parser.add_argument(
-        "--parameters", metavar="A,B,...", help="parameters to vary (default: every numeric one above 0)"
-    )
-    parser.add_argument(
-        "--over", type=Path, metavar="SPEC.yaml", help="ranges of the gains (over:), changes of the runs (variations:)"
-    )
-    parser.add_argument("--seeds", metavar="1,2,...", help="seeds of the runs (default: as in each scenario)")
-    parser.add_argument("--held-out", metavar="A,B", help="scenarios that the search does not use, reported beside")
-    parser.add_argument("--held-out-seeds", metavar="3,4,...", help="seeds that the search does not use")
-    parser.add_argument(
-        "--criterion",
+    add("--parameters A,B,...", "parameters to vary (default: every numeric one above 0)")
+    add("--over SPEC.yaml", "ranges of the gains (over:), changes of the runs (variations:)")
+    add("--seeds 1,2,...", "seeds of the runs (default: as in each scenario)")
+    add("--held-out A,B", "scenarios that the search does not use, reported beside")
+    add("--held-out-seeds 3,4,...", "seeds that the search does not use")
+    add(
+        "--criterion TERM=WEIGHT",
+        f"weight of a term of the score: {', '.join(f'{term.key}={term.weight:g}' for term in TERMS)} (default)",
         action="append",
-        default=[],
-        metavar="TERM=WEIGHT",
-        help=f"weight of a term of the score: {', '.join(f'{term.key}={term.weight:g}' for term in TERMS)} (default)",
     )
-    parser.add_argument("--runs", type=int, default=60, metavar="N", help="simulated runs of the search (default: 60)")
-    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="number of processes (default: 1)")
-    parser.add_argument("--search-seed", type=int, default=1, metavar="N", help="seed of the search (default: 1)")
-    parser.add_argument(
-        "--out",
-        type=Path,
-        metavar="DIR",
-        help="folder; a search that is already there is continued (default: runs/tune-NAME-N)",
-    )
+    add("--runs N", "simulated runs of the search (default: 60)", default=60)
+    add("--jobs N", "number of processes (default: 1)", default=1)
+    add("--search-seed N", "seed of the search (default: 1)", default=1)
+    add("--out DIR", "folder; a search that is already there is continued (default: runs/tune-NAME-N)")
 
 
 def execute(options: argparse.Namespace) -> None:

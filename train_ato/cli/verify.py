@@ -3,21 +3,21 @@
 import argparse
 import dataclasses
 import sys
-from pathlib import Path
 
 from train_ato.cli.screen import print_json
+from train_ato.program.arguments import add_option
 from train_ato.program.errors import RunFailed
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``verify``."""
-    parser.add_argument("run", type=Path, metavar="RUN", help="run folder or single log")
-    parser.add_argument(
-        "--relative",
+    add_option(parser, "run RUN", "run folder or single log")
+    add_option(
+        parser,
+        "--relative R",
+        "tolerance relative to the largest value of a field (default: 0, bit for bit)",
         type=float,
         default=0.0,
-        metavar="R",
-        help="tolerance relative to the largest value of a field (default: 0, bit for bit)",
     )
 
 

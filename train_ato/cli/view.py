@@ -12,11 +12,12 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from train_ato.cli.screen import print_json
-from train_ato.program.arguments import BAD_INPUT, add_rate, add_train
+from train_ato.program.arguments import BAD_INPUT, add_option, add_rate, add_train
 from train_ato.program.errors import RunFailed, check_packages
 from train_ato.program.interrupt import Interrupt, interruptible
 from train_ato.ros.graph.wait_note import WaitNote
@@ -33,40 +34,19 @@ COMPLAINT = "train-ato"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``view``."""
     what = parser.add_mutually_exclusive_group()
-    what.add_argument("run", nargs="?", type=Path, metavar="RUN", help="recorded run: run folder or log")
-    what.add_argument("--scenario", metavar="NAME", help="start this scenario and show its run")
+    add_option(what, "run RUN", "recorded run: run folder or log", nargs="?")
+    add_option(what, "--scenario NAME", "start this scenario and show its run")
     add_train(parser, what)
     add_rate(parser, 1.0)
-    parser.add_argument("--processes", action="store_true", help="one process per node for the started run")
-    parser.add_argument("--law", metavar="NAME", help="control law of the started run")
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="A.B=VALUE",
-        help="change a key of the started scenario; may be repeated",
-    )
-    parser.add_argument("--out", type=Path, metavar="DIR", help="folder of the started run")
-    parser.add_argument(
-        "--port", type=int, default=5010, metavar="N", help="port of the page (default: 5010; 0: a free one)"
-    )
-    parser.add_argument(
-        "--address",
-        default="127.0.0.1",
-        metavar="A",
-        help="address of the server (default: 127.0.0.1, this machine only)",
-    )
-    parser.add_argument(
-        "--no-browser", action="store_true", help="print the address of the page, do not open a browser"
-    )
-    parser.add_argument(
-        "--foxglove",
-        nargs="?",
-        const=8765,
-        type=int,
-        metavar="PORT",
-        help="additional Foxglove WebSocket server (default port: 8765)",
-    )
+    add = partial(add_option, parser)
+    add("--processes", "one process per node for the started run")
+    add("--law NAME", "control law of the started run")
+    add("--set A.B=VALUE", "change a key of the started scenario; may be repeated", action="append")
+    add("--out DIR", "folder of the started run")
+    add("--port N", "port of the page (default: 5010; 0: a free one)", default=5010)
+    add("--address A", "address of the server (default: 127.0.0.1, this machine only)", default="127.0.0.1")
+    add("--no-browser", "print the address of the page, do not open a browser")
+    add("--foxglove PORT", "additional Foxglove WebSocket server (default port: 8765)", nargs="?", const=8765)
 
 
 def execute(options: argparse.Namespace) -> None:

@@ -8,6 +8,8 @@ from collections.abc import Callable
 
 import zstandard
 
+from train_ato.program.arguments import add_option
+
 Pack = Callable[[bytes | bytearray], bytes]
 """Compression function for the content of one chunk."""
 
@@ -49,9 +51,10 @@ def packer(compression: str) -> tuple[str, Pack]:
 
 def add_compression(parser: argparse.ArgumentParser) -> None:
     """Declare the option ``--compression``."""
-    parser.add_argument(
+    add_option(
+        parser,
         "--compression",
+        "compression of the log; small needs many times the CPU time of fast (default: fast)",
         choices=COMPRESSIONS,
         default=DEFAULT,
-        help="compression of the log; small needs many times the CPU time of fast (default: fast)",
     )

@@ -113,16 +113,38 @@ def _positive(text: str, unlimited: str, fault: str) -> float:
     return value
 
 
+TYPES: dict[str, type] = {
+    **dict.fromkeys(("N", "MS", "PORT"), int),
+    **dict.fromkeys(("S", "HZ", "KM", "V", "M", "D"), float),
+    **dict.fromkeys(("DIR", "FILE", "RUN", "SPEC", "SPEC.yaml", "CSV", "OTHER", "OUT"), Path),
+}
+"""Type of a value by its name in the help; other values are texts."""
+
+
+def add_option(parser: argparse._ActionsContainer, form: str, text: str, **settings: Any) -> argparse.Action:
+    """Declare an option or argument in the form of its help: ``--out DIR``, ``-l, --loop``, ``run RUN``.
+
+    An option without a value is a switch. ``settings`` are those of argparse.
+    """
+    names, _, value = form.replace(", -", ",-").partition(" ")
+    if value:
+        settings = {"metavar": value, "type": TYPES.get(value), **settings}
+    elif names.startswith("-") and "choices" not in settings:
+        settings = {"action": "store_true", **settings}
+    if settings.get("action") in ("append", "extend"):
+        settings = {"default": [], **settings}
+    return parser.add_argument(*names.split(","), help=text, **settings)
+
+
 def add_rate(parser: argparse.ArgumentParser, default: float | None = None) -> None:
     """Declare ``--rate``, as of ``ros2 bag play``; a default of None is no limit."""
     shown = "max" if default is None else f"{default:g}"
-    parser.add_argument(
-        "-r",
-        "--rate",
+    add_option(
+        parser,
+        "-r, --rate R",
+        f"simulated seconds per second of wall time, or max (default: {shown})",
         type=parse_rate,
         default=default,
-        metavar="R",
-        help=f"simulated seconds per second of wall time, or max (default: {shown})",
     )
 
 
@@ -141,27 +163,24 @@ def rate_of(options: argparse.Namespace) -> float | None:
 
 def add_no_lockstep(parser: argparse.ArgumentParser) -> None:
     """Declare ``--no-lockstep``."""
-    parser.add_argument(
+    add_option(
+        parser,
         "--no-lockstep",
+        "do not wait for late commands; they are counted, and the train keeps the last one (default of --rate: 1)",
         dest="lockstep",
         action="store_false",
-        help="do not wait for late commands; they are counted, and the train keeps the last one (default of --rate: 1)",
     )
 
 
 def add_train(parser: argparse.ArgumentParser, what: argparse._ActionsContainer | None = None) -> None:
     """Declare domain and namespace of a running train; the domain in a group of options that exclude each other."""
-    (what or parser).add_argument(
-        "--domain", type=int, metavar="N", help="ROS domain of the run (default: ROS_DOMAIN_ID, or the only run)"
-    )
-    parser.add_argument("--namespace", metavar="/NAME", default="", help="namespace of the train, one of several: /t1")
+    add_option(what or parser, "--domain N", "ROS domain of the run (default: ROS_DOMAIN_ID, or the only run)")
+    add_option(parser, "--namespace /NAME", "namespace of the train, one of several: /t1", default="")
 
 
 def add_followed(parser: argparse.ArgumentParser) -> None:
     """Declare ``--followed``."""
-    parser.add_argument(
-        "--followed", action="store_true", help="do not begin before a train behind reads the reports of this train"
-    )
+    add_option(parser, "--followed", "do not begin before a train behind reads the reports of this train")
 
 
 def parse_yaml_value(text: str, option: str) -> Any:

@@ -11,6 +11,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING
@@ -23,6 +24,7 @@ from train_ato.program.arguments import (
     OneLineParser,
     add_followed,
     add_no_lockstep,
+    add_option,
     add_rate,
     prepare_streams,
     rate_of,
@@ -47,28 +49,28 @@ LEAVING_S = 10.0
 
 def _arguments(role: Role, words: Sequence[str]) -> argparse.Namespace:
     parser = OneLineParser(prog=f"{role.value}_node", description=f"Node {role.value} of a train_ato graph.")
-    parser.add_argument("--scenario", required=True, metavar="SCENARIO[:VARIANT]", help="shipped name or a file")
-    parser.add_argument("--set", action="append", default=[], metavar="A.B=V", help="change one key of the scenario")
+    add = partial(add_option, parser)
+    add("--scenario SCENARIO[:VARIANT]", "shipped name or a file", required=True)
+    add("--set A.B=V", "change one key of the scenario", action="append")
     # for `run --processes`: end the run when standard input is closed, report on standard output, leave the summary
-    parser.add_argument("--attached", action="store_true", help=argparse.SUPPRESS)
+    add("--attached", argparse.SUPPRESS)
     # for `run --processes --restart`: join the run in progress after the notice `begin`
-    parser.add_argument("--restarted", action="store_true", help=argparse.SUPPRESS)
+    add("--restarted", argparse.SUPPRESS)
     besides = () if "--attached" in words else ("plant",)  # only `run` waits for all nodes in place of the plant
-    parser.add_argument(
-        "--external", metavar="NODE", choices=[other for other in EXTERNAL if other not in (role.value, *besides)],
-        help="a program of yours runs in place of this node; give every node the same",
-    )  # fmt: skip
+    add(
+        "--external NODE",
+        "a program of yours runs in place of this node; give every node the same",
+        choices=[other for other in EXTERNAL if other not in (role.value, *besides)],
+    )
     if role is Role.PLANT:
         add_rate(parser)
         add_no_lockstep(parser)
-        parser.add_argument(
-            "--timeout", type=float, metavar="S", help="wall time without an answer after which the run fails"
-        )
-        parser.add_argument("--recorded", action="store_true", help="do not begin without a recorder")
-        parser.add_argument("--resets", action="store_true", help=argparse.SUPPRESS)  # `run` begins the run again
+        add("--timeout S", "wall time without an answer after which the run fails")
+        add("--recorded", "do not begin without a recorder")
+        add("--resets", argparse.SUPPRESS)  # `run` begins the run again
         add_followed(parser)
     if role is Role.RECORDER:
-        parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the log")
+        add("--out DIR", "folder of the log", required=True)
         add_compression(parser)
     own, ros = list(words), list[str]()
     while "--ros-args" in own:
