@@ -19,7 +19,7 @@ from train_ato.control.contract import LawInput, LawOutput, Lookahead, NoParamet
 from train_ato.control.laws.pid import Pid
 from train_ato.control.observers.ndo import Ndo
 from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS, load_class
-from train_ato.studies.check_component import checking, common
+from train_ato.studies.check_component import checking, contract_tests
 from train_ato.studies.check_component.checking import TRAINS, check_component, findings_table
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
@@ -395,7 +395,7 @@ def test_an_observer_without_effect_has_a_note(monkeypatch):
 @pytest.mark.parametrize(("slow_steps", "failed"), [(2, ["time of a step"]), (1, [])])
 def test_a_component_slower_than_its_period_fails_without_further_tests(kind, base, slow_steps, failed, monkeypatch):
     """Breaks if such a component passes, runs the other tests, or fails by a first step that compiles it."""
-    monkeypatch.setattr(common, "TIMING_BUDGET", 0.0)
+    monkeypatch.setattr(contract_tests, "TIMING_BUDGET", 0.0)
     monkeypatch.setattr(checking, "TRAINS", ("xuzhou_metro_3",))
     steps = []
 

@@ -2,24 +2,17 @@
 
 ``check_component("observer", "package.module:Observer")`` runs the component on shipped rigid trains along a profile
 of one minute, and with invalid inputs. A component may reject a train by a ValueError with the reason, but not all of
-them. The tests of every kind are in :mod:`train_ato.studies.check_component.common`, those of a compensation beside it.
+them. The tests are in :mod:`train_ato.studies.check_component.contract_tests`.
 """
 
 import dataclasses
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
-import numpy as np
-
-from plant_sim.units import number_text
 from train_ato.control.component_fault import text_of_error
-from train_ato.control.contract import LawInput, make_parameters, parameters_of
+from train_ato.control.contract import make_parameters, parameters_of
 from train_ato.control.gains import has_rule
-from train_ato.control.laws.pid import Pid
-from train_ato.control.observers.contract import ObserverInput
 from train_ato.control.registry import (
     COMPENSATIONS,
     LAWS,
@@ -29,154 +22,19 @@ from train_ato.control.registry import (
     load_class,
     preview_fault,
 )
-from train_ato.messages.types import Array
-from train_ato.studies.check_component.common import (
+from train_ato.studies.check_component.contract_tests import (
+    COMPENSATION_TESTS,
+    LAW_TESTS,
+    OBSERVER_TESTS,
     TOO_SLOW,
-    Make,
+    CompensationRig,
+    LawRig,
+    ObserverRig,
     Rig,
     Test,
-    array_fault,
-    determinism,
-    hostile,
-    reset,
-    timing,
-    untouched,
-    valid_output,
-    writable,
 )
-from train_ato.studies.check_component.compensation import COMPENSATION_TESTS, CompensationRig
 from train_ato.studies.check_component.random_trips import random_trips, trips_text
-from train_ato.studies.check_component.trains import PERIOD, Bench, RigidTrain
-
-LAG = 0.4
-"""Lag of the actuators [s]."""
-LAST = 100
-"""Number of steps at the end of a run of which the mean estimate is compared."""
-COMPUTED = ("t", "shoe_force", "train_shoe_force")
-"""Inputs that the loop computes."""
-TOLERANCE = 0.2
-"""Largest relative error of an estimate that counts as found."""
-
-
-class ObserverRig(Rig):
-    """An observer on one train, driven by `pid` against a constant disturbance."""
-
-    guaranteed = COMPUTED
-
-    def __init__(self, name: str) -> None:
-        self.name = name
-        self.bench = Bench(name, lag=LAG)
-        self.model = self.bench.model
-        self.disturbance = -0.5 * self.bench.moderate_acceleration() * self.model.inertia
-
-    @cached_property
-    def recorded(self) -> list[ObserverInput]:
-        """Inputs of a run of one minute."""
-        law = Pid(Pid.Parameters(), self.model, PERIOD)
-        train = RigidTrain(self.model, *self.bench.profile.at(0.0)[:2], self.disturbance)
-        samples = self.bench.samples(law, train=train)
-        return [ObserverInput.of(sample.state.measurement) for sample in samples]
-
-    def inputs(self, step: int, observer: Any, speed_error: float = 0.0) -> ObserverInput:
-        """Return the input of a step, with a change of the speed [m/s]."""
-        given: ObserverInput = writable(self.recorded[step])
-        return dataclasses.replace(given, velocity=given.velocity + speed_error)
-
-    def outputs(self, observer: Any, steps: int) -> Array:
-        """Return the estimates [N], shape (steps, units)."""
-        return self.estimates(observer, self.recorded[:steps])
-
-    def estimates(self, observer: Any, inputs: list[ObserverInput]) -> Array:
-        """Return the estimates for the inputs [N], shape (steps, units)."""
-        return np.array([np.array(observer.step(writable(given)), dtype=np.float64) for given in inputs])
-
-    def fault(self, output: Any, given: ObserverInput) -> str:
-        """Return the fault of an estimate; empty for none."""
-        wrong = array_fault("the estimate", output, given.velocity.shape)
-        return wrong or ("" if np.isfinite(output).all() else f"not finite: {output}")
-
-
-def _convergence(make: Make, rig: ObserverRig) -> tuple[bool | None, str]:
-    """Compare the estimate at the end with the disturbance; fail only if no estimate is better."""
-    found = float(rig.estimates(make(), rig.recorded)[-LAST:].sum(axis=1).mean())
-    error = abs(found - rig.disturbance) / abs(rig.disturbance)
-    stated = f"{number_text(found / 1e3, 3)} kN of {number_text(rig.disturbance / 1e3, 3)} kN"
-    detail = f"estimate {stated} after {len(rig.recorded) * PERIOD:g} s"
-    if error <= TOLERANCE:
-        return True, detail
-    if error <= 1.0 + 1e-9:
-        return None, f"{detail}: the disturbance is not found"
-    return False, f"{detail}: worse than no estimate"
-
-
-def _recovery(make: Make, rig: ObserverRig) -> tuple[bool, str]:
-    """Compare the estimates at the end with and without invalid speeds before."""
-    spoilt = list(rig.recorded)
-    for step in range(200, 205):
-        spoilt[step] = dataclasses.replace(spoilt[step], velocity=spoilt[step].velocity * math.nan)
-    usual, after = (rig.estimates(make(), inputs)[-LAST:].sum(axis=1) for inputs in (rig.recorded, spoilt))
-    end, undisturbed = (number_text(entry.mean() / 1e3, 3) for entry in (after, usual))
-    detail = f"estimate at the end {end} kN, undisturbed {undisturbed} kN"
-    return bool(abs(after.mean() - usual.mean()) <= TOLERANCE * abs(rig.disturbance)), detail
-
-
-OBSERVER_TESTS: dict[str, Test] = {
-    "time of a step": timing, "same inputs, same bits": determinism, "finite estimate of every unit": valid_output,
-    "reset forgets everything": reset, "leaves its inputs alone": untouched, "hostile inputs": hostile,
-    "finds a constant disturbance": _convergence, "recovers after NaN": _recovery,
-}  # fmt: skip
-"""Contract tests, in this order."""
-
-
-class LawRig(Rig):
-    """A law on one train."""
-
-    guaranteed = ("force_min", "force_max")
-
-    def __init__(self, name: str) -> None:
-        self.name = name
-        self.bench = Bench(name)
-        self.model = self.bench.model
-
-    def inputs(self, step: int, law: Any, speed_error: float = 0.0) -> LawInput:
-        """Return the input in a step on the profile, with a speed error [m/s]."""
-        return self.bench.on_profile(step, law, speed_error)
-
-    def outputs(self, law: Any, steps: int) -> Array:
-        """Return the forces on a simulated train [N], shape (steps, units)."""
-        return self.bench.drive(law, steps)[0]
-
-    def fault(self, output: Any, given: LawInput) -> str:
-        """Return the fault of an output; empty for none."""
-        force = getattr(output, "force", None)
-        wrong = array_fault("force", force, given.force_min.shape)
-        if wrong or force is None:
-            return wrong
-        if not np.isfinite(force).all():
-            return f"not finite: {force}"
-        if (force < given.force_min - 1e-6).any() or (force > given.force_max + 1e-6).any():
-            return f"{force} N is outside {given.force_min} ... {given.force_max} N"
-        pipe = getattr(output, "brake_pipe", None)
-        return "" if pipe is None or math.isfinite(pipe) else f"brake pipe pressure {pipe}"
-
-
-def _law_recovery(make: Make, rig: LawRig) -> tuple[bool, str]:
-    _, errors = rig.bench.drive(make())
-    forces, spoilt = rig.bench.drive(make(), spoil=range(200, 205))
-    if not np.isfinite(forces).all():
-        return False, "the force is not finite"
-    usual, after = np.abs(errors[-100:]).max(), np.abs(spoilt[-100:]).max()
-    detail = f"speed error at the end {after:.3g} m/s, undisturbed {usual:.3g}"
-    return bool(after <= max(2.0 * usual, 0.05)), detail
-
-
-LAW_TESTS: dict[str, Test] = {
-    "time of a step": timing, "same inputs, same bits": determinism, "finite and inside the limits": valid_output,
-    "reset forgets everything": reset, "leaves its inputs alone": untouched, "hostile inputs": hostile,
-    "recovers after NaN": _law_recovery,
-}  # fmt: skip
-"""Contract tests, in this order."""
-
+from train_ato.studies.check_component.trains import PERIOD
 
 TRAINS = ("xuzhou_metro_3", "freight_five", "crh380a_three_units", "hxd1_c80_105")
 """Shipped trains of the tests; the last has a sensor at its first coupler."""
