@@ -173,13 +173,7 @@ class RunMode:
     followed: bool = False
 
     def check(self, dash: str = "") -> None:
-        """Check the values; ``dash`` precedes the names in messages.
-
-        Raises
-        ------
-        ValueError
-            One line that names the value and the remedy.
-        """
+        """Check the values; ``dash`` precedes the names in messages."""
         if self.mode not in MODES:
             raise ValueError(f"{dash}mode {self.mode!r}: choose from {', '.join(MODES)}")
         if self.rate is not None and not 0 < self.rate < float("inf"):

@@ -83,13 +83,7 @@ class Preparation:
             raise self._file.refusal(number, error) from None
 
     def check(self) -> None:
-        """Prepare every train behind the start of the train ahead.
-
-        Raises
-        ------
-        ValueError
-            For a train that cannot run, or two trains at one place.
-        """
+        """Prepare every train behind the start of the train ahead."""
         ahead: RunSetup | None = None
         report: list[TrainReport] = []
         for number in range(len(self._file.spec.trains)):

@@ -136,13 +136,7 @@ class RunRecord:
 
 
 def copy_run(source: Path, path: Path, name: str) -> RunFolder:
-    """Copy a run folder.
-
-    Raises
-    ------
-    ValueError
-        If the folder exists and is not empty, or is not writable.
-    """
+    """Copy a run folder."""
     target = RunFolder.make(path, name, "save")
     try:
         shutil.copytree(source, target.path, dirs_exist_ok=True)

@@ -236,13 +236,7 @@ class ComponentChoice:
 
     @property
     def name(self) -> str:
-        """Name of the component in a scenario.
-
-        Raises
-        ------
-        ValueError
-            If the class is no component.
-        """
+        """Name of the component in a scenario."""
         if isinstance(self.component, str):
             return self.component
         try:
@@ -275,13 +269,7 @@ class ComponentChoice:
 
 
 def choose_component(registry: Registry, given: Any) -> ComponentChoice:
-    """Return the component for ``law=``, ``observer=`` or ``compensation=``.
-
-    Raises
-    ------
-    ValueError
-        If it is not a component.
-    """
+    """Return the component for ``law=``, ``observer=`` or ``compensation=``."""
     kind = registry.kind
     if isinstance(given, str):
         return ComponentChoice(given, given, registry=registry)
@@ -307,11 +295,6 @@ def put_components(
         Each a name, ``module:Class``, a class or an object.
     importable
         Other processes must be able to import the components.
-
-    Raises
-    ------
-    ValueError
-        If one is not a component, or cannot be imported.
     """
     chosen = ((LAWS, law), (OBSERVERS, observer), (COMPENSATIONS, compensation))
     for registry, given in chosen:

@@ -48,13 +48,7 @@ class SeriesFolder:
 
     @classmethod
     def opened(cls: type[Self], path: Path | None, option: str = "--out", name: str = "") -> Self:
-        """Return the folder of an earlier series, or a new one; None: ``runs/NAME-N``.
-
-        Raises
-        ------
-        ValueError
-            If it exists and is no folder of such a series, or cannot be written.
-        """
+        """Return the folder of an earlier series, or a new one; None: ``runs/NAME-N``."""
         if path is not None and cls.holds(path):
             return cls(path)
         new = RunFolder.make(path, name or cls.command, option)
@@ -76,13 +70,7 @@ class SeriesFolder:
         return f"train_ato/{cls.command}/1"
 
     def begin(self, identity: Mapping[str, Any]) -> None:
-        """Write the specification of a new series, or compare it with that of an interrupted one.
-
-        Raises
-        ------
-        ValueError
-            If the series of the folder is another one.
-        """
+        """Write the specification of a new series, or compare it with that of an interrupted one."""
         if self.holds(self.path):
             before = self.identity()
             for key, remedy in REMEDIES.items():
@@ -92,13 +80,7 @@ class SeriesFolder:
         write_whole(self.path / self.file, json.dumps(identity, indent=2, default=str) + "\n")
 
     def identity(self) -> dict[str, Any]:
-        """Return the specification, with hashes and versions.
-
-        Raises
-        ------
-        ValueError
-            If the folder does not have it, or it is damaged.
-        """
+        """Return the specification, with hashes and versions."""
         file, command = self.path / self.file, self.command
         if not file.is_file():
             raise ValueError(
@@ -129,13 +111,7 @@ class SeriesFolder:
 
     @contextmanager
     def appending(self) -> "Iterator[RowWriter]":
-        """Open the file of the finished runs; only one process at a time can.
-
-        Raises
-        ------
-        ValueError
-            If another process writes it.
-        """
+        """Open the file of the finished runs; only one process at a time can."""
         with (self.path / RUNS).open("ab", buffering=0) as file:  # a buffer would be written again when it is closed
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -195,11 +171,6 @@ class SearchFolder(SeriesFolder):
         """Open the finished runs of a search, specified by ``command``, ``spec`` and the hashes ``scenario``.
 
         A new folder without a finished run is removed at the end.
-
-        Raises
-        ------
-        ValueError
-            If the search of the folder is another one, or another process continues it.
         """
         identity = {
             "schema": self.schema(),

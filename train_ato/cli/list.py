@@ -28,13 +28,7 @@ DEAD_TIMES = (0.5, 1.0, 2.0)
 
 
 def details(name: str) -> dict[str, Facts]:
-    """Return the details of a name by kind, or of a file; one name may be an observer and a compensation.
-
-    Raises
-    ------
-    ValueError
-        If a scenario of that name, or the file, cannot be read.
-    """
+    """Return the details of a name by kind, or of a file; one name may be an observer and a compensation."""
     from plant_sim.library import consist_names, line_names, load_consist, load_line, split_name
     from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
     from train_ato.scenario.following import find_following

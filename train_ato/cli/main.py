@@ -153,13 +153,7 @@ def _executed(options: argparse.Namespace) -> int:
 
 
 def _with_known_command(arguments: list[str]) -> list[str]:
-    """Return the command line of a known command.
-
-    Raises
-    ------
-    ValueError
-        For an unknown command, with the nearest known one.
-    """
+    """Return the command line of a known command."""
     if arguments[0] in ("-h", "--help", "--version") or arguments[0] in dict(COMMANDS):
         return arguments
     if arguments[0].startswith("-"):

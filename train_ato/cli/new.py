@@ -124,13 +124,7 @@ def _examples() -> Path:
 
 
 def data_folder(name: str, file: str) -> Path:
-    """Return a folder of files beside the code: of the source tree, or of the installed package.
-
-    Raises
-    ------
-    ValueError
-        If there is none.
-    """
+    """Return a folder of files beside the code: of the source tree, or of the installed package."""
     source = Path(__file__).resolve().parents[2] / name
     if (source / file).is_file():
         return source

@@ -63,13 +63,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def restart_limit(*, wanted: bool, limit: int | None) -> int:
-    """Return the permitted number of restarts of each node; 0 without restarts.
-
-    Raises
-    ------
-    ValueError
-        For a limit without restarts, or below 1.
-    """
+    """Return the permitted number of restarts of each node; 0 without restarts."""
     if not wanted and limit is not None:
         raise ValueError(f"--restart-limit {limit}: nothing is restarted; add --restart")
     if limit is not None and limit < 1:
@@ -95,13 +89,7 @@ def _run_mode(options: argparse.Namespace) -> RunMode:
 
 
 def prepared(options: argparse.Namespace) -> tuple[RunSetup, RunMode, Path]:
-    """Return the checked run, its mode and its folder; imports are late, so that help and completion are fast.
-
-    Raises
-    ------
-    ValueError
-        One line that names the option or the key, the value and the remedy.
-    """
+    """Return the checked run, its mode and its folder; imports are late, so that help and completion are fast."""
     from train_ato.log.run_folder import next_free
 
     run_mode = _run_mode(options)

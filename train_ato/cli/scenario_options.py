@@ -40,13 +40,7 @@ def add_change_options(parser: argparse.ArgumentParser) -> None:
 
 
 def prepare_from(options: argparse.Namespace) -> RunSetup:
-    """Load, change and check the scenario of the options.
-
-    Raises
-    ------
-    ValueError
-        Bad input, in one line.
-    """
+    """Load, change and check the scenario of the options."""
     from train_ato.api.progress import COMPILE_NOTE, PLANNER_NOTE, compilation_noted
     from train_ato.scenario.overlays import caused_by
     from train_ato.scenario.scenario import changes_of, load_scenario

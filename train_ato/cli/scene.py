@@ -50,13 +50,7 @@ def execute(options: argparse.Namespace) -> None:
 
 
 def _running(domain: int, namespace: str) -> RunSetup:
-    """Return the scenario of the run on a domain, from the parameter of its plant.
-
-    Raises
-    ------
-    ValueError
-        If the plant names no scenario file.
-    """
+    """Return the scenario of the run on a domain, from the parameter of its plant."""
     from train_ato.ros.graph.remote import read_parameter
     from train_ato.scenario.scenario import load_scenario
     from train_ato.scenario.setup import prepare

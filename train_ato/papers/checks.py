@@ -60,13 +60,7 @@ def moving(recording: Recording) -> NDArray[np.bool_]:
 
 
 def late_cruise(recording: Recording) -> NDArray[np.bool_]:
-    """Return a mask of the last half of the longest interval at constant speed, shape (k,).
-
-    Raises
-    ------
-    ValueError
-        If the reference has no such interval.
-    """
+    """Return a mask of the last half of the longest interval at constant speed, shape (k,)."""
     steady = moving(recording) & (np.abs(recording.reference_acceleration) < STEADY)
     changes = np.flatnonzero(np.diff(np.concatenate(([False], steady, [False]))))
     begins, ends = changes[::2], changes[1::2]
@@ -147,13 +141,7 @@ def variation(result: Result) -> float:
 
 
 def recording(result: Result) -> Recording:
-    """Return the series of a run.
-
-    Raises
-    ------
-    ValueError
-        If the run has no recording.
-    """
+    """Return the series of a run."""
     if result.recording is None:
         raise ValueError("the run has no series")
     return result.recording

@@ -18,13 +18,7 @@ from train_ato.report.print_figures import SHEET_SIZE, styled
 
 
 def load_paper(number: str) -> Paper:
-    """Return a paper by its number.
-
-    Raises
-    ------
-    ValueError
-        If no paper has this number.
-    """
+    """Return a paper by its number."""
     packages = paper_packages()
     if number not in packages:
         raise ValueError(f"paper '{number}': unknown; name one of {', '.join(packages)} or all")
@@ -34,13 +28,7 @@ def load_paper(number: str) -> Paper:
 
 
 def with_claim(papers: list[Paper], text: str) -> list[Paper]:
-    """Return the papers with the claims whose text contains ``text`` in any case, their cases, and no figures.
-
-    Raises
-    ------
-    ValueError
-        If no claim contains it.
-    """
+    """Return the papers with the claims whose text contains ``text`` in any case, their cases, and no figures."""
     found = []
     for paper in papers:
         claims = [claim for claim in paper.claims if text.lower() in claim.text.lower()]

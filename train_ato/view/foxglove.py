@@ -122,11 +122,6 @@ class FoxgloveServer:
         Address for Foxglove.
     listener
         Handler of the requests of Foxglove.
-
-    Raises
-    ------
-    ValueError
-        If the port is not available.
     """
 
     def __init__(self, feed: Feed, port: int) -> None:

@@ -237,13 +237,7 @@ def _before(times: Array, at: float) -> int:
 
 
 def _cars(recording: Recording) -> TopicSamples:
-    """Return the motion of the vehicles; for a measured run that of the first one, from the measurement.
-
-    Raises
-    ------
-    ValueError
-        If the log has neither.
-    """
+    """Return the motion of the vehicles; for a measured run that of the first one, from the measurement."""
     cars, measured, setup = (recording.topics.get(TRUTH), recording.topics.get(MEASUREMENT), recording.setup)
     if cars is not None:
         return cars

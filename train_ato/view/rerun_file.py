@@ -117,13 +117,7 @@ def scene_channel(log: LogFile, topic: SceneTopic) -> int:
 
 
 def largest_force(run: Path, setup: RunSetup) -> tuple[float, float]:
-    """Return the largest coupler force in the states of the vehicles of a log [N], and its time [s].
-
-    Raises
-    ------
-    ValueError
-        If the log has no state of the vehicles, as that of a measured run.
-    """
+    """Return the largest coupler force in the states of the vehicles of a log [N], and its time [s]."""
     wire, found = Wire(setup.layout), (-1.0, 0.0)
     for _, stamp, data in iter_raw(run, (VEHICLES,)):
         force = float(np.abs(wire.decode(VEHICLES, data).coupler_force).max(initial=0.0))

@@ -26,13 +26,7 @@ MIN_SHOWN = 100.0
 
 
 def scene_at(log: Path, time: float) -> tuple[Any, Any, float]:
-    """Return the track and the markers with the stamp nearest to a time [s], decoded, and that stamp [s].
-
-    Raises
-    ------
-    ValueError
-        If the log has no scene.
-    """
+    """Return the track and the markers with the stamp nearest to a time [s], decoded, and that stamp [s]."""
     track, markers, nearest = None, None, np.inf
     for message in stream(log):
         if message.channel.topic == TRACK.name:

@@ -50,11 +50,6 @@ class PageServer:
         Address of the page.
     pages : list of ViewPage
         Open pages.
-
-    Raises
-    ------
-    ValueError
-        If the address or the port is not available.
     """
 
     def __init__(self, feed: Feed, address: str = LOOPBACK, port: int = 0) -> None:

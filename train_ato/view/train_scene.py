@@ -262,13 +262,7 @@ VEHICLES = "train/vehicles"
 
 
 def check_rate(rate: float) -> float:
-    """Return a rate of the scene.
-
-    Raises
-    ------
-    ValueError
-        If it is not above 0 and at most 1000 per simulated second.
-    """
+    """Return a rate of the scene."""
     if not 0 < rate <= 1000:
         raise ValueError(f"rate {rate:g}: is not above 0 and at most 1000; give messages per simulated second")
     return rate

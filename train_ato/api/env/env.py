@@ -490,13 +490,7 @@ def caller_setup(choice: ScenarioChoice, caller: Caller, parts: PartCache, seed:
 
 
 def checked_seed(seed: Any) -> int:
-    """Return the seed of a run.
-
-    Raises
-    ------
-    ValueError
-        If it is not a whole number from 0 on.
-    """
+    """Return the seed of a run."""
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
         raise ValueError(f"reset: seed {seed!r} is not possible; give a whole number from 0 on")
     return int(seed)

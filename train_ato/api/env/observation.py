@@ -241,11 +241,6 @@ def observed(setup: RunSetup, names: Sequence[str] | None = None) -> dict[str, Q
         Prepared run.
     names
         Chosen quantities; None: all that the run has.
-
-    Raises
-    ------
-    ValueError
-        For an unknown name, or without one.
     """
     known, begin = {}, 0
     for entry in (*_of_train(setup), *_of_line(setup), *_of_supervisor(setup)):
@@ -387,13 +382,7 @@ def _answer(name: str, function: Callable[[dict[str, Array]], Any], values: dict
 
 
 def signal_texts(signals: Any, source: str) -> dict[str, str]:
-    """Return own signals as text of the diagnostics.
-
-    Raises
-    ------
-    ValueError
-        If they are not numbers by name.
-    """
+    """Return own signals as text of the diagnostics."""
     try:
         if wrong := [name for name in signals if not isinstance(name, str) or not name]:
             raise ValueError(f"the name {wrong[0]!r} is no text")
@@ -425,13 +414,7 @@ COSTS = (
 
 
 def weights_of(given: Mapping[str, float] | None) -> dict[str, float]:
-    """Return the weights in the order of the costs; those not given have none, without any given all their default.
-
-    Raises
-    ------
-    ValueError
-        For an unknown cost or a weight that is not finite.
-    """
+    """Return the weights in the order of the costs; those not given have none, without any given all their default."""
     known = {cost.name: cost.weight for cost in COSTS}
     if not isinstance(given, Mapping | None):
         raise ValueError(f"reward {str(given)[:60]!r}: give weights by name, for example {{'tracking': 1.0}}")

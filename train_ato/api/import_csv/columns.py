@@ -111,11 +111,6 @@ def column_of(title: str, name: str) -> Column:
         Its name in the file.
     name
         Its name after ``--rename``.
-
-    Raises
-    ------
-    ValueError
-        For a name without known quantity or unit, with the closest valid name.
     """
     if name in (TIMESTAMP, NOTCH):
         return Column(title, name, 1.0)

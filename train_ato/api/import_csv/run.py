@@ -41,13 +41,7 @@ NEED_COMMAND = ("command_variation_kn_per_s",)
 
 
 def measured_setup(found: Measured, profile: Profile, consist: str, line: str, name: str) -> RunSetup:
-    """Return the setup of a measured run: train, line, and the measured speed as profile.
-
-    Raises
-    ------
-    ValueError
-        Invalid tick or name, or a place off the line.
-    """
+    """Return the setup of a measured run: train, line, and the measured speed as profile."""
     path = found.table.path
     rolling = {"allow_rolling_end": True} if profile.ends_rolling else {}
     tick = profile.period

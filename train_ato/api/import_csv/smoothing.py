@@ -85,11 +85,6 @@ def measured_profile(found: Measured, tick: float, start: float, window: float) 
         Position of vehicle 0 at the first row [m].
     window
         Averaging window [s]; 0: none.
-
-    Raises
-    ------
-    ValueError
-        If the run is shorter than two ticks.
     """
     count = int(np.floor(found.end / tick + 1e-9)) + 1
     if count < 3:

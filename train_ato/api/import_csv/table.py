@@ -76,13 +76,7 @@ def is_units_row(cells: Sequence[str]) -> bool:
 
 
 def with_units(titles: Sequence[str], cells: Sequence[str]) -> list[str]:
-    """Return the titles with the units of a row of units in brackets; a title may have the same unit already.
-
-    Raises
-    ------
-    ValueError
-        If a title has another unit than the row.
-    """
+    """Return the titles with the units of a row of units in brackets; a title may have the same unit already."""
     units = [cell.strip().strip("[]()").strip() for cell in cells]
     names = list(titles)
     for place, (title, unit) in enumerate(zip(titles, units, strict=False)):

@@ -110,13 +110,7 @@ PANEL_HEIGHT = 4.6
 
 @styled(SHEET_SIZE)
 def draw_curves(tables: dict[str, CurveTable], path: Path) -> None:
-    """Draw the curves of every case as PNG, PDF or SVG.
-
-    Raises
-    ------
-    ValueError
-        If the file cannot be written.
-    """
+    """Draw the curves of every case as PNG, PDF or SVG."""
     figure = Figure(figsize=(11, PANEL_HEIGHT * len(tables)), dpi=110, layout="constrained")
     panels = figure.subplots(len(tables), 1, squeeze=False)[:, 0]
     for panel, (name, table) in zip(panels, tables.items(), strict=True):

@@ -135,13 +135,7 @@ def _coordinate(entry: Dimension, value: Any, place: str) -> float:
 
 
 def nominal_value(model: BaseModel, key: str, place: str) -> Any:
-    """Return the value of a key of a checked scenario, also of a key with a unit suffix.
-
-    Raises
-    ------
-    ValueError
-        If the scenario has no value there.
-    """
+    """Return the value of a key of a checked scenario, also of a key with a unit suffix."""
     found: Any = model
     for part in keys_of(key):
         found = _below(found, part, place)

@@ -331,11 +331,6 @@ class FalsificationStudy:
         As for :func:`falsify`.
     dash
         Begin of the names of arguments in messages.
-
-    Raises
-    ------
-    ValueError
-        Bad input.
     """
 
     def __init__(

@@ -49,13 +49,7 @@ def grouped(table: pd.DataFrame, key: str | None) -> Iterator[RunGroup]:
 
 
 def inside(table: pd.DataFrame, border: str = "tracking") -> Any:
-    """Return True for every complete run inside of the border of stability, shape (runs,).
-
-    Raises
-    ------
-    ValueError
-        For an unknown border.
-    """
+    """Return True for every complete run inside of the border of stability, shape (runs,)."""
     if border not in BORDERS:
         raise ValueError(f"border '{border}': is unknown; use {' or '.join(BORDERS)}")
     column, good = BORDERS[border]
@@ -72,13 +66,7 @@ def numeric_metrics(table: pd.DataFrame) -> list[str]:
 
 
 def metric_words(table: pd.DataFrame, metric: str) -> str:
-    """Return the name of a metric with its unit.
-
-    Raises
-    ------
-    ValueError
-        If the table has no such metric.
-    """
+    """Return the name of a metric with its unit."""
     from plant_sim.input_error import close_match
 
     known = numeric_metrics(table)

@@ -55,11 +55,6 @@ def recorded_row(path: Path, number: int) -> tuple[Row, dict[str, Any]]:
         Folder of a sweep, or its Parquet file.
     number
         Number of the run, from 1.
-
-    Raises
-    ------
-    ValueError
-        If there is no such row.
     """
     file = path if path.is_file() else SweepFolder(path).results
     if file.is_file():
@@ -100,11 +95,6 @@ def run_row_again(path: Path, number: int, out: Path | None = None, *, shown: bo
         Run folder to make; default: ``runs/sweep-row-N``.
     shown
         Show a progress bar; None: in a terminal.
-
-    Raises
-    ------
-    ValueError
-        If there is no such row, or the scenario is not found.
     """
     before, identity = recorded_row(path, number)
     base = sweep_base(read_sweep(identity["spec"], f"{path}: specification")).choice()

@@ -125,13 +125,7 @@ def write_results(path: Path, frame: pd.DataFrame, identity: Mapping[str, Any]) 
 
 
 def read_results(path: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
-    """Return table and metadata of a Parquet file of a sweep.
-
-    Raises
-    ------
-    ValueError
-        If the file is none.
-    """
+    """Return table and metadata of a Parquet file of a sweep."""
     check_packages(str(path), "pyarrow")
     import pyarrow as pa
     import pyarrow.parquet

@@ -385,11 +385,6 @@ class PreparedSweep:
         As for :func:`sweep`.
     dash
         Begin of the names of options in messages.
-
-    Raises
-    ------
-    ValueError
-        Bad input.
     """
 
     def __init__(

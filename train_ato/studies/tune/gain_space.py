@@ -59,13 +59,7 @@ def gain_tasks(
     observer: Any = None,
     compensation: Any = None,
 ) -> list[GainTask]:
-    """Return a task for every scenario, seed and variation; the first variation is none.
-
-    Raises
-    ------
-    ValueError
-        For a variation of the law, or a scenario with a wrong key.
-    """
+    """Return a task for every scenario, seed and variation; the first variation is none."""
     tasks = []
     for choice in choices:
         for seed in seeds or (None,):
@@ -97,13 +91,7 @@ class GainRunner:
         self._setups: dict[int, RunSetup] = {}
 
     def setup(self, index: int) -> RunSetup:
-        """Return the prepared run of a task with the gains of its scenario.
-
-        Raises
-        ------
-        ValueError
-            If the law does not fit the train, or the scenario is wrong.
-        """
+        """Return the prepared run of a task with the gains of its scenario."""
         if index not in self._setups:
             self._setups[index] = self._tasks[index].choice.prepare(self._tasks[index].scenario)
         return self._setups[index]

@@ -223,13 +223,7 @@ MakeOptimizer = Callable[[Sequence[float], int, int], GainOptimizer]
 
 
 def check_optimizer() -> None:
-    """Refuse a search without the package of the optimizer.
-
-    Raises
-    ------
-    ValueError
-        With the command that installs it.
-    """
+    """Refuse a search without the package of the optimizer."""
     try:
         importlib.import_module("cma")
     except ImportError:
