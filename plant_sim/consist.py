@@ -326,7 +326,7 @@ def _check_envelope(name: str, segments: tuple[EnvelopeSegment, ...]) -> None:
 
 
 class PlanLimits(SiModel):
-    """Limits and efficiencies of a plan; with them, the plan has no limit of the jerk and no margin of the force."""
+    """Limits and efficiencies of a plan that sets none; `train-ato plan` then has no jerk limit and no margin."""
 
     speed: Speed | None = option(None, "largest speed", example=44.4, gt=0)
     acceleration: Annotated[Acceleration | None, Usual(0.01, 5)] = option(

@@ -192,6 +192,22 @@ def test_a_scenario_takes_every_file_that_plan_reads(files: Path, consist: str, 
     assert (again.consist, again.line) == (setup.consist, setup.line)
 
 
+def test_the_plan_of_a_run_keeps_the_limits_of_its_train(tmp_path: Path) -> None:
+    """Breaks if a run exceeds the largest speed of its train, which plan keeps, or a recorded limit is another one."""
+    train = load_consist("xuzhou_metro_3").model_dump(mode="json", by_alias=True, exclude_defaults=True)
+    limits = {"speed": 12.0, "acceleration": 0.6, "deceleration": 0.4}
+    scenario = {
+        "schema": "train_ato/scenario/1", "name": "limited", "duration": 2,
+        "plant": {"consist": train | {"plan_limits": limits}, "line": "level"},
+        "profile": {"plan": {"begin": 1000, "end": 2000, "acceleration": 1.0}},
+    }  # fmt: skip
+    setup = setup_of(_written(tmp_path / "s.yaml", scenario))
+    found = [setup.profile.velocity.max(), setup.profile.acceleration.max(), -setup.profile.acceleration.min()]
+    assert found[0] == pytest.approx(12.0) and found[2] == pytest.approx(0.4) and found[1] > 0.61
+    (tmp_path / "again.yaml").write_text(setup.resolved_yaml())
+    assert setup_of(str(tmp_path / "again.yaml")).profile.velocity.tobytes() == setup.profile.velocity.tobytes()
+
+
 def test_tunnels_of_a_bench_line_are_read_and_without_train_data_named(files, capsys):
     """Breaks if tunnels are dropped silently, as they were, or a train without figures for them is not named."""
     line = load_line(str(files / "bench.json"))

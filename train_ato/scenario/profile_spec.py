@@ -14,7 +14,7 @@ from train_ato.messages.types import Array
 from train_ato.profile.driver import simulate_actions
 from train_ato.profile.file import Point, Step, csv_text, from_points, from_steps, parse_csv, read_profile
 from train_ato.profile.motion import Motion, MotionLimits, Phase, PhaseBuilder
-from train_ato.profile.planner.settings import PlanSettings
+from train_ato.profile.planner.settings import OF_TRAIN, PlanSettings
 from train_ato.profile.profile import Profile
 
 SOURCES = ("file", "knots", "phases", "points", "steps", "plan", "driver")
@@ -175,6 +175,8 @@ class ProfileSpec(SiModel):
     def inlined(self, folder: Path | None = None) -> dict[str, Any]:
         """Return the block as plain data without references: a file is replaced by its ``knots``."""
         data = self.model_dump(mode="json", by_alias=True, exclude_defaults=True)  # null switches a limit off
+        if self.plan is not None:  # a train can have another default
+            data["plan"] |= {key: getattr(self.plan, key) for key in OF_TRAIN if key in self.plan.model_fields_set}
         if self.file is not None:
             del data["file"]
             data["knots"] = csv_text(read_profile(self.file_in(folder or Path())), f"from {Path(self.file).name}")

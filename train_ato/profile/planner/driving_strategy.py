@@ -107,6 +107,7 @@ class SectionInputs:
         ceiling: tuple[Array, Array] | None = None,
     ) -> "SectionInputs":
         """Return the inputs of all sections of a train on a line; available force and reduction as in its tables."""
+        settings = settings.for_train(consist)
         train = TrainTables(
             consist, settings.speed_max, air_brake=settings.air_brake, point_mass=settings.point_mass,
             available=available, reduction=reduction,

@@ -13,6 +13,15 @@ from plant_sim.units import Acceleration, Jerk, Length, Number, Place, Power, Sp
 from train_ato.profile.planner.allowance import Allowance
 from train_ato.profile.planner.timing_points import TimingPoint, check_points
 
+OF_TRAIN = {
+    "speed_max": "speed",
+    "acceleration": "acceleration",
+    "deceleration": "deceleration",
+    "efficiency": "traction_efficiency",
+    "recovered": "recovery_efficiency",
+}
+"""Settings that a train can have, with their keys in its ``plan_limits``."""
+
 
 class PlanSettings(SiModel):
     """Service limits, force margin, stops and timetable of a plan; places are those of the train's front."""
@@ -66,7 +75,8 @@ class PlanSettings(SiModel):
     speed_max: Annotated[Speed | None, Usual(0.5, 200)] = Field(
         None,
         gt=0,
-        description="largest speed; default: end of the traction envelope, at most 98 % of that of the brakes",
+        description="largest speed; default: as in plan_limits of the train, else the end of the traction envelope, at "
+        "most 98 % of that of the brakes",
         examples=[20.0],
     )
     efficiency: Annotated[Number, Usual(0.2, 1)] = Field(
@@ -95,6 +105,12 @@ class PlanSettings(SiModel):
     def has_timetable(self) -> bool:
         """True for a plan with scheduled times, False for one of minimum time."""
         return self.time is not None or self.points is not None or bool(self.allowance)
+
+    def for_train(self, consist: Consist) -> "PlanSettings":
+        """Return the settings with the ``plan_limits`` of a train for the keys that it does not set."""
+        free = {key: name for key, name in OF_TRAIN.items() if key not in self.model_fields_set}
+        found = {key: getattr(consist.plan_limits, name, None) for key, name in free.items()}
+        return self.model_copy(update={key: value for key, value in found.items() if value is not None})
 
     @model_validator(mode="after")
     def _places(self) -> "PlanSettings":
@@ -167,7 +183,8 @@ def find_train(name: str, *, point_mass: bool = False) -> tuple[Consist, PlanSet
     """Return a train and its default plan settings.
 
     A train of a foreign file can have plan_limits, which define the largest speed and accelerations. Jerk limit and
-    force margin are then switched off, because these formats have none. As a point mass the train needs no length.
+    force margin are then switched off, because these formats have none; a scenario keeps its own. As a point mass
+    the train needs no length.
 
     Raises
     ------
@@ -175,19 +192,11 @@ def find_train(name: str, *, point_mass: bool = False) -> tuple[Consist, PlanSet
         One line that names the file, the key, the value and the remedy.
     """
     consist = load_consist(name, point_mass=point_mass)
-    limits = consist.plan_limits
-    if limits is None:
+    if consist.plan_limits is None:
         return consist, PlanSettings()
-    settings = PlanSettings(
-        acceleration=limits.acceleration,
-        deceleration=limits.deceleration,
-        jerk=None,
-        force_margin=0.0,
-        speed_max=limits.speed,
-        efficiency=limits.traction_efficiency or 1.0,
-        recovered=limits.recovery_efficiency or 0.0,
-    )
-    return consist, settings
+    settings = PlanSettings(jerk=None, force_margin=0.0)
+    free = {key: None for key in ("acceleration", "deceleration") if getattr(consist.plan_limits, key) is None}
+    return consist, settings.for_train(consist).model_copy(update=free)
 
 
 @dataclass(frozen=True, slots=True)
