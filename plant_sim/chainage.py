@@ -126,7 +126,7 @@ def place_of_post(sections: Sequence[ChainageSection], begin: float, text: str) 
         passed += section.length
     if len(found) != 1:
         where = "nowhere" if not found else f"at {' and '.join(number_text(place) for place in found)} m"
-        raise ValueError(f"'{text}': the line has this kilometre {where}; write the distance in metres")
+        raise ValueError(f"'{text}': the line has this kilometre {where}; write the distance in running direction")
     return found[0]
 
 

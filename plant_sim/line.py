@@ -11,6 +11,7 @@ Line for a train that runs against its direction: every place mirrored between b
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import Annotated, Any, Literal
@@ -337,6 +338,15 @@ class Line(SiModel):
     def post_at(self, place: float) -> str:
         """Return the kilometre of a place [m] as the posts of the line show it, or with three decimals."""
         return post_at(self.chainage, self.begin, place) if self.chainage else f"{place / 1e3:.3f}"
+
+    def with_posts(self, text: str) -> str:
+        """Return a text with posts for the places on the line, written as ``km 1.250``; that of ``extent`` stays."""
+
+        def shown(found: re.Match[str]) -> str:
+            place = 1e3 * float(found[1])
+            return f"km {self.post_at(place)}" if self.begin <= place <= self.end else found[0]
+
+        return re.sub(r"\bkm (-?\d+\.\d{3})(?!\d| \.\.\. \S+, posts)", shown, text) if self.chainage else text
 
     @property
     def extent(self) -> str:

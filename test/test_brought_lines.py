@@ -64,6 +64,7 @@ def test_a_table_by_hand_and_back(tmp_path: Path) -> None:
     [
         ("position_m,elevation_m", "0,10\n1000,15\n3000,5", "grades", [0.005, -0.005]),
         ("position_mi,elevation_ft", "0,0\n1,52.8\n2,0", "grades", [0.01, -0.01]),
+        ("position_m,elevation_m", "0,10\n1000,15\n3000,", "grades", [0.005, 0.0]),
         ("position_ft,grade_percent", "0,1.5\n5280,1.5", "grades", [0.015]),
         ("km,speed_limit_mph", "0,25\n2,25", "speed_limits", [25 * 0.44704]),
         ("position_m\tv_max_m_s", "0\t25\n2000\t25", "speed_limits", [25.0]),
@@ -110,6 +111,7 @@ def test_a_faulty_table_is_refused_in_one_line(tmp_path: Path, text: str, messag
     ("text", "told"),
     [
         ("position_m;speed_limit_kmh\n0;80\n2.000;60\n", "the line is 2 m long; check the unit of its places"),
+        ("km,elevation_m\n0,3\n1,13\n9,\n", "elevation_m: no height at the end; level from 1000 m on"),
         ("km,elevation_m\n0,\n1,5\n2,9\n", "elevation_m: no grade at the begin; level there"),
         ("km,elevation_m\n0,3\n1,\n2,\n", "elevation_m: no grade at the begin; level there"),
     ],

@@ -26,6 +26,7 @@ from plant_sim.section_effects import SectionZones, limited_segments
 from plant_sim.states import Array
 from plant_sim.track import Track
 from train_ato.cli.info import _place
+from train_ato.cli.main import main
 from train_ato.control.algorithms.limits_ahead import LimitsAhead
 from train_ato.control.train_model import TrainModel
 from train_ato.judge.verdict import place_text
@@ -522,6 +523,28 @@ def test_falling_kilometres_with_a_jump_are_read_and_shown_again() -> None:
     back = load_line(f"{POSTS}:reverse")
     assert [back.post_at(5000 - x) for x in (0, 2799.5, 2850, 5000)] == ["17+000", "14+200.5", "14+000", "11+850"]
     assert load_line("level").post_at(1234.0) == "1.234"
+    extent = "km 0.000 ... 5.000, posts 17+000 ... 11+850"
+    assert line.with_posts(f"km 2.850, km 9.000, {extent}") == f"km 14+000, km 9.000, {extent}"
+
+
+@pytest.mark.parametrize(
+    ("command", "shown"),
+    [
+        ("curves {scenario} --at-km 14+000", "on posts, end of authority at km 14+000:"),
+        ("plan {line} {train} --time 9", "between km 16+800 and km 12+000"),
+        ("list {mile} --units us", "from mi 10 to mi 13"),
+        ("list {mile} --units us", "40 ... 60 mph"),
+    ],
+)
+def test_commands_show_places_and_limits_as_the_line_has_them(command, shown, tmp_path, capsys):
+    """Breaks if a refusal has distances for posts, or US units are those of rounded kilometres: 40 mph as 39.8."""
+    files = {"line": POSTS, "train": TRAIN, "scenario": tmp_path / "s.yaml", "mile": tmp_path / "mile.yaml"}
+    block = f"plant: {{consist: {TRAIN}, line: {POSTS}}}, profile: {{plan: {{}}}}"
+    files["scenario"].write_text(f"{{schema: train_ato/scenario/1, name: s, duration: 9, {block}}}")
+    limits = "[{at_mi: 10, speed_mph: 40}, {at_mi: 11, speed_mph: 60}]"
+    files["mile"].write_text(f"{{schema: train_ato/line/1, name: m, begin_mi: 10, end_mi: 13, speed_limits: {limits}}}")
+    main(command.format(**files).split())
+    assert shown in "".join(capsys.readouterr())
 
 
 @pytest.mark.parametrize(

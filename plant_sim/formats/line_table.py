@@ -87,6 +87,11 @@ def table_line(path: Path) -> Line:
         steps = slopes(listed[key]) if key == "elevation" else listed[key]
         if key in titles and (not steps or steps[0][0] > places[0]):
             print_assumption(f"{path}: {titles[key]}: no grade at the begin; level there")
+    risen = slopes(listed["elevation"])
+    grades = risen or listed["grade"]
+    if risen and (last := listed["elevation"][-1][0]) < places[-1]:
+        print_assumption(f"{path}: {titles['elevation']}: no height at the end; level from {number_text(last)} m on")
+        grades = [*grades, (last, 0.0)]
     limits = listed["speed_limit"]
     if not limits:
         print_assumption(f"{path}: no speed limit; only the train limits the speed")
@@ -96,7 +101,7 @@ def table_line(path: Path) -> Line:
         "source": f"table {path.name}",
         "begin": places[0],
         "end": places[-1],
-        "grades": _steps(slopes(listed["elevation"]) or listed["grade"], places[-1], "grade"),
+        "grades": _steps(grades, places[-1], "grade"),
         "speed_limits": _steps(limits, places[-1], "speed"),
         "curves": _curves(listed["radius"], places[-1]),
         "stops": [{"at": at, "name": str(name)} for at, name in listed[TEXT]],

@@ -5,6 +5,7 @@ import sys
 from functools import partial
 from typing import Any
 
+from train_ato.cli.plan import kilometre
 from train_ato.program.arguments import add_option
 from train_ato.program.display_units import display_unit
 
@@ -17,7 +18,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``curves``."""
     add = partial(add_option, parser)
     add("case CASE.json | SCENARIO", "file of cases, or a scenario for its train and line")
-    add("--at-km KM", "end of authority of a scenario [km] (default: last stop of the line, or its end)")
+    add(
+        "--at-km KM",
+        "end of authority of a scenario [km], or a post as 84+500 (default: last stop of the line, or its end)",
+        type=kilometre,
+    )
     add(
         "--max-speed-kmh V",
         "maximum speed of the train of a scenario (default: highest limit of the line, 80 without limits)",

@@ -193,7 +193,7 @@ def _bandwidth(consist: Consist, dead: float) -> str:
 
 def _km(line: Line, place: float) -> str:
     """Return the kilometre of a place [m], by the posts of a line with a chainage."""
-    return line.post_at(place) if line.chainage else f"{place / 1e3:g}"
+    return line.post_at(place) if line.chainage else number_text(place / 1e3, 9)
 
 
 def _line(line: Line) -> Facts:
@@ -212,7 +212,7 @@ def _line(line: Line) -> Facts:
         facts["curves"] += f", radius from {min(curve.radius for curve in line.curves):g} m"
     if line.speed_limits:
         limits = [3.6 * limit.speed for limit in line.speed_limits]
-        facts["speed limits"] = f"{min(limits):.0f} ... {max(limits):.0f} km/h"
+        facts["speed limits"] = f"{number_text(min(limits))} ... {number_text(max(limits))} km/h"
     for key in ("temporary_restrictions", "neutral_sections", "power_limits", "adhesion"):
         if sections := getattr(line, key):
             places = ", ".join(f"km {_km(line, entry.begin)} to {_km(line, entry.end)}" for entry in sections)

@@ -153,9 +153,18 @@ def plan_profile(
     ValueError
         If there is no solution; one line: place, reason; fix.
     """
-    settings = settings or PlanSettings()
-    inputs = SectionInputs.of_line(line, consist, settings, available=available, reduction=reduction, ceiling=ceiling)
-    _note_speeds(settings.speed_max, line, inputs.train)
+    try:
+        chosen = (settings or PlanSettings()).for_train(consist)
+        inputs = SectionInputs.of_line(line, consist, chosen, available=available, reduction=reduction, ceiling=ceiling)
+        _note_speeds(chosen.speed_max, line, inputs.train)
+        return _planned(line, inputs, period)
+    except ValueError as error:
+        raise ValueError(line.with_posts(str(error))) from error
+
+
+def _planned(line: Line, inputs: SectionInputs, period: float) -> Plan:
+    """Return the plan of a train on a line with the settings of the inputs."""
+    settings = inputs.settings
     if settings.points is not None:
         return plan_journey(inputs, line, settings.points, period)
     stops = stops_of(line, settings)

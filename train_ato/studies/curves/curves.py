@@ -148,7 +148,7 @@ CASE_KEYS = {
 def curves(
     case: GivenScenario,
     *,
-    at_km: float | None = None,
+    at_km: float | str | None = None,
     max_speed_kmh: float | None = None,
     acceleration: float | None = None,
     balise_m: float | None = None,
@@ -162,7 +162,8 @@ def curves(
     case
         JSON file of cases, or a scenario for its train and line.
     at_km
-        End of authority on the line of a scenario [km]; default: last stop of the line, or its end.
+        End of authority on the line of a scenario [km], or a post as ``"84+500"``; default: last stop of the line,
+        or its end.
     max_speed_kmh
         Maximum speed of the train of a scenario; default: highest limit of the line, 80 without limits.
     acceleration
@@ -253,7 +254,11 @@ def _of_scenario(case: GivenScenario, given: Mapping[str, Any], dash: str) -> di
     consist = scenario_consist(scenario.plant.consist, path.parent)
     line = scenario_line(scenario.plant.line, path.parent)
     last = line.stops[-1].at if line.stops else line.end
-    at = last if given.get("at_km") is None else 1e3 * given["at_km"]
+    asked = given.get("at_km")
+    try:
+        at = last if asked is None else line.place_of(asked) if isinstance(asked, str) else 1e3 * asked
+    except ValueError as error:
+        raise ValueError(f"{option_name('at_km', dash)} = {error}") from None
     if not line.begin <= at <= line.end:
         bounds = f"km {line.begin / 1e3:g} to {line.end / 1e3:g}"
         raise ValueError(f"{option_name('at_km', dash)} {at / 1e3:g}: not on line '{line.name}'; give {bounds}")
@@ -261,7 +266,8 @@ def _of_scenario(case: GivenScenario, given: Mapping[str, Any], dash: str) -> di
     if fastest is not None and not 0 < fastest <= MAX_SPEED_KMH:
         option = option_name("max_speed_kmh", dash)
         raise ValueError(f"{option} {fastest:g}: out of range; give a speed up to {MAX_SPEED_KMH:g} km/h")
-    name = f"{consist.name} on {line.name}, end of authority at km {at / 1e3:g}"
+    shown = line.post_at(at) if line.chainage else f"{at / 1e3:g}"
+    name = f"{consist.name} on {line.name}, end of authority at km {shown}"
     try:
         supervision = line_supervision(
             consist, line, scenario.plant, at, max_speed=None if fastest is None else fastest / KMH
