@@ -7,14 +7,14 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from plant_sim.consist import Consist
 from plant_sim.data_text import parse_yaml
 from plant_sim.formats.fields import note_lost_keys
 from plant_sim.input_error import build_model, close_match
-from plant_sim.line import AGAINST, Line
 
 if TYPE_CHECKING:
+    from plant_sim.consist import Consist
     from plant_sim.formats.reading import ReadConsist, ReadLine
+    from plant_sim.line import Line
 
 EVERY = ", see `train-ato convert`"
 """Remedy of a note with a part of the lost keys."""
@@ -84,6 +84,8 @@ def load_consist(name: str, *, point_mass: bool = False) -> Consist:
         See :func:`named_train`.
     """
     if name in consist_names():
+        from plant_sim.consist import Consist
+
         path = consist_path(name)
         return build_model(Consist, read_yaml(path), str(path))
     found = named_train(name, point_mass=point_mass)
@@ -132,6 +134,7 @@ def named_line(name: str) -> ReadLine:
         direction.
     """
     from plant_sim.formats.reading import read_line
+    from plant_sim.line import AGAINST
 
     stem, selection = split_name(name)
     against = selection.endswith(f":{AGAINST}")
@@ -142,6 +145,8 @@ def named_line(name: str) -> ReadLine:
 def load_line(name: str) -> Line:
     """Return a line by name or path, see :func:`named_line`; lost keys are noted on stderr."""
     if name in line_names():
+        from plant_sim.line import Line
+
         path = line_path(name)
         return build_model(Line, read_yaml(path), str(path))
     found = named_line(name)

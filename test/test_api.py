@@ -399,11 +399,13 @@ def test_a_scenario_is_changed_without_changing_it():
 
 
 def test_importing_the_package_is_light():
-    """Breaks if `import train_ato` loads a library, a run loads pandas, or dir() is incomplete."""
+    """Breaks if the package or names in a shell load libraries, a run loads pandas, or dir() is incomplete."""
     code = (
         "import sys, train_ato as ta\n"
         "heavy = {'numpy', 'numba', 'matplotlib', 'pydantic', 'rclpy', 'pandas', 'rich', 'yaml'} & set(sys.modules)\n"
         "assert not heavy, heavy\n"
+        "import plant_sim.library, train_ato.scenario.scenario_files\n"
+        "assert not {'numpy', 'numba', 'pydantic'} & set(sys.modules)\n"
         "import train_ato.api.drive\n"
         "assert not {'pandas', 'matplotlib', 'rclpy'} & set(sys.modules)\n"
         "assert set(ta.__all__) <= set(dir(ta)) and all(getattr(ta, name) is not None for name in ta.__all__)\n"

@@ -21,7 +21,7 @@ from train_ato.log.run_folder import read_run_folder
 from train_ato.loop.engine import run_engine
 from train_ato.messages.types import Measurement, Reference
 from train_ato.profile.driver import average_speed
-from train_ato.scenario.scenario import shipped_scenarios
+from train_ato.scenario.scenario_files import shipped_scenarios
 from train_ato.scenario.setup import RunSetup
 
 CHARGED, APPLIED = 600e3, 550e3

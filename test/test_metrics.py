@@ -28,7 +28,8 @@ from train_ato.judge.verdict import CRITERIA, judge_run, verdict_line
 from train_ato.loop.engine import run_engine
 from train_ato.messages.types import Diagnostic
 from train_ato.scenario.criteria import Criteria
-from train_ato.scenario.scenario import load_scenario, shipped_scenarios
+from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.scenario_files import shipped_scenarios
 from train_ato.scenario.setup import RunSetup
 
 

@@ -26,14 +26,8 @@ from plant_sim.si_model import SiModel, blocks_of, example_of_key
 from plant_sim.units import Force, Length, Mass, Place, Pressure, Speed, Time
 from train_ato.program.version import VERSION
 from train_ato.scenario.criteria import Expectation
-from train_ato.scenario.scenario import (
-    expectation_of,
-    load_scenario,
-    raw_scenario,
-    shipped_following,
-    shipped_scenarios,
-    variants_of,
-)
+from train_ato.scenario.scenario import expectation_of, load_scenario, raw_scenario
+from train_ato.scenario.scenario_files import shipped_following, shipped_scenarios, variants_of
 
 REPO = Path(__file__).resolve().parents[1]
 SCENARIOS = [

@@ -9,8 +9,8 @@ import yaml
 
 from train_ato.api.scenario_choice import choose_scenario
 from train_ato.loop.engine import run_engine
-from train_ato.scenario.scenario import shipped_scenarios
 from train_ato.scenario.scenario_data import PartCache, file_state
+from train_ato.scenario.scenario_files import shipped_scenarios
 from train_ato.scenario.setup import RunSetup
 from train_ato.studies.sweep.cluster import sweep_client
 from train_ato.studies.sweep.result import sweep_table

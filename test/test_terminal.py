@@ -27,7 +27,7 @@ from train_ato.control.registry import LAWS
 from train_ato.judge.metric_names import PROTECTION, RESULTS, format_value, metric_heading
 from train_ato.program.display_units import displayed_in, shown_data, shown_table, shown_text
 from train_ato.report.quantities import axis_title, style_of
-from train_ato.scenario.scenario import shipped_following, shipped_scenarios
+from train_ato.scenario.scenario_files import shipped_following, shipped_scenarios
 
 SHORT = ["--set=duration=2", "--set=supervision.enabled=false"]
 

@@ -23,7 +23,8 @@ from train_ato.control.registry import LAWS
 from train_ato.judge.ranking import standings
 from train_ato.loop.engine import run_engine
 from train_ato.program.errors import RunFailed
-from train_ato.scenario.scenario import load_scenario, raw_scenario, shipped_scenarios, variants_of
+from train_ato.scenario.scenario import load_scenario, raw_scenario
+from train_ato.scenario.scenario_files import shipped_scenarios, variants_of
 from train_ato.scenario.setup import RunSetup, prepare
 
 PAGE = Path("msgs_docs", "any_law.md")

@@ -22,7 +22,8 @@ from train_ato.control.train_model import TrainModel
 from train_ato.judge.metric_names import METRICS
 from train_ato.judge.recording import REFERENCE
 from train_ato.messages.types import Array
-from train_ato.scenario.scenario import expectation_of, shipped_scenarios, variants_of
+from train_ato.scenario.scenario import expectation_of
+from train_ato.scenario.scenario_files import shipped_scenarios, variants_of
 
 NAME = "gallery"
 """Name of the table for ``--measure``."""

@@ -30,7 +30,8 @@ from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS  # noqa: E
 from train_ato.judge.result import RunResult  # noqa: E402
 from train_ato.log.versions import versions  # noqa: E402
 from train_ato.loop.engine import run_engine  # noqa: E402
-from train_ato.scenario.scenario import load_scenario, shipped_scenarios, variants_of  # noqa: E402
+from train_ato.scenario.scenario import load_scenario  # noqa: E402
+from train_ato.scenario.scenario_files import shipped_scenarios, variants_of  # noqa: E402
 from train_ato.scenario.setup import RunSetup, prepare  # noqa: E402
 
 BITS = HERE / "bits.txt"

@@ -2,7 +2,8 @@
 
 from plant_sim.library import consist_names, line_names, load_consist, load_line
 from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
-from train_ato.scenario.scenario import raw_scenario, shipped_scenarios
+from train_ato.scenario.scenario import raw_scenario
+from train_ato.scenario.scenario_files import shipped_scenarios
 
 
 def laws() -> dict[str, str]:

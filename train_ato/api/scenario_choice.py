@@ -26,8 +26,9 @@ from train_ato.control.registry import (
 from train_ato.judge.metric_names import verdict_html
 from train_ato.program.errors import InputError
 from train_ato.scenario.overlays import RefusedScenario, assign, caused_by, overlay, put, with_absolute_files
-from train_ato.scenario.scenario import SCHEMA, Scenario, check_scenario, expectation_of, raw_scenario, variants_of
+from train_ato.scenario.scenario import Scenario, check_scenario, expectation_of, raw_scenario
 from train_ato.scenario.scenario_data import PartCache
+from train_ato.scenario.scenario_files import SCHEMA, variants_of
 from train_ato.scenario.setup import RunSetup, prepare
 
 Changes = Mapping[str, Any]

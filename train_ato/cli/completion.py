@@ -90,7 +90,7 @@ def _completer(names: Callable[[], Iterable[str]], *, files: bool) -> Callable[.
 
 
 def _scenarios() -> Iterable[str]:
-    from train_ato.scenario.scenario import shipped_scenarios, variants_of
+    from train_ato.scenario.scenario_files import shipped_scenarios, variants_of
 
     for name, path in shipped_scenarios().items():
         yield name
@@ -98,7 +98,7 @@ def _scenarios() -> Iterable[str]:
 
 
 def _runnable() -> Iterable[str]:
-    from train_ato.scenario.scenario import shipped_following
+    from train_ato.scenario.scenario_files import shipped_following
 
     return (*_scenarios(), *shipped_following())
 

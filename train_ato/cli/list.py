@@ -32,7 +32,7 @@ def details(name: str) -> dict[str, Facts]:
     from plant_sim.library import consist_names, line_names, load_consist, load_line, split_name
     from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
     from train_ato.scenario.following import find_following
-    from train_ato.scenario.scenario import shipped_scenarios
+    from train_ato.scenario.scenario_files import shipped_scenarios
 
     if (trains := find_following(name)) is not None:
         return {"following": _following(trains)}
@@ -71,7 +71,8 @@ def _file(name: str) -> dict[str, Facts]:
 
 def _scenario(name: str) -> Facts:
     from plant_sim.library import split_name
-    from train_ato.scenario.scenario import expectation_of, find, load_scenario, variants_of
+    from train_ato.scenario.scenario import expectation_of, load_scenario
+    from train_ato.scenario.scenario_files import find, variants_of
 
     scenario, path = load_scenario(name)
     stem = split_name(name)[0]
@@ -236,7 +237,7 @@ def catalogue() -> dict[str, dict[str, str]]:
     """Return the names of every kind with their one-line summaries."""
     from train_ato.api import catalogue as shipped
     from train_ato.scenario.following import load_following
-    from train_ato.scenario.scenario import shipped_following, shipped_scenarios, variants_of
+    from train_ato.scenario.scenario_files import shipped_following, shipped_scenarios, variants_of
 
     scenarios: dict[str, str] = {}
     paths = shipped_scenarios()
@@ -282,7 +283,7 @@ def _details_of(name: str) -> dict[str, dict[str, str]]:
     if not found:
         from plant_sim.library import consist_names, line_names
         from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
-        from train_ato.scenario.scenario import shipped_following, shipped_scenarios
+        from train_ato.scenario.scenario_files import shipped_following, shipped_scenarios
 
         components = (name for registry in (LAWS, OBSERVERS, COMPENSATIONS) for name in registry.names())
         known = {*shipped_scenarios(), *shipped_following(), *components, *consist_names(), *line_names()}

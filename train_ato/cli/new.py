@@ -81,7 +81,7 @@ def _shipped(kind: str, name: str) -> Path:
     """Return the file of a shipped train, line or scenario."""
     from plant_sim.input_error import close_match
     from plant_sim.library import consist_names, consist_path, line_names, line_path
-    from train_ato.scenario.scenario import shipped_scenarios
+    from train_ato.scenario.scenario_files import shipped_scenarios
 
     if kind == "journey":
         raise ValueError(f"--like {name}: no journey is shipped; leave the option out")

@@ -13,7 +13,8 @@ from plant_sim.library import read_yaml, split_name
 from plant_sim.si_model import SiModel, Source, Summary, option
 from plant_sim.units import Length, Number, Place, Speed, Usual
 from train_ato.scenario.overlays import RefusedScenario, assign, caused_by, overlay
-from train_ato.scenario.scenario import FOLLOWING, raw_scenario, shipped_following
+from train_ato.scenario.scenario import raw_scenario
+from train_ato.scenario.scenario_files import FOLLOWING, shipped_following
 
 ALL = "all"
 """Name of all trains in a change ``all.duration=600``."""

@@ -8,7 +8,6 @@ this order and the assignments of ``--set``, and validates the result before the
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -16,8 +15,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from plant_sim.consist import Consist
 from plant_sim.formats.fields import print_assumption
-from plant_sim.input_error import build_model, close_match, explain, kind_of
-from plant_sim.library import read_yaml, split_name
+from plant_sim.input_error import build_model, explain
 from plant_sim.line import Line
 from plant_sim.plant_setup import PlantSetup
 from plant_sim.si_model import SiModel, Source, Summary, option, unusual_values
@@ -31,17 +29,10 @@ from train_ato.profile.planner.settings import ReplanSpec
 from train_ato.scenario.criteria import Criteria, Expectation
 from train_ato.scenario.interventions import AtoRequest, Intervention
 from train_ato.scenario.leader import LeaderSpec
-from train_ato.scenario.overlays import assign, caused_by, overlay, with_absolute_files
+from train_ato.scenario.overlays import assign, caused_by, overlay
 from train_ato.scenario.profile_spec import ProfileSpec
+from train_ato.scenario.scenario_files import FOLLOWING, SCHEMA, find, with_base, with_variants
 from train_ato.supervision.settings import SupervisionSpec
-
-SCHEMA = "train_ato/scenario/1"
-FOLLOWING = "train_ato/following/"
-"""Begin of the schema of a file of trains behind each other."""
-OF_FILES = ("summary", "expect")
-"""Keys of a variant that describe it and are no change of the run."""
-MAX_FILE = 64 * 2**20
-"""Maximum size of a scenario file [bytes]."""
 
 MAX_TICKS = 10_000_000
 """Maximum number of ticks of a run, 24 h at 0.01 s; the series for the metrics are kept in memory."""
@@ -226,85 +217,12 @@ class Scenario(SiModel):
         return self
 
 
-def shipped_scenarios() -> dict[str, Path]:
-    """Return the shipped scenario files by name."""
-    folder = Path(str(files("train_ato"))) / "scenario" / "shipped"
-    return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
-
-
-def shipped_following() -> dict[str, Path]:
-    """Return the shipped files of trains behind each other by name."""
-    folder = Path(str(files("train_ato"))) / "scenario" / "shipped" / "following"
-    return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
-
-
-def _read(path: Path) -> dict[str, Any]:
-    if path.is_file() and path.stat().st_size > MAX_FILE:
-        raise ValueError(f"{path}: larger than {MAX_FILE} bytes; name a scenario file")
-    data = read_yaml(path)
-    if not isinstance(data, dict):
-        raise ValueError(f"{path}: a scenario is a mapping of keys, not {kind_of(data)}; correct the file")
-    return data
-
-
-def find(name: str) -> tuple[Path, str | None]:
-    """Return file and variants of ``SCENARIO[:variant[+variant...]]``.
-
-    Raises
-    ------
-    ValueError
-        If there is neither a shipped scenario nor a file of that name.
-    """
-    stem, variant = split_name(name)
-    path = Path(stem)
-    if not (path.suffix in (".yaml", ".yml") or path.is_file()):
-        shipped = shipped_scenarios() | shipped_following()
-        if stem not in shipped:
-            own = [file for file in (path / "scenario.yaml", Path(f"{stem}.yaml")) if file.is_file()]
-            near = f"; did you mean the file '{own[0]}'?" if own else close_match(stem, shipped)
-            raise ValueError(f"unknown scenario '{stem}'{near}; see `train-ato list`")
-        path = shipped[stem]
-    elif not path.is_file():
-        near = close_match(path.stem, shipped_scenarios() | shipped_following())
-        raise ValueError(f"{path}: no such file{near}; name a scenario file or one of `train-ato list`")
-    return path, variant[1:] if variant else None
-
-
-def _with_base(path: Path, above: tuple[Path, ...] = (), given: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """Return a scenario file, or its given content, on its base ``SCENARIO[:variant...]``, with its variants."""
-    data = _read(path) if given is None else {"schema": SCHEMA, **given}
-    base = data.pop("base", None)
-    if base is None:
-        return data
-    beside = path.parent / str(base)
-    below, variant = find(str(beside) if Path(split_name(str(beside))[0]).is_file() else str(base))
-    if below in (path, *above):
-        raise ValueError(f"{path}: base: {base}: a scenario is its own base; name another base")
-    found = _with_variants(below, _with_base(below, (path, *above)), variant)
-    for block in (found, *(found.get("variants") or {}).values()):
-        block.pop("expect", None)
-    if below.parent != path.parent:
-        found = with_absolute_files(found, below.parent)
-    return overlay(found, data)
-
-
-def _with_variants(path: Path, data: dict[str, Any], variant: str | None) -> dict[str, Any]:
-    """Return a scenario with the overlays of ``variant[+variant...]`` applied; its variants remain."""
-    variants = data.get("variants") or {}
-    for part in variant.split("+") if variant is not None else ():
-        if part not in variants:
-            known = ", ".join(sorted(variants)) or "none"
-            raise ValueError(f"{path}: no variant '{part}'{close_match(part, variants)}; use one of: {known}")
-        data = overlay(data, {key: value for key, value in variants[part].items() if key not in OF_FILES})
-    return data
-
-
 def raw_scenario(name: str | Mapping[str, Any]) -> tuple[Path, dict[str, Any]]:
     """Return a scenario with its base and variants applied, not validated; files of a mapping are in this folder."""
     path, variant = find(name) if isinstance(name, str) else (Path("scenario"), None)
-    whole = _with_base(path, given=None if isinstance(name, str) else name)
+    whole = with_base(path, given=None if isinstance(name, str) else name)
     _expectation_in(path, whole, variant)
-    data = _with_variants(path, whole, variant)
+    data = with_variants(path, whole, variant)
     for key in ("variants", "expect"):
         data.pop(key, None)
     if variant is not None:
@@ -321,7 +239,7 @@ def expectation_of(name: str) -> Expectation | None:
         For an unknown name or a bad block ``expect``, in one line.
     """
     path, variant = find(name)
-    return _expectation_in(path, _with_base(path), variant)
+    return _expectation_in(path, with_base(path), variant)
 
 
 def _expectation_in(path: Path, data: Mapping[str, Any], variant: str | None) -> Expectation | None:
@@ -332,12 +250,6 @@ def _expectation_in(path: Path, data: Mapping[str, Any], variant: str | None) ->
         return None
     where = str(path) if variant is None else f"{path}: variants.{variant}"
     return build_model(Expectation, {"verdict": given} if isinstance(given, str) else given, f"{where}: expect")
-
-
-def variants_of(path: Path) -> dict[str, str]:
-    """Return the variants of a scenario file with their one-line summaries."""
-    variants = _with_base(path).get("variants") or {}
-    return {name: str(change.get("summary", "")) for name, change in variants.items()}
 
 
 def check_scenario(data: dict[str, Any], source: str | Path) -> Scenario:

@@ -18,7 +18,8 @@ from plant_sim.library import consist_names, line_names
 from plant_sim.line import Line
 from train_ato.profile.file import write_profile
 from train_ato.profile.trip.plan import TripPlan
-from train_ato.scenario.scenario import SCHEMA, raw_scenario
+from train_ato.scenario.scenario import raw_scenario
+from train_ato.scenario.scenario_files import SCHEMA
 
 REST = 45.0
 """Simulated time after the planned stop [s]."""

@@ -20,7 +20,8 @@ from train_ato.messages.types import Command, Diagnostic, DisturbanceEstimate, M
 from train_ato.profile.file import csv_text
 from train_ato.profile.profile import Profile, limits_of, trajectory_of
 from train_ato.program.version import VERSION
-from train_ato.scenario.scenario import SCHEMA, check_scenario
+from train_ato.scenario.scenario import check_scenario
+from train_ato.scenario.scenario_files import SCHEMA
 from train_ato.scenario.setup import RunSetup, prepare
 
 MAX_STEP = 0.005
