@@ -283,6 +283,8 @@ def test_a_swap_during_the_run_is_checked_like_a_start() -> None:
         role.validate("controller", "lag_smc")
     with pytest.raises(ValueError, match=r"set laws\.pid\.feedforward: true"):
         role.validate("pid.feedforward", False)
+    with pytest.raises(ValueError, match="unknown law ''"):  # `ros2 param set` takes it; the next step made this law
+        role.validate("controller", "")
     role.validate("controller", "rbf_switching_smc")
 
 

@@ -146,7 +146,6 @@ def execute(options: argparse.Namespace) -> None:
 def _publish(options: argparse.Namespace) -> None:
     from train_ato.playback.log import ReplayOptions, parse_remap
 
-    _check_domain(options.domain)
     chosen = ReplayOptions(
         rate=options.rate,
         start_offset=options.start_offset,
@@ -168,17 +167,6 @@ def _publish(options: argparse.Namespace) -> None:
     with keyboard(wanted=wanted) as keys, _bar(options.run.name) as progress:
         done = publish_run(options.run, chosen, domain=options.domain, progress=progress, keys=keys)
     _report(options, done)
-
-
-def _check_domain(given: int | None) -> None:
-    """Check the ROS domain of the option or of the environment."""
-    if given is not None:
-        if not 0 <= given <= 101:
-            raise ValueError(f"--domain {given}: out of range; give 0 to 101")
-        return
-    text = os.environ.get("ROS_DOMAIN_ID", "") or "0"
-    if not (text.isdecimal() and int(text) <= 232):
-        raise ValueError(f"ROS_DOMAIN_ID {text}: not a ROS domain; set it to 0 to 101, or give --domain")
 
 
 def _acknowledgement_s(milliseconds: int | None) -> float:

@@ -442,7 +442,10 @@ def publish_run(
     ValueError
         For invalid options, topics not in the log, missing message types, or a damaged log.
     """
+    from train_ato.ros.graph.environment import check_domain
+
     options.check()
+    check_domain(domain)
     require_ros()
     with ReplayLog(run) as log, interruptible() as interrupt:
         topics = chosen_topics(log.topics, options)

@@ -346,7 +346,7 @@ class RunSetup:
         """
         if name is None and self.scenario.profile.driver is not None:
             return late_action(self.scenario.profile.driver, self.scenario.duration)
-        name = name or self.controller
+        name = self.controller if name is None else name
         law, gains = self.law(name, values), self.gains(name, values)
         given = self.compensation_parameters
         predicted = getattr(COMPENSATIONS.get(self.compensation), "predicts", False)
