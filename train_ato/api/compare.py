@@ -140,15 +140,13 @@ class Comparison:
         ValueError
             If no law has a complete tick.
         """
-        from train_ato.report.print_figures import SCREEN_DPI, comparison_figure, save_figure
+        from train_ato.report.print_figures import comparison_figure, shown_figure
         from train_ato.report.writing import comparison_title
 
         figure = comparison_figure(self._pages, comparison_title(self._pages)) if self._pages else None
         if figure is None:
             raise ValueError(f"{self.scenario}: no law has a complete tick to draw")
-        if out is not None:
-            save_figure(figure, Path(out), SCREEN_DPI)
-        return figure
+        return shown_figure(figure, out)
 
     @refusing
     def report(self, out: str | Path = "comparison.html") -> Path:

@@ -290,14 +290,12 @@ class Run:
         ValueError
             If the run holds no complete tick.
         """
-        from train_ato.report.print_figures import SCREEN_DPI, run_figure, save_figure
+        from train_ato.report.print_figures import run_figure, shown_figure
 
         figure = run_figure(self.recording)
         if figure is None:
             raise ValueError(f"{self.metrics.get('scenario', self.path)}: the run has no complete tick to draw")
-        if out is not None:
-            save_figure(figure, Path(out), SCREEN_DPI)
-        return figure
+        return shown_figure(figure, out)
 
     @property
     def recording(self) -> Recording:

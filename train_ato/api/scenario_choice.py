@@ -14,15 +14,7 @@ import yaml
 
 from plant_sim.data_text import TextDumper
 from plant_sim.library import split_name
-from train_ato.control.registry import (
-    COMPENSATIONS,
-    LAWS,
-    OBSERVERS,
-    GivenComponent,
-    Registry,
-    keyword_values,
-    load_class,
-)
+from train_ato.control.registry import LAWS, REGISTRIES, GivenComponent, Registry, keyword_values, load_class
 from train_ato.judge.metric_names import verdict_html
 from train_ato.program.errors import InputError
 from train_ato.scenario.overlays import RefusedScenario, assign, caused_by, overlay, put, with_absolute_files
@@ -283,40 +275,35 @@ def choose_component(registry: Registry, given: Any) -> ComponentChoice:
     raise ValueError(f"{kind} {given!r}: give a name, 'module:Class', a class or an object")
 
 
-def put_components(
-    scenario: Scenario, *, law: Any = None, observer: Any = None, compensation: Any = None, importable: bool
-) -> Scenario:
+def put_components(scenario: Scenario, *, importable: bool, **given: Any) -> Scenario:
     """Return the scenario with the components that are not None.
 
     Parameters
     ----------
     scenario
         Checked scenario.
-    law, observer, compensation
-        Each a name, ``module:Class``, a class or an object.
     importable
         Other processes must be able to import the components.
+    **given
+        ``law``, ``observer`` and ``compensation``, each a name, ``module:Class``, a class or an object.
     """
-    chosen = ((LAWS, law), (OBSERVERS, observer), (COMPENSATIONS, compensation))
-    for registry, given in chosen:
-        if given is not None:
-            component = choose_component(registry, given)
-            scenario = component.put_into(scenario)
-            if importable:
-                component.check_importable()
+    for component in _components(given):
+        scenario = component.put_into(scenario)
+        if importable:
+            component.check_importable()
     return scenario
 
 
-def given_objects(
-    scenario: Scenario, *, law: Any = None, observer: Any = None, compensation: Any = None
-) -> dict[str, GivenComponent]:
+def given_objects(scenario: Scenario, **given: Any) -> dict[str, GivenComponent]:
     """Return the objects among the components of a scenario by kind, without names and classes."""
-    chosen = ((LAWS, law), (OBSERVERS, observer), (COMPENSATIONS, compensation))
-    found = [choose_component(registry, given) for registry, given in chosen if given is not None]
+    objects = [choice for choice in _components(given) if choice.given is not None]
+    blocks = {choice.registry.kind: getattr(scenario, f"{choice.registry.kind}s") for choice in objects}
     return {
-        choice.registry.kind: GivenComponent(
-            choice.given, choice.name, dict(getattr(scenario, f"{choice.registry.kind}s").get(choice.name, {}))
-        )
-        for choice in found
-        if choice.given is not None
+        kind: GivenComponent(choice.given, choice.name, dict(blocks[kind].get(choice.name, {})))
+        for kind, choice in zip(blocks, objects, strict=True)
     }
+
+
+def _components(given: Mapping[str, Any]) -> list[ComponentChoice]:
+    """Return the components by kind that are not None."""
+    return [choose_component(REGISTRIES[kind], entry) for kind, entry in given.items() if entry is not None]

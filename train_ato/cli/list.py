@@ -30,7 +30,7 @@ DEAD_TIMES = (0.5, 1.0, 2.0)
 def details(name: str) -> dict[str, Facts]:
     """Return the details of a name by kind, or of a file; one name may be an observer and a compensation."""
     from plant_sim.library import consist_names, line_names, load_consist, load_line, split_name
-    from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
+    from train_ato.control.registry import REGISTRIES
     from train_ato.scenario.following import find_following
     from train_ato.scenario.scenario_files import shipped_scenarios
 
@@ -41,9 +41,9 @@ def details(name: str) -> dict[str, Facts]:
     found: dict[str, Facts] = {}
     if split_name(name)[0] in shipped_scenarios():
         found["scenario"] = _scenario(name)
-    for registry in (LAWS, OBSERVERS, COMPENSATIONS):
+    for kind, registry in REGISTRIES.items():
         if name in registry.names():
-            found[registry.kind] = _block(registry, name)
+            found[kind] = _block(registry, name)
     if name in consist_names():
         found["consist"] = _consist(load_consist(name))
     if name in line_names():
@@ -282,10 +282,10 @@ def _details_of(name: str) -> dict[str, dict[str, str]]:
     found = details(name)
     if not found:
         from plant_sim.library import consist_names, line_names
-        from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
+        from train_ato.control.registry import REGISTRIES
         from train_ato.scenario.scenario_files import shipped_following, shipped_scenarios
 
-        components = (name for registry in (LAWS, OBSERVERS, COMPENSATIONS) for name in registry.names())
+        components = (name for registry in REGISTRIES.values() for name in registry.names())
         known = {*shipped_scenarios(), *shipped_following(), *components, *consist_names(), *line_names()}
         raise ValueError(f"unknown name '{name}'{close_match(name, known)}; see `train-ato list`")
     return {f"{kind} {name}": facts for kind, facts in found.items()}

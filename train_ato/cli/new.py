@@ -99,7 +99,7 @@ def _code(kind: str, name: str, like: str | None) -> tuple[dict[Path, str], str]
     """Return the text by file and the next command of a law, observer or compensation."""
     import inspect
 
-    from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
+    from train_ato.control.registry import REGISTRIES
 
     module, target = CODE_KINDS[kind], Path(f"{name}.py")
     if like is None:
@@ -108,9 +108,8 @@ def _code(kind: str, name: str, like: str | None) -> tuple[dict[Path, str], str]
         text = (_examples() / f"{template}.py").read_text(encoding="utf-8")
         text = re.sub(rf"\b{template}\b", name, text).replace(module, block)
     else:
-        registry = {"law": LAWS, "observer": OBSERVERS, "compensation": COMPENSATIONS}[kind]
         try:
-            found = registry.get(like)
+            found = REGISTRIES[kind].get(like)
         except ValueError as error:
             raise ValueError(f"--like {error}") from None
         block = found.__name__

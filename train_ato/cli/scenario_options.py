@@ -76,10 +76,9 @@ def listed(text: str | None, option: str, what: str = "name") -> list[str]:
 
 def check_component_name(option: str, kind: str, name: str) -> None:
     """Refuse an unknown name of a law, observer or compensation with its option."""
-    from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
+    from train_ato.control.registry import REGISTRIES
 
-    (registry,) = [entry for entry in (LAWS, OBSERVERS, COMPENSATIONS) if entry.kind == kind]
     try:
-        registry.get(name)
+        REGISTRIES[kind].get(name)
     except ValueError as error:
         raise ValueError(f"{option}: {error}") from None

@@ -404,3 +404,5 @@ COMPENSATIONS = Registry(
     ("reset", "step", "set_profile"),
 )
 """Delay compensations."""
+REGISTRIES: dict[str, Registry] = {registry.kind: registry for registry in (LAWS, OBSERVERS, COMPENSATIONS)}
+"""Registries by kind."""

@@ -104,9 +104,9 @@ def about(quantity: str, stated: float, unit: str, source: str, part: float = AB
     )
 
 
-def ratio(quantity: str, limit: float, words: str, note: str = "") -> Bound:
+def ratio(quantity: str, limit: float, words: str) -> Bound:
     """Return the bound of a ratio for the words of a claim."""
-    return Bound(quantity, limit, "", words, note=note)
+    return Bound(quantity, limit, "", words)
 
 
 def worst(values: Iterable[float]) -> float:

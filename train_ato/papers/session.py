@@ -115,7 +115,10 @@ def reproduce(
                     "code": code[number],
                     "rows": judged.rows,
                     "section": section(judged.paper, judged.rows, judged.results, judged.figures, shown),
-                    "cases": _figures_of(judged),
+                    "cases": {
+                        key: {**result.summary, **({"failure": result.failure} if result.failure else {})}
+                        for key, result in judged.results.items()
+                    },
                 }
                 _write(folder / "reproduce.json", [row for key in sorted(found) for row in found[key]["rows"]])
                 _write(folder / "cases.json", {key: one["cases"] for key, one in found.items()})
@@ -178,13 +181,6 @@ def _write_page(folder: Path, papers: list[Paper], found: Mapping[str, Mapping[s
     options = (" all" if len(papers) == len(paper_packages()) else f" {papers[0].number}") + (" --full" if full else "")
     head = papers_overview((row for entry in found.values() for row in entry["rows"]), known, options)
     write_whole(folder / "reproduce.md", "\n".join([head, *(found[key]["section"] for key in sorted(found))]))
-
-
-def _figures_of(judged: Judged) -> dict[str, Any]:
-    return {
-        key: {**result.summary, **({"failure": result.failure} if result.failure else {})}
-        for key, result in judged.results.items()
-    }
 
 
 def _write(path: Path, value: Any) -> None:

@@ -395,6 +395,13 @@ def save_figure(figure: Figure, path: Path, dpi: int = DPI) -> None:
             figure.savefig(path, dpi=dpi, metadata=UNDATED.get(ending))
 
 
+def shown_figure(figure: Figure, out: str | Path | None) -> Figure:
+    """Return a figure for a notebook, after it was written for the screen to ``out``, if that is given."""
+    if out is not None:
+        save_figure(figure, Path(out), SCREEN_DPI)
+    return figure
+
+
 def write_figure(figure: Figure, path: Path) -> None:
     """Write a figure in its own style and resolution, in the format of the suffix of its path.
 

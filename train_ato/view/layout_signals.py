@@ -246,11 +246,11 @@ def _curves(wanted: Wanted) -> tuple[LayoutCurve, ...]:
     return tuple(LayoutCurve(signal, label, color) for signal, label, color in wanted if signal is not None)
 
 
-def spread(count: int, most: int = MAX_CURVES) -> list[int]:
-    """Return at most ``most`` numbers below ``count``, from the first to the last one in equal distances."""
-    if count <= most:
+def spread(count: int) -> list[int]:
+    """Return at most :data:`MAX_CURVES` numbers below ``count``, from the first to the last one in equal distances."""
+    if count <= MAX_CURVES:
         return list(range(count))
-    return [round(place * (count - 1) / (most - 1)) for place in range(most)]
+    return [round(place * (count - 1) / (MAX_CURVES - 1)) for place in range(MAX_CURVES)]
 
 
 def _speeds(log: LogSignals) -> Wanted:

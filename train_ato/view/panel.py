@@ -47,7 +47,9 @@ class Panel:
         self._brake = Button(label="EMERGENCY BRAKE", button_type="danger", width=WIDTH, height=44, **sheets)
         self._brake.on_click(lambda: feed.controls.call("emergency_brake", say, not self._applied))
         self._requirements = Div(text="", width=WIDTH, name="requirements", styles={"margin-left": "5px"})
-        shown = [_heading("requirements"), self._requirements] if self._with_requirements else []
+        setup = feed.facts.setup
+        required = setup is not None and setup.scenario.criteria.requirements
+        shown = [_heading("requirements"), self._requirements] if required else []
         ato = [_heading("ATO"), self._requests()] if feed.facts.layout.supervised else []
         self.column = Column(
             children=[
@@ -73,12 +75,6 @@ class Panel:
             stylesheets=[":host { flex-wrap: wrap; }"],
         )
         self._over = False
-
-    @property
-    def _with_requirements(self) -> bool:
-        """True for a scenario with requirements."""
-        setup = self._feed.facts.setup
-        return setup is not None and bool(setup.scenario.criteria.requirements)
 
     def _requests(self) -> Any:
         """Return the buttons of the requests to the ATO; a refusal is shown with its reason."""

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
+from train_ato.control.registry import REGISTRIES
 from train_ato.loop.engine import TickLoop
 from train_ato.loop.stage_messages import Published
 from train_ato.messages.topics import TOPICS
@@ -88,8 +88,7 @@ class SharedParts:
     """
 
     def __init__(self, setup: RunSetup, others: Mapping[str, Any]) -> None:
-        self._roots: dict[str, Any] = {"setup": setup, **others}
-        self._roots |= {registry.kind: registry for registry in (LAWS, OBSERVERS, COMPENSATIONS)}
+        self._roots: dict[str, Any] = {"setup": setup, **others, **REGISTRIES}
         for topic in TOPICS:
             self._roots[f"topic {topic.name}"] = topic
             self._roots[f"check {topic.name}"] = validity_check(topic)

@@ -206,7 +206,8 @@ class VectorEnv(CallerForces):
         self._results = np.zeros((n, 3), dtype=np.int64)
         self._costs, self._memories = np.zeros((n, len(PER_TICK))), np.zeros((n, 4))
         self._states, self._found = np.zeros((n, DIRECTION + 1)), np.zeros((n, sight.size))
-        self._limits = [self._found[:, part] for part in self._parts_of(("force_min", "force_max"))]
+        known = observed(self.setup)
+        self._limits = [self._found[:, known[name].part] for name in ("force_min", "force_max")]
         self._rewards, self._who = np.zeros(n), np.zeros(n, dtype=np.int64)
         (self._shared, self._alone), self._crowded = np.zeros((2, 3), dtype=np.int64), 0
         self._outputs = (
@@ -246,10 +247,6 @@ class VectorEnv(CallerForces):
     def _check_step(self, setup: RunSetup) -> None:
         if (setup.tick, setup.control_period) != (self.setup.tick, self.period):
             raise ValueError("all trains have the same tick and control_period; give them by 'set'")
-
-    def _parts_of(self, names: Sequence[str]) -> list[slice]:
-        known = observed(self.setup)
-        return [known[name].part for name in names]
 
     @property
     def domains(self) -> list[dict[str, Any]]:

@@ -84,7 +84,7 @@ def _row_of(columns: Mapping[Any, Any]) -> Row:
     return {"run": int(columns["run"]), "point": point, "metrics": metrics, **texts}
 
 
-def run_row_again(path: Path, number: int, out: Path | None = None, *, shown: bool | None = None) -> RowCheck:
+def run_row_again(path: Path, number: int, out: Path | None = None) -> RowCheck:
     """Run one row alone, record it in a run folder, and compare metrics and hash with the row.
 
     Parameters
@@ -93,12 +93,10 @@ def run_row_again(path: Path, number: int, out: Path | None = None, *, shown: bo
         As for :func:`recorded_row`.
     out
         Run folder to make; default: ``runs/sweep-row-N``.
-    shown
-        Show a progress bar; None: in a terminal.
     """
     before, identity = recorded_row(path, number)
     base = sweep_base(read_sweep(identity["spec"], f"{path}: specification")).choice()
-    again, folder = _run(base, before["point"], out, number, shown=shown)
+    again, folder = _run(base, before["point"], out, number)
     difference = _first_difference(before, again)
     if difference and identity["code"] != code_of_process():
         difference += "; the code of train_ato has changed since the sweep"
@@ -106,9 +104,7 @@ def run_row_again(path: Path, number: int, out: Path | None = None, *, shown: bo
     return RowCheck(number, before["point"], values, difference, folder)
 
 
-def _run(
-    base: ScenarioChoice, point: Mapping[str, Any], out: Path | None, number: int, *, shown: bool | None
-) -> tuple[Row, Path | None]:
+def _run(base: ScenarioChoice, point: Mapping[str, Any], out: Path | None, number: int) -> tuple[Row, Path | None]:
     """Run a point and return its row and its folder."""
     try:
         setup: RunSetup = base.with_(point).prepare()
@@ -117,7 +113,7 @@ def _run(
     folder = out or next_free(f"sweep-row-{number}")
     summary: Mapping[str, Any] = {}
     try:
-        summary = drive(setup, RunMode(), out=folder, shown=shown, title=f"row {number}").metrics
+        summary = drive(setup, RunMode(), out=folder, title=f"row {number}").metrics
     except RunInterrupted:
         raise
     except RunFailed as error:

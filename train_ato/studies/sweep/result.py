@@ -181,9 +181,10 @@ class SweepResult:
         ValueError
             If the table has no such metric, or the design no list.
         """
+        from train_ato.report.print_figures import shown_figure
         from train_ato.studies.sweep.robustness_map import box_plot
 
-        return self._saved(box_plot(self.spec, self.table, metric), out)
+        return shown_figure(box_plot(self.spec, self.table, metric), out)
 
     @refusing
     def plot_map(
@@ -204,9 +205,10 @@ class SweepResult:
         ValueError
             If the table has no such metric, or the design not two ranges.
         """
+        from train_ato.report.print_figures import shown_figure
         from train_ato.studies.sweep.robustness_map import robustness_map
 
-        return self._saved(robustness_map(self.spec, self.table, metric, border), out)
+        return shown_figure(robustness_map(self.spec, self.table, metric, border), out)
 
     @refusing
     def plot_pareto(self, metric: str = ERROR_METRIC, out: str | Path | None = None) -> Figure:
@@ -222,9 +224,10 @@ class SweepResult:
         ValueError
             If the table has no such metric, or no run ended.
         """
+        from train_ato.report.print_figures import shown_figure
         from train_ato.studies.sweep.robustness_map import pareto_figure
 
-        return self._saved(pareto_figure(self.table, metric, self.spec.title), out)
+        return shown_figure(pareto_figure(self.table, metric, self.spec.title), out)
 
     def figures(self, out: str | Path, metric: str = ERROR_METRIC, border: str = "tracking") -> dict[str, Path]:
         """Write the figures that the design permits into a folder, and return their files by name."""
@@ -243,13 +246,6 @@ class SweepResult:
             else:
                 written[name] = file
         return written
-
-    def _saved(self, figure: Figure, out: str | Path | None) -> Figure:
-        if out is not None:
-            from train_ato.report.print_figures import SCREEN_DPI, save_figure
-
-            save_figure(figure, Path(out), SCREEN_DPI)
-        return figure
 
     def __repr__(self) -> str:
         counts = ", ".join(f"{count} {status}" for status, count in self.counts.items())

@@ -11,7 +11,7 @@ from typing import Any
 from train_ato.api.progress import Report, activity, share_bar
 from train_ato.api.scenario_choice import ScenarioChoice, choose_scenario
 from train_ato.api.series_folder import RowWriter
-from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
+from train_ato.control.registry import REGISTRIES
 from train_ato.log.versions import source_hash
 from train_ato.program.errors import RunFailed, RunInterrupted
 from train_ato.program.interrupt import uninterrupted
@@ -21,8 +21,6 @@ from train_ato.studies.sweep.cluster import MAX_JOBS, sweep_client
 from train_ato.studies.sweep.result import SweepFolder, SweepResult, sweep_identity, sweep_table, write_results
 from train_ato.studies.sweep.row import TIMES, Batch, Row, SweepBase, one_line, run_batch
 from train_ato.studies.sweep.spec import Point, SweepSpec, design_points, read_sweep
-
-REGISTRIES = {"law": LAWS, "observer": OBSERVERS, "compensation": COMPENSATIONS}
 
 
 def sweep_base(spec: SweepSpec) -> SweepBase:
@@ -38,7 +36,7 @@ def sweep_base(spec: SweepSpec) -> SweepBase:
     return SweepBase(spec.scenario, fixed.path, fixed.data, source_hash())
 
 
-def check_values(spec: SweepSpec, base: SweepBase, points: list[Point], step: Callable[[], None] | None = None) -> None:
+def check_values(spec: SweepSpec, base: SweepBase, points: list[Point]) -> None:
     """Check every value of every list, and the limits of every range.
 
     A value is valid if the scenario accepts it alone or in the first point that has it. A key is valid if at least one
@@ -49,8 +47,6 @@ def check_values(spec: SweepSpec, base: SweepBase, points: list[Point], step: Ca
     ----------
     spec, base, points
         The sweep.
-    step
-        Called after every checked value.
     """
     choice, parts = base.choice(), PartCache()
     for dimension in spec.dimensions:
@@ -62,8 +58,6 @@ def check_values(spec: SweepSpec, base: SweepBase, points: list[Point], step: Ca
             refusal = _refusal(choice, candidates, parts, where)
             accepted |= refusal is None
             refusals.append(f"{where}: {refusal}")
-            if step is not None:
-                step()
         if not accepted:
             raise ValueError(refusals[0])
 
