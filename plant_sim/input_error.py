@@ -30,6 +30,7 @@ _PLAIN = {
     "bool_type": "is neither true nor false; write one of them",
     "bool_parsing": "is neither true nor false; write one of them",
     "invalid_key": "a key is no text; write it in quotes",
+    "no_scalar": "is no single value; write a number, a text, true or false",
 }
 """Errors of pydantic that name classes or patterns, in plain words."""
 _ORDER = {"extra_forbidden": 0, "string_type": 2}
@@ -136,8 +137,13 @@ def explain(error: ValidationError, source: str | Path, model: type[BaseModel], 
         The data, for keys and values in the unit that they are written in.
     """
     found: dict[tuple[str, ...], str] = {}
+    of_place: dict[tuple[Any, ...], set[str]] = {}
+    for entry in error.errors():
+        of_place.setdefault(entry["loc"][:-1], set()).add(entry["type"])
     for entry in sorted(error.errors(), key=lambda entry: _ORDER.get(entry["type"], 1)):
         keys, models = _walk(model, entry["loc"])
+        if entry["type"] == "bool_type" and {"float_type", "string_type"} <= of_place[entry["loc"][:-1]]:
+            entry["type"] = "no_scalar"
         found.setdefault(tuple(keys), _fault(*_as_written(entry, keys, models, raw), source, models))
     # A value that fits no type of a union has an error for each type; those with longer keys are nearer to the cause.
     whole = {keys[:depth] for keys in found for depth in range(1, len(keys))}

@@ -174,6 +174,14 @@ def test_a_default_outside_its_range_is_refused_by_every_run():
         OBSERVERS.check_parameters("test_contracts:Beyond", {})
 
 
+def test_a_whole_number_has_64_bits():
+    """Breaks if the engine drives with a number that no parameter of ROS can have."""
+    of = dataclasses.make_dataclass("Counts", [("count", int, parameter(3, "1", 0, 10**30, "count"))])
+    assert make_parameters(of, {"count": 2**63 - 1025}, "own").count == 2**63 - 1025
+    with pytest.raises(ValueError, match=r"own.count: 1e\+30 is outside 0 ... 9.22337e\+18 1"):
+        make_parameters(of, {"count": 10**30}, "own")
+
+
 def test_a_default_that_is_no_number_has_no_range():
     """Breaks if the range of a default of None is a traceback."""
     field = ("extra", float, parameter(None, "1", 0.0, 2.0, "extra"))

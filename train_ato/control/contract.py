@@ -372,10 +372,10 @@ def make_parameters(dataclass_type: type, values: Mapping[str, Any], owner: str)
             raise ValueError(f"{owner}.{name}: no such parameter{close_match(name, known)}; {owner} has: {listed}")
         checked[name] = _checked(known[name], value, f"{owner}.{name}")
     for entry in known.values():
-        default = entry.default
-        if not isinstance(default, Real) or isinstance(default, bool) or entry.low <= default <= entry.high:
+        default, (low, high) = entry.default, _bounds(entry)
+        if not isinstance(default, Real) or isinstance(default, bool) or low <= default <= high:
             continue
-        bounds = f"{number_text(entry.low)} ... {number_text(entry.high)}"
+        bounds = f"{number_text(low)} ... {number_text(high)}"
         text = f"{owner}.{entry.name}: default {number_text(default)} is outside {bounds}"
         raise ValueError(f"{text}; correct one of them")
     return dataclass_type(**checked)
@@ -396,11 +396,18 @@ def _checked(entry: Parameter, value: Any, key: str) -> Any:
     return _checked_number(entry, value, key)
 
 
+def _bounds(entry: Parameter) -> tuple[float, float]:
+    """Return the range of a number; a whole one has 64 bits, as in a parameter of ROS."""
+    least, most = (-(2**63), 2**63 - 1) if isinstance(entry.default, int) else (-math.inf, math.inf)
+    return max(entry.low, least), min(entry.high, most)
+
+
 def _checked_number(entry: Parameter, value: Any, key: str) -> float | int:
-    bounds = f"{number_text(entry.low)} ... {number_text(entry.high)}"
+    low, high = _bounds(entry)
+    bounds = f"{number_text(low)} ... {number_text(high)}"
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise ValueError(f"{key}: {value!r} is not a number; give {bounds} {entry.unit}".rstrip())
-    if not math.isfinite(value) or not entry.low <= value <= entry.high:
+    if not math.isfinite(value) or not low <= value <= high:
         raise ValueError(f"{key}: {number_text(value)} is outside {bounds} {entry.unit}".rstrip())
     if isinstance(entry.default, int):
         if value != int(value):
