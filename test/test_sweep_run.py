@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
+import numpy as np
 import psutil
 import pytest
 import yaml
@@ -26,15 +27,23 @@ import train_ato as ta
 from plant_sim.library import consist_path, line_path
 from train_ato.cli.main import main
 from train_ato.log.run_folder import read_summary
+from train_ato.program.display_units import displayed_in
 from train_ato.program.interrupt import Interrupt, ending_like_ctrl_c
 from train_ato.studies.sweep import sweep as sweep_module
 from train_ato.studies.sweep.cluster import OWNER, SCRATCH, SETTINGS, _scratch_folder, sweep_client
-from train_ato.studies.sweep.groups import NotDrawable
+from train_ato.studies.sweep.groups import NotDrawable, metric_words, shown_metrics
 from train_ato.studies.sweep.rerun import run_row_again
-from train_ato.studies.sweep.result import METADATA, SweepFolder, SweepResult, read_results, write_results
+from train_ato.studies.sweep.result import (
+    METADATA,
+    SweepFolder,
+    SweepResult,
+    read_results,
+    sweep_identity,
+    write_results,
+)
 from train_ato.studies.sweep.row import WALL_TIMES, run_batch
 from train_ato.studies.sweep.spec import read_sweep
-from train_ato.studies.sweep.sweep import PreparedSweep
+from train_ato.studies.sweep.sweep import PreparedSweep, sweep_base
 
 LAWS = '''
 import os
@@ -289,6 +298,27 @@ def test_another_sweep_is_not_continued(whole: Path, tmp_path: Path, change: dic
     with pytest.raises(ValueError, match=text):
         ta.sweep(spec, out=folder, jobs=1, progress=False)
     assert (folder / "runs.jsonl").read_bytes() == (whole / "runs.jsonl").read_bytes()
+
+
+def test_the_folder_of_a_sweep_continues_it_wherever_its_file_lies(tmp_path: Path, monkeypatch: Any) -> None:
+    """Breaks if the scenario beside a file has another hash by its whole path, which the folder keeps."""
+    (tmp_path / "own.yaml").write_text(ta.scenario("demo").yaml)
+    (tmp_path / "sweep.yaml").write_text("{scenario: own.yaml, over: {plant.lag: [0.1, 0.2]}}")
+    monkeypatch.chdir(tmp_path)
+    spec = read_sweep(Path("sweep.yaml"))
+    kept = sweep_identity(spec, sweep_base(spec))
+    again = read_sweep(kept["spec"])
+    assert sweep_identity(again, sweep_base(again)) == kept
+
+
+def test_metrics_of_a_sweep_have_the_units_of_their_words(whole: Path) -> None:
+    """Breaks if --units us names metres as feet, or changes words and no numbers, in the table and the figures."""
+    table, _ = read_results(whole / "results.parquet")
+    assert shown_metrics(table).equals(table)
+    with displayed_in("us"):
+        assert metric_words(table, "position_error_max_m") == "position error, largest in ft"
+        found = shown_metrics(table)["position_error_max_m"] * 0.3048
+    assert np.allclose(found, table["position_error_max_m"], equal_nan=True)
 
 
 def test_two_sweeps_do_not_write_into_one_folder(whole: Path) -> None:

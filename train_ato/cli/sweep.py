@@ -73,12 +73,12 @@ def execute(options: argparse.Namespace) -> None:
 
 def _print(result: SweepResult, folder: SweepFolder, figures: dict[str, Path], metric: str, *, as_json: bool) -> None:
     """Print one line for every law or value of another list, and the files."""
-    from train_ato.studies.sweep.groups import grouped, inside, list_key, metric_words
+    from train_ato.studies.sweep.groups import grouped, inside, list_key, metric_words, shown_metrics
 
     words = metric_words(result.table, metric) if (result.table["status"] == "done").any() else metric
     key = list_key(result.spec)
     rows = []
-    for group in grouped(result.table, key):
+    for group in grouped(shown_metrics(result.table), key):
         kept = group.runs[inside(group.runs)]
         values = kept[metric].dropna() if metric in kept else kept["wall_s"].head(0)
         rows.append({

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from train_ato.judge.metric_names import METRICS, metric_heading
+from train_ato.program.display_units import display_unit, shown_name, symbol_in
 from train_ato.program.errors import InputError
 
 if TYPE_CHECKING:
@@ -76,4 +77,10 @@ def metric_words(table: pd.DataFrame, metric: str) -> str:
         raise ValueError(
             f"metric '{metric}': is no numeric column{close_match(metric, known)}; use one of: {', '.join(known)}"
         )
-    return metric_heading(metric) if metric in METRICS else metric
+    return shown_name(metric_heading(metric) if metric in METRICS else metric)
+
+
+def shown_metrics(table: pd.DataFrame) -> pd.DataFrame:
+    """Return a table of runs with its metrics in the units of display."""
+    factors = {key: display_unit(symbol_in(key))[1] for key in numeric_metrics(table)}
+    return table.assign(**{key: factor * table[key] for key, factor in factors.items() if factor != 1.0})

@@ -17,7 +17,7 @@ from train_ato.api.series_folder import SeriesFolder
 from train_ato.judge.metric_names import verdict_html
 from train_ato.log.versions import versions
 from train_ato.program.errors import check_packages, refusing
-from train_ato.studies.sweep.groups import ERROR_METRIC, NotDrawable
+from train_ato.studies.sweep.groups import ERROR_METRIC, NotDrawable, shown_metrics
 from train_ato.studies.sweep.row import Row, SweepBase, data_hash
 from train_ato.studies.sweep.spec import SweepSpec, read_sweep
 
@@ -31,10 +31,11 @@ RESULTS = "results.parquet"
 
 def sweep_identity(spec: SweepSpec, base: SweepBase) -> dict[str, Any]:
     """Return specification, hashes of scenario and code, and versions of a sweep."""
+    data = {**spec.data, "scenario": spec.scenario}  # the path of a file from everywhere
     return {
         "schema": SweepFolder.schema(),
-        "spec": {**spec.data, "scenario": spec.scenario},
-        "scenario": data_hash([base.data, spec.data], base.path.parent),
+        "spec": data,
+        "scenario": data_hash([base.data, data], base.path.parent),
         "code": base.source,
         "versions": versions(),
     }
@@ -184,7 +185,7 @@ class SweepResult:
         from train_ato.report.print_figures import shown_figure
         from train_ato.studies.sweep.robustness_map import box_plot
 
-        return shown_figure(box_plot(self.spec, self.table, metric), out)
+        return shown_figure(box_plot(self.spec, shown_metrics(self.table), metric), out)
 
     @refusing
     def plot_map(
@@ -208,7 +209,7 @@ class SweepResult:
         from train_ato.report.print_figures import shown_figure
         from train_ato.studies.sweep.robustness_map import robustness_map
 
-        return shown_figure(robustness_map(self.spec, self.table, metric, border), out)
+        return shown_figure(robustness_map(self.spec, shown_metrics(self.table), metric, border), out)
 
     @refusing
     def plot_pareto(self, metric: str = ERROR_METRIC, out: str | Path | None = None) -> Figure:
@@ -227,7 +228,7 @@ class SweepResult:
         from train_ato.report.print_figures import shown_figure
         from train_ato.studies.sweep.robustness_map import pareto_figure
 
-        return shown_figure(pareto_figure(self.table, metric, self.spec.title), out)
+        return shown_figure(pareto_figure(shown_metrics(self.table), metric, self.spec.title), out)
 
     def figures(self, out: str | Path, metric: str = ERROR_METRIC, border: str = "tracking") -> dict[str, Path]:
         """Write the figures that the design permits into a folder, and return their files by name."""
