@@ -14,8 +14,8 @@ from import_files import BRAKE, CRUISE, TOP, TRAIN, metro, recorded, refused, ta
 import train_ato
 from train_ato.api.import_csv import run as measured_run
 from train_ato.api.import_csv.columns import Column
+from train_ato.api.import_csv.run import _checked_pressure
 from train_ato.api.import_csv.samples import ColumnSamples
-from train_ato.api.import_csv.series import _checked_pressure
 from train_ato.cli.main import main
 from train_ato.profile.file import read_profile
 

@@ -16,7 +16,7 @@ from plant_sim.library import load_consist
 from plant_sim.traction import Envelope
 from train_ato.api.import_csv.columns import layout_names
 from train_ato.api.import_csv.layout import load_layout
-from train_ato.api.import_csv.series import series_of
+from train_ato.api.import_csv.run import series_of
 from train_ato.api.import_csv.table import column_name, is_units_row, moments
 from train_ato.api.importing import read_recorder
 from train_ato.cli.main import main

@@ -23,8 +23,7 @@ from plant_sim.formats.railml_collection import tag_of
 from plant_sim.formats.reading import ReadConsist, ReadLine, read_line, read_train
 from plant_sim.library import load_consist, load_line
 from train_ato.api.import_csv.recording import measured
-from train_ato.api.import_csv.run import measured_setup
-from train_ato.api.import_csv.series import series_of
+from train_ato.api.import_csv.run import measured_setup, series_of
 from train_ato.api.import_csv.smoothing import measured_profile
 from train_ato.api.import_csv.table import read_table
 

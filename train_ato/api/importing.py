@@ -13,9 +13,8 @@ from plant_sim.line import ENDING, Line
 from train_ato.api.import_csv.columns import MAX_GAP
 from train_ato.api.import_csv.layout import RecorderLayout, add_notch_force, load_layout
 from train_ato.api.import_csv.recording import Measured, measured, place_notes
-from train_ato.api.import_csv.run import measured_result, measured_setup, write_messages
+from train_ato.api.import_csv.run import measured_result, measured_setup, series_of, write_messages
 from train_ato.api.import_csv.samples import sort_rows
-from train_ato.api.import_csv.series import series_of
 from train_ato.api.import_csv.smoothing import MAX_WINDOW, measured_profile, window_of
 from train_ato.api.import_csv.table import CsvTable, read_table, titles_of
 from train_ato.api.progress import activity, progress_bar

@@ -49,7 +49,6 @@ def execute(options: argparse.Namespace) -> None:
     """Run the scenario with every law in the engine, and compare."""
     from train_ato.api.compare import compare
     from train_ato.api.scenario_choice import choose_scenario
-    from train_ato.judge.verdict import unmet_requirements
     from train_ato.log.run_folder import RunFolder
 
     laws = listed(options.laws, "--laws", "law") or None
@@ -79,12 +78,19 @@ def execute(options: argparse.Namespace) -> None:
         print_comparison(result, None, as_json=options.json)
         raise
     print_comparison(result, folder.path, as_json=options.json)
+    _tell_failures([(law.label, row) for law, row in zip(result.laws, result.rows, strict=True)], options, laws)
+
+
+def _tell_failures(runs: list[tuple[str, dict[str, Any]]], options: argparse.Namespace, laws: list[str] | None) -> None:
+    """Raise RunFailed for failed runs, for refused laws that were named and, with ``--strict``, for unmet criteria."""
+    from train_ato.judge.verdict import unmet_requirements
+
     ends = ("failed",) if laws is None else ("failed", "refused")
-    failures = [f"{law.label}: {law.reason}" for law in result.laws if law.status in ends]
+    texts = [f"{run}: {row.get('reason', '')}" for run, row in runs if row["status"] in ends]
     if options.strict:
-        failures += [f"{law.label}: {unmet}" for law in result.laws if (unmet := unmet_requirements(law.metrics))]
-    if failures:
-        raise RunFailed("; ".join(failures))
+        texts += [f"{run}: {unmet}" for run, row in runs if (unmet := unmet_requirements(row))]
+    if texts:
+        raise RunFailed("; ".join(texts))
 
 
 STANDINGS: tuple[tuple[str, str], ...] = (
@@ -127,15 +133,9 @@ def _leaderboard(options: argparse.Namespace, choices: list[ScenarioChoice], law
     else:
         print_table(lines[0], lines[2:], title, [key for key, _ in STANDINGS])
         sys.stdout.write(f"leaderboard and all metrics in {folder.path}\n")
-    from train_ato.judge.verdict import unmet_requirements
-
-    ends = ("failed",) if laws is None else ("failed", "refused")
-    runs = [(f"{row['scenario']}, seed {row['seed']}: {row['controller']}", row) for part in found for row in part]
-    texts = [f"{run}: {row['reason']}" for run, row in runs if row["status"] in ends]
-    if options.strict:
-        texts += [f"{run}: {unmet}" for run, row in runs if (unmet := unmet_requirements(row))]
-    if texts:
-        raise RunFailed("; ".join(texts))
+    every = [row for part in found for row in part]
+    runs = [(f"{row['scenario']}, seed {row['seed']}: {row['controller']}", row) for row in every]
+    _tell_failures(runs, options, laws)
 
 
 def _write_standings(

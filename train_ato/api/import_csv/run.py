@@ -1,6 +1,7 @@
-"""Conversion of a measured run to scenario, messages of every tick, and summary."""
+"""Conversion of a measured run: values at the ticks, scenario, messages of every tick, and summary."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -8,21 +9,319 @@ import numpy as np
 
 from plant_sim.consist import Consist
 from plant_sim.library import load_consist, split_name
-from train_ato.api.import_csv.recording import Measured
+from plant_sim.line import Line
+from plant_sim.units import number_text
+from train_ato.api.import_csv.recording import STANDSTILL_NOISE, Measured
 from train_ato.api.import_csv.samples import ColumnSamples
-from train_ato.api.import_csv.series import MeasuredSeries
 from train_ato.judge.metrics import differences, summarise
 from train_ato.judge.recording_builder import RecordingBuilder
 from train_ato.judge.result import RunResult, identity
 from train_ato.loop.engine import Sink
 from train_ato.loop.stage_messages import diagnostics_due
-from train_ato.messages.types import Command, Diagnostic, DisturbanceEstimate, Measurement, Pipe, Reference, Tick
+from train_ato.messages.types import Array, Command, Diagnostic, DisturbanceEstimate, Measurement, Pipe, Reference, Tick
 from train_ato.profile.file import csv_text
 from train_ato.profile.profile import Profile, limits_of, trajectory_of
 from train_ato.program.version import VERSION
 from train_ato.scenario.scenario import check_scenario
 from train_ato.scenario.scenario_files import SCHEMA
 from train_ato.scenario.setup import RunSetup, prepare
+
+MAX_FORCE_RATIO = 3.0
+"""Maximum force relative to the envelope; larger ones have a wrong unit."""
+
+WORK_NOTE, WORK_BRAKED, WORK_REFUSED = (0.63, 1.45), (0.4, 2.5), (0.1, 10.0)
+"""Work of the force over the energy that the train needs, outside of which there is a note (also where the train brakes
+in between), and an error of the unit. A speed in mph that is read as km/h has 1.6."""
+MIN_FORCE, REFERENCE = 0.01, (0.4, 2.5)
+"""Force over the brake envelope, and reference over measured speed, of a probably wrong unit."""
+BRAKING, BRAKED_SHARE = 0.3, 0.2
+"""Deceleration [m/s²], and share of the work of the traction during it, that a note names."""
+LATE, LATEST, FITS = 4, 30, 0.5
+"""Shift of the force against the speed that is noted and the largest one tried [s], and the part of the mismatch that
+it may leave."""
+CHARGED = (0.7, 1.5)
+"""Largest brake-pipe pressure over that of the charged pipe, outside of which a note names the unit."""
+MIN_WORK = 1e5
+"""Energy below which the work is not checked [J]."""
+KWH = 3.6e6
+ATMOSPHERE = 101.325e3
+"""Difference between an absolute and a gauge pressure [Pa]."""
+
+
+@dataclass(frozen=True)
+class MeasuredSeries:
+    """Measured run at k ticks for u power units, in SI.
+
+    Attributes
+    ----------
+    position, velocity, applied, command : Array, shape (k, u)
+        States and forces of every power unit.
+    reference_velocity, reference_acceleration : Array, shape (k,)
+        Recorded reference; otherwise the profile.
+    pressure : Array or None, shape (k,)
+        Brake-pipe pressure.
+    traction, regenerated : Array, shape (k,)
+        Energy up to the tick [J].
+    commanded, referenced : bool
+        True if demand and reference were recorded.
+    """
+
+    time: Array
+    position: Array
+    velocity: Array
+    applied: Array
+    command: Array
+    reference_velocity: Array
+    reference_acceleration: Array
+    pressure: Array | None
+    traction: Array
+    regenerated: Array
+    commanded: bool
+    referenced: bool
+
+
+def series_of(found: Measured, setup: RunSetup) -> MeasuredSeries:
+    """Return the measured run at the ticks, by linear interpolation.
+
+    A total force is distributed equally over the power units.  Without a recorded demand the command is the force at
+    the wheel; without a recorded reference it is the profile.
+
+    Raises
+    ------
+    ValueError
+        If a force is too large for the train, or the brake pipe or the force is missing.
+    """
+    if not found.force:
+        raise ValueError(
+            f"{found.table.path}: no force column; name one force_kn, or import only the profile with --profile-only"
+        )
+    if found.pressure is not None and not setup.layout.air_brake:
+        title = found.pressure.column.title
+        raise ValueError(
+            f"{found.table.path}: column '{title}': train '{setup.consist.name}' has no air brake; remove it with "
+            f"--ignore '{title}'"
+        )
+    if found.pressure is not None and setup.consist.air_brake is not None:
+        found.notes += [_checked_pressure(found.pressure, setup.consist.air_brake.charged, found.table.path)]
+    _check_forces(found, setup)
+    _check_work(found, setup)
+    _note_units(found, setup)
+    _note_shift(found, setup)
+    units = setup.layout.n_units
+    time: Array = np.asarray(setup.tick * np.arange(setup.ticks + 1), dtype=np.float64)
+    front = setup.profile.position[: time.size]
+    offsets = setup.model.offsets
+    velocity = [found.unit_speed.get(unit, found.speed).at(time) for unit in range(units)]
+    position = [
+        found.unit_position[unit].at(time)
+        if unit in found.unit_position
+        else _centre(found, time, front) - offsets[unit]
+        for unit in range(units)
+    ]
+    applied = _of_units(found.force, time, units)
+    v, f = np.stack(velocity, axis=1), np.stack(applied, axis=1)
+    power = (v * f).sum(axis=1)
+    reference = found.reference_speed
+    kept = reference.at(time) if reference is not None else setup.profile.velocity[: time.size]
+    return MeasuredSeries(
+        time=time,
+        position=np.stack(position, axis=1),
+        velocity=v,
+        applied=f,
+        command=np.stack(_of_units(found.command, time, units), axis=1) if found.command else f,
+        reference_velocity=kept,
+        reference_acceleration=np.gradient(kept, setup.tick)
+        if reference is not None
+        else setup.profile.acceleration[: time.size],
+        pressure=found.pressure.at(time) if found.pressure is not None else None,
+        traction=_sum(np.maximum(power, 0.0), setup.tick),
+        regenerated=_sum(np.maximum(-power, 0.0), setup.tick),
+        commanded=bool(found.command),
+        referenced=reference is not None,
+    )
+
+
+def _centre(found: Measured, time: Array, front: Array) -> Array:
+    """Return the recorded position of vehicle 0, or else that of the profile."""
+    return found.position.at(time) if found.position is not None else front
+
+
+def _of_units(samples: dict[int | None, ColumnSamples], time: Array, units: int) -> list[Array]:
+    whole = samples.get(None)
+    if whole is not None:
+        return [whole.at(time) / units] * units
+    return [samples[unit].at(time) for unit in range(units)]
+
+
+def _sum(power: Array, tick: float) -> Array:
+    return np.concatenate(([0.0], np.cumsum((power[1:] + power[:-1]) / 2 * tick)))
+
+
+def _check_forces(found: Measured, setup: RunSetup) -> None:
+    """Check the forces against the envelopes of the train, to detect wrong units."""
+    grid = np.linspace(0.0, max(1.0, float(found.speed.values.max())), 50)
+    limits = [setup.model.force_limits(np.full(setup.layout.n_units, speed)) for speed in grid]
+    most = np.max([np.maximum(np.abs(low), np.abs(high)) for low, high in limits], axis=0)
+    for group in (found.force, found.command):
+        for unit, samples in group.items():
+            bound = MAX_FORCE_RATIO * float(most.sum() if unit is None else most[unit])
+            wrong = np.flatnonzero(np.abs(samples.values) > bound)
+            if wrong.size:
+                place = int(wrong[0])
+                value = samples.values[place]
+                raise found.table.wrong(
+                    int(samples.rows[place]),
+                    samples.column,
+                    f"{number_text(value / 1e3)} kN is {abs(value) / bound * MAX_FORCE_RATIO:.1f} times the maximum "
+                    f"of train '{setup.consist.name}'; check the unit in the column name",
+                )
+
+
+def _check_work(found: Measured, setup: RunSetup) -> None:
+    """Compare the work of the force with the energy of the train over its largest gain of speed.
+
+    The train needs its kinetic energy, the work of its running resistance, and the potential energy of the line. Mass
+    and line may differ from those of the day, so a small difference is a note.
+    """
+    vehicles, gravity = setup.consist.vehicles, setup.consist.gravity
+    time, speed = found.speed.time, found.speed.values
+    standing = speed < STANDSTILL_NOISE  # the least speed is that of the last standstill, not of the least noise
+    kinetic = 0.5 * sum(vehicle.inertia for vehicle in vehicles) * np.where(standing, 0.0, speed) ** 2
+    gain = kinetic - np.minimum.accumulate(kinetic)
+    last = int(np.argmax(gain))
+    first = last - int(np.argmin(kinetic[: last + 1][::-1]))
+    steps = np.diff(time[first : last + 1])
+    if not steps.size:
+        return
+
+    def work(force: Array) -> float:
+        power = force * speed[first : last + 1]
+        return float((steps * (power[1:] + power[:-1]) / 2).sum())
+
+    moments = time[first : last + 1]
+    force = np.sum(
+        [samples.at(moments) for samples in found.force.values()] if None not in found.force
+        else [found.force[None].at(moments)], axis=0,
+    )  # fmt: skip
+    terms = np.sum([vehicle.resistance.polynomial(vehicle.mass, gravity) for vehicle in vehicles], axis=0)
+    v = speed[first : last + 1]
+    place = np.interp(moments, setup.profile.time, setup.profile.position)
+    climbed = setup.consist.mass * gravity * _height(setup.line, place[0], place[-1])
+    needed = (
+        float(gain[last]) + work(terms[0] + terms[1] * v + terms[2] * v**2) + max(climbed, -0.5 * float(gain[last]))
+    )
+    ratio = work(np.maximum(force, 0.0)) / needed
+    usual = WORK_BRAKED if (np.diff(v) < -BRAKING * steps).any() else WORK_NOTE
+    if needed < MIN_WORK or usual[0] <= ratio <= usual[1]:
+        return
+    samples = next(iter(found.force.values()))
+    title, against = samples.column.title, work(np.maximum(-force, 0.0))
+    remedy = f"check the units of '{title}' and '{found.speed.column.title}'"
+    if against > WORK_BRAKED[0] * needed:
+        remedy = f"it does {number_text(against / KWH)} kWh with the other sign: traction is > 0, correct the signs"
+    elif WORK_BRAKED[0] <= 1e3 * ratio * samples.column.factor <= WORK_BRAKED[1]:
+        remedy += f", --rename '{title}:=force_kn' for kN"
+    lines = [int(found.table.lines[found.speed.rows[row]]) for row in (first, last)]
+    text = (
+        f"the force does {number_text(ratio * needed / KWH)} kWh up to line {lines[1]}, where train "
+        f"'{setup.consist.name}' needs {number_text(needed / KWH)} kWh for its speed and resistance; {remedy}, or "
+        "the mass of --train"
+    )
+    row = int(found.speed.rows[first])
+    if WORK_REFUSED[0] <= ratio <= WORK_REFUSED[1]:
+        found.notes.append(found.table.at(row, samples.column, text))
+        return
+    raise found.table.wrong(row, samples.column, text)
+
+
+def _note_units(found: Measured, setup: RunSetup) -> None:
+    """Note a brake force, a demand or a reference far from the train, and traction while it brakes.
+
+    A wrong unit of one of them leaves the speed, the places and the work of the traction plausible.
+    """
+    speed = found.speed
+    low, _ = setup.model.force_limits(np.full(setup.layout.n_units, 0.5 * float(speed.values.max())))
+    brake = float(np.abs(low).sum())
+    for group, sign, what in (
+        (found.force, -1.0, "brake"),
+        (found.command, -1.0, "brake"),
+        (found.command, 1.0, "traction"),
+    ):
+        first = next(iter(group.values()), None)
+        most = sum(float((sign * samples.values).max()) for samples in group.values())
+        if first is not None and 0.0 < most < MIN_FORCE * brake:
+            column = (sign < 0 and group is found.force and found.table.find("brake_force")) or first.column
+            found.notes.append(
+                f"{column.title}: {what} of at most {number_text(most / 1e3)} kN, a hundredth of the train's "
+                f"{number_text(brake / 1e3)} kN or less; check the unit in the column name"
+            )
+    if (reference := found.reference_speed) is not None:
+        ratio = float(reference.values.max()) / float(speed.values.max())
+        if not REFERENCE[0] <= ratio <= REFERENCE[1]:
+            found.notes.append(
+                f"{reference.column.title}: at most {number_text(3.6 * reference.values.max())} km/h, the train runs "
+                f"{number_text(3.6 * speed.values.max())} km/h; check the unit in the column name"
+            )
+    force = np.sum([samples.at(speed.time) for samples in found.force.values()], axis=0)
+    power = np.maximum(force * speed.values, 0.0)[1:] * np.diff(speed.time)
+    braking = np.diff(speed.values) / np.diff(speed.time) < -BRAKING
+    if power[braking].sum() > BRAKED_SHARE * power.sum() > 0.0:
+        row = int(np.flatnonzero(braking & (power > 0.0))[0]) + 1
+        found.notes.append(
+            found.table.at(
+                int(speed.rows[row]), next(iter(found.force.values())).column,
+                f"{100 * power[braking].sum() / power.sum():.0f} % of the work of the traction is done while "
+                "the train brakes; a brake force is < 0, or in a column brake_force_kn",
+            )
+        )  # fmt: skip
+
+
+def _note_shift(found: Measured, setup: RunSetup) -> None:
+    """Note a traction that fits to speed and line at another time only: two recorders, or two clocks."""
+    time = np.arange(0.0, float(found.speed.time[-1]) + 1.0)
+    if time.size <= LATEST:
+        return
+    speed, front = found.speed.at(time), np.interp(time, setup.profile.time, setup.profile.position)
+    resisting = np.where(speed > STANDSTILL_NOISE, setup.model.resisting_forces(front, speed), 0.0)
+    force = np.sum([samples.at(time) for samples in found.force.values()], axis=0)
+    needed, given = (
+        np.convolve(np.maximum(entry, 0.0), np.full(LATE + 1, 1.0 / (LATE + 1)), "same")  # coarse speeds have no rate
+        for entry in (setup.model.inertia * np.gradient(speed) + resisting, force)
+    )
+    padded = np.pad(given, LATEST)
+    errors = [float(np.square(padded[k : k + time.size] - needed).mean()) for k in range(2 * LATEST + 1)]
+    late = int(np.argmin(errors)) - LATEST
+    if abs(late) >= LATE and min(errors) < FITS**2 * errors[LATEST]:
+        title = next(iter(found.force.values())).column.title
+        found.notes.append(
+            f"{title}: fits to the speed {abs(late)} s {'later' if late < 0 else 'earlier'} (mean mismatch "
+            f"{number_text(min(errors) ** 0.5 / 1e3, 3)} kN, as recorded {number_text(errors[LATEST] ** 0.5 / 1e3, 3)}"
+            " kN); check the clocks of the columns"
+        )
+
+
+def _height(line: Line, begin: float, end: float) -> float:
+    """Return the height of a place of a line above another [m]."""
+    places = [entry.at for entry in line.rounded_grades]
+    ends = [*places[1:], max(end, *places)] if places else []
+    return sum(
+        entry.grade * max(0.0, min(stop, end) - max(entry.at, begin))
+        for entry, stop in zip(line.rounded_grades, ends, strict=True)
+    )
+
+
+def _checked_pressure(pressure: ColumnSamples, charged: float, path: Path) -> str:
+    """Return the note on a recorded brake-pipe pressure; refuse one that is never charged by one atmosphere."""
+    title, highest = pressure.column.title, float(pressure.values.max())
+    text = f"at most {number_text(highest / 1e3, 4)} kPa, {number_text(charged / 1e3)} kPa are charged"
+    if abs(charged - highest - ATMOSPHERE) < 0.3 * ATMOSPHERE:
+        raise ValueError(
+            f"{path}: column '{title}': {text}: probably a gauge pressure; the absolute one is read: add 101.3 kPa "
+            f"(1.013 bar, 14.7 psi) in the file, or remove it with --ignore '{title}'"
+        )
+    doubt = "" if CHARGED[0] <= highest / charged <= CHARGED[1] else "; check the unit in the column name"
+    return f"{title}: absolute pressure, {text}{doubt}"
+
 
 MAX_STEP = 0.005
 """Maximum plant step of the scenario [s]."""

@@ -55,22 +55,18 @@ def gain_tasks(
     part: str,
     seeds: Sequence[int] | None,
     variations: Sequence[Mapping[str, Any]] = (),
-    *,
-    observer: Any = None,
-    compensation: Any = None,
+    **parts: Any,
 ) -> list[GainTask]:
-    """Return a task for every scenario, seed and variation; the first variation is none."""
+    """Return a task for every scenario, seed and variation, the first one none; ``parts``: observer, compensation."""
     tasks = []
     for choice in choices:
         for seed in seeds or (None,):
             for variation in ({}, *variations):
                 changed = choice.changed(dict(variation), seed)
-                scenario = put_components(
-                    changed.checked, law=law, observer=observer, compensation=compensation, importable=False
-                )
-                parts = [choice.name, *([f"seed {seed}"] if seed is not None else [])]
-                parts += [f"{key}={value}" for key, value in variation.items()]
-                tasks.append(GainTask(", ".join(parts), part, changed, scenario))
+                scenario = put_components(changed.checked, law=law, importable=False, **parts)
+                words = [choice.name, *([f"seed {seed}"] if seed is not None else [])]
+                words += [f"{key}={value}" for key, value in variation.items()]
+                tasks.append(GainTask(", ".join(words), part, changed, scenario))
     return tasks
 
 
@@ -96,39 +92,28 @@ class GainRunner:
             self._setups[index] = self._tasks[index].choice.prepare(self._tasks[index].scenario)
         return self._setups[index]
 
-    def reference(self, index: int) -> dict[str, Any]:
-        """Return the metrics of a task with the law and the gains of the scenario."""
-        return self._run(self._tasks[index].choice.prepare())
-
-    def run(self, index: int, gains: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the metrics of a task; ``status`` is ``refused`` if the law refuses the gains.
-
-        Raises
-        ------
-        KeyboardInterrupt
-            After Ctrl-C during the run.
-        """
+    def _setup_with(self, index: int, gains: Mapping[str, Any]) -> RunSetup:
+        """Return the run of a task with other gains."""
         setup = self.setup(index)
         name = setup.controller
         blocks = {**setup.scenario.laws, name: {**setup.scenario.laws.get(name, {}), **gains}}
-        changed = dataclasses.replace(setup, scenario=setup.scenario.model_copy(update={"laws": blocks}))
-        try:
-            changed.law(name)
-        except ValueError as error:
-            return {"status": "refused", "failure": str(error)}
-        return self._run(changed)
+        return dataclasses.replace(setup, scenario=setup.scenario.model_copy(update={"laws": blocks}))
 
     def __call__(self, work: Work) -> dict[str, Any]:
-        """Return the metrics of one run; an error that is no refusal is in ``failure``, as one line."""
+        """Return the metrics of one run; ``failure`` has an error, also that of gains with the status ``refused``."""
         index, gains = work
         try:
-            return self.reference(index) if gains is None else self.run(index, gains)
+            if gains is None:
+                setup = self._tasks[index].choice.prepare()
+            else:
+                setup = self._setup_with(index, gains)
+                try:
+                    setup.law(setup.controller)
+                except ValueError as error:
+                    return {"status": "refused", "failure": str(error)}
+            return run_engine(setup, summary_only=True).summary
         except Exception as error:
             return lost_run(f"{type(error).__name__}: {error}")
-
-    @staticmethod
-    def _run(setup: RunSetup) -> dict[str, Any]:
-        return run_engine(setup, summary_only=True).summary
 
 
 KEYS = ("over", "start", "variations")

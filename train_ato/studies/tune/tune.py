@@ -269,16 +269,15 @@ class TunePlan:
     def _scales(self, run: RunWorks) -> list[dict[str, float]]:
         """Return the scales of every task, from its criteria and its reference run."""
         references = run([(index, None) for index in range(len(self.tasks))])
+        scales = []
         for task, metrics in zip(self.tasks, references, strict=True):
             if metrics.get("speed_rmse_kmh") is None:
                 reason = metrics.get("failure", metrics.get("status"))
                 raise RunFailed(
                     f"{task.label}: the run with law '{task.choice.checked.law}' of the scenario failed: {reason}"
                 )
-        return [
-            scales_of(task.choice.checked.criteria, metrics)
-            for task, metrics in zip(self.tasks, references, strict=True)
-        ]
+            scales.append(scales_of(task.choice.checked.criteria, metrics))
+        return scales
 
     def _keep(self, found: Sequence[GainCandidate], generation: int, folder: Path | None) -> None:
         """Store the candidates of a generation and append them to the history file."""
