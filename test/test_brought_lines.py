@@ -168,6 +168,19 @@ def gpx(points: list[list[float]], stations: dict[str, list[float]]) -> str:
     )
 
 
+@pytest.mark.parametrize("length", [1490.3, 1494.9, 1495.1, 1499.7])
+@pytest.mark.parametrize("grade", [0.0, 0.012])
+def test_a_steady_grade_high_above_the_sea_is_steady_up_to_the_end(tmp_path: Path, length: float, grade: float) -> None:
+    """Breaks if the average of the last heights lacks some metres: 63 per mille on a level track at 500 m."""
+    way = np.linspace(0.0, length, 21)
+    points = [
+        [11.0 + math.degrees(x * EAST / math.cos(math.radians(48))), 48.0, 500.0 + grade * x] for x in way.tolist()
+    ]
+    line = load_line(written(tmp_path / "high.gpx", gpx(points, {})))
+    assert line.end == pytest.approx(length, abs=1e-3)
+    assert [entry.grade for entry in line.grades] == pytest.approx([grade] * 15, abs=2e-5)
+
+
 @pytest.mark.parametrize("form", ["gpx", "geojson"])
 @pytest.mark.parametrize("noise", [0.0, 1.5])
 def test_a_track_with_heights_by_hand(tmp_path: Path, form: str, noise: float, capsys) -> None:

@@ -215,9 +215,10 @@ def _grades(at: Any, heights: list[float | None], place: str) -> list[dict[str, 
         print_assumption(f"{place}: {len(heights) - len(known)} points without height; linear between the others")
     count = math.ceil(float(at[-1]) / STRETCH)
     knots = np.linspace(0.0, float(at[-1]), count + 1)
-    fine = np.arange(0.0, float(at[-1]) + 5.0, 10.0)
-    level = np.interp(fine, at[known], np.array([heights[k] for k in known], dtype=float))
-    whole = np.concatenate(([0.0], np.cumsum((level[1:] + level[:-1]) / 2 * 10.0)))
+    fine = np.append(np.arange(0.0, float(at[-1]), 10.0), at[-1])
+    height = np.array([heights[k] for k in known], dtype=float)
+    level = np.interp(fine, at[known], height - height[0])
+    whole = np.concatenate(([0.0], np.cumsum((level[1:] + level[:-1]) / 2 * np.diff(fine))))
     # The window is symmetric and ends at the ends of the track, where it keeps the height of the first and last point.
     half = np.minimum(WINDOW / 2, np.minimum(knots, at[-1] - knots))
     wide = np.maximum(half, 1.0)
