@@ -397,7 +397,7 @@ def test_a_plant_that_waits_says_for_whom(number: signal.Signals, terminals: Ter
     [
         ("controller", ["--scenario=demo", "--ros-args", "-p", "pid.kpp:=1.0"], "pid.kpp: node controller has none"),
         ("observer", ["--scenario=demmo"], "unknown scenario 'demmo'; did you mean 'demo'?"),
-        ("recorder", ["--scenario=demo", "--out=/proc/nowhere"], "/proc/nowhere"),
+        ("recorder", ["--scenario=demo", "--out=/proc/nowhere"], "--out /proc/nowhere: cannot be made (No such file"),
         ("plant", ["--scenario=demo", "--rate=-1"], "--rate: -1: not a rate"),
         ("profile", [], "--scenario"),
     ],

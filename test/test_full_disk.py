@@ -134,6 +134,7 @@ def test_a_log_that_cannot_go_on_is_named(way: str, tmp_path: Path) -> None:
     done = run(200_000, "run", "demo", *options, "--out", str(folder / "run"))
     assert done.returncode == 1
     (line,) = [line for line in done.stderr.splitlines() if line.startswith("train-ato:")]
+    assert line.startswith("train-ato: node recorder failed: ")
     assert "run.mcap.partial: writing failed" in line and "recover" in line
     assert (folder / "run" / "run.mcap.partial").is_file()
 

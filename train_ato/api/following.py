@@ -140,7 +140,7 @@ def run_following(
     for number, train in enumerate(spec.trains):
         setup = preparation.setup(number, reports)
         try:
-            run = drive(setup, run_mode, out=None if place is None else place / train.name, shown=shown)
+            run = drive(setup, run_mode, out=None if place is None else place / train.name, shown=shown, option="--out")
         except RunFailed as error:
             if not error.printed:
                 error.args = (f"train {train.name}: {error}", *error.args[1:])

@@ -21,6 +21,12 @@ Entry = tuple[int, int, int, bytes]
 """Channel, publish time and log time [ns since 1970], CDR bytes."""
 
 
+class Unwritten(OSError):
+    """Failure to write a log. The node that it names is the recorder, whatever stage of the engine has written."""
+
+    node = "recorder"
+
+
 class ChunkThread:
     """Thread-safe receiver of messages; a killed process loses the open chunk and the one in compression.
 
@@ -171,7 +177,7 @@ class ChunkThread:
         """Raise the failure of the file, if there is one."""
         if self.failure is not None:
             self._raised = True
-            raise OSError(self.failure)
+            raise Unwritten(self.failure)
 
     def _give_up(self, error: Exception) -> None:
         """Store the failure and close the file without further writing."""

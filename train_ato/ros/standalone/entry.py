@@ -173,7 +173,10 @@ def _run(
         timeout = LOCKSTEP_TIMEOUT_S if lockstep else FREE_TIMEOUT_S
     folder: Path | None = getattr(options, "out", None)
     if folder is not None:
-        folder.mkdir(parents=True, exist_ok=True)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ValueError(f"--out {folder}: cannot be made ({error.strerror}); name a writable place") from None
     joined = begin_stamp(stopped, notices) if options.restarted else None
     if options.restarted and joined is None:  # the run has ended before
         sys.stdout.write(f"{LAST_COUNT}:0\n")
