@@ -13,6 +13,7 @@ from plant_sim.formats.writing import own_yaml, ttobench_json
 from plant_sim.library import consist_names, line_names, named_line, named_train, split_name
 from train_ato.log.whole_file import write_whole
 from train_ato.program.arguments import check_new_file
+from train_ato.program.errors import refused_unwritten
 
 OWN, JSON = (".yaml", ".yml"), ".json"
 LINES = {
@@ -67,13 +68,6 @@ def convert(source: str | Path, out: str | Path) -> dict[str, Any]:
         write = LINES.get(target.suffix.lower())
         text, lost = (own_yaml(read.line), ()) if write is None else write(read.line)
         left_out = (*read.left_out, *lost)
-    _write(target, text)
-    return {"kind": kind, "name": name, "format": form, "file": str(out), "left_out": list(left_out)}
-
-
-def _write(target: Path, text: str) -> None:
-    """Write a whole file, or none."""
-    try:
+    with refused_unwritten(f"OUT {target}"):
         write_whole(target, text)
-    except OSError as error:
-        raise ValueError(f"OUT {target}: cannot be written ({error.strerror}); choose another place") from None
+    return {"kind": kind, "name": name, "format": form, "file": str(out), "left_out": list(left_out)}

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from train_ato.cli.screen import print_result
 from train_ato.program.arguments import add_option
+from train_ato.program.errors import refused_unwritten
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -39,9 +40,7 @@ def execute(options: argparse.Namespace) -> None:
         if options.plotjuggler
         else foxglove_layout(log, studio_1=options.studio, scene=options.scene)
     )
-    try:
+    with refused_unwritten(target, "name a writable place"):
         write_whole(target, text)
-    except OSError as error:
-        raise ValueError(f"{target}: cannot be written ({error.strerror}); name a writable place") from None
     data = {"run": str(options.run), "layout": str(target), "topics": sorted(log.names.values())}
     print_result(data, f"{target}\n", as_json=options.json)

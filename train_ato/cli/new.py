@@ -33,6 +33,7 @@ def execute(options: argparse.Namespace) -> None:
     from train_ato.cli.screen import print_result
     from train_ato.log.whole_file import write_whole
     from train_ato.program.arguments import check_new_file
+    from train_ato.program.errors import refused_unwritten
 
     if not re.fullmatch(r"[a-z][a-z0-9_]*", options.name):
         form = "begin with a lower-case letter, then letters, digits and _"
@@ -43,10 +44,8 @@ def execute(options: argparse.Namespace) -> None:
     if options.kind in CODE_KINDS and (iskeyword(options.name) or _is_module(options.name)):
         raise ValueError(f"NAME {options.name}: Python has this word or module already; choose another name")
     for path, text in texts.items():
-        try:
+        with refused_unwritten(path, "choose another folder"):
             write_whole(path, text)
-        except OSError as error:
-            raise ValueError(f"{path}: cannot be written ({error.strerror}); choose another folder") from None
     text = "".join(f"{path}\n" for path in texts) + f"next: {following}\n"
     print_result({"files": [str(path) for path in texts], "next": following}, text, as_json=options.json)
 

@@ -34,6 +34,7 @@ from train_ato.log.reading import WALL_TIME, WallTime
 from train_ato.log.whole_file import write_whole
 from train_ato.messages.codec import Wire
 from train_ato.messages.topics import EPOCH_NS, TOPICS, TickBlock, Topic
+from train_ato.program.errors import refused_unwritten
 
 CHUNK = 512 * 1024
 """Size at which a chunk is closed [bytes]; a killed run loses at most two chunks, 1 MiB."""
@@ -82,10 +83,8 @@ class LogFile:
         for taken in (self.path, self._partial):
             if taken.exists():
                 raise ValueError(f"{taken}: exists already; name another output folder")
-        try:
+        with refused_unwritten(self._partial, "name a writable folder"):
             self._raw = self._partial.open("xb", buffering=0)
-        except OSError as error:
-            raise ValueError(f"{self._partial}: cannot be written ({error.strerror}); name a writable folder") from None
         with suppress(OSError):  # a file system without locks
             fcntl.flock(self._raw, fcntl.LOCK_EX | fcntl.LOCK_NB)
         self._stream = io.BufferedWriter(self._raw, 1 << 16)

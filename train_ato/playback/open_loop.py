@@ -224,11 +224,6 @@ def draw_open_loop(result: OpenLoop, title: str, recorded: str, replayed: str, p
         Names of the two outputs.
     path
         File of the figure; its suffix selects the format.
-
-    Raises
-    ------
-    ValueError
-        If the file cannot be written.
     """
     pipe = any(demand.size > 0 and np.ptp(demand) > 0 for demand in (result.recorded_pipe, result.replayed_pipe))
     panels = 4 if pipe else 3

@@ -2,7 +2,6 @@
 
 import csv
 import io
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,7 @@ from plant_sim.si_model import SiModel
 from plant_sim.units import Place, Speed, Time
 from train_ato.messages.types import Array
 from train_ato.profile.profile import Profile, hermite, knot_count
+from train_ato.program.errors import refused_unwritten
 
 SCHEMA = "train_ato/profile/1"
 MAX_FILE = 256 * 2**20
@@ -214,12 +214,8 @@ def write_profile(profile: Profile, path: Path, source: str = "") -> None:
         text = csv_text(profile, source)
     else:
         raise ValueError(f"{path}: unknown ending; use .csv or .yaml")
-    try:
+    with refused_unwritten(path, left=path):
         path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        with suppress(OSError):
-            path.unlink()
-        raise ValueError(f"{path}: cannot be written ({error.strerror}); choose another place") from None
 
 
 class Point(SiModel):

@@ -10,6 +10,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
+from train_ato.program.errors import refused_unwritten
+
 BAD_INPUT = 2
 """Exit status of a command refused before its start."""
 OPTIONS_OF_PLAN = "options of plan"
@@ -216,8 +218,6 @@ def check_new_file(path: Path, endings: Sequence[str], option: str = "--out") ->
         raise ValueError(f"{option} {path}: exists already; name a file that does not")
     if not path.parent.is_dir():
         raise ValueError(f"{option} {path}: folder '{path.parent}' does not exist; create it or choose another")
-    try:
+    with refused_unwritten(f"{option} {path}"):
         path.open("xb").close()
         path.unlink()
-    except OSError as error:
-        raise ValueError(f"{option} {path}: cannot be written ({error.strerror}); choose another place") from None

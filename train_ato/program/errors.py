@@ -1,8 +1,8 @@
 """First failure of a run: node and reason in one line, traceback in a file."""
 
 import traceback
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from functools import wraps
 from importlib.util import find_spec
 from pathlib import Path
@@ -53,6 +53,18 @@ class RunFailed(Error):
 
 class RunInterrupted(RunFailed, KeyboardInterrupt):
     """End of a run by Ctrl-C; ``run`` is its record up to the end."""
+
+
+@contextmanager
+def refused_unwritten(place: object, remedy: str = "choose another place", left: Path | None = None) -> Iterator[None]:
+    """Refuse a place to which the block cannot write, with a remedy, and remove the incomplete file ``left``."""
+    try:
+        yield
+    except OSError as error:
+        if left is not None:
+            with suppress(OSError):
+                left.unlink()
+        raise ValueError(f"{place}: cannot be written ({error.strerror}); {remedy}") from None
 
 
 def missing_packages(*modules: str) -> str:

@@ -24,13 +24,7 @@ SHORT_LINE_KM = 1.0
 
 @styled(SHEET_SIZE)
 def draw_plan(plan: Plan, path: Path) -> None:
-    """Draw a plan as PNG, PDF or SVG.
-
-    Raises
-    ------
-    ValueError
-        If the file cannot be written.
-    """
+    """Draw a plan as PNG, PDF or SVG."""
     figure = Figure(figsize=(11, 8.5), dpi=110, layout="constrained")
     speed, force, grade = figure.subplots(3, 1, sharex=True, height_ratios=(3, 2, 1.4))
     span = plan.arrivals[-1][0] - plan.arrivals[0][0]
@@ -95,13 +89,7 @@ def _draw_grade(panel: Axes, plan: Plan, scale: float) -> None:
 
 @styled(SHEET_SIZE)
 def draw_trip(plan: TripPlan, line: Line, consist: Consist, path: Path) -> None:
-    """Draw a trip plan as PNG, PDF or SVG.
-
-    Raises
-    ------
-    ValueError
-        If the file cannot be written.
-    """
+    """Draw a trip plan as PNG, PDF or SVG."""
     figure = Figure(figsize=(11, 8.5), dpi=110, layout="constrained")
     speed, force, coupler, grade = figure.subplots(4, 1, sharex=True, height_ratios=(3, 2, 2, 1))
     _draw_trip_speed(speed, plan, line, consist)

@@ -4,7 +4,7 @@ import io
 import math
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
@@ -27,6 +27,7 @@ from train_ato.judge.typed_result import TypedResult
 from train_ato.log.whole_file import writing
 from train_ato.messages.types import Array
 from train_ato.program.display_units import display_unit
+from train_ato.program.errors import refused_unwritten
 from train_ato.report.curves import Curves, curves_of, shown_curves
 from train_ato.report.events import Event, detect_events
 from train_ato.report.page_data import (
@@ -403,19 +404,9 @@ def shown_figure(figure: Figure, out: str | Path | None) -> Figure:
 
 
 def write_figure(figure: Figure, path: Path) -> None:
-    """Write a figure in its own style and resolution, in the format of the suffix of its path.
-
-    Raises
-    ------
-    ValueError
-        If the file cannot be written.
-    """
-    try:
+    """Write a figure in its own style and resolution, in the format of the suffix of its path."""
+    with refused_unwritten(path, left=path):
         figure.savefig(path)
-    except OSError as error:
-        with suppress(OSError):
-            path.unlink()
-        raise ValueError(f"{path}: cannot be written ({error.strerror}); choose another place") from None
 
 
 def _title(data: PageData, text: str) -> str:

@@ -18,6 +18,7 @@ from plant_sim.library import consist_names, line_names
 from plant_sim.line import Line
 from train_ato.profile.file import write_profile
 from train_ato.profile.trip.plan import TripPlan
+from train_ato.program.errors import refused_unwritten
 from train_ato.scenario.scenario import raw_scenario
 from train_ato.scenario.scenario_files import SCHEMA
 
@@ -105,21 +106,13 @@ def _other_plant(base: str, plant: dict[str, Any]) -> dict[str, Any]:
 
 
 def write_trip(plan: TripPlan, path: Path, base: str | None, plant: dict[str, Any], source: str) -> tuple[Path, Path]:
-    """Write the scenario of a plan, and its profile beside it with the ending ``.csv``; return both paths.
-
-    Raises
-    ------
-    ValueError
-        If a file cannot be written.
-    """
+    """Write the scenario of a plan, and its profile beside it with the ending ``.csv``; return both paths."""
     profile = path.with_suffix(".csv")
     write_profile(plan.profile, profile, source)
     data = trip_scenario(plan, path.stem, profile.name, base, plant)
     text = f"# {source}\n" + yaml.dump(data, Dumper=_RowDumper, sort_keys=False, allow_unicode=True, width=120)
-    try:
+    with refused_unwritten(path):
         path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be written ({error.strerror}); choose another place") from None
     return path, profile
 
 

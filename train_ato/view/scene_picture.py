@@ -13,6 +13,7 @@ from train_ato.log.mcap_records import stream
 from train_ato.messages.cdr import typestore
 from train_ato.messages.topics import EPOCH_NS
 from train_ato.messages.types import Array
+from train_ato.program.errors import refused_unwritten
 from train_ato.view.train_scene import BUFF, DRAFT, MARKERS, NEUTRAL, TRACK
 
 WIDER = 8.0
@@ -76,10 +77,8 @@ def draw_scene(log: Path, time: float, full_force: float, target: Path) -> None:
     colors = LinearSegmentedColormap.from_list("coupler force", [BUFF, NEUTRAL, DRAFT])
     scale = ScalarMappable(Normalize(-full_force * 1e-3, full_force * 1e-3), colors)
     figure.colorbar(scale, ax=(near, side), label="coupler force in kN, draft > 0", shrink=0.8)
-    try:
+    with refused_unwritten(target, "name a writable place"):
         figure.savefig(target, dpi=110)
-    except OSError as error:
-        raise ValueError(f"{target}: cannot be written ({error.strerror}); name a writable place") from None
 
 
 class _Box:

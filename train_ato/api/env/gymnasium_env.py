@@ -22,10 +22,19 @@ import numpy as np
 from gymnasium import spaces
 
 if TYPE_CHECKING:
-    from train_ato.api.env.env import Observation
+    from train_ato.api.env.env import Env, Observation
+    from train_ato.api.env.vector_env import VectorEnv
 
 VERSION = 0
 """Version of the environments in their names."""
+
+
+def _spaces(env: Env | VectorEnv, *, flat: bool) -> tuple[spaces.Box, spaces.Box | spaces.Dict]:
+    """Return the spaces of the force and of the observation of one train."""
+    boxes = {name: spaces.Box(q.low, q.high, dtype=np.float64) for name, q in env.quantities.items()}
+    low, high = (np.concatenate([getattr(box, end) for box in boxes.values()]) for end in ("low", "high"))
+    observation = spaces.Box(low, high, dtype=np.float64) if flat else spaces.Dict(boxes)
+    return spaces.Box(*env.force_bounds, dtype=np.float64), observation
 
 
 class GymnasiumEnv(gymnasium.Env):  # type: ignore[misc]  # without types where it is not installed
@@ -54,12 +63,7 @@ class GymnasiumEnv(gymnasium.Env):  # type: ignore[misc]  # without types where 
 
         self.render_mode = render_mode
         self.run_env = env = Env(scenario, **{"normalised": True, **choices})
-        self.action_space = spaces.Box(*env.force_bounds, dtype=np.float64)
-        boxes = {name: spaces.Box(entry.low, entry.high, dtype=np.float64) for name, entry in env.quantities.items()}
-        self.observation_space = spaces.Dict(boxes) if not env.flat else spaces.Box(
-            np.concatenate([entry.low for entry in env.quantities.values()]),
-            np.concatenate([entry.high for entry in env.quantities.values()]), dtype=np.float64,
-        )  # fmt: skip
+        self.action_space, self.observation_space = _spaces(env, flat=env.flat)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -104,11 +108,8 @@ class GymnasiumVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]  # a
 
         self.render_mode, self.num_envs, self._flat = render_mode, num_envs, flat
         self.run_envs = envs = VectorEnv(scenario, num_envs, **{"normalised": True, **choices})
-        self.single_action_space = spaces.Box(*envs.force_bounds, dtype=np.float64)
-        boxes = {name: spaces.Box(q.low, q.high, dtype=np.float64) for name, q in envs.quantities.items()}
+        self.single_action_space, self.single_observation_space = _spaces(envs, flat=flat)
         self._ends = np.cumsum([q.low.size for q in envs.quantities.values()])[:-1]
-        low, high = (np.concatenate([getattr(box, end) for box in boxes.values()]) for end in ("low", "high"))
-        self.single_observation_space = spaces.Box(low, high, dtype=np.float64) if flat else spaces.Dict(boxes)
         self.action_space = gymnasium.vector.utils.batch_space(self.single_action_space, num_envs)
         self.observation_space = gymnasium.vector.utils.batch_space(self.single_observation_space, num_envs)
 
