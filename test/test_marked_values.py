@@ -22,7 +22,7 @@ from test_readers import BENCH, NAMED, PATH, TRAIN
 from plant_sim.formats.railml_collection import tag_of
 from plant_sim.formats.reading import ReadConsist, ReadLine, read_line, read_train
 from plant_sim.library import load_consist, load_line
-from train_ato.api.import_csv.recording import measured
+from train_ato.api.import_csv.recording import MeasuredCheck
 from train_ato.api.import_csv.run import measured_setup, series_of
 from train_ato.api.import_csv.smoothing import measured_profile
 from train_ato.api.import_csv.table import read_table
@@ -317,13 +317,10 @@ def test_every_column_of_a_recorder_is_used_or_refused(tmp_path: Path, columns: 
         quantity = next(key for key in si if re.sub(r"^unit_._", "", name).startswith(key))
         values[name] = scale * si[quantity]
     consist, line, setups = load_consist("hxd1_c80_210"), load_line("daqin_section"), []
-    offsets = np.array(consist.offsets)[list(consist.power_units)]
 
     def read(changed: dict[str, Any]) -> list[Any]:
         (tmp_path / "r.csv").write_text(text_of(changed))
-        found = measured(
-            read_table(tmp_path / "r.csv", {}, frozenset()), 2, consist.vehicles[0].length / 2, offsets, line=line
-        )
+        found = MeasuredCheck(read_table(tmp_path / "r.csv", {}, frozenset()), consist, line).run()
         profile = measured_profile(found, 0.5, 10_000.0, 1.0)
         setups.append(measured_setup(found, profile, "hxd1_c80_210", "daqin_section", "x") if not setups else setups[0])
         series = series_of(found, replace(setups[0], profile=profile))

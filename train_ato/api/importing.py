@@ -12,7 +12,7 @@ from plant_sim.library import load_consist, load_line
 from plant_sim.line import ENDING, Line
 from train_ato.api.import_csv.columns import MAX_GAP
 from train_ato.api.import_csv.layout import RecorderLayout, add_notch_force, load_layout
-from train_ato.api.import_csv.recording import Measured, measured, place_notes
+from train_ato.api.import_csv.recording import Measured, MeasuredCheck, place_notes
 from train_ato.api.import_csv.run import measured_result, measured_setup, series_of, write_messages
 from train_ato.api.import_csv.samples import sort_rows
 from train_ato.api.import_csv.smoothing import MAX_WINDOW, measured_profile, window_of
@@ -159,9 +159,8 @@ def read_recorder(
         table = _table(Path(csv), kind, dict(rename or {}), frozenset(ignore))
     notes = [sort_rows(table) if sort or (kind is not None and kind.sort) else "", add_notch_force(table, consist)]
     half = consist.vehicles[0].length / 2
-    offsets = np.array(consist.offsets)[list(consist.power_units)]
     against = str(line).endswith(ENDING)
-    found = measured(table, len(consist.power_units), half, offsets, largest_gap=largest_gap, line=on, against=against)
+    found = MeasuredCheck(table, consist, on, against=against, largest_gap=largest_gap).run()
     found.notes += [note for note in notes if note]
     window = window_of(found) if smooth is None else smooth
     profile = measured_profile(found, tick, _start(from_km, found, half, on, dash), window)

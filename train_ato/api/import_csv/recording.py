@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from plant_sim.chainage import places_along
+from plant_sim.consist import Consist
 from plant_sim.line import Line
 from plant_sim.units import number_text
 from train_ato.api.import_csv.columns import MAX_GAP, QUANTITIES, Column
@@ -76,42 +77,6 @@ class Measured:
     notes: list[str] = field(default_factory=list)
 
 
-def measured(
-    table: CsvTable,
-    units: int,
-    half: float,
-    offsets: Array,
-    *,
-    largest_gap: float = MAX_GAP,
-    line: Line,
-    against: bool = False,
-) -> Measured:
-    """Check the data of a file and return them by quantity.
-
-    Parameters
-    ----------
-    table
-        The file.
-    units
-        Number of power units of the train.
-    half
-        Distance from the centre of vehicle 0 to the front of the train [m].
-    offsets
-        Distance of every power unit behind the centre of vehicle 0 [m], shape (units,).
-    largest_gap
-        Maximum time between rows [s].
-    line, against
-        Line of the measurement; against its direction, falling positions are mirrored. Positions that fall, or lie
-        off the line, are kilometres of its posts if it has a chainage.
-
-    Raises
-    ------
-    ValueError
-        One line for each fault: file, line, column: problem; fix.
-    """
-    return _Check(table, units, half, offsets, largest_gap, line, against).run()
-
-
 def place_notes(found: Measured, places: Array, line: Line, length: float) -> list[str]:
     """Return notes on places or speeds that do not fit to a line.
 
@@ -179,14 +144,27 @@ def way_of(speed: ColumnSamples) -> Array:
     return np.concatenate(([0.0], np.cumsum(steps)))
 
 
-class _Check:
-    """Checks of one file."""
+class MeasuredCheck:
+    """Checks of one file.
+
+    Parameters
+    ----------
+    table
+        The file.
+    consist
+        The train.
+    line, against
+        Line of the measurement; against its direction, falling positions are mirrored. Positions that fall, or lie
+        off the line, are kilometres of its posts if it has a chainage.
+    largest_gap
+        Maximum time between rows [s].
+    """
 
     def __init__(
-        self, table: CsvTable, units: int, half: float, offsets: Array, largest_gap: float, line: Line, against: bool
+        self, table: CsvTable, consist: Consist, line: Line, *, against: bool = False, largest_gap: float = MAX_GAP
     ) -> None:
-        self._table, self._units, self._half, self._offsets = table, units, half, offsets
-        self._line, self._against = line, against
+        self._table, self._consist, self._line, self._against = table, consist, line, against
+        self._units = len(consist.power_units)
         self._rows = Rows(table, largest_gap)
         self._faults = FileFaults(table.path)
 
@@ -340,10 +318,10 @@ class _Check:
             raise ValueError(f"{self._table.path}: {both} are both the position; remove one with --ignore")
         centre, front = (None if samples is None else self._rising(samples) for samples in (centre, front))
         if front is not None:
-            centre = front.moved(front.values - self._half)
+            centre = front.moved(front.values - self._consist.vehicles[0].length / 2)
         elif centre is None and 0 in unit_position:
             own = unit_position[0]
-            centre = own.moved(own.values + self._offsets[0])
+            centre = own.moved(own.values + self._consist.offsets[self._consist.power_units[0]])
         if centre is None:
             return None
         fallen = np.maximum.accumulate(centre.values) - centre.values
