@@ -35,13 +35,14 @@ def execute(options: argparse.Namespace) -> None:
     check_packages("report", "bokeh", "jinja2")
     from train_ato.api.progress import activity
     from train_ato.report.page_data import motion_differences
-    from train_ato.report.writing import checked
+    from train_ato.report.writing import checked, write_comparison_page, write_run
 
     request = checked(options.runs, options.out, options.figures, options.format)
     with activity("reading") as show:
         pages = read(request, show)
         show("drawing the page")
-        size = write_page(request, pages)
+        single = len(pages) == 1
+        size = write_run(pages[0], request.page) if single else write_comparison_page(pages, request.page)
         figures = write_figures(request, pages, show)
     result: dict[str, Any] = {
         "report": str(request.page),
@@ -72,13 +73,6 @@ def read(request: Request, show: Callable[[str], None]) -> list[PageData]:
         show(f"reading {label}")
         pages.append(page_data(open_recording(run), label, share_of(len(request.runs))))
     return pages
-
-
-def write_page(request: Request, pages: list[PageData]) -> int:
-    """Write the page and return its size [bytes]."""
-    from train_ato.report.writing import write_comparison_page, write_run
-
-    return write_run(pages[0], request.page) if len(pages) == 1 else write_comparison_page(pages, request.page)
 
 
 def write_figures(request: Request, pages: list[PageData], show: Callable[[str], None]) -> list[Path]:

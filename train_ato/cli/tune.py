@@ -127,16 +127,8 @@ def print_tuning(result: TuneResult, folder: Path) -> None:
         f"{result.law}: {len(result.candidates)} candidates",
     )
     print_table((text for _, text in COLUMNS), ([row[key] for key, _ in COLUMNS] for row in result.rows))
-    for line in notes(result):
-        sys.stdout.write(f"{line}\n")
-    sys.stdout.write(f"scenario, table and history in {folder}; next: train-ato run {folder / OVERLAY}\n")
-
-
-def notes(result: TuneResult) -> list[str]:
-    """Return a line if no candidate was better, and one if the tuned gains are worse on the held-out runs."""
-    found = []
     if not result.improved:
-        found.append("no candidate was better than the initial gains")
+        sys.stdout.write("no candidate was better than the initial gains\n")
     elif result.improved_held_out is False:
-        found.append("the tuned gains are not better on the held-out runs: fitted to the runs of the search")
-    return found
+        sys.stdout.write("the tuned gains are not better on the held-out runs: fitted to the runs of the search\n")
+    sys.stdout.write(f"scenario, table and history in {folder}; next: train-ato run {folder / OVERLAY}\n")

@@ -190,10 +190,13 @@ def drive_random_trip(name: str, seed: int, number: int, values: Mapping[str, An
     except ValueError as error:
         return Trip(train, True, False, float("inf"), f"refused: {error}")
     try:
-        found = run_engine(setup).summary
+        summary = run_engine(setup).summary
     except RunFailed as error:
         return Trip(train, False, False, float("inf"), str(error))
-    return _trip(train, found)
+    beyond = [row["beyond_m"] for row in summary["stops"]]
+    stop = max((abs(value) if value is not None else float("inf") for value in beyond), default=float("inf"))
+    fits = is_tracked(summary) and summary["verdict"] == "passed" and not summary["takeovers"]
+    return Trip(train, False, fits, stop, verdict_line(summary))
 
 
 def _compensation(law: Any) -> str:
@@ -201,13 +204,6 @@ def _compensation(law: Any) -> str:
     if getattr(law, "uses_feedforward", True):
         return "preview"
     return "none" if getattr(law, "predicts_delay", False) else "predictor"
-
-
-def _trip(train: str, summary: Mapping[str, Any]) -> Trip:
-    beyond = [row["beyond_m"] for row in summary["stops"]]
-    stop = max((abs(value) if value is not None else float("inf") for value in beyond), default=float("inf"))
-    fits = is_tracked(summary) and summary["verdict"] == "passed" and not summary["takeovers"]
-    return Trip(train, False, fits, stop, verdict_line(summary))
 
 
 def random_trips(name: str, count: int, seed: int = 1, values: Mapping[str, Any] | None = None) -> list[Trip]:
