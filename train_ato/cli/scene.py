@@ -26,17 +26,22 @@ def execute(options: argparse.Namespace) -> None:
     from train_ato.log.run_folder import read_run_folder
     from train_ato.program.interrupt import interruptible
     from train_ato.ros import require_ros
-    from train_ato.ros.graph.environment import applied, variables
+    from train_ato.ros.graph.environment import applied, check_domain, domain_of_environment, variables
     from train_ato.ros.graph.remote import resolve_domain
     from train_ato.view.train_scene import TrainScene, check_rate
 
     check_rate(options.rate)
-    if options.run is not None and options.domain is None:
-        raise ValueError("--domain: missing; give the ROS domain of the replay")
-    setup = read_run_folder(options.run)[0] if options.run is not None else None
+    check_domain(options.domain)
+    own = domain_of_environment() if options.domain is None else options.domain
     require_ros()
-    domain = options.domain if setup is not None else resolve_domain(options.domain, options.namespace)
-    scene = TrainScene(setup or _running(domain, options.namespace), rate=options.rate)
+    if options.run is None:
+        domain = resolve_domain(options.domain, options.namespace)
+        setup = _running(domain, options.namespace)
+    elif own is None:
+        raise ValueError("--domain: missing; give the ROS domain of the replay")
+    else:
+        domain, setup = own, read_run_folder(options.run)[0]
+    scene = TrainScene(setup, rate=options.rate)
     with (
         tempfile.TemporaryDirectory(prefix="train_ato_scene_", ignore_cleanup_errors=True) as scratch,
         applied(variables(domain, Path(scratch))),

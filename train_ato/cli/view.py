@@ -38,6 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_option(what, "--scenario NAME", "start this scenario and show its run")
     add_train(parser, what)
     add_rate(parser, 1.0)
+    parser.set_defaults(rate=None)  # a given one is refused without a started run
     add = partial(add_option, parser)
     add("--processes", "one process per node for the started run")
     add("--law NAME", "control law of the started run")
@@ -112,10 +113,11 @@ def _check(options: argparse.Namespace) -> None:
     """Check the options before anything starts."""
     from train_ato.ros.graph.environment import check_domain
 
-    if not 0 <= options.port <= 65_535:
-        raise ValueError(f"--port {options.port}: out of range; give 1 to 65535, or 0 for a free port")
+    for name, port in (("--port", options.port), ("--foxglove", options.foxglove)):
+        if port is not None and not 0 <= port <= 65_535:
+            raise ValueError(f"{name} {port}: out of range; give 1 to 65535, or 0 for a free port")
     if options.scenario is None:
-        given = {"--law": options.law, "--set": options.set, "--out": options.out}
+        given = {"--law": options.law, "--set": options.set, "--out": options.out, "--rate": options.rate}
         for name, value in {**given, "--processes": options.processes}.items():
             if value:
                 raise ValueError(f"{name}: only for a started run; add --scenario")
@@ -126,6 +128,7 @@ def _check(options: argparse.Namespace) -> None:
         load_scenario(options.scenario, tuple(options.set), changes)
         if options.namespace:
             raise ValueError(f"--namespace {options.namespace}: the started run has one train; remove it")
+    options.rate = options.rate or 1.0
     check_domain(options.domain)
 
 
