@@ -26,6 +26,7 @@ from train_ato.control.laws.pid import Pid
 from train_ato.control.registry import LAWS
 from train_ato.judge.metric_names import PROTECTION, RESULTS, format_value, metric_heading
 from train_ato.program.display_units import displayed_in, shown_data, shown_table, shown_text
+from train_ato.report.plan_figure import shown_per
 from train_ato.report.quantities import axis_title, style_of
 from train_ato.scenario.scenario_files import shipped_following, shipped_scenarios
 
@@ -415,7 +416,14 @@ def test_commands_print_and_export_us_units(short_run, tmp_path, capsys):
     assert us["time_s"] == si["time_s"] and len(us) == len(si)
     capsys.readouterr()
     plan = ["plan", "xuzhou_metro_test", "xuzhou_metro_3", "--json"]
-    found = [json.loads(capsys.readouterr().out) for extra in ((), ("--units", "us")) if main([*plan, *extra]) == 0]
+    drawn = tmp_path / "plan.svg"
+    extras = ((), ("--units", "us", "--out", str(drawn)))
+    found = [json.loads(capsys.readouterr().out) for extra in extras if main([*plan, *extra]) == 0]
+    assert all(title in drawn.read_text() for title in ("speed in mph", "force in lbf", "front in mi"))
+    with displayed_in("us"):
+        assert [shown_per(unit) for unit in ("km/h", "kN", "km")] == pytest.approx(
+            [1 / 0.44704, 1 / 4.4482216152605, 1 / 1609.344]
+        )
     assert found[1]["distance_ft"] == pytest.approx(found[0]["distance_m"] / 0.3048)
     assert found[1]["running_time_s"] == found[0]["running_time_s"]
 
