@@ -360,8 +360,10 @@ def test_two_controllers_are_refused(plant):
 
 
 def test_pause_step_start_and_stop(plant, setup):
+    """Breaks if a step in a pause is answered wrongly, or the time since the tick before counts as its lateness."""
     bench, command = plant
     node = bench.node
+    node.set_rate(1e3)
     node.begin()
     assert bench.call(SetBool, "plant/pause", data=True).success
     _answer(bench, command, 0)
@@ -377,6 +379,7 @@ def test_pause_step_start_and_stop(plant, setup):
     assert bench.call(Trigger, "plant/start").success
     bench.until(lambda: len(bench.heard["train/measurement"]) == 3)
     assert node.silent_for() > 0.0
+    assert "wall_ticks_late" not in node._lateness.report()
     refused = bench.call(Trigger, "plant/reset")
     assert (refused.success, refused.message) == (False, NO_RESET)
     assert bench.call(Trigger, "plant/stop").success

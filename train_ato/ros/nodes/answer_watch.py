@@ -150,7 +150,7 @@ class TickLateness:
             self._unreported.append(time.time_ns())
 
     def restart(self) -> None:
-        """Begin again after a pause, which is no lateness."""
+        """Begin again after a pause or a change of the rate, which is no lateness."""
         self._last = None
 
     def report(self) -> dict[str, str]:

@@ -391,6 +391,8 @@ class PlantNode:
             self._wake_every(wait * 1e9)
         else:
             self._steps = max(0, self._steps - 1)
+            if self.paused:
+                self._lateness.restart()  # a step in a pause has no due time
             self._waiting = True
             self.sent_stamp = self.stage.stamp
             factor = self._rate.factor
@@ -504,6 +506,7 @@ class PlantNode:
         ValueError
             If the rate is 0 in a run without lockstep.
         """
+        self._lateness.restart()  # the present tick began at the rate before
         if self._lockstep_rate is not None:
             self._lockstep_rate = factor
             return
