@@ -527,6 +527,26 @@ def test_falling_kilometres_with_a_jump_are_read_and_shown_again() -> None:
     assert line.with_posts(f"km 2.850, km 9.000, {extent}") == f"km 14+000, km 9.000, {extent}"
 
 
+def test_curves_model_and_measured_run_have_the_limits_of_the_category_of_the_train(tmp_path: Path, capsys) -> None:
+    """Breaks if one of them has the other limits of the line: 80 km/h for a train with 40, or no note of 54 km/h."""
+    (tmp_path / "train.yaml").write_text(TRAIN.read_text() + "categories: [freight]\n")
+    limits = "category_limits: [{category: freight, speed_limits: [{at: 17+000, speed_kmh: 40}]}]\n"
+    (tmp_path / "line.yaml").write_text(POSTS.read_text() + limits)
+    (tmp_path / "s.yaml").write_text(
+        "{schema: train_ato/scenario/1, name: s, duration: 9, plant: {consist: train.yaml, line: line.yaml},"
+        " model: {line: line.yaml}, profile: {plan: {}}}"
+    )
+    (found,) = ta.curves(tmp_path / "s.yaml").values()
+    assert found["inputs"]["max_speed_kmh"] == pytest.approx(40.0)
+    model = setup_of(str(tmp_path / "s.yaml"), {}).model
+    assert [limit.speed for limit in model.line.speed_limits] == pytest.approx([40 / 3.6])
+    (tmp_path / "a.csv").write_text("time_s,speed_kmh\n0,0\n60,54\n120,54\n180,0\n")
+    options = ["--line", str(tmp_path / "line.yaml"), "--from-km", "0.2", "--largest-gap", "60", "--profile-only"]
+    assert main(["import", str(tmp_path / "a.csv"), "--train", str(tmp_path / "train.yaml"), *options,
+                 "--out", str(tmp_path / "p.csv")]) == 0  # fmt: skip
+    assert "permits 40" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("command", "shown"),
     [

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from plant_sim.library import load_consist, load_line
-from plant_sim.line import ENDING, Line
+from plant_sim.line import ENDING, Line, line_for
 from train_ato.api.import_csv.columns import MAX_GAP
 from train_ato.api.import_csv.layout import RecorderLayout, add_notch_force, load_layout
 from train_ato.api.import_csv.recording import Measured, MeasuredCheck, place_notes
@@ -150,7 +150,8 @@ def read_recorder(
     ``dash`` precedes names of options in messages.
     """
     _check_numbers(largest_gap, tick, smooth, from_km, dash)
-    consist, on = load_consist(str(train)), load_line(str(line))
+    consist = load_consist(str(train))
+    on = line_for(load_line(str(line)), consist.categories, consist.rating)
     if not consist.power_units:
         option = "--train" if dash else "train"
         raise ValueError(f"{option} {train}: has no power unit; name the measured train")

@@ -11,7 +11,7 @@ import numpy as np
 
 from plant_sim.consist import Consist
 from plant_sim.library import load_consist, load_line, split_name
-from plant_sim.line import Line
+from plant_sim.line import Line, line_for
 from train_ato.control.air_brake.policy import BrakeSpec
 from train_ato.control.algorithms.train_constants import dead_time
 from train_ato.control.compensation.contract import check_compatible
@@ -139,7 +139,8 @@ def nominal_model(
         delay, delay_brake = nominal.per_unit(layout.n_units, "model")
     own_line = line
     consist = consist if block.consist is None else scenario_consist(block.consist, folder, parts)
-    line = line if block.line is None else scenario_line(block.line, folder, parts)
+    if block.line is not None:
+        line = line_for(scenario_line(block.line, folder, parts), consist.categories, consist.rating)
     named = (block.consist or scenario.plant.consist, block.line or scenario.plant.line)
     over_length = scenario.plant.grade_over_length
     key = ("line force", over_length, *(data_key(data, folder) for data in named))

@@ -8,6 +8,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from plant_sim.line import line_for
 from plant_sim.units import KMH
 from train_ato.api.scenario_choice import GivenScenario, choose_scenario
 from train_ato.program.arguments import check_new_file, option_name
@@ -252,7 +253,7 @@ def _of_scenario(case: GivenScenario, given: Mapping[str, Any], dash: str) -> di
     choice = choose_scenario(case)
     scenario, path = choice.checked, choice.path
     consist = scenario_consist(scenario.plant.consist, path.parent)
-    line = scenario_line(scenario.plant.line, path.parent)
+    line = line_for(scenario_line(scenario.plant.line, path.parent), consist.categories, consist.rating)
     last = line.stops[-1].at if line.stops else line.end
     asked = given.get("at_km")
     try:
