@@ -11,7 +11,7 @@ ARGUMENTS = {
     "scenario": ("demo", "shipped scenario or file"),
     "set": ("", "changes of the scenario with spaces between them: 'duration=60 seed=3'"),
     "out": ("runs/launched", "new folder of the log"),
-    "rate": ("", "simulated seconds per second of wall time, 1 for real time; default: that of the file, else max"),
+    "rate": ("", "simulated seconds per second of wall time, or max; default: that of the file, else max"),
     "params": ("", "file with parameters of the nodes, as config/demo.yaml"),
     "namespace": ("", "namespace of all nodes and topics"),
     "nodes": ("recorder supervisor profile observer controller plant", "nodes to start here"),
@@ -27,9 +27,9 @@ def _nodes(context):
     of_all = ["--scenario", given["scenario"], *(f"--set={change}" for change in given["set"].split())]
     of_all += ["--external", given["external"]] if given["external"] else []
     of_one = {"recorder": ["--out", given["out"]], "plant": ["--recorded"]}
-    of_one["plant"] += ["--followed"] if given["followed"] else []
+    of_one["plant"] += ["--followed"] if given["followed"].lower() == "true" else []
     file = [given["params"]] if given["params"] else []
-    rate = [{"rate": float(given["rate"])}] if given["rate"] else []
+    rate = [{"rate": 0.0 if given["rate"] == "max" else float(given["rate"])}] if given["rate"] else []
     # these two names are absolute: in a namespace every train has its own
     absolute = [(f"/{name}", name) for name in ("clock", "diagnostics")] if given["namespace"] else []
     return [

@@ -22,6 +22,7 @@ from train_ato.cli.replay import KEYS, pressed
 from train_ato.messages.codec import stamp_of
 from train_ato.messages.topics import EPOCH_NS
 from train_ato.playback.publishing import NODE
+from train_ato.playback.replaying import replay
 
 
 def started(log: Path, *arguments: str, **more) -> subprocess.Popen:
@@ -192,6 +193,11 @@ def test_the_counts_are_those_of_the_log(run, domain, capfd):  # noqa: F811
     assert main(["replay", str(run), "--domain", str(domain), "--rate", "max"]) == 0
     rows = [line.split() for line in capfd.readouterr().out.splitlines()]
     assert {row[0]: int(row[1]) for row in rows if row[-1].isdigit()} == message_counts(run)
+
+
+def test_the_name_of_one_topic_is_no_list_of_characters(run):  # noqa: F811
+    with pytest.raises(ValueError, match=r"--topics ato/comand: not in the log; did you mean '/ato/command'"):
+        replay(run, topics="ato/comand")
 
 
 types = pytest.importorskip("rosbag2_interfaces.srv", reason="rosbag2_interfaces is not installed")

@@ -220,7 +220,7 @@ def print_run(run: Run, *, as_json: bool, failure: str = "", expected: Expectati
     from train_ato.cli.screen import print_json, print_table
     from train_ato.judge.metric_names import result_rows
     from train_ato.judge.protection_record import protection_note
-    from train_ato.judge.verdict import verdict_line
+    from train_ato.judge.verdict import three_digits, verdict_line
     from train_ato.report.words import driven_laws
 
     summary: dict[str, Any] = {**run.metrics, "run": str(run.path)}
@@ -240,7 +240,7 @@ def print_run(run: Run, *, as_json: bool, failure: str = "", expected: Expectati
     if held := summary.get("held_steps"):
         sys.stdout.write(f"in {held} ticks the last command was repeated: no valid command or measurement\n")
     factor, step = summary.get("real_time_factor"), summary.get("step_time_us_median")
-    speed = (f" ({factor:.0f} times real time" if factor else "") + (
+    speed = (f" ({three_digits(factor)} times real time" if factor else "") + (
         f", {step:.0f} µs per step of the law" if step else ""
     )
     end = f"{summary['ticks']} ticks in {summary['wall_s']:.1f} s{speed}{')' if speed else ''}; recorded in {run.path}"

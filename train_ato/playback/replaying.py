@@ -87,6 +87,9 @@ def replay(
         for name in publishing:
             if name not in known:
                 raise ValueError(f"{name}: unknown; use one of {', '.join(known)}")
+        for name in ("topics", "exclude"):  # the name of one topic is a list of it, not of its characters
+            if isinstance(publishing.get(name), str):
+                publishing[name] = (publishing[name],)
         return publish_run(path, ReplayOptions(**publishing), domain=domain)
     if publishing or domain is not None:
         raise ValueError(f"{next(iter(publishing), 'domain')}: no effect with law, which does not publish; remove it")

@@ -93,7 +93,7 @@ def middleware(profile: str = "fastdds.xml") -> dict[str, str]:
 def check_domain(wanted: int | None) -> None:
     """Refuse a ROS domain out of range, given or in ``ROS_DOMAIN_ID``; None without one is any free one."""
     if wanted is not None and wanted not in VALID:
-        raise ValueError(f"--domain {wanted}: give a domain from {VALID.start} to {VALID.stop - 1}")
+        raise ValueError(f"--domain {wanted!r}: give a domain from {VALID.start} to {VALID.stop - 1}")
     if wanted is None:
         domain_of_environment()
 
