@@ -16,6 +16,7 @@ import train_ato
 from plant_sim import kernel as k
 from plant_sim.air_brake import ATMOSPHERE
 from plant_sim.disturbances import Gust, OutsideForces
+from train_ato.cli.info import _value
 from train_ato.log.reading import read_log
 from train_ato.loop.controller import ControllerStage
 from train_ato.loop.engine import run_engine
@@ -384,3 +385,9 @@ def test_requests_are_limited_in_number_and_a_delay_has_no_overflow():
         plant.request(EmergencyBrakeNow())
     ticked(plant, 1)
     plant.request(EmergencyBrakeNow())
+
+
+def test_a_change_with_a_topic_is_listed() -> None:
+    """Breaks if ``info`` takes the name of a topic or of a force for a number."""
+    assert _value({"topic": "ato/command", "duration": 2.0}) == "topic ato/command, duration 2"
+    assert _value({"applied": True}) == "applied 1"

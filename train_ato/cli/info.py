@@ -229,7 +229,8 @@ def _gaps(topic: TopicOverview) -> str:
 
 def _value(value: Any) -> str:
     if isinstance(value, dict):
-        return ", ".join(f"{name} {number_text(part)}" for name, part in value.items())
+        texts = {name: part if isinstance(part, str) else number_text(part) for name, part in value.items()}
+        return ", ".join(f"{name} {text}" for name, text in texts.items())
     return str(value)
 
 
