@@ -319,7 +319,7 @@ def test_only_the_engaged_ato_is_evaluated() -> None:
     assert outcome(setup, far) == "lost"
     summary = tracking_summary(setup, with_ato(far, (0.0, 150.0)))
     assert [row["outcome"] for row in summary["tracking_findings"]] == ["disengaged"]
-    assert summary["tracking_findings"][0]["text"] == "the ATO, at 149.9 s"
+    assert summary["tracking_findings"][0]["text"] == "the ATO, at 150.0 s"
     back = run_of(setup, 400.0, position=lambda t: np.where((t > 200) & (t < 301), 500.0, 0.0))
     assert outcome(setup, with_ato(back, (0.0, 150.0), (300.0, 400.0))) == TRACKED
     assert outcome(setup, with_ato(back, (0.0, 150.0), (290.0, 400.0))) == "lost"

@@ -378,8 +378,9 @@ def _findings(run: EngagedRun, *, failed: bool) -> Iterator[TrackingFinding]:
     if run.at_end:
         yield from _stops(run)
     else:
-        last = float(run.recording.time[run.rows[-1]]) if run.rows.size else 0.0
-        yield TrackingFinding("disengaged", last, float(run.recording.time[-1]), "s", f"the ATO, at {last:.1f} s")
+        times = run.recording.time
+        begin = float(times[min(run.rows[-1] + 1, times.size - 1)]) if run.rows.size else 0.0
+        yield TrackingFinding("disengaged", begin, float(times[-1]), "s", f"the ATO, at {begin:.1f} s")
 
 
 def _no_command(run: EngagedRun, *, failed: bool) -> Iterator[TrackingFinding]:
