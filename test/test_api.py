@@ -404,7 +404,7 @@ def test_importing_the_package_is_light():
         "import sys, train_ato as ta\n"
         "heavy = {'numpy', 'numba', 'matplotlib', 'pydantic', 'rclpy', 'pandas', 'rich', 'yaml'} & set(sys.modules)\n"
         "assert not heavy, heavy\n"
-        "import plant_sim.library, train_ato.scenario.scenario_files\n"
+        "import plant_sim.library, train_ato.cli.completion, train_ato.scenario.scenario_files\n"
         "assert not {'numpy', 'numba', 'pydantic'} & set(sys.modules)\n"
         "import train_ato.api.drive\n"
         "assert not {'pandas', 'matplotlib', 'rclpy'} & set(sys.modules)\n"

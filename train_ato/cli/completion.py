@@ -10,7 +10,6 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
-from train_ato.messages.topics import EXTERNAL
 from train_ato.program.arguments import OneLineParser, add_option
 
 SHELLS = ("bash", "zsh", "fish")
@@ -122,6 +121,12 @@ def _listed() -> Iterable[str]:
         yield from names()
 
 
+def _external() -> Iterable[str]:
+    from train_ato.messages.topics import EXTERNAL
+
+    return EXTERNAL
+
+
 def _runs() -> Iterable[str]:
     """Return the run folders below ``runs``."""
     return sorted(str(path.parent) for path in Path("runs").glob("*/scenario.yaml"))
@@ -130,7 +135,7 @@ def _runs() -> Iterable[str]:
 NAMES: dict[str, Callable[[], Iterable[str]]] = {
     "scenario": _scenarios, "case": _scenarios, "law": _laws, "laws": _laws, "observer": _observers,
     "compensation": _compensations, "consist": _consists, "line": _lines, "run": _runs, "runs": _runs,
-    "domain": _domains, "name": _listed, "external": lambda: EXTERNAL,
+    "domain": _domains, "name": _listed, "external": _external,
 }  # fmt: skip
 """Known names of an argument, by its name in the parser."""
 WITH_FILES = ("scenario", "case", "consist", "line", "run", "runs", "name")
