@@ -2,8 +2,12 @@
 
 import ast
 import json
+import runpy
+import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
+from unittest.mock import MagicMock
 
 import pytest
 import yaml
@@ -57,6 +61,23 @@ def test_launch_files_describe_a_launch(file: Path) -> None:
     description = PythonLaunchDescriptionSource(str(file)).get_launch_description(LaunchContext())
     names = [argument.name for argument in description.get_launch_arguments()]
     assert names and all(argument.description for argument in description.get_launch_arguments())
+
+
+@pytest.mark.parametrize(("followed", "rate"), [("false", "max"), ("true", "2"), ("", "")])
+def test_values_of_a_launch_are_taken_as_said(followed: str, rate: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Breaks if followed:=false counts as true, or rate:=max ends the launch; there is no wheel of launch_ros."""
+    for name in ("launch", "launch.actions", "launch_ros", "launch_ros.actions"):
+        monkeypatch.setitem(sys.modules, name, MagicMock())
+    started = sys.modules["launch_ros.actions"].Node
+    found = runpy.run_path(str(LAUNCH[0]))
+    values = {name: default for name, (default, _) in found["ARGUMENTS"].items()}
+    found["_nodes"](
+        SimpleNamespace(launch_configurations=values | {"followed": followed, "rate": rate, "nodes": "plant"})
+    )
+    given = started.call_args.kwargs
+    assert ("--followed" in given["arguments"]) == (followed == "true")
+    rates = [entry["rate"] for entry in given["parameters"] if isinstance(entry, dict) and "rate" in entry]
+    assert rates == {"max": [0.0], "2": [2.0], "": []}[rate]
 
 
 @pytest.mark.graph
