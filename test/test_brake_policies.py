@@ -191,10 +191,26 @@ def test_a_train_without_an_air_brake_is_driven(tmp_path: Path, capsys: pytest.C
     """Breaks if the driver needs an air brake, or names brake events of a train without one."""
     out = tmp_path / "metro.csv"
     assert main(["driver", "xuzhou_metro_test", "xuzhou_metro_3", "--until-km", "1", f"--out={out}"]) == 0
-    assert "brake" not in capsys.readouterr().out
+    printed = capsys.readouterr()
+    assert "brake" not in printed.out and "limits" not in printed.err
+    assert "xuzhou_metro_3 --until-km 1 --speed-kmh 70 --spacing 0.5\n" in out.read_text()
     made = np.loadtxt(out, delimiter=",", comments=("#", "time"))
     assert made[0, 2] == 0 and made[-1, 1] == pytest.approx(1000, abs=20)
     assert 3.6 * made[:, 2].max() < 75
+
+
+def test_a_driver_above_the_limits_is_noted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if a profile above the limits of the line is written without a word, or cannot be made again."""
+    line, out = tmp_path / "line.yaml", tmp_path / "driven.csv"
+    limits = "speed_limits: [{at_km: 0, speed_kmh: 90}, {at_km: 0.4, speed_kmh: 30}, {at_km: 0.5, speed_kmh: 90}]"
+    line.write_text(f"{{schema: train_ato/line/1, name: slow_place, end_km: 2, {limits}}}")
+    arguments = ["--until-km=1", "--speed-kmh=65.25", "--spacing=0.25", f"--out={out}"]
+    assert main(["driver", str(line), "xuzhou_metro_3", *arguments]) == 0
+    made = np.loadtxt(out, delimiter=",", comments=("#", "time"))
+    slow = (made[:, 1] + 59 >= 400) & (made[:, 1] - 59 <= 500)  # the train of 118 m covers the slow place
+    note = f"keep speed limits: {3.6 * made[slow, 2].max():.1f} km/h at km 0.61"
+    assert note in capsys.readouterr().err
+    assert "--until-km 1 --speed-kmh 65.25 --spacing 0.25\n" in out.read_text()
 
 
 def test_a_driver_begins_at_the_begin_of_the_line(tmp_path: Path) -> None:

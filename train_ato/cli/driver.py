@@ -5,14 +5,18 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import sys
+from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING
 
 from train_ato.cli.screen import print_result
 from train_ato.program.arguments import add_option, check_new_file
+from train_ato.program.display_units import shown_text
 
 if TYPE_CHECKING:
+    from plant_sim.consist import Consist
     from plant_sim.line import Line
+    from train_ato.profile.profile import Profile
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -21,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("line LINE", "shipped line or file")
     add("consist CONSIST", "shipped train or file")
     add("--until-km KM", "last position of vehicle 0; the train is still moving there", required=True)
-    add("--speed-kmh V", "target speed of the driver (default: 70)", default=70.0)
+    add("--speed-kmh V", "target speed of the driver, also above the limits of the line (default: 70)", default=70.0)
     add("--spacing S", "time between the knots of the profile (default: 0.5)", default=0.5)
     add("--out FILE", "profile to write (.csv, .yaml)", required=True)
 
@@ -42,7 +46,8 @@ def execute(options: argparse.Namespace) -> None:
         f"simulated driver ({driver.slew / 1e3:g} kN/s, {driver.traction:g} of the traction, {driver.brake:g} of the "
         f"brake, {options.speed_kmh:g} km/h, {driver.gain:g} 1/s) on {consist.name} and {line.name}, speed averaged "
         f"over {driver.average:g} s three times: "
-        f"train-ato driver {options.line} {options.consist} --until-km {options.until_km:g}"
+        f"train-ato driver {options.line} {options.consist} --until-km {options.until_km:.10g} "
+        f"--speed-kmh {options.speed_kmh:.10g} --spacing {options.spacing:.10g}"
     )
     write_profile(profile, options.out, source)
     events = [{"time": round(time, 3), "reduction_kpa": round(reduction / 1e3, 3)} for time, reduction in run.events]
@@ -61,7 +66,28 @@ def execute(options: argparse.Namespace) -> None:
     if events:
         text += "brake:\n  policy: planned\n  events:\n"
     text += "".join(f"    - {{time: {e['time']}, reduction_kpa: {e['reduction_kpa']:g}}}\n" for e in events)
+    _note_excess(profile, consist, line)
     print_result(result, text, as_json=options.json)
+
+
+def _note_excess(profile: Profile, consist: Consist, line: Line) -> None:
+    """Print the largest speed above the limits of the line on stderr: the driver does not see them."""
+    import numpy as np
+
+    from plant_sim.line import line_for
+    from train_ato.judge.metrics import limit_over_train
+
+    with suppress(ValueError):  # limits of other categories of trains only
+        line = line_for(line, consist.categories, consist.rating)
+    if not line.speed_limits:
+        return
+    front = profile.position + consist.vehicles[0].length / 2
+    limit = limit_over_train(line, front, consist.length)
+    row = int(np.argmax(profile.velocity - limit))
+    if profile.velocity[row] > limit[row]:
+        place = f"{3.6 * profile.velocity[row]:.1f} km/h at km {front[row] / 1e3:.3f}"
+        text = line.with_posts(f"{place}, where the line has {3.6 * limit[row]:g} km/h")
+        sys.stderr.write(f"note: the driver does not keep speed limits: {shown_text(text)}\n")
 
 
 def _check(options: argparse.Namespace, line: Line) -> None:
