@@ -180,7 +180,7 @@ def test_one_claim_runs_its_own_cases(tmp_path: Path) -> None:
 
 
 def test_a_judged_paper_is_not_run_again(tmp_path: Path) -> None:
-    """Breaks if a resumed command runs a judged paper again, loses its rows, or takes those of other code."""
+    """Breaks if a resumed command runs a judged paper again, loses its rows, or takes those of other code or claims."""
     log, case = tmp_path / "calls", counted(tmp_path)
     paper = _paper({"a": case}, Claim("tracks", "-", ("a",), _holds))
     other = replace(paper, number="998")
@@ -193,6 +193,8 @@ def test_a_judged_paper_is_not_run_again(tmp_path: Path) -> None:
     file = tmp_path / "paper999.json"
     file.write_text(file.read_text().replace('"code": "', '"code": "0'))
     assert [done.paper.number for done in _run([paper, other], tmp_path)] == ["999"]
+    asked = replace(paper, claims=[Claim("stays calm", "-", ("a",), _holds)])
+    assert [row["claim"] for done in _run([asked], tmp_path) for row in done.rows] == ["stays calm"]
 
 
 def test_figures_are_for_print(tmp_path: Path) -> None:

@@ -75,7 +75,7 @@ def reproduce(
 ) -> list[str]:
     """Run every case of the papers once and judge each paper as soon as its cases are complete.
 
-    A paper that was judged in the folder before, by the same code, is not run again.
+    A paper that was judged in the folder before, with the same claims by the same code, is not run again.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def reproduce(
         Numbers of the papers that were not run again.
     """
     source = source_hash()
-    code = {paper.number: f"{source} {len(claims_of(paper, full=full))} claims" for paper in papers}
+    code = {paper.number: f"{source} {[claim.text for claim in claims_of(paper, full=full)]}" for paper in papers}
     found = {number: kept for number in code if (kept := _kept(folder, number, code[number])) is not None}
     again = sorted(found)
     pending, tasks = _plan([paper for paper in papers if paper.number not in found], full=full)
