@@ -444,6 +444,10 @@ def test_bad_input_is_refused_in_one_line(tmp_path: Path, capsys: pytest.Capture
     assert "write --set all.law=smc" in refused(capsys, path, "--law", "smc")
     assert "the first train has no train ahead" in refused(capsys, path, "--set", "t1.leader.headway=50")
     assert "headway 19 s: shorter than" in refused(capsys, path, "--set", "t2.leader.headway=19")
+    late = "t2.leader.headway=200"  # its plan is 60 s behind that of the train ahead
+    assert f"--set {late}: leader.headway = 200: after" in (text := refused(capsys, "following_metro", "--set", late))
+    assert "1460 m beyond" in text and "write 60 s" in text
+    assert "until 50 s: the first" in refused(capsys, "following_metro", "--set", "t2.leader.until=50")
     assert "inside the train ahead" in refused(capsys, path, "--set", "t2.profile.since=76", "--out", str(out))
     assert "set supervision.enabled: true" in refused(capsys, path, "--set", "all.supervision.enabled=false")
     for change, problem in {

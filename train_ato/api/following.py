@@ -20,7 +20,7 @@ from train_ato.judge.recording import TRUTH, Recording
 from train_ato.judge.verdict import unmet_requirements
 from train_ato.log.run_folder import RunFolder, summary_text
 from train_ato.log.whole_file import write_whole
-from train_ato.loop.headway import following_weight
+from train_ato.loop.headway import HeadwayProfile, following_weight
 from train_ato.loop.train_ahead import reporter_of
 from train_ato.program.errors import RunFailed
 from train_ato.scenario.following import FollowingFile, FollowingSpec
@@ -31,6 +31,8 @@ from train_ato.supervision.train_report import TrainReport, reports_text
 SUMMARY = "summary.json"
 MIN_DEVIATION = 1e-9
 """Smallest deviation of a speed that another one is divided by [m/s]."""
+MAX_BACKWARDS = 1.0
+"""Largest speed backwards of a profile behind a train, which has such speeds of some mm/s before a stop [m/s]."""
 
 
 @dataclass(frozen=True)
@@ -92,6 +94,7 @@ class Preparation:
                 report = [first_report(setup)]
                 if ahead is not None:
                     _check_start(ahead, setup)
+                    _check_headway(setup)
             except ValueError as error:
                 raise self._file.refusal(number, error) from None
             ahead = setup
@@ -107,6 +110,23 @@ def _check_start(ahead: RunSetup, setup: RunSetup) -> None:
     gap = rear - float(setup.train().position[0]) - setup.consist.vehicles[0].length / 2.0
     if gap <= 0.0:
         raise ValueError(f"profile: begins {-gap:.0f} m inside the train ahead; start it further back")
+
+
+def _check_headway(setup: RunSetup) -> None:
+    """Check that a train can be one headway behind the start of the train ahead without a run backwards."""
+    spec, own = setup.scenario.leader, setup.profile
+    if spec is None or spec.headway is None:
+        return
+    behind = HeadwayProfile(setup).step(0)
+    if behind is None or behind.velocity.min() >= -MAX_BACKWARDS:
+        return
+    place = setup.leader_reports[0].front - setup.consist.vehicles[0].length / 2.0
+    beyond, there = own.at(spec.headway)[0] - place, float(own.time[np.searchsorted(own.position, place)])
+    raise ValueError(
+        f"leader.headway = {spec.headway:g}: after this time the own profile is {beyond:.0f} m beyond "
+        "the first place of the train ahead, and the train would have to run backwards; "
+        f"write {there:.0f} s, or change profile.since by as much"
+    )
 
 
 def run_following(

@@ -76,6 +76,11 @@ class LeaderSpec(SiModel):
                 f"headway {self.headway:g} s: shorter than smoothing, longest delay and a reserve, "
                 f"{self.shortest_headway:g} s; increase it or lower smoothing"
             )
+        if self.headway is not None and self.until is not None and self.until <= self.headway:
+            raise ValueError(
+                f"until {self.until:g} s: the first place of the train ahead counts after the headway of "
+                f"{self.headway:g} s; increase until, or remove headway"
+            )
         return self
 
     @property
