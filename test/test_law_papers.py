@@ -33,6 +33,44 @@ def activations(point, spread, width):
     return np.exp(-(distance**2).sum(axis=0) / (2 * width**2))
 
 
+def test_smc_of_paper_000_by_hand():
+    """(19), (21), (22) on the locomotive with the force of its first coupler; breaks on any wrong term."""
+    of = model(HAULED, HILLY, sensors=(0,))
+    law = printed_law("smc", {"ks": 0.0}, of, 0.1)
+    e, de = 0.2, -0.05
+    out = law.step(
+        inputs(
+            of, t=1.0, position=np.array([2000.0 + e]), velocity=np.array([10.0 + de]),
+            reference_position=np.array([2000.0]), acceleration_at_effect=0.03, coupler_force=np.array([250e3]),
+            shoe_force=np.array([1e3]), disturbance=np.array([500.0]), force_max=np.array([760e3]),
+        )
+    )  # fmt: skip
+    kmh = 3.6 * (10.0 + de)
+    specific = 1.20 + 0.0065 * kmh + 0.000279 * kmh**2 + 4.0
+    f = 250e3 + 184e3 * 9.81e-3 * specific + 1e3
+    surface = de + e
+    reaching = 0.005 * abs(surface) ** 5 + 0.05 * math.tanh(e / 2)
+    expected = f / 1.01 + 184e3 * 0.03 - 500.0 - 184e3 * (de + 0.1 * e + reaching)
+    assert out.force[0] == pytest.approx(expected, rel=2e-6)
+
+
+def test_smc_integral_reaching_and_feedforward():
+    """The integral is the trapezoid of e from the second step on, plus ks S; a feed-forward has the whole mass."""
+    of = model(SINGLE)
+    law = printed_law("smc", {"ks": 0.5, "kappa": 0.0, "xi": 0.0, "l2": 0.2}, of, 0.1)
+    law.step(inputs(of, position=np.array([500.1])))
+    out = law.step(inputs(of, position=np.array([500.3])))
+    own = 80e3 * (1.176e-2 + 7.7616e-4 * 10 + 1.6e-5 * 100) / 1.01
+    surface = 0.3 + 0.2 * 0.5 * (0.1 + 0.3) * 0.1
+    assert out.force[0] == pytest.approx(own - 80e3 * (0.2 * 0.3 + 0.5 * surface), rel=1e-9)
+    of = model(HAULED)
+    law = printed_law(
+        "smc", {"equivalent": "feedforward", "l1": 0.07, "l2": 0.002, "ks": 0.05, "phi": 0.1, "xi": 0.0}, of, 0.1
+    )
+    out = law.step(inputs(of, velocity=np.array([10.1]), feedforward=np.array([90e3]), force_max=np.array([760e3])))
+    assert out.force[0] == pytest.approx(90e3 - 584e3 * (0.07 * 0.1 + 0.05 * 0.1), rel=1e-9)
+
+
 def test_weights_by_hand():
     """Dw with momentum; a weight stays inside its bound; W'h."""
     weights, moved, hidden = np.zeros(2), np.zeros(2), np.array([1.0, -1.0])
