@@ -57,26 +57,6 @@ def check_rows(key: str, noun: str, places: Sequence[float], rows: Sequence[Sequ
             )
 
 
-def row_at(places: Sequence[float], rows: Sequence[Sequence[float]], position: float) -> list[float]:
-    """Return the row at a position [m]; the first and the last rows hold beyond their places.
-
-    Parameters
-    ----------
-    places
-        Increasing positions [m], one or more.
-    rows
-        One row per place, all of one length.
-    position
-        Position [m].
-    """
-    after = bisect_right(places, position)
-    if after in (0, len(places)):
-        return list(rows[max(after - 1, 0)])
-    begin, end = places[after - 1], places[after]
-    weight = (position - begin) / (end - begin)
-    return [a + weight * (b - a) for a, b in zip(rows[after - 1], rows[after], strict=True)]
-
-
 SUM_TOLERANCE = 0.005
 """Largest deviation of a sum of shares from 1: three units with two decimals each."""
 
@@ -121,7 +101,11 @@ class ForceDistribution:
 
     def shares_at(self, position: float) -> list[float]:
         """Return the shares at a position of vehicle 0's centre [m]."""
-        return row_at(self._places, self._rows, position) if self._rows else self._fixed
+        places, rows, after = self._places, self._rows, bisect_right(self._places, position)
+        if after in (0, len(places)):
+            return list(rows[max(after - 1, 0)]) if rows else self._fixed
+        weight = (position - places[after - 1]) / (places[after] - places[after - 1])
+        return [a + weight * (b - a) for a, b in zip(rows[after - 1], rows[after], strict=True)]
 
     def forces(
         self, position: float, wanted: Sequence[float], low: Sequence[float], high: Sequence[float]

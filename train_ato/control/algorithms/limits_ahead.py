@@ -23,6 +23,7 @@ from plant_sim.railway import adhesion_by_speed, envelope_force
 from plant_sim.section_effects import Row, SectionZones, largest_power, limited_segments
 from train_ato.messages.types import Array
 from train_ato.messages.validity import MAX_SPEED
+from train_ato.supervision.track_supervision import limits_under_train
 
 if TYPE_CHECKING:
     from plant_sim.line import Line
@@ -126,11 +127,15 @@ class LimitsAhead:
     Attributes
     ----------
     places, speeds : Array
-        Places of vehicle 0's centre at which the limit over the train changes [m]; limits [m/s], one more.
+        Places of vehicle 0's centre at which the limit over the train changes [m]; limits [m/s], one more. A line
+        without limits has the largest valid speed.
     """
 
     def __init__(self, model: TrainModel) -> None:
-        self.places, self.speeds = _whole_train_limits(model)
+        limits = [(limit.at, limit.speed) for limit in model.line.restricted_limits] or [(0.0, MAX_SPEED)]
+        steps = limits_under_train(limits, model.consist.length)
+        self.places = np.array([at for at, _ in steps[1:]]) - model.consist.vehicles[0].length / 2.0
+        self.speeds = np.array([speed for _, speed in steps])
         self._zones = SectionZones(model.line, model.consist)
         self._offsets, supplies = model.offsets, model.consist.supplies
         self._fed_at = np.array(model.consist.offsets)[[supplies[unit] for unit in model.units]]
@@ -142,8 +147,7 @@ class LimitsAhead:
 
     def speed_limit(self, position: Array) -> Array:
         """Return the lowest limit over the train with vehicle 0's centre at places [m/s], shape (h,)."""
-        found: Array = step_values(self.places, self.speeds, position)
-        return found
+        return np.asarray(self.speeds[np.searchsorted(self.places, position, side="right")])
 
     def force(self, position: Array, speed: Array) -> tuple[Array, Array]:
         """Return smallest and largest force of every unit [N], each of shape (h, units).
@@ -182,29 +186,6 @@ class LimitsAhead:
         return np.array(rows or [(0.0, 0.0, 0.0, 0.0)]), pointers
 
 
-def _whole_train_limits(model: TrainModel) -> tuple[Array, Array]:
-    """Return places of vehicle 0's centre at which the limit over the train changes [m], and the limits [m/s].
-
-    A line without limits has the largest valid speed.
-    """
-    limits = [(limit.at, limit.speed) for limit in model.line.restricted_limits]
-    if not limits:
-        return np.zeros(0), np.array([MAX_SPEED])
-    half = model.consist.vehicles[0].length / 2.0
-    rear = model.consist.length - half
-    begins = [at - half for at, _ in limits]
-    ends = [at + rear for at, _ in limits[1:]] + [math.inf]
-    places = sorted({*begins[1:], *ends[:-1]})
-    found = []
-    for low in [-math.inf, *places]:
-        held = [
-            speed for (_, speed), begin, end in zip(limits, [-math.inf, *begins[1:]], ends, strict=True)
-            if begin <= low < end
-        ]  # fmt: skip
-        found.append(min(held))
-    return np.array(places), np.array(found)
-
-
 @compiled(allocates=False)
 def step_value(places, values, position):
     """Return the value that holds at a position; value i before place i, the last one beyond all places."""
@@ -212,15 +193,6 @@ def step_value(places, values, position):
     while step < places.size and places[step] <= position:
         step += 1
     return values[step]
-
-
-@compiled
-def step_values(places, values, position):
-    """Return :func:`step_value` at every position of an array."""
-    found = np.empty(position.size)
-    for k in range(position.size):
-        found[k] = step_value(places, values, position[k])
-    return found
 
 
 @compiled
