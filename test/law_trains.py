@@ -135,6 +135,7 @@ def stack(
         compensation=COMPENSATIONS.make(compensation, compensation_parameters or {}, of, period),
         brake_policy=make_brake_policy(brake or BrakeSpec(), of, of.line),
         profile=profile(of.tick) if along is None else along, hold_limit=1.0,
+        make_law=lambda name, values, step: LAWS.make(name, values, of, step),
     )  # fmt: skip
 
 

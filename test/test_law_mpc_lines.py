@@ -12,13 +12,12 @@ from plant_sim import kernel as k
 from plant_sim.library import load_consist, load_line
 from train_ato.control.algorithms.coupled_units import CoupledUnits
 from train_ato.control.algorithms.train_identification import SLOWEST, WEAR, TrainIdentification
-from train_ato.control.command_hold import RELEASE_FORCE
 from train_ato.control.compensation.ahead_train import AheadTrain, TwinParameters, worn
 from train_ato.control.laws.mpc import Mpc
 from train_ato.control.mpc.disturbance_lines import COUPLER, POSITION, RATE, LineSpectrum, add_line, periodic_response
 from train_ato.control.mpc.measured_motion import follow_simulation
 from train_ato.control.mpc.standstill_force import FREE, StandstillForce
-from train_ato.control.train_model import TrainModel
+from train_ato.control.train_model import RELEASE_FORCE, TrainModel
 
 PERIOD, LAG = 0.1, 0.4
 SCENARIO = "freight_consensus:realistic+delay_1_0"

@@ -41,33 +41,10 @@ def newest_arrived(sent: Array, unit: int, later: float, tick: float, forward: f
     return float(sent[0, unit])
 
 
-class CommandHistory:
-    """Commands sent and not yet in effect, one per tick, oldest first; 0 N before the first.
+def commands_in_flight(model: TrainModel, tick: float) -> Array:
+    """Return the commands that are not yet in effect, one per tick, oldest first: 0 N before the first one.
 
-    Parameters
-    ----------
-    model
-        The nominal train; its largest delay gives the number of commands.
-    tick
-        Period of the loop [s].
+    Their number, shape (d, units), follows from the largest delay of a train and the period of the loop [s].
     """
-
-    def __init__(self, model: TrainModel, tick: float) -> None:
-        longest = max(float(model.delay.max()), float(model.delay_brake.max()))
-        self._length = math.ceil(longest / tick - 1e-9)
-        self.commands = np.zeros((self._length, model.n_units))
-
-    def append(self, force: Array) -> None:
-        """Add the command of a tick [N], shape (units,)."""
-        if self._length:
-            self.commands[:-1] = self.commands[1:]
-            self.commands[-1] = force
-
-    def replace(self, force: Array) -> None:
-        """Replace the newest command by another one [N], shape (units,)."""
-        if self._length:
-            self.commands[-1] = force
-
-    def in_flight(self) -> Array:
-        """Return the commands in flight [N], shape (d, units)."""
-        return self.commands.copy() if self._length else self.commands
+    longest = max(float(model.delay.max()), float(model.delay_brake.max()))
+    return np.zeros((math.ceil(longest / tick - 1e-9), model.n_units))

@@ -9,7 +9,7 @@ import numpy as np
 
 from plant_sim.compiled import compiled
 from train_ato.control.component_fault import ComponentFailed, printable
-from train_ato.control.train_model import STANDSTILL_SPEED, TrainModel
+from train_ato.control.train_model import RELEASE_FORCE, STANDSTILL_SPEED, TrainModel
 from train_ato.messages.types import Array
 from train_ato.program.errors import RunFailed
 
@@ -60,10 +60,6 @@ class CommandHold:
             if self._by_component:
                 raise ComponentFailed(f"{self._reason}; the last command was repeated {steps}")
             raise RunFailed(f"{self._reason} {steps}")
-
-
-RELEASE_FORCE = 1.0
-"""Demand that releases the holding brake for a departure on a falling grade without traction [N]."""
 
 
 @compiled

@@ -31,7 +31,7 @@ from train_ato.messages.types import Array
 
 __all__ = [
     "NO_LOOKAHEAD", "Array", "Law", "LawInput", "LawOutput", "LawPlan", "Lookahead", "NoParameters", "Parameter",
-    "Preview", "RefusedParameter", "choice", "flag", "make_parameters", "parameter", "parameters_of",
+    "Preview", "ProfileLike", "RefusedParameter", "choice", "flag", "make_parameters", "parameter", "parameters_of",
 ]  # fmt: skip
 
 
@@ -264,6 +264,38 @@ def parameters_of(dataclass_type: type) -> tuple[Parameter, ...]:
     return tuple(
         replace(entry.metadata["parameter"], name=entry.name, default=entry.default) for entry in fields(dataclass_type)
     )
+
+
+class ProfileLike(Protocol):
+    """Interface of a speed profile: evenly spaced knots and values at any time."""
+
+    @property
+    def time(self) -> Array:
+        """Times of the knots [s], evenly spaced."""
+
+    @property
+    def position(self) -> Array:
+        """Position of vehicle 0's centre [m]."""
+
+    @property
+    def velocity(self) -> Array:
+        """Speed [m/s]."""
+
+    @property
+    def acceleration(self) -> Array:
+        """Acceleration [m/s²]."""
+
+    def at(self, t: float) -> tuple[float, float, float, float]:
+        """Return position, speed, acceleration and jerk at a time [m, m/s, m/s², m/s³]."""
+
+    def jerk(self) -> Array:
+        """Return the jerk between the knots [m/s³]."""
+
+    def window(self, t: float, count: int, period: float) -> tuple[Array, Array, Array]:
+        """Return position, speed and acceleration at ``count`` times from ``t`` on, each of shape (count,)."""
+
+    def at_times(self, t: Array) -> tuple[Array, Array, Array]:
+        """Return position, speed and acceleration at many times [s], each of the shape of ``t``."""
 
 
 @dataclass(frozen=True)

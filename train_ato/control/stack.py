@@ -12,10 +12,10 @@ import numpy as np
 
 from plant_sim.elementary import dot_of, total_of_units
 from plant_sim.record import zeros
-from train_ato.control.command_history import CommandHistory
+from train_ato.control.command_history import commands_in_flight
 from train_ato.control.command_hold import CommandHold, command_at_standstill, profile_at_standstill, stands
 from train_ato.control.compensation.contract import Compensation, CompensationInput
-from train_ato.control.compensation.rigid import ProfileLike, RigidForce
+from train_ato.control.compensation.rigid import RigidForce
 from train_ato.control.component_fault import (
     ComponentFailed,
     fault_of_error,
@@ -25,10 +25,9 @@ from train_ato.control.component_fault import (
     step_limit,
     unless_raised,
 )
-from train_ato.control.contract import Law, LawInput, LawOutput
+from train_ato.control.contract import Law, LawInput, LawOutput, ProfileLike
 from train_ato.control.guard import LawUnit, all_within, is_valid, is_valid_state, limit_commands
 from train_ato.control.plan_text import TimedPlan, plan_to_text
-from train_ato.control.registry import LAWS
 from train_ato.control.takeover import (
     AGREED,
     DEFAULT_JERK,
@@ -72,12 +71,12 @@ class ControlStack:
         The speed profile.
     hold_limit
         Maximum time for which the last command is repeated without a valid new one [s].
+    make_law
+        Returns the law for name, parameters and period.
     distribution
         Shares of the power units by place; None: the forces of the law.
     displacement
         Planned displacements of the power units by place; None: none.
-    make_law
-        Returns the law for name, parameters and period; None: a new one of the registry.
     jerk_limit
         Largest jerk of a change of the law or of a takeover [m/s³], if the jerk of the profile is larger.
     authority
@@ -86,8 +85,10 @@ class ControlStack:
 
     Attributes
     ----------
-    law, compensation, policy, profile, rigid, history
-        Parts of the stack, forces of the rigid train along the profile, and commands in flight.
+    law, compensation, policy, profile, rigid
+        Parts of the stack, and forces of the rigid train along the profile.
+    in_flight : Array, shape (d, units)
+        Commands sent and not yet in effect, one per tick, oldest first [N].
     pressure : float or None
         Pressure of the brake pipe demanded [Pa]; None without an air brake, and before the first measurement.
     every, ticks, saturated_steps : int
@@ -124,9 +125,9 @@ class ControlStack:
         brake_policy: BrakePolicy,
         profile: ProfileLike,
         hold_limit: float,
+        make_law: Callable[[str, Mapping[str, Any], float], Law],
         distribution: ForceDistribution | None = None,
         displacement: PlannedDisplacement | None = None,
-        make_law: Callable[[str, Mapping[str, Any], float], Law] | None = None,
         jerk_limit: float = DEFAULT_JERK,
         authority: Callable[[int, Array], tuple[float, Array]] | None = None,
     ) -> None:
@@ -137,14 +138,14 @@ class ControlStack:
             raise ValueError(
                 f"control_period: {period:g} s is not a multiple of the tick {tick:g} s; choose a multiple"
             )
-        self._make_law = make_law or self._new_law
+        self._make_law = make_law
         self._set_law(controller, controller_parameters.get(controller, {}))
         self.compensation, self._compensation_limit = compensation, step_limit(compensation)
         self.policy = brake_policy
         self._distribution, self._displacement = distribution, displacement
         self.delay_to_effect = float(max(model.delay.max(), model.delay_brake.max())) + model.lag
         self._air_brake = model.consist.air_brake is not None
-        self.history = CommandHistory(model, tick)
+        self.in_flight = commands_in_flight(model, tick)
         self._jerk_limit, self._authority = jerk_limit, authority
         self.ticks = self.saturated_steps = 0
         self._swaps = self._invalid_measurements = self._invalid_estimates = 0
@@ -174,10 +175,6 @@ class ControlStack:
         """Set the profile, at the start or after re-planning."""
         self.profile, self.rigid = profile, RigidForce(self.model, profile)
         self.compensation.set_profile(self.rigid)
-
-    def _new_law(self, name: str, parameters: Mapping[str, Any], period: float) -> Law:
-        law: Law = LAWS.make(name, parameters, self.model, period)
-        return law
 
     def _set_law(self, name: str, parameters: Mapping[str, Any]) -> None:
         self.law: Law = self._make_law(name, parameters, self.period)
@@ -224,7 +221,7 @@ class ControlStack:
             self._braking = TakeoverRamp(self.model, jerk, np.array(self._before), least_jerk)
         sent = self._braking.step(force, force)
         self._last = sent.tolist()
-        self.history.replace(sent)
+        self.in_flight[-1:] = sent
         return sent
 
     @property
@@ -319,24 +316,21 @@ class ControlStack:
                 total_of_units(measurement.applied),
             )
             self.law_brakes = False
-        if due and not valid:
-            self._hold.hold("no valid measurement of the power units")
-            self._miss_sample()
-        elif due and reference is None:
-            self._hold.hold("no valid reference")
-            self._miss_sample()
-        elif due:
-            assert reference is not None
+        if due and valid and reference is not None:
             self._last = self._decide(measurement, reference, estimate)
             if not getattr(self.law, "open_loop", False) and stands(measurement.velocity):
                 self._last = self._at_standstill(np.array(self._last), measurement, reference)
             decided = True
+        elif due:
+            self._hold.hold("no valid reference" if valid else "no valid measurement of the power units")
+            getattr(self.law, "on_missed_sample", lambda: None)()
         if self._transition is not None:
             self._last = self._in_transition(self._transition, measurement, decided=decided)
         if decided and self._on_command_sent is not None:
             self._on_command_sent(np.array(self._last))
         force = np.array(self._last)
-        self.history.append(force)
+        self.in_flight[:-1] = self.in_flight[1:]
+        self.in_flight[-1:] = force
         return force, self.pressure
 
     def _at_standstill(self, force: Array, measurement: Measurement, reference: Reference) -> list[float]:
@@ -347,10 +341,6 @@ class ControlStack:
         command_at_standstill(force, measurement.velocity, rests, departs)
         found: list[float] = force.tolist()
         return found
-
-    def _miss_sample(self) -> None:
-        if (on_missed := getattr(self.law, "on_missed_sample", None)) is not None:
-            on_missed()
 
     def _decide(
         self, measurement: Measurement, reference: Reference, estimate: DisturbanceEstimate | None
@@ -536,7 +526,7 @@ class ControlStack:
                 measurement,
                 reference,
                 disturbance,
-                self.history.in_flight(),
+                self.in_flight.copy(),
                 self.pressure,
                 low,
                 high,

@@ -5,14 +5,14 @@ profile, at most ``limits.jerk`` of the scenario: a recorded profile has jumps o
 """
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from plant_sim.elementary import plain_sum
 from plant_sim.gears import RigidGear
 from train_ato.control.algorithms.train_constants import mean_stiffness
-from train_ato.control.compensation.rigid import ProfileLike
-from train_ato.control.contract import LawInput
+from train_ato.control.contract import LawInput, ProfileLike
 from train_ato.control.train_model import TrainModel
 from train_ato.messages.types import Array
 
@@ -280,20 +280,17 @@ class JoinedReference:
 
     def of(self, inputs: LawInput, period: float, lookahead_times: Array | None) -> LawInput:
         """Return the inputs with this reference, for the control period [s] and the times of the lookahead [s]."""
+
+        def of_train(part: Any, times: Array) -> Any:
+            places, speeds = ((change * self._share).sum(axis=1) for change in self._difference(times))
+            return replace(part, position=part.position + places, velocity=part.velocity + speeds)
+
         (place,), (speed,) = self._difference(inputs.t)
         preview, ahead = inputs.preview, inputs.lookahead
         if count := preview.velocity.size:
-            places, speeds = self._difference(inputs.t + inputs.delay_to_effect + period * np.arange(float(count)))
-            preview = replace(
-                preview, position=preview.position + (places * self._share).sum(axis=1),
-                velocity=preview.velocity + (speeds * self._share).sum(axis=1),
-            )  # fmt: skip
+            preview = of_train(preview, inputs.t + inputs.delay_to_effect + period * np.arange(float(count)))
         if ahead.velocity.size and lookahead_times is not None:
-            places, speeds = self._difference(inputs.t + lookahead_times)
-            ahead = replace(
-                ahead, position=ahead.position + (places * self._share).sum(axis=1),
-                velocity=ahead.velocity + (speeds * self._share).sum(axis=1),
-            )  # fmt: skip
+            ahead = of_train(ahead, inputs.t + lookahead_times)
         s = min(max((inputs.t - self._begin) / self._until_place, 0.0), 1.0)
         return replace(
             inputs, reference_position=inputs.reference_position + place,

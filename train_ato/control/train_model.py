@@ -36,6 +36,8 @@ GRID = 1.0
 """Spacing of the table of line forces [m]."""
 STANDSTILL_SPEED = 0.05
 """Speed below which a train counts as standing [m/s]; the default of ``plant.holding_speed``."""
+RELEASE_FORCE = 1.0
+"""Demand that releases the holding brake for a departure on a falling grade without traction [N]."""
 
 
 @dataclass

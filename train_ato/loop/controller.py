@@ -147,7 +147,7 @@ class ControllerStage:
     def in_flight(self) -> Array:
         """Commands sent and not yet in effect [N], oldest first, shape (d, units)."""
         assert self.stack is not None
-        return self.stack.history.in_flight()
+        return self.stack.in_flight.copy()
 
     def follow_outage(self, reason: str) -> None:
         """End an engagement at the next step, because a node of the loop was away, and brake to a stop.

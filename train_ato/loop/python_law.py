@@ -154,7 +154,7 @@ class PythonLaw(PythonCall):
         return LawInput(
             t, position, velocity, applied, reference_position, reference_velocity, reference_acceleration,
             delay_to_effect, acceleration, jerk, feedforward, preview, disturbance, deflection, rate,
-            coupler_force, shoe_force, train_shoe_force, stack.history.in_flight(), force_min, force_max,
+            coupler_force, shoe_force, train_shoe_force, stack.in_flight.copy(), force_min, force_max,
             bool(self._counts["at_limit"][0]),
         )  # fmt: skip
 

@@ -457,7 +457,7 @@ class Span:
             self._jump_place(), self.counts,
             (*link.records(self.stamp, self._count), link.draws(self._count)),
             (protection.age, *stamps.records(self.stamp, self._count), stamps.draws(self._count)),
-            self._stack.history.commands[: 0 if law.whole else None],
+            self._stack.in_flight[: 0 if law.whole else None],
             spans.shown, out.truth, out.measured, out.couplers, out.sent, out.at_limit,
             (SECOND_NS, *out.reports), out.supervision, self._forecast.standstill,
             (*places, window, np.empty(1), np.empty((1, 1))),

@@ -22,9 +22,10 @@ from plant_sim.line import Line
 from plant_sim.record import Records, quantity
 from plant_sim.si_model import SiModel, option
 from plant_sim.units import Place, Ratio, Reduction, Slope, Speed, Time, Usual
-from train_ato.control.air_brake.predictive_policy import PredictiveBrake, PredictiveRules, SpeedProfile
+from train_ato.control.air_brake.predictive_policy import PredictiveBrake, PredictiveRules
 from train_ato.control.air_brake.record_policy import BrakeNow, BrakePolicy, NoRules, PolicyForm, lasts, used_share
 from train_ato.control.air_brake.trip_policy import PlannedApplication, TripBrake, TripRules
+from train_ato.control.contract import ProfileLike
 from train_ato.control.train_model import STANDSTILL_SPEED, TrainModel
 
 
@@ -250,7 +251,7 @@ class TriggeredBrake(BrakePolicy):
 
 
 def make_brake_policy(
-    spec: BrakeSpec, model: TrainModel, line: Line, profile: SpeedProfile | None = None
+    spec: BrakeSpec, model: TrainModel, line: Line, profile: ProfileLike | None = None
 ) -> BrakePolicy:
     """Return a new policy; ``profile`` is that of the run, which the policy ``predictive`` needs.
 

@@ -14,7 +14,7 @@ train, another resistance or weaker shoes move the decisions without a plan.
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Annotated, NamedTuple, Protocol
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from pydantic import field_validator, model_validator
@@ -28,6 +28,7 @@ from train_ato.control.air_brake import schedule_cost as s
 from train_ato.control.air_brake.record_policy import BrakeNow, BrakePolicy, NoRules, PolicyForm
 from train_ato.control.air_brake.shoes import ShoeForecast
 from train_ato.control.algorithms.luenberger import LuenbergerObserver
+from train_ato.control.contract import ProfileLike
 from train_ato.control.train_model import GRID, STANDSTILL_SPEED, TrainModel
 from train_ato.messages.types import Array
 from train_ato.supervision.track_supervision import limits_under_train
@@ -187,21 +188,6 @@ TOLERANCE = 1e-6
 """Tolerance of the time of a decision, for the rounding of times [s]."""
 
 
-class SpeedProfile(Protocol):
-    """Speed profile by time and place."""
-
-    @property
-    def time(self) -> Array:
-        """Times of the knots [s]."""
-
-    @property
-    def position(self) -> Array:
-        """Positions of vehicle 0's centre at the knots [m]."""
-
-    def at_times(self, t: Array) -> tuple[Array, Array, Array]:
-        """Return position, speed and acceleration at many times [s], each of the shape of ``t``."""
-
-
 @dataclass
 class DecisionState:
     """State of :class:`PredictiveBrake` that holds between its decisions."""
@@ -234,7 +220,7 @@ class PredictiveBrake(BrakePolicy):
 
     form = PolicyForm(decided_reduction, NoRules, DecisionState, NoRules)
 
-    def __init__(self, charged: float, rules: PredictiveRules, model: TrainModel, profile: SpeedProfile) -> None:
+    def __init__(self, charged: float, rules: PredictiveRules, model: TrainModel, profile: ProfileLike) -> None:
         super().__init__(charged, NoRules())
         self._rules, self._model, self._profile = rules, model, profile
         self._forecast = ScheduleForecast(rules, model)

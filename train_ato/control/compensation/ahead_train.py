@@ -45,7 +45,7 @@ from train_ato.control.contract import flag, parameter
 
 if TYPE_CHECKING:
     from train_ato.control.air_brake.record_policy import BrakePolicy
-    from train_ato.control.compensation.rigid import ProfileLike
+    from train_ato.control.contract import ProfileLike
     from train_ato.control.train_model import TrainModel
 
 

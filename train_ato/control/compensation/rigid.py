@@ -1,11 +1,10 @@
 """Force of the rigid nominal train along the profile, computed once per profile."""
 
-from typing import Protocol
-
 import numpy as np
 
 from plant_sim.compiled import compiled
 from plant_sim.railway import between_entries, each_between_entries
+from train_ato.control.contract import ProfileLike
 from train_ato.control.train_model import TrainModel
 from train_ato.messages.types import Array
 
@@ -38,38 +37,6 @@ def demands_ahead(table: Array, begin: float, spacing: float, lag: float, times:
     for i in range(times.size):
         found[i] = demand_ahead(table, begin, spacing, lag, times[i])
     return found
-
-
-class ProfileLike(Protocol):
-    """Interface of a speed profile: evenly spaced knots and values at any time."""
-
-    @property
-    def time(self) -> Array:
-        """Times of the knots [s], evenly spaced."""
-
-    @property
-    def position(self) -> Array:
-        """Position of vehicle 0's centre [m]."""
-
-    @property
-    def velocity(self) -> Array:
-        """Speed [m/s]."""
-
-    @property
-    def acceleration(self) -> Array:
-        """Acceleration [m/s²]."""
-
-    def at(self, t: float) -> tuple[float, float, float, float]:
-        """Return position, speed, acceleration and jerk at a time [m, m/s, m/s², m/s³]."""
-
-    def jerk(self) -> Array:
-        """Return the jerk between the knots [m/s³]."""
-
-    def window(self, t: float, count: int, period: float) -> tuple[Array, Array, Array]:
-        """Return position, speed and acceleration at ``count`` times from ``t`` on, each of shape (count,)."""
-
-    def at_times(self, t: Array) -> tuple[Array, Array, Array]:
-        """Return position, speed and acceleration at many times [s], each of the shape of ``t``."""
 
 
 class RigidForce:

@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING
 
 from plant_sim.elementary import plain_sum
 from train_ato.control.algorithms.train_constants import train_class
-from train_ato.control.train_model import STANDSTILL_SPEED
+from train_ato.control.train_model import RELEASE_FORCE, STANDSTILL_SPEED
 
 if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel
     from train_ato.messages.types import Array
 
-_RELEASE_FORCE = 1.0  # N, as at a departure in control/command_hold.py, which is a layer above
 STOP_WINDOW = 0.1
 """Distance from the target within which the train is not moved again [m]."""
 ROLL_OUT_SPEED = 0.08
@@ -41,7 +40,7 @@ class StandstillForce:
         self._hauls = train_class(model).hauls
         self._reversing = model.reversing
         self._share: list[float] = model.share.tolist()
-        self._release = _RELEASE_FORCE * model.n_units
+        self._release = RELEASE_FORCE * model.n_units
         self._lag = model.lag
         self._gained = 1.0 - math.exp(-period / model.lag) if model.lag > 0.0 else 1.0
         self.reset()
