@@ -167,12 +167,16 @@ def with_places(data: dict[str, Any]) -> dict[str, Any]:
     result = {key: value for key, value in data.items() if key not in _ENDS} | {"begin": begin, "end": end}
     for key, entries in data.items():
         if key != "chainage" and isinstance(entries, list):
-            result[key] = [_with_place(entry, sections, begin, f"{key}[{k}]") for k, entry in enumerate(entries)]
+            result[key] = rows_with_places(entries, sections, begin, key)
     return result
 
 
+def rows_with_places(rows: list[Any], sections: Sequence[ChainageSection], begin: float, key: str) -> list[Any]:
+    """Return the entries of a key of a file with distances for their posts."""
+    return [_with_place(entry, sections, begin, f"{key}[{k}]") for k, entry in enumerate(rows)]
+
+
 def _with_place(entry: Any, sections: Sequence[ChainageSection], begin: float, name: str) -> Any:
-    """Return an entry of a line file with distances for its posts."""
     if not isinstance(entry, dict):
         return entry
 
@@ -183,9 +187,7 @@ def _with_place(entry: Any, sections: Sequence[ChainageSection], begin: float, n
             raise ValueError(f"{name}.{key}: {error}") from None
 
     return {
-        key: [_with_place(part, sections, begin, f"{name}.{key}[{k}]") for k, part in enumerate(value)]
-        if isinstance(value, list)
-        else value
+        key: rows_with_places(value, sections, begin, f"{name}.{key}") if isinstance(value, list) else value
         for key, value in _without_posts(entry, metres).items()
     }
 

@@ -20,6 +20,7 @@ import yaml
 from programs import python
 
 import train_ato as ta
+from plant_sim.line import Line
 from train_ato.api import progress
 from train_ato.cli.list import catalogue
 from train_ato.cli.main import main
@@ -651,6 +652,18 @@ def test_a_measured_train_stops_at_its_target_after_each_way() -> None:
         found = motion_difference(law, replace(driven, metrics={}, measured=True)).stops
         assert [row["second_arrival_s"] for row in found] == arrivals
     assert found[0]["difference_stop_m"] == 0.0 and found[0]["difference_arrival_s"] == -1.0
+
+
+def test_the_difference_of_two_runs_has_the_posts_of_the_line() -> None:
+    """At 10 m/s to 100 m, where the post is 2+900: breaks if stops and the largest difference have distances only."""
+    on = Line.model_validate(
+        {"schema": "train_ato/line/1", "name": "p", "chainage": [{"begin": "3+000", "end": "2+000"}]}
+    )
+    stop = {"km": 0.1, "planned_s": 10.0, "arrival_s": 10.0, "delay_s": 0.0, "beyond_m": 0.0}
+    time = np.arange(11.0)
+    first = DrivenMotion(time, 10.0 * time, np.full(11, 36.0), np.zeros(11), {"stops": [stop]}, on=on)
+    found = motion_difference(first, replace(first, speed=np.where(time < 5, 36.0, 37.0)))
+    assert found.posts == ["2+900"] and "at km 2+950; time" in found.line
 
 
 @pytest.mark.usefixtures("without_figure")

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from case_costs import sampled
 from engine_runs import setup_of
+from matplotlib.figure import Figure
 from plan_cases import broken_promises, random_case, train_of
 from plan_cases import line_of as line
 
@@ -19,13 +20,16 @@ import train_ato as ta
 from plant_sim.consist import Consist
 from plant_sim.library import load_consist, load_line
 from plant_sim.line import Line
+from train_ato.cli.driver import _until
 from train_ato.cli.plan import add_arguments, execute, plan_from_options
 from train_ato.profile.file import read_profile, write_profile
 from train_ato.profile.planner.allowance import parse_allowance
 from train_ato.profile.planner.plan_from_state import scheduled_points
 from train_ato.profile.planner.planner import Plan, plan_profile, supplements
 from train_ato.profile.planner.settings import PlanSettings, find_train
+from train_ato.profile.planner.timing_points import read_journey
 from train_ato.profile.planner.train_tables import balancing_speed, holding_force, steepest_start
+from train_ato.report.plan_figure import _set_places
 from train_ato.scenario.profile_spec import ProfileSpec
 
 BARE = {"jerk": None, "acceleration": None, "deceleration": None, "force_margin": 0}
@@ -420,6 +424,27 @@ def test_posts_bound_a_supplement() -> None:
             parse_allowance(text).on(line)
     with pytest.raises(ValueError, match="has no chainage"):
         parse_allowance("5%:1+800..2+000").on(load_line(str(EXAMPLE / "line.yaml")))
+
+
+def test_a_journey_a_driver_and_the_axis_of_a_plan_have_the_posts_of_the_line(tmp_path: Path) -> None:
+    """Breaks if a timing point or an end is no post, its refusal has a distance, or the axis rises."""
+    line, path = load_line(str(EXAMPLE / "posts.yaml")), tmp_path / "j.yaml"
+    points = "[{at_km: 16+800, stop: true}, {at: LAST, arrival: {latest: 300}}]"
+    text = f"schema: train_ato/journey/1\nname: j\npoints: {points}"
+    path.write_text(text.replace("LAST", "14+050"))
+    assert [point.at for point in read_journey(str(path), line).points] == [200.0, 2800.0]
+    for last, message in (
+        ("17+000", r"km 17\+000 is not beyond km 16\+800"),
+        ("9+000", r"points\[1\]\.at: '9\+000': "),
+    ):
+        path.write_text(text.replace("LAST", last))
+        with pytest.raises(ValueError, match=message):
+            read_journey(str(path), line)
+    options = argparse.Namespace(until_km="12+850", speed_kmh=70.0, spacing=0.5)
+    assert _until(options, line) == 4000.0
+    axes = Figure().subplots()
+    _set_places(axes, line, "place of the front", "km")
+    assert axes.xaxis.get_major_formatter()(4.0, 0) == "12+850"
 
 
 @pytest.mark.parametrize("text", ["5", "5%+3%", "-5%", "3min", "5%:4", "5%:4..2", "0.2h/stop", "nan%", "5000%", ""])

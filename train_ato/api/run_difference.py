@@ -26,7 +26,8 @@ class RunDifference:
         ``speed_kmh`` and ``time_s`` (> 0: the second run is later) by the place of the front in m.
     stops : pandas.DataFrame
         Target in km, times of arrival, error, and their differences, of every stop of either run; NaN without arrival.
-        A measured run has no targets: its standstill within 50 m of a target of the other run is its stop.
+        A measured run has no targets: its standstill within 50 m of a target of the other run is its stop. The index
+        has the posts of a line with chainage.
     energy : dict
         Difference of traction and regenerated energy in kWh; None if a run does not have it.
     line : str
@@ -81,7 +82,7 @@ def difference(first: Run | str | Path, second: Run | str | Path, *, step: float
     return RunDifference(
         pd.DataFrame(found.over_time, index=pd.Index(found.time, name="time_s")),
         pd.DataFrame(found.over_place, index=pd.Index(found.place, name="place_m")),
-        pd.DataFrame(found.stops, columns=STOP_COLUMNS, dtype=float),
+        pd.DataFrame(found.stops, found.posts, STOP_COLUMNS, dtype=float),
         found.energy,
         found.line,
     )

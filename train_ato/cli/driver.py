@@ -9,6 +9,7 @@ from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING
 
+from train_ato.cli.plan import kilometre
 from train_ato.cli.screen import print_result
 from train_ato.program.arguments import add_option, check_new_file
 from train_ato.program.display_units import shown_text
@@ -24,7 +25,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = partial(add_option, parser)
     add("line LINE", "shipped line or file")
     add("consist CONSIST", "shipped train or file")
-    add("--until-km KM", "last position of vehicle 0; the train is still moving there", required=True)
+    add(
+        "--until-km KM",
+        "last position of vehicle 0 [km], or a post as 84+500; the train is still moving there",
+        type=kilometre,
+        required=True,
+    )
     add("--speed-kmh V", "target speed of the driver, also above the limits of the line (default: 70)", default=70.0)
     add("--spacing S", "time between the knots of the profile (default: 0.5)", default=0.5)
     add("--out FILE", "profile to write (.csv, .yaml)", required=True)
@@ -38,15 +44,16 @@ def execute(options: argparse.Namespace) -> None:
 
     check_new_file(options.out, (".csv", ".yaml", ".yml"))
     consist, line = load_consist(options.consist), load_line(options.line)
-    _check(options, line)
+    until = _until(options, line)
     driver = dataclasses.replace(Driver(), speed=options.speed_kmh / 3.6)
-    run = simulate_driver(consist, line, options.until_km * 1e3, driver, report=_print_position)
+    run = simulate_driver(consist, line, until, driver, report=_print_position)
     profile = averaged_profile(run, driver, options.spacing)
+    shown = options.until_km if isinstance(options.until_km, str) else f"{options.until_km:.10g}"
     source = (
         f"simulated driver ({driver.slew / 1e3:g} kN/s, {driver.traction:g} of the traction, {driver.brake:g} of the "
         f"brake, {options.speed_kmh:g} km/h, {driver.gain:g} 1/s) on {consist.name} and {line.name}, speed averaged "
         f"over {driver.average:g} s three times: "
-        f"train-ato driver {options.line} {options.consist} --until-km {options.until_km:.10g} "
+        f"train-ato driver {options.line} {options.consist} --until-km {shown} "
         f"--speed-kmh {options.speed_kmh:.10g} --spacing {options.spacing:.10g}"
     )
     write_profile(profile, options.out, source)
@@ -90,15 +97,22 @@ def _note_excess(profile: Profile, consist: Consist, line: Line) -> None:
         sys.stderr.write(f"note: the driver does not keep speed limits: {shown_text(text)}\n")
 
 
-def _check(options: argparse.Namespace, line: Line) -> None:
-    """Check the numbers of the options."""
-    begin, end = line.begin / 1e3, line.end / 1e3
-    if not begin < options.until_km <= end:
-        raise ValueError(f"--until-km {options.until_km}: not on line '{line.name}'; give km {begin:g} to km {end:g}")
+def _until(options: argparse.Namespace, line: Line) -> float:
+    """Return the last position [m] after a check of the numbers of the options."""
+    asked = options.until_km
+    try:
+        until = line.place_of(asked) if isinstance(asked, str) else asked * 1e3
+    except ValueError as error:
+        raise ValueError(f"--until-km {error}") from None
+    if not line.begin < until <= line.end:
+        raise ValueError(
+            f"--until-km {asked}: not on line '{line.name}' ({line.extent}); give a place beyond its begin"
+        )
     if not 1 <= options.speed_kmh <= 500:
         raise ValueError(f"--speed-kmh {options.speed_kmh}: out of range; give 1 to 500 km/h")
     if not 0.1 <= options.spacing <= 10:
         raise ValueError(f"--spacing {options.spacing}: out of range; give 0.1 to 10 s")
+    return until
 
 
 def _print_position(place: float) -> None:

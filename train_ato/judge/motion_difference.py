@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from plant_sim.line import Line
 from train_ato.judge.metrics import front_of_train
 from train_ato.judge.recording import Recording
 from train_ato.judge.typed_result import StopOfRun, TypedResult
@@ -27,6 +28,8 @@ class DrivenMotion:
         Metrics of the run.
     measured : bool
         The run was measured and has no targets.
+    on : Line or None
+        Line, for its posts.
     """
 
     time: Array
@@ -35,6 +38,7 @@ class DrivenMotion:
     force: Array
     metrics: dict[str, Any]
     measured: bool = False
+    on: Line | None = None
 
     @classmethod
     def of(cls, recording: Recording, metrics: dict[str, Any]) -> "DrivenMotion | None":
@@ -43,7 +47,8 @@ class DrivenMotion:
             return None
         front = front_of_train(recording.setup, recording)
         force = recording.applied.sum(axis=1) / 1e3
-        return cls(recording.time, front, 3.6 * recording.front_velocity, force, metrics, recording.measured_only)
+        speed, on = 3.6 * recording.front_velocity, recording.setup.line
+        return cls(recording.time, front, speed, force, metrics, recording.measured_only, on)
 
 
 @dataclass(frozen=True)
@@ -56,18 +61,27 @@ class MotionDifference:
     over_place: dict[str, Array]
     stops: list[dict[str, float | None]]
     energy: dict[str, float | None]
+    on: Line | None = None
 
     @property
     def line(self) -> str:
         """Largest differences in one line, and those of the energy."""
         speed, late = np.abs(self.over_place["speed_kmh"]), np.abs(self.over_place["time_s"])
         energy = [f"{ENERGY[key]} by {value:+.3g} kWh" for key, value in self.energy.items() if value is not None]
-        return "; ".join(
+        text = "; ".join(
             [
                 f"speed differs by up to {speed.max():.3g} km/h, at km {self.place[speed.argmax()] / 1e3:.3f}",
                 f"time at a place by up to {late.max():.3g} s, at km {self.place[late.argmax()] / 1e3:.3f}",
                 *energy,
             ]
+        )
+        return self.on.with_posts(text) if self.on else text
+
+    @property
+    def posts(self) -> list[str] | None:
+        """Posts of the stops; None for a line without a chainage."""
+        return (
+            [self.on.post_at(1e3 * (row["km"] or 0.0)) for row in self.stops] if self.on and self.on.chainage else None
         )
 
 
@@ -93,7 +107,7 @@ def motion_difference(first: DrivenMotion, second: DrivenMotion, *, step: float 
     }
     over_place = {"speed_kmh": speeds[1] - speeds[0], "time_s": passed[1] - passed[0]}
     energy = {key: _minus(second.metrics.get(key), first.metrics.get(key)) for key in ENERGY}
-    return MotionDifference(time, over_time, place, over_place, _stops(first, second), energy)
+    return MotionDifference(time, over_time, place, over_place, _stops(first, second), energy, first.on)
 
 
 def _first_passing(front: Array, time: Array, place: Array) -> Array:

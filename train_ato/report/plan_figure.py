@@ -36,7 +36,7 @@ def draw_plan(plan: Plan, path: Path) -> None:
     _draw_speed(speed, plan, place, scale)
     _draw_force(force, plan, place)
     _draw_grade(grade, plan, scale)
-    grade.set_xlabel(axis_title(f"place of the front in {unit}"))
+    _set_places(grade, plan.line, "place of the front", unit)
     for panel in (speed, force, grade):
         panel.margins(x=0.01)
     figure.suptitle(
@@ -44,6 +44,16 @@ def draw_plan(plan: Plan, path: Path) -> None:
         f"{plan.summary()['energy_kwh']:.0f} kWh"
     )
     write_figure(figure, path)
+
+
+def _set_places(panel: Axes, line: Line, what: str, unit: str) -> None:
+    """Set title and numbers of an axis of places: posts on a line with chainage."""
+    if not line.chainage:
+        panel.set_xlabel(axis_title(f"{what} in {unit}"))
+        return
+    scale = shown_per(unit)
+    panel.xaxis.set_major_formatter(lambda place, _: line.post_at(round(place / scale)))
+    panel.set_xlabel(f"post at the {what}")
 
 
 def shown_per(unit: str) -> float:
@@ -128,7 +138,7 @@ def draw_trip(plan: TripPlan, line: Line, consist: Consist, path: Path) -> None:
         lw=1,
     )
     grade.set_ylabel("grade in ‰")
-    grade.set_xlabel(axis_title("place of vehicle 0's centre in km"))
+    _set_places(grade, line, "place of vehicle 0's centre", "km")
     speed.legend(loc="lower center", ncols=3)  # the profile is above it, except at both ends
     for panel in (force, coupler):
         panel.legend(loc="upper right")

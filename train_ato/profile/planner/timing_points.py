@@ -17,6 +17,7 @@ from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
+from plant_sim.chainage import rows_with_places
 from plant_sim.formats.fields import Fields, finite_number, keys_not_carried, note_lost_keys, read_data
 from plant_sim.input_error import build_model
 from plant_sim.line import Line
@@ -57,7 +58,7 @@ class SpeedWindow(SiModel):
 class TimingPoint(SiModel):
     """A place with the times at which the train stops there or passes it."""
 
-    at: Place = Field(description="place of the front", examples=[1200.0])
+    at: Place = Field(description="place of the front; in a journey file also a post 12+345", examples=[1200.0])
     name: str = Field("", max_length=100, description="name of the station", examples=["Market"])
     stop: bool = Field(False, description="stop at this place; arrival, departure or dwell imply it")
     arrival: TimeWindow | None = Field(None, description="window of the arrival")
@@ -150,7 +151,7 @@ def read_journey(name: str, line: Line) -> JourneyFile:
     if "timing points" in data:
         journey = _ttobench_journey(data, name, line)
     elif str(data.get("schema", "")).startswith("train_ato/journey/"):
-        journey = build_model(JourneyFile, data, name)
+        journey = _own_journey(data, name, line)
     else:
         raise ValueError(
             f"{name}: schema = '{str(data.get('schema', ''))[:60]}': no supported journey format (train_ato YAML, "
@@ -159,10 +160,20 @@ def read_journey(name: str, line: Line) -> JourneyFile:
     for point in journey.points:
         if not line.begin - 1e-6 <= point.at <= line.end + 1e-6:
             raise ValueError(
-                f"{name}: timing point {point.label} lies beyond line '{line.name}' ({line.extent}); "
+                f"{name}: timing point {line.with_posts(point.label)} lies beyond line '{line.name}' ({line.extent}); "
                 "give the line of the journey or move the point"
             )
     return journey
+
+
+def _own_journey(data: dict[str, Any], name: str, line: Line) -> JourneyFile:
+    """Return a journey whose places can be posts of the line."""
+    try:
+        if line.chainage and isinstance(rows := data.get("points"), list):
+            data = {**data, "points": rows_with_places(rows, line.chainage, line.begin, f"{name}: points")}
+        return build_model(JourneyFile, data, name)
+    except ValueError as error:
+        raise ValueError(line.with_posts(str(error))) from None
 
 
 def _ttobench_journey(data: dict[str, Any], name: str, line: Line) -> JourneyFile:
