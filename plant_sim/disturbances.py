@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from plant_sim.elementary import cos_each, sin_each, tanh_each
-from plant_sim.line import Begin, End, check_grade
+from plant_sim.line import LineSection, check_grade
 from plant_sim.si_model import SiModel, option
 from plant_sim.states import Array
 from plant_sim.units import Acceleration, Force, Number, Slope, Time, Unit, Usual
@@ -134,7 +134,20 @@ def _window(t: Array, begin: float, end: float, ramp: float) -> Array:
     return np.clip(np.minimum(t - begin, end - t) / ramp, 0.0, 1.0)
 
 
-class Gust(_TimeFunction):
+class Interval(SiModel):
+    """Interval of a run."""
+
+    begin: Time = Field(description="begin of the interval", examples=[60.0])
+    end: Time = Field(description="end of the interval", examples=[70.0])
+
+    @model_validator(mode="after")
+    def _order(self) -> Interval:
+        if self.end <= self.begin:
+            raise ValueError(f"end {self.end:g} s must be after begin {self.begin:g} s; correct it")
+        return self
+
+
+class Gust(Interval, _TimeFunction):
     """Wind gust as a trapezoid in time; > 0 acts forward."""
 
     kind: Literal["gust"]
@@ -144,29 +157,19 @@ class Gust(_TimeFunction):
     acceleration: Acceleration = option(0.0, "acceleration of each listed vehicle", example=-0.05)
     force: Annotated[Force, Usual(10, 5e6)] = option(0.0, "force on each listed vehicle", example=-3e3)
 
-    @model_validator(mode="after")
-    def _order(self) -> Gust:
-        if self.end <= self.begin:
-            raise ValueError(f"gust: end {self.end:g} s must be after begin {self.begin:g} s")
-        return self
-
     def tick(self, t: Array, mass: Array) -> OutsideForce:
         """Return the forces of a tick."""
         shape = _window(t, self.begin, self.end, self.ramp)
         return OutsideForce(shape[:, None] * (self.acceleration * mass + self.force))
 
 
-class ExtraGrade(SiModel):
+class ExtraGrade(LineSection):
     """Section with a grade that is not in the model; > 0 uphill, added to that of the line."""
 
-    begin: Begin
-    end: End
     grade: Slope = Field(description="additional grade", examples=[0.002])
 
     @model_validator(mode="after")
-    def _order(self) -> ExtraGrade:
-        if self.end <= self.begin:
-            raise ValueError(f"grade: end {self.end:g} m must be beyond begin {self.begin:g} m")
+    def _plausible(self) -> ExtraGrade:
         check_grade(self.grade)
         return self
 

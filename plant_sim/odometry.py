@@ -29,16 +29,6 @@ class OdometryReading:
 
 
 @dataclass
-class SlipRecord:
-    """Wheel slip of one power unit."""
-
-    unit: int = quantity("", "number of the unit")
-    begin: float = quantity("s", "begin")
-    end: float = quantity("s", "end")
-    slip: float = quantity("1", "relative difference of the wheel speed")
-
-
-@dataclass
 class OdometerState:
     """Errors and counted distances of the odometers."""
 
@@ -52,7 +42,7 @@ class OdometerState:
 
 
 @compiled
-def wheel_ratio(own: OdometerState, slips: Records[SlipRecord], time: float) -> float:
+def wheel_ratio(own: OdometerState, slips: Records[WheelSlip], time: float) -> float:
     """Return the ratio of counted to true distance of the wheel at a time [s], with its slip."""
     total = 0.0
     for slip in slips:
@@ -62,7 +52,7 @@ def wheel_ratio(own: OdometerState, slips: Records[SlipRecord], time: float) -> 
 
 
 @compiled
-def count_distance(own: OdometerState, slips: Records[SlipRecord], stamp: int, front: float) -> None:
+def count_distance(own: OdometerState, slips: Records[WheelSlip], stamp: int, front: float) -> None:
     """Count the distance to a true front position [m] at a time [ns]; a passed balise sets both odometers."""
     wheel, moved = wheel_ratio(own, slips, stamp * 1e-9), front - own.front
     balise = own.spacing * floor(front / own.spacing)
@@ -80,7 +70,7 @@ def count_distance(own: OdometerState, slips: Records[SlipRecord], stamp: int, f
 
 @compiled
 def read_odometers(
-    own: OdometerState, slips: Records[SlipRecord], stamp: int, speed: float, reading: OdometryReading
+    own: OdometerState, slips: Records[WheelSlip], stamp: int, speed: float, reading: OdometryReading
 ) -> None:
     """Write the odometry at the counted front position for a true speed [m/s] at a time [ns]."""
     reading.stamp = stamp
@@ -133,7 +123,7 @@ class Odometers:
     ----------
     state : Array of :class:`OdometerState`, shape (1,)
         Errors and counted distances.
-    slips : Array of :class:`SlipRecord`
+    slips : Array of :class:`WheelSlip`
         Slips of all units.
     """
 
@@ -143,7 +133,7 @@ class Odometers:
         self.state["wheel"], self.state["radar"] = 1.0 + wheel * spec.wheel_error, 1.0 + radar * spec.radar_error
         self.state["spacing"] = spec.balise_spacing
         self.state["front"] = self.state["origin"] = front
-        self.slips = records_of(SlipRecord, slips)
+        self.slips = records_of(WheelSlip, slips)
         self._reading = zeros(OdometryReading, 1)
 
     def move(self, stamp: int, front: float) -> None:

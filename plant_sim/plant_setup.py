@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from plant_sim.disturbances import DisturbanceSource
+from plant_sim.disturbances import DisturbanceSource, Interval
 from plant_sim.gears import DraftGear
 from plant_sim.si_model import SiModel, option
 from plant_sim.units import Force, ForceRate, Length, Number, Place, Ratio, Speed, Time, Usual
@@ -62,36 +62,20 @@ class SpeedAdhesion(SiModel):
 Adhesion = Annotated[ConstantAdhesion | SpeedAdhesion, Field(discriminator="kind")]
 
 
-class Freeze(SiModel):
+class Freeze(Interval):
     """Measurement of one unit that is constant for an interval."""
 
     unit: int = option(0, "number of the power unit, from 0", example=1, ge=0)
-    begin: Time = Field(description="begin of the interval", examples=[60.0])
-    end: Time = Field(description="end of the interval", examples=[70.0])
     quantity: Literal["position", "velocity", "both"] = option("both", "measured quantity that is constant")
 
-    @model_validator(mode="after")
-    def _order(self) -> Freeze:
-        if self.end <= self.begin:
-            raise ValueError(f"freeze: end {self.end:g} s must be after begin {self.begin:g} s")
-        return self
 
-
-class WheelSlip(SiModel):
+class WheelSlip(Interval):
     """Wheel slip (> 0) or slide (< 0) of one unit, with the error of its odometer."""
 
     unit: int = option(0, "number of the power unit, from 0", example=1, ge=0)
-    begin: Time = Field(description="begin of the interval", examples=[60.0])
-    end: Time = Field(description="end of the interval", examples=[70.0])
     slip: Ratio = Field(
         ge=-1, le=100, description="slip s in the measured speed (1 + s) v; -1 for locked wheels", examples=[0.1]
     )
-
-    @model_validator(mode="after")
-    def _order(self) -> WheelSlip:
-        if self.end <= self.begin:
-            raise ValueError(f"wheel_slip: end {self.end:g} s must be after begin {self.begin:g} s")
-        return self
 
 
 class Sensors(SiModel):

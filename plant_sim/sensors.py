@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from plant_sim.compiled import compiled
 from plant_sim.elementary import random_stream
 from plant_sim.input_error import one_of
-from plant_sim.odometry import SlipRecord
-from plant_sim.plant_setup import Freeze, Sensors
+from plant_sim.plant_setup import Freeze, Sensors, WheelSlip
 from plant_sim.record import Records, quantity, records_of, zeros
 from plant_sim.states import Array, Measurement, VehicleStates
 
@@ -99,7 +98,7 @@ class SensorRecords(NamedTuple):
 
     constants: Records[SensorConstants]
     units: Records[UnitSensor]
-    slips: Records[SlipRecord]
+    slips: Records[WheelSlip]
     freezes: Records[FreezeRecord]
     couplers: NDArray[np.int64]
     gaps: Array
@@ -113,7 +112,7 @@ def rounded(value: float, quantum: float) -> float:
 
 @compiled
 def measure_unit(
-    p: SensorConstants, own: UnitSensor, u: int, slips: Records[SlipRecord], freezes: Records[FreezeRecord],
+    p: SensorConstants, own: UnitSensor, u: int, slips: Records[WheelSlip], freezes: Records[FreezeRecord],
     time: float, x: float, v: float, noise: float, speed_noise: float,
 ) -> None:  # fmt: skip
     """Measure true position [m] and speed [m/s] of a unit at a time [s], with the noise of both."""
@@ -203,7 +202,7 @@ class SensorSet:
         for name in constants.dtype.names[:-1]:
             constants[name] = getattr(sensors, name)
         constants["tick"], own["vehicle"] = tick, units
-        slips, freezes = records_of(SlipRecord, sensors.wheel_slip), zeros(FreezeRecord, 0)
+        slips, freezes = records_of(WheelSlip, sensors.wheel_slip), zeros(FreezeRecord, 0)
         self.records = SensorRecords(constants, own, slips, freezes, front, gaps[front])
         self._freezes: tuple[Freeze, ...] = ()
         self._add_freezes(sensors.freeze)

@@ -131,7 +131,7 @@ def test_turbulence() -> None:
     ("disturbance", "message"),
     [
         ({"kind": "eq40"}, "lists vehicle 10"),
-        ({"kind": "gust", "begin": 3, "end": 2}, "gust: end 2 s must be after begin 3 s"),
+        ({"kind": "gust", "begin": 3, "end": 2}, "end 2 s must be after begin 3 s; correct it"),
         ({"kind": "gust", "begin": 0, "end": 5, "force": 1e3, "vehicles": [1, 1]}, "lists a vehicle twice"),
     ],
 )

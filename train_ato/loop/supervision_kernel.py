@@ -10,7 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from plant_sim.compiled import compiled
-from plant_sim.odometry import OdometerState, OdometryReading, SlipRecord, count_distance, read_odometers
+from plant_sim.odometry import OdometerState, OdometryReading, count_distance, read_odometers
+from plant_sim.plant_setup import WheelSlip
 from plant_sim.record import Records, quantity, zeros
 from train_ato.control.assurance import AssuranceConstants, AssuranceState, assure
 from train_ato.control.plausibility import PLAUSIBLE, CheckConstants, implausible_quantity
@@ -65,7 +66,7 @@ class SupervisionArrays(NamedTuple):
 
     states: SupervisionStates
     kept: SupervisionStates
-    slips: Records[SlipRecord]
+    slips: Records[WheelSlip]
     constants: Records[SupervisorConstants]
     past: Records[PastSpeed]
     track: LineLimits
@@ -238,7 +239,7 @@ def _without_supervisor(run: Records[SupervisedRun]) -> SupervisionArrays:
     states = SupervisionStates(run, *(zeros(kind, 1) for kind in kinds))
     limits = LineLimits(zeros(Ceiling, 1), zeros(Target, 0), zeros(Arc, 0)), zeros(LimitRows, 1)
     return SupervisionArrays(
-        states, states, zeros(SlipRecord, 0), zeros(SupervisorConstants, 1), zeros(PastSpeed, 1), *limits,
+        states, states, zeros(WheelSlip, 0), zeros(SupervisorConstants, 1), zeros(PastSpeed, 1), *limits,
         zeros(AssuranceConstants, 1), zeros(PastSpeed, 1), zeros(CheckConstants, 1), zeros(SupervisorState, 1),
         zeros(OdometryReading, 1),
     )  # fmt: skip
