@@ -103,20 +103,6 @@ def stamps_to_seconds(stamps: NDArray[np.int64]) -> Array:
     return np.asarray(stamps * 1e-9, dtype=np.float64)
 
 
-def whole_nanoseconds(period: float, what: str) -> int:
-    """Return a period [s] in nanoseconds.
-
-    Raises
-    ------
-    ValueError
-        If it is not a positive number of whole nanoseconds; the message begins with ``what``.
-    """
-    period_ns = round(period * 1e9) if math.isfinite(period) else 0
-    if period_ns < 1:
-        raise ValueError(f"{what} is {period} s; give at least 1 ns")
-    return period_ns
-
-
 def check_columns(columns: list[Array]) -> None:
     """Check that times, positions, speeds and accelerations are finite and of equal length.
 
@@ -284,7 +270,9 @@ class Profile:
         ValueError
             If the period is not a positive number of whole nanoseconds.
         """
-        period_ns = whole_nanoseconds(period, "the period of a profile")
+        period_ns = round(period * 1e9) if math.isfinite(period) else 0
+        if period_ns < 1:
+            raise ValueError(f"the period of a profile is {period} s; give at least 1 ns")
         if period_ns == self.period_ns:
             return self
         last_ns = self.start_ns + self.period_ns * (self._count - 1)

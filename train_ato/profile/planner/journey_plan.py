@@ -160,14 +160,13 @@ class JourneyPlanner:
     def _ceiling(self, passed: tuple[TimingPoint, ...], begin: float, end: float) -> tuple[Array, Array] | None:
         """Return places [m] and speeds [m/s] of the largest speeds at points; None without one."""
         settings, top = self._inputs.settings, self._inputs.train.speed_max
-        rate = max(min(settings.acceleration or 2.0, 2.0), min(settings.deceleration or 2.0, 2.0))
         limits = [(point.at, point.speed.most) for point in passed if point.speed and point.speed.most is not None]
         if not limits:
             return None
         places = np.linspace(begin, end, max(2, int((end - begin) / NOTCH_SLOPE) + 1))
         speeds = np.full(places.size, top)
         for at, most in limits:
-            reach = NOTCH_MARGIN + (most * rate / settings.jerk if settings.jerk else 0.0)
+            reach = NOTCH_MARGIN + (most * settings.service_rate / settings.jerk if settings.jerk else 0.0)
             speeds[np.abs(places - at) <= reach] = np.minimum(speeds[np.abs(places - at) <= reach], most)
         return places, speeds
 

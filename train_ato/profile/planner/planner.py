@@ -154,9 +154,10 @@ def plan_profile(
         If there is no solution; one line: place, reason; fix.
     """
     try:
-        chosen = (settings or PlanSettings()).for_train(consist)
-        inputs = SectionInputs.of_line(line, consist, chosen, available=available, reduction=reduction, ceiling=ceiling)
-        _note_speeds(chosen.speed_max, line, inputs.train)
+        inputs = SectionInputs.of_line(
+            line, consist, settings or PlanSettings(), available=available, reduction=reduction, ceiling=ceiling
+        )
+        _note_speeds(inputs.settings.speed_max, line, inputs.train)
         return _planned(line, inputs, period)
     except ValueError as error:
         raise ValueError(line.with_posts(str(error))) from error

@@ -298,7 +298,7 @@ class PlanSection:
             )
         energy, stalled = forward(
             top, tables.rates, SPEED_STEP, tables.line_max, tables.line_mean, tables.line_min, tables.air, grid.steps,
-            tables.reserves, _or_infinite(settings.acceleration), _or_infinite(settings.deceleration), first,
+            tables.reserves, settings.acceleration or np.inf, settings.deceleration or np.inf, first,
             strategy.cut_off_energy(grid.places), strategy.brake_onset_energy(grid.places),
         )  # fmt: skip
         if stalled >= 0:
@@ -332,7 +332,7 @@ class PlanSection:
         grid, tables = self.grid, self.tables
         top, lost = backward(
             limit, tables.rates, SPEED_STEP, tables.line_min, tables.line_mean, tables.air, grid.steps,
-            tables.reserves, _or_infinite(self.inputs.settings.deceleration), self.end_speed**2 / 2, coast_above,
+            tables.reserves, self.inputs.settings.deceleration or np.inf, self.end_speed**2 / 2, coast_above,
         )  # fmt: skip
         if lost >= 0:
             raise ValueError(braking_message(self.inputs, grid, tables, lost, top))
@@ -356,8 +356,8 @@ class PlanSection:
             line_mean=tables.line_mean,
             air=tables.air[1],
             table=tables.rates,
-            service=_or_infinite(self.inputs.settings.acceleration),
-            deceleration=_or_infinite(self.inputs.settings.deceleration),
+            service=self.inputs.settings.acceleration or np.inf,
+            deceleration=self.inputs.settings.deceleration or np.inf,
             end=self.end_speed**2 / 2,
             resolution=resolution,
         )
@@ -414,7 +414,7 @@ class PlanSection:
             return self._tables
         grid, train = self.grid, self.inputs.train
         low, mean, high = (force / train.inertia for force in self.inputs.force.over_cells(grid))
-        rate = self._service_rate
+        rate = self.inputs.settings.service_rate
         places = self.inputs.places
         air = np.stack((np.zeros(grid.cells) if places is None else places.largest_air(grid),) * 3)
         width = np.zeros(grid.cells)
@@ -440,16 +440,6 @@ class PlanSection:
         self._tables_key = key
         self._tables = SectionTables(limit, low, mean, high, air, rates, reserves, width)
         return self._tables
-
-    @property
-    def _service_rate(self) -> float:
-        """Largest service acceleration or deceleration, at most 2 m/s²."""
-        settings = self.inputs.settings
-        return max(min(settings.acceleration or 2.0, 2.0), min(settings.deceleration or 2.0, 2.0))
-
-
-def _or_infinite(limit: float | None) -> float:
-    return np.inf if limit is None else limit
 
 
 def energy_weights(settings: PlanSettings) -> EnergyWeights:

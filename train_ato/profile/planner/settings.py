@@ -106,6 +106,11 @@ class PlanSettings(SiModel):
         """True for a plan with scheduled times, False for one of minimum time."""
         return self.time is not None or self.points is not None or bool(self.allowance)
 
+    @property
+    def service_rate(self) -> float:
+        """Largest service acceleration or deceleration, at most 2 m/s²."""
+        return max(min(self.acceleration or 2.0, 2.0), min(self.deceleration or 2.0, 2.0))
+
     def for_train(self, consist: Consist) -> "PlanSettings":
         """Return the settings with the ``plan_limits`` of a train for the keys that it does not set."""
         free = {key: name for key, name in OF_TRAIN.items() if key not in self.model_fields_set}

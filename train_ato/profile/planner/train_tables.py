@@ -157,16 +157,6 @@ class TrainTables:
         pairs = [tuple(envelope.forces(speed) for envelope in pair) for pair in self._brakes]
         return self._with_friction(traction, pairs, speed)
 
-    def _air_brake_force(self, speed: Array) -> Array:
-        return np.asarray(shoe_force(self._shoes, speed))
-
-    def _with_available_force(self, traction: Array, electric: Array, air: Array) -> tuple[Array, Array, Array]:
-        left = self.available
-        traction = np.minimum(traction * left.traction, left.traction_max)
-        electric, air = electric * left.brake, air * left.brake
-        electric = np.minimum(electric, left.brake_max)
-        return traction, electric, np.minimum(air, left.brake_max - electric)
-
     def _tabulated(self, envelopes: list[Envelope]) -> list[Array]:
         return [envelope_table(envelope, self.speed, self.speed_max) for envelope in envelopes]
 
@@ -181,7 +171,10 @@ class TrainTables:
         """Return the available forces [N] with the friction part of the units' brakes as air brake."""
         electric = np.zeros(speed.size) + sum(np.minimum(whole, part) for whole, part in pairs)
         friction = np.zeros(speed.size) + sum(np.maximum(whole - part, 0.0) for whole, part in pairs)
-        return self._with_available_force(traction, electric, self._air_brake_force(speed) + friction)
+        left, air = self.available, np.asarray(shoe_force(self._shoes, speed)) + friction
+        electric = np.minimum(electric * left.brake, left.brake_max)
+        traction = np.minimum(traction * left.traction, left.traction_max)
+        return traction, electric, np.minimum(air * left.brake, left.brake_max - electric)
 
 
 def envelope_table(envelope: Envelope, speed: Array, speed_max: float) -> Array:
@@ -210,7 +203,7 @@ def _shoe_force(consist: Consist, reduction: float | None) -> float:
     """Return the shoe force of the whole train at standstill [N]; reduction [Pa], None: the deepest.
 
     Paper 000, eqs. (10)-(15): beta_c phi n K with phi = friction (K + 200)/(4 K + 200), K in kN; the
-    speed-dependent factor of phi is applied in :meth:`TrainTables._air_brake_force`.
+    speed-dependent factor of phi is applied by :class:`TrainTables`.
     """
     if consist.air_brake is None:
         return 0.0

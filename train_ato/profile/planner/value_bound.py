@@ -38,7 +38,6 @@ cache detects changes of this file only.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -231,7 +230,25 @@ def least_value(
     steps: Array, line: Array, air: Array, limit: Array, open_table: Array, width: float, service: tuple[float, float],
     ends: tuple[float, float], price: float, weights: tuple[float, float],
 ) -> Any:  # fmt: skip
-    """Return a lower bound of the least energy + price x time from the begin to the end."""
+    """Return a lower bound of the least energy + price x time from the begin to the end.
+
+    Parameters
+    ----------
+    steps : Array, shape (n,)
+        Lengths of the slabs [m].
+    line, air : Array, shape (3, n) and (n,)
+        Least, mean and largest line force, over the inertia [m/s²], and least tunnel air over v² [1/m].
+    limit : Array, shape (n + 1,)
+        E of the speed limit at the borders.
+    open_table : Array, shape (4, m)
+        Resistance at the points of the grid; largest traction, whole and electric brake of the cells beyond them.
+    width
+        Distance of the points of the grid of E as speeds [m/s].
+    service, ends
+        Service acceleration and deceleration [m/s²], and E at the begin and at the end.
+    price, weights
+        Price of time [W/kg], cost of traction work and gain of electric-brake work.
+    """
     size, table = open_table.shape[1], open_table.copy()
     values, lowered = np.zeros(size), np.zeros(size)
     for j in range(size):
@@ -274,40 +291,6 @@ MAX_CLIMB = 4
 """Largest number of prices in one direction on the last grid."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Slabs:
-    """A section for the bound; all forces are divided by the inertia [m/s²].
-
-    Attributes
-    ----------
-    steps : Array, shape (n,)
-        Lengths of the slabs [m].
-    line : Array, shape (3, n)
-        Least, mean and largest line force.
-    air : Array, shape (n,)
-        Least tunnel air over v² [1/m].
-    limit : Array, shape (n + 1,)
-        E of the speed limit at the borders.
-    table : Array, shape (4, m)
-        Resistance at the points of the grid; largest traction, whole and electric brake of the cells beyond them.
-    width
-        Distance of the points of the grid of E as speeds [m/s].
-    service : tuple
-        Service acceleration and deceleration [m/s²].
-    ends : tuple
-        E at the begin and at the end.
-    """
-
-    steps: Array
-    line: Array
-    air: Array
-    limit: Array
-    table: Array
-    width: float
-    service: tuple[float, float]
-    ends: tuple[float, float]
-
-
 def value_lower_bound(sections: list[PlanSection], time: float) -> float:
     """Return a lower bound of the net energy, without auxiliaries, of every run within a running time [J].
 
@@ -322,8 +305,8 @@ def value_lower_bound(sections: list[PlanSection], time: float) -> float:
 
     def bound(size: Resolution) -> Callable[[float], float]:
         cells = max(size.cells // len(sections), MIN_SLABS)
-        slabs = [_slabs(section, Resolution(cells, size.points)) for section in sections]
-        return lambda price: plain_sum(_least_value(entry, price, weights) for entry in slabs) - price * time
+        values = [_value_of(section, Resolution(cells, size.points), weights) for section in sections]
+        return lambda price: plain_sum(value(price) for value in values) - price * time
 
     best = _climb(bound(LAST), _best_price(bound(FIRST)))
     return best * sections[0].inputs.train.inertia
@@ -356,8 +339,11 @@ def _climb(bound: Callable[[float], float], price: float) -> float:
     return best
 
 
-def _slabs(section: PlanSection, size: Resolution) -> _Slabs:
-    """Return a section without a jerk limit; slabs by distance, and by change of speed and time of the fastest run."""
+def _value_of(section: PlanSection, size: Resolution, weights: EnergyWeights) -> Callable[[float], float]:
+    """Return the value of a price of time on a section without a jerk limit [J/kg].
+
+    The slabs are by distance, and by change of speed and time of the fastest run.
+    """
     inputs, settings = section.inputs, section.inputs.settings
     free = section.without_places()
     places, fastest = free.grid.places, free.energy_profile()
@@ -380,15 +366,14 @@ def _slabs(section: PlanSection, size: Resolution) -> _Slabs:
     highest = near + plain_dot(high - low, free.grid.steps)  # the fastest run has the largest force of each cell
     limit = np.minimum(np.maximum(*limits) ** 2 / 2, highest[border])
     width = float(np.sqrt(2.0 * limit.max())) / size.points
-    return _Slabs(
-        steps, line, air, limit, _table(free.tables.rates, width, size.points + 3), width,
-        (settings.acceleration or np.inf, settings.deceleration or np.inf),
-        (free.begin_speed**2 / 2, free.end_speed**2 / 2),
-    )  # fmt: skip
+    table = _table(free.tables.rates, width, size.points + 3)
+    service = settings.acceleration or np.inf, settings.deceleration or np.inf
+    ends, factors = (free.begin_speed**2 / 2, free.end_speed**2 / 2), (weights.traction, weights.recovered)
+    return lambda price: float(least_value(steps, line, air, limit, table, width, service, ends, price, factors))
 
 
 def _table(rates: Array, width: float, count: int) -> Array:
-    """Return the table of :class:`_Slabs`."""
+    """Return the table of :func:`least_value`."""
     columns = SPEED_STEP * np.arange(rates.shape[1])
     edges = width * np.arange(count + 1)
     rows = [np.interp(edges[:-1], columns, rates[COAST])]
@@ -400,13 +385,3 @@ def _table(rates: Array, width: float, count: int) -> Array:
         np.maximum.at(largest, cell, force)
         rows.append(largest)
     return np.stack(rows)
-
-
-def _least_value(slabs: _Slabs, price: float, weights: EnergyWeights) -> float:
-    """Return a lower bound of energy + price x time of a section [J/kg]."""
-    return float(
-        least_value(
-            slabs.steps, slabs.line, slabs.air, slabs.limit, slabs.table, slabs.width, slabs.service, slabs.ends, price,
-            (weights.traction, weights.recovered),
-        )
-    )  # fmt: skip

@@ -369,14 +369,14 @@ def reduced_train(
     cell = (end - begin) / cells
     inside = cell * (np.arange(8) + 0.5) / 8
     places = (begin + cell * np.arange(cells))[:, None] + inside
-    line_force = np.array([[model.line_force(place) for place in row] for row in places.tolist()]).mean(axis=1)
+    line_force = model.line_forces(places.ravel()).reshape(places.shape).mean(axis=1)
     limits = SpeedLimits(model.line, _top_speed(model))
     edges: Array = begin + cell * np.arange(cells + 1, dtype=np.float64)
     at_ends = limits.at(edges + consist.vehicles[0].length / 2, consist.length) - settings.speed_margin
     limit = np.minimum(np.minimum(at_ends, np.append(at_ends[1:], np.inf)), np.append(np.inf, at_ends[:-1]))
     speed: Array = SPEED_STEP * np.arange(int(limit.max() / SPEED_STEP) + 4, dtype=np.float64)
-    high = np.array([plain_sum(model.limits_of_units([v] * model.n_units)[1]) for v in speed.tolist()])
-    low = np.array([plain_sum(model.limits_of_units([v] * model.n_units)[0]) for v in speed.tolist()])
+    forces_at = [model.limits_of_units([v] * model.n_units) for v in speed.tolist()]
+    low, high = np.array([[plain_sum(side) for side in sides] for sides in forces_at]).T
     traction = settings.traction * high
     if settings.traction_max is not None:
         traction = np.minimum(traction, settings.traction_max)
