@@ -25,7 +25,8 @@ from train_ato.cli.screen import kept_for_result, print_json, print_names, print
 from train_ato.control.laws.pid import Pid
 from train_ato.control.registry import LAWS
 from train_ato.judge.metric_names import PROTECTION, RESULTS, format_value, metric_heading
-from train_ato.program.display_units import displayed_in, shown_data, shown_table, shown_text
+from train_ato.judge.verdict import verdict_line
+from train_ato.program.display_units import displayed_in, shown_data, shown_table, shown_text, stored_units
 from train_ato.report.plan_figure import shown_per
 from train_ato.report.quantities import axis_title, style_of
 from train_ato.scenario.scenario_files import shipped_following, shipped_scenarios
@@ -370,6 +371,20 @@ def test_a_quantity_of_a_text_is_shown_in_us_units(text, us):
     assert shown_text(text) == text
     with displayed_in("us"):
         assert shown_text(text) == us
+
+
+def test_a_verdict_in_us_units_is_converted_before_it_is_rounded():
+    """By hand: 1.0049 / 1.609344 = 0.62441, 0.3 / 0.3048 = 0.98425: breaks if 1.00 km/h is converted, or no limit."""
+    row = {"criterion": "stop_window", "metric": "stop_error_max_m", "value": None, "limit": 0.3, "passed": False}
+    summary = {"verdict": "failed", "criteria": [row], "stops": [{"beyond_m": None}], "speed_rmse_kmh": 1.0049,
+               "coupler_buff_max_kn": -1126.0, "coupler_draft_max_kn": 505.49}  # fmt: skip
+    plain = "did not stop (limit 0.3); couplers -1126 ... +505 kN; speed error 1 km/h rms"
+    assert verdict_line(summary) == f"failed (1 of 1 criterion): {plain}"
+    with displayed_in("us"):
+        us = "did not stop (limit 0.984); couplers -253100 ... +114000 lbf; speed error 0.624 mph rms"
+        assert shown_text(verdict_line(summary)) == f"failed (1 of 1 criterion): {us}"
+        with stored_units():
+            assert verdict_line(summary) == f"failed (1 of 1 criterion): {plain}"
 
 
 def test_keys_and_headings_name_the_unit_of_their_numbers():

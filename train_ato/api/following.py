@@ -22,6 +22,7 @@ from train_ato.log.run_folder import RunFolder, summary_text
 from train_ato.log.whole_file import write_whole
 from train_ato.loop.headway import HeadwayProfile, following_weight
 from train_ato.loop.train_ahead import reporter_of
+from train_ato.program.display_units import stored_units
 from train_ato.program.errors import RunFailed
 from train_ato.scenario.following import FollowingFile, FollowingSpec
 from train_ato.scenario.scenario_data import PartCache
@@ -178,7 +179,9 @@ def result_of(spec: FollowingSpec, runs: dict[str, Run], place: Path | None) -> 
         row = {"name": name, **({} if ahead is None else follower_figures(ahead, recording, run.setup))}
         rows.append({**row, **run.metrics})
         ahead = recording
-    summary = {"following": spec.name, "seed": spec.seed, **_judged(spec, rows), "trains": rows}
+    with stored_units():
+        judged = _judged(spec, rows)
+    summary = {"following": spec.name, "seed": spec.seed, **judged, "trains": rows}
     if place is not None:
         write_whole(place / SUMMARY, summary_text(summary))
     return FollowingResult(runs, summary)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from train_ato.judge.metric_names import metric_name, metric_unit
+from train_ato.program.display_units import display_unit, shown_value
 
 if TYPE_CHECKING:
     from train_ato.scenario.criteria import Criteria
@@ -193,8 +194,8 @@ def _error_text(summary: Metrics) -> str:
     error, run = summary.get("speed_rmse_kmh"), summary.get("speed_rmse_run_kmh")
     if error is None:
         return "" if run is None else "no speed error, because the evaluation ends before the first motion"
-    whole = "" if run is None or run == error else f", {three_digits(run)} km/h with the braking to the stop"
-    return f"speed error {three_digits(error)} km/h rms{whole}"
+    whole = "" if run is None or run == error else f", {shown_quantity(run, 'km/h')} with the braking to the stop"
+    return f"speed error {shown_quantity(error, 'km/h')} rms{whole}"
 
 
 def _head(summary: Metrics, count: int, failed: list[CriterionRow]) -> str:
@@ -225,7 +226,7 @@ def _stop_text(summary: Metrics) -> str:
 
 
 def _stopped(beyond: float) -> str:
-    return f"stopped {three_digits(abs(beyond))} m {'beyond' if beyond > 0 else 'short of'} the target"
+    return f"stopped {shown_quantity(abs(beyond), 'm')} {'beyond' if beyond > 0 else 'short of'} the target"
 
 
 def _lateness_texts(summary: Metrics) -> list[str]:
@@ -247,7 +248,7 @@ def _plan_texts(summary: Metrics) -> list[str]:
     begin, beyond = summary.get("stop_not_kept_s"), summary.get("stop_not_kept_m")
     if begin is None or beyond is None:
         return []
-    return [f"from {begin:.1f} s on the force cannot keep a stop, plans pass it by up to {three_digits(beyond)} m"]
+    return [f"from {begin:.1f} s on the force cannot keep a stop, plans pass it by up to {shown_quantity(beyond, 'm')}"]
 
 
 def _protection_texts(summary: Metrics) -> list[str]:
@@ -269,7 +270,7 @@ def _overspeed_text(summary: Metrics) -> str:
     if value is None:
         return ""
     rows = [row for row in summary.get("criteria") or [] if row["metric"] == OVERSPEED]
-    return f"overspeed {three_digits(value)} km/h{place_text(rows[0]) if rows else ''}"
+    return f"overspeed {shown_quantity(value, 'km/h')}{place_text(rows[0]) if rows else ''}"
 
 
 def _coupler_text(summary: Metrics) -> str:
@@ -277,28 +278,32 @@ def _coupler_text(summary: Metrics) -> str:
     if draft is None or buff is None or not (draft or buff):
         return ""
     limits = {row["metric"]: row["limit"] for row in summary.get("criteria") or []}
-    given = [f"{sign}{three_digits(limits[key])}" for key, sign in COUPLER_LIMITS.items() if key in limits]
-    within = f" (limits {' ... '.join(given)} kN)" if given else ""
-    return f"couplers {buff:.0f} ... +{draft:.0f} kN{within}"
+    given = [f"{sign}{shown_digits(limits[key], 'kN')}" for key, sign in COUPLER_LIMITS.items() if key in limits]
+    unit = display_unit("kN")[0]
+    within = f" (limits {' ... '.join(given)} {unit})" if given else ""
+    largest = shown_value(buff, f"{buff:.0f}", "kN"), shown_value(draft, f"{draft:.0f}", "kN")
+    return f"couplers {largest[0]} ... +{largest[1]} {unit}{within}"
 
 
 def _failure_text(row: CriterionRow, summary: Metrics) -> str:
     if "formula" in row:
         return requirement_text(row)
     criterion = next(entry for entry in CRITERIA if entry.key == row["criterion"])
-    unit = f" {criterion.unit}" if criterion.unit else ""
-    if criterion.metric == AT_STOPS[0] and (stop := _stop_text(summary)):
-        return f"{stop} (limit {three_digits(row['limit'])}){place_text(row)}"
-    value = "none" if row["value"] is None else f"{three_digits(row['value'])}{unit}"
-    words = criterion.words.removesuffix(", largest")
-    return f"{words} {value} (limit {three_digits(row['limit'])}){place_text(row)}"
+    value = "none" if row["value"] is None else shown_quantity(row["value"], criterion.unit)
+    text = f"{criterion.words.removesuffix(', largest')} {value}"
+    if criterion.metric == AT_STOPS[0]:
+        text = _stop_text(summary) or text
+    return f"{text} (limit {shown_digits(row['limit'], criterion.unit)}){place_text(row)}"
 
 
 def requirement_text(row: CriterionRow) -> str:
     """Return name, robustness, time and place of the smallest margin of a requirement as text."""
     value = row["value"]
-    unit = f" {row['unit']}" if row.get("unit") else ""
-    known = "not evaluated" if value is None else f"robustness {three_digits(value)}{unit}{place_text(row)}"
+    known = (
+        "not evaluated"
+        if value is None
+        else f"robustness {shown_quantity(value, row.get('unit') or '')}{place_text(row)}"
+    )
     return f"{row['criterion']}: {known}"
 
 
@@ -307,6 +312,16 @@ def place_text(row: CriterionRow) -> str:
     parts = [] if row.get("at_s") is None else [f"at {row['at_s']:.1f} s"]
     parts += [] if row.get("km") is None else [f"km {row.get('post') or format(row['km'], '.3f')}"]
     return f" {', '.join(parts)}" if parts else ""
+
+
+def shown_digits(value: float, unit: str) -> str:
+    """Return a number with three significant digits in the unit of display of its unit."""
+    return shown_value(value, three_digits(value), unit)
+
+
+def shown_quantity(value: float, unit: str) -> str:
+    """Return a number with three significant digits and its unit of display."""
+    return f"{shown_digits(value, unit)} {display_unit(unit)[0]}".rstrip()
 
 
 def three_digits(value: float) -> str:

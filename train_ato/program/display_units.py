@@ -64,6 +64,23 @@ def display_unit(symbol: str) -> tuple[str, float]:
     return target, unit_symbols()[target][1] / unit_symbols()[symbol][1]
 
 
+def shown_value(value: float, text: str, symbol: str) -> str:
+    """Return the text of a number, in another unit of display the converted number with as many digits."""
+    factor = display_unit(symbol)[1]
+    return _times(text, factor, value) if float(text) else text
+
+
+@contextmanager
+def stored_units() -> Iterator[None]:
+    """Show the numbers of the block in the units of the program, for the texts of a file that is read again."""
+    chosen = _chosen[:]
+    _chosen.clear()
+    try:
+        yield
+    finally:
+        _chosen[:] = chosen
+
+
 def symbol_in(name: str) -> str:
     """Return the unit at the end of a key or a heading, "" without one.
 
@@ -147,12 +164,12 @@ _CELL = re.compile(r"[-+−]?\d+(?:\.\d+)?\*?")
 """Cell with one number, perhaps marked as the best."""
 
 
-def _times(text: str, factor: float) -> str:
-    """Return a number of a text times a factor, rounded to its number of significant digits, at least three."""
+def _times(text: str, factor: float, value: float | None = None) -> str:
+    """Return a number of a text, or the value behind it, times a factor with the digits of the text, at least three."""
     if factor == 1.0:
         return text
-    digits = max(3, len(text.replace(".", "").lstrip("0")))
-    return number_text(float(f"{float(text) * factor:.{digits}g}"), digits)
+    digits = max(3, len(text.replace(".", "").lstrip("-0")))
+    return number_text(float(f"{(float(text) if value is None else value) * factor:.{digits}g}"), digits)
 
 
 @cache

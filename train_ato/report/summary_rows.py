@@ -8,7 +8,15 @@ from typing import Any
 
 from train_ato.judge.metric_names import metric_name, metric_unit
 from train_ato.judge.ranking import rank_of
-from train_ato.judge.verdict import CRITERIA, is_tracked, place_text, three_digits, tracking_text, verdict_line
+from train_ato.judge.verdict import (
+    CRITERIA,
+    is_tracked,
+    place_text,
+    shown_digits,
+    shown_quantity,
+    tracking_text,
+    verdict_line,
+)
 from train_ato.program.display_units import display_unit
 from train_ato.report.page_data import PageData
 
@@ -201,8 +209,8 @@ def best_text(pages: Sequence[PageData]) -> str:
     words = "" if is_tracked(first.summary) else f"{tracking_text(first.summary)}, "
     verdict = first.summary.get("verdict")
     words += f"{verdict}, " if verdict else ""
-    error = three_digits(first.summary["speed_rmse_kmh"])
-    return f"Best: {first.label} ({words}speed error {error} km/h rms). Order: tracking, verdict, failed criteria, rms."
+    error = shown_quantity(first.summary["speed_rmse_kmh"], "km/h")
+    return f"Best: {first.label} ({words}speed error {error} rms). Order: tracking, verdict, failed criteria, rms."
 
 
 def criterion_cells(pages: Sequence[PageData]) -> list[CriterionCells]:
@@ -213,10 +221,9 @@ def criterion_cells(pages: Sequence[PageData]) -> list[CriterionCells]:
         limits = {row["limit"] for row in rows if row is not None}
         if not limits:
             continue
-        unit = f" {criterion.unit}" if criterion.unit else ""
-        limit = " / ".join(three_digits(value) for value in sorted(limits))
-        cells = [_cell(row, unit) for row in rows]
-        found.append(CriterionCells(criterion.words, f"{limit}{unit}", cells))
+        limit = " / ".join(shown_digits(value, criterion.unit) for value in sorted(limits))
+        cells = [_cell(row, criterion.unit) for row in rows]
+        found.append(CriterionCells(criterion.words, f"{limit} {display_unit(criterion.unit)[0]}".rstrip(), cells))
     return sorted(found + _requirement_cells(pages), key=lambda entry: not entry.failed)
 
 
@@ -233,7 +240,7 @@ def _requirement_cells(pages: Sequence[PageData]) -> list[CriterionCells]:
     found = []
     for name, formula in named:
         rows = [next((row for row in _rows(data.summary) if row.get("formula") == formula), None) for data in pages]
-        cells = [_cell(row, f" {row['unit']}" if row and row["unit"] else "") for row in rows]
+        cells = [_cell(row, (row and row["unit"]) or "") for row in rows]
         found.append(CriterionCells(f"{name}: {typeset(formula)}", "robustness 0", cells))
     return found
 
@@ -247,7 +254,7 @@ def _row(summary: dict[str, Any], key: str) -> dict[str, Any] | None:
 
 
 def _value(value: Any, unit: str) -> str:
-    return "–" if value is None else typeset(f"{three_digits(value)}{unit}")
+    return "–" if value is None else typeset(shown_quantity(value, unit))
 
 
 def typeset(text: str) -> str:
