@@ -13,7 +13,6 @@ from train_ato.control.algorithms.predictive_law import (
     Increments,
     ResidualNetwork,
     diophantine,
-    linear_law,
     response_and_past,
     sampled_actuator,
 )
@@ -22,7 +21,7 @@ from train_ato.control.compensation.pade import pade_coefficients
 from train_ato.control.contract import Preview
 from train_ato.control.laws.fixed_time_smc import alternating
 from train_ato.control.laws.funnel import widen
-from train_ato.control.laws.gpc import Gpc, GpcParameters
+from train_ato.control.laws.gpc import Gpc, GpcParameters, linear_law
 
 MASS = 80e3
 

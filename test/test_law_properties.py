@@ -11,10 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from law_trains import FIVE, SINGLE, inputs, measured, model, printed_law
 
-from train_ato.control.algorithms.predictive_law import Increments, linear_law, sampled_actuator
+from train_ato.control.algorithms.predictive_law import Increments, sampled_actuator
 from train_ato.control.algorithms.sliding import RBF_CENTERS, sig
 from train_ato.control.laws.fixed_time_smc import alternating
-from train_ato.control.laws.gpc import GpcParameters
+from train_ato.control.laws.gpc import GpcParameters, linear_law
 from train_ato.control.laws.rbf_switching_smc import identified_sign
 from train_ato.control.observers.cascaded import Cascade, CascadedParameters
 from train_ato.control.observers.contract import ObserverInput

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 from plant_sim.units import number_text
-from train_ato.control.contract import parameter, parameters_of
+from train_ato.control.contract import choice, parameters_of
 
 if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel
@@ -32,21 +32,16 @@ SAME_MASS = 0.01
 
 def model_choice() -> Any:
     """Declare the parameter ``gains`` of a law that computes its values from the model of the train by itself."""
-    meaning = "source of the values that are not given: computed from the model of the train"
-    return parameter(MODEL, "", 0, 0, meaning, choices=(MODEL,))
+    return choice("source of the values that are not given: computed from the model of the train", MODEL)
 
 
 def gains_choice() -> Any:
     """Declare the parameter ``gains`` of a law."""
-    return parameter(
-        FITTED,
-        "",
-        0,
-        0,
+    return choice(
         "source of the values that are not given. fitted: searched for a shipped train (another train has model). "
         "model: computed from the model of the train. printed: figures of the paper",
-        choices=(FITTED, MODEL, PRINTED),
-    )
+        FITTED, MODEL, PRINTED,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -101,8 +96,8 @@ def gains_of(name: str, law: Any, given: Mapping[str, Any], model: TrainModel, p
     """
     if not has_rule(law):
         return Gains(dict(given))
-    choice = given.get("gains", FITTED if has_gains(law) else MODEL)
-    base, source, reason = _base(name, law, choice, model, period)
+    chosen = given.get("gains", FITTED if has_gains(law) else MODEL)
+    base, source, reason = _base(name, law, chosen, model, period)
     standing = {**{entry.name: entry.default for entry in parameters_of(law.Parameters)}, **base}
     if source == MODEL and (note := getattr(law, "gains_note", None)) and (text := note(model, given)):
         reason += f": {text}"
@@ -113,12 +108,12 @@ def gains_of(name: str, law: Any, given: Mapping[str, Any], model: TrainModel, p
     return Gains({**base, **given}, source, reason, own)
 
 
-def _base(name: str, law: Any, choice: str, model: TrainModel, period: float) -> tuple[dict[str, Any], str, str]:
+def _base(name: str, law: Any, chosen: str, model: TrainModel, period: float) -> tuple[dict[str, Any], str, str]:
     """Return the values of a choice that differ from the printed ones, their source, and its reason."""
-    if choice not in (FITTED, MODEL):
+    if chosen not in (FITTED, MODEL):
         return {}, PRINTED, "as printed in the paper"
     missing, train = "", model.consist.name
-    if choice == FITTED:
+    if chosen == FITTED:
         values, missing = _fitted(name, model, period)
         if values == MODEL:
             return law.model_gains(model, period), MODEL, f"computed from the model of {train}, the best found"

@@ -64,19 +64,6 @@ STEPPED, INVALID, NOT_FINITE = range(3)
 """Results of a guarded step."""
 
 
-def guarded(law: Any) -> Any:
-    """Return the compiled step of a law with valid inputs and limited demands."""
-
-    @compiled
-    def step(p: Any, state: Any, now: Any, units: Any) -> int:
-        if not are_valid(now, units):
-            return INVALID
-        law(p[0], state, now[0], units)
-        return STEPPED if limit_demands(units) else NOT_FINITE
-
-    return step
-
-
 class LawForm:
     """The forms in which a law is called.
 
@@ -97,7 +84,14 @@ class LawForm:
 
     def __init__(self, law: Any, constants: type, unit: type) -> None:
         self.constants, self.unit = constants, unit
-        self.step = step = guarded(law)
+
+        @compiled
+        def step(p: Any, state: Any, now: Any, units: Any) -> int:
+            if not are_valid(now, units):
+                return INVALID
+            law(p[0], state, now[0], units)
+            return STEPPED if limit_demands(units) else NOT_FINITE
+
         constant_fields, unit_fields = dtype_of(constants), dtype_of(unit)
         now_fields, input_fields = dtype_of(LawNow), dtype_of(LawUnit)
 
@@ -107,7 +101,7 @@ class LawForm:
             own = carray(state, (rows,), unit_fields)
             return int(step(carray(p, (1,), constant_fields), own, records[0], records[1]))
 
-        self.entry = entry
+        self.step, self.entry = step, entry
 
     @cached_property
     def direct(self) -> Any:

@@ -8,6 +8,7 @@ import numpy as np
 
 from plant_sim.elementary import matrix_product
 from plant_sim.gears import LinearGear
+from train_ato.control.algorithms.coupler_modes import chain
 from train_ato.control.contract import RefusedParameter
 from train_ato.messages.types import Array
 
@@ -58,11 +59,7 @@ class CoupledUnits:
         self.weight: Array = self.mass / self.mass.sum()
         self._offsets = model.offsets
         self.stiffness: Array = np.array([gear.stiffness for gear in springs])
-        stiffness, damping = np.zeros((n, n)), np.zeros((n, n))
-        for i, gear in enumerate(springs):
-            block = np.array([[-1.0, 1.0], [1.0, -1.0]])
-            stiffness[i : i + 2, i : i + 2] += gear.stiffness * block
-            damping[i : i + 2, i : i + 2] += gear.damping * block
+        stiffness, damping = 0.0 - chain(self.stiffness), 0.0 - chain(np.array([gear.damping for gear in springs]))
         self._rates = np.zeros((3 * n, 3 * n))
         self._rates[:n, n : 2 * n] = np.eye(n)
         self._rates[n : 2 * n, :n] = stiffness / self.mass[:, None]

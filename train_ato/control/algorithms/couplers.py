@@ -1,25 +1,17 @@
 """Forces of the couplers beside the power units, from sensors or from the states of both units."""
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 from plant_sim.compiled import compiled
 from plant_sim.gears import LinearGear
 from plant_sim.record import Records, quantity, zeros
+from train_ato.control.guard import LawUnit
 from train_ato.control.train_model import TrainModel, UnitVehicle, own_resistance
 from train_ato.messages.types import Array
 
 NONE, SENSOR, SPRING = range(3)
 """Sources of the force of a coupler."""
-
-
-class UnitForces(Protocol):
-    """Inputs of a law or of an observer for one unit; its forces are written there too."""
-
-    position: float
-    velocity: float
-    coupler_force: float
-    resistance: float
 
 
 @dataclass
@@ -35,7 +27,7 @@ class UnitCoupler:
 
 
 @compiled
-def _force(coupler: UnitCoupler, measured: Array, vehicles: Records[UnitVehicle], units: Records[UnitForces]) -> float:
+def _force(coupler: UnitCoupler, measured: Array, vehicles: Records[UnitVehicle], units: Records[LawUnit]) -> float:
     """Return the force of a coupler [N], > 0 pulls."""
     if coupler.source == SENSOR:
         return float(measured[coupler.sensor])
@@ -49,7 +41,7 @@ def _force(coupler: UnitCoupler, measured: Array, vehicles: Records[UnitVehicle]
 @compiled
 def opposing(
     couplers: Records[UnitCoupler], measured: Array, vehicles: Records[UnitVehicle], specific: Array, learned: Array,
-    units: Records[UnitForces],
+    units: Records[LawUnit],
 ) -> None:  # fmt: skip
     """Write coupler force and resistance against the motion of every unit's vehicle for its position and speed.
 

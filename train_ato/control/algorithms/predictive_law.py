@@ -5,13 +5,11 @@ and the linear law of a model (18)-(22).
 """
 
 import math
-from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from plant_sim.elementary import dot_of, exp_each, matrix_product, plain_dot, sin_each
+from plant_sim.elementary import dot_of, exp_each, plain_dot, sin_each
 from train_ato.control.algorithms.coupled_units import matrix_exponential
-from train_ato.control.algorithms.quadratic_program import cholesky, solve_factored
 from train_ato.messages.types import Array
 
 
@@ -240,72 +238,3 @@ def response_and_past(e: Array, b: Array, horizon: int) -> tuple[Array, Array]:
         own = convolved(e[:j], b)
         past[j - 1] = own[j:]
     return g, past
-
-
-class PredictiveSettings(Protocol):
-    """Horizons and weight of the cost (12)."""
-
-    @property
-    def n(self) -> int:
-        """Prediction horizon N."""
-
-    @property
-    def nu(self) -> int:
-        """Control horizon Nu."""
-
-    @property
-    def command_weight(self) -> float:
-        """Weight lam of the command [s²]."""
-
-    @property
-    def beyond_horizon(self) -> str:
-        """Command beyond the control horizon: ``zero`` or ``hold``."""
-
-    @property
-    def residual_gain(self) -> str:
-        """Lc from the cost (``horizon``), or by (21) (``stationary``)."""
-
-
-class LinearLaw(NamedTuple):
-    """First command of (18): u = scale P w - Fc v - (Hc - 1) u - Lc xi.
-
-    Attributes
-    ----------
-    tracking : Array, shape (N,)
-        P.
-    feedback, past : Array
-        Fc on the last speeds, Hc - 1 on the last commands.
-    residual, scale : float
-        Lc and R.
-    """
-
-    tracking: Array
-    feedback: Array
-    past: Array
-    residual: float
-    scale: float
-
-
-def linear_law(a: Array, b: Array, p: PredictiveSettings) -> LinearLaw:
-    """Return the linear law of (19): Fc = sum P_j F_j, Hc = 1 + z⁻¹ sum P_j H_j, Lc = sum P_j E_j(1) or by (21)."""
-    e, f = diophantine(a, p.n)
-    g, h = response_and_past(e, b, p.n)
-    rows = first_row(g, p)
-    feedback, past = ((rows[:, None] * part).sum(axis=0) for part in (f, h))
-    scale = (a.sum() * (1.0 + past.sum()) / b.sum() + feedback.sum()) / rows.sum()
-    residual = dot_of(rows, np.cumsum(e)) if p.residual_gain == "horizon" else (1.0 + past.sum()) / b.sum()
-    return LinearLaw(rows, feedback, past, float(residual), float(scale))
-
-
-def first_row(g: Array, p: PredictiveSettings) -> Array:
-    """Return the first row of (G'QG + lam)⁻¹ G'Q, shape (N,)."""
-    matrix = np.zeros((p.n, p.nu))
-    for column in range(p.nu):
-        matrix[column:, column] = g[: p.n - column]
-    if p.beyond_horizon == "hold":
-        for row in range(p.nu, p.n):
-            matrix[row, p.nu - 1] = g[: row - p.nu + 2].sum()
-    cost = matrix_product(np.ascontiguousarray(matrix.T), matrix) + p.command_weight * np.eye(p.nu)
-    first = np.eye(1, p.nu)[0]
-    solve_factored(cholesky(cost), first)
-    return np.asarray((matrix * first).sum(axis=1))

@@ -51,19 +51,20 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from operator import add, sub
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from plant_sim.elementary import dot_of, plain_sum
+from plant_sim.elementary import dot_of, matrix_product, plain_sum
 from train_ato.control.algorithms.loop_gains import Complex, LoopGains, Response
 from train_ato.control.algorithms.predictive_law import (
     Increments,
-    LinearLaw,
     ResidualNetwork,
-    linear_law,
+    diophantine,
+    response_and_past,
     sampled_actuator,
 )
+from train_ato.control.algorithms.quadratic_program import cholesky, solve_factored
 from train_ato.control.contract import LawInput, choice, flag, parameter
 from train_ato.control.gains import gains_choice
 from train_ato.control.guard import GuardedLaw, is_valid
@@ -110,6 +111,51 @@ class GpcParameters:
     position_gain: float = parameter(
         0.0, "1/s", 0.0, 1.0, "gain on the position error, added to the reference; 0 in the paper"
     )
+
+
+class LinearLaw(NamedTuple):
+    """First command of (18): u = scale P w - Fc v - (Hc - 1) u - Lc xi.
+
+    Attributes
+    ----------
+    tracking : Array, shape (N,)
+        P.
+    feedback, past : Array
+        Fc on the last speeds, Hc - 1 on the last commands.
+    residual, scale : float
+        Lc and R.
+    """
+
+    tracking: Array
+    feedback: Array
+    past: Array
+    residual: float
+    scale: float
+
+
+def linear_law(a: Array, b: Array, p: GpcParameters) -> LinearLaw:
+    """Return the linear law of (19): Fc = sum P_j F_j, Hc = 1 + z⁻¹ sum P_j H_j, Lc = sum P_j E_j(1) or by (21)."""
+    e, f = diophantine(a, p.n)
+    g, h = response_and_past(e, b, p.n)
+    rows = first_row(g, p)
+    feedback, past = ((rows[:, None] * part).sum(axis=0) for part in (f, h))
+    scale = (a.sum() * (1.0 + past.sum()) / b.sum() + feedback.sum()) / rows.sum()
+    residual = dot_of(rows, np.cumsum(e)) if p.residual_gain == "horizon" else (1.0 + past.sum()) / b.sum()
+    return LinearLaw(rows, feedback, past, float(residual), float(scale))
+
+
+def first_row(g: Array, p: GpcParameters) -> Array:
+    """Return the first row of (G'QG + lam)⁻¹ G'Q, shape (N,)."""
+    matrix = np.zeros((p.n, p.nu))
+    for column in range(p.nu):
+        matrix[column:, column] = g[: p.n - column]
+    if p.beyond_horizon == "hold":
+        for row in range(p.nu, p.n):
+            matrix[row, p.nu - 1] = g[: row - p.nu + 2].sum()
+    cost = matrix_product(np.ascontiguousarray(matrix.T), matrix) + p.command_weight * np.eye(p.nu)
+    first = np.eye(1, p.nu)[0]
+    solve_factored(cholesky(cost), first)
+    return np.asarray((matrix * first).sum(axis=1))
 
 
 class Gpc(GuardedLaw):
