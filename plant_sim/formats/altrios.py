@@ -17,10 +17,9 @@ from typing import Any
 from plant_sim.consist import Consist
 from plant_sim.elementary import plain_sum
 from plant_sim.formats.fields import Fields, keys_not_carried, names_in, print_assumption
-from plant_sim.formats.network_path import BEGIN, END, ROUNDING, STRAIGHT, Network, Range, TrackPath, line_data
+from plant_sim.formats.network_path import BEGIN, END, ROUNDING, STRAIGHT, Network, Range, TrackPath, network_line
 from plant_sim.formats.ttobench import BRAKED_GRADE, rigid_train
-from plant_sim.input_error import build_model
-from plant_sim.line import ENDING, MAX_GRADE, Line
+from plant_sim.line import MAX_GRADE, Line
 from plant_sim.units import GRAVITY, number_text
 
 AIR_DENSITY = 1.225
@@ -86,20 +85,14 @@ def altrios_line(data: Any, place: str, selection: str = "", *, against: bool = 
         for name_of_set in link.data.get("speed_sets") or {}:
             by_category.setdefault(str(name_of_set), []).extend(_limits(link, at, str(name_of_set), others))
         at += network.lengths[name]
-    data = line_data(
-        path,
-        f"{Path(place).stem} {selection}{ENDING if against else ''}",
-        f"ALTRIOS network {Path(place).name}",
-        grades=grades,
-        radii=[],
-        speeds=limits,
-        sections={"curves": curves},
-        by_category=by_category,
-    )
+    line = network_line(
+        path, "ALTRIOS network", selection, against=against, grades=grades, radii=[], speeds=limits,
+        sections={"curves": curves}, by_category=by_category,
+    )  # fmt: skip
     used = [known[name].data for name, _ in path.parts]
     left = [*keys_not_carried(used, CARRIED_LINK), *sorted(others)]
     print_assumption(f"{place}: curve resistance of ALTRIOS with the coefficients {', '.join(map(str, CURVE))}")
-    return build_model(Line, data, place), tuple(dict.fromkeys(left))
+    return line, tuple(dict.fromkeys(left))
 
 
 def _known(links: list[Any], place: str) -> dict[str, Fields]:

@@ -12,10 +12,13 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import pairwise
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from plant_sim.formats.fields import print_assumption
+from plant_sim.input_error import build_model
+from plant_sim.line import ENDING, Line
 from plant_sim.units import number_text
 
 BEGIN, END = "begin", "end"
@@ -259,22 +262,27 @@ class TrackPath:
         return sorted(found.items())
 
 
-def line_data(
+def network_line(
     path: TrackPath,
-    name: str,
-    source: str,
+    kind: str,
+    selection: str,
     *,
+    against: bool,
     grades: Sequence[Range],
     radii: Sequence[Range],
     speeds: Sequence[Range],
     sections: dict[str, list[dict[str, Any]]],
     by_category: Mapping[str, Sequence[Range]] = MappingProxyType({}),
     needs: Mapping[str, Mapping[str, float]] = MappingProxyType({}),
-) -> dict[str, Any]:
-    """Return the data of an own line.
+) -> Line:
+    """Return the line along a path, with the name of its file and selection.
 
     Parameters
     ----------
+    kind
+        Kind of the file, for the source.
+    selection, against
+        Selection of the path, and True for a path against it.
     grades, radii, speeds
         Grades in running direction, curve radii [m] (> 0 to the right), permanent speed limits [m/s].
     sections
@@ -282,6 +290,7 @@ def line_data(
     by_category, needs
         Speed limits by train category [m/s], and the figures that a train of it needs, by the key of the line.
     """
+    file = Path(path.network.place)
     _refuse_overlaps(grades, "grades")
     bends = [row if 0 < abs(row.value) < STRAIGHT else row._replace(value=0.0) for row in radii]
     _refuse_overlaps(bends, "radii")
@@ -291,8 +300,8 @@ def line_data(
     curves = steps(path.length, bends, lambda values: values[-1], 0.0)
     data: dict[str, Any] = {
         "schema": "train_ato/line/1",
-        "name": name,
-        "source": source,
+        "name": f"{file.stem} {selection}".rstrip() + (ENDING if against else ""),
+        "source": f"{kind} {file.name}",
         "end": path.length,
         "grades": [
             {"at": row.begin, "grade": row.value} for row in steps(path.length, grades, lambda values: values[-1], 0.0)
@@ -316,7 +325,7 @@ def line_data(
         ],
         "stops": [{"at": at, "name": station} for at, station in path.stations()],
     }
-    return data | sections
+    return build_model(Line, data | sections, path.network.place)
 
 
 def steps(

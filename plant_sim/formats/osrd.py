@@ -5,13 +5,11 @@ all routes. A limit by tag replaces the other limits for trains of that category
 """
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 from plant_sim.formats.fields import Fields, known_text, names_in, print_assumption
-from plant_sim.formats.network_path import BEGIN, END, ROUNDING, Network, Passage, Range, TrackPath, line_data, steps
-from plant_sim.input_error import build_model
-from plant_sim.line import ENDING, Line
+from plant_sim.formats.network_path import BEGIN, END, ROUNDING, Network, Passage, Range, TrackPath, network_line, steps
+from plant_sim.line import Line
 from plant_sim.units import number_text
 
 CARRIED_INFRA = names_in("""
@@ -54,16 +52,11 @@ def osrd_line(data: dict[str, Any], place: str, selection: str = "", *, against:
         for fields in top.each("neutral_sections")
         for passage in _ranges(path, fields, "direction")
     ] + _without_power(path, top)
-    name = f"{Path(place).stem}{f' {selection}' if selection else ''}{ENDING if against else ''}"
-    source = f"OSRD infrastructure {Path(place).name}"
     sections = {"neutral_sections": sorted(neutral, key=lambda entry: entry["begin"])}
-    return build_model(
-        Line,
-        line_data(
-            path, name, source, grades=grades, radii=radii, speeds=speeds, sections=sections, by_category=by_category
-        ),
-        place,
-    )
+    return network_line(
+        path, "OSRD infrastructure", selection, against=against, grades=grades, radii=radii, speeds=speeds,
+        sections=sections, by_category=by_category,
+    )  # fmt: skip
 
 
 def _join_ports(network: Network, fields: Fields, kind: str) -> None:

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from plant_sim.formats.fields import known_text, names_in, print_assumption
-from plant_sim.formats.network_path import BEGIN, END, ROUNDING, Network, Range, TrackPath, line_data, steps
+from plant_sim.formats.network_path import BEGIN, END, ROUNDING, Network, Range, TrackPath, network_line, steps
 from plant_sim.formats.railml2 import as_version_3
 from plant_sim.formats.railml_collection import (
     NetElement,
@@ -35,8 +35,7 @@ from plant_sim.formats.railml_collection import (
     version_of,
 )
 from plant_sim.formats.railml_location import Location, grades, joined, radii
-from plant_sim.input_error import build_model
-from plant_sim.line import ENDING, Line
+from plant_sim.line import Line
 from plant_sim.units import number_text
 
 if TYPE_CHECKING:
@@ -168,24 +167,23 @@ def railml_line(path: Path, selection: str = "", *, against: bool = False) -> tu
     way = network.path(selection, against=against)
     profiles = _profiles(root, place)
     speeds, by_category, restrictions = _speeds(infrastructure, location, way, profiles)
-    name = f"{path.stem}{f' {selection}' if selection else ''}{ENDING if against else ''}"
-    sections = {
-        "temporary_restrictions": restrictions,
-        "tunnels": tunnels(infrastructure, location, way),
-        "neutral_sections": neutral_sections(infrastructure, location, way),
-    }
-    data = line_data(
+    line = network_line(
         way,
-        name,
-        f"railML {version} infrastructure {path.name}",
+        f"railML {version} infrastructure",
+        selection,
+        against=against,
         grades=grades(infrastructure, location, way),
         radii=radii(infrastructure, location, way),
         speeds=speeds,
-        sections=sections,
+        sections={
+            "temporary_restrictions": restrictions,
+            "tunnels": tunnels(infrastructure, location, way),
+            "neutral_sections": neutral_sections(infrastructure, location, way),
+        },
         by_category=by_category,
         needs={profile.category: profile.needs for profile in profiles.values() if profile.needs},
     )
-    return build_model(Line, data, place), f"railML {version}", names_lost(root, CARRIED) if lost is None else lost
+    return line, f"railML {version}", names_lost(root, CARRIED) if lost is None else lost
 
 
 class _Profile(NamedTuple):
