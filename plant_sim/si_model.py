@@ -189,7 +189,8 @@ def unusual_values(value: Any, key: str = "") -> Iterator[str]:
                 largest = max((abs(scalar) for scalar in _scalars(given)), default=0.0)
                 if largest and not usual.low <= largest <= usual.high:
                     unit = _unit_of(list(field.metadata), field.annotation)
-                    bounds = f"{number_text(usual.low)} to {number_text(usual.high)} {unit.si if unit else ''}"
+                    symbol = f" {unit.si}" if unit and unit.si != "1" else ""
+                    bounds = f"{number_text(usual.low)} to {number_text(usual.high)}{symbol}"
                     yield f"{place} = {number_text(largest)}: usual are {bounds}"
 
 

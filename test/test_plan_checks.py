@@ -242,7 +242,7 @@ def test_a_limit_in_another_unit_is_noted(capsys: pytest.CaptureFixture[str]) ->
     execute(options(*METRO, "--to-km", "1", *limits, "--json"))
     told = capsys.readouterr().err
     assert "note: acceleration = 100: usual are 0.001 to 10 m/s²; check its unit" in told and "deceler" not in told
-    assert "note: efficiency = 0.0085: usual are 0.2 to 1" in told
+    assert "note: efficiency = 0.0085: usual are 0.2 to 1; check its unit" in told
 
 
 def test_times_and_places_of_a_plan_in_another_unit_are_noted(capsys: pytest.CaptureFixture[str]) -> None:

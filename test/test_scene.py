@@ -26,6 +26,7 @@ from train_ato.messages.topics import BY_NAME, EPOCH_NS
 from train_ato.messages.types import VehicleStates
 from train_ato.scenario.setup import RunSetup
 from train_ato.view import train_scene as scene
+from train_ato.view.scene_picture import scene_at
 
 pytestmark = pytest.mark.usefixtures("without_figure")
 
@@ -167,6 +168,8 @@ def test_the_exported_log_has_all_of_the_run_and_the_scene(run: Path, setup: Run
     kept = [(m.channel.topic, m.publish_ns, m.data) for m in stream(out / "run.mcap") if m.channel.topic not in added]
     assert kept == [(m.channel.topic, m.publish_ns, m.data) for m in stream(run / "run.mcap")]
     assert figure.read_bytes()[:4] == b"\x89PNG"
+    with pytest.raises(ValueError, match="--at 21: the run has 0 to 20 s"):
+        scene_at(out / "run.mcap", 21.0)
     layout = tmp_path / "layout.json"
     assert main(["layout", str(out / "run.mcap"), "--foxglove", f"--out={layout}"]) == 0
     panel = json.loads(layout.read_text())["configById"]["3D!scene"]

@@ -38,6 +38,8 @@ def execute(options: argparse.Namespace) -> None:
     for option in ("figure", "at"):
         if getattr(options, option) is not None and not options.scene:
             raise ValueError(f"--{option}: only with --scene; remove it")
+    if options.at is not None and options.figure is None:
+        raise ValueError("--at: only with --figure; remove it")
     write = _write_scene if options.scene else _write_rerun if options.rerun else _write_tables
     write(options)
 

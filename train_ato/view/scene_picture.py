@@ -28,14 +28,16 @@ MIN_SHOWN = 100.0
 
 def scene_at(log: Path, time: float) -> tuple[Any, Any, float]:
     """Return the track and the markers with the stamp nearest to a time [s], decoded, and that stamp [s]."""
-    track, markers, nearest = None, None, np.inf
+    track, markers, nearest, last = None, None, np.inf, 0.0
     for message in stream(log):
+        at = (message.publish_ns - EPOCH_NS) * 1e-9
+        last = max(last, at)
         if message.channel.topic == TRACK.name:
             track = message
-        elif message.channel.topic == MARKERS.name:
-            away = abs((message.publish_ns - EPOCH_NS) * 1e-9 - time)
-            if away < nearest:
-                markers, nearest = message, away
+        elif message.channel.topic == MARKERS.name and abs(at - time) < nearest:
+            markers, nearest = message, abs(at - time)
+    if not 0.0 <= time <= last:
+        raise ValueError(f"--at {time:g}: the run has 0 to {last:g} s; give one of these times")
     if track is None or markers is None:
         raise ValueError(f"{log}: has no scene; write one with `train-ato export RUN --scene`")
     decode = typestore().deserialize_cdr
