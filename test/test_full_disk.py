@@ -7,13 +7,16 @@ import shlex
 import shutil
 import subprocess
 from pathlib import Path
+from typing import Any
 
 import pytest
 from engine_runs import setup_of
 from programs import begun, python
 from waiting import LIMIT_S, wait_for
 
-from train_ato.api.drive import finish
+from train_ato.api.drive import RunMode, finish
+from train_ato.api.following import run_following
+from train_ato.api.following_live import run_following_live
 from train_ato.api.progress import COMPILE_NOTE
 from train_ato.api.run import Run, RunRecord
 from train_ato.cli.main import main
@@ -21,6 +24,8 @@ from train_ato.judge.result import RunResult
 from train_ato.log.run_folder import RunFolder
 from train_ato.loop.engine import run_engine
 from train_ato.program.errors import FirstFailure, RunFailed
+from train_ato.scenario.following import load_following
+from train_ato.scenario.scenario_files import shipped_following
 
 PROGRAM = """
 import resource, signal, sys
@@ -45,6 +50,21 @@ def test_a_run_that_cannot_begin_leaves_nothing(tmp_path: Path) -> None:
     done = run(1000, "run", "demo", "--engine", "--out", str(tmp_path / "out"))
     assert done.returncode == 2
     assert done.stderr.splitlines()[-1].startswith(f"train-ato: --out {tmp_path / 'out'}: cannot be written")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("live", [False, True])
+def test_following_trains_that_cannot_begin_leave_nothing(tmp_path: Path, monkeypatch: Any, *, live: bool) -> None:
+    """Breaks if the common folder stays, without a run, or the file without room has no name."""
+
+    def no_room(path: Path, *_: str) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device", str(path))
+
+    for module in ("train_ato.log.run_folder", "train_ato.api.following_live"):
+        monkeypatch.setattr(f"{module}.write_whole", no_room)
+    file, out = load_following(shipped_following()["following_metro"], ("all.duration=1",)), tmp_path / "new" / "out"
+    with pytest.raises((ValueError, OSError), match=r"new/out/t1.*No space left|No space left.*new/out/t1\.yaml"):
+        run_following_live(file, out) if live else run_following(file, RunMode("engine"), out)
     assert not list(tmp_path.iterdir())
 
 

@@ -155,7 +155,17 @@ def run_following(
     """
     spec, preparation = file.spec, Preparation(file)
     preparation.check()
-    place = None if out is None else RunFolder.make(out, spec.name).path
+    if out is None:
+        return _driven_trains(spec, preparation, run_mode, None, shown)
+    folder = RunFolder.make(out, spec.name)
+    with folder.kept_if_recorded():
+        return _driven_trains(spec, preparation, run_mode, folder.path, shown)
+
+
+def _driven_trains(
+    spec: FollowingSpec, preparation: Preparation, run_mode: RunMode, place: Path | None, shown: bool | None
+) -> FollowingResult:
+    """Run the trains one after the other, with a run folder of each in a folder, None for none."""
     runs: dict[str, Run] = {}
     reports: list[TrainReport] = []
     for number, train in enumerate(spec.trains):

@@ -13,6 +13,7 @@ import yaml
 from train_ato.api.following import FollowingResult, Preparation, result_of
 from train_ato.api.run import open_run
 from train_ato.log.run_folder import RunFolder
+from train_ato.log.whole_file import write_whole
 from train_ato.program.errors import RunFailed, RunInterrupted
 from train_ato.program.interrupt import Interrupt, interruptible
 from train_ato.ros.graph.domain_lock import TRAINS
@@ -26,8 +27,8 @@ _SAYS = "train-ato: "
 _PACKAGE_ROOT = str(Path(__file__).resolve().parents[2])
 
 
-def write_live_scenarios(file: FollowingFile, out: Path) -> dict[str, Path]:
-    """Make a folder with the scenario of every train, with live reports of the train ahead; return the files by train.
+def live_scenarios(file: FollowingFile) -> dict[str, str]:
+    """Return the scenario of every train with live reports of the train ahead, as the text of a file, by train.
 
     The namespace of a train is its name.
 
@@ -43,13 +44,12 @@ def write_live_scenarios(file: FollowingFile, out: Path) -> dict[str, Path]:
         except ValueError:
             raise ValueError(f"{file.path}: name = '{name}': is no namespace of ROS 2; replace - by _") from None
     Preparation(file).check()
-    found, folder = {}, RunFolder.make(out, file.spec.name).path
+    found = {}
     for number, name in enumerate(names):
         data = {"schema": "train_ato/scenario/1", **file.scenario_of(number)}
         if number:
             data["leader"] = {**data.get("leader", {}), "train": f"/{names[number - 1]}"}
-        found[name] = folder / f"{name}.yaml"
-        found[name].write_text(yaml.safe_dump(data, sort_keys=False), encoding="utf-8")
+        found[name] = yaml.safe_dump(data, sort_keys=False)
     return found
 
 
@@ -76,34 +76,43 @@ def run_following_live(
     RunFailed, RunInterrupted
         If a train fails, by its name.
     """
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([_PACKAGE_ROOT, os.environ.get("PYTHONPATH", "")])}
     name = "--domain" if domain is not None else "ROS_DOMAIN_ID"
     wanted = domain if domain is not None else domain_of_environment()
     with claim_domain(wanted, name) as held, claim_domain(held, namespace=TRAINS):
-        scenarios = write_live_scenarios(file, out)
-        print_domain(held)
-        programs = {}
-        for name, path in scenarios.items():
-            words = ["run", str(path), f"--namespace=/{name}", f"--domain={held}", f"--out={out / name}", *options]
-            words += [] if path is [*scenarios.values()][-1] else ["--followed"]
-            with path.with_suffix(".txt").open("wb") as said:
-                programs[name] = subprocess.Popen(
-                    [sys.executable, "-m", "train_ato", *words], env=environment,
-                    stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=said,
-                )  # fmt: skip
-        with interruptible() as interrupt:
-            failed = _wait(programs, interrupt)
+        texts, folder = live_scenarios(file), RunFolder.make(out, file.spec.name)
+        with folder.kept_if_recorded():
+            _run_programs(texts, folder, options, held)
+            return result_of(file.spec, {name: open_run(out / name) for name in texts}, out)
+
+
+def _run_programs(texts: dict[str, str], folder: RunFolder, options: Sequence[str], domain: int) -> None:
+    """Run a program for every train, by the texts of the scenarios."""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([_PACKAGE_ROOT, os.environ.get("PYTHONPATH", "")])}
+    out, last = folder.path, [*texts][-1]
+    for name, text in texts.items():
+        write_whole(out / f"{name}.yaml", text)
+    print_domain(domain)
+    programs = {}
+    for name in texts:
+        words = ["run", str(out / f"{name}.yaml"), f"--namespace=/{name}", f"--domain={domain}", f"--out={out / name}"]
+        words += [*options] if name == last else [*options, "--followed"]
+        with (out / f"{name}.txt").open("wb") as said:
+            programs[name] = subprocess.Popen(
+                [sys.executable, "-m", "train_ato", *words], env=environment,
+                stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=said,
+            )  # fmt: skip
+    with interruptible() as interrupt:
+        failed = _wait(programs, interrupt)
     if interrupt.asked:
-        raise RunInterrupted(f"interrupted; recorded data: {out}")
+        raise RunInterrupted(f"interrupted; recorded data: {out}" if folder.recorded else "interrupted")
     if failed:
-        lines = scenarios[failed].with_suffix(".txt").read_text(errors="replace").splitlines()
+        lines = (out / f"{failed}.txt").read_text(errors="replace").splitlines()
         reason = next((line for line in reversed(lines) if line.startswith(_SAYS)), "").removeprefix(_SAYS)
         status = programs[failed].returncode
         ended = (
             f"its program ended with status {status}" if status > 0 else f"its program was killed by signal {-status}"
         )
         raise RunFailed(f"train {failed}: {reason or ended}")
-    return result_of(file.spec, {name: open_run(out / name) for name in scenarios}, out)
 
 
 def _wait(programs: dict[str, subprocess.Popen[bytes]], interrupt: Interrupt) -> str:

@@ -66,12 +66,9 @@ def execute(options: argparse.Namespace) -> None:
         return
     (choice,) = choices
     folder = RunFolder.make(options.out, f"compare-{choice.name}")
-    try:
+    with folder.kept_if_recorded():
         components = {"observer": options.observer, "compensation": options.compensation}
         result = compare(choice, laws, **components, out=folder.path if options.keep else None)
-    except BaseException:
-        folder.discard()
-        raise
     try:
         write_comparison_folder(result, folder.path)
     except OSError:  # a full disk costs files, not the table of the runs

@@ -150,6 +150,15 @@ class RunFolder:
                 path.rmdir()
 
     @contextmanager
+    def kept_if_recorded(self) -> Iterator[None]:
+        """Discard the folder after an error of the block without a log."""
+        try:
+            yield
+        except BaseException:
+            self.discard()
+            raise
+
+    @contextmanager
     def sink(
         self,
         setup: RunSetup,
