@@ -569,6 +569,9 @@ def test_every_error_is_of_one_tree(tmp_path: Path) -> None:
         lambda: ta.import_run(tmp_path / "none.csv", train="hxd1_c80_105", line="level"),
         lambda: ta.replay(tmp_path / "run", "pid", set={"tick": 0.2}),
         lambda: ta.replay(tmp_path / "run", speed=2),
+        lambda: ta.run("demo", rate="fast"),
+        lambda: ta.replay(tmp_path / "run", rate="max"),
+        lambda: ta.sweep({"scenario": "demo"}, jobs=2.5),
         lambda: ta.verify(tmp_path / "run", 1),
     ):
         with pytest.raises(ta.InputError) as caught:
@@ -577,6 +580,10 @@ def test_every_error_is_of_one_tree(tmp_path: Path) -> None:
     assert "relative 1: out of range" in str(caught.value)  # of the last one
     assert issubclass(ta.RunInterrupted, ta.RunFailed) and issubclass(ta.RunFailed, ta.Error)
 
+    with pytest.raises(ta.InputError, match=r"^at_km = \[1\]: give a number or a text or None$"):
+        ta.curves("demo", at_km=[1])
+    with pytest.raises(TypeError, match="unexpected keyword"):
+        ta.compare("demo", ["pid"], no_such=1)
     with pytest.raises(ValueError, match="invalid literal") as raised:
         refusing(lambda: int("of a user"))()
     assert not isinstance(raised.value, ta.InputError)

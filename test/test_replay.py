@@ -170,7 +170,7 @@ def test_the_whole_run_in_one_burst_then_again(run, listen, domain):
         assert listener.call("seek").success
         listener.call("burst")
         assert listener.hear(COMMAND, TICKS + 2) == expected + expected[148:]
-        assert listener.set("start_offset", 14.0) is None
+        assert listener.set("start_offset", 14) is None, "an integer for a double"
         assert listener.set("playback_duration", 0.5) is None
         assert listener.call("play").success
         assert listener.hear(COMMAND, TICKS + 2 + 6) == expected + expected[148:] + expected[140:146]

@@ -21,6 +21,7 @@ from train_ato.log.mcap_records import RawMessage
 from train_ato.log.reading import MAX_RUN_NS
 from train_ato.playback.log import CLOCK, LogTopic, ReplayLog, ReplayOptions, chosen_topics
 from train_ato.playback.playback import Playback, ReplayState
+from train_ato.program.errors import FirstFailure
 from train_ato.program.interrupt import interruptible
 from train_ato.ros import require_ros
 
@@ -90,7 +91,10 @@ class Player:
     def __init__(self, executor: Any, context: Any, topics: Mapping[str, LogTopic], clock_hz: float | None) -> None:
         from rclpy.node import Node
 
-        self.node = Node(NODE, context=context, enable_rosout=False)
+        from train_ato.ros.nodes.parameter_services import ParameterServices
+
+        self.node = Node(NODE, context=context, enable_rosout=False, start_parameter_services=False)
+        ParameterServices(self.node, FirstFailure())  # they take 1 for 1.0
         executor.add_node(self.node)
         self._executor = executor
         self._senders = {name: self._sender(topic) for name, topic in topics.items()}
@@ -358,7 +362,7 @@ def _rosbag2(node: Any, playback: Playback, service: str, request: Any, response
     except ValueError:
         done = False
     if service == "set_rate":
-        change = Parameter("rate", Parameter.Type.DOUBLE, request.rate)
+        change = Parameter("rate", Parameter.Type.DOUBLE, float(request.rate))
         done = bool(node.set_parameters([change])[0].successful)
     if service in ("set_rate", "play_next", "seek", "play"):
         response.success = done

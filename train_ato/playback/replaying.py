@@ -11,6 +11,7 @@ from train_ato.api.progress import progress_bar
 from train_ato.api.scenario_choice import Changes, ScenarioChoice, given_objects, put_components
 from train_ato.log.run_folder import read_run_folder
 from train_ato.program.arguments import check_new_file
+from train_ato.program.errors import check_kinds
 from train_ato.scenario.setup import RunSetup
 
 if TYPE_CHECKING:
@@ -90,6 +91,7 @@ def replay(
         for name in ("topics", "exclude"):  # the name of one topic is a list of it, not of its characters
             if isinstance(publishing.get(name), str):
                 publishing[name] = (publishing[name],)
+        check_kinds(ReplayOptions.__annotations__, publishing)
         return publish_run(path, ReplayOptions(**publishing), domain=domain)
     if publishing or domain is not None:
         raise ValueError(f"{next(iter(publishing), 'domain')}: no effect with law, which does not publish; remove it")

@@ -1,11 +1,13 @@
 """First failure of a run: node and reason in one line, traceback in a file."""
 
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import wraps
 from importlib.util import find_spec
+from numbers import Integral, Real
 from pathlib import Path
+from types import NoneType
 from typing import Any, TypeVar, cast
 
 _OWN = ("train_ato", "plant_sim")
@@ -80,13 +82,39 @@ def check_packages(user: str, *modules: str) -> None:
         raise InputError(f"{user}: {missing}")
 
 
+_KINDS: dict[str, tuple[type, str]] = {
+    "int": (Integral, "a whole number"), "float": (Real, "a number"), "str": (str, "a text"),
+    "None": (NoneType, "None"),
+}  # fmt: skip
+"""Type and words of the annotations that :func:`check_kinds` compares."""
+
+
+def check_kinds(annotations: Mapping[str, Any], values: Mapping[str, Any]) -> None:
+    """Refuse values of numbers and texts by name that are not of the kinds of their annotations."""
+    for name, value in values.items():
+        annotation = annotations.get(name)
+        kinds = str(getattr(annotation, "__name__", annotation)).split(" | ")
+        known = [_KINDS[kind] for kind in kinds if kind in _KINDS]
+        if len(known) == len(kinds) and not isinstance(value, tuple(kind for kind, _ in known)):
+            raise InputError(f"{name} = {value!r}: give {' or '.join(words for _, words in known)}")
+
+
 def refusing(function: _Function) -> _Function:
-    """Return a function whose refusals are :class:`InputError`; a ValueError of a library or a user's law stays."""
+    """Return a function whose refusals are :class:`InputError`; a ValueError of a library or a user's law stays.
+
+    A TypeError by an argument that is not of its kind is a refusal too.
+    """
 
     @wraps(function)
     def call(*given: Any, **named: Any) -> Any:
         try:
             return function(*given, **named)
+        except TypeError:
+            from inspect import signature
+
+            with suppress(TypeError):  # of a wrong number of arguments
+                check_kinds(function.__annotations__, signature(function).bind(*given, **named).arguments)
+            raise
         except ValueError as error:
             raised_in = [frame.f_globals.get("__name__", "") for frame, _ in traceback.walk_tb(error.__traceback__)][-1]
             if isinstance(error, Error) or raised_in.partition(".")[0] not in _OWN:
