@@ -220,8 +220,12 @@ def compare(
     [('pid', 'done'), ('smc', 'done')]
     """
     choice = choose_scenario(scenario).changed(set, seed)
-    base = put_components(choice.checked, observer=observer, compensation=compensation, importable=False)
+    parts = {"observer": observer, "compensation": compensation}
+    base = put_components(choice.checked, importable=False, changes=set, **parts)
     chosen = _chosen(laws)
+    named = [law.name for law in chosen if law.given is None]
+    for law in chosen:
+        law.refuse_changes(None if law.name in named else set)
     setups, refused = _setups(choice, base, chosen)
     folder = None if out is None else Path(out)
     return Comparison(

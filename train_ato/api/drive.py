@@ -124,10 +124,9 @@ def run(
     run_mode = RunMode(mode, rate, lockstep, domain, restarts=restarts, external=external)
     run_mode.check()
     choice = choose_scenario(scenario).changed(set, seed)
-    checked = put_components(
-        choice.checked, law=law, observer=observer, compensation=compensation, importable=mode == "processes"
-    )
-    objects = given_objects(checked, law=law, observer=observer, compensation=compensation)
+    parts = {"law": law, "observer": observer, "compensation": compensation}
+    checked = put_components(choice.checked, importable=mode == "processes", changes=set, **parts)
+    objects = given_objects(checked, **parts)
     if objects and mode == "processes":
         sys.stderr.write(
             f"train-ato: mode 'processes': another process has no access to an object of this one; it makes its own "

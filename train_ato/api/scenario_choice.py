@@ -245,6 +245,16 @@ class ComponentChoice:
             blocks[name] = {**blocks.get(name, {}), **self.values}
         return scenario.model_copy(update={kind: name, f"{kind}s": blocks})
 
+    def refuse_changes(self, changes: Changes | None) -> None:
+        """Refuse changes of the parameters of an object, whose own parameters would replace them."""
+        block = f"{self.registry.kind}s.{self.name}."
+        lost = [key for key in changes or () if self.given is not None and f"{key}.".startswith(block)]
+        if lost:
+            raise ValueError(
+                f"set {lost[0]}: no effect on an object, which has parameters of its own; give them to the object, "
+                f"here {self.label}"
+            )
+
     def check_importable(self) -> None:
         """Check that another process can import the component.
 
@@ -275,7 +285,7 @@ def choose_component(registry: Registry, given: Any) -> ComponentChoice:
     raise ValueError(f"{kind} {given!r}: give a name, 'module:Class', a class or an object")
 
 
-def put_components(scenario: Scenario, *, importable: bool, **given: Any) -> Scenario:
+def put_components(scenario: Scenario, *, importable: bool, changes: Changes | None = None, **given: Any) -> Scenario:
     """Return the scenario with the components that are not None.
 
     Parameters
@@ -284,10 +294,13 @@ def put_components(scenario: Scenario, *, importable: bool, **given: Any) -> Sce
         Checked scenario.
     importable
         Other processes must be able to import the components.
+    changes
+        Changes of the same call; parameters of an object among them are refused.
     **given
         ``law``, ``observer`` and ``compensation``, each a name, ``module:Class``, a class or an object.
     """
     for component in _components(given):
+        component.refuse_changes(changes)
         scenario = component.put_into(scenario)
         if importable:
             component.check_importable()

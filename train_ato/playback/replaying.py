@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
 from train_ato.api.progress import progress_bar
-from train_ato.api.scenario_choice import Changes, ScenarioChoice, given_objects, put_components
+from train_ato.api.scenario_choice import Changes, ScenarioChoice, choose_component, given_objects, put_components
+from train_ato.control.registry import LAWS
 from train_ato.log.run_folder import read_run_folder
 from train_ato.program.arguments import check_new_file
 from train_ato.program.errors import check_kinds
@@ -98,6 +99,7 @@ def replay(
     if out is not None:
         check_new_file(Path(out), FORMATS, "out")
     recorded, summary = read_run_folder(path)
+    choose_component(LAWS, law).refuse_changes(set)
     changed = setup_with_law(recorded, path, law, lambda choice: choice.changed(set, None), "set")
     return evaluated(recorded, changed, path, summary, None if out is None else Path(out))
 

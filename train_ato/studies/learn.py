@@ -384,7 +384,8 @@ def learn(
     [0.08, 0.03]
     """
     choice = choose_scenario(scenario).changed(set, seed)
-    checked = put_components(choice.checked, law=law, observer=observer, compensation=compensation, importable=False)
+    parts = {"law": law, "observer": observer, "compensation": compensation}
+    checked = put_components(choice.checked, importable=False, changes=set, **parts)
     return learn_runs(choice.prepare(checked), runs, spacing, memory, gust_shift=gust_shift, shown=progress)
 
 
