@@ -23,6 +23,10 @@ ARGUMENTS = {
 def _nodes(context):
     """Return the nodes; a scenario that cannot be read ends the launch before the first process."""
     given = {name: context.launch_configurations[name] for name in ARGUMENTS}
+    known = ARGUMENTS["nodes"][0].split()
+    for name, choices in (("nodes", known), ("external", [node for node in known if node != "recorder"])):
+        if wrong := next((node for node in given[name].split() if node not in choices), None):
+            raise ValueError(f"{name}:={given[name]}: no node '{wrong}'; choose from {', '.join(choices)}")
     supervised = prepare(*load_scenario(given["scenario"], tuple(given["set"].split()))).layout.supervised
     of_all = ["--scenario", given["scenario"], *(f"--set={change}" for change in given["set"].split())]
     of_all += ["--external", given["external"]] if given["external"] else []

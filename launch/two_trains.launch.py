@@ -28,7 +28,7 @@ def _trains(context):
         file = find_following(given["following"])
         if file is None:
             raise ValueError(f"following:={given['following']}: no following file; see `train-ato list`")
-        scenarios = write_live_scenarios(load_following(file), Path(given["folder"]))
+        scenarios, _ = write_live_scenarios(load_following(file), Path(given["folder"]))
     groups = []
     for name, scenario in scenarios.items():
         own = {"scenario": str(scenario), "out": f"{given['folder']}/{name}", "namespace": f"/{name}"}

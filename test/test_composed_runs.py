@@ -399,6 +399,7 @@ def test_a_plant_that_waits_says_for_whom(number: signal.Signals, terminals: Ter
         ("observer", ["--scenario=demmo"], "unknown scenario 'demmo'; did you mean 'demo'?"),
         ("recorder", ["--scenario=demo", "--out=/proc/nowhere"], "--out /proc/nowhere: cannot be made (No such file"),
         ("plant", ["--scenario=demo", "--rate=-1"], "--rate: -1: not a rate"),
+        ("plant", ["--scenario=demo", "--rate=2", "--ros-args", "-p", "rate:=3"], "rate: 3: --rate has another value"),
         ("profile", [], "--scenario"),
     ],
 )  # fmt: skip

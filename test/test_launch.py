@@ -2,6 +2,7 @@
 
 import ast
 import json
+import re
 import runpy
 import sys
 from pathlib import Path
@@ -63,18 +64,43 @@ def test_launch_files_describe_a_launch(file: Path) -> None:
     assert names and all(argument.description for argument in description.get_launch_arguments())
 
 
-@pytest.mark.parametrize(("followed", "rate"), [("false", "max"), ("true", "2"), ("", "")])
-def test_values_of_a_launch_are_taken_as_said(followed: str, rate: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Breaks if followed:=false counts as true, or rate:=max ends the launch; there is no wheel of launch_ros."""
+def launched(monkeypatch: pytest.MonkeyPatch, file: Path, function: str, **changes: str) -> None:
+    """Run a launch file with stubs of launch, for whose ROS part there is no wheel."""
     for name in ("launch", "launch.actions", "launch_ros", "launch_ros.actions"):
         monkeypatch.setitem(sys.modules, name, MagicMock())
-    started = sys.modules["launch_ros.actions"].Node
-    found = runpy.run_path(str(LAUNCH[0]))
+    found = runpy.run_path(str(file))
     values = {name: default for name, (default, _) in found["ARGUMENTS"].items()}
-    found["_nodes"](
-        SimpleNamespace(launch_configurations=values | {"followed": followed, "rate": rate, "nodes": "plant"})
-    )
-    given = started.call_args.kwargs
+    found[function](SimpleNamespace(launch_configurations=values | changes))
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"nodes": "plant controler"}, "nodes:=plant controler: no node 'controler'; choose from recorder, supervisor"),
+        ({"external": "nope"}, "external:=nope: no node 'nope'; choose from supervisor, profile, observer, controller"),
+        ({"external": "recorder"}, "external:=recorder: no node 'recorder'"),
+    ],
+)
+def test_a_launch_refuses_a_node_of_no_name(
+    changes: dict[str, str], says: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Breaks if the launch goes on without the node, and the plant waits for it."""
+    with pytest.raises(ValueError, match=f"^{re.escape(says)}"):
+        launched(monkeypatch, LAUNCH[0], "_nodes", **changes)
+
+
+def test_a_launch_of_following_trains_has_their_scenarios(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Breaks if the launch file does not fit the function that writes the scenarios."""
+    launched(monkeypatch, LAUNCH[3], "_trains", folder=str(tmp_path / "out"), following="following_metro")
+    given = dict(sys.modules["launch.actions"].IncludeLaunchDescription.call_args.kwargs["launch_arguments"])
+    assert given["scenario"] == str(tmp_path / "out" / "t3.yaml") and given["followed"] == ""
+
+
+@pytest.mark.parametrize(("followed", "rate"), [("false", "max"), ("true", "2"), ("", "")])
+def test_values_of_a_launch_are_taken_as_said(followed: str, rate: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Breaks if followed:=false counts as true, or rate:=max ends the launch."""
+    launched(monkeypatch, LAUNCH[0], "_nodes", followed=followed, rate=rate, nodes="plant")
+    given = sys.modules["launch_ros.actions"].Node.call_args.kwargs
     assert ("--followed" in given["arguments"]) == (followed == "true")
     rates = [entry["rate"] for entry in given["parameters"] if isinstance(entry, dict) and "rate" in entry]
     assert rates == {"max": [0.0], "2": [2.0], "": []}[rate]

@@ -27,8 +27,8 @@ _SAYS = "train-ato: "
 _PACKAGE_ROOT = str(Path(__file__).resolve().parents[2])
 
 
-def live_scenarios(file: FollowingFile) -> dict[str, str]:
-    """Return the scenario of every train with live reports of the train ahead, as the text of a file, by train.
+def write_live_scenarios(file: FollowingFile, out: Path) -> tuple[dict[str, Path], RunFolder]:
+    """Make a folder with the scenario of every train, with live reports of the train ahead; return the files by train.
 
     The namespace of a train is its name.
 
@@ -44,13 +44,15 @@ def live_scenarios(file: FollowingFile) -> dict[str, str]:
         except ValueError:
             raise ValueError(f"{file.path}: name = '{name}': is no namespace of ROS 2; replace - by _") from None
     Preparation(file).check()
-    found = {}
-    for number, name in enumerate(names):
-        data = {"schema": "train_ato/scenario/1", **file.scenario_of(number)}
-        if number:
-            data["leader"] = {**data.get("leader", {}), "train": f"/{names[number - 1]}"}
-        found[name] = yaml.safe_dump(data, sort_keys=False)
-    return found
+    folder = RunFolder.make(out, file.spec.name)
+    found = {name: folder.path / f"{name}.yaml" for name in names}
+    with folder.kept_if_recorded():
+        for number, name in enumerate(names):
+            data = {"schema": "train_ato/scenario/1", **file.scenario_of(number)}
+            if number:
+                data["leader"] = {**data.get("leader", {}), "train": f"/{names[number - 1]}"}
+            write_whole(found[name], yaml.safe_dump(data, sort_keys=False))
+    return found, folder
 
 
 def run_following_live(
@@ -79,24 +81,22 @@ def run_following_live(
     name = "--domain" if domain is not None else "ROS_DOMAIN_ID"
     wanted = domain if domain is not None else domain_of_environment()
     with claim_domain(wanted, name) as held, claim_domain(held, namespace=TRAINS):
-        texts, folder = live_scenarios(file), RunFolder.make(out, file.spec.name)
+        scenarios, folder = write_live_scenarios(file, out)
         with folder.kept_if_recorded():
-            _run_programs(texts, folder, options, held)
-            return result_of(file.spec, {name: open_run(out / name) for name in texts}, out)
+            _run_programs(scenarios, folder, options, held)
+            return result_of(file.spec, {name: open_run(out / name) for name in scenarios}, out)
 
 
-def _run_programs(texts: dict[str, str], folder: RunFolder, options: Sequence[str], domain: int) -> None:
-    """Run a program for every train, by the texts of the scenarios."""
+def _run_programs(scenarios: dict[str, Path], folder: RunFolder, options: Sequence[str], domain: int) -> None:
+    """Run a program for every train."""
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([_PACKAGE_ROOT, os.environ.get("PYTHONPATH", "")])}
-    out, last = folder.path, [*texts][-1]
-    for name, text in texts.items():
-        write_whole(out / f"{name}.yaml", text)
+    out, last = folder.path, [*scenarios][-1]
     print_domain(domain)
     programs = {}
-    for name in texts:
-        words = ["run", str(out / f"{name}.yaml"), f"--namespace=/{name}", f"--domain={domain}", f"--out={out / name}"]
-        words += [*options] if name == last else [*options, "--followed"]
-        with (out / f"{name}.txt").open("wb") as said:
+    for name, path in scenarios.items():
+        words = ["run", str(path), f"--namespace=/{name}", f"--domain={domain}", f"--out={out / name}", *options]
+        words += [] if name == last else ["--followed"]
+        with path.with_suffix(".txt").open("wb") as said:
             programs[name] = subprocess.Popen(
                 [sys.executable, "-m", "train_ato", *words], env=environment,
                 stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=said,
@@ -106,7 +106,7 @@ def _run_programs(texts: dict[str, str], folder: RunFolder, options: Sequence[st
     if interrupt.asked:
         raise RunInterrupted(f"interrupted; recorded data: {out}" if folder.recorded else "interrupted")
     if failed:
-        lines = (out / f"{failed}.txt").read_text(errors="replace").splitlines()
+        lines = scenarios[failed].with_suffix(".txt").read_text(errors="replace").splitlines()
         reason = next((line for line in reversed(lines) if line.startswith(_SAYS)), "").removeprefix(_SAYS)
         status = programs[failed].returncode
         ended = (

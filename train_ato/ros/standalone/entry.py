@@ -147,6 +147,21 @@ def _plan_end(role: Role, setup: RunSetup, endpoints: NodeEndpoints, joined: int
         endpoints.end_process_at(*min(waiting))
 
 
+def _check_parameters(options: argparse.Namespace, endpoints: NodeEndpoints) -> None:
+    """Refuse an option of the plant whose parameter has another value."""
+    given = {
+        "--rate": None if options.rate is None else rate_of(options) or 0.0,
+        "--timeout": options.timeout,
+        "--no-lockstep": None if options.lockstep else False,
+        "--scenario": options.scenario,
+    }
+    for option, value in given.items():
+        name = option.removeprefix("--").removeprefix("no-")
+        parameter = endpoints.node._parameter_overrides.get(name)
+        if None not in (value, parameter) and parameter.value != value:
+            raise ValueError(f"parameter {name}: {parameter.value}: {option} has another value; remove one")
+
+
 def _run(
     role: Role, options: argparse.Namespace, stopped: EndOrder, notices: Notices, completed: Completed | None
 ) -> int:
@@ -189,6 +204,8 @@ def _run(
     with executor_of(None, options.ros or None, watch) as (context, executor):
         external = None if options.external is None else Role(options.external)
         endpoints = NodeEndpoints(role, Wire(setup.layout), context, watch, ROLES[:-1], options.ros or None, external)
+        if role is Role.PLANT:
+            _check_parameters(options, endpoints)
         if role is not Role.RECORDER:
             executor.add_node(endpoints.node)
         compression = getattr(options, "compression", DEFAULT)
