@@ -130,7 +130,7 @@ def stack(
     """Return a control stack."""
     period = of.tick if period is None else period
     return ControlStack(
-        model=of, period=period, tick=of.tick, controller=controller,
+        model=of, period=period, controller=controller,
         controller_parameters={controller: parameters or {}},
         compensation=COMPENSATIONS.make(compensation, compensation_parameters or {}, of, period),
         brake_policy=make_brake_policy(brake or BrakeSpec(), of, of.line),

@@ -18,8 +18,8 @@ LAYERS = (
 )  # fmt: skip
 """Layers from lowest to highest; CONTRIBUTING.md describes them."""
 CONTROL_LAYERS = (
-    ("contract", "command_history", "component_fault", "learned_resistance", "train_model", "gains",
-     "plan_text", "rows_by_place"),
+    ("contract", "component_fault", "learned_resistance", "train_model", "gains",
+     "plan_text"),
     ("guard",),
     ("algorithms",),
     ("mpc",),
@@ -28,7 +28,7 @@ CONTROL_LAYERS = (
     ("observers", "compensation"),
     ("laws", "open_loop"),
     ("registry", "law_call"),
-    ("standstill", "force_distribution", "planned_displacement", "command_hold", "stack", "ato_state", "assurance",
+    ("force_distribution", "command_hold", "stack", "ato_state", "assurance",
      "plausibility", "takeover", "caller"),
 )  # fmt: skip
 """Modules and packages of ``train_ato.control`` from lowest to highest; those of one layer may import each other."""

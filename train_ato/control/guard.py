@@ -314,10 +314,10 @@ class GuardedLaw:
 
     def _hold(self, inputs: LawInput, reason: str) -> LawOutput:
         """Return the last demand, inside the limits if these are valid."""
-        usable = valid_limits(inputs.force_min.tolist(), inputs.force_max.tolist())
-        return LawOutput(np.array(_limited(self._last_force, inputs) if usable else self._last_force), held=reason)
+        low, high, force = inputs.force_min.tolist(), inputs.force_max.tolist(), self._last_force
+        return LawOutput(np.array(within_limits(force, low, high) if valid_limits(low, high) else force), held=reason)
 
 
-def _limited(force: list[float], inputs: LawInput) -> list[float]:
+def within_limits(force: list[float], low: list[float], high: list[float]) -> list[float]:
     """Return forces clipped to the limits of their units [N]."""
-    return list(map(max, map(min, force, inputs.force_max.tolist()), inputs.force_min.tolist()))
+    return [min(max(each, least), most) for each, least, most in zip(force, low, high, strict=True)]

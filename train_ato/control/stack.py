@@ -12,7 +12,6 @@ import numpy as np
 
 from plant_sim.elementary import dot_of, total_of_units
 from plant_sim.record import zeros
-from train_ato.control.command_history import commands_in_flight
 from train_ato.control.command_hold import CommandHold, command_at_standstill, profile_at_standstill, stands
 from train_ato.control.compensation.contract import Compensation, CompensationInput
 from train_ato.control.compensation.rigid import RigidForce
@@ -57,8 +56,6 @@ class ControlStack:
         The nominal train.
     period
         Period of the law [s], an integer multiple of the tick; the command is held in between.
-    tick
-        Period of the loop [s].
     controller
         Name of the law.
     controller_parameters
@@ -118,7 +115,6 @@ class ControlStack:
         self,
         model: TrainModel,
         period: float,
-        tick: float,
         controller: str,
         controller_parameters: Mapping[str, Mapping[str, Any]],
         compensation: Compensation,
@@ -133,10 +129,10 @@ class ControlStack:
     ) -> None:
         self.model = model
         self.period = period
-        self.every = round(period / tick)
-        if self.every < 1 or abs(self.every * tick - period) > 1e-9:
+        self.every = round(period / model.tick)
+        if self.every < 1 or abs(self.every * model.tick - period) > 1e-9:
             raise ValueError(
-                f"control_period: {period:g} s is not a multiple of the tick {tick:g} s; choose a multiple"
+                f"control_period: {period:g} s is not a multiple of the tick {model.tick:g} s; choose a multiple"
             )
         self._make_law = make_law
         self._set_law(controller, controller_parameters.get(controller, {}))
@@ -145,7 +141,7 @@ class ControlStack:
         self._distribution, self._displacement = distribution, displacement
         self.delay_to_effect = float(max(model.delay.max(), model.delay_brake.max())) + model.lag
         self._air_brake = model.consist.air_brake is not None
-        self.in_flight = commands_in_flight(model, tick)
+        self.in_flight = model.commands_in_flight()
         self._jerk_limit, self._authority = jerk_limit, authority
         self.ticks = self.saturated_steps = 0
         self._swaps = self._invalid_measurements = self._invalid_estimates = 0
@@ -461,7 +457,7 @@ class ControlStack:
 
         A limit of the speed that falls faster than the largest change does not cut it: the unit is at its limit then.
         """
-        if decided and is_valid_state(measurement):
+        if decided:
             self._last = self._before_corner(transition, measurement)
         sent = transition.step(self._last if decided else None, self._before, self.every)
         if transition.ended:

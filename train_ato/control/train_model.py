@@ -90,6 +90,33 @@ def limits_of_all(limits: Array, segments: NDArray[np.int64], velocity: Array) -
     return found
 
 
+@compiled
+def newest_arrived(sent: Array, unit: int, later: float, tick: float, forward: float, backward: float) -> float:
+    """Return the newest command of a unit that has arrived ``later`` seconds from now [N]; the oldest if none has.
+
+    Parameters
+    ----------
+    sent : Array, shape (d, units)
+        Commands in flight, oldest first [N]; 0 N without one.
+    unit
+        Number of the unit.
+    later, tick
+        Time from now, and between two commands [s].
+    forward, backward
+        Delay of a command forwards and backwards [s].
+    """
+    count = len(sent)
+    if count == 0:
+        return 0.0
+    back = max(math.ceil((min(forward, backward) - later) / tick - 1e-9), 1)
+    while back < count:
+        command = float(sent[count - back, unit])
+        if (backward if command < 0.0 else forward) - back * tick <= later + 1e-9:
+            return command
+        back += 1
+    return float(sent[0, unit])
+
+
 class LineForceTable:
     """Grade, curve and tunnel force of a train over its line.
 
@@ -230,6 +257,14 @@ class TrainModel:
             largest / largest.sum() if largest.sum() > 0 else np.full(self.n_units, 1 / max(1, self.n_units))
         )
         return shares
+
+    def commands_in_flight(self) -> Array:
+        """Return the commands that are not yet in effect, one per tick, oldest first: 0 N before the first one.
+
+        Their number, shape (d, units), follows from the largest delay and the tick.
+        """
+        longest = max(float(self.delay.max()), float(self.delay_brake.max()))
+        return np.zeros((math.ceil(longest / self.tick - 1e-9), self.n_units))
 
     def running_resistance(self, velocity: float) -> float:
         """Return the running resistance of the train [N]: odd in the speed, 0 at standstill."""

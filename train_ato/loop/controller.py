@@ -185,7 +185,6 @@ class ControllerStage:
         return ControlStack(
             model=setup.model,
             period=setup.control_period,
-            tick=setup.tick,
             controller=self.controller,
             controller_parameters=self._parameters,
             make_law=partial(setup.component, LAWS),

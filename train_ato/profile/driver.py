@@ -15,7 +15,6 @@ from plant_sim.consist import Consist
 from plant_sim.elementary import plain_sum, total_of_units
 from plant_sim.line import Line
 from plant_sim.plant_setup import PlantSetup
-from plant_sim.traction import Envelope
 from plant_sim.train import Train
 from train_ato.control.air_brake.policy import BrakeSpec, make_brake_policy
 from train_ato.control.open_loop import DriverAction, OpenLoopDriver, actions_text, driver_reductions
@@ -60,6 +59,18 @@ class Driver:
     brake: float = 0.75
     average: float = 5.0
 
+    def next_force(self, model: TrainModel, position: float, velocity: float, force: float) -> float:
+        """Return the next force of the train [N] from position [m], speed [m/s] and present force [N].
+
+        The control is proportional, with a feed-forward and limits of force and rate.
+        """
+        demand = model.inertia * self.gain * (self.speed - velocity)
+        demand += model.running_resistance(velocity) + model.line_force(position)
+        high = self.traction * plain_sum(envelope.force(velocity) for envelope in model.traction)
+        low = -self.brake * plain_sum(envelope.force(velocity) for envelope in model.brake)
+        demand = min(max(demand, low), high)
+        return min(max(demand, force - self.slew * PERIOD), force + self.slew * PERIOD)
+
 
 @dataclass(frozen=True)
 class DrivenRun:
@@ -80,25 +91,6 @@ class DrivenRun:
     velocity: Array
     force: Array
     events: tuple[tuple[float, float], ...]
-
-
-class DriverForce:
-    """Speed controller of the simulated driver: proportional, with feed-forward, force limits and a rate limit."""
-
-    def __init__(self, driver: Driver, consist: Consist, model: TrainModel) -> None:
-        self._driver, self._model = driver, model
-        self._traction = [Envelope(consist.vehicles[unit].traction) for unit in consist.power_units]
-        self._brake = [Envelope(consist.vehicles[unit].brake) for unit in consist.power_units]
-
-    def step(self, position: float, velocity: float, force: float) -> float:
-        """Return the next force of the train [N] from position [m], speed [m/s] and present force [N]."""
-        driver, model = self._driver, self._model
-        demand = model.inertia * driver.gain * (driver.speed - velocity)
-        demand += model.running_resistance(velocity) + model.line_force(position)
-        high = driver.traction * plain_sum(envelope.force(velocity) for envelope in self._traction)
-        low = -driver.brake * plain_sum(envelope.force(velocity) for envelope in self._brake)
-        demand = min(max(demand, low), high)
-        return min(max(demand, force - driver.slew * PERIOD), force + driver.slew * PERIOD)
 
 
 def simulate_driver(
@@ -128,7 +120,6 @@ def simulate_driver(
     train = Train(consist, line, setup, step_ns=round(STEP * 1e9), tick_ns=round(PERIOD * 1e9), seed=0)
     model = nominal_train_model(consist, line, PERIOD)
     policy = make_brake_policy(BrakeSpec(policy="trigger" if consist.air_brake else "none"), model, line)
-    control = DriverForce(driver, consist, model)
     substeps = round(PERIOD / STEP)
     force, events, standstill = 0.0, [], 0
     charged = pressure = consist.air_brake.charged if consist.air_brake else 0.0
@@ -149,7 +140,7 @@ def simulate_driver(
         if demanded != pressure:
             events.append((tick * PERIOD, charged - demanded))
             pressure = demanded
-        force = control.step(position, velocity, force)
+        force = driver.next_force(model, position, velocity, force)
         train.advance(np.tile(force * model.share, (substeps, 1)), pressure if consist.air_brake else None)
         if report is not None and tick % 1000 == 0:
             report(position)

@@ -16,7 +16,6 @@ from plant_sim.elementary import numpy_total
 from plant_sim.input_error import close_match
 from plant_sim.railway import between_entries, envelope_force
 from train_ato.control.algorithms.limits_ahead import LimitsAhead, step_value
-from train_ato.control.command_history import commands_in_flight
 from train_ato.control.component_fault import place_of
 from train_ato.control.train_model import GRID
 from train_ato.loop.controller import ControllerStage, Received
@@ -193,7 +192,7 @@ class Sight:
     def __init__(self, setup: RunSetup) -> None:
         model, limits = setup.model, LimitsAhead(setup.model)
         rows, segments = model.envelopes
-        self.flight = len(commands_in_flight(model, setup.tick))
+        self.flight = len(model.commands_in_flight())
         weight, line_begin = model.mass * setup.consist.gravity, model.specific_line_force()[1]
         numbers = np.array((float(setup.profile.position[-1]), weight, line_begin))
         self.arrays = (
@@ -278,7 +277,7 @@ def _of_train(setup: RunSetup) -> Iterator[Quantity]:
     least = -np.array([envelope.largest() for envelope in model.brake])
     most = np.array([envelope.largest() for envelope in model.traction])
     forces = MARGIN * np.maximum(most, -least)
-    flight = len(commands_in_flight(model, setup.tick))
+    flight = len(model.commands_in_flight())
     length = end - begin
     yield Quantity("time", "s", "time since the start", 0.0 * one, setup.ticks * setup.tick * one)
     yield Quantity("position", "m", "measured centre of every unit along the line", begin * each, end * each)

@@ -125,10 +125,8 @@ class BrakePolicy:
     ----------
     constants, state, rows, now : Records
         Rules, state, rows and measurement.
-    limits : Array, shape (segments, 4)
-        Segments of the envelopes of the electric brake.
-    segments : Array of int, shape (units, 2)
-        First segment and end of every unit.
+    limits, segments : Array
+        Envelopes of the units, see :class:`train_ato.control.train_model.TrainModel`; empty without a model.
     """
 
     form: ClassVar[PolicyForm]
@@ -142,10 +140,8 @@ class BrakePolicy:
         fill(self.constants, rules)
         for index, values in enumerate(rows):
             self.rows[index] = values
-        brakes = [] if model is None else [brake.rows for brake in model.brake]
-        ends = np.cumsum([0, *map(len, brakes)])
-        self.limits: Array = np.concatenate([np.zeros((0, 4)), *brakes])
-        self.segments = np.ascontiguousarray(np.stack((ends[:-1], ends[1:]), axis=1), dtype=np.int64)
+        none = np.zeros((0, 4)), np.zeros((0, 4), np.int64)
+        self.limits, self.segments = none if model is None else model.envelopes
 
     def step(self, t: float, position: float, velocity: float, applied: float = 0.0) -> float:
         """Return the pressure demanded [Pa]; ``applied`` is the measured force of all units [N], < 0 braking."""

@@ -21,6 +21,7 @@ from plant_sim.compiled import compiled
 from plant_sim.elementary import plain_sum
 from plant_sim.railway import adhesion_by_speed, envelope_force
 from plant_sim.section_effects import Row, SectionZones, largest_power, limited_segments
+from train_ato.control.guard import within_limits
 from train_ato.messages.types import Array
 from train_ato.messages.validity import MAX_SPEED
 from train_ato.supervision.track_supervision import limits_under_train
@@ -85,7 +86,7 @@ def within_units(wanted: list[float], share: list[float], low: list[float], high
     wanted, share, low, high : list of float, length units
         Forces [N], shares of a total force, and limits at the time of effect [N].
     """
-    found = _limited(wanted, low, high)
+    found = within_limits(wanted, low, high)
     for _ in wanted:
         rest = plain_sum(wanted) - plain_sum(found)
         free = [
@@ -95,12 +96,8 @@ def within_units(wanted: list[float], share: list[float], low: list[float], high
         whole = plain_sum(free)
         if rest == 0.0 or whole == 0.0:
             break
-        found = _limited([force + rest * part / whole for force, part in zip(found, free, strict=True)], low, high)
+        found = within_limits([force + rest * part / whole for force, part in zip(found, free, strict=True)], low, high)
     return found
-
-
-def _limited(force: list[float], low: list[float], high: list[float]) -> list[float]:
-    return [min(max(each, least), most) for each, least, most in zip(force, low, high, strict=True)]
 
 
 def limits_at_nodes(low: Array, high: Array, nodes: Array, *, parts: int, effect: int, limits: Array) -> Array:

@@ -11,7 +11,7 @@ import numpy as np
 
 from plant_sim.compiled import compiled
 from plant_sim.elementary import libm_exp
-from train_ato.control.command_history import newest_arrived
+from train_ato.control.train_model import newest_arrived
 
 if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel

@@ -13,7 +13,7 @@ from plant_sim.elementary import libm_exp
 from plant_sim.railway import between_entries
 from train_ato.control.algorithms.quadratic_program import multipliers
 from train_ato.control.algorithms.train_constants import SPEED_STEP
-from train_ato.control.command_history import newest_arrived
+from train_ato.control.train_model import newest_arrived
 
 FAR = 1e4
 """Distance in place of no limit [m]: the programme permits a violation in proportion to its largest entry."""

@@ -13,8 +13,8 @@ from plant_sim.compiled import compiled
 from plant_sim.elementary import matrix_product, plain_dot, plain_sum
 from train_ato.control.algorithms.coupled_units import CoupledUnits
 from train_ato.control.algorithms.quadratic_program import inverse
-from train_ato.control.command_history import newest_arrived
 from train_ato.control.mpc.disturbance_lines import DisturbanceLines
+from train_ato.control.train_model import newest_arrived
 from train_ato.messages.types import Array
 
 if TYPE_CHECKING:

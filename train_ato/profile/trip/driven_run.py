@@ -38,7 +38,7 @@ from plant_sim.train import Train
 from train_ato.control.force_distribution import ForceDistribution, SharesAt
 from train_ato.control.train_model import TrainModel
 from train_ato.messages.types import Array
-from train_ato.profile.driver import window_mean
+from train_ato.profile.driver import MAX_STANDSTILL, window_mean
 from train_ato.profile.trip.journey import Application, Journey
 from train_ato.profile.trip.reduced_train import SectionForces
 from train_ato.profile.trip.search import POWER_BRAKING
@@ -56,8 +56,6 @@ AVERAGE = 5.0
 """Window of the moving average of the speed, applied three times [s]."""
 TOP_SPEED = 200.0 / 3.6
 """End of the tables of the forces in sections [m/s]."""
-MAX_STANDSTILL = 60.0
-"""Standstill after which the train is unable to continue [s]."""
 
 
 @dataclass(frozen=True)
@@ -184,10 +182,9 @@ def follow_journey(
         if shares:
             forces = distribution.forces(position, forces, *model.limits_of_units([velocity] * model.n_units))
         train.advance(np.tile(forces, (train.substeps, 1)), None if air is None else air.charged - reduction)
-    table = np.array(rows)
-    places, speeds, forces, shoe_forces, means = table.T
+    places, speeds, drives, shoe_forces, means = np.array(rows).T
     return TripRun(
-        PERIOD, places, speeds, forces, shoe_forces, means, np.array(couplers), np.array(units), train.totals
+        PERIOD, places, speeds, drives, shoe_forces, means, np.array(couplers), np.array(units), train.totals
     )
 
 
