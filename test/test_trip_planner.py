@@ -15,7 +15,7 @@ from test_plan_checks import options
 
 from plant_sim.consist import Consist
 from plant_sim.library import load_consist, load_line
-from plant_sim.line import Line
+from plant_sim.line import Line, Stop
 from train_ato.cli.plan import execute, trip_from_options
 from train_ato.loop.engine import run_engine
 from train_ato.messages.types import Array
@@ -175,11 +175,14 @@ def trip_words(folder: Path, line: Line, weights: str) -> tuple[str, ...]:
 
 
 def test_one_command_writes_a_scenario_that_runs(tmp_path: Path, line: Line, capsys) -> None:
-    """Breaks if the written scenario lacks profile, applications or plant."""
+    """Breaks if the written scenario lacks profile, applications or plant, or a stop is passed without a word."""
     out = tmp_path / "trip.yaml"
-    words = trip_words(tmp_path, line, "time_weight: 1.0\n")
+    calling = line.model_copy(update={"stops": (Stop(at=0.0), Stop(at=3000.0), Stop(at=12_000.0), Stop(at=13_000.0))})
+    words = trip_words(tmp_path, calling, "time_weight: 1.0\n")
     execute(options(*words, "--out", str(tmp_path / "trip.png"), "--json"))
-    figures = json.loads(capsys.readouterr().out)
+    told = capsys.readouterr()
+    assert "note: the trip passes stops of the line: km 3.000; --from-km" in told.err
+    figures = json.loads(told.out)
     scenario, _ = load_scenario(str(out))
     assert scenario.brake.policy == "trip" and len(scenario.brake.applications) == len(figures["applications"])
     assert scenario.duration > figures["running_time_s"]

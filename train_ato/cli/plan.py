@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from plant_sim.input_error import InputFaults, explain
 from train_ato.program.arguments import OPTIONS_OF_PLAN, add_option, check_new_file
+from train_ato.program.display_units import shown_text
 from train_ato.program.errors import RunInterrupted, check_packages
 
 if TYPE_CHECKING:
@@ -28,8 +29,8 @@ DEFAULTS = "defaults"
 """Value of ``--trip`` without a file."""
 SCENARIOS, FIGURES = (".yaml", ".yml"), (".png", ".pdf", ".svg")
 OTHER_OPTIONS = (
-    "allowance", "dwell", "through", "acceleration", "deceleration", "jerk", "force_margin",
-    "max_speed_kmh", "no_air_brake", "point_mass",
+    "journey", "allowance", "dwell", "through", "acceleration", "deceleration", "jerk", "force_margin",
+    "efficiency", "recovered", "auxiliary_kw", "max_speed_kmh", "no_air_brake", "point_mass",
 )  # fmt: skip
 """Options of ``plan`` without a meaning for a trip."""
 _OPTIONS = {
@@ -83,7 +84,17 @@ def trip_from_options(options: argparse.Namespace, report: Any = lambda _: None)
         journeys = f"{interruption.journeys} journey{'s' if interruption.journeys > 1 else ''}"
         raise RunInterrupted(f"interrupted after {journeys}{'; ' + kept if files else ''}") from None
     files = _write_files(options, plan, line, consist)
+    _note_passed_stops(plan, line, consist)
     return {"train": consist.name, "line": line.name, **plan.summary(), "files": [str(path) for path in files]}
+
+
+def _note_passed_stops(plan: TripPlan, line: Line, consist: Consist) -> None:
+    """Name the stops of the line between begin and end of a trip on stderr: the train passes them."""
+    begin, end = plan.profile.position[[0, -1]] + consist.vehicles[0].length / 2
+    passed = [f"km {stop.at / 1e3:.3f}" for stop in line.stops if begin + 1.0 < stop.at < end - 1.0]
+    if passed:
+        text = line.with_posts(f"{', '.join(passed)}; --from-km and --to-km have begin and end")
+        sys.stderr.write(f"note: the trip passes stops of the line: {shown_text(text)}\n")
 
 
 def _write_files(options: argparse.Namespace, plan: TripPlan, line: Line, consist: Consist) -> list[Path]:
@@ -170,7 +181,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("consist CONSIST", "shipped train, or file in any format of `train-ato convert`")
     add(
         "--from-km KM",
-        "start position of the front [km], or a post as 84+500 (default: first stop)",
+        "start position of the front [km], or a post as 84+500 (default: first stop; with --trip begin of the line)",
         dest="begin_km",
         type=kilometre,
     )
