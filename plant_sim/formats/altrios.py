@@ -18,7 +18,7 @@ from plant_sim.consist import Consist
 from plant_sim.elementary import plain_sum
 from plant_sim.formats.fields import Fields, keys_not_carried, names_in, print_assumption
 from plant_sim.formats.network_path import BEGIN, END, ROUNDING, STRAIGHT, Network, Range, TrackPath, network_line
-from plant_sim.formats.ttobench import BRAKED_GRADE, rigid_train
+from plant_sim.formats.ttobench import BRAKED_GRADE, OVERSPEED, hyperbola, rigid_train
 from plant_sim.line import MAX_GRADE, Line
 from plant_sim.units import GRAVITY, number_text
 
@@ -243,17 +243,14 @@ def altrios_train(data: dict[str, Any], place: str) -> Consist:
     )  # fmt: skip
     heads = _locomotives(top, kinds, ratio, max(min(speeds), 1.0), brake)
     parts = [*heads, *parts]
-    limits = {"speed": min(speeds)} | ({"deceleration": brake / _inertia(kinds, parts)} if brake else {})
-    print_assumption(f"{place}: rigid couplers; the friction brake of the cars acts in the locomotives")
-    name, source = top.text("train_id", Path(place).stem), f"ALTRIOS train {Path(place).name}"
-    return rigid_train(place, name, source, vehicle_types=kinds, train=parts, plan_limits=limits)
-
-
-def _inertia(kinds: dict[str, dict[str, Any]], parts: list[dict[str, Any]]) -> float:
-    return plain_sum(
+    inertia = plain_sum(
         part["count"] * kinds[part["type"]]["mass"] * kinds[part["type"]].get("rotating_mass_factor", 1.0)
         for part in parts
     )
+    limits = {"speed": min(speeds)} | ({"deceleration": brake / inertia} if brake else {})
+    print_assumption(f"{place}: rigid couplers; the friction brake of the cars acts in the locomotives")
+    name, source = top.text("train_id", Path(place).stem), f"ALTRIOS train {Path(place).name}"
+    return rigid_train(place, name, source, vehicle_types=kinds, train=parts, plan_limits=limits)
 
 
 def _locomotives(
@@ -269,11 +266,10 @@ def _locomotives(
             for key, unit, high in (("mass", "kilograms", 1e6), ("force_max", "newtons", 1e8))
         )
         power = loco.number("pwr_out_max_watts", None, 2e4, 1e9) if "pwr_out_max_watts" in loco else _drive(loco)
-        corner = power / force
-        end = 1.05 * speed
-        traction = [{"to": min(corner, end), "force": force}, *([{"to": end, "power": power}] if corner < end else [])]
+        end = OVERSPEED * speed
         kind = {
-            "mass": mass, "length": LOCOMOTIVE_LENGTH, "traction": traction, "independent_power": True,
+            "mass": mass, "length": LOCOMOTIVE_LENGTH, "traction": hyperbola(force, power, end),
+            "independent_power": True,
             "resistance": {"n": [ratio * mass * GRAVITY, 0.0, 0.0]},
             "brake": [{"to": end, "force": (brake + BRAKED_GRADE * GRAVITY * mass) / len(rows)}],
         }  # fmt: skip

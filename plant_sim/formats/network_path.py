@@ -244,6 +244,24 @@ class TrackPath:
         length = self.network.lengths[track]
         return [at + (position if forward else length - position) for at, forward in self._passages.get(track, ())]
 
+    def without_power(self, sections: Iterable[Range], what: str) -> list[tuple[float, float]]:
+        """Return the stretches without traction power [m], by sections of value 1 with power and 0 without.
+
+        The places beside the sections count if one of them has power; a message names them as without a ``what``.
+        """
+        found, pieces = [], steps(self.length, sections, min, -1.0)
+        has_power = any(row.value == 1.0 for row in pieces)
+        for begin, end, power, _ in pieces:
+            beside = power < 0.0 and has_power and end - begin > ROUNDING
+            if beside:
+                print_assumption(
+                    f"{self.network.place}: no {what} from {number_text(begin)} to {number_text(end)} m of the path; "
+                    "assumed to have no traction power"
+                )
+            if beside or power == 0.0:
+                found.append((begin, end))
+        return found
+
     def stations(self) -> list[tuple[float, str]]:
         """Return the named places on the path by rising distance [m]; one name per place.
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from plant_sim.formats.fields import Fields, known_text, names_in, print_assumption
-from plant_sim.formats.network_path import BEGIN, END, ROUNDING, Network, Passage, Range, TrackPath, network_line, steps
+from plant_sim.formats.network_path import BEGIN, END, ROUNDING, Network, Passage, Range, TrackPath, network_line
 from plant_sim.line import Line
 from plant_sim.units import number_text
 
@@ -47,12 +47,14 @@ def osrd_line(data: dict[str, Any], place: str, selection: str = "", *, against:
     by_category = {
         str(tag): [speed for fields in sections_of_speed for speed in _speeds(path, fields, tag)] for tag in tags
     }
-    neutral = [
-        {"begin": passage.begin, "end": passage.end}
-        for fields in top.each("neutral_sections")
-        for passage in _ranges(path, fields, "direction")
-    ] + _without_power(path, top)
-    sections = {"neutral_sections": sorted(neutral, key=lambda entry: entry["begin"])}
+    live = [
+        Range(begin, end, 1.0)
+        for fields in top.each("electrifications")
+        for begin, end, _ in _ranges(path, fields, "applicable_directions")
+    ]
+    neutral = [passage[:2] for fields in top.each("neutral_sections") for passage in _ranges(path, fields, "direction")]
+    neutral = sorted([*neutral, *path.without_power(live, "electrification")], key=lambda stretch: stretch[0])
+    sections = {"neutral_sections": [{"begin": begin, "end": end} for begin, end in neutral]}
     return network_line(
         path, "OSRD infrastructure", selection, against=against, grades=grades, radii=radii, speeds=speeds,
         sections=sections, by_category=by_category,
@@ -114,32 +116,13 @@ def _speeds(path: TrackPath, fields: Fields, tag: str | None = None) -> list[Ran
     """Return the speed limits of a speed section for all trains, or for those of a category."""
     passages = list(_ranges(path, fields, "applicable_directions"))
     tags = fields.below("speed_limit_by_tag") if "speed_limit_by_tag" in fields else Fields({}, fields.place)
-    if tag is not None and tag in tags:
-        speed = tags.number(tag, None, 0.1, 300.0)
-        return [Range(begin, end, speed, fields.place) for begin, end, _ in passages]
-    if "speed_limit" not in fields:
+    source, key = (tags, tag) if tag is not None and tag in tags else (fields, "speed_limit")
+    if key not in source:
         if passages and tag is None:
             print_assumption(f"{fields.place}: no speed_limit; a train of no category has no limit of its own there")
         return []
-    speed = fields.number("speed_limit", None, 0.1, 300.0)
+    speed = source.number(key, None, 0.1, 300.0)
     return [Range(begin, end, speed, fields.place) for begin, end, _ in passages]
-
-
-def _without_power(path: TrackPath, top: Fields) -> list[dict[str, float]]:
-    """Return the sections of a path beside its electrifications; none for a path without any."""
-    sections = top.each("electrifications")
-    live = [
-        Range(*passage[:2], 1.0) for fields in sections for passage in _ranges(path, fields, "applicable_directions")
-    ]
-    found = []
-    for begin, end, power, _ in steps(path.length, live, max, 0.0):
-        if not power and end - begin > ROUNDING:
-            print_assumption(
-                f"{top.place}: no electrification from {number_text(begin)} to {number_text(end)} m of the path; "
-                "assumed to have no traction power"
-            )
-            found.append({"begin": begin, "end": end})
-    return found
 
 
 def _signed(passages: list[Passage], value: float, entry: str) -> list[Range]:

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from plant_sim.formats.fields import known_text, names_in, print_assumption
-from plant_sim.formats.network_path import BEGIN, END, ROUNDING, Network, Range, TrackPath, network_line, steps
+from plant_sim.formats.network_path import BEGIN, END, Network, Range, TrackPath, network_line, steps
 from plant_sim.formats.railml2 import as_version_3
 from plant_sim.formats.railml_collection import (
     NetElement,
@@ -43,7 +43,6 @@ if TYPE_CHECKING:
 
 CROSS_SECTION_RANGE = (1.0, 1000.0)
 """Plausible cross section of a tunnel [m²]."""
-NO_SECTION, NO_POWER, POWER = -1.0, 0.0, 1.0
 
 
 def tunnels(infrastructure: Element, location: Location, path: TrackPath) -> list[dict[str, Any]]:
@@ -69,21 +68,10 @@ def neutral_sections(infrastructure: Element, location: Location, path: TrackPat
     listed: list[Range] = []
     for section in elements_below(infrastructure, "electrificationSection"):
         insulated = flag_of(section, "isInsulatedSection", location.place)
-        value = NO_POWER if insulated or section.get("contactLineType", "").lower() == "none" else POWER
+        value = 0.0 if insulated or section.get("contactLineType", "").lower() == "none" else 1.0
         listed += [Range(begin, end, value) for begin, end, _ in location.ranges(section, path, directed=True)]
-    pieces = steps(path.length, listed, min, NO_SECTION)
-    has_power = any(row.value == POWER for row in pieces)
-    dead: list[tuple[float, float]] = []
-    for begin, end, power, _ in pieces:
-        if power == NO_SECTION and has_power and end - begin > ROUNDING:
-            print_assumption(
-                f"{path.network.place}: no electrificationSection from {number_text(begin)} to {number_text(end)} m of "
-                "the path; assumed to have no traction power"
-            )
-            dead.append((begin, end))
-        elif power == NO_POWER:
-            dead.append((begin, end))
-    return [{"begin": begin, "end": end} for begin, end in joined(dead)]
+    dead = joined(path.without_power(listed, "electrificationSection"))
+    return [{"begin": begin, "end": end} for begin, end in dead]
 
 
 SCALED = 0.01

@@ -29,7 +29,7 @@ from plant_sim.formats.railml_collection import (
     version_of,
 )
 from plant_sim.formats.railtoolkit import ROTATING
-from plant_sim.formats.ttobench import BRAKED_GRADE, OVERSPEED, rigid_train
+from plant_sim.formats.ttobench import BRAKED_GRADE, OVERSPEED, hyperbola, rigid_train
 from plant_sim.units import GRAVITY, KMH
 
 if TYPE_CHECKING:
@@ -212,9 +212,7 @@ def _traction(vehicle: Element, place: str) -> dict[str, Any]:
             number_of(info, key, place, 1e3, most) for key, most in (("maxTractiveEffort", 1e7), ("tractivePower", 1e9))
         )
         end = OVERSPEED * number_of(vehicle, "speed", place, 1, 1000) / KMH
-        corner = power / force
-        rest = [{"to": end, "power": power}] if corner < end else []
-        return {"traction": [{"to": min(corner, end), "force": force}, *rest], **supply}
+        return {"traction": hyperbola(force, power, end), **supply}
     units = [
         known[known_text(table.get(key, ""), f"{entry_of(vehicle, place)}: {key}", known)]
         for key, known in (("xValueUnit", SPEEDS), ("yValueUnit", FORCES))

@@ -307,7 +307,7 @@ def line_gpx(line: Line) -> tuple[str, tuple[str, ...]]:
         return escape(NOT_XML.sub("", text))
 
     def element(tag: str, spot: Spot, name: str = "") -> str:
-        inner = f"<ele>{spot[2]}</ele>" + (f"<name>{escape(NOT_XML.sub('', name))}</name>" if name else "")
+        inner = f"<ele>{spot[2]}</ele>" + (f"<name>{shown(name)}</name>" if name else "")
         return f'<{tag} lat="{spot[0]}" lon="{spot[1]}">{inner}</{tag}>\n'
 
     stations = "".join(element("wpt", spot, name) for name, spot in _named(line, points))

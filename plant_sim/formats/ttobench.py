@@ -296,9 +296,12 @@ def _length(top: Fields, *, point_mass: bool) -> float:
 
 
 def _hyperbola(top: Fields, prefix: str, end: float) -> list[dict[str, float]]:
-    """Return an envelope up to a speed [m/s]: a constant force, then a constant power."""
-    force = _quantity(top, f"{prefix} force", "force", low=1.0)
-    power = _quantity(top, f"{prefix} power", "power", low=1.0)
+    force, power = (_quantity(top, f"{prefix} {kind}", kind, low=1.0) for kind in ("force", "power"))
+    return hyperbola(force, power, end)
+
+
+def hyperbola(force: float, power: float, end: float) -> list[dict[str, float]]:
+    """Return an envelope up to a speed [m/s]: a constant force [N], then a constant power [W]."""
     corner = power / force
     if corner >= end:
         return [{"to": end, "force": force}]
