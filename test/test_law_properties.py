@@ -420,3 +420,11 @@ def test_law_of_paper_002_on_its_estimates():
     own = float(of.own_resistance(np.full(5, cascade.velocity), place)[2])
     expected = own - MASS * (cascade.d2 + cascade.d1_rate) + MASS * (-slope * rate - reaching)
     assert force == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("name", ["offsets", "unit_mass", "unit_inertia", "share", "delay", "delay_brake"])
+def test_a_law_cannot_write_into_its_model(name):
+    """Breaks if `force = model.share; force *= total` changes the model of the compensation and of later runs."""
+    values = getattr(model(FIVE, delay=0.4), name)
+    with pytest.raises(ValueError, match="read-only"):
+        values *= 2.0

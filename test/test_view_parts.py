@@ -476,6 +476,21 @@ def test_the_delay_counts_against_the_first_profile(time: float, position: float
     assert delay_at(two_stops(), time, position) == pytest.approx(delay, abs=1.5)
 
 
+def test_a_train_that_runs_back_has_the_delay_and_the_stops_of_its_way() -> None:
+    """Breaks if its delay is that of the way on, its next stop lies behind it, or a limit is that of the front."""
+    out = two_stops()
+    back = ProfileCurve(out.time, 5000.0 - out.position, -out.velocity)
+    assert delay_at(back, 50.0, 4600.0) == pytest.approx(10.0, abs=1.5)
+    row = snapshot.now(moment(1610.0, -15.0, time=200.0), LINE, back, 100.0)
+    # the front at 1610, the rear at 1550 m leads: 25 m/s here, 10 m/s from 1500 m on; the stop of vehicle 0 at 800 m
+    assert (row["stop_text"], row["target_text"]) == (["800 m"], ["36 in 50 m"])
+    both = ProfileCurve(np.append(out.time, out.time + 400.0), np.append(out.position, out.position[::-1]),
+                        np.append(out.velocity, -out.velocity[::-1]))  # fmt: skip
+    sign, way = both.way(out.time[-1] + 100.0)
+    assert (sign, way.end) == (-1.0, pytest.approx(0.0)) and both.way(40.0)[1].end == pytest.approx(4200.0, abs=1.0)
+    assert delay_at(both, 40.0, 400.0) == pytest.approx(0.0, abs=1.5)
+
+
 def test_the_line_ahead_has_elevations_and_places_of_the_front() -> None:
     """Breaks if stops are those of vehicle 0's centre, or the elevation has the wrong sign or unit."""
     sent = track_ahead(SLOW_LINE, two_stops())

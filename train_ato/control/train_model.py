@@ -213,8 +213,8 @@ class TrainModel:
     ) -> None:
         self.consist = consist
         self.line = line
-        self.delay = delay
-        self.delay_brake = delay_brake
+        self.delay: Array = np.array(delay, dtype=np.float64)
+        self.delay_brake: Array = np.array(delay_brake, dtype=np.float64)
         self.lag = lag
         self.tick = tick
         self.sensors = sensors
@@ -231,6 +231,9 @@ class TrainModel:
         self.brake = tuple(Envelope(vehicles[unit].brake) for unit in self.units)
         self.envelopes = _envelope_arrays(self.brake, self.traction)
         self.share = self._shares()
+        of_units = (self.offsets, self.unit_mass, self.unit_inertia, self.share, self.delay, self.delay_brake)
+        for values in of_units:  # a law has this model itself; compiled functions take arrays that are not read-only
+            values.flags.writeable = False
         self.air_brake = BrakeForecast(consist) if consist.air_brake is not None else None
         polynomials = np.array([vehicle.resistance.polynomial(vehicle.mass, consist.gravity) for vehicle in vehicles])
         self.running: tuple[float, ...] = tuple(polynomials.sum(axis=0).tolist())

@@ -1,7 +1,9 @@
 """Constant data of a run: layout of the train, speed limits, grades, force envelopes."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -67,6 +69,25 @@ class ProfileCurve:
         return np.asarray(self.position[begins])
 
     @cached_property
+    def _ways(self) -> list[tuple[float, float, ProfileCurve]]:
+        """Begin [s], direction (1 or -1) and knots of every way from one turn to the next, a way back mirrored."""
+        moving = np.flatnonzero(np.abs(self.velocity) >= REST)
+        signs = np.sign(self.velocity[moving])
+        turns = np.flatnonzero(np.diff(signs))
+        if not turns.size and signs.sum() >= 0.0:
+            return [(-np.inf, 1.0, self)]
+        begins, ends = np.append(0, moving[turns] + 1), np.append(moving[turns + 1], self.time.size)
+        found: list[tuple[float, float, ProfileCurve]] = []
+        for begin, end, sign in zip(begins, ends, signs[np.append(turns, -1)], strict=True):
+            knots = ProfileCurve(self.time[begin:end], sign * self.position[begin:end], sign * self.velocity[begin:end])
+            found.append((float(self.time[ends[len(found) - 1]]) if found else -np.inf, float(sign), knots))
+        return found
+
+    def way(self, time: float) -> tuple[float, ProfileCurve]:
+        """Return the direction of running at a time [s], 1 or -1, and the knots of this way, times the direction."""
+        return next((sign, knots) for begin, sign, knots in reversed(self._ways) if time >= begin)
+
+    @cached_property
     def brakings(self) -> Array:
         """Positions of vehicle 0's centre at begin and end of the planned decelerations [m], shape (n, 2)."""
         braking = np.concatenate(([False], self.acceleration < -BRAKING, [False]))
@@ -123,6 +144,12 @@ class Facts:
     stop_window: float = STOP_WINDOW
     subtitle: str = ""
     setup: RunSetup | None = None
+
+    @cached_property
+    def mirrored(self) -> Facts:
+        """The line for a train that runs back, with all places times -1; its rear leads."""
+        places = np.append(-np.inf, -self.limit_places[:0:-1])[: self.limit_places.size]
+        return replace(self, limit_places=places, limit_speeds=self.limit_speeds[::-1], nose=self.length - self.nose)
 
     def limit_now(self, front: float) -> float:
         """Return the lowest limit between the rear and the front of the train [m/s]; infinite without limits."""

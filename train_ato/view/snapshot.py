@@ -115,7 +115,8 @@ def delay_at(timetable: ProfileCurve, time: float, position: float) -> float:
     time, position
         Time [s] and position of vehicle 0's centre [m].
     """
-    reached = timetable.reached
+    sign, timetable = timetable.way(time)
+    reached, position = timetable.reached, sign * position
     arrival, departure = (float(timetable.time[_row(reached, position + shift)]) for shift in (-STOPPED, STOPPED))
     exact = float(np.interp(position, reached, timetable.time))
     if departure - arrival > 2.0 * AHEAD_S:  # at a stop of the timetable
@@ -254,7 +255,10 @@ def now(moment: Snapshot, facts: Facts, profile: ProfileCurve | None, scale: flo
     limit = KMH * facts.limit_now(front)
     known = math.isfinite(limit)
     least, most = facts.envelope(abs(float(moment.velocity[0])))
-    stop = math.nan if profile is None else profile.end - float(moment.position[0])
+    sign, way = (1.0, None) if profile is None else profile.way(moment.time)
+    ahead = facts if sign > 0.0 else facts.mirrored
+    place = sign * float(moment.position[0])
+    stop = math.nan if way is None else way.end - place
     row = {
         "speed_angle": angle(abs(moment.speed), scale),
         "profile_angle": angle(abs(KMH * moment.reference[1]), scale),
@@ -275,7 +279,7 @@ def now(moment: Snapshot, facts: Facts, profile: ProfileCurve | None, scale: flo
         "error_text": signed(moment.error, 2),
         "place_text": f"{front / 1e3:.3f}" if facts.setup is None else facts.setup.line.post_at(front),
         "stop_text": distance(stop),
-        "target_text": _target(facts, front),
+        "target_text": _target(ahead, place + ahead.nose),
         "applied_text": signed(moment.applied.sum() / 1e3, 0),
         "demand_text": signed(moment.command.sum() / 1e3, 0),
         "draft_text": _extreme(moment.coupler, 1),
@@ -285,7 +289,7 @@ def now(moment: Snapshot, facts: Facts, profile: ProfileCurve | None, scale: flo
         "position_error_text": signed(float(moment.position[0]) - moment.reference[0], 1),
         "factor_text": f"× {moment.factor:.3g}" if math.isfinite(moment.factor) else "",
     }
-    row |= _supervised(moment, scale) | _guided(moment, facts, profile, scale)
+    row |= _supervised(moment, scale) | _guided(moment, ahead, way, scale, place) | {"front_m": front}
     return {name: [value] for name, value in row.items()}
 
 
@@ -311,9 +315,12 @@ def _supervised(moment: Snapshot, scale: float) -> dict[str, Any]:
     }
 
 
-def _guided(moment: Snapshot, facts: Facts, profile: ProfileCurve | None, scale: float) -> dict[str, Any]:
-    """Return the speeds on the rim of the dial, the next target and the nearest stop: rad, m, km/h and colours."""
-    front = float(moment.position[0]) + facts.nose
+def _guided(moment: Snapshot, facts: Facts, profile: ProfileCurve | None, scale: float, place: float) -> dict[str, Any]:
+    """Return the speeds on the rim of the dial, the next target and the nearest stop: rad, m, km/h and colours.
+
+    Line, profile and place of vehicle 0's centre [m] are mirrored on a way back.
+    """
+    front = place + facts.nose
     speed = abs(float(moment.velocity[0]))
     found = guidance(facts, profile, front, speed, limits=moment.limits, state=moment.states.supervision)
     gauge, needle, above = GAUGE_COLOURS[found.state]
@@ -325,7 +332,7 @@ def _guided(moment: Snapshot, facts: Facts, profile: ProfileCurve | None, scale:
     target = KMH * found.target_speed if math.isfinite(found.target_speed) else 0.0
     limited = math.isfinite(found.permitted)
     stops = np.zeros(0) if profile is None else profile.stops
-    offsets = float(moment.position[0]) - stops
+    offsets = place - stops
     return {
         "needle": needle,
         "gauge_colour": gauge if limited else "#22384c",
@@ -338,7 +345,6 @@ def _guided(moment: Snapshot, facts: Facts, profile: ProfileCurve | None, scale:
         "guidance": found.state.text,
         "target_m": found.target_distance,
         "target_kmh": KMH * found.target_speed,
-        "front_m": front,
         "stop_offset": float(offsets[np.abs(offsets).argmin()]) if offsets.size else math.nan,
     }
 

@@ -134,7 +134,7 @@ class LimitsAhead:
         self.places = np.array([at for at, _ in steps[1:]]) - model.consist.vehicles[0].length / 2.0
         self.speeds = np.array([speed for _, speed in steps])
         self._zones = SectionZones(model.line, model.consist)
-        self._offsets, supplies = model.offsets, model.consist.supplies
+        self._offsets, supplies = model.offsets.copy(), model.consist.supplies
         self._fed_at = np.array(model.consist.offsets)[[supplies[unit] for unit in model.units]]
         self._rows, self._pointers = self._zone_envelopes(model)
         vehicles = [model.consist.vehicles[unit] for unit in model.units]

@@ -303,7 +303,7 @@ class Predictor(PreviewFeedforward):
         c0, c1, c2 = model.running
         self.constants, self.now = zeros(PredictionConstants, 1), zeros(LawNow, 1)
         self.units = zeros(LawUnit, model.n_units)
-        self.units["share"] = model.share
+        self.units["share"], self._offsets = model.share, model.offsets.copy()
         self.constants[0] = (model.inertia, c0, c1, c2, model.tick, model.lag, parameters.disturbance, 0.0, 1.0)
         self.along: Array = np.zeros(0)
         self._coupled_units = CoupledUnits(model) if parameters.train == "chain" else None
@@ -363,7 +363,7 @@ class Predictor(PreviewFeedforward):
         if self._coupled_units is None:
             return RIGID
         coupled, (_, h) = self._coupled_units, sub_intervals(delay, self.model.tick)
-        return Chain(coupled.step_matrix(h), self.model.offsets, coupled.weight)
+        return Chain(coupled.step_matrix(h), self._offsets, coupled.weight)
 
     @property
     def known_delay(self) -> float | None:
