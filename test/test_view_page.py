@@ -342,7 +342,9 @@ def test_the_emergency_brake_is_in_sight_and_nothing_covers_anything():
     with browser() as page, viewing("--scenario", "demo", "--rate", "5") as view:
         opened(page, view.url)
         brake = BOX.format('deep(e => e.tagName == "BUTTON" && e.textContent.trim() == "EMERGENCY BRAKE")')
-        for width, height in ((900, 700), (1280, 720), (1720, 1000), (2560, 1440)):
+        panel = BOX.format('document.querySelector(".ahead")')
+        farthest = BOX.format('deep(e => e.tagName == "BUTTON" && e.textContent.trim() == "8 km")')
+        for width, height in ((900, 700), (1280, 720), (1366, 768), (1520, 800), (1720, 1000), (2560, 1440)):
             resized(page, width, height)
             page.wait_for(f"window.innerWidth == {width}")
             box = page.evaluate(brake)
@@ -352,6 +354,7 @@ def test_the_emergency_brake_is_in_sight_and_nothing_covers_anything():
             pause = page.evaluate(BOX.format('deep(e => e.tagName == "BUTTON" && e.textContent.trim() == "pause")'))
             assert title[2] <= pause[0] or title[3] <= pause[1], (width, title, pause)
             page.wait_for(f"document.documentElement.scrollWidth <= {width}")
+            page.wait_for(f"{farthest}[2] <= {panel}[2]")
         page.wait_for("document.querySelector('.strips').getBoundingClientRect().bottom > 1400")
         page.wait_for("document.documentElement.scrollHeight <= 1440")
         page.wait_for("model('strip_error').inner_height > 150")
