@@ -272,12 +272,8 @@ class VehicleType(SiModel):
                 f"mass {number_text(self.mass)} kg is above {number_text(MAX_VEHICLE_MASS)} kg; correct it, "
                 "mass is in kg"
             )
-        for name, segments in (
-            ("traction", self.traction),
-            ("brake", self.brake),
-            ("electric_brake", self.electric_brake),
-        ):
-            _check_envelope(name, segments)
+        for name in ("traction", "brake", "electric_brake"):
+            _check_envelope(name, getattr(self, name))
         if self.electric_brake and not self.brake:
             raise ValueError("electric_brake without brake: it is a part of it; add brake")
         if self.adhesive_mass is not None and self.adhesive_mass > self.mass:
@@ -444,10 +440,8 @@ class Consist(SiModel):
         if len(set(named)) < len(named):
             twice = next(vehicle for vehicle in named if named.count(vehicle) > 1)
             raise ValueError(f"couplings: behind lists vehicle {twice} twice; keep one draft gear for it")
-        if count > 1 and self.default_gear is None:
-            overridden = {vehicle for coupling in self.couplings for vehicle in coupling.behind}
-            if len(overridden) < count - 1:
-                raise ValueError("a train of several vehicles needs a draft gear for every coupler; give default_gear")
+        if self.default_gear is None and len(named) < count - 1:
+            raise ValueError("a train of several vehicles needs a draft gear for every coupler; give default_gear")
         return self
 
     @property

@@ -237,16 +237,9 @@ class Rating(SiModel):
 
     def met_by(self, train: Rating) -> bool:
         """Return True if a train has every figure that is needed."""
-        pairs = (
-            (train.axle_load, self.axle_load),
-            (self.cant_deficiency, train.cant_deficiency),
-            (self.brake_percentage, train.brake_percentage),
-        )
-        needed = [self.axle_load, self.cant_deficiency, self.brake_percentage]
-        return all(
-            need is None or (low is not None and high is not None and low <= high)
-            for need, (low, high) in zip(needed, pairs, strict=True)
-        )
+        light = self.axle_load is None or (train.axle_load is not None and train.axle_load <= self.axle_load)
+        least = ((self.cant_deficiency, train.cant_deficiency), (self.brake_percentage, train.brake_percentage))
+        return light and all(need is None or (own is not None and own >= need) for need, own in least)
 
 
 class CategoryLimits(SiModel):
@@ -373,15 +366,8 @@ class Line(SiModel):
                 f"end {number_text(self.end)} m must be beyond begin {number_text(self.begin)} m; write distances that "
                 "rise in the direction of running"
             )
-        for name, places in (
-            ("grades", [entry.at for entry in self.grades]),
-            ("vertical_curves", [entry.at for entry in self.vertical_curves]),
-            ("speed_limits", [entry.at for entry in self.speed_limits]),
-            ("stops", [entry.at for entry in self.stops]),
-            ("coordinates", [entry.at for entry in self.coordinates]),
-        ):
-            fault = order_fault(places, max(self.begin, self.end))
-            if fault:
+        for name in ("grades", "vertical_curves", "speed_limits", "stops", "coordinates"):
+            if fault := order_fault([entry.at for entry in getattr(self, name)], self.end):
                 raise ValueError(f"{name}{fault}")
         names = [entry.category for entry in self.category_limits]
         if twice := next((name for k, name in enumerate(names) if name in names[:k]), ""):
@@ -515,22 +501,17 @@ def reversed_line(line: Line) -> Line:
     update = {
         "name": line.name.removesuffix(ENDING) if line.name.endswith(ENDING) else line.name + ENDING,
         "grades": [{"at": at, "grade": grade} for at, grade in _mirrored_grades(line)],
-        "vertical_curves": points(line.vertical_curves),
         "chainage": [{"begin": entry.end, "end": entry.begin} for entry in reversed(line.chainage)],
         "curves": curves,
-        "tunnels": stretches(line.tunnels),
         "speed_limits": limits(line.speed_limits),
         "category_limits": [
             {**entry.model_dump(exclude_unset=True), "speed_limits": limits(entry.speed_limits)}
             for entry in line.category_limits
         ],
-        "temporary_restrictions": stretches(line.temporary_restrictions),
-        "neutral_sections": stretches(line.neutral_sections),
-        "power_limits": stretches(line.power_limits),
-        "adhesion": stretches(line.adhesion),
-        "stops": points(line.stops),
-        "coordinates": points(line.coordinates),
+        **{key: points(getattr(line, key)) for key in ("vertical_curves", "stops", "coordinates")},
     }
+    for key in ("tunnels", "temporary_restrictions", "neutral_sections", "power_limits", "adhesion"):
+        update[key] = stretches(getattr(line, key))
     data = line.model_dump(by_alias=True, exclude_unset=True)
     return Line.model_validate(data | update)
 

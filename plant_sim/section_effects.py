@@ -8,6 +8,7 @@ factors, so that jumps of adhesion and resistance keep their effect. A line with
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,17 +103,13 @@ class SectionZones:
         every, electric = [True for _ in line.neutral_sections], [not e.electric_brake for e in line.neutral_sections]
         self.neutral = {fed: inside(fed, every) for fed in dead}
         self.electric_brake_off = {fed: inside(fed, electric) for fed in dead}
-        self.power = [
-            min((e.wheel_power for e in line.power_limits if e.begin <= begin < e.end), default=math.inf)
-            for begin in begins
-        ]
-        self.adhesion = [
-            min((e.factor for e in line.adhesion if e.begin <= begin < e.end), default=1.0) for begin in begins
-        ]
-        self.cross_section = [
-            min((e.cross_section or math.inf for e in tunnels if e.begin <= begin < e.end), default=math.inf)
-            for begin in begins
-        ]
+
+        def least(entries: Sequence[Any], key: str, default: float) -> list[float]:
+            return [min((getattr(e, key) for e in entries if e.begin <= at < e.end), default=default) for at in begins]
+
+        self.power = least(line.power_limits, "wheel_power", math.inf)
+        self.adhesion = least(line.adhesion, "factor", 1.0)
+        self.cross_section = least(tunnels, "cross_section", math.inf)
 
     def at(self, places: Array) -> NDArray[np.int64]:
         """Return the zone of every place."""
