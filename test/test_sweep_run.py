@@ -29,6 +29,7 @@ from train_ato.cli.main import main
 from train_ato.log.run_folder import read_summary
 from train_ato.program.display_units import displayed_in
 from train_ato.program.interrupt import Interrupt, ending_like_ctrl_c
+from train_ato.studies.sweep import rerun
 from train_ato.studies.sweep import sweep as sweep_module
 from train_ato.studies.sweep.cluster import OWNER, SCRATCH, SETTINGS, _scratch_folder, sweep_client
 from train_ato.studies.sweep.groups import NotDrawable, metric_words, shown_metrics
@@ -259,6 +260,11 @@ def test_one_row_again_is_equal_and_a_changed_one_is_found(
         pyarrow.parquet.write_table(again, changed)
         assert main(["sweep", str(changed), "--row", "5", "--out", str(tmp_path / f"run_{name}")]) == 1
         assert f"row 5: {name}: " in capsys.readouterr().err
+    refused = {"status": "refused", "reason": "no such law", "metrics": {}}
+    assert (
+        rerun._first_difference({"status": "done"}, refused)
+        == "status: 'done' in the table, 'refused' now (no such law)"
+    )
     assert main(["sweep", str(results), "--row", "13"]) == 2
     assert "no such run; give 1 to 12" in capsys.readouterr().err
 

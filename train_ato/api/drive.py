@@ -198,6 +198,8 @@ class RunMode:
         if self.mode == "engine":
             if self.domain is not None:
                 raise ValueError(f"{dash}domain {self.domain}: the engine uses no ROS; remove it or {dash}engine")
+            if self.start_limit is not None:
+                raise ValueError(f"{dash}start-limit: the engine has no nodes; remove it or {dash}engine")
             return
         from train_ato.ros.graph.environment import check_domain
 

@@ -147,6 +147,8 @@ def _check_options(options: argparse.Namespace) -> None:
     if not 1e-3 <= options.period <= 10:
         raise ValueError(f"--period {options.period:g}: out of range; give 0.001 to 10 s")
     if options.base is not None:
+        if not any(path.suffix.lower() in SCENARIOS for path in options.out):
+            raise ValueError("--base: belongs to a written scenario; add --out FILE.yaml, or remove it")
         from train_ato.scenario.scenario import load_scenario
 
         load_scenario(options.base)
@@ -269,6 +271,8 @@ def _execute(options: argparse.Namespace) -> None:
     from train_ato.cli.screen import print_json, print_table
     from train_ato.judge.metric_names import format_value
 
+    if options.base is not None and options.trip is None:
+        raise ValueError("--base: only with --trip; remove it")
     with compilation_noted(PLANNER_NOTE), ExitStack() as shown:
         if options.trip is None:
             result = plan_from_options(options)

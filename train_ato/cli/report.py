@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "HTML file (default: report.html in the run folder; for several runs comparison.html in this folder)",
     )
     add("--figures DIR", "folder for the figures in print quality (default: none)")
-    add("--format", "format of the figures (default: png)", choices=("png", "svg"), default="png")
+    add("--format", "format of the figures of --figures (default: png)", choices=("png", "svg"))
 
 
 def execute(options: argparse.Namespace) -> None:
@@ -37,7 +37,9 @@ def execute(options: argparse.Namespace) -> None:
     from train_ato.report.page_data import motion_differences
     from train_ato.report.writing import checked, write_comparison_page, write_run
 
-    request = checked(options.runs, options.out, options.figures, options.format)
+    if options.format and options.figures is None:
+        raise ValueError("--format: only with --figures; remove it")
+    request = checked(options.runs, options.out, options.figures, options.format or "png")
     with activity("reading") as show:
         pages = read(request, show)
         show("drawing the page")

@@ -125,7 +125,8 @@ def _first_difference(before: Row, again: Row) -> str:
     """Return the first difference in words, "" for equal rows."""
     for key in TEXTS:
         if before.get(key) != again.get(key):
-            return f"{key}: {before.get(key)!r} in the table, {again.get(key)!r} now"
+            reason = f" ({again['reason']})" if key == "status" and again.get("reason") else ""
+            return f"{key}: {before.get(key)!r} in the table, {again.get(key)!r} now{reason}"
     first, second = before.get("metrics", {}), again["metrics"]
     for key in dict.fromkeys((*first, *second)):
         if first.get(key) != second.get(key):
