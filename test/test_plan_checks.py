@@ -6,6 +6,7 @@ import argparse
 import json
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -23,9 +24,11 @@ from plant_sim.line import Line
 from train_ato.cli.driver import _until
 from train_ato.cli.plan import add_arguments, execute, plan_from_options
 from train_ato.profile.file import read_profile, write_profile
+from train_ato.profile.planner import planner
 from train_ato.profile.planner.allowance import parse_allowance
 from train_ato.profile.planner.plan_from_state import scheduled_points
-from train_ato.profile.planner.planner import Plan, plan_profile, supplements
+from train_ato.profile.planner.planner import Plan, _plan_to_timetable, plan_profile, supplements
+from train_ato.profile.planner.section import PlanSection
 from train_ato.profile.planner.settings import PlanSettings, find_train
 from train_ato.profile.planner.timing_points import read_journey
 from train_ato.profile.planner.train_tables import balancing_speed, holding_force, steepest_start
@@ -378,6 +381,21 @@ def test_coasting_uphill_keeps_the_deceleration_limit(seed: int) -> None:
 def fastest() -> ta.Plan:
     """Return the plan of least time on the metro line, with sections of 1.2, 1.2, 1.3 and 1.3 km."""
     return ta.plan(*LINE_AND_TRAIN)
+
+
+def test_a_timetable_that_no_search_keeps_is_planned_with_less_reserve(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Breaks if .2 s more than the least time cost as much energy as none, or searches share their limits."""
+    tried: list[tuple[float, float]] = []
+
+    def within(sections: list[PlanSection], fastest: Any, time: float, _: Any) -> Any:
+        tried.append((time, sections[0].window))
+        sections[0].window += 1.0  # as a search that needs a longer window leaves it
+        return fastest if len(tried) < 3 else "found"
+
+    monkeypatch.setattr(planner, "_within", within)
+    section: Any = PlanSection(None, 0.0, 1000.0, window=2.0)  # type: ignore[arg-type]
+    assert _plan_to_timetable([section], SimpleNamespace(running_time=100.0), 100.4, None) == "found"  # type: ignore
+    assert np.array(tried) == pytest.approx(np.array([[100.4, 2.0], [100.3, 2.0], [100.225, 2.0]]))
 
 
 def runs_of(plan: ta.Plan) -> list[float]:

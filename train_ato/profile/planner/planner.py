@@ -32,6 +32,8 @@ MAX_ROUNDS = 5
 """Searches for the strategies, each with the windows, reserves and times of the previous plan."""
 UNUSED_TIME = 0.1
 """Part of a scheduled time, or of a timetable, that may remain unused without another search [s]."""
+LESS_RESERVE = 0.75
+"""Ratio of the time reserves of two searches, where the first finds no plan."""
 
 
 def supplements(rules: tuple[Allowance, ...], fastest: Plan) -> list[float]:
@@ -256,6 +258,20 @@ def _plan_to_timetable(
             f"{sections[-1].end / 1000:.3f}, at least {fastest.running_time:.1f} s are needed; add "
             f"{fastest.running_time - time:.1f} s"
         )
+    kept, reserve = [section.copy() for section in sections], time - fastest.running_time
+    best = _within(sections, fastest, time, assemble)
+    while (
+        best is fastest and (reserve := LESS_RESERVE * reserve) > UNUSED_TIME
+    ):  # limits of one search stay in the next
+        sections[:] = [section.copy() for section in kept]
+        best = _within(sections, fastest, fastest.running_time + reserve, assemble)
+    return best
+
+
+def _within(
+    sections: list[PlanSection], fastest: Plan, time: float, assemble: Callable[[list[DrivingStrategy]], Plan]
+) -> Plan:
+    """Return the plan with the least energy found within a running time [s], the fastest one without another."""
     dwell = plain_sum(departure - arrival for _, arrival, departure in fastest.arrivals[1:-1])
     bias, best = 0.0, fastest
     for _ in range(MAX_ROUNDS):

@@ -10,6 +10,7 @@ a(t - T/2))/T, the same distance and the same end. No speed or acceleration exce
 Averages are differences of the integrals and therefore exact.
 """
 
+from copy import deepcopy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -313,6 +314,10 @@ class PlanSection:
         if self.window > 0:
             flatten_peaks(energy, grid.places, self.window, float(settings.jerk or 0.0) * self.window)
         return np.asarray(energy)
+
+    def copy(self) -> "PlanSection":
+        """Return a section with the same window and reserves, which change apart."""
+        return replace(self, _reserve=deepcopy(self._reserve))
 
     def without_places(self) -> "PlanSection":
         """Return the section without a window and without limits of forces by place."""
