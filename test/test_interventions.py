@@ -128,6 +128,8 @@ def test_what_is_not_asked_for_costs_no_message():
 def test_emergency_brake_stops_the_train_whatever_the_law_commands():
     """Breaks if the force of the law still acts, the drives brake, the pipe is not vented, or it releases itself."""
     loop = Loop(demo("duration=600", UNSUPERVISED))
+    with pytest.raises(ValueError, match="no emergency brake was requested; that of the supervisor"):
+        loop.plant.request(EmergencyBrakeNow(applied=False))
     loop.until(60 * SECOND)
     assert loop.speed > 1.0
     loop.plant.request(EmergencyBrakeNow())

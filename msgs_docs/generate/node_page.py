@@ -31,7 +31,7 @@ _SERVICES = {
     "message_loss": "no messages of `message_loss.topic` at the plant for `message_loss.duration`",
     "delay_jump": f"change the command delays with the parameters `delay_jump.*`; {_AT_MOST['delay_jump']} in a run",
     "disengage": "disengage the ATO: traction is off at once, the train brakes after 5 s; from the state engaged",
-    "emergency_brake": "`true` applies the emergency brake, `false` releases it (at standstill only)",
+    "emergency_brake": "`true` applies the emergency brake, `false` releases this one (at standstill only)",
     "engage": "engage the ATO with a new profile from this place; from the state ready",
     "gust": f"a gust with the parameters `gust.*`; {_AT_MOST['gust']} at once",
     "pause": "`true` pauses the run, `false` resumes it",

@@ -30,7 +30,7 @@ ACTIONS: dict[str, Action] = {
     "emergency-brake": Action(
         "plant", "emergency_brake", True, "emergency brake, independent of law and drives; traction cut-off"
     ),
-    "release": Action("plant", "emergency_brake", False, "release of the emergency brake, only at standstill"),
+    "release": Action("plant", "emergency_brake", False, "release of a requested emergency brake, only at standstill"),
     "engage": Action("controller", "engage", None, "engage the ATO, from its state ready"),
     "disengage": Action("controller", "disengage", None, "disengage the ATO: it coasts 5 s, then brakes to a stop"),
     "reset": Action("controller", "reset", None, "end the state failure of the ATO, only at standstill"),

@@ -89,12 +89,15 @@ class TrainInterventions:
         Raises
         ------
         ValueError
-            If it is impossible for this run, for a release of the emergency brake of a moving train, or with too many
-            requests in force.
+            If it is impossible for this run, for a release of the emergency brake of a moving train or without a
+            request of it, or with too many requests in force.
         """
         if _releases(intervention) and not standstill:
             text = f"{3.6 * speed:.1f} km/h"
             raise ValueError(f"the emergency brake is released at standstill only; the train runs {text}")
+        waiting = any(isinstance(planned, EmergencyBrakeNow) for _, planned in self.due)
+        if _releases(intervention) and not (self._protection.requested or waiting):
+            raise ValueError("no emergency brake was requested; that of the supervisor ends by its own rules")
         self._setup.check_intervention(intervention)
         self._take_place(stamp, intervention)
         self.due.append((stamp, intervention))
