@@ -158,7 +158,7 @@ def advice(
         if gains.source == FITTED or not rule:
             values = gains.own
         remedies += [f"--set laws.{name}.{key}={_rounded(value)}" for key, value in values.items()]
-    delay = longest_delay(model)
+    delay = model.longest_delay
     if compensation == "none" and delay + model.lag > period and not getattr(law, "predicts_delay", False):
         found.append(f"delay {number_text(delay)} s and lag {number_text(model.lag)} s without compensation")
         remedies.append("--compensation preview")
@@ -169,15 +169,10 @@ def _rounded(value: Any) -> str:
     return number_text(value, 3) if isinstance(value, float) else str(value)
 
 
-def longest_delay(model: TrainModel) -> float:
-    """Return the longest delay of a command to a power unit [s]."""
-    return max(float(model.delay.max(initial=0.0)), float(model.delay_brake.max(initial=0.0)))
-
-
 def _fitted(law: str, model: TrainModel, period: float) -> tuple[dict[str, Any] | str | None, str]:
     """Return the gains of the first entry of the table that holds, values or ``model``, or None and the reason."""
     train, tonnes = model.consist.name, model.mass / 1e3
-    now = {"delay": longest_delay(model), "lag": model.lag, "period": period}
+    now = {"delay": model.longest_delay, "lag": model.lag, "period": period}
     reason = f"not fitted to {train}"
     for entry in _table():
         mass = entry["trains"].get(train)

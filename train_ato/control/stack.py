@@ -139,7 +139,7 @@ class ControlStack:
         self.compensation, self._compensation_limit = compensation, step_limit(compensation)
         self.policy = brake_policy
         self._distribution, self._displacement = distribution, displacement
-        self.delay_to_effect = float(max(model.delay.max(), model.delay_brake.max())) + model.lag
+        self.delay_to_effect = model.longest_delay + model.lag
         self._air_brake = model.consist.air_brake is not None
         self.in_flight = model.commands_in_flight()
         self._jerk_limit, self._authority = jerk_limit, authority

@@ -261,13 +261,14 @@ class TrainModel:
         )
         return shares
 
-    def commands_in_flight(self) -> Array:
-        """Return the commands that are not yet in effect, one per tick, oldest first: 0 N before the first one.
+    @property
+    def longest_delay(self) -> float:
+        """Longest delay of a command to a power unit [s]."""
+        return max(float(self.delay.max(initial=0.0)), float(self.delay_brake.max(initial=0.0)))
 
-        Their number, shape (d, units), follows from the largest delay and the tick.
-        """
-        longest = max(float(self.delay.max()), float(self.delay_brake.max()))
-        return np.zeros((math.ceil(longest / self.tick - 1e-9), self.n_units))
+    def commands_in_flight(self) -> Array:
+        """Return the commands not yet in effect, shape (d, units), one per tick, oldest first: 0 N before the first."""
+        return np.zeros((math.ceil(self.longest_delay / self.tick - 1e-9), self.n_units))
 
     def running_resistance(self, velocity: float) -> float:
         """Return the running resistance of the train [N]: odd in the speed, 0 at standstill."""

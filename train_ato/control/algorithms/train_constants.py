@@ -134,7 +134,7 @@ def _damping_of_friction(model: TrainModel, longest: float) -> float | None:
 
 def dead_time(model: TrainModel) -> float:
     """Return the time from a measurement to the effect of its command, largest delay and lag [s]."""
-    return max(float(model.delay.max()), float(model.delay_brake.max())) + model.lag
+    return model.longest_delay + model.lag
 
 
 def hauling_groups(model: TrainModel) -> list[tuple[float, int]]:

@@ -267,7 +267,7 @@ class Replanner:
         self._model = model
         settings = spec.settings(own)
         self._settings = settings.model_copy(update={"air_brake": False})
-        delay = max(float(model.delay.max()), float(model.delay_brake.max()))
+        delay = model.longest_delay
         ticks = math.ceil(max(spec.lead, delay + model.lag + model.tick) / model.tick - 1e-9)
         self._tick_ns = round(model.tick * 1e9)
         self._lead_ns = ticks * self._tick_ns
