@@ -445,7 +445,7 @@ def test_a_law_object_is_the_object_that_runs(mode: Any) -> None:
 def test_changes_of_the_parameters_of_an_object_are_refused() -> None:
     """Breaks if a change has no effect without a word, because the object's own value replaces it."""
     law, changes = Unsound("nan"), {f"laws.{LAWS.name_of(Unsound)}.fault": "whole"}
-    for call in (ta.run, ta.learn, lambda name, law, set: ta.compare(name, [law], set=set)):
+    for call in (ta.run, ta.learn, ta.tune, lambda name, law, set: ta.compare(name, [law], set=set)):
         with pytest.raises(ValueError, match=r"set laws\..*\.fault: no effect on an object, .* here Unsound"):
             call("xuzhou_metro", law=law, set=changes)
     run = ta.compare("xuzhou_metro", [Unsound("whole"), Unsound], set={**changes, "duration": 1})

@@ -9,10 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from train_ato.api.progress import Report, share_bar
-from train_ato.api.scenario_choice import Changes, GivenScenario, ScenarioChoice, choose_component, choose_scenario
+from train_ato.api.scenario_choice import Changes, GivenScenario, ScenarioChoice, choose_scenario, put_components
 from train_ato.api.search_runs import RunAll, search_runs
 from train_ato.api.series_folder import KeptRuns, SearchFolder
-from train_ato.control.registry import LAWS
 from train_ato.log.whole_file import writing
 from train_ato.program.errors import RunFailed
 from train_ato.scenario.dimensions import Dimension
@@ -446,8 +445,7 @@ def tune(
     if held_out_seeds:
         tasks += gain_tasks(choices, law, HELD_OUT, held_out_seeds, **parts)
     tasks += gain_tasks(outside, law, HELD_OUT, [*(seeds or ()), *held_out_seeds], **parts)
-    if jobs > 1:
-        choose_component(LAWS, law).check_importable()
+    put_components(choices[0].checked, importable=jobs > 1, changes=set, law=law, **parts)  # checks them
     checked = read_weights([f"{key}={weight}" for key, weight in (weights or {}).items()], "weights")
     plan = TunePlan(tasks, choices[0], checked, parameters, spec, runs)
     if not 1 <= jobs <= MAX_JOBS:
