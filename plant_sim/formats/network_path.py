@@ -329,14 +329,12 @@ def network_line(
             for row in curves
             if row.value
         ],
-        "speed_limits": [{"at": at, "speed": speed} for at, speed in _without_gaps(speeds, path, "")],
+        "speed_limits": _without_gaps(speeds, path, ""),
         "category_limits": [
             {
                 "category": category,
                 "needs": dict(needs[category]) if category in needs else None,
-                "speed_limits": [
-                    {"at": at, "speed": speed} for at, speed in _without_gaps(ranges, path, f" of '{category}'")
-                ],
+                "speed_limits": _without_gaps(ranges, path, f" of '{category}'"),
             }
             for category, ranges in by_category.items()
             if steps(path.length, ranges, min, 0.0)
@@ -381,20 +379,20 @@ def _refuse_overlaps(ranges: Sequence[Range], what: str) -> None:
         last = max(last, row, key=lambda entry: entry.end)
 
 
-def _without_gaps(speeds: Iterable[Range], path: TrackPath, whose: str) -> list[tuple[float, float]]:
+def _without_gaps(speeds: Iterable[Range], path: TrackPath, whose: str) -> list[dict[str, float]]:
     """Return the speed limits, of a category perhaps, with the lowest one of the path where it has none."""
     limits = steps(path.length, speeds, min, 0.0)
     if not limits:
         print_assumption(f"{path.network.place}: no speed limit on the path; only the train limits the speed")
         return []
     lowest = min(row.value for row in limits if row.value)
-    found: list[tuple[float, float]] = []
+    found: list[dict[str, float]] = []
     for begin, end, speed, _ in limits:
         if not speed:
             print_assumption(
                 f"{path.network.place}: no speed limit{whose} from {number_text(begin)} to {number_text(end)} m of the "
                 f"path; assumed {number_text(3.6 * lowest)} km/h there, its lowest one"
             )
-        if not found or found[-1][1] != (speed or lowest):
-            found.append((begin, speed or lowest))
+        if not found or found[-1]["speed"] != (speed or lowest):
+            found.append({"at": begin, "speed": speed or lowest})
     return found

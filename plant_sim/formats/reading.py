@@ -334,26 +334,19 @@ def _note_outside(line: Line, place: str) -> None:
     for name in ("grades", "speed_limits", "stops", "curves", "tunnels", "temporary_restrictions", "neutral_sections",
                  "power_limits", "adhesion", "vertical_curves", "coordinates"):  # fmt: skip
         rows = getattr(line, name)
-        places = [float(row.begin if hasattr(row, "begin") else row.at) for row in rows]
-        late = [k for k, row in enumerate(rows) if places[k] <= line.end < getattr(row, "end", line.end) - ROUNDING]
-        for number in late[:1]:
-            print_assumption(
-                f"{place}: {name}[{number}]: its end {number_text(rows[number].end)} m lies beyond the end of the "
-                f"line, {number_text(line.end)} m{_more(late)}"
-            )
-        early = [k for k, row in enumerate(rows) if getattr(row, "end", line.end) <= line.begin]
-        early += [k for k, row in enumerate(line.stops) if name == "stops" and row.at < line.begin]
-        for number in early[:1]:
-            print_assumption(
-                f"{place}: {name}[{number}]: {number_text(places[number])} m lies before the begin of the line, "
-                f"{number_text(line.begin)} m{_more(early)}"
-            )
-        beyond = [number for number, at in enumerate(places) if at > line.end]
-        if beyond:
-            print_assumption(
-                f"{place}: {name}[{beyond[0]}]: {number_text(places[beyond[0]])} m lies beyond the end of the line, "
-                f"{number_text(line.end)} m{_more(beyond)}"
-            )
+        begins = [float(row.begin if hasattr(row, "begin") else row.at) for row in rows]
+        ends = [float(getattr(row, "end", line.end)) for row in rows]
+        late = [k for k, at in enumerate(begins) if at <= line.end < ends[k] - ROUNDING]
+        early = [k for k, at in enumerate(begins) if ends[k] <= line.begin or (name == "stops" and at < line.begin)]
+        beyond = [k for k, at in enumerate(begins) if at > line.end]
+        for found, what, places, where, limit in (
+            (late, "its end ", ends, "beyond the end", line.end),
+            (early, "", begins, "before the begin", line.begin),
+            (beyond, "", begins, "beyond the end", line.end),
+        ):
+            for k in found[:1]:
+                text = f"{what}{number_text(places[k])} m lies {where} of the line, {number_text(limit)} m"
+                print_assumption(f"{place}: {name}[{k}]: {text}{_more(found)}")
 
 
 def _begin(section: LineSection) -> float:

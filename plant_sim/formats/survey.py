@@ -17,7 +17,7 @@ import numpy as np
 from plant_sim.alignment import Alignment
 from plant_sim.formats.fields import Fields, finite_number, names_in, number_in, print_assumption
 from plant_sim.formats.line_table import slopes
-from plant_sim.formats.railml_collection import names_lost
+from plant_sim.formats.railml_collection import children, names_lost, tag_of
 from plant_sim.formats.writing import NOT_XML, lost_keys
 from plant_sim.input_error import build_model
 from plant_sim.line import Line
@@ -109,12 +109,11 @@ def gpx_line(root: Element, place: str, selection: str = "") -> tuple[Line, tupl
     """Return the line along a track, or route, of a GPX file, and the elements that it does not carry."""
     tracks: list[tuple[str, list[Spot]]] = []
     stations: list[tuple[str, Spot]] = []
-    if root.tag.rpartition("}")[2] != "gpx":
-        raise ValueError(f"{place}: <{root.tag.rpartition('}')[2]}> is no GPX; give a file that begins with <gpx>")
+    if tag_of(root) != "gpx":
+        raise ValueError(f"{place}: <{tag_of(root)}> is no GPX; give a file that begins with <gpx>")
     for element in root:
-        kind = element.tag.rpartition("}")[2]
-        name = _text(element, "name")
-        points = [entry for entry in element.iter() if entry.tag.rpartition("}")[2] in ("trkpt", "rtept")]
+        kind, name = tag_of(element), _text(element, "name")
+        points = [entry for entry in element.iter() if tag_of(entry) in ("trkpt", "rtept")]
         if kind in ("trk", "rte"):
             tracks.append((name, [_gpx_spot(point, f"{place}: point {k}") for k, point in enumerate(points, 1)]))
         elif kind == "wpt" and name:
@@ -126,7 +125,7 @@ def gpx_line(root: Element, place: str, selection: str = "") -> tuple[Line, tupl
 
 
 def _text(element: Element, tag: str) -> str:
-    found = next((entry.text for entry in element if entry.tag.rpartition("}")[2] == tag), None)
+    found = next((entry.text for entry in children(element, tag)), None)
     return " ".join((found or "").split())
 
 
