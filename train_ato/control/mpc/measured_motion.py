@@ -156,7 +156,7 @@ class ModalObserver(MotionObserver):
         self._states[:, MOTION:] = 0.0
         self._states[:, MOTION::2] = force * self._modes.mobility / self._modes.omega**2
         for place in self._not_fed_back:
-            self._state[0] -= float(self._states[0, place])
+            self.position_error -= float(self._states[0, place])
 
     def _filter(
         self, position: float, speed: float, pull: float, regressor: float, force: float,
@@ -169,10 +169,10 @@ class ModalObserver(MotionObserver):
             1.0 / self._count, position, speed, self._mean, self._filters.position_floor,
         )  # fmt: skip
         found = self._mean.tolist()
-        kept = [found[0], found[1]]
+        self.position_error, self.speed_error, self.disturbance = found[:3]
         for place in self._not_fed_back:
-            kept = [kept[0] - found[place], kept[1] - found[place + 1]]
-        self._state = [*kept, found[2], 0.0, 0.0]
+            self.position_error -= found[place]
+            self.speed_error -= found[place + 1]
 
 
 def _motion(modes: CouplerModes, period: float) -> tuple[Array, Array]:

@@ -277,6 +277,11 @@ class MotionObserver:
         False for a train without couplers.
     speed_noise
         Standard deviation of the measured speed at the start [m/s].
+
+    Attributes
+    ----------
+    position_error, speed_error, disturbance, mass_error, disturbance_rate : float
+        Estimates: m, m/s, m/s², theta, and m/s³, which is 0 for a train with couplers.
     """
 
     def __init__(
@@ -302,7 +307,8 @@ class MotionObserver:
         self._count = float(PRIOR_SAMPLES)
         self._before = np.zeros(2)
         self._runs = self.stands = False
-        self._state, self._mean = [0.0] * STATES, np.zeros(STATES)
+        self._mean = np.zeros(STATES)
+        self.position_error = self.speed_error = self.disturbance = self.mass_error = self.disturbance_rate = 0.0
         drift = [self._waves, GRADE_CHANGE**2 * self._period, 0.0 if self._waves else MASS_DRIFT**2 * self._period, 0.0]
         self._drifts = np.array([drift] + [[self._waves, 0.0, 0.0, 0.0]] * count)
         self.mass_known = 0.0
@@ -320,31 +326,6 @@ class MotionObserver:
         self._covariances[:, 2, 2] = self._drifts[0, 1] = 0.0
 
     @property
-    def position_error(self) -> float:
-        """Estimate of the position error [m]."""
-        return self._state[0]
-
-    @property
-    def speed_error(self) -> float:
-        """Estimate of the speed error [m/s]."""
-        return self._state[1]
-
-    @property
-    def disturbance(self) -> float:
-        """Estimate of the disturbance [m/s²]."""
-        return self._state[2]
-
-    @property
-    def mass_error(self) -> float:
-        """Estimate of theta."""
-        return self._state[3]
-
-    @property
-    def disturbance_rate(self) -> float:
-        """Estimate of the rate of the disturbance [m/s³]; 0 for a train with couplers."""
-        return self._state[4]
-
-    @property
     def speed_noise(self) -> float:
         """Estimate of the standard deviation of the measured speed [m/s]."""
         return math.sqrt(self._noise[1])
@@ -354,9 +335,9 @@ class MotionObserver:
 
         The force [N] stretches a train with modes of the couplers.
         """
-        self._states[:, 4] = self._state[4] = 0.0
+        self._states[:, 4] = self.disturbance_rate = 0.0
         self._states[:, 0], self._states[:, 1] = position, speed
-        self._state[:2] = [position, speed]
+        self.position_error, self.speed_error = position, speed
         self._before[:] = 0.0
         self._runs, self.stands = True, False
 
@@ -418,5 +399,7 @@ class MotionObserver:
             self._period, 1.0 / self._count, position, speed, pull, regressor, self._mean, filters.position_floor,
             changes, filters.walks, filters.rates,
         )  # fmt: skip
-        self._state = self._mean.tolist()
+        self.position_error, self.speed_error, self.disturbance, self.mass_error, self.disturbance_rate = (
+            self._mean.tolist()
+        )
         self.mass_known = max(0.0, 1.0 - float(self._covariances[0, 3, 3]) / MASS_PRIOR**2)
