@@ -95,9 +95,10 @@ def _results(setup: RunSetup, recording: Recording) -> Iterator[StopResult]:
             position, final_speed = recording.final
             rows = time.size
         else:
-            rows = int(np.searchsorted(time, stop.departure, side="right"))
-            if speed[rows - 1] >= STANDSTILL_SPEED:  # a law with a preview departs before the reference moves
-                rows = max(int(np.searchsorted(time, stop.departure - EARLY_DEPARTURE, side="right")), 1)
+            # A law with a preview departs before the reference moves, and may halt once more within this time.
+            rows = max(int(np.searchsorted(time, stop.departure - EARLY_DEPARTURE, side="right")), 1)
+            if speed[rows - 1] >= STANDSTILL_SPEED:
+                rows = int(np.searchsorted(time, stop.departure, side="right"))
             position, final_speed = float(recording.front_position[rows - 1]), float(speed[rows - 1])
         at_rest = abs(final_speed) < STANDSTILL_SPEED
         yield StopResult(
