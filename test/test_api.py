@@ -3,6 +3,7 @@
 import doctest
 import importlib
 import importlib.metadata
+import inspect
 import json
 import pydoc
 import signal
@@ -32,27 +33,6 @@ from train_ato.scenario.scenario import check_scenario
 
 ROOT = Path(__file__).resolve().parents[1]
 SHORT = {"duration": 20}
-LAW = """
-from dataclasses import dataclass
-from train_ato.control.contract import LawOutput
-
-@dataclass
-class {name}:
-    '''Feed-forward and a gain.'''
-    gain: float = 0.1
-
-    def bind(self, model, period):
-        self.inertia = model.inertia
-
-    def reset(self):
-        pass
-
-    def step(self, inputs):
-        error = inputs.velocity - inputs.reference_velocity
-        force = inputs.feedforward - self.gain * self.inertia * error
-        return LawOutput(force.clip(inputs.force_min, inputs.force_max))
-"""
-"""Source of a law in a module of a user."""
 
 
 @dataclass
@@ -110,7 +90,9 @@ class Pressing(Gain):
 @pytest.fixture
 def own_module(tmp_path, monkeypatch):
     """Change to an empty folder with a law in a module; return the name of the module."""
-    (tmp_path / "own_law.py").write_text(LAW.format(name="Own"), encoding="utf-8")
+    head = "from dataclasses import dataclass\nimport numpy as np\n"
+    head += "from train_ato.control.contract import LawOutput, parameter\n"
+    (tmp_path / "own_law.py").write_text(head + inspect.getsource(Gain).replace("class Gain", "class Own"))
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", list(sys.path))
     monkeypatch.setattr(LAWS, "_unregistered", {})

@@ -387,7 +387,7 @@ def test_only_another_law_has_a_joined_reference(new: str, joins: bool) -> None:
 
 
 def test_the_braking_law_takes_over_and_gives_back_without_a_jump(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Breaks if the full brake acts in one tick, or takes longer than 3 s, or the return jumps."""
+    """Breaks if the takeover is late, jumps, or takes over 3 s, the supervisor intervenes, or the return jumps."""
     step = Pid.step
 
     def eager(self: Pid, inputs: Any) -> Any:
@@ -405,3 +405,7 @@ def test_the_braking_law_takes_over_and_gives_back_without_a_jump(monkeypatch: p
     assert change(recording, begin, setup.tick, end - begin + HELD_S) <= largest * (1 + 1e-6)
     during = (recording.time >= begin) & (recording.time < begin + HELD_S)
     assert recording.command[during].min() < -100e3
+    _, bad = driven("xuzhou_metro:disturbed", "law=pid", "duration=80", "supervision.assurance=false")
+    last = [[report for report in run.reports if report.node == "supervisor"][-1] for run in (recording, bad)]
+    assert [int(report.values["brake_interventions"]) > 0 for report in last] == [False, True]
+    assert max(int(report.values.get("takeovers", 0)) for report in recording.reports) > 0

@@ -258,22 +258,6 @@ def test_a_train_that_nothing_drives_is_refused(tmp_path: Path, capsys: pytest.C
     assert "law 'pid': no vehicle of the train has traction or brake" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("law", "compensation", "values"),
-    [
-        ("smc", "twin", {"equivalent": "feedforward"}),
-        ("rbf_smc", "pade", {"equivalent": "feedforward"}),
-        ("gpc", "predictor", {"delay": "none"}),
-        ("rbf_switching_smc", "twin", {}),
-    ],
-)
-def test_the_remedy_is_accepted(law: str, compensation: str, values: dict[str, object]) -> None:
-    """Breaks if the remedy of a rejection is rejected too."""
-    setup = rolling("demo")
-    scenario = setup.scenario.model_copy(update={"compensation": compensation, "laws": {law: values}})
-    assert isinstance(dataclasses.replace(setup, scenario=scenario).law(law), LAWS.get(law))
-
-
 def test_a_swap_during_the_run_is_checked_like_a_start() -> None:
     """The running controller keeps its law; a compatible law is accepted."""
     setup = rolling("demo")

@@ -28,7 +28,7 @@ from train_ato.log.chunk_thread import CLOSE_AFTER_S
 from train_ato.log.definitions import definition, from_typestore, installed
 from train_ato.log.log_writer import RunLog
 from train_ato.log.mcap_records import stream
-from train_ato.log.reading import iter_raw, log_file, read_log
+from train_ato.log.reading import iter_raw, read_log
 from train_ato.log.recover import recover
 from train_ato.log.run_folder import RunFolder
 from train_ato.loop.engine import run_engine
@@ -157,27 +157,6 @@ def test_names_in_the_log(resolved, name, expected):
     assert table_name("/somewhere/else") is None
 
 
-@pytest.mark.parametrize("cut", [0, 1, 1000, 100_000])
-def test_a_killed_run_is_recovered(tmp_path, cut):
-    """Every closed chunk of a log cut at any place is recovered; readers of the index would reject it."""
-    log, sent = write(tmp_path, 700, close=False)
-    log.flush()
-    whole = (tmp_path / "run.mcap.partial").read_bytes()
-    tmp_path = tmp_path / "killed"
-    tmp_path.mkdir()
-    (tmp_path / "run.mcap.partial").write_bytes(whole[: len(whole) - cut])
-    with pytest.raises(ValueError, match="train-ato recover"):
-        log_file(tmp_path)
-    recovered = recover(tmp_path)
-    count = recovered.messages
-    back = list(read_log(recovered.path, WIRE.decode))
-    assert len(back) == count
-    assert all(a[:2] == b[:2] and same(a[2], b[2]) for a, b in zip(back, sent, strict=False))
-    assert count == len(sent) if cut == 0 else len(sent) * 0.5 < count <= len(sent)
-    with Reader(tmp_path) as bag:
-        assert bag.message_count == count
-
-
 def test_recover_refuses_what_it_cannot_help(tmp_path):
     for name, content, text in (
         ("", b"", "no such file"), ("run.mcap.partial", b"rubbish", "nothing can be recovered"),
@@ -187,16 +166,6 @@ def test_recover_refuses_what_it_cannot_help(tmp_path):
             (tmp_path / name).write_bytes(content)
         with pytest.raises(ValueError, match=text):
             recover(tmp_path)
-
-
-def test_damage_is_an_error_of_one_line(tmp_path):
-    write(tmp_path, 400)
-    path = tmp_path / "run.mcap"
-    data = bytearray(path.read_bytes())
-    data[len(data) // 3 : len(data) // 3 + 2000] = bytes(2000)
-    path.write_bytes(data)
-    with pytest.raises(ValueError, match=r"run\.mcap: damaged"):
-        list(iter_raw(tmp_path))
 
 
 class FullDisk:

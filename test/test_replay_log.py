@@ -323,8 +323,6 @@ def test_a_log_alone_is_enough(replayed, tmp_path, capsys):
 
 
 def test_a_log_without_a_scenario_is_refused(tmp_path, capsys):
-    from test_replay_log import other
-
     assert main(["replay", str(other(tmp_path / "other.mcap")), "--law", "smc"]) == 2
     assert "no scenario.yaml is attached" in capsys.readouterr().err
 

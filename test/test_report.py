@@ -156,12 +156,6 @@ def test_a_missing_topic_leaves_out_its_figures_alone(topic: str, eventful: Path
     assert all(reason for reason in found.left_out.values())
 
 
-def test_a_page_of_few_topics_is_written(eventful: Path, tmp_path: Path) -> None:
-    """Breaks if a figure of the page needs a topic that its data need not have."""
-    run = without(eventful, tmp_path / "run", {"train/vehicles", "ato/reference", "ato/profile", "/diagnostics"})
-    assert main(["report", str(run)]) == 0
-
-
 def test_a_measured_run_has_the_figures_of_what_was_measured(eventful: Path, tmp_path: Path) -> None:
     """Breaks if a log with only forces and speeds, as of a real train, is refused or shown as truth."""
     keep = {"train/measurement", "ato/reference", "atp/speeds", "train/protection", "ato/state"}
@@ -274,6 +268,7 @@ def test_compare_leaves_table_figure_and_report(tmp_path: Path, capsys: pytest.C
     errors = [entry["speed_rmse_kmh"] for entry in json.loads(capsys.readouterr().out)]
     assert len(errors) == 2 and errors == sorted(errors)
     assert {path.name for path in out.iterdir()} == {"summary.json", "figure.png", "comparison.html"}
+    assert "train_ato_compare_" not in (out / "comparison.html").read_text(), "folders that are gone"
     kept = tmp_path / "kept"
     assert main(["compare", "demo", "--laws=pid", "--set=duration=5", f"--out={kept}", "--keep"]) == 0
     assert (kept / "pid" / "run.mcap").is_file()

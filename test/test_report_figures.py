@@ -19,7 +19,6 @@ from recordings import recording_of
 from report_runs import drive
 
 from plant_sim.library import load_line
-from train_ato.cli import main
 from train_ato.judge.metrics import summarise
 from train_ato.judge.recording import BRAKE_PIPE_TAIL, Recording
 from train_ato.judge.series import TopicSamples, aligned
@@ -345,14 +344,6 @@ def test_the_table_of_many_runs_can_be_read(gusty: PageData, tmp_path: Path) -> 
         line = "[...document.querySelectorAll('.facts tr')].find(r => r.cells[0].innerText == 'line')"
         assert page.evaluate(f"{line}.getBoundingClientRect().height") < 30, "a name is cut into pieces"
         assert page.console == []
-
-
-@pytest.mark.campaign
-def test_compare_names_no_folder_that_is_gone(tmp_path: Path) -> None:
-    """Breaks if the page of a comparison has the paths of temporary folders."""
-    out = tmp_path / "compared"
-    assert main(["compare", "demo", "--laws=pid,smc", "--set=duration=5", f"--out={out}", "--json"]) == 0
-    assert "train_ato_compare_" not in (out / "comparison.html").read_text()
 
 
 GOLDEN = Path(__file__).resolve().parent / "golden" / "short_train" / "run.mcap"

@@ -139,13 +139,6 @@ def test_a_comparison_marks_the_best_values(tmp_path: Path) -> None:
     assert [entry.label for entry in verdict_texts(pages)] == ["one", "two"]
 
 
-def test_laws_of_a_comparison_are_sorted() -> None:
-    """Breaks if the table has the order of the arguments."""
-    laws = ta.compare("demo", ["pid", "smc"], set={"duration": 30}, progress=False).laws
-    errors = [law.metrics["speed_rmse_kmh"] for law in laws]
-    assert len(errors) == 2 and errors == sorted(errors)
-
-
 def test_signs_of_a_page() -> None:
     """Breaks if a hyphen in a word becomes a minus."""
     assert typeset("couplers -413 ... +505 kN (limits -1400)") == "couplers −413 … +505 kN (limits −1400)"

@@ -269,18 +269,18 @@ def test_overlay_of_a_choice_has_the_same_content(name: str, changes: dict[str, 
     assert raw_scenario(str(path))[1]["profile"].keys() == raw_scenario(name)[1]["profile"].keys()
 
 
-@pytest.mark.parametrize(
-    ("name", "vehicles", "mass_t", "length", "units"),
-    [
-        ("hxd1_c80_105", 106, 10_684, 35.222 + 105 * 12, 1), ("hxd1_c80_210", 212, 21_368, 2 * (35.222 + 105 * 12), 2),
-        ("xuzhou_metro_3", 1, 181.2925, 118, 1), ("crh380a_one_mass", 1, 442, 203, 1),
-        ("crh380a_three_units", 3, 442, 203, 3), ("crh380a_eight_cars", 8, 442, 203, 6),
-        ("freight_five", 5, 400, 400, 5),
-    ],
-)  # fmt: skip
-def test_trains(name: str, vehicles: int, mass_t: float, length: float, units: int) -> None:
+TRAINS = {
+    "hxd1_c80_105": (106, 10_684, 35.222 + 105 * 12, 1), "hxd1_c80_210": (212, 21_368, 2 * (35.222 + 105 * 12), 2),
+    "xuzhou_metro_3": (1, 181.2925, 118, 1), "crh380a_one_mass": (1, 442, 203, 1),
+    "crh380a_three_units": (3, 442, 203, 3), "crh380a_eight_cars": (8, 442, 203, 6), "freight_five": (5, 400, 400, 5),
+}  # fmt: skip
+"""Number of vehicles, mass [t], length [m] and number of power units of every shipped train."""
+
+
+@pytest.mark.parametrize(("name", "figures"), TRAINS.items())
+def test_trains(name: str, figures: tuple[int, float, float, int]) -> None:
     """Numbers, masses and lengths of the papers; every file has a source and runs."""
-    consist = load_consist(name)
+    consist, (vehicles, mass_t, length, units) = load_consist(name), figures
     assert (len(consist.vehicles), len(consist.power_units)) == (vehicles, units)
     assert consist.mass == pytest.approx(1e3 * mass_t)
     assert consist.length == pytest.approx(length)
@@ -321,10 +321,7 @@ def test_suffixes_of_the_united_states_have_their_defined_values(key: str, value
 
 
 def test_every_shipped_file_is_tested() -> None:
-    assert set(consist_names()) == {
-        "hxd1_c80_105", "hxd1_c80_210", "xuzhou_metro_3", "crh380a_one_mass", "crh380a_three_units",
-        "crh380a_eight_cars", "freight_five",
-    }  # fmt: skip
+    assert set(consist_names()) == set(TRAINS)
     assert set(line_names()) == {"daqin_section", "xuzhou_metro_test", "highspeed_286km", "level"}
     for name in line_names():
         assert load_line(name).name == name
@@ -359,22 +356,6 @@ def test_daqin_section_has_the_described_shape() -> None:
     radii = [curve.radius for curve in line.curves]
     assert (len(radii), min(radii), max(radii)) == (13, 600, 1200)
     assert [entry.speed for entry in line.speed_limits] == [pytest.approx(80 / 3.6)]
-
-
-def test_trigger_finds_four_steep_segments_ahead() -> None:
-    """The brake trigger needs 4 pieces below -8 per mille with over 500 m inside the next 2500 m."""
-    # Each long falling grade has positions with that, the undulating part has none.
-    line = load_line("daqin_section")
-    at = np.array([entry.at for entry in line.grades] + [line.end])
-    steep = np.array([entry.grade < -8e-3 for entry in line.grades])
-
-    def pieces(place: float) -> int:
-        inside = np.minimum(at[1:], place + 2500.0) - np.maximum(at[:-1], place)
-        return int((steep & (inside > 500.0)).sum())
-
-    for first, last in ((17.5e3, 22.8e3), (33.0e3, 33.9e3), (38.9e3, 39.7e3)):
-        assert max(pieces(place) for place in np.arange(first, last, 50.0)) >= 4
-    assert max(pieces(place) for place in np.arange(0.0, 17.0e3, 50.0)) < 4
 
 
 @pytest.mark.parametrize(

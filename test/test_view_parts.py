@@ -551,9 +551,7 @@ def test_a_measured_run_is_shown_as_it_was_recorded(tmp_path: Path, capsys: pyte
 
 def test_without_a_limit_the_dial_has_no_hook():
     """Breaks if a line without limits shows a limit at the end of the dial."""
-    values = {name: np.zeros(1) for name in ("position", "velocity", "coupler", "applied", "command", "estimate")}
-    standing = snapshot.Snapshot(time=0.0, shoe=None, reference=(0.0, 0.0, 0.0), **values)
-    row = snapshot.now(standing, Facts("none", TrainLayout(1, 1)), None, 60.0)
+    row = snapshot.now(moment(300.0), Facts("none", TrainLayout(3, 1)), None, 60.0)
     assert (row["limited"], row["limit_text"]) == ([0.0], ["–"])
 
 
