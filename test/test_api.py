@@ -554,6 +554,17 @@ def test_every_error_is_of_one_tree(tmp_path: Path) -> None:
         lambda: ta.run("demo", rate="fast"),
         lambda: ta.replay(tmp_path / "run", rate="max"),
         lambda: ta.sweep({"scenario": "demo"}, jobs=2.5),
+        lambda: ta.plan("level", "freight_five", out=None),
+        lambda: ta.load(5),
+        lambda: ta.difference(run, 5),
+        lambda: ta.difference(run, run, step=1e-9),
+        lambda: ta.run("demo", out=5),
+        lambda: ta.run("demo", set={1: 2}),
+        lambda: ta.compare("demo", 5),
+        lambda: ta.tune("demo", "pid", weights=5),
+        lambda: ta.sweep([]),
+        lambda: ta.convert(5, "a.yaml"),
+        lambda: ta.check_law("pid", kpp=3),
         lambda: ta.verify(tmp_path / "run", 1),
     ):
         with pytest.raises(ta.InputError) as caught:
@@ -564,6 +575,10 @@ def test_every_error_is_of_one_tree(tmp_path: Path) -> None:
 
     with pytest.raises(ta.InputError, match=r"^at_km = \[1\]: give a number or a text or None$"):
         ta.curves("demo", at_km=[1])
+    with pytest.raises(ta.InputError, match=r"^out = 5: give a path or None$"):
+        run.plot(5)
+    with pytest.raises(KeyError, match="no table '5'"):
+        run[5]
     with pytest.raises(TypeError, match="unexpected keyword"):
         ta.compare("demo", ["pid"], no_such=1)
     with pytest.raises(ValueError, match="invalid literal") as raised:

@@ -172,6 +172,11 @@ def test_a_default_outside_its_range_is_refused_by_every_run():
     """Breaks if the engine drives with a default that the graph refuses as a ROS parameter."""
     with pytest.raises(ValueError, match=r"Beyond.gain: default 3 is outside 0 ... 2; correct one of them"):
         OBSERVERS.check_parameters("test_contracts:Beyond", {})
+    for choices, fault in (((), "a text with the unit 1"), (("a", "b"), "none of a, b")):
+        field = ("gain", str, parameter("3", "1", 0, 2, "gain", choices=choices))
+        of = dataclasses.make_dataclass("Texts", [field])
+        with pytest.raises(ValueError, match=rf"own.gain: default '3' is {fault}; correct it"):
+            make_parameters(of, {}, "own")
 
 
 def test_a_whole_number_has_64_bits():

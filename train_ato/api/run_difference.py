@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from train_ato.api.run import Run, open_run
 from train_ato.judge.metric_names import verdict_html
 from train_ato.judge.motion_difference import STOP_COLUMNS, DrivenMotion, motion_difference
+from train_ato.program.errors import refusing
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -72,7 +73,7 @@ def difference(first: Run | str | Path, second: Run | str | Path, *, step: float
     """
     import pandas as pd
 
-    runs = [run if isinstance(run, Run) else open_run(run) for run in (first, second)]
+    runs = [run if isinstance(run, Run) else refusing(open_run)(run) for run in (first, second)]
     motions = [DrivenMotion.of(run.recording, run.metrics) for run in runs]
     for run, motion in zip(runs, motions, strict=True):
         if motion is None:

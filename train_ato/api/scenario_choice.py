@@ -110,8 +110,8 @@ class ScenarioChoice:
         **more
             Values of keys of the first level.
         """
-        if not isinstance(changes or {}, Mapping):
-            raise InputError(f"set {changes!r}: not a mapping; write for example {{'laws.pid.kp': 0.03}}")
+        if not isinstance(changes or {}, Mapping) or not all(isinstance(key, str) for key in changes or ()):
+            raise InputError(f"set {changes!r}: not a mapping of keys; write for example {{'laws.pid.kp': 0.03}}")
         given = {**(changes or {}), **more}
         data = copy.deepcopy(self._data)
         for key, value in given.items():

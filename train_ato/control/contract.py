@@ -405,6 +405,9 @@ def make_parameters(dataclass_type: type, values: Mapping[str, Any], owner: str)
         checked[name] = _checked(known[name], value, f"{owner}.{name}")
     for entry in known.values():
         default, (low, high) = entry.default, _bounds(entry)
+        if isinstance(default, str) and (default not in entry.choices if entry.choices else entry.unit):
+            wanted = f"none of {', '.join(entry.choices)}" if entry.choices else f"a text with the unit {entry.unit}"
+            raise ValueError(f"{owner}.{entry.name}: default {default!r} is {wanted}; correct it")
         if not isinstance(default, Real) or isinstance(default, bool) or low <= default <= high:
             continue
         bounds = f"{number_text(low)} ... {number_text(high)}"

@@ -13,6 +13,8 @@ from train_ato.judge.typed_result import StopOfRun, TypedResult
 from train_ato.messages.types import Array
 
 STOP_COLUMNS = ("km", "arrival_s", "second_arrival_s", "difference_arrival_s", "difference_stop_m")
+MIN_STEP = 1e-3
+"""Smallest distance of the places [m]; a smaller one has more of them than the memory."""
 ENERGY = {"energy_traction_kwh": "traction energy", "energy_regenerated_kwh": "regenerated energy"}
 
 
@@ -87,8 +89,8 @@ class MotionDifference:
 
 def motion_difference(first: DrivenMotion, second: DrivenMotion, *, step: float = 1.0) -> MotionDifference:
     """Return the difference of two motions; see :func:`train_ato.difference`."""
-    if not step > 0:
-        raise ValueError(f"step {step:g}: out of range; give more than 0 m")
+    if not step >= MIN_STEP:
+        raise ValueError(f"step {step:g}: out of range; give {MIN_STEP:g} m or more")
     time = first.time[(first.time >= second.time[0]) & (first.time <= second.time[-1])]
     begin, end = max(first.front.min(), second.front.min()), min(first.front.max(), second.front.max())
     if not time.size or begin > end:

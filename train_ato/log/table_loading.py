@@ -60,7 +60,7 @@ class Frames(dict[str, pd.DataFrame]):
         self.left_out: dict[str, str] = {}
 
     def __missing__(self, name: str) -> pd.DataFrame:
-        for other in (name.lstrip("/"), f"/{name}"):
+        for other in (str(name).lstrip("/"), f"/{name}"):
             if other in self:
                 return self[other]
         reason = self.left_out.get(name)

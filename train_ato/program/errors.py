@@ -1,5 +1,6 @@
 """First failure of a run: node and reason in one line, traceback in a file."""
 
+import re
 import traceback
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -82,34 +83,36 @@ def check_packages(user: str, *modules: str) -> None:
         raise InputError(f"{user}: {missing}")
 
 
-_KINDS: dict[str, tuple[type, str]] = {
+_KINDS: dict[str, tuple[Any, str]] = {
     "int": (Integral, "a whole number"), "float": (Real, "a number"), "str": (str, "a text"),
-    "None": (NoneType, "None"),
+    "None": (NoneType, "None"), "str | Path": ((str, Path), "a path"), "Mapping": (Mapping, "a mapping"),
+    "Sequence": ((list, tuple), "a list"),
 }  # fmt: skip
-"""Type and words of the annotations that :func:`check_kinds` compares."""
+"""Types and words of the annotations that :func:`check_kinds` compares."""
 
 
 def check_kinds(annotations: Mapping[str, Any], values: Mapping[str, Any]) -> None:
-    """Refuse values of numbers and texts by name that are not of the kinds of their annotations."""
-    for name, value in values.items():
-        annotation = annotations.get(name)
-        kinds = str(getattr(annotation, "__name__", annotation)).split(" | ")
+    """Refuse values by name that are not of the kinds of their annotations; entries of lists are not compared."""
+    for name in annotations.keys() & values.keys():
+        text = str(getattr(annotations[name], "__name__", annotations[name]))
+        text = re.sub(r"\[[^][]*(\[[^][]*\][^][]*)*\]|\b(\w+\.)+", "", text)
+        kinds = re.findall(r"str \| Path|[^ |]+", text)
         known = [_KINDS[kind] for kind in kinds if kind in _KINDS]
-        if len(known) == len(kinds) and not isinstance(value, tuple(kind for kind, _ in known)):
-            raise InputError(f"{name} = {value!r}: give {' or '.join(words for _, words in known)}")
+        if len(known) == len(kinds) and not any(isinstance(values[name], kind) for kind, _ in known):
+            raise InputError(f"{name} = {values[name]!r}: give {' or '.join(words for _, words in known)}")
 
 
 def refusing(function: _Function) -> _Function:
     """Return a function whose refusals are :class:`InputError`; a ValueError of a library or a user's law stays.
 
-    A TypeError by an argument that is not of its kind is a refusal too.
+    A TypeError or AttributeError by an argument that is not of its kind is a refusal too.
     """
 
     @wraps(function)
     def call(*given: Any, **named: Any) -> Any:
         try:
             return function(*given, **named)
-        except TypeError:
+        except (TypeError, AttributeError):
             from inspect import signature
 
             with suppress(TypeError):  # of a wrong number of arguments

@@ -128,7 +128,7 @@ def check_component(
     findings = [_described(component)]
     if findings[0].passed is False:
         return findings
-    parameters = component.Parameters(**(values or {}))
+    parameters = make_parameters(component.Parameters, values or {}, str(getattr(target, "__name__", target)))
     of, accepted = KINDS[kind], 0
     for index, name in enumerate(TRAINS):
         rig = of.rig(name)
