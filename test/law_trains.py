@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from plant_trains import line_of
 
 from plant_sim.consist import Consist
 from plant_sim.line import Line
@@ -17,15 +18,8 @@ from train_ato.control.train_model import TrainModel
 from train_ato.messages.types import DisturbanceEstimate, Measurement, Reference
 from train_ato.profile.profile import Profile
 
-LEVEL = Line.model_validate({"schema": "train_ato/line/1", "name": "level", "end": 100e3})
-HILLY = Line.model_validate(
-    {
-        "schema": "train_ato/line/1",
-        "name": "hilly",
-        "end": 20e3,
-        "grades": [{"at": 1000, "grade": 0.004}, {"at": 3000, "grade": -0.005}, {"at": 6000, "grade": 0.0}],
-    }
-)
+LEVEL = line_of(100e3, name="level")
+HILLY = line_of(20e3, grades=[{"at": 1000, "grade": 0.004}, {"at": 3000, "grade": -0.005}, {"at": 6000, "grade": 0.0}])
 
 MOTORED = {
     "mass": 80e3, "length": 80.0, "resistance": {"n_per_kg": [1.176e-2, 7.7616e-4, 1.6e-5]},

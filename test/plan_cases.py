@@ -1,26 +1,12 @@
 """Random lines and trains for the planner's property tests."""
 
-from typing import Any
-
 import numpy as np
+from plant_trains import line_of, train_of
 
 from plant_sim.consist import Consist
 from plant_sim.line import Line
 from train_ato.profile.planner.planner import Plan
 from train_ato.profile.planner.settings import PlanSettings
-
-
-def line_of(end: float, **keys: Any) -> Line:
-    """Return a line from 0 m on, with further keys."""
-    return Line.model_validate({"schema": "train_ato/line/1", "name": "own", "end": end, **keys})
-
-
-def train_of(types: dict[str, Any], *counts: int, **keys: Any) -> Consist:
-    """Return a train of vehicle types in their order, with rigid couplers or with other keys."""
-    parts = [{"type": name, "count": count} for name, count in zip(types, counts, strict=False) if count]
-    data = {"schema": "train_ato/consist/1", "name": "own", "vehicle_types": types, "train": parts}
-    gears = {"draft_gears": {"rigid": {"kind": "rigid"}}, "default_gear": "rigid"}
-    return Consist.model_validate({**data, **gears, **keys})
 
 
 def random_train(rng: np.random.Generator, vehicles: int) -> tuple[Consist, float]:

@@ -31,9 +31,22 @@ GEARS: dict[str, dict[str, Any]] = {
 }  # fmt: skip
 
 
+def line_of(end: float, **keys: Any) -> Line:
+    """Return a line from 0 m on, with further keys."""
+    return Line.model_validate({"schema": "train_ato/line/1", "name": "own", "end": end, **keys})
+
+
+def train_of(types: dict[str, Any], *counts: int, **keys: Any) -> Consist:
+    """Return a train of vehicle types in their order, with rigid couplers or with other keys."""
+    parts = [{"type": name, "count": count} for name, count in zip(types, counts, strict=False) if count]
+    data = {"schema": "train_ato/consist/1", "name": "own", "vehicle_types": types, "train": parts}
+    gears = {"draft_gears": {"rigid": {"kind": "rigid"}}, "default_gear": "rigid"}
+    return Consist.model_validate({**data, **gears, **keys})
+
+
 def plain_line(**entries: Any) -> Line:
     """Return a level line of 200 km with additional entries."""
-    return Line.model_validate({"schema": "train_ato/line/1", "name": "plain", "end_km": 200, **entries})
+    return line_of(200e3, name="plain", **entries)
 
 
 def slope(grade_permille: float) -> Line:
@@ -55,12 +68,7 @@ def heavy(gear: dict[str, Any] | None = None, wagons: int = 105) -> Consist:
 def chain(count: int, gear: dict[str, Any], mass: float = 1e5, resistance: float = 0.0) -> Consist:
     """Return equal vehicles without power units."""
     car = {"mass": mass, "length": 12.0, "resistance": {"n": [resistance, 0.0, 0.0]}}
-    return Consist.model_validate(
-        {
-            "schema": "train_ato/consist/1", "name": "chain", "vehicle_types": {"car": car},
-            "train": [{"type": "car", "count": count}], "draft_gears": {"only": gear}, "default_gear": "only",
-        }
-    )  # fmt: skip
+    return train_of({"car": car}, count, name="chain", draft_gears={"only": gear}, default_gear="only")
 
 
 def train(

@@ -404,16 +404,6 @@ def test_the_case_of_replanning_has_a_new_profile() -> None:
     assert run_engine(setup_of(*WHOLE["re-planning"]), compiled=True).summary["replans"] == 1
 
 
-def test_an_error_of_an_observer_brakes_as_in_python() -> None:
-    """Breaks if compiled ticks drop the exception of an observer, or call it again."""
-    name = f"{HERE}:Filtered"
-    changes = {**DEMO, "observer": name, f"observers.{name}.fails_at": 20.0}
-    python, compiled = (run_engine(setup_of("demo", changes), compiled=chosen) for chosen in (False, True))
-    assert python.failure == compiled.failure and "no estimate at this time" in (python.failure or "")
-    one, other = ({**each.summary, **dict.fromkeys(WALL_TIMES)} for each in (python, compiled))
-    assert one == other
-
-
 def _driven(changes: dict[str, Any], name: str = "demo", *, compiled: bool) -> ControlStack:
     """Return the control stack after a run, of which compiled spans have at least two fifths of the ticks."""
     loop = finished_loop(setup_of(name, changes), compiled=compiled)
@@ -467,13 +457,17 @@ def test_an_own_compensation_is_called_as_in_python(unusual: str) -> None:
         ({"compensation": f"{HERE}:Counted", f"compensations.{HERE}:Counted.fails_at": 5.05},
          "compensation Counted: ValueError: no input at this time"),
         ({"law": f"{HERE}:Observed", f"laws.{HERE}:Observed.unusual": "error"}, "no force at this time"),
+        ({"plant.sensors.couplers": [0], "observer": f"{HERE}:Filtered", f"observers.{HERE}:Filtered.fails_at": 20.0},
+         "no estimate at this time"),
     ],
 )  # fmt: skip
-def test_an_error_of_a_compensation_or_a_law_names_it(changes: dict[str, Any], reason: str) -> None:
-    """Breaks if compiled ticks drop the exception, or name another part of the loop."""
+def test_an_error_of_a_component_brakes_as_in_python(changes: dict[str, Any], reason: str) -> None:
+    """Breaks if compiled ticks drop the exception, name another part of the loop, or call the component again."""
     setup = setup_of("demo", {**FREE, "duration": 60, **changes})
-    python, compiled = (run_engine(setup, compiled=chosen).failure for chosen in (False, True))
-    assert python == compiled and reason in (python or "")
+    python, compiled = (run_engine(setup, compiled=chosen) for chosen in (False, True))
+    assert python.failure == compiled.failure and reason in (python.failure or "")
+    one, other = ({**each.summary, **dict.fromkeys(WALL_TIMES)} for each in (python, compiled))
+    assert one == other
 
 
 def test_a_slow_law_ends_the_span(monkeypatch: pytest.MonkeyPatch) -> None:

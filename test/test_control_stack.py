@@ -24,8 +24,8 @@ from law_trains import (
     profile,
     stack,
 )
+from plant_trains import line_of
 
-from plant_sim.line import Line
 from train_ato.cli import main
 from train_ato.control.air_brake.policy import BrakeSpec, make_brake_policy
 from train_ato.control.contract import LawInput, LawOutput
@@ -210,9 +210,7 @@ def test_planned_brake_is_demanded_and_taken_off_the_feedforward():
 def test_brake_rules_of_paper_000():
     """Applied above 60 km/h before four steep pieces, released 10 km/h lower, not within 160 s, not without a pipe."""
     falls = [{"at": 5000 + 600 * i, "grade": -0.009 - 0.0005 * (i % 2)} for i in range(12)]
-    line = Line.model_validate(
-        {"schema": "train_ato/line/1", "name": "falls", "end": 40e3, "grades": [*falls, {"at": 12200, "grade": 0.0}]}
-    )
+    line = line_of(40e3, grades=[*falls, {"at": 12200, "grade": 0.0}])
     of = model(BRAKED, line)
     policy = make_brake_policy(BrakeSpec.model_validate({"policy": "trigger"}), of, line)
     assert policy.step(0.0, 4000.0, 59 / 3.6) == 600e3

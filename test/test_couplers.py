@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import rainflow
 from law_trains import model
+from plant_trains import line_of
 
 import train_ato as ta
 from plant_sim.library import load_consist, load_line
-from plant_sim.line import Line
 from plant_sim.train import Train
 from train_ato.api.scenario_choice import choose_scenario
 from train_ato.cli import main
@@ -138,7 +138,7 @@ def test_traction_of_one_locomotive_keeps_the_limit() -> None:
     assert force[1] < 206.0 < force[0]
 
 
-LEVEL = Line.model_validate({"schema": "train_ato/line/1", "name": "level", "end": 10000.0})
+LEVEL = line_of(10e3)
 STEP_NS = 100_000
 
 

@@ -12,10 +12,10 @@ import pytest
 import yaml
 from end_law import SeesTheEnd
 from engine_runs import no_figure
+from plant_trains import line_of
 from span_runs import Both
 
 import train_ato as ta
-from plant_sim.line import Line
 from plant_sim.states import Odometry
 from plant_sim.traction import Envelope
 from train_ato.api.drive import RunMode
@@ -160,10 +160,7 @@ def test_the_safe_rear_is_behind_the_rear_with_the_errors_of_both_odometers() ->
 def test_the_shortest_stop_is_that_of_the_strongest_and_lightest_train() -> None:
     """Fails with 100 % of a quantity, or without the rise; the integral of the test is in steps of 1 mm/s."""
     setup = metro(REPORTS)
-    line = Line.model_validate({
-        "schema": "train_ato/line/1", "name": "rise", "end": 10_000.0,
-        "grades": [{"at": 0.0, "grade": 0.0}, {"at": 1500.0, "grade": 0.02}, {"at": 1600.0, "grade": -0.02}],
-    })  # fmt: skip
+    line = line_of(10e3, grades=[{"at": 0, "grade": 0}, {"at": 1500, "grade": 0.02}, {"at": 1600, "grade": -0.02}])
     consist = setup.consist
     stop = ShortestStop(consist, setup.plant, line, 80.0 / 3.6)
     mass = sum(vehicle.mass * vehicle.rotating_mass_factor for vehicle in consist.vehicles)

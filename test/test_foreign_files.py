@@ -114,25 +114,6 @@ def test_former_layout_and_etcs_data_of_a_bench_train(capsys: pytest.CaptureFixt
         assert brake.deceleration * (2 * kmh + 150) / (3 * kmh + 150) <= most * (1 + 1e-12)
 
 
-@pytest.mark.parametrize(
-    ("key", "value", "message"),
-    [
-        ("length", None, "length: this key is missing"),
-        ("mass", quantity(122, "lb"), "mass: unit = 'lb': must be kg or t"),
-        ("max speed", quantity(-1, "km/h"), "max speed: value in SI = -0.277778: must lie between"),
-        ("rho", 10, "rho: holds 10"),
-        ("tunnel resistance", {"units": {}, "values": []}, "tunnel resistance"),
-    ],
-)
-def test_a_faulty_bench_train_is_refused_in_one_line(tmp_path: Path, key: str, value: Any, message: str) -> None:
-    """Breaks if a fault is a traceback, or names neither file nor key."""
-    file = tmp_path / "fault.json"
-    file.write_text(json.dumps(UNIT_TRAIN | {key: value}))
-    with pytest.raises(ValueError, match=message) as caught:
-        find_train(str(file))
-    assert "\n" not in str(caught.value) and str(caught.value).startswith(str(file))
-
-
 def test_a_point_mass_needs_no_length(tmp_path: Path) -> None:
     """Breaks if a point mass needs a length or uses an assumed one, or the efficiencies of the file are lost."""
     file = tmp_path / "unit.json"
@@ -388,27 +369,32 @@ def test_a_train_of_several_vehicles_becomes_rolling_stock(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("train", "change", "message"),
     [
-        ({"const_gamma": None}, "const_gamma: this key is missing"),
-        ({"rolling_resistance": {"type": "other"}}, "type = 'other': only davis is read"),
-        ({"effort_curves": {"default_mode": "x", "modes": {}}}, "default_mode = 'x': not in modes"),
-        ({"effort_curves": STOCK["effort_curves"] | {"more": 1}}, "unknown key 'more'"),
-        ({"etcs_brake_params": {"gamma_emergency": {"boundaries": [1], "values": [1]}}}, "1 boundaries need 2 values"),
-        ({"etcs_brake_params": {"gamma_emergency": {"boundaries": [9, 5], "values": [1, 1, 1]}}}, "must rise"),
-        ({"rolling_resistance": STOCK["rolling_resistance"] | {"D": 1}}, "rolling_resistance: unknown key 'D'"),
-        ({"gamma": 0.5}, "const_gamma and gamma are the same quantity"),
-        ({"name": ["a"]}, r"name = \['a'\]: must be one text"),
-        (
-            {"effort_curves": {"default_mode": "a", "modes": {"a": {"is_electric": "no", "curves": []}}}},
-            "true or false",
-        ),
+        (UNIT_TRAIN, {"length": None}, "length: this key is missing"),
+        (UNIT_TRAIN, {"mass": quantity(122, "lb")}, "mass: unit = 'lb': must be kg or t"),
+        (UNIT_TRAIN, {"max speed": quantity(-1, "km/h")}, "max speed: value in SI = -0.277778: must lie between"),
+        (UNIT_TRAIN, {"rho": 10}, "rho: holds 10"),
+        (UNIT_TRAIN, {"tunnel resistance": {"units": {}, "values": []}}, "tunnel resistance"),
+        (STOCK, {"const_gamma": None}, "const_gamma: this key is missing"),
+        (STOCK, {"rolling_resistance": {"type": "other"}}, "type = 'other': only davis is read"),
+        (STOCK, {"effort_curves": {"default_mode": "x", "modes": {}}}, "default_mode = 'x': not in modes"),
+        (STOCK, {"effort_curves": STOCK["effort_curves"] | {"more": 1}}, "unknown key 'more'"),
+        (STOCK, {"etcs_brake_params": {"gamma_emergency": {"boundaries": [1], "values": [1]}}}, "1 boundaries need 2"),
+        (STOCK, {"etcs_brake_params": {"gamma_emergency": {"boundaries": [9, 5], "values": [1, 1, 1]}}}, "must rise"),
+        (STOCK, {"rolling_resistance": STOCK["rolling_resistance"] | {"D": 1}}, "rolling_resistance: unknown key 'D'"),
+        (STOCK, {"gamma": 0.5}, "const_gamma and gamma are the same quantity"),
+        (STOCK, {"name": ["a"]}, r"name = \['a'\]: must be one text"),
+        (STOCK, {"effort_curves": {"default_mode": "a", "modes": {"a": {"is_electric": "no", "curves": []}}}},
+         "true or false"),
     ],
-)
-def test_a_faulty_osrd_train_is_refused_in_one_line(tmp_path: Path, change: dict[str, Any], message: str) -> None:
-    """Breaks if a fault is a traceback, or names neither file nor key."""
+)  # fmt: skip
+def test_a_faulty_train_is_refused_in_one_line(
+    tmp_path: Path, train: dict[str, Any], change: dict[str, Any], message: str
+) -> None:
+    """Breaks if a fault of a train of TTOBench or OSRD is a traceback, or names neither file nor key."""
     with one_line(message, "fault.json"):
-        find_train(_written(tmp_path / "fault.json", STOCK | change))
+        find_train(_written(tmp_path / "fault.json", train | change))
 
 
 @pytest.mark.parametrize(

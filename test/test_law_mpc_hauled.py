@@ -44,11 +44,7 @@ HILL = {
 
 def own_run(parts, gear, wagon=WAGON, **changes):
     """Return the run of a train of one's own on the hill."""
-    whole = {
-        "schema": "train_ato/consist/1", "name": "own", "vehicle_types": {"engine": LOCOMOTIVE, "wagon": wagon},
-        "train": [{"type": kind, "count": count} for kind, count in parts],
-        "draft_gears": {"gear": gear}, "default_gear": "gear",
-    }  # fmt: skip
+    whole = consist({"engine": LOCOMOTIVE, "wagon": wagon}, parts, gear).model_dump(mode="json", by_alias=True)
     changes |= {
         "plant.consist": whole, "plant.line": HILL, "model.consist": whole, "model.line": HILL, "plant.lag": 0.4,
         "plant.disturbances": [],

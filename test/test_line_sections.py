@@ -8,7 +8,7 @@ import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
-from plant_trains import plain_line, train
+from plant_trains import line_of, plain_line, train, train_of
 from span_runs import Both, setup_of
 
 import train_ato as ta
@@ -46,13 +46,7 @@ def railcar(**vehicle: Any) -> Consist:
         "brake": [{"to": 60, "force": FORCE}],
         "tunnel_resistance": [{"cross_section": 20, "coefficient": 16}, {"cross_section": 40, "coefficient": 8}],
     }  # fmt: skip
-    return Consist.model_validate(
-        {
-            "schema": "train_ato/consist/1", "name": "railcar", "vehicle_types": {"car": {**car, **vehicle}},
-            "train": [{"type": "car", "count": 2}], "draft_gears": {"rigid": {"kind": "rigid"}},
-            "default_gear": "rigid",
-        }
-    )  # fmt: skip
+    return train_of({"car": {**car, **vehicle}}, 2)
 
 
 def driven(line: Line, demand: float, seconds: float, consist: Consist | None = None, **setup: Any) -> Array:
@@ -431,17 +425,13 @@ def test_shipped_lines_twice_reversed_are_the_same(name: str) -> None:
         assert [(e.begin, e.radius) for e in one.curves] == [(pytest.approx(e.begin), e.radius) for e in other.curves]
 
 
-def line(**parts) -> Line:
-    return Line.model_validate({"schema": "train_ato/line/1", "name": "l", "begin": 0, "end": 5000, **parts})
-
-
 def test_a_quarter_circle_by_hand() -> None:
     """Breaks if an arc turns to the wrong side, or the straight after it has another heading."""
     radius = 400.0
     quarter = radius * np.pi / 2
-    found = Alignment(line(curves=[{"begin": 1000, "end": 1000 + quarter, "radius": radius, "side": "left"}])).at(
-        np.array([-50.0, 0.0, 1000.0, 1000.0 + quarter, 1500.0 + quarter])
-    )
+    curve = {"begin": 1000, "end": 1000 + quarter, "radius": radius, "side": "left"}
+    places = np.array([-50.0, 0.0, 1000.0, 1000.0 + quarter, 1500.0 + quarter])
+    found = Alignment(line_of(5e3, curves=[curve])).at(places)
     np.testing.assert_allclose(found.x, [-50, 0, 1000, 1400, 1400], atol=1e-9)
     np.testing.assert_allclose(found.y, [0, 0, 0, 400, 900], atol=1e-9)
     np.testing.assert_allclose(found.heading, [0, 0, 0, np.pi / 2, np.pi / 2], atol=1e-12)
@@ -451,10 +441,10 @@ def test_a_quarter_circle_by_hand() -> None:
 def test_curves_turn_in_turn_and_height_is_the_sum_of_the_grades() -> None:
     """Breaks if all curves turn to one side, the height does not begin at 0, or a grade goes on beyond the line."""
     curves = [{"begin": 500, "end": 900, "radius": 800}, {"begin": 2000, "end": 2400, "radius": 800}]
-    found = Alignment(line(curves=curves)).at(np.array([1000.0, 3000.0]))
+    found = Alignment(line_of(5e3, curves=curves)).at(np.array([1000.0, 3000.0]))
     assert found.heading == pytest.approx([0.5, 0.0])
     grades = [{"at": 1000, "grade": 0.01}, {"at": 2000, "grade": -0.02}]
-    found = Alignment(line(begin=500, grades=grades)).at(np.array([500.0, 1500.0, 2000.0, 3000.0, 6000.0]))
+    found = Alignment(line_of(5e3, begin=500, grades=grades)).at(np.array([500.0, 1500.0, 2000.0, 3000.0, 6000.0]))
     np.testing.assert_allclose(found.z, [0, 5, 10, -10, -50], atol=1e-9)
     np.testing.assert_allclose(found.slope, np.arctan([0, 0.01, -0.02, -0.02, 0]))
 
@@ -462,11 +452,12 @@ def test_curves_turn_in_turn_and_height_is_the_sum_of_the_grades() -> None:
 def test_coordinates_give_plan_and_heading() -> None:
     """Breaks if latitude and longitude are exchanged, the plan ignores the coordinates, or takes a single one."""
     north = np.degrees(1000.0 / EARTH_RADIUS)
-    found = line(
+    found = line_of(
+        5e3,
         coordinates=[
             {"at": 0, "latitude": 40.0, "longitude": 113.0},
             {"at": 1000, "latitude": 40.0 + north, "longitude": 113.0},
-        ]
+        ],
     )
     pose = Alignment(found).at(np.array([0.0, 500.0, 2000.0]))
     np.testing.assert_allclose(pose.x, 0.0, atol=1e-6)
@@ -474,9 +465,9 @@ def test_coordinates_give_plan_and_heading() -> None:
     np.testing.assert_allclose(pose.heading, np.pi / 2)
     latitude, longitude = Alignment(found).coordinates(np.array([500.0]))
     assert (latitude[0], longitude[0]) == pytest.approx((40.0 + north / 2, 113.0))
-    assert Alignment(line()).coordinates(np.array([0.0])) is None
+    assert Alignment(line_of(5e3)).coordinates(np.array([0.0])) is None
     with pytest.raises(ValueError, match="coordinates has one entry; give at least two"):
-        line(coordinates=[{"at": 0, "latitude": 40, "longitude": 113}])
+        line_of(5e3, coordinates=[{"at": 0, "latitude": 40, "longitude": 113}])
 
 
 @given(
@@ -485,7 +476,7 @@ def test_coordinates_give_plan_and_heading() -> None:
 )
 def test_the_plan_is_as_long_as_the_line_and_has_no_gap(curves, places) -> None:
     """Breaks if pieces do not join: over a small step the plan moves by exactly that step, along the heading."""
-    alignment = Alignment(line(curves=[{"begin": b, "end": b + n, "radius": r} for b, n, r in curves]))
+    alignment = Alignment(line_of(5e3, curves=[{"begin": b, "end": b + n, "radius": r} for b, n, r in curves]))
     place = np.array(places)
     here, ahead = alignment.at(place), alignment.at(place + 1e-3)
     np.testing.assert_allclose(np.hypot(ahead.x - here.x, ahead.y - here.y), 1e-3, rtol=1e-5)

@@ -14,8 +14,9 @@ import pytest
 from case_costs import sampled
 from engine_runs import setup_of
 from matplotlib.figure import Figure
-from plan_cases import broken_promises, random_case, train_of
-from plan_cases import line_of as line
+from plan_cases import broken_promises, random_case
+from plant_trains import line_of as line
+from plant_trains import train_of
 
 import train_ato as ta
 from plant_sim.consist import Consist

@@ -6,7 +6,8 @@ from functools import cache
 
 import numpy as np
 import pytest
-from plan_cases import line_of, random_case, train_of
+from plan_cases import random_case
+from plant_trains import line_of, train_of
 from test_plan_checks import METRO, options
 
 from plant_sim.consist import Consist

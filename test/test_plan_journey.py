@@ -11,7 +11,8 @@ import pytest
 from engine_runs import setup_of
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from plan_cases import broken_promises, limit_by_hand, line_of, random_case, resistance_by_hand, train_of
+from plan_cases import broken_promises, limit_by_hand, random_case, resistance_by_hand
+from plant_trains import line_of, train_of
 from refusals import one_line
 from test_plan_checks import options
 from test_plan_energy import hills, metro

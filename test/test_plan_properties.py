@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from plan_cases import limit_by_hand, random_case, train_of
-from plan_cases import line_of as own_line
+from plan_cases import limit_by_hand, random_case
+from plant_trains import line_of as own_line
+from plant_trains import train_of
 
 from plant_sim.consist import Consist
 from plant_sim.library import load_consist, load_line

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from plan_cases import line_of, train_of
+from plant_trains import line_of, train_of
 from pydantic import ValidationError
 from refusals import one_line
 

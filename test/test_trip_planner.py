@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from engine_runs import setup_of
-from plan_cases import line_of
+from plant_trains import line_of
 from refusals import one_line
 from test_plan_checks import options
 

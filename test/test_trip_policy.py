@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from engine_runs import setup_of
-from plan_cases import line_of
+from plant_trains import line_of
 
 from plant_sim.consist import Consist
 from plant_sim.library import load_consist, load_line
