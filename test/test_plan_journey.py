@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 from plan_cases import broken_promises, limit_by_hand, random_case, resistance_by_hand
 from plant_trains import line_of, train_of
 from refusals import one_line
-from test_plan_checks import options
-from test_plan_energy import hills, metro
+from test_plan_checks import hills, metro, options
 
 from plant_sim.consist import Consist
 from plant_sim.line import Line
