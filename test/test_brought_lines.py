@@ -68,6 +68,7 @@ def test_a_table_by_hand_and_back(tmp_path: Path) -> None:
         ("position_ft,grade_percent", "0,1.5\n5280,1.5", "grades", [0.015]),
         ("km,speed_limit_mph", "0,25\n2,25", "speed_limits", [25 * 0.44704]),
         ("position_m\tv_max_m_s", "0\t25\n2000\t25", "speed_limits", [25.0]),
+        ("position_m,grade_percent", "0,1.5\r1000,1.5", "grades", [0.015]),
     ],
 )
 def test_units_of_a_table(tmp_path: Path, head: str, row: str, key: str, value: list[float]) -> None:
@@ -97,6 +98,8 @@ def test_units_of_a_table(tmp_path: Path, head: str, row: str, key: str, value: 
         ('position_m,stop\n0,"A\n9,B\n', "unexpected end of data; correct the quotes"),
         (f"position_m,stop\n0,{'A' * 140_000}\n9,B\n", "line 2: field larger than field limit"),
         ("position_m,speed_limit_kmh\n0,0\n9,1\n", "speed_limit_kmh = 0: must be above 0"),
+        ("position_m;elevation_m\n0,5;998,5\n900;1.002\n", "line 3, elevation_m = '1.002': its point may separate"),
+        ("position_m;grade_permille\n0;1\n1.000,5;2\n", "line 3, position_m = '1.000,5': its point may separate"),
         ("position_m,v_max_kmh,limit_kmh\n0,0,1\n9,1,1\n", "two columns of speed_limit"),
     ],
 )

@@ -54,6 +54,8 @@ SEPARATORS = (";", "\t", ",")
 _BRACKETS = re.compile(r"^(.*?)\s*[\[(]\s*([^\[\]()]*?)\s*[\])]\s*$")
 _SEPARATOR_LINE = re.compile(r'\A"?sep=.?"?\r?\n', re.IGNORECASE)
 """First line of a spreadsheet with the separator."""
+_THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(\.\d{3})+(,\d+)?", re.ASCII)
+"""Number with a point that may separate thousands."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,7 +145,7 @@ def _read(path: Path) -> tuple[list[_Column], list[tuple[int, dict[str, Any]]]]:
     text = _SEPARATOR_LINE.sub("\n", decoded(read_bytes(path)))
     head = next((line for line in text.splitlines() if line.strip() and not line.startswith("#")), "")
     mark = next((mark for mark in SEPARATORS if mark in head), ",")
-    listed = csv.reader(io.StringIO(text), delimiter=mark, strict=True)
+    listed = csv.reader(io.StringIO(text, newline=None), delimiter=mark, strict=True)
     try:
         lines = [(listed.line_num, cells) for cells in listed if any(cells) and not cells[0].startswith("#")]
     except csv.Error as error:
@@ -160,6 +162,7 @@ def _read(path: Path) -> tuple[list[_Column], list[tuple[int, dict[str, Any]]]]:
         columns.append(column)
     if not any(column.quantity == "position" for column in columns):
         raise ValueError(f"{path}: line {lines[0][0]}: no place; name a column position_m or position_km")
+    _refuse_thousands(columns, lines[1:], path)
     rows = []
     for number, cells in lines[1:]:
         if len(cells) != len(columns):
@@ -171,6 +174,23 @@ def _read(path: Path) -> tuple[list[_Column], list[tuple[int, dict[str, Any]]]]:
             raise ValueError(f"{place}: no place; give one or remove the row")
         rows.append((number, row))
     return columns, rows
+
+
+def _refuse_thousands(columns: list[_Column], lines: list[tuple[int, list[str]]], path: Path) -> None:
+    """Refuse a number such as ``1.250``, which may be 1.25 or 1250, beside a decimal comma."""
+    numbers = [
+        (number, column.title, cell.strip())
+        for number, cells in lines
+        for column, cell in zip(columns, cells, strict=False)
+        if column.quantity not in (TEXT, "latitude", "longitude")
+    ]
+    comma = next((cell for *_, cell in numbers if "," in cell), "")
+    for number, title, cell in numbers if comma else ():
+        if _THOUSANDS.fullmatch(cell):
+            raise ValueError(
+                f"{path}: line {number}, {title} = '{cell}': its point may separate thousands, and '{comma[:30]}' has a "
+                "comma; write all numbers with one decimal mark and without thousands separators"
+            )
 
 
 def _column(title: str, place: str) -> _Column:

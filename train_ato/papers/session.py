@@ -31,7 +31,7 @@ def with_claim(papers: list[Paper], text: str) -> list[Paper]:
     """Return the papers with the claims whose text contains ``text`` in any case, their cases, and no figures."""
     found = []
     for paper in papers:
-        claims = [claim for claim in paper.claims if text.lower() in claim.text.lower()]
+        claims = [claim for claim in paper.claims if text.strip() and text.lower() in claim.text.lower()]
         if claims:
             needed = {key for claim in claims for key in claim.cases}
             cases = {key: case for key, case in paper.cases.items() if key in needed}

@@ -93,7 +93,7 @@ def knot_count(count: float) -> int:
     """
     if not count <= MAX_KNOTS:
         raise ValueError(
-            f"a profile of {number_text(count, 3)} knots, at most {MAX_KNOTS}; shorten it or increase the tick"
+            f"a profile of {number_text(count, 3)} knots, at most {MAX_KNOTS}; shorten it, or increase tick or period"
         )
     return int(count)
 
