@@ -188,8 +188,8 @@ def _refuse_thousands(columns: list[_Column], lines: list[tuple[int, list[str]]]
     for number, title, cell in numbers if comma else ():
         if _THOUSANDS.fullmatch(cell):
             raise ValueError(
-                f"{path}: line {number}, {title} = '{cell}': its point may separate thousands, and '{comma[:30]}' has a "
-                "comma; write all numbers with one decimal mark and without thousands separators"
+                f"{path}: line {number}, {title} = '{cell}': its point may separate thousands, and '{comma[:30]}' has "
+                "a comma; write all numbers with one decimal mark and without thousands separators"
             )
 
 
