@@ -6,7 +6,7 @@ import json
 import os
 import sys
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, make_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ from train_ato.cli.new import CODE_KINDS
 from train_ato.control.command_hold import CommandHold
 from train_ato.control.compensation.base import CompensationBase
 from train_ato.control.component_fault import output_fault, text_of_error
-from train_ato.control.contract import LawOutput
+from train_ato.control.contract import LawOutput, parameter
 from train_ato.control.guard import GuardedLaw
 from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS, in_contract_form
 from train_ato.program import interrupt
@@ -344,6 +344,24 @@ def test_a_demand_that_is_no_list_of_all_units_is_refused(wanted: Any) -> None:
     assert found.endswith(f", {__file__}:{inspect.getsourcelines(Demands.demand)[1]}")
     law.wanted = np.full(5, 1e3)
     assert output_fault("own:Demands", law, law.step(inputs(law.model)), 5) == ""
+
+
+def test_a_law_that_counts_in_n_keeps_the_limits() -> None:
+    """Breaks if a counter of a law takes the number of units of the guard, which then passes any force on."""
+    law = Demands(np.full(5, 1e9))
+    law.bind(model(FIVE), 0.1)
+    law.n += 1
+    law.reset()
+    given = inputs(law.model)
+    assert law.step(given).force.tolist() == given.force_max.tolist() and law.saturated == [True] * 5
+
+
+@pytest.mark.parametrize("name", ["period", "n", "share", "model"])
+def test_a_parameter_that_the_train_replaces_is_refused(name: str) -> None:
+    """Breaks if a parameter of a law has no effect, because the guard sets an attribute of its name."""
+    law = make_dataclass("Named", [(name, float, parameter(0.7, "1", 0.0, 1.0, "own"))], bases=(Demands,))
+    with pytest.raises(ValueError, match=rf"bind\(\) replaces its parameter '{name}'; choose another name"):
+        LAWS.make(LAWS.name_of(law), {}, model(FIVE), 0.1)
 
 
 def test_the_text_of_an_error_is_printable() -> None:

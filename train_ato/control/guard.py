@@ -275,7 +275,7 @@ class GuardedLaw:
 
     def mean(self, values: list[float]) -> float:
         """Return the mean over the units, weighted by their shares."""
-        return values[0] if self.n == 1 else mean_over_units(self.share, values)
+        return values[0] if len(values) == 1 else mean_over_units(self.share, values)
 
     def on_missed_sample(self) -> None:
         """Handle a missed sample: difference quotients must not bridge it."""
@@ -285,8 +285,8 @@ class GuardedLaw:
         if "_records" not in vars(self):
             raise TypeError("its bind() does not call super().bind(model, period)")
         self.clear_state()
-        self.saturated = [False] * self.n
-        self._last_force = [0.0] * self.n
+        units = self._records[1].size  # a law may count its steps in self.n
+        self.saturated, self._last_force = [False] * units, [0.0] * units
 
     def take_over(self, inputs: LawInput, force: Array) -> None:
         """Begin at the last command [N], shape (units,), in place of 0; laws with integrals set these in addition."""
@@ -303,7 +303,7 @@ class GuardedLaw:
             given = np.asarray(wanted)
         except ValueError:  # rows of several lengths
             given = np.array(wanted, dtype=object)
-        if given.shape != (self.n,) or given.dtype.kind not in "fiu":  # one number would count for every unit
+        if given.shape != units.shape or given.dtype.kind not in "fiu":  # one number would count for every unit
             return LawOutput(given)  # the loop refuses it with the place of demand()
         units["wanted"] = given
         if not limit_demands(units):

@@ -15,7 +15,7 @@ import importlib
 import inspect
 import math
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
@@ -71,7 +71,7 @@ class KeywordForm:
     def __call__(self, parameters: Any, model: Any, period: float) -> Any:
         """Return a new component for one train."""
         values = {entry.name: getattr(parameters, entry.name) for entry in dataclasses.fields(parameters)}
-        return started(self.component(**values), model, period)
+        return started(self.component(**values), model, period, values)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -83,11 +83,21 @@ class GivenComponent:
     values: Mapping[str, Any]
 
 
-def started(component: Any, model: Any, period: float) -> Any:
-    """Bind a component with keywords to a train and the control period [s], clear its state, and return it."""
+def started(component: Any, model: Any, period: float, names: Iterable[str]) -> Any:
+    """Bind a component with keywords to a train and the control period [s], clear its state, and return it.
+
+    Raises
+    ------
+    ValueError
+        If the component replaces one of the named parameters by a value of the train, so that it has no effect.
+    """
     bind = getattr(component, "bind", None)
     if bind is not None:
+        given = {name: vars(component)[name] for name in names if name in vars(component)}
         bind(model, period)
+        for name, value in given.items():
+            if vars(component)[name] is not value:
+                raise ValueError(f"bind() replaces its parameter '{name}'; choose another name for the parameter")
     component.reset()
     return component
 

@@ -283,7 +283,7 @@ class RunSetup:
         given = self.given.get(registry.kind)
         if given is not None and given.name == name and given.values == values:
             with refused_at_start(registry.kind, name, given.component):
-                return started(given.component, self.model, period)
+                return started(given.component, self.model, period, given.values)
         return registry.make(name, values, self.model, period)
 
     @property

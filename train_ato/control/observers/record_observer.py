@@ -65,7 +65,7 @@ class GuardedObserver:
     def reset(self) -> None:
         """Clear all state, including the last estimate."""
         self.clear_state()
-        self._last_estimate = [0.0] * self.n
+        self._last_estimate = [0.0] * len(self._last_estimate)
 
     def step(self, inputs: ObserverInput) -> Array:
         """Return the disturbance force of every unit [N], finite, > 0 forward."""
