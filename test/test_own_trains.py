@@ -86,6 +86,15 @@ def test_the_plan_is_slower_only_where_the_supervisor_limits_it(line: str, tmp_p
     assert np.abs(lower[:15]).max() < 0.1
 
 
+def test_a_plan_at_the_limits_brakes_without_a_release(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Breaks if the brakes are released at every step of the ceiling: behind a balise, and at 18 and 36 km/h."""
+    monkeypatch.setitem(LINES, "far", ([(0, 0), (300, -25)], [(0, 80)], [2000]))
+    profile = setup_of(write(tmp_path, "far", 4)).profile
+    fastest = int(np.flatnonzero(profile.velocity > 0.95 * profile.velocity.max())[-1])
+    braking = profile.acceleration[fastest:][profile.velocity[fastest:] > 2.0]
+    assert braking.max() < -0.2
+
+
 def test_a_plan_with_enough_distance_is_the_same(tmp_path: Path) -> None:
     """Breaks if a plan below the warning speed is made again: its bits would change."""
     file = write(tmp_path, "braking on -50 per mille", 4, {"profile": {"plan": {"end": 250, "deceleration": 0.3}}})

@@ -26,6 +26,8 @@ HOLD_TIME = 20.0
 """Time over which a plan that accelerated towards a braking curve keeps its speed [s]."""
 NEXT_TARGET = 0.5
 """Rise of the ceiling behind a target [m/s]."""
+SMALL_RISE = 1.5
+"""Rise of the ceiling that a plan does not use if it ends within ``HOLD_TIME``, as behind a balise [m/s]."""
 TOLERANCE = 0.05
 """Excess over the ceiling that does not need another plan [m/s]."""
 
@@ -131,7 +133,7 @@ def _lowered(places: Array, steady: Array, held: Array) -> Array:
 
     A plan that accelerates towards a braking curve keeps its speed instead, up to the curve; a lower limit only at the
     places of the acceleration would move it ahead. The limit holds earlier by half the time of the averaging that
-    limits the jerk, which rounds the corners of a falling limit upwards.
+    limits the jerk, which rounds the corners of a falling limit upwards. It has no small rise that ends soon.
     """
     limit = steady.copy()
     for at in np.flatnonzero(np.isfinite(held)).tolist():
@@ -141,8 +143,32 @@ def _lowered(places: Array, steady: Array, held: Array) -> Array:
             if places[k] - places[at] > (near if passed else HOLD_TIME * held[at]):
                 break
             limit[k] = min(limit[k], held[at])
-    ends = np.searchsorted(places, places + AVERAGING_TIME * limit, side="right")
-    return np.array([limit[k : max(end, k + 1)].min() for k, end in enumerate(ends.tolist())])
+    limit = _without_small_rises(places, limit)
+    ahead = places + AVERAGING_TIME * limit
+    ends = np.searchsorted(places, ahead, side="right")
+    least = np.array([limit[k : max(end, k + 1)].min() for k, end in enumerate(ends.tolist())])
+    return np.minimum(least, np.interp(ahead, places, limit))
+
+
+def _without_small_rises(places: Array, limit: Array) -> Array:
+    """Return a limit [m/s] with a steady deceleration in place of every small rise that ends soon.
+
+    Behind a balise the error of the odometry is small, and the ceiling of a braking train rises. A plan that used this
+    would release and apply its brakes within seconds, which makes large coupler forces in a long train.
+    """
+    square, k = limit**2, 0
+    while k < places.size - 1:
+        k += 1
+        if square[k] <= square[k - 1]:
+            continue
+        end = int(np.searchsorted(places, places[k - 1] + HOLD_TIME * limit[k - 1], side="right"))
+        lower = np.flatnonzero(square[k:end] <= square[k - 1])
+        if lower.size and math.sqrt(square[k : k + lower[0]].max()) <= limit[k - 1] + SMALL_RISE:
+            slopes = (square[k:end] - square[k - 1]) / (places[k:end] - places[k - 1])
+            last = k + int(slopes.argmin())
+            square[k : last + 1] = square[k - 1] + slopes.min() * (places[k : last + 1] - places[k - 1])
+            k = last
+    return np.asarray(np.sqrt(np.maximum(square, 0.0)))
 
 
 def _refusal(places: Array, ceiling: Array, reason: str) -> str:
