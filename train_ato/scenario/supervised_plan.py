@@ -147,7 +147,7 @@ def _lowered(places: Array, steady: Array, held: Array) -> Array:
     ahead = places + AVERAGING_TIME * limit
     ends = np.searchsorted(places, ahead, side="right")
     least = np.array([limit[k : max(end, k + 1)].min() for k, end in enumerate(ends.tolist())])
-    return np.minimum(least, np.interp(ahead, places, limit))
+    return np.asarray(np.minimum(least, np.interp(ahead, places, limit)))
 
 
 def _without_small_rises(places: Array, limit: Array) -> Array:
