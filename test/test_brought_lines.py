@@ -105,9 +105,8 @@ def test_units_of_a_table(tmp_path: Path, head: str, row: str, key: str, value: 
 )
 def test_a_faulty_table_is_refused_in_one_line(tmp_path: Path, text: str, message: str) -> None:
     """Breaks if a fault is a traceback, or names neither file nor line."""
-    with pytest.raises(ValueError, match=message) as caught:
+    with one_line(message, str(tmp_path / "a.csv")):
         load_line(written(tmp_path / "a.csv", text))
-    assert "\n" not in str(caught.value) and str(caught.value).startswith(str(tmp_path / "a.csv"))
 
 
 @pytest.mark.parametrize(
@@ -695,17 +694,6 @@ def test_a_path_over_via_points_is_the_shortest_one_that_passes_them() -> None:
     for wrong in ("a..e..d", "a..b..c", "a..", "a....e"):
         with pytest.raises(ValueError, match="selection"):
             network.path(wrong)
-
-
-def test_the_planner_takes_brought_lines_and_trains(tmp_path: Path) -> None:
-    """Breaks if a file that convert reads has no plan."""
-    train = written(tmp_path / "ore.yaml", yaml.safe_dump(ORE))
-    for name in (
-        written(tmp_path / "line.csv", TABLE),
-        written(tmp_path / "way.gpx", gpx(track(), {"A": track()[0], "B": track()[-1]})),
-        written(tmp_path / "net.yaml", yaml.safe_dump([{}, LINKS])) + ":1..4",
-    ):
-        assert main(["plan", name, train, "--point-mass", "--no-air-brake"]) == 0, name
 
 
 def test_curves_of_their_own_resistance_are_named_where_they_are_lost(tmp_path: Path) -> None:

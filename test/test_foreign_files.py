@@ -330,7 +330,7 @@ def test_a_brought_file_is_planned_run_reported_and_converted(tmp_path: Path, fo
     (tmp_path / "net.railml").write_text(RAIL_2)
     (tmp_path / "way.gpx").write_text(gpx(track(), {"A": track()[0], "B": track()[-1]}))
     consist, line = (str(tmp_path / name) if "." in name else name for name in BROUGHT[form][:2])
-    assert main(["plan", line, consist, "--point-mass", "--out", str(tmp_path / "plan.csv")]) == 0
+    assert main(["plan", line, consist, "--point-mass", "--no-air-brake", "--out", str(tmp_path / "plan.csv")]) == 0
     scenario = {
         "schema": "train_ato/scenario/1", "name": "brought", "duration": 8,
         "plant": {"consist": consist, "line": line, "start": {"position": BROUGHT[form][2]}},
