@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 import yaml
 from case_costs import sampled
+from commands import complaint
 from engine_runs import no_figure, setup_of
 from programs import begun, python
 
@@ -213,15 +214,13 @@ def test_a_file_has_one_line_for_each_of_its_faults(tmp_path, monkeypatch, capsy
         f"plant: {{lagg: 1, consist: {{schema: train_ato/consist/1, name: a, summary: b, {vehicles}}}}}\n"
         "profile: {phases: [{accelerate_kmh: 3}, {brake_to: -}]}\n"
     )
-    assert main(["run", "own.yaml", "--engine"]) == 2
-    places = [re.split(": | = ", line)[2] for line in capsys.readouterr().err.splitlines()]
+    places = [re.split(": | = ", line)[2] for line in complaint(capsys, "run", "own.yaml", "--engine").splitlines()]
     wrong = ["durration", "tick", "seed", "criteria.stop_window", "criteria.jerk", "plant.lagg"]
     wrong += [f"plant.consist.vehicle_types.v.{key}" for key in ("mass_t", "lenght", "length", "resistance")]
     wrong += ["profile.phases.0.accelerate_kmh", "profile.phases.1.brake_to"]
     assert sorted(places) == sorted(wrong)
     Path("own.yaml").write_text(head + "".join(f"k{number}: 1\n" for number in range(30)))
-    assert main(["run", "own.yaml", "--engine"]) == 2
-    lines = capsys.readouterr().err.splitlines()
+    lines = complaint(capsys, "run", "own.yaml", "--engine").splitlines()
     assert (len(lines), lines[-1]) == (21, "train-ato: own.yaml: 10 more faults; correct these first")
 
 
@@ -273,8 +272,7 @@ def test_a_train_or_line_as_a_scenario_is_named(name, text, held, tmp_path, monk
     """Breaks if the remedy for a train or a line in the place of a scenario is another word for its schema."""
     monkeypatch.chdir(tmp_path)
     Path(name).write_text(text)
-    assert main(["run", name, "--engine"]) == 2
-    err = capsys.readouterr().err
+    err = complaint(capsys, "run", name, "--engine")
     assert re.match(f"train-ato: {name}: .*{held}", err) and len(err.splitlines()) == 1
 
 
@@ -439,13 +437,11 @@ def test_every_remedy_of_another_refusal_is_accepted(name: str, assignments: tup
 def test_an_unknown_component_names_its_option(option, kind, tmp_path, capsys):
     """Breaks if the message names the scenario file, which has no error."""
     wrong = f"{next(iter(kind.names()))}x"  # type: ignore[attr-defined]
-    assert main(["run", "demo", "--engine", option, wrong, f"--out={tmp_path / 'run'}"]) == 2
-    said = capsys.readouterr().err
+    said = complaint(capsys, "run", "demo", "--engine", option, wrong, f"--out={tmp_path / 'run'}")
     assert said.startswith(f"train-ato: {option}: unknown {option[2:]} '{wrong}'; did you mean ")
     assert ".yaml" not in said and said.count("\n") == 1
     if option != "--law":
-        assert main(["compare", "demo", option, wrong]) == 2
-        assert capsys.readouterr().err.startswith(f"train-ato: {option}: unknown ")
+        assert complaint(capsys, "compare", "demo", option, wrong).startswith(f"train-ato: {option}: unknown ")
 
 
 def test_a_refused_pair_names_its_options(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from commands import answer
 
 pytest.importorskip("rclpy")
 
@@ -242,9 +243,7 @@ def test_another_seed_is_seen_and_the_resolved_scenario_is_enough(engine_run: Pa
     run = drive(tmp_path, "run", "--engine", *ROUGH, "--seed=2")
     found = compared(engine_run, run)
     assert {"ato/command", "train/vehicles", "train/measurement"} <= set(found.topics)
-    capsys.readouterr()
-    assert main(["verify", str(engine_run), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["equal"] is True
+    assert answer(capsys, "verify", str(engine_run))["equal"] is True
 
 
 ROLES = ("recorder", "supervisor", "profile", "observer", "controller", "plant")

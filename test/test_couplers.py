@@ -1,12 +1,12 @@
 """Couplers: their limits in the trip planner, their fatigue, and their modes in the linear train."""
 
-import json
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import rainflow
+from commands import answer, complaint
 from law_trains import model
 from plant_trains import line_of
 
@@ -41,8 +41,7 @@ def damage(recording: Recording) -> list[float]:
 
 def test_the_command_prints_the_damage_of_a_run(recording: Recording, capsys: pytest.CaptureFixture[str]) -> None:
     """Breaks if a coupler is left out, half cycles count as whole ones, or a report omits the damage."""
-    assert main(["info", str(GOLDEN), "--fatigue", str(GOLDEN), "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)["fatigue"]
+    found = answer(capsys, "info", str(GOLDEN), "--fatigue", str(GOLDEN))["fatigue"]
     expected = damage(recording)
     # omitted cycles: at most 441 samples of half a cycle below 20 kN in every coupler; figures have 4 decimals
     tolerance = len(expected) * 441 / 2 * 0.02**5 + 1e-4
@@ -80,9 +79,7 @@ def test_a_run_without_couplers_is_refused(tmp_path: Path, capsys: pytest.Captur
     run = tmp_path / "run"
     words = ["--engine", "--set=duration=1", f"--out={run}", "--json"]
     assert main(["run", "crh380a_funnel", *words]) == 0
-    capsys.readouterr()
-    assert main(["info", str(run), "--fatigue"]) == 2
-    assert "no coupler forces" in capsys.readouterr().err
+    assert "no coupler forces" in complaint(capsys, "info", str(run), "--fatigue")
 
 
 def _model(consist: str, line: str) -> TrainModel:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from commands import answer, complaint
 
 from plant_sim import kernel as k
 from plant_sim.library import load_consist, load_line
@@ -76,8 +77,7 @@ def test_refused_inputs(what, change, text, tmp_path, capsys):
     """Breaks if bad input is accepted, gives a traceback, or the line lacks file, case and key."""
     path = tmp_path / "case.json"
     path.write_text(json.dumps({"first": {"inputs": LAMBDA | change, "curves": {"EBD": [10]}}}))
-    assert main(["curves", str(path)]) == 2
-    line = capsys.readouterr().err
+    line = complaint(capsys, "curves", str(path))
     assert line.count("\n") == 1 and line.startswith(f"train-ato: {path}: first: ")
     assert re.search(text, line), line
 
@@ -100,8 +100,7 @@ def test_refused_files(text: str, message: str, tmp_path: Path, capsys: pytest.C
     """Breaks if a file that holds no cases gives a traceback, or a line that names no file."""
     path = tmp_path / "case.json"
     path.write_text(text)
-    assert main(["curves", str(path)]) == 2
-    lines = capsys.readouterr().err.splitlines()
+    lines = complaint(capsys, "curves", str(path)).splitlines()
     assert len(lines) == (4 if "missing" in message else 1)  # one for each fault
     assert all(line.startswith(f"train-ato: {path}") for line in lines)
     assert re.search(message, "\n".join(lines)), lines
@@ -121,8 +120,7 @@ def test_files_that_an_option_or_a_name_does_not_fit(tmp_path: Path, capsys: pyt
         (speeds, ["--at-km", "3"], "write target_location_m in "),
     ):
         path.write_text(text)
-        assert main(["curves", str(path), *words]) == 2
-        line = capsys.readouterr().err
+        line = complaint(capsys, "curves", str(path), *words)
         assert message in line and str(path) in line and line.count("\n") == 1
 
 
@@ -249,8 +247,7 @@ def test_service_deceleration_and_factors() -> None:
 
 def test_command_repeats_the_structure_of_its_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Breaks if --json changes names, inputs or order of the points, or a single case has another form."""
-    assert main(["curves", str(FILE), "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    found = answer(capsys, "curves", str(FILE))
     assert list(found) == list(PUBLISHED)
     for name, case in PUBLISHED.items():
         assert found[name]["inputs"] == case["inputs"]
@@ -265,8 +262,7 @@ def test_command_repeats_the_structure_of_its_file(tmp_path: Path, capsys: pytes
     assert json.loads(capsys.readouterr().out)["curves"]["EBI"][0][1] == pytest.approx(460.6, abs=0.05)
     assert (tmp_path / "x.png").read_bytes()[:4] == b"\x89PNG"
     path.write_text(json.dumps({"only": single}))
-    assert main(["curves", str(path), "--json"]) == 0
-    assert list(json.loads(capsys.readouterr().out)) == ["only"]
+    assert list(answer(capsys, "curves", str(path))) == ["only"]
     assert main(["curves", str(FILE)]) == 0 and "460.60" in capsys.readouterr().out
 
 
@@ -275,8 +271,7 @@ def test_deviation_is_the_largest_of_each_curve(tmp_path: Path, capsys: pytest.C
     case = {"inputs": GAMMA, "curves": {"EBI": [10.0, [100.0, 461.0], [120.0, 646.0]], "EBD": [50.0]}}
     path = tmp_path / "case.json"
     path.write_text(json.dumps(case))
-    assert main(["curves", str(path), "--deviation", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)["deviation_m"]
+    found = answer(capsys, "curves", str(path), "--deviation")["deviation_m"]
     assert found == {"EBI": pytest.approx(0.96, abs=0.02), "EBD": None}
     assert main(["curves", str(FILE), "--deviation"]) == 0
     assert "Gamma PasInP" in capsys.readouterr().out
@@ -293,8 +288,7 @@ def test_odometry_and_release_speed_of_a_case(tmp_path: Path, capsys: pytest.Cap
     end = {"target_type": "EOA", "eoa_location_m": 6950.0, "release_computed_at_m": 6800.0}
     path = tmp_path / "case.json"
     path.write_text(json.dumps({"inputs": inputs | end, "curves": {"EBI": [20]}}))
-    assert main(["curves", str(path), "--json"]) == 0
-    release = json.loads(capsys.readouterr().out)["release"]["speed_kmh"]
+    release = answer(capsys, "curves", str(path))["release"]["speed_kmh"]
     reached = (release + 2.0) / 3.6
     assert 6975.0 + 2.5 * reached + reached**2 / 2 == pytest.approx(7000.0)  # trip 10 m + 10 % of 150 m beyond the end
     assert main(["curves", str(path)]) == 0
@@ -496,8 +490,7 @@ def test_the_curves_have_the_lowest_adhesion_of_the_line(
 
 def test_command_for_a_scenario(capsys: pytest.CaptureFixture[str]) -> None:
     """Breaks if the scenario's train, line or options do not reach the curves."""
-    assert main(["curves", "demo", "--at-km", "22.5", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    found = answer(capsys, "curves", "demo", "--at-km", "22.5")
     assert found["inputs"]["length_m"] == pytest.approx(1295.222)
     assert len(found["inputs"]["A_brake_emergency"]) == 7
     exact = {row[0]: row[1] for row in found["curves"]["EBI"]}

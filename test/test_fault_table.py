@@ -1,12 +1,12 @@
 """Faults: their table, their modes, and the receiving end of messages."""
 
-import json
 import re
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import answer
 from engine_runs import compared, no_figure
 from hypothesis import given
 from hypothesis import strategies as st
@@ -102,9 +102,7 @@ def test_a_killed_node_is_silent_in_one_process(tmp_path: Path, engine_run: Path
     kill = "[{do: kill, node: controller, at: 20}]"
     assert [drive(tmp_path / name, kill, *options) for name, options in (("a", ["--engine"]), ("b", []))] == [0, 0]
     assert compared(tmp_path / "a", tmp_path / "b").first is None
-    capsys.readouterr()
-    assert main(["verify", str(engine_run), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["equal"] is True
+    assert answer(capsys, "verify", str(engine_run))["equal"] is True
 
 
 TICK = 100_000_000

@@ -1,6 +1,5 @@
 """Bags of other recorders: `info`, `export`, `replay`, `view` and `recover` read them, or name a remedy that works."""
 
-import json
 import shlex
 import shutil
 import sqlite3
@@ -12,6 +11,7 @@ import pandas as pd
 import pytest
 import yaml
 import zstandard
+from commands import answer, complaint
 from mcap.writer import CompressionType, IndexType
 from mcap.writer import Writer as McapWriter
 from rosbags.rosbag2 import StoragePlugin, Writer
@@ -184,12 +184,6 @@ SOME = ("--topics", "/diagnostics", "ato/command", "atp/speeds", "train/measurem
 NO_SUMMARY = {"use_statistics": False, "repeat_channels": False, "repeat_schemas": False, "index_types": IndexType.NONE}
 
 
-def info(path: Path, capsys: pytest.CaptureFixture[str]) -> dict[str, object]:
-    assert main(["info", str(path), "--json"]) == 0, capsys.readouterr().err
-    found: dict[str, object] = json.loads(capsys.readouterr().out)
-    return found
-
-
 def assert_equal_tables(one: Path, other: Path) -> None:
     """Fail unless both exports have the same files, columns and bits; the schema has no other attributes."""
     assert {file.name for file in one.iterdir()} == {file.name for file in other.iterdir()}
@@ -202,7 +196,7 @@ def test_a_bag_of_another_recorder_is_read(kind, run, messages, tmp_path, capsys
     """Breaks if a kind is refused, loses a message or a row, or its times are those of another clock."""
     bag = READ[kind](messages, tmp_path)
     before = sorted((path, path.stat().st_size) for path in tmp_path.rglob("*"))
-    found, ours = info(bag, capsys), info(run, capsys)
+    found, ours = answer(capsys, "info", str(bag)), answer(capsys, "info", str(run))
     assert (found["messages"], found["duration_s"]) == (ours["messages"], ours["duration_s"])
     assert found["topics"] == ours["topics"]
     assert str(found["log"]).startswith(str(tmp_path)) and found["log_bytes"]
@@ -215,9 +209,7 @@ def test_a_bag_of_another_recorder_is_read(kind, run, messages, tmp_path, capsys
     assert sorted(sent) == sorted((m.channel.topic, m.publish_ns, m.data) for m in messages)
     feed = RecordedFeed(bag)  # of the command view
     assert feed.span == pytest.approx((0.0, 3.0))
-    capsys.readouterr()
-    assert main(["recover", str(bag)]) == 2
-    assert "undamaged; there is nothing to recover" in capsys.readouterr().err
+    assert "undamaged; there is nothing to recover" in complaint(capsys, "recover", str(bag))
     after = sorted((path, path.stat().st_size) for path in tmp_path.rglob("*") if "tables" not in path.parts)
     assert after == before
 
@@ -289,8 +281,7 @@ def test_the_remedy_for_a_damaged_bag_works(kind, many, tmp_path, capsys):
         lines.add(capsys.readouterr().err)
     (line,) = lines
     assert line.count("\n") == 1 and str(bag) in line
-    assert main([*shlex.split(line.split("`train-ato ")[1].split("`")[0]), "--json"]) == 0
-    made = Path(json.loads(capsys.readouterr().out)["log"])
+    made = Path(answer(capsys, *shlex.split(line.split("`train-ato ")[1].split("`")[0]))["log"])
     with ReplayLog(bag if bag.is_dir() else made) as log:
         found = [(m.channel.topic, m.publish_ns, bytes(m.data)) for m in log.messages(set(log.topics), 0)]
     recorded = iter([(m.channel.topic, m.publish_ns, m.data) for m in many])
@@ -306,10 +297,8 @@ def test_the_remedy_for_a_damaged_bag_works(kind, many, tmp_path, capsys):
 def test_recover_is_not_named_for_a_bag_without_a_readable_message(make, messages, tmp_path, capsys):
     """Breaks if a user is sent to a command that saves nothing."""
     bag = cut(make(messages[:20], tmp_path), 0.3)
-    assert main(["info", str(bag)]) == 2
-    assert capsys.readouterr().err.endswith("; no message in it is readable\n")
-    assert main(["recover", str(bag)]) == 2
-    assert "nothing can be recovered" in capsys.readouterr().err
+    assert complaint(capsys, "info", str(bag)).endswith("; no message in it is readable\n")
+    assert "nothing can be recovered" in complaint(capsys, "recover", str(bag))
 
 
 @pytest.mark.parametrize("checked", [True, False])
@@ -329,7 +318,8 @@ def test_times_of_a_bag_with_wall_times_begin_at_its_first_message(run, messages
     """Breaks if the times of a bag of `ros2 bag record` are seconds since the start of the simulation, years ago."""
     by = 400 * 86_400 * 10**9
     late = [m._replace(publish_ns=m.publish_ns + by, log_ns=m.log_ns + by) for m in messages]
-    assert info(mcap(late, tmp_path / "a.mcap"), capsys)["topics"] == info(run, capsys)["topics"]
+    one, other = (answer(capsys, "info", str(bag))["topics"] for bag in (mcap(late, tmp_path / "a.mcap"), run))
+    assert one == other
 
 
 def test_an_error_names_the_bag_and_not_its_copy(messages, tmp_path, capsys):
@@ -344,8 +334,7 @@ def test_an_error_names_the_bag_and_not_its_copy(messages, tmp_path, capsys):
             database.execute(change)
             database.commit()
         options = ["--topics", "no/such", f"--out={tmp_path / 'tables'}"] if command == "export" else []
-        assert main([command, str(bag), *options]) == 2
-        assert capsys.readouterr().err.startswith(f"train-ato: {bag}: ")
+        assert complaint(capsys, command, str(bag), *options).startswith(f"train-ato: {bag}: ")
 
 
 def test_files_that_are_no_whole_bag_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str], messages) -> None:
@@ -353,12 +342,9 @@ def test_files_that_are_no_whole_bag_are_named(tmp_path: Path, capsys: pytest.Ca
     bag = tmp_path / "old.bag"
     bag.write_bytes(b"#ROSBAG V2.0\n" + bytes(5000))
     for command in ("info", "export", "recover"):
-        assert main([command, str(bag)]) == 2
-        assert "ROS 1; convert it: `rosbags-convert --src" in capsys.readouterr().err
+        assert "ROS 1; convert it: `rosbags-convert --src" in complaint(capsys, command, str(bag))
     (bag := tmp_path / "a.mcap").touch()
-    assert main(["info", str(bag)]) == 2
-    assert capsys.readouterr().err == f"train-ato: {bag}: is empty; nothing was recorded in it\n"
+    assert complaint(capsys, "info", str(bag)) == f"train-ato: {bag}: is empty; nothing was recorded in it\n"
     bag = split(messages, tmp_path / "long", metadata=True)
     (bag / "long_4.mcap").unlink()
-    assert main(["info", str(bag)]) == 2
-    assert "metadata.yaml: relative_file_paths: long_4.mcap is missing" in capsys.readouterr().err
+    assert "metadata.yaml: relative_file_paths: long_4.mcap is missing" in complaint(capsys, "info", str(bag))

@@ -1,6 +1,5 @@
 """Golden run and `verify`: a new run gives the same messages; a difference is reported in one short line."""
 
-import json
 import random
 import shutil
 import sys
@@ -11,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from commands import answer
 from engine_runs import record_run, setup_of
 from programs import python
 
@@ -86,8 +86,7 @@ def test_golden_run_is_driven_again(capsys: pytest.CaptureFixture[str]) -> None:
     """Breaks if any number of the physics, a law, a link or an encoder changes; `test/golden/make.py` changes it."""
     # Bit for bit where processor and versions are those that recorded it, else up to rounding.
     relative = ELSEWHERE if other_numbers(read_versions(attachments(GOLDEN)[VERSIONS])) else 0.0
-    assert main(["verify", str(GOLDEN), f"--relative={relative}", "--json"]) == 0, capsys.readouterr().err
-    result = json.loads(capsys.readouterr().out)
+    result = answer(capsys, "verify", str(GOLDEN), f"--relative={relative}")
     assert result["equal"] is True and result["messages"] > 4000
 
 

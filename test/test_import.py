@@ -7,6 +7,7 @@ from datetime import datetime, timedelta
 import numpy as np
 import pytest
 import yaml
+from commands import answer, complaint
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from import_files import BRAKE, CRUISE, TOP, TRAIN, metro, recorded, refused, take, text_of
@@ -66,10 +67,8 @@ def test_a_coarse_recorder_gives_a_profile_that_can_be_driven(tmp_path, capsys):
     cruise = (profile.time > CRUISE[0] + 5) & (profile.time < CRUISE[1] - 5)
     assert np.abs(profile.acceleration[cruise]).max() < 0.03 and not profile.ends_rolling
     assert told["measured_rows"] == 121
-    capsys.readouterr()
     scenario, again = str(tmp_path / "imported" / "scenario.yaml"), str(tmp_path / "again")
-    assert main(["run", scenario, "--engine", "--json", "--out", again]) == 0
-    driven = json.loads(capsys.readouterr().out)
+    driven = answer(capsys, "run", scenario, "--engine", "--out", again)
     assert driven["speed_rmse_kmh"] < 0.5 and abs(driven["stop_error_m"]) < 0.5
 
 
@@ -95,8 +94,7 @@ def test_what_reads_runs_reads_a_measured_one(tmp_path, capsys):
     text = recorded(0.2, 100.0, reference_speed_kmh=3.6 * v + 0.36, command_force_kn=f / 1e3 + 1)
     take(tmp_path, capsys, text)
     run = str(tmp_path / "imported")
-    assert main(["info", run, "--json"]) == 0
-    info = json.loads(capsys.readouterr().out)
+    info = answer(capsys, "info", run)
     assert info["controller"] == "measured" and info["status"] == "done"
     assert info["speed_rmse_kmh"] == pytest.approx(0.36, abs=0.01)
     assert info["command_variation_kn_per_s"] > 0 and info["coupler_draft_max_kn"] is None
@@ -105,13 +103,10 @@ def test_what_reads_runs_reads_a_measured_one(tmp_path, capsys):
     assert "train/vehicles" not in frames, "vehicles were not measured"
     assert np.allclose(frames["ato/command"]["unit_0_force_n"].iloc[::2], f[:-1] + 1000.0, atol=1e-6)
     assert np.allclose(frames["ato/reference"]["speed_m_s"].iloc[::2], v[:-1] + 0.1, atol=1e-9)
-    assert main(["replay", run, "--law", "pid", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["ticks"] == len(frames["ato/command"])
+    assert answer(capsys, "replay", run, "--law", "pid")["ticks"] == len(frames["ato/command"])
     assert main(["report", run, "--json"]) == 0
     assert (tmp_path / "imported" / "report.html").stat().st_size > 10_000
-    capsys.readouterr()
-    assert main(["verify", run]) == 2
-    assert "a measured run cannot be repeated" in capsys.readouterr().err
+    assert "a measured run cannot be repeated" in complaint(capsys, "verify", run)
     scenario = str(tmp_path / "imported" / "scenario.yaml")
     assert main(["compare", scenario, "--laws", "pid", "--json", "--out", str(tmp_path / "c")]) == 0
     assert main(["export", run, "--json"]) == 0
@@ -142,8 +137,7 @@ def test_a_law_beside_a_measured_run_is_not_compared_with_a_law(tmp_path, capsys
     assert main(["replay", run, "--law", "pid"]) == 0
     said = " ".join(capsys.readouterr().out.split())
     assert "force at the wheel, measured" in said and "pid, recorded" not in said
-    assert main(["replay", run, "--law", "pid", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["recorded_controller"] == "measured"
+    assert answer(capsys, "replay", run, "--law", "pid")["recorded_controller"] == "measured"
     other = tmp_path / "demanded"
     other.mkdir()
     take(other, capsys, recorded(0.2, 60.0, command_force_kn=np.zeros(301)))
@@ -155,18 +149,14 @@ def test_the_log_of_a_measured_run_alone_says_that_it_is_one(tmp_path, capsys):
     """Breaks if the log without its folder is verified or reported as a run of the law of the scenario."""
     take(tmp_path, capsys, recorded(0.2, 60.0))
     log = (tmp_path / "imported" / "run.mcap").rename(tmp_path / "alone.mcap")
-    assert main(["verify", str(log)]) == 2
-    assert "a measured run cannot be repeated" in capsys.readouterr().err
-    assert main(["replay", str(log), "--law", "pid", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["recorded_controller"] == "measured"
+    assert "a measured run cannot be repeated" in complaint(capsys, "verify", str(log))
+    assert answer(capsys, "replay", str(log), "--law", "pid")["recorded_controller"] == "measured"
     assert main(["report", str(log), "--json", "--out", str(tmp_path / "alone.html")]) == 0
     page = (tmp_path / "alone.html").read_text()
     assert "measured run" in page and "the command was not measured" in page
     log.rename(tmp_path / "imported" / "run.mcap")
     (tmp_path / "imported" / "summary.json").unlink()
-    capsys.readouterr()
-    assert main(["verify", str(tmp_path / "imported")]) == 2
-    assert "a measured run cannot be repeated" in capsys.readouterr().err
+    assert "a measured run cannot be repeated" in complaint(capsys, "verify", str(tmp_path / "imported"))
 
 
 def test_uneven_rows_are_read_linearly_at_the_tick(tmp_path, capsys):
@@ -238,8 +228,7 @@ def test_a_gauge_pressure_is_refused(tmp_path, capsys):
         words = [
             "import", str(file), "--consist", "hxd1_c80_210", "--line", "daqin_section", "--out", str(tmp_path / "i"),
         ]  # fmt: skip
-        assert main(words) == 2
-        told = capsys.readouterr().err
+        told = complaint(capsys, *words)
         assert f"column 'brake_pipe_pressure_{unit}': at most" in told and "probably a gauge pressure" in told
         assert "add 101.3 kPa" in told and not (tmp_path / "i").exists()
 
@@ -280,13 +269,11 @@ def test_the_profile_alone_needs_no_force(tmp_path, capsys):
     (tmp_path / "gps.csv").write_text(recorded())
     out = tmp_path / "p.csv"
     options = ["--profile-only", "--ignore", "force_kn", "position_m", "--from-km", "12.5", "--out", str(out)]
-    assert main(["import", str(tmp_path / "gps.csv"), *TRAIN, *options, "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
+    told = answer(capsys, "import", str(tmp_path / "gps.csv"), *TRAIN, *options)
     assert read_profile(out).position[0] == pytest.approx(12_500 - 59)
     assert told["distance_m"] == pytest.approx(metro(120.0)[1] - 500, rel=1e-3)
     assert "the unit of 'speed_kmh' (1.2 km at up to 54 km/h): no places, no force" in told["measured_notes"][0]
-    assert main(["import", str(tmp_path / "gps.csv"), *TRAIN, *options]) == 2
-    assert "exists already" in capsys.readouterr().err
+    assert "exists already" in complaint(capsys, "import", str(tmp_path / "gps.csv"), *TRAIN, *options)
 
 
 def test_a_missing_file_and_a_taken_folder(tmp_path, capsys, monkeypatch):

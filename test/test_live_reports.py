@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from commands import answer, complaint
 from programs import begun
 from test_following import following_file, report
 from waiting import LIMIT_S, reserved_domain, wait_for
@@ -128,9 +129,7 @@ def test_view_and_scene_show_the_train_of_their_namespace(trains: Any, tmp_path:
                 assert abs(feed.frame.moment.position[0] - first) < 300.0  # t1 is 500 m before it
             finally:
                 feed.close()
-        capsys.readouterr()
-        assert main(["scene", given, "--namespace=/t2", "--json"]) == 0
-        assert json.loads(capsys.readouterr().out)["messages"]["/t2/scene/markers"] > 1
+        assert answer(capsys, "scene", given, "--namespace=/t2")["messages"]["/t2/scene/markers"] > 1
         assert programs["t2"].wait(LIMIT_S) == 0
 
 
@@ -217,6 +216,5 @@ def test_a_repeated_delivery_is_no_new_report(trains: Any) -> None:
 def test_bad_input_is_refused_in_one_line(words: list[str], problem: str, capsys, monkeypatch) -> None:
     """Breaks if a train waits for reports that cannot come, or in a domain without other trains."""
     monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
-    assert main(["run", "demo", *words]) == 2
-    (line,) = capsys.readouterr().err.strip().splitlines()
+    (line,) = complaint(capsys, "run", "demo", *words).strip().splitlines()
     assert problem in line

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from commands import answer
 from judge_results import tracked, with_command
 from law_trains import SINGLE, inputs, model, printed_law
 from recordings import with_series
 from reproduce_results import claim, drive, result, series
 
 from plant_sim.elementary import random_stream
-from train_ato.cli.main import main
 from train_ato.control.laws.rbf_smc import RbfSmcParameters
 from train_ato.loop.engine import run_engine
 from train_ato.papers.checks import (
@@ -198,8 +198,7 @@ def test_every_row_of_the_table_is_run() -> None:
 def test_the_whole_paper_end_to_end(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Breaks if JSON output, folder or figures of paper 001 are missing."""
     folder = tmp_path / "out"
-    assert main(["reproduce", "001", "--json", "--out", str(folder)]) == 0
-    rows = json.loads(capsys.readouterr().out)
+    rows = answer(capsys, "reproduce", "001", "--out", str(folder))
     assert rows == json.loads((folder / "reproduce.json").read_text())
     assert [row["claim"] for row in rows] == [entry.text for entry in PAPER.claims]
     verdicts = {row["claim"]: row["verdict"] for row in rows}

@@ -13,6 +13,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from commands import answer
 from engine_runs import no_figure, record_run, setup_of
 from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader
@@ -44,14 +45,9 @@ from train_ato.view.recorded import RecordedFeed
 GOLDEN = Path(__file__).resolve().parent / "golden" / "short_train" / "run.mcap"
 
 
-def info(capsys: pytest.CaptureFixture[str], path: Path) -> dict:
-    assert main(["info", str(path), "--json"]) == 0
-    return json.loads(capsys.readouterr().out)
-
-
 def test_a_log_alone_tells_all_but_the_summary(capsys: pytest.CaptureFixture[str]) -> None:
     """Breaks if the laws and their times are missing for a log without its folder."""
-    found = info(capsys, GOLDEN)
+    found = answer(capsys, "info", str(GOLDEN))
     assert found["duration_s"] == pytest.approx(44.0)
     assert found["messages"]["/train/vehicles"] == 441
     by_name = {topic["name"]: topic for topic in found["topics"]}
@@ -71,7 +67,7 @@ def test_a_run_folder_tells_its_summary_too(tmp_path: Path, capsys: pytest.Captu
     swaps = "--set=law_changes=[{at: 3, law: smc}]"
     assert main(["run", "demo", "--engine", "--set=duration=5", swaps, f"--out={run}", "--json"]) == 0
     capsys.readouterr()
-    found = info(capsys, run)
+    found = answer(capsys, "info", str(run))
     assert found["ticks"] == 50
     assert found["status"] == "done"
     assert found["changes"] == [{"at_s": 3.0, "name": "controller", "value": "smc", "planned": True}]
@@ -103,7 +99,7 @@ def test_a_log_that_was_never_closed_names_recover(tmp_path: Path, capsys: pytes
     partial = tmp_path / "run.mcap.partial"
     partial.write_bytes(GOLDEN.read_bytes()[:200_000])
     for path in (partial, tmp_path):
-        found = info(capsys, path)
+        found = answer(capsys, "info", str(path))
         assert f"train-ato recover {partial}" in found["note"]
         assert 100 < found["messages"]["/train/vehicles"] <= 441
         assert found["versions"]
@@ -116,7 +112,7 @@ def test_a_log_that_is_being_written_is_not_called_killed(tmp_path: Path, capsys
     number = log.channel("/ato/command", "sensor_msgs/msg/JointState", "", "", "[]")
     log.write(number, EPOCH_NS, EPOCH_NS, bytes(12))
     log.flush()
-    found = info(capsys, tmp_path)
+    found = answer(capsys, "info", str(tmp_path))
     assert "still goes on" in found["note"]
     assert found["messages"] == {"/ato/command": 1}
     log.close()
@@ -407,9 +403,7 @@ def test_wall_time_is_a_metadata_record(mode: str, run: Callable[[str], Path], c
     # the log is opened before the first tick and closed after the last one; the clocks differ by rounding
     assert found.duration_s >= summary["wall_s"] - 0.01
     assert found.begin_ns * 1e-9 <= (run(mode) / "summary.json").stat().st_mtime
-    capsys.readouterr()  # the run is executed here if no other test has done it
-    assert main(["info", str(run(mode)), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["wall_time"] == found.listed()
+    assert answer(capsys, "info", str(run(mode)))["wall_time"] == found.listed()
     assert main(["info", str(run(mode))]) == 0
     assert f"recorded from {found.begin}" in capsys.readouterr().out
 

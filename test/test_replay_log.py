@@ -9,6 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from commands import answer
 from engine_runs import record_run, setup_of
 from matplotlib.image import imread
 from mcap.writer import CompressionType, Writer
@@ -295,8 +296,7 @@ def test_the_command_shows_both_outputs_and_draws_them(replayed, capsys):
     shown = capsys.readouterr().out
     for text in ("pid, recorded", "smc, replayed", "difference, rms in kN", "replay-smc.png", "Open loop"):
         assert text in shown
-    assert main(["replay", str(replayed), "--law", "pid", "--json"]) == 0
-    summary = json.loads(capsys.readouterr().out)
+    summary = answer(capsys, "replay", str(replayed), "--law", "pid")
     assert (summary["difference_max_kn"], summary["equal_ticks"]) == (0, SECONDS * 10)
     assert summary["figure"] == str(replayed / "replay-pid.png")
     setup = setup_of("demo", f"duration={SECONDS}")
@@ -315,8 +315,7 @@ def test_a_log_alone_is_enough(replayed, tmp_path, capsys):
     assert main(arguments) == 0
     alone = json.loads(capsys.readouterr().out)
     assert figure.read_text().startswith("<?xml")
-    assert main(["replay", str(replayed), "--law", "smc", "--json"]) == 0
-    beside = json.loads(capsys.readouterr().out)
+    beside = answer(capsys, "replay", str(replayed), "--law", "smc")
     for key in ("run", "figure"):
         assert alone.pop(key) != beside.pop(key)
     assert alone == beside

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import answer, complaint
 from frames_logs import write_log
 from import_files import recorded, take
 from matplotlib.figure import Figure
@@ -117,8 +118,7 @@ def test_the_delay_in_the_log_is_found_and_follows_its_jump(eventful: Path) -> N
 
 def test_one_command_writes_one_small_file(eventful: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Breaks if the page needs other files or a network, or the JSON differs from the files."""
-    assert main(["report", str(eventful), f"--out={tmp_path / 'page.html'}", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
+    told = answer(capsys, "report", str(eventful), f"--out={tmp_path / 'page.html'}")
     assert [path.name for path in tmp_path.iterdir()] == ["page.html"]
     assert told["bytes"] == (tmp_path / "page.html").stat().st_size < 5e6
     assert told["left_out"] == {"eventful": {"unit_forces": "the train has a single power unit"}}
@@ -242,8 +242,7 @@ def test_runs_side_by_side_have_a_column_and_a_colour_each(eventful, several_uni
     """Breaks if runs of different trains, durations and ticks cannot be compared."""
     page = tmp_path / "both.html"
     arguments = ["report", str(eventful), str(several_units), f"--out={page}", f"--figures={tmp_path / 'figures'}"]
-    assert main([*arguments, "--format=svg", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
+    told = answer(capsys, *arguments, "--format=svg")
     assert set(told["runs"]) == {"eventful", "units"}
     text = page.read_text()
     summary = text[text.index('<table class="summary">') :]
@@ -256,8 +255,7 @@ def test_equal_names_are_told_apart(eventful: Path, tmp_path: Path, capsys: pyte
     """Breaks if two runs of one name are merged."""
     (tmp_path / "other").mkdir()
     twin = without(eventful, tmp_path / "other" / "eventful", ())
-    assert main(["report", str(eventful), str(twin), f"--out={tmp_path / 'two.html'}", "--json"]) == 0
-    assert len(json.loads(capsys.readouterr().out)["runs"]) == 2
+    assert len(answer(capsys, "report", str(eventful), str(twin), f"--out={tmp_path / 'two.html'}")["runs"]) == 2
 
 
 @pytest.mark.campaign
@@ -302,8 +300,7 @@ def test_a_killed_run_is_refused_with_the_remedy(several_units, tmp_path, capsys
     """Breaks if a partial log is drawn without an error, or the error has no remedy."""
     shutil.copy(several_units / "scenario.yaml", tmp_path)
     (tmp_path / "run.mcap.partial").write_bytes((several_units / "run.mcap").read_bytes()[:-500])
-    assert main(["report", str(tmp_path)]) == 2
-    assert "train-ato recover" in capsys.readouterr().err
+    assert "train-ato recover" in complaint(capsys, "report", str(tmp_path))
     assert main(["recover", str(tmp_path)]) == 0
     assert main(["report", str(tmp_path)]) == 0
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import importlib
-import json
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import answer
 from engine_runs import setup_of
 from recordings import recording_of
 from refusals import one_line
@@ -208,8 +208,7 @@ def test_the_log_gives_the_rows_of_the_run(tmp_path: Path, capsys: pytest.Captur
     """Breaks if the evaluation of a log differs from that in memory, or a new formula cannot be evaluated on a log."""
     run = short(limit=LAW)
     folder = run.save(tmp_path / "run")
-    assert main(["info", str(folder), "--json", "--requirement", LAW]) == 0
-    summary = json.loads(capsys.readouterr().out)
+    summary = answer(capsys, "info", str(folder), "--requirement", LAW)
     (recorded,) = [row for row in summary["criteria"] if row["criterion"] == "limit"]
     assert {**summary["requirements"][0], "criterion": "limit"} == recorded
     assert main(["info", str(folder)]) == 0

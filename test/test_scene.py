@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from commands import answer, complaint
 from engine_runs import setup_of
 from frames_logs import write_foreign
 from report_runs import drive, without
@@ -154,8 +155,7 @@ def test_the_rate_is_kept(run: Path, setup: RunSetup) -> None:
 def test_the_exported_log_has_all_of_the_run_and_the_scene(run: Path, setup: RunSetup, tmp_path: Path, capsys) -> None:
     """Breaks if a message of the run is lost, the scene has other times, or the layout does not show it."""
     out, figure = tmp_path / "scene", tmp_path / "scene.png"
-    assert main(["export", str(run), "--scene", f"--out={out}", f"--figure={figure}", "--at=12", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
+    told = answer(capsys, "export", str(run), "--scene", f"--out={out}", f"--figure={figure}", "--at=12")
     with Reader(out) as bag:
         counts = {connection.topic: connection.msgcount for connection in bag.connections}
         assert bag.start_time == EPOCH_NS and bag.duration - 1 == 20 * 10**9
@@ -386,11 +386,9 @@ def test_files_and_gauge_of_a_layout(run_of_case, tmp_path: Path, capsys: pytest
     assert panels["Gauge!speed"]["maxValue"] == 310, "the profile has 300 km/h"
     folder = run_of_case("three units")
     capsys.readouterr()  # what the run has printed, if this is the first case with it
-    assert main(["layout", str(folder), "--foxglove", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    found = answer(capsys, "layout", str(folder), "--foxglove")
     assert found["layout"] == str(folder / "foxglove.json") and "/train/vehicles" in found["topics"]
-    assert main(["layout", str(folder), "--foxglove"]) == 2
-    assert "exists already; give another file with --out" in capsys.readouterr().err
+    assert "exists already; give another file with --out" in complaint(capsys, "layout", str(folder), "--foxglove")
 
 
 def test_a_log_without_a_run_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
