@@ -488,8 +488,11 @@ def test_the_curves_have_the_lowest_adhesion_of_the_line(
     assert all(limited < free - 1.0 for limited, free in zip(speeds[0][1:], speeds[2][1:], strict=True))
 
 
-def test_command_for_a_scenario(capsys: pytest.CaptureFixture[str]) -> None:
-    """Breaks if the scenario's train, line or options do not reach the curves."""
+def test_command_for_a_scenario(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Breaks if the scenario's train, line or options do not reach the curves, or they pass for those of a run."""
+    monkeypatch.setattr("plant_sim.formats.fields._printed", set())  # a note is printed once in a process
+    assert main(["curves", "demo", "--at-km", "22.5"]) == 0
+    assert "Kdry_rst = 1; the supervisor of a run has supervision.kdry = 0.8" in capsys.readouterr().err
     found = answer(capsys, "curves", "demo", "--at-km", "22.5")
     assert found["inputs"]["length_m"] == pytest.approx(1295.222)
     assert len(found["inputs"]["A_brake_emergency"]) == 7

@@ -8,6 +8,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from plant_sim.formats.fields import print_assumption
 from plant_sim.line import line_for
 from plant_sim.units import KMH
 from train_ato.api.scenario_choice import GivenScenario, choose_scenario
@@ -276,6 +277,11 @@ def _of_scenario(case: GivenScenario, given: Mapping[str, Any], dash: str) -> di
         found = line_curves(supervision, _motion(given, supervision.train.max_speed, dash))
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
+    if scenario.supervision.enabled is not False:
+        print_assumption(
+            f"{path}: curves of the train alone, with Kdry_rst = 1; the supervisor of a run has supervision.kdry = "
+            f"{scenario.supervision.kdry:g} and a reaction time, and intervenes earlier"
+        )
     return {name: {"inputs": _train_data(supervision), "curves": found}}
 
 
