@@ -601,7 +601,7 @@ def test_a_measured_run_and_braking_curves_are_those_of_the_commands(tmp_path: P
 
 
 @pytest.mark.usefixtures("without_figure")
-def test_the_difference_of_two_runs_is_that_of_their_motion(tmp_path: Path) -> None:
+def test_the_difference_of_two_runs_is_that_of_their_motion(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Breaks if a difference has the wrong sign, another place than the front's, or the stop of another station."""
     hop = {"phases": [{"accelerate_to": 3.0, "acceleration": 0.1}, {"cruise_for": 5}, {"brake_to": 0.0}]}
     first = ta.scenario("demo").with_({"profile": hop, "duration": 90, "plant.start": {}, "law": "pid"})
@@ -622,7 +622,9 @@ def test_the_difference_of_two_runs_is_that_of_their_motion(tmp_path: Path) -> N
     assert same.stops["km"].tolist() == [stop.km for stop in one.result.stops]
     assert same.energy["energy_traction_kwh"] == 0
     assert same._repr_html_().startswith("<p><b>speed differs by up to 0 km/h")
-    assert "traction energy by +0 kWh" in same.line
+    assert "traction energy by +0 kWh" in same.line and "two lines" not in capsys.readouterr().err
+    ta.difference(one, ta.run(first, set={"plant.line": "level"}))
+    assert "runs on two lines, 'daqin_section' and 'level'" in capsys.readouterr().err
 
 
 def test_the_difference_of_two_runs_back_is_that_at_each_place_and_stop() -> None:

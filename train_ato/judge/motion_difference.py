@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from plant_sim.formats.fields import print_assumption
 from plant_sim.line import Line
 from train_ato.judge.metrics import front_of_train
 from train_ato.judge.recording import Recording
@@ -96,6 +97,9 @@ def motion_difference(first: DrivenMotion, second: DrivenMotion, *, step: float 
     if not time.size or begin > end:
         shared = "time" if not time.size else "place"
         raise ValueError(f"{first.metrics.get('scenario')}, {second.metrics.get('scenario')}: no common {shared}")
+    names = [motion.on.name if motion.on else "" for motion in (first, second)]
+    if names[0] != names[1]:
+        print_assumption(f"runs on two lines, '{names[0]}' and '{names[1]}': compared at equal kilometres")
     place = np.arange(begin, end + step / 2, step)
     passed = [_first_passing(motion.front, motion.time, place) for motion in (first, second)]
     speeds = [np.interp(at, motion.time, motion.speed) for at, motion in zip(passed, (first, second), strict=True)]
