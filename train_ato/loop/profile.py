@@ -25,6 +25,8 @@ BEHIND = "following a train"
 """State of a profile one headway behind the train ahead."""
 MIN_ACCELERATION = 0.05
 """Smallest service limit of a plan [m/s²]."""
+RELEASED = 3.0
+"""Time constants of the cylinders from the release wave at the last vehicle to released brakes; 5 % are left."""
 FORCE_MARGIN = 0.2
 """Part of the force envelopes that a plan from standstill leaves to the law."""
 
@@ -58,7 +60,9 @@ class ProfileStage:
         self._decision: ReplanDecision | None = None
         self._counts = 0, 0
         self.answer: tuple[ReplanDecision | None] | None = None
-        self.engaged = True
+        self.engaged, self._ready, air = True, 0, setup.model.consist.air_brake
+        wave = 0.0 if air is None else setup.model.consist.length / air.release_wave
+        self._release_time = 0.0 if air is None else wave + RELEASED * air.release_time
         self.joins = self._sent_again = False
         self._refusal = ""
 
@@ -115,11 +119,14 @@ class ProfileStage:
     def _begun_again(self, stamp: int, measurement: Measurement, ato: AtoReport) -> bool:
         """Plan from standstill after the ATO was engaged again; return True after this decision."""
         before, self.engaged = self.engaged, bool(ato.state[0] == AtoState.ENGAGED)
+        if not self.engaged and ato.state[0] != AtoState.READY:
+            self._ready = stamp  # a brake acts up to this time, or the train moves
         if before or not self.engaged:
             return False
         self._sent_again = False
         setup = self.setup
-        state = TrainState(stamp * 1e-9, float(measurement.position[0] + setup.model.offsets[0]), 0.0)
+        place, released = float(measurement.position[0] + setup.model.offsets[0]), self._ready * 1e-9
+        state = TrainState(stamp * 1e-9, place, 0.0, released=released + self._release_time)
         settings = setup.scenario.profile.plan or _service_limits(setup.profile)
         try:
             rest = replan(state, setup.profile, setup.model.line, setup.model.consist, settings).profile

@@ -34,12 +34,16 @@ STOP_TOLERANCE = 0.01
 
 @dataclass(frozen=True, slots=True)
 class TrainState:
-    """State of the train: time [s], position of vehicle 0's centre [m], speed [m/s], acceleration [m/s²]."""
+    """State of the train: time [s], position of vehicle 0's centre [m], speed [m/s], acceleration [m/s²].
+
+    A train at rest does not depart before its brakes are released [s].
+    """
 
     time: float
     position: float
     velocity: float
     acceleration: float = 0.0
+    released: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,7 +148,7 @@ def _replan(
 
     def departure(number: int, arrival: float) -> float:
         if number == 0:
-            return state.time if speed > 0 else max(state.time, legs[0].departure)
+            return state.time if speed > 0 else max(state.time, state.released, legs[0].departure)
         return max(arrival + legs[number].dwell, legs[number].departure)
 
     return assemble_plan(
