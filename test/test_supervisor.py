@@ -354,6 +354,8 @@ def test_a_run_without_limits_has_no_supervisor() -> None:
     """Breaks if the supervision is on where the line has no speed limit, or off where it has one."""
     assert metro().layout.supervised and not setup_of("xuzhou_metro").layout.supervised
     assert not metro("supervision.enabled=false").layout.supervised
+    with pytest.raises(ValueError, match="ato_requests: this run has no supervision; set "):
+        metro("supervision.enabled=false", "ato_requests=[{at: 5, do: engage}]")
     assert setup_of("xuzhou_metro", "supervision.enabled=true").layout.supervised
 
 

@@ -513,6 +513,8 @@ def _check_choices(setup: RunSetup) -> None:
         setup.check_intervention(intervention)
     if setup.layout.supervised:
         setup.supervisor()
+    elif setup.scenario.ato_requests:
+        raise ValueError("ato_requests: this run has no supervision; set supervision.enabled: true or remove them")
 
 
 def _check_laws(setup: RunSetup) -> None:
