@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from train_ato.control.guard import is_valid_state
 from train_ato.loop.headway import HeadwayProfile
 from train_ato.loop.inputs import StageInputs
@@ -25,6 +27,8 @@ BEHIND = "following a train"
 """State of a profile one headway behind the train ahead."""
 MIN_ACCELERATION = 0.05
 """Smallest service limit of a plan [m/s²]."""
+MIN_JERK, MAX_JERK = 1e-3, 0.5
+"""Range of the jerk limit of a plan [m/s³]; the acceleration of another profile can have steps."""
 RELEASED = 3.0
 """Time constants of the cylinders from the release wave at the last vehicle to released brakes; 5 % are left."""
 FORCE_MARGIN = 0.2
@@ -175,8 +179,10 @@ class ProfileStage:
 
 
 def _service_limits(profile: Profile) -> PlanSettings:
-    """Return the settings of a plan with the largest accelerations of a profile from another source."""
+    """Return the settings of a plan with the largest accelerations and the jerk of a profile from another source."""
+    jerk = float(np.abs(np.diff(profile.acceleration)).max(initial=0.0)) / profile.period
     return PlanSettings(
+        jerk=min(max(jerk, MIN_JERK), MAX_JERK),
         acceleration=max(float(profile.acceleration.max()), MIN_ACCELERATION),
         deceleration=max(float(-profile.acceleration.min()), MIN_ACCELERATION),
         force_margin=FORCE_MARGIN,
