@@ -65,7 +65,7 @@ def test_the_demo_with_an_emergency_brake_on_its_way_stops_at_its_place() -> Non
 
 
 def test_a_train_departs_again_after_its_brakes_are_released() -> None:
-    """Breaks if the profile after an engagement departs at once, against the shoes, or with another jerk than before."""
+    """Breaks if the profile after an engagement departs at once, against the shoes, or with another jerk."""
     brake = "interventions=[{at: 60, do: emergency_brake}, {at: 100, do: emergency_brake, applied: false}]"
     _, recording = driven("demo", brake, "ato_requests=[{at: 100, do: engage}]", "duration=200")
     again = recording.profiles[1]
